@@ -1,0 +1,1 @@
+"""hcbench measures how physics engines really bounce."""

@@ -1,0 +1,1 @@
+"""Hunt-Crossley contact that a simulation of your own can load."""

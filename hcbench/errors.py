@@ -1,0 +1,77 @@
+"""Every error that hcbench raises on purpose.
+
+    HcbenchError
+    ├── UserError            exit 2: something to correct in what was given
+    │   ├── QuantityError      a number or unit
+    │   ├── SceneError         a scene folder or its files
+    │   ├── StudyError         a study file
+    │   └── SettingError       an engine's setting or a recipe's target
+    ├── CannotRun            exit 3: nothing wrong with the request, but it could not be carried out
+    │   ├── EngineMissing      an engine that is not installed
+    │   ├── EngineFailed       an engine that crashed, hung or refused
+    │   └── OutputError        a folder or file that could not be written
+    └── LimitPassed          exit 1: a measured number is outside the limit that was set
+
+One message is one line that names the slot, what came, what was expected and what to do next.
+"""
+
+from __future__ import annotations
+
+
+class HcbenchError(Exception):
+    """Base of all; `exit_code` is what the command line exits with."""
+
+    exit_code = 3
+
+    def __init__(self, slot: str, got: str, expected: str, todo: str = "") -> None:
+        self.slot, self.got, self.expected, self.todo = slot, got, expected, todo
+        message = f"{slot}: {got}; expected {expected}" if expected else f"{slot}: {got}"
+        super().__init__(f"{message}. {todo}" if todo else message)
+
+    def __reduce__(self) -> tuple[type[HcbenchError], tuple[str, str, str, str]]:
+        # Crosses process borders whole: Exception's own pickling keeps the message only.
+        return type(self), (self.slot, self.got, self.expected, self.todo)
+
+
+class UserError(HcbenchError):
+    """The request has a mistake in it."""
+
+    exit_code = 2
+
+
+class QuantityError(UserError):
+    """A number or unit that cannot be used."""
+
+
+class SceneError(UserError):
+    """A scene that cannot be read or that contradicts itself."""
+
+
+class StudyError(UserError):
+    """A study file that cannot be read."""
+
+
+class SettingError(UserError):
+    """A setting an engine does not have, or a target a recipe cannot serve."""
+
+
+class CannotRun(HcbenchError):  # noqa: N818 - reads as what happened
+    """The request is fine but could not be carried out here."""
+
+
+class EngineMissing(CannotRun):
+    """The engine is not installed."""
+
+
+class EngineFailed(CannotRun):
+    """The engine crashed, hung or refused the model."""
+
+
+class OutputError(CannotRun):
+    """A file or folder could not be written."""
+
+
+class LimitPassed(HcbenchError):  # noqa: N818
+    """A measured number is outside its limit."""
+
+    exit_code = 1

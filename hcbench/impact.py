@@ -1,0 +1,132 @@
+"""What one impact is, whoever made it: frozen records that engines and the reference hand back.
+
+Signs throughout: penetration x > 0 in contact (x < 0 is the gap), rate v = dx/dt > 0 on approach,
+normal force F > 0 pushes the bodies apart. SI units.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+
+class Status(StrEnum):
+    """How an impact ended."""
+
+    PARTED = "parted"  # touched and left: restitution is meaningful
+    RESTED = "rested"  # touched and did not leave within the time simulated: restitution counts as 0
+    NO_TOUCH = "no-touch"  # never felt a contact force
+    DIVERGED = "diverged"  # not finite, or left with far more energy than a bounce can give
+    CRASHED = "crashed"  # the engine died or hung on it
+
+
+@dataclass(frozen=True, slots=True)
+class Launch:
+    """How a body is sent at the plate.
+
+    speed: approach speed at release, m/s.
+    phase: where in a time step the touch falls, 0 <= phase < 1. With a gap of (whole steps + phase) steps
+        of flight, engines that only look at step boundaries see the touch up to one step late.
+    height: clearance at release, m. None: two to three steps of flight, so that no time is spent in the air.
+    """
+
+    speed: float
+    phase: float = 0.5
+    height: float | None = None
+
+    def gap(self, timestep: float) -> float:
+        """Clearance at release, m, for a step of `timestep` s (gravity neglected over these few steps)."""
+        return self.height if self.height is not None else (2.0 + self.phase) * timestep * self.speed
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """What an engine saw at each step; arrays of shape (n,), SI.
+
+    `force[i]` is the normal contact force that acts from the state `(penetration[i], rate[i])` on: the one
+    that the step from i to i + 1 integrates. `time` is 0 at release.
+    """
+
+    time: Floats
+    penetration: Floats
+    rate: Floats
+    force: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """Force over penetration while in contact; arrays of shape (n,), SI; `time` is 0 at touch."""
+
+    time: Floats
+    penetration: Floats
+    rate: Floats
+    force: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Impact:
+    """One impact. Speeds are >= 0, m/s; NaN only where `status` says that there is nothing to report."""
+
+    launch: Launch
+    status: Status
+    reason: str = ""
+    speed_in: float = np.nan
+    speed_out: float = np.nan
+    duration: float = np.nan
+    penetration_max: float = np.nan
+    force_max: float = np.nan
+    samples: int = 0  # steps in which the contact force acted
+    loop: Loop | None = None
+
+    @property
+    def restitution(self) -> float:
+        """e = v_o / v_i, eq. (1) of Hunt & Crossley 1975; 0 for a body that rested, else NaN unless parted."""
+        if self.status is Status.RESTED:
+            return 0.0
+        return self.speed_out / self.speed_in if self.status is Status.PARTED else np.nan
+
+
+def impact_of(launch: Launch, trajectory: Trajectory) -> Impact:
+    """Read one impact off a trajectory.
+
+    Contact is the run of steps in which the force acts. The speed in is the last one that no contact force
+    has touched, the speed out the first after the force has ceased for good: so under gravity the
+    restitution is that of the contact alone, not of the flight before and after it.
+    """
+    t, x, v, f = trajectory.time, trajectory.penetration, trajectory.rate, trajectory.force
+    if not (np.isfinite(x).all() and np.isfinite(v).all() and np.isfinite(f).all()):
+        return Impact(launch, Status.DIVERGED, "position, velocity or force is not finite")
+    acting = np.flatnonzero(f != 0.0)
+    if acting.size == 0:
+        return Impact(launch, Status.NO_TOUCH, f"no contact force within {t[-1]:.3g} s")
+    first = int(acting[0])
+    apart = np.flatnonzero((x[first:] <= 0.0) & (v[first:] < 0.0) & (f[first:] == 0.0))
+    end = first + int(apart[0]) if apart.size else len(x)
+    last = int(acting[acting < end][-1])
+    inside = slice(first, last + 1)
+    step = t[1] - t[0]
+    loop = Loop(t[inside] - t[first], x[inside], v[inside], f[inside])
+    status, reason, speed_out = Status.PARTED, "", float(-v[min(last + 1, len(v) - 1)])
+    if not apart.size:
+        status, reason = Status.RESTED, f"still in contact {t[-1] - t[first]:.3g} s after touch"
+        speed_out = 0.0
+    return Impact(
+        launch=launch,
+        status=status,
+        reason=reason,
+        speed_in=float(v[first]),
+        speed_out=speed_out,
+        duration=float(step * (last + 1 - first)),
+        penetration_max=float(x[inside].max()),
+        force_max=float(f[inside].max()),
+        samples=last + 1 - first,
+        loop=loop,
+    )

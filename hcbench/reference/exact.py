@@ -1,0 +1,1 @@
+"""Closed forms that follow from eq. (16); no ODE. (being written)"""

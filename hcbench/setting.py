@@ -1,0 +1,31 @@
+"""A setting: what a user can set in an engine, as plain data that can be hashed, stored and pasted."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One way to set an engine up.
+
+    engine: the engine's registered name.
+    name: the recipe that made it, such as "impulse".
+    timestep: s.
+    options: the engine's own words with JSON values; the adapter validates them. Empty means: as authored.
+    """
+
+    engine: str
+    name: str
+    timestep: float
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def key(self) -> str:
+        """Text that is equal for equal settings, whatever order their options were given in."""
+        return json.dumps([self.engine, self.name, self.timestep, self.options], sort_keys=True)

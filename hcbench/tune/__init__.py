@@ -1,0 +1,1 @@
+"""Settings that match a law: one recipe a file."""
