@@ -88,7 +88,7 @@ class Impact:
 
     @property
     def restitution(self) -> float:
-        """e = v_o / v_i, eq. (1) of Hunt & Crossley 1975; 0 for a body that rested, else NaN unless parted."""
+        """e = v_o / v_i, eq. (1) of Hunt & Crossley 1975; 0 for a body that rested, NaN unless parted."""
         if self.status is Status.RESTED:
             return 0.0
         return self.speed_out / self.speed_in if self.status is Status.PARTED else np.nan
