@@ -35,7 +35,8 @@ class LoopScore:
 
     rms: distance in force at equal penetration and branch, root mean square over the loop's path in x, over
         the law's largest force. touch_force, parting_force: first and last force over the largest.
-    parting_depth: penetration at parting over the largest. tension_share: the part of the impulse that pulls.
+    parting_depth: penetration at parting over the largest.
+    tension_share: the share of the impulse that pulls.
     """
 
     rms: float

@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import os
 import shutil
 import tempfile
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from hcbench.errors import OutputError, UserError
-from hcbench.setting import Setting
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -101,11 +101,6 @@ class Results:
         return cls(summary["study"], summary["settings"], summary["versions"], *tables)
 
 
-def setting_record(run: Mapping[str, Any], setting: Setting, summary: str) -> dict[str, Any]:
-    """One setting as it goes into summary.json: enough to set it up again by hand."""
-    return {**run, **{k: v for k, v in asdict(setting).items() if k == "options"}, "summary": summary}
-
-
 def csv_text(table: pd.DataFrame) -> str:
     """CSV with every float in the fewest digits that read back the same."""
     buffer = io.StringIO()
@@ -123,7 +118,7 @@ def _no_nan(content: Any) -> Any:
         return {k: _no_nan(v) for k, v in content.items()}
     if isinstance(content, list | tuple):
         return [_no_nan(v) for v in content]
-    return None if isinstance(content, float) and content != content else content
+    return None if isinstance(content, float) and math.isnan(content) else content
 
 
 def write_text(path: Path, text: str) -> None:
@@ -151,7 +146,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 @contextmanager
 def filled_folder(folder: Path) -> Iterator[Path]:
-    """A scratch folder whose files move into `folder` when the block ends well; else nothing is left behind."""
+    """A scratch folder whose files move into `folder` when the block ends well; else nothing is left."""
     made = [p for p in (folder, *folder.parents) if not p.exists()]
     scratch = None
     try:

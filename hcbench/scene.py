@@ -45,4 +45,6 @@ class Scene:
     @property
     def relative_radius(self) -> float:
         """R = 1/(1/R1 + 1/R2), m: the sphere that meets a plane as this pair meets."""
-        return 1.0 / (1.0 / self.ball_radius + (0.0 if math.isinf(self.plate_radius) else 1.0 / self.plate_radius))
+        return 1.0 / (
+            1.0 / self.ball_radius + (0.0 if math.isinf(self.plate_radius) else 1.0 / self.plate_radius)
+        )

@@ -49,5 +49,7 @@ class Engine(ABC):
             raise SettingError("timestep", f"{setting.timestep!r} s", "a step above 0 s")
         for launch in launches:
             if launch.speed < 0 or (launch.speed == 0 and not launch.height):
-                raise SettingError("speed", f"{launch.speed!r} m/s", "a speed above 0, or a height to fall from")
+                raise SettingError(
+                    "speed", f"{launch.speed!r} m/s", "a speed above 0, or a height to fall from"
+                )
         return self.fly(scene, setting, launches)

@@ -44,11 +44,28 @@ class Recipe(Protocol):
     """Makes a setting of one engine from a target.
 
     engine, name: "mujoco", "impulse". summary: what it does to e and to the loop, in one sentence.
+    holds: where it holds and what a user must know, a sentence each.
     """
 
-    engine: str
-    name: str
-    summary: str
+    @property
+    def engine(self) -> str:
+        """The engine it is for."""
+        ...
+
+    @property
+    def name(self) -> str:
+        """Its own name, and its settings'."""
+        ...
+
+    @property
+    def summary(self) -> str:
+        """One sentence."""
+        ...
+
+    @property
+    def holds(self) -> tuple[str, ...]:
+        """Sentences."""
+        ...
 
     def __call__(self, target: Target) -> Setting:
         """The setting; raises SettingError where the recipe cannot serve the target."""

@@ -1,0 +1,203 @@
+"""Runs a study: plans its settings, flies them in worker processes, scores what comes back.
+
+The same study gives the same bytes for any number of jobs: work is cut by the study alone, and results are
+put back in the study's order.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import platform
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.metadata import version
+from multiprocessing import get_context
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from hcbench import compare
+from hcbench.engines import isolation, registry
+from hcbench.impact import Impact, Launch, Status
+from hcbench.reference import exact
+from hcbench.reference.laws import HuntCrossley
+from hcbench.results import IMPACT_COLUMNS, LOOP_COLUMNS, RUN_KEY, Results
+from hcbench.tune.target import Target
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from hcbench.scene import Scene
+    from hcbench.setting import Setting
+    from hcbench.study import Run, Study
+    from hcbench.tune.target import Recipe
+
+RECIPES = "hcbench.recipes"
+TaskKey = tuple[str, tuple[Launch, ...]]
+LOOP_SAMPLES = 400  # kept of one loop; what a figure can show
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One setting to fly. Loops come back for the launches in `keep` only."""
+
+    scene: Scene
+    setting: Setting
+    launches: tuple[Launch, ...]
+    keep: tuple[Launch, ...]
+
+    @property
+    def key(self) -> TaskKey:
+        """Equal for equal work."""
+        return self.setting.key, self.launches
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """A setting made for one α, and the task that flies it; several rows may share a task."""
+
+    alpha: float
+    recipe: Recipe
+    task: Task
+
+
+def run_study(study: Study, jobs: int = 1, progress: Callable[[int, int], None] | None = None) -> Results:
+    """Run all of a study and score it.
+
+    progress: called with (impacts done, impacts in all) as they come in.
+    Raises UserError for what the study asks wrongly, and EngineMissing, before anything runs.
+    """
+    rows = [row for run in study.runs for row in _plan(study, run)]
+    tasks = {row.task.key: row.task for row in rows}
+    impacts = fly(list(tasks.values()), jobs, progress)
+    tables: dict[str, list[Any]] = {"impacts": [], "loops": [], "scores": []}
+    for row in rows:
+        setting, found = row.task.setting, impacts[row.task.key]
+        law = HuntCrossley(study.scene.stiffness, row.alpha, study.scene.exponent)
+        key = (study.scene.name, setting.engine, setting.name, row.alpha, setting.timestep)
+        tables["impacts"] += [(*key, *_impact_values(impact, law)) for impact in found]
+        tables["loops"] += [
+            _loop_table(key, i) for i in found if i.launch in row.task.keep and i.loop is not None
+        ]
+        tables["scores"].append((*key, *dataclasses.astuple(compare.score(found, law, study.scene.mass))))
+    return Results(
+        study=study.described(),
+        settings=[_setting_record(study.scene.name, row) for row in rows],
+        versions=_versions(study),
+        impacts=pd.DataFrame(tables["impacts"], columns=IMPACT_COLUMNS),
+        loops=pd.concat(tables["loops"], ignore_index=True)
+        if tables["loops"]
+        else pd.DataFrame(columns=LOOP_COLUMNS),
+        scores=pd.DataFrame(tables["scores"], columns=[*RUN_KEY, *compare.SCORE_FIELDS]),
+    )
+
+
+def _plan(study: Study, run: Run) -> list[_Row]:
+    recipe: Recipe = registry.load(RECIPES, f"{run.engine}.{run.recipe}")
+    registry.engine(run.engine).version()  # a missing engine is said before anything runs
+    scene, phases = study.scene, (np.arange(study.phases) + 0.5) / study.phases
+    kept = [v for v in study.loop_speeds if run.speeds == study.speeds]
+    launches = tuple(Launch(v, p) for v in sorted({*run.speeds, *kept}) for p in phases.tolist())
+    keep = tuple(Launch(v, float(phases[study.phases // 2])) for v in kept)
+    rows = []
+    for timestep in run.timesteps:
+        for alpha in run.alphas:
+            law = HuntCrossley(scene.stiffness, alpha, scene.exponent)
+            target = Target(law, scene.mass, timestep, min(study.speeds), max(study.speeds))
+            rows.append(_Row(alpha, recipe, Task(scene, recipe(target), launches, keep)))
+    return rows
+
+
+def fly(
+    tasks: Sequence[Task], jobs: int, progress: Callable[[int, int], None] | None = None
+) -> dict[TaskKey, list[Impact]]:
+    """Fly tasks in `jobs` worker processes; impacts by task key.
+
+    Tasks left over when a worker died are tried once more, each alone; what dies again is CRASHED.
+    """
+    total, out = sum(len(task.launches) for task in tasks), {}
+
+    def fly_batch(batch: Sequence[Task]) -> None:
+        for key, found in _fly_together(batch, jobs):
+            out[key] = found
+            if progress is not None:
+                progress(sum(map(len, out.values())), total)
+
+    # Longest first, so that no worker starts the longest last.
+    fly_batch(sorted(tasks, key=lambda task: -len(task.launches) / task.setting.timestep))
+    for task in [task for task in tasks if task.key not in out]:
+        fly_batch([task])
+    for task in [task for task in tasks if task.key not in out]:
+        reason = "the engine's process died on it, twice"
+        out[task.key] = [Impact(launch, Status.CRASHED, reason) for launch in task.launches]
+    return out
+
+
+def _fly_together(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[TaskKey, list[Impact]]]:
+    """Impacts by task key as they come in; tasks whose worker died are left out."""
+    context = get_context("spawn")
+    with ProcessPoolExecutor(
+        max(1, min(jobs, len(tasks))), mp_context=context, initializer=isolation.enter_worker
+    ) as pool:
+        waiting = {pool.submit(_fly_one, task): task.key for task in tasks}
+        try:
+            for future in as_completed(waiting):
+                with suppress(BrokenProcessPool):
+                    yield waiting[future], future.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _fly_one(task: Task) -> list[Impact]:
+    impacts = registry.engine(task.setting.engine).drop(task.scene, task.setting, task.launches)
+    return [i if i.launch in task.keep else dataclasses.replace(i, loop=None) for i in impacts]
+
+
+def _impact_values(impact: Impact, law: HuntCrossley) -> tuple[Any, ...]:
+    speed = impact.speed_in
+    known = np.isfinite(speed)
+    return (
+        impact.launch.speed,
+        impact.launch.phase,
+        impact.status.value,
+        impact.reason,
+        speed,
+        impact.speed_out,
+        impact.restitution,
+        float(exact.restitution(law.alpha, speed)) if known else np.nan,
+        1 - law.alpha * speed,
+        impact.duration,
+        impact.penetration_max,
+        impact.force_max,
+        impact.samples,
+    )
+
+
+def _loop_table(key: tuple[Any, ...], impact: Impact) -> pd.DataFrame:
+    loop = impact.loop
+    assert loop is not None
+    every = np.unique(
+        np.linspace(0, len(loop.time) - 1, min(LOOP_SAMPLES, len(loop.time))).round().astype(int)
+    )
+    columns = (loop.time[every], loop.penetration[every], loop.rate[every], loop.force[every])
+    head = (*key, impact.launch.speed, impact.launch.phase)
+    return pd.DataFrame(dict(zip(LOOP_COLUMNS, (*head, *columns), strict=True)))
+
+
+def _setting_record(scene: str, row: _Row) -> dict[str, Any]:
+    setting = row.task.setting
+    key = dict(zip(RUN_KEY, (scene, setting.engine, setting.name, row.alpha, setting.timestep), strict=True))
+    return {**key, "options": setting.options, "summary": row.recipe.summary, "notes": list(row.recipe.holds)}
+
+
+def _versions(study: Study) -> Mapping[str, str]:
+    engines = sorted({run.engine for run in study.runs})
+    packages = {name: version(name) for name in ("hcbench", "numpy", "scipy")}
+    return {
+        **packages,
+        "python": platform.python_version(),
+        **{n: registry.engine(n).version() for n in engines},
+    }

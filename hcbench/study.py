@@ -1,0 +1,171 @@
+"""A study: a scene x engines x recipes x α x speeds x phases x steps, and how its file is read."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from hcbench import units
+from hcbench.errors import StudyError
+from hcbench.scene import Scene, load_scene
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One line of a study: a recipe at some steps, over some speeds, for some α."""
+
+    engine: str
+    recipe: str
+    timesteps: tuple[float, ...]
+    alphas: tuple[float, ...]
+    speeds: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """What to run. SI. `loop_speeds` are launched too, and their loops kept (at the middle phase).
+
+    main_alpha, step_speed: the α and the speed that figures of one α or one speed show.
+    """
+
+    title: str
+    scene: Scene
+    alphas: tuple[float, ...]
+    speeds: tuple[float, ...]
+    loop_speeds: tuple[float, ...]
+    phases: int
+    main_alpha: float
+    step_speed: float
+    runs: tuple[Run, ...]
+
+    def described(self) -> dict[str, Any]:
+        """As JSON, defaults filled in."""
+        own = {
+            f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in ("scene", "runs")
+        }
+        scene = self.scene
+        return {
+            **{k: list(v) if isinstance(v, tuple) else v for k, v in own.items()},
+            "scene": scene.name,
+            "form": scene.form,
+            "gravity": scene.gravity,
+            "mass_kg": scene.mass,
+            "stiffness": scene.stiffness,
+            "exponent": scene.exponent,
+            "relative_radius_m": scene.relative_radius,
+            "runs": [dataclasses.asdict(run) for run in self.runs],
+        }
+
+
+_STUDY_KEYS = {
+    "schema": "the number 1",
+    "title": "text",
+    "scene": "a scene's name or folder",
+    "alphas": 'like "0.002, 0.004 s/in"',
+    "speeds": 'like "1:20 in/s"',
+    "loop_speeds": 'like "4, 8 in/s"',
+    "phases": "a whole number",
+    "main_alpha": 'like "0.008 s/in"',
+    "step_speed": 'like "8 in/s"',
+    "gravity": 'like "9.81 m/s^2"',
+    "run": "[[run]] tables",
+}
+_RUN_KEYS = {
+    "engine": "an engine's name",
+    "recipe": "a recipe's name",
+    "timesteps": 'like "1e-3, 2e-3 s"',
+    "alphas": 'like "0.008 s/in"',
+    "speeds": 'like "8 in/s"',
+}
+
+
+def load_study(path: Path) -> Study:
+    """Read a study.toml; StudyError for anything that is not one, with the line's name."""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise StudyError(
+            "study", f"{path} does not exist", "a study.toml or the name of a built-in study"
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise StudyError("study", f"{path}: {error}", "a readable TOML file") from None
+    except tomllib.TOMLDecodeError as error:
+        raise StudyError("study", f"{path} is not TOML: {error}", "TOML") from None
+    return study_from(content, str(path), path.parent)
+
+
+def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | None = None) -> Study:
+    """A Study from a study file's content; `folder` is where relative scene paths start."""
+    _known(content, _STUDY_KEYS, where)
+    if content.get("schema", 1) != 1:
+        raise StudyError(f"{where}: schema", f"{content['schema']!r}", "1", "A newer hcbench may read it")
+    for key in ("scene", "alphas", "speeds", "run"):
+        if not content.get(key):
+            raise StudyError(f"{where}: {key}", "missing", _STUDY_KEYS[key])
+    scene = load_scene(content["scene"], folder)
+    if "gravity" in content:
+        scene = dataclasses.replace(
+            scene, gravity=units.parse(content["gravity"], "acceleration", f"{where}: gravity")
+        )
+    phases = content.get("phases", 8)
+    if not isinstance(phases, int) or isinstance(phases, bool) or phases < 1:
+        raise StudyError(f"{where}: phases", f"{phases!r}", "a whole number of 1 or more")
+    alphas = _values(content["alphas"], "alpha", f"{where}: alphas", positive=False)
+    speeds = _values(content["speeds"], "speed", f"{where}: speeds")
+    runs = content["run"]
+    if not isinstance(runs, list) or not all(isinstance(run, dict) for run in runs):
+        raise StudyError(f"{where}: run", f"{runs!r:.60}", "[[run]] tables")
+    return Study(
+        title=str(content.get("title", scene.title)),
+        scene=scene,
+        alphas=alphas,
+        speeds=speeds,
+        loop_speeds=_values(content["loop_speeds"], "speed", f"{where}: loop_speeds")
+        if "loop_speeds" in content
+        else (),
+        phases=phases,
+        main_alpha=_one(content.get("main_alpha", alphas[len(alphas) // 2]), "alpha", f"{where}: main_alpha"),
+        step_speed=_one(content.get("step_speed", speeds[len(speeds) // 2]), "speed", f"{where}: step_speed"),
+        runs=tuple(_run(run, f"{where}: run {i}", alphas, speeds) for i, run in enumerate(runs, 1)),
+    )
+
+
+def _run(content: Mapping[str, Any], where: str, alphas: tuple[float, ...], speeds: tuple[float, ...]) -> Run:
+    _known(content, _RUN_KEYS, where)
+    for key in ("engine", "recipe", "timesteps"):
+        if key not in content:
+            raise StudyError(f"{where}: {key}", "missing", _RUN_KEYS[key])
+    return Run(
+        engine=str(content["engine"]),
+        recipe=str(content["recipe"]),
+        timesteps=_values(content["timesteps"], "timestep", f"{where}: timesteps"),
+        alphas=_values(content["alphas"], "alpha", f"{where}: alphas", positive=False)
+        if "alphas" in content
+        else alphas,
+        speeds=_values(content["speeds"], "speed", f"{where}: speeds") if "speeds" in content else speeds,
+    )
+
+
+def _known(content: Mapping[str, Any], keys: Mapping[str, str], where: str) -> None:
+    for key in content:
+        if key not in keys:
+            raise StudyError(f"{where}: {key}", "unknown key", f"one of: {', '.join(keys)}")
+
+
+def _values(value: object, quantity: str, slot: str, positive: bool = True) -> tuple[float, ...]:
+    found = units.parse_values(value, quantity, slot)
+    if positive:
+        units.require_positive(found, quantity, slot)
+    elif (found < 0).any():
+        raise StudyError(slot, f"{found.min():g}", "0 or more")
+    return tuple(dict.fromkeys(found.tolist()))
+
+
+def _one(value: object, quantity: str, slot: str) -> float:
+    return units.parse(value, quantity, slot)
