@@ -1,1 +1,70 @@
-"""hcbench measures how physics engines really bounce."""
+"""hcbench measures how physics engines really bounce.
+
+The public names, each imported when first used so that `import hcbench` costs next to nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hcbench.compare import Score, score
+    from hcbench.engines.registry import engine
+    from hcbench.errors import HcbenchError
+    from hcbench.impact import Impact, Launch, Loop, Status
+    from hcbench.reference.laws import HuntCrossley, KelvinVoigt
+    from hcbench.results import Results
+    from hcbench.run import run_study
+    from hcbench.scene import Scene, load_scene
+    from hcbench.setting import Setting
+    from hcbench.study import Study, load_study
+    from hcbench.tune.target import Target
+
+_HOMES = {
+    "HcbenchError": "errors",
+    "HuntCrossley": "reference.laws",
+    "Impact": "impact",
+    "KelvinVoigt": "reference.laws",
+    "Launch": "impact",
+    "Loop": "impact",
+    "Results": "results",
+    "Scene": "scene",
+    "Score": "compare",
+    "Setting": "setting",
+    "Status": "impact",
+    "Study": "study",
+    "Target": "tune.target",
+    "engine": "engines.registry",
+    "load_scene": "scene",
+    "load_study": "study",
+    "run_study": "run",
+    "score": "compare",
+}
+
+__all__ = [
+    "HcbenchError",
+    "HuntCrossley",
+    "Impact",
+    "KelvinVoigt",
+    "Launch",
+    "Loop",
+    "Results",
+    "Scene",
+    "Score",
+    "Setting",
+    "Status",
+    "Study",
+    "Target",
+    "engine",
+    "load_scene",
+    "load_study",
+    "run_study",
+    "score",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(import_module(f"hcbench.{_HOMES[name]}"), name)
+    raise AttributeError(f"module 'hcbench' has no attribute {name!r}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import tomllib
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hcbench import units
@@ -13,7 +14,10 @@ from hcbench.scene import Scene, load_scene
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
+
+
+_PACKAGE = Path(__file__).parent
+_BUILT_IN = (_PACKAGE.parent / "reports", _PACKAGE / "data" / "studies")  # a checkout's, a wheel's
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +66,21 @@ class Study:
             "runs": [dataclasses.asdict(run) for run in self.runs],
         }
 
+    def quick(self) -> Study:
+        """A preview of itself: every fourth speed, half the phases, every second step."""
+        thin = {self.speeds: self.speeds[3::4] or self.speeds}
+        runs = tuple(
+            dataclasses.replace(run, speeds=thin.get(run.speeds, run.speeds), timesteps=run.timesteps[::2])
+            for run in self.runs
+        )
+        return dataclasses.replace(
+            self,
+            speeds=thin[self.speeds],
+            phases=max(1, self.phases // 2),
+            runs=runs,
+            title=f"{self.title} (quick)",
+        )
+
 
 _STUDY_KEYS = {
     "schema": "the number 1",
@@ -83,6 +102,25 @@ _RUN_KEYS = {
     "alphas": 'like "0.008 s/in"',
     "speeds": 'like "8 in/s"',
 }
+
+
+def find_study(name: str) -> Path:
+    """The study.toml that a path, a folder or a built-in name means."""
+    path = Path(name)
+    if path.is_dir() and (path / "study.toml").is_file():
+        return path / "study.toml"
+    if path.is_file():
+        return path
+    for folder in _BUILT_IN:
+        for candidate in (folder / name / "study.toml", folder / f"{name}.toml"):
+            if candidate.is_file():
+                return candidate
+    known = sorted(
+        {p.parent.name if p.name == "study.toml" else p.stem for f in _BUILT_IN for p in f.glob("**/*.toml")}
+    )
+    raise StudyError(
+        "study", f"{name!r} was not found", f"a study.toml, its folder, or one of: {', '.join(known)}"
+    )
 
 
 def load_study(path: Path) -> Study:
