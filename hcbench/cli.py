@@ -11,49 +11,48 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
 
 from hcbench.errors import HcbenchError, UserError
 
-app = typer.Typer(
-    name="hcbench",
-    help="Measures how physics engines really bounce: restitution curves and force loops against the "
-    "Hunt-Crossley law. Quantities take units ('0.008 s/in', '16 in/s', '1 lb'); plain numbers are SI.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
-
 CORES = os.cpu_count() or 1
 
-Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
-Jobs = Annotated[
-    int, typer.Option("--jobs", "-j", min=1, help="Worker processes.", show_default="one a core")
-]
+as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+jobs_option = click.option(
+    "--jobs", "-j", type=click.IntRange(min=1), default=CORES, help="Worker processes.  [default: one a core]"
+)
 
 
-@app.callback()
-def _options() -> None:
-    """Several commands, even while there is one."""
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="hcbench", message="hcbench %(version)s")
+def app() -> None:
+    """Measure how physics engines really bounce, against the Hunt-Crossley law.
+
+    Quantities take units ('0.008 s/in', '16 in/s', '1 lb'); plain numbers are SI.
+    """
 
 
 @app.command()
+@click.option(
+    "--alpha", multiple=True, required=True, help="α of e = 1 - α v, such as '0.008 s/in'. Repeatable."
+)
+@click.option(
+    "--speed",
+    multiple=True,
+    required=True,
+    help="Impact speeds: '16 in/s', '4, 8 in/s', '1:20 in/s'. Repeatable.",
+)
+@click.option("--mass", default="1 lb", show_default=True, help="Effective mass.")
+@click.option(
+    "--stiffness", default="3.1e7 lbf/in^1.5", show_default=True, help="k of F = k x^n; plain: N/m^n."
+)
+@click.option("--exponent", default="1.5", show_default=True, help="n of F = k x^n, 1 or more.")
+@as_json
 def reference(
-    alpha: Annotated[
-        list[str], typer.Option(help="α of e = 1 - α v, such as '0.008 s/in'. Repeatable; lists.")
-    ],
-    speed: Annotated[
-        list[str], typer.Option(help="Impact speeds: '16 in/s', '4, 8 in/s', '1:20 in/s'. Repeatable.")
-    ],
-    mass: Annotated[str, typer.Option(help="Effective mass.")] = "1 lb",
-    stiffness: Annotated[str, typer.Option(help="k of F = k x^n; without units N/m^n.")] = "3.1e7 lbf/in^1.5",
-    exponent: Annotated[float, typer.Option(help="n of F = k x^n, 1 or more.")] = 1.5,
-    as_json: Json = False,
+    alpha: tuple[str, ...], speed: tuple[str, ...], mass: str, stiffness: str, exponent: str, as_json: bool
 ) -> None:
-    """What the law says of an impact: restitution, depth, force, duration, loss, stress."""
+    """Say what the law says of an impact: restitution, depth, force, duration, loss, stress."""
     import dataclasses
 
     import numpy as np
@@ -65,10 +64,11 @@ def reference(
     alphas = np.concatenate([units.parse_values(a, "alpha", "--alpha") for a in alpha])
     speeds = np.concatenate([units.parse_values(v, "speed", "--speed") for v in speed])
     units.require_positive(speeds, "speed", "--speed")
-    m, k = units.parse(mass, "mass", "--mass"), units.parse(stiffness, "stiffness", "--stiffness", exponent)
+    n = units.parse(exponent, "number", "--exponent")
+    m, k = units.parse(mass, "mass", "--mass"), units.parse(stiffness, "stiffness", "--stiffness", n)
     units.require_positive(m, "mass", "--mass")
     rows = [
-        describe(HuntCrossley(k, float(a), exponent), m, float(v), PAPER_RELATIVE_RADIUS)
+        describe(HuntCrossley(k, float(a), n), m, float(v), PAPER_RELATIVE_RADIUS)
         for a in alphas
         for v in speeds
     ]
@@ -83,8 +83,9 @@ def reference(
 
 
 @app.command()
-def engines(as_json: Json = False) -> None:
-    """The engines there are, their versions and settings, and how to install a missing one."""
+@as_json
+def engines(as_json: bool) -> None:
+    """List the engines there are, their versions and settings, and how to install a missing one."""
     from hcbench.engines import registry
     from hcbench.errors import EngineMissing
     from hcbench.run import RECIPES
@@ -110,15 +111,15 @@ def engines(as_json: Json = False) -> None:
 
 
 @app.command()
-def report(
-    study: Annotated[str, typer.Argument(help="A study.toml, its folder, or a built-in name.")] = "steel-1lb",
-    out: Annotated[Path | None, typer.Option(help="Folder to write to.", show_default="reports/NAME")] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer speeds, phases and steps: a preview.")
-    ] = False,
-    jobs: Jobs = CORES,
-) -> None:
-    """Run a study and write its page, tables and figures."""
+@click.argument("study", default="steel-1lb")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder to write to.  [default: reports/NAME]")
+@click.option("--quick", is_flag=True, help="Fewer speeds, phases and steps: a preview.")
+@jobs_option
+def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
+    """Run a study and write its page, tables and figures.
+
+    STUDY is a study.toml, its folder, or a built-in name.
+    """
     from hcbench.report.build import build
     from hcbench.results import filled_folder
     from hcbench.run import run_study
@@ -165,10 +166,8 @@ def main() -> None:
 
 def run(arguments: list[str]) -> int:
     """Run one command and return its exit code; nothing but Ctrl-C's own signal escapes."""
-    import click
-
     try:
-        code = app(arguments, standalone_mode=False)
+        code = app(arguments, standalone_mode=False, prog_name="hcbench")
         sys.stdout.flush()
     except HcbenchError as error:
         return _fail(error.exit_code, str(error))
