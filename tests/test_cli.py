@@ -1,0 +1,129 @@
+"""The command line: the paper's numbers, exit codes, and one clear line for every mistake."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from hcbench.cli import run
+
+# EQUATIONS of the paper's case, k = 3.1e7 lbf/in^1.5, m = 1 lb: α s/in, v in/s, e, x_m in, F_max lbf, τ/limit.
+PAPER_TABLE = [
+    (0.008, 4, "0.9689892665", "3.0451e-04", "164.50", "0.650"),
+    (0.008, 8, "0.9398278563", "5.2398e-04", "372.67", "0.853"),
+    (0.008, 12, "0.9123415268", "7.1571e-04", "597.88", "0.999"),
+    (0.008, 16, "0.8863786022", "8.9126e-04", "836.00", "1.117"),
+    (0.016, 16, "0.7953302929", "8.5496e-04", "812.15", "1.106"),
+]
+INCH, LBF, PSI = 0.0254, 4.4482216152605, 6894.757293168361
+
+
+@pytest.mark.parametrize(("alpha", "speed", "e", "depth", "force", "stress"), PAPER_TABLE)
+def test_reference_prints_the_papers_case_to_all_digits(
+    capsys: pytest.CaptureFixture[str],
+    alpha: float,
+    speed: float,
+    e: str,
+    depth: str,
+    force: str,
+    stress: str,
+) -> None:
+    assert run(["reference", "--alpha", f"{alpha} s/in", "--speed", f"{speed} in/s", "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    assert f"{row['restitution']:.10f}" == e
+    assert f"{row['penetration_max_m'] / INCH:.4e}" == depth
+    assert f"{row['force_max_n'] / LBF:.2f}" == force
+    assert f"{row['shear_stress_max_pa'] / (62000 * PSI):.3f}" == stress
+    assert row["restitution_linear"] == pytest.approx(1 - alpha * speed)
+
+
+def test_reference_takes_ranges_and_warns_where_the_paper_ends(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["reference", "--alpha", "0.002, 0.008 s/in", "--speed", "1:24:12 in/s", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert len(rows) == 24
+    assert not rows[0]["warnings"]
+    assert any("speed" in warning for warning in rows[-1]["warnings"])
+
+
+def test_reference_prints_a_table_for_people(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["reference", "--alpha", "0.315", "--speed", "0.1:0.4:4"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 5
+    assert "e of (16)" in lines[0]
+
+
+def test_engines_lists_every_engine_with_its_settings(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["engines", "--json"]) == 0
+    found = {item["name"]: item for item in json.loads(capsys.readouterr().out)}
+    assert {"reference", "mujoco", "pybullet", "recorded"} <= set(found)
+    assert {"stock", "spring-damper", "impulse"} <= set(found["mujoco"]["settings"])
+    assert {"stock", "spring-damper", "restitution"} <= set(found["pybullet"]["settings"])
+
+
+STUDY = 'scene = "steel-plane"\nalphas = 0.3\nspeeds = 0.2\n[[run]]\nengine = "reference"\n'
+RUN = 'recipe = "hunt-crossley"\ntimesteps = 1e-6\n'
+
+
+@pytest.mark.parametrize(
+    ("arguments", "study", "says"),
+    [
+        (["reference", "--alpha", "1 furlong", "--speed", "1"], "", "--alpha"),
+        (["reference", "--alpha=-0.1", "--speed", "1"], "", "alpha"),
+        (["reference", "--alpha", "0.1", "--speed", "0"], "", "--speed"),
+        (["reference", "--alpha", "0.1", "--speed=-1 in/s"], "", "--speed"),
+        (["reference", "--alpha", "0.1", "--speed", "1", "--mass", "0"], "", "--mass"),
+        (["reference", "--alpha", "0.1", "--speed", "1", "--exponent", "0.5"], "", "exponent"),
+        (["reference", "--alpha", "0.1"], "", "--speed"),
+        (["rebound"], "", "rebound"),
+        (["report", "no-such-study"], "", "no-such-study"),
+        (["report", "STUDY"], "not toml at all", "TOML"),
+        (["report", "STUDY"], STUDY + RUN + "typo = 1\n", "typo"),
+        (["report", "STUDY"], "speed = 1\n" + STUDY + RUN, "speed"),
+        (["report", "STUDY"], STUDY + 'recipe = "hunt-crossley"\ntimesteps = 0\n', "timesteps"),
+        (["report", "STUDY"], STUDY + 'recipe = "hunt-crossley"\ntimesteps = -1e-3\n', "timesteps"),
+        (["report", "STUDY"], STUDY + 'recipe = "no-such"\ntimesteps = 1e-3\n', "no-such"),
+        (["report", "STUDY"], STUDY.replace("0.3", "-0.3") + RUN, "alphas"),
+        (["report", "STUDY"], STUDY.replace("0.2", "0") + RUN, "speeds"),
+        (["report", "STUDY"], STUDY.replace("steel-plane", "nowhere") + RUN, "nowhere"),
+        (["report", "STUDY"], STUDY.replace("reference", "odin") + RUN, "odin"),
+    ],
+)
+def test_a_mistake_is_one_line_and_exit_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], study: str, says: str
+) -> None:
+    (tmp_path / "study.toml").write_text(study, encoding="utf-8")
+    given = [str(tmp_path / "study.toml") if a == "STUDY" else a for a in arguments]
+    if given[0] == "report":
+        given += ["--out", str(tmp_path / "out"), "--jobs", "1"]
+    assert run(given) == 2
+    caught = capsys.readouterr()
+    assert caught.out == ""
+    assert len(caught.err.splitlines()) == 1
+    assert says in caught.err
+    assert "Traceback" not in caught.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_engine_names_its_install_command_and_exits_3(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    study = STUDY.replace("reference", "mujoco") + 'recipe = "impulse"\ntimesteps = 1e-3\n'
+    (tmp_path / "study.toml").write_text(study, encoding="utf-8")
+    assert run(["report", str(tmp_path), "--out", str(tmp_path / "out")]) == 3
+    assert "pip install" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_unwritable_folder_exits_3_and_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "study.toml").write_text(STUDY + RUN, encoding="utf-8")
+    (tmp_path / "file").write_text("in the way", encoding="utf-8")
+    assert run(["report", str(tmp_path), "--out", str(tmp_path / "file" / "out")]) == 3
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "study.toml"]

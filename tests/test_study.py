@@ -1,0 +1,111 @@
+"""Studies: the same inputs give the same bytes, and failures are rows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from hcbench.errors import StudyError
+from hcbench.results import RUN_KEY, Results, filled_folder
+from hcbench.run import run_study
+from hcbench.study import Study, find_study, load_study, study_from
+
+CONTENT = {
+    "scene": "steel-plane",
+    "alphas": "0.004, 0.008 s/in",
+    "speeds": "4, 10, 16 in/s",
+    "loop_speeds": "10 in/s",
+    "phases": 2,
+    "run": [
+        {"engine": "reference", "recipe": "hunt-crossley", "timesteps": 1e-6},
+        {"engine": "mujoco", "recipe": "impulse", "timesteps": 1e-3},
+        {"engine": "mujoco", "recipe": "stock", "timesteps": 2e-3},
+        {"engine": "pybullet", "recipe": "restitution", "timesteps": 1e-3},
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    return study_from(CONTENT)
+
+
+@pytest.fixture(scope="module")
+def results(study: Study) -> Results:
+    return run_study(study, jobs=2)
+
+
+def test_every_impact_asked_for_is_a_row(results: Results) -> None:
+    runs, alphas, speeds, phases = 4, 2, 3, 2
+    assert len(results.impacts) == runs * alphas * speeds * phases
+    assert len(results.scores) == runs * alphas == len(results.settings)
+    assert results.impacts["status"].isin(["parted", "rested"]).all()
+
+
+def test_loops_are_kept_where_asked_and_nowhere_else(results: Results) -> None:
+    assert results.loops["speed_m_per_s"].unique() == pytest.approx([0.254])
+    assert set(results.loops["engine"]) >= {"reference", "mujoco"}
+
+
+def test_the_reference_is_scored_perfect_against_its_own_law(results: Results) -> None:
+    own = results.scores[results.scores["engine"] == "reference"]
+    assert (own["max_error_law"] < 1e-14).all()
+    assert (own["loop_rms"] < 1e-3).all()
+
+
+def test_the_number_of_jobs_does_not_change_a_byte(tmp_path: Path, study: Study, results: Results) -> None:
+    texts = []
+    for name, found in (("two", results), ("one", run_study(study, jobs=1))):
+        with filled_folder(tmp_path / name) as scratch:
+            found.write(scratch)
+        texts.append({p.name: p.read_bytes() for p in sorted((tmp_path / name).iterdir())})
+    assert sorted(texts[0]) == ["loops.csv", "restitution.csv", "scores.csv", "summary.json"]
+    assert texts[0] == texts[1]
+
+
+def test_results_read_back_as_they_were_written(tmp_path: Path, results: Results) -> None:
+    results.write(tmp_path)
+    back = Results.read(tmp_path)
+    for name in ("impacts", "loops", "scores"):
+        pd.testing.assert_frame_equal(getattr(back, name), getattr(results, name), check_dtype=False)
+    assert back.summary()["settings"] == results.summary()["settings"]
+
+
+def test_a_setting_that_does_not_depend_on_alpha_is_scored_against_each(results: Results) -> None:
+    stock = results.impacts[(results.impacts["engine"] == "mujoco") & (results.impacts["setting"] == "stock")]
+    by_alpha = [group["restitution"].to_numpy() for _, group in stock.groupby("alpha_s_per_m")]
+    assert np.array_equal(by_alpha[0], by_alpha[1])
+
+
+def test_progress_reaches_the_end(study: Study) -> None:
+    seen: list[tuple[int, int]] = []
+    run_study(study, jobs=1, progress=lambda done, total: seen.append((done, total)))
+    assert seen[-1][0] == seen[-1][1] > 0
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+
+
+def test_a_quick_study_is_a_smaller_one(study: Study) -> None:
+    full = load_study(find_study("steel-1lb"))
+    quick = full.quick()
+    assert 3 <= len(quick.speeds) < len(full.speeds)
+    assert quick.phases < full.phases
+    assert len(quick.runs) == len(full.runs)
+
+
+@pytest.mark.parametrize("key", ["scene", "alphas", "speeds", "run"])
+def test_a_study_without_an_essential_is_refused_by_name(key: str) -> None:
+    with pytest.raises(StudyError, match=key):
+        study_from({k: v for k, v in CONTENT.items() if k != key})
+
+
+@pytest.mark.parametrize(("key", "value"), [("phases", 0), ("phases", 1.5), ("schema", 9), ("run", "x")])
+def test_a_wrong_value_is_refused_by_name(key: str, value: object) -> None:
+    with pytest.raises(StudyError, match=key):
+        study_from({**CONTENT, key: value})
+
+
+def test_run_keys_identify_a_score(results: Results) -> None:
+    assert not results.scores.duplicated(RUN_KEY).any()
