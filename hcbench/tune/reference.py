@@ -31,12 +31,12 @@ class HuntCrossleyLaw:
 
 @dataclass(frozen=True)
 class KelvinVoigtContrast:
-    """Eq. (4) with the law's contact time and restitution in the middle of the band (geometric mean speed)."""
+    """Eq. (4) with the law's contact time and restitution at the geometric mean speed."""
 
     engine: ClassVar[str] = "reference"
     name: ClassVar[str] = "kelvin-voigt"
     summary: ClassVar[str] = (
-        "Eq. (4), a linear spring and damper: one restitution for all speeds, a shock at touch, tension at the end."
+        "Eq. (4), a linear spring and damper: one e for all speeds, a shock at touch, tension at the end."
     )
     holds: ClassVar[tuple[str, ...]] = ("Matches the law's restitution and contact time at one speed only.",)
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 
+from hcbench.errors import SettingError
 from hcbench.reference import exact
 
 if TYPE_CHECKING:
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from hcbench.reference.laws import HuntCrossley
     from hcbench.setting import Setting
 
-Reading = Literal["law", "linear"]
+Reading = Literal["law", "linear", "points"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +24,10 @@ class Target:
 
     law: eq. (16). mass: effective mass of the pair, kg. timestep: the engine's, s.
     speed_min, speed_max: the band of impact speeds, m/s.
-    reading: "law" for e of (16), "linear" for e = 1 - α v_i of (2).
+    reading: "law" for e of (16), "linear" for e = 1 - α v_i of (2), "points" for `points`.
+    points: pairs (v m/s, e), straight between them and constant beyond; one pair is a constant e.
+    Raises SettingError for a mass, step or band that is not above 0, and for an e outside 0 ... 1 or that
+    rises with v.
     """
 
     law: HuntCrossley
@@ -32,9 +36,51 @@ class Target:
     speed_min: float
     speed_max: float
     reading: Reading = "law"
+    points: tuple[tuple[float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        for slot, value, unit in (
+            ("mass", self.mass, "kg"),
+            ("timestep", self.timestep, "s"),
+            ("lowest speed", self.speed_min, "m/s"),
+        ):
+            if not 0 < value < np.inf:
+                raise SettingError(slot, f"{value!r} {unit}", f"above 0 {unit}")
+        if not self.speed_min <= self.speed_max < np.inf:
+            raise SettingError(
+                "speeds", f"{self.speed_min!r} ... {self.speed_max!r} m/s", "the lower speed first"
+            )
+        if self.reading == "points":
+            self._check_points()
+        elif self.reading == "linear" and (fastest := self.law.alpha * self.speed_max) > 1:
+            raise SettingError(
+                "speeds",
+                f"1 - α v falls to {1 - fastest:.3g} at {self.speed_max:.4g} m/s",
+                "a restitution within 0 ... 1",
+                f"Keep below {1 / self.law.alpha:.4g} m/s or take the reading 'law'",
+            )
+
+    def _check_points(self) -> None:
+        if not self.points:
+            raise SettingError("restitution", "no points", "at least one pair of v and e")
+        speeds, values = np.array(sorted(self.points)).T
+        if not ((values >= 0) & (values <= 1)).all():
+            raise SettingError("restitution", f"{values.tolist()}", "0 ... 1")
+        rises = np.flatnonzero((np.diff(values) > 0) | (np.diff(speeds) <= 0))
+        if rises.size:
+            i = int(rises[0])
+            first, then = (f"{values[j]:.4g} at {speeds[j]:.4g} m/s" for j in (i, i + 1))
+            raise SettingError(
+                "restitution",
+                f"e goes from {first} to {then}",
+                "one e a speed, falling or constant as v grows",
+            )
 
     def restitution(self, speed: Floats | float) -> Floats:
         """e wanted at impact speeds (m/s), same shape."""
+        if self.reading == "points":
+            speeds, values = np.array(sorted(self.points)).T
+            return np.asarray(np.interp(speed, speeds, values))
         if self.reading == "linear":
             return np.asarray(1.0 - self.law.alpha * np.asarray(speed, dtype=float))
         return exact.restitution(self.law.alpha, speed)

@@ -1,0 +1,69 @@
+"""The best that one number can do: a constant e for a band of speeds, and the spring-damper that has it."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.errors import SettingError
+from hcbench.reference import exact
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.tune.target import Target
+
+# ln e of a spring-damper that only pushes tends to -2 at critical damping.
+LOWEST_UNDERDAMPED = math.exp(-2.0)
+STEPS_A_CONTACT = 20.0
+
+
+def minimax_constant(target: Target) -> tuple[float, float]:
+    """The constant e with the least largest error over the band, and that error.
+
+    e falls with v, so the error is largest at both ends of the band and the best constant is halfway.
+    """
+    ends = target.restitution(np.array([target.speed_min, target.speed_max]))
+    high, low = float(ends.max()), float(ends.min())
+    return (high + low) / 2, (high - low) / 2
+
+
+def contact_time(target: Target) -> float:
+    """How long a spring-damper stands in for the law, s: the law's contact time at the geometric mean speed.
+
+    Not under 20 steps, so that a coarse step still sees a contact: the spring is softer than the law then.
+    """
+    speed = math.sqrt(target.speed_min * target.speed_max)
+    own = float(exact.duration(target.law, target.mass, speed))
+    return max(own, STEPS_A_CONTACT * target.timestep)
+
+
+def spring_damper(restitution: float, duration: float) -> tuple[float, float]:
+    """β and ω, 1/s, of the contact x'' + 2 β x' + (ω² + β²) x = 0 that has this e and duration (s).
+
+    The contact pushes only, so it ends where the force is 0, before x is. With β = ω tan ψ that is at
+    ω t = π - 2 ψ, and e = exp(-β t). Raises SettingError for an e that only an overdamped contact has.
+    """
+    if not LOWEST_UNDERDAMPED < restitution <= 1.0:
+        raise SettingError(
+            "restitution",
+            f"{restitution:.4g}",
+            f"e within {LOWEST_UNDERDAMPED:.4f} ... 1 for a spring and damper",
+            "Use `impulse` (MuJoCo) or `restitution` (PyBullet), which have any e",
+        )
+    wanted = -math.log(restitution)
+    low, high = 0.0, math.pi / 2
+    while (psi := (low + high) / 2) not in (low, high):
+        low, high = (psi, high) if math.tan(psi) * (math.pi - 2 * psi) < wanted else (low, psi)
+    omega = (math.pi - 2 * psi) / duration
+    return omega * math.tan(psi), omega
+
+
+def require_integrator(recipe: str, integrator: str, known: Sequence[str], why: str) -> None:
+    """Refuses an integrator that breaks a recipe: SettingError."""
+    if integrator not in known:
+        raise SettingError(
+            "integrator", f"{integrator!r} with {recipe!r}: {why}", f"one of: {', '.join(known)}"
+        )

@@ -1,0 +1,59 @@
+"""MuJoCo, coarse steps: the bounce in a single step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from hcbench.setting import Setting
+from hcbench.tune.constant import minimax_constant, require_integrator
+
+if TYPE_CHECKING:
+    from hcbench.tune.target import Target
+
+# MuJoCo clamps impedances here. What is missing to 1 is the share of gravity that the contact lets through.
+STIFFEST = 0.9999
+# Moves e by at most half of this: the spring is there for rest, not for the bounce.
+SPRING_SHARE = 1e-6
+
+
+@dataclass(frozen=True)
+class Impulse:
+    """One contact whose damping turns v into -e v within the step that finds it closed.
+
+    A contact of impedance d gives the acceleration a = d (K x - D v) + (1 - d) g: with D = (1 + e)/h a step h
+    ends in v - (1 + e) v = -e v, whatever the depth x that it finds. The spring K lifts a body at rest out of
+    the slow creep that the missing 1 - d of the impedance allows.
+    """
+
+    integrator: str = "Euler"
+    engine: ClassVar[str] = "mujoco"
+    name: ClassVar[str] = "impulse"
+    integrators: ClassVar[tuple[str, ...]] = ("Euler", "implicit", "implicitfast")
+    summary: ClassVar[str] = (
+        "One contact step turns v into -e v: the best constant e, at any step and phase; no force loop."
+    )
+    holds: ClassVar[tuple[str, ...]] = (
+        "Euler, implicit and implicitfast; RK4 and discrete give e = 0 and are refused.",
+        "Needs no stiffness, mass or speed: the same numbers serve every body, at this step only.",
+        "Change the step and solref changes with it: D = (1 + e)/h.",
+        "Set solref and solimp on both geoms or in a <pair>: MuJoCo mixes those of the two geoms.",
+        "At rest under gravity it creeps into the plate at about 1e-4 g h / (1 + e).",
+        "The force is one impulse of m (1 + e) v / h: forces, stresses and contact times mean nothing.",
+    )
+
+    def __call__(self, target: Target) -> Setting:
+        """The setting with the best constant e of the band."""
+        require_integrator(self.name, self.integrator, self.integrators, "the bounce needs one force a step")
+        e, _ = minimax_constant(target)
+        h = target.timestep
+        stiffness = SPRING_SHARE / h**2
+        # A step finds the ball 0 ... v h deep: half of K h takes the spring's mean effect on e out.
+        damping = (1 + e) / h - stiffness * h / 2
+        solref = [-stiffness * STIFFEST, -damping]
+        solimp = [STIFFEST, STIFFEST, 0.001, 0.5, 2.0]
+        row = {"solref": solref, "solimp": solimp, "onset": 0.0, "adhesion": 0.0}
+        return Setting(self.engine, self.name, h, {"integrator": self.integrator, "rows": [row]})
+
+
+MUJOCO = Impulse()

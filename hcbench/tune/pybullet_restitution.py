@@ -1,0 +1,56 @@
+"""PyBullet: the restitution that was set is the restitution that happens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from hcbench.setting import Setting
+from hcbench.tune.constant import minimax_constant
+
+if TYPE_CHECKING:
+    from hcbench.tune.target import Target
+
+# What stands between the number and the bounce out of the box: a speed threshold of 0.2 m/s, error reduction
+# and slop that add or eat speed, and damping of free flight.
+WORLD: dict[str, Any] = {
+    "restitutionVelocityThreshold": 0.0,
+    "contactSlop": 0.0,
+    "contactERP": 0.0,
+    "erp": 0.0,
+    "contactBreakingThreshold": 0.02,
+}
+BALL: dict[str, Any] = {"linearDamping": 0.0, "angularDamping": 0.0, "contactProcessingThreshold": 0.0}
+
+
+@dataclass(frozen=True)
+class Restitution:
+    """Bullet's own restitution, with everything that distorts it switched off."""
+
+    engine: ClassVar[str] = "pybullet"
+    name: ClassVar[str] = "restitution"
+    summary: ClassVar[str] = (
+        "Bullet's restitution without all that distorts it: the best constant e, at any step and phase."
+    )
+    holds: ClassVar[tuple[str, ...]] = (
+        "The restitutions of the two bodies multiply: e goes on the ball and 1 on the plate.",
+        "All of it must be set before the first step.",
+        "contactBreakingThreshold outlives resetSimulation and leaks into other clients of the process.",
+        "Maximal coordinates (loadURDF's useMaximalCoordinates) keep e under gravity;"
+        " Bullet's default rebounds from v + g dt.",
+        "The force is one impulse of m (1 + e) v / dt: forces and contact times mean nothing.",
+    )
+
+    def __call__(self, target: Target) -> Setting:
+        """The setting with the best constant e of the band."""
+        e, _ = minimax_constant(target)
+        options = {
+            "world": WORLD,
+            "ball": {**BALL, "restitution": e},
+            "plate": {"restitution": 1.0},
+            "maximal_coordinates": True,
+        }
+        return Setting(self.engine, self.name, target.timestep, options)
+
+
+PYBULLET = Restitution()
