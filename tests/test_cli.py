@@ -9,7 +9,7 @@ import pytest
 
 from hcbench.cli import run
 
-# EQUATIONS of the paper's case, k = 3.1e7 lbf/in^1.5, m = 1 lb: α s/in, v in/s, e, x_m in, F_max lbf, τ/limit.
+# The case of section 3.1, k = 3.1e7 lbf/in^1.5, m = 1 lb: α s/in, v in/s, e, x_m in, F_max lbf, τ/limit.
 PAPER_TABLE = [
     (0.008, 4, "0.9689892665", "3.0451e-04", "164.50", "0.650"),
     (0.008, 8, "0.9398278563", "5.2398e-04", "372.67", "0.853"),
