@@ -83,7 +83,7 @@ def field(value: Callable[[float, float, float], float]) -> bytes:
 
 
 def profile() -> list[tuple[float, float]]:
-    """(radius, height) from the bowl's lowest point over the rim and the wall to the middle of the base, m."""
+    """(radius, height) in m from the bowl's lowest point over rim and wall to the middle of the base."""
     steepest = math.asin(RIM / BOWL)
     angles = [steepest * ring / RINGS for ring in range(RINGS + 1)]
     bowl = [(BOWL * math.sin(a), BOWL * (1 - math.cos(a))) for a in angles]

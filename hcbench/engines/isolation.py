@@ -1,0 +1,295 @@
+"""Runs an engine in a process that hcbench owns, never in the user's.
+
+Some engines keep settings in globals of the process (PyBullet does), some print, some crash. So their work
+is done in one worker process that is started when first needed and kept. Code that already runs in a
+process of hcbench's own, such as a pool's worker, says so with `enter_worker` and works in place.
+
+The worker is a fresh interpreter: the user's main module is not run again in it, so scripts need no
+`if __name__ == "__main__"` for it. Functions and values cross by pickle, functions by their module's name.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import pickle
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import traceback
+from contextlib import contextmanager, suppress
+from enum import Enum, auto
+from typing import IO, TYPE_CHECKING, Any, NoReturn, TypeVar
+
+from hcbench.errors import EngineFailed, HcbenchError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+Result = TypeVar("Result")
+Item = TypeVar("Item")
+
+_START_S = 60.0  # for a new interpreter to come up on a busy machine
+_GIVE_UP = 3  # deaths in a row, nothing done in between
+_SIZE = struct.Struct("<Q")
+
+
+class WorkerDied(EngineFailed):
+    """The worker crashed or hung. `done` holds what it had delivered until then."""
+
+    def __init__(self, slot: str, got: str, expected: str, todo: str = "", done: Sequence[Any] = ()) -> None:
+        super().__init__(slot, got, expected, todo)
+        self.done = list(done)
+
+
+_inside = False
+
+
+def enter_worker() -> None:
+    """Declare this process to be hcbench's own: engines then run in it, in place.
+
+    To be called first thing in a process, for instance as the initializer of a pool. Interrupts are left
+    to the parent from then on: on Ctrl-C the terminal sends one to every process, and the parent decides.
+    """
+    global _inside  # noqa: PLW0603 - a fact about the process
+    _inside = True
+    with suppress(ValueError):  # not the main thread: then interrupts do not come here anyway
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def in_worker() -> bool:
+    """Whether this process is hcbench's own."""
+    return _inside
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Nothing that C code prints gets out; for hcbench's own processes, as it concerns all threads."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    kept = [(fd, os.dup(fd)) for fd in (1, 2)]
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        for fd, _ in kept:
+            os.dup2(nowhere, fd)
+        yield
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        for fd, copy in kept:
+            os.dup2(copy, fd)
+            os.close(copy)
+        os.close(nowhere)
+
+
+def collect(function: Callable[..., Iterator[Result]], *args: Any, limit: float) -> list[Result]:
+    """What `function(*args)` yields, run in the worker.
+
+    limit: s for all of it; a worker that takes longer is ended.
+    Raises what the function raises, and WorkerDied with what had been delivered until then.
+    """
+    return list(function(*args)) if _inside else _shared.collect(function, args, limit)
+
+
+def survive(
+    function: Callable[..., Iterator[Result]],
+    items: Sequence[Item],
+    *args: Any,
+    lost: Callable[[Item, str], Result],
+    limit: float,
+) -> list[Result]:
+    """One result for each item, in order, whatever kills the worker.
+
+    function: `function(items, *args)` yields one result for each item, in order.
+    lost: makes the result of an item that the worker died on, from the item and the reason.
+    limit: s for the first item, and the same again for every further one.
+    """
+    done: list[Result] = []
+    deaths = 0
+    while len(done) < len(items):
+        rest = items[len(done) :]
+        try:
+            done += collect(function, rest, *args, limit=limit * (1 + len(rest)))
+            assert len(done) == len(items), f"{len(done)} results for {len(items)} items"
+        except WorkerDied as death:
+            deaths = 1 if death.done else deaths + 1
+            done += death.done
+            done += [lost(item, death.got) for item in items[len(done) : len(done) + 1]]
+            if deaths == _GIVE_UP:
+                reason = f"not tried: the engine died on the {_GIVE_UP} before it ({death.got})"
+                done += [lost(item, reason) for item in items[len(done) :]]
+    return done
+
+
+class _Worker:
+    """The worker process seen from its parent; starts when first asked."""
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Start anew; after a fork, in the child, the worker is the parent's."""
+        process: subprocess.Popen[bytes] | None = getattr(self, "_process", None)
+        if process is not None:
+            process.returncode = 0  # nothing to wait for here
+        self._process: subprocess.Popen[bytes] | None = None
+        self._lock = threading.Lock()
+        self._late = threading.Event()
+
+    def collect(self, function: Callable[..., Iterator[Result]], args: Any, limit: float) -> list[Result]:
+        with self._lock:
+            done: list[Result] = []
+            try:
+                process = self._alive()
+                with self._at_most(limit, process):
+                    _send(process.stdin, (function, args))
+                    kind, value = _receive(process.stdout)
+                    while kind is _Answer.ITEM:
+                        done.append(value)
+                        kind, value = _receive(process.stdout)
+            except (EOFError, OSError) as error:
+                how = self._cause_of_death(limit)
+                raise WorkerDied("engine", how, "", "", done) from error
+            except BaseException:  # an interrupt, or an answer that cannot be read
+                self.close()
+                raise
+        if kind is _Answer.RAISED:
+            raise value
+        return done
+
+    def _alive(self) -> subprocess.Popen[bytes]:
+        if self._process is not None and self._process.poll() is not None:
+            self.close()
+        if self._process is None:
+            path = [str(entry) for entry in sys.path]
+            code = f"import sys; sys.path[:] = {path!r}; from {__name__} import _serve; _serve()"
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", code],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+            )
+            with self._at_most(_START_S, self._process):
+                _receive(self._process.stdout)
+        return self._process
+
+    def _cause_of_death(self, limit: float) -> str:
+        process = self._process
+        assert process is not None
+        code = None
+        with suppress(subprocess.TimeoutExpired):
+            code = process.wait(timeout=5.0)
+        self.close()
+        if self._late.is_set():
+            return f"no answer within {limit:g} s"
+        if code is not None and code < 0:
+            return f"crashed with {signal.Signals(-code).name}"
+        return f"its process ended with exit code {code}"
+
+    def close(self) -> None:
+        """End the worker and everything held for it."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        process.kill()
+        process.wait()
+        for pipe in (process.stdin, process.stdout):
+            if pipe is not None:
+                with suppress(OSError):
+                    pipe.close()
+
+    @contextmanager
+    def _at_most(self, limit: float, process: subprocess.Popen[bytes]) -> Iterator[None]:
+        """Kill the process unless the block ends within `limit` s; reads from it then see the end of file."""
+        self._late.clear()
+
+        def end() -> None:
+            self._late.set()
+            process.kill()
+
+        watchdog = threading.Timer(limit, end)
+        watchdog.daemon = True
+        watchdog.start()
+        try:
+            yield
+        finally:
+            watchdog.cancel()
+
+
+_shared = _Worker()
+atexit.register(_shared.close)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_shared.forget)
+
+
+class _Answer(Enum):
+    READY = auto()
+    ITEM = auto()
+    RAISED = auto()
+    END = auto()
+
+
+def _send(pipe: IO[bytes] | None, value: Any) -> None:
+    assert pipe is not None
+    data = pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
+    pipe.write(_SIZE.pack(len(data)) + data)
+    pipe.flush()
+
+
+def _receive(pipe: IO[bytes] | None) -> Any:
+    return pickle.loads(_receive_bytes(pipe))
+
+
+def _receive_bytes(pipe: IO[bytes] | None) -> bytes:
+    assert pipe is not None
+    head = pipe.read(_SIZE.size)
+    if len(head) == _SIZE.size:
+        (size,) = _SIZE.unpack(head)
+        data = pipe.read(size)
+        if len(data) == size:
+            return data
+    raise EOFError
+
+
+def _serve() -> NoReturn:
+    """The worker's main loop: answers requests on the pipes it was started with, until they close."""
+    enter_worker()
+    requests = os.fdopen(os.dup(0), "rb")
+    answers = os.fdopen(os.dup(1), "wb")
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for fd in (0, 1, 2):  # what engines print is not part of the conversation
+        os.dup2(nowhere, fd)
+
+    def say(kind: _Answer, value: Any = None) -> None:
+        try:
+            _send(answers, (kind, value))
+        except OSError:
+            os._exit(0)  # the parent has gone
+
+    say(_Answer.READY)
+    while True:
+        try:
+            request = _receive_bytes(requests)
+        except (EOFError, OSError):
+            os._exit(0)
+        try:
+            function, args = pickle.loads(request)
+            for item in function(*args):
+                say(_Answer.ITEM, item)
+        except Exception as error:
+            say(_Answer.RAISED, _portable(error))
+        else:
+            say(_Answer.END)
+
+
+def _portable(error: Exception) -> Exception:
+    """The error with its traceback for a note, or words about it when it cannot cross by pickle."""
+    if not isinstance(error, HcbenchError):
+        error.add_note("".join(traceback.format_exception(error)))
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return EngineFailed("engine", f"{type(error).__name__}: {error}", "")
+    return error
