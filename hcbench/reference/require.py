@@ -1,0 +1,32 @@
+"""Refuse numbers that a formula has no meaning for, in one line that names the slot."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.errors import UserError
+
+if TYPE_CHECKING:
+    from hcbench.impact import Floats
+
+
+def require(slot: str, value: object, good: bool, expected: str, todo: str = "") -> None:
+    """Raise UserError unless `good`."""
+    if not good:
+        raise UserError(slot, f"{value!r}", expected, todo)
+
+
+def positive(slot: str, value: float, unit: str) -> None:
+    """Raise UserError unless 0 < value < inf."""
+    require(slot, value, 0 < value < math.inf, f"a finite value above 0 {unit}".strip())
+
+
+def within(slot: str, values: Floats | float, low: float, high: float, meaning: str) -> Floats:
+    """The values as an array of floats; raises UserError unless low <= every value <= high."""
+    array = np.asarray(values, dtype=float)
+    bad = array[~((array >= low) & (array <= high))]
+    require(slot, float(bad.flat[0]) if bad.size else 0.0, not bad.size, meaning)
+    return array
