@@ -17,9 +17,9 @@ ROOT = Path(hcbench.__file__).parent
 FLOORS = [
     {"errors", "units"},
     {"impact", "setting", "scene", "reference"},
-    {"engines", "contact", "compare"},
+    {"engines", "contact", "compare", "measure"},
     {"tune", "study", "results", "run"},
-    {"report", "check"},
+    {"report", "check", "paper"},
     {"pytest_plugin", "cli"},
 ]
 FLOOR = {room: i for i, rooms in enumerate(FLOORS) for room in rooms}

@@ -71,7 +71,7 @@ def test_no_constant_beats_the_best_constant() -> None:
 
 @pytest.mark.parametrize(
     ("alpha", "e", "error"),
-    [(0.002, 0.97977, 0.0182), (0.004, 0.96095, 0.0351), (0.008, 0.92694, 0.0651), (0.016, 0.87020, 0.1141)],
+    [(0.002, 0.97977, 0.0182), (0.004, 0.96095, 0.0351), (0.008, 0.926935, 0.0651), (0.016, 0.87020, 0.1141)],
 )
 def test_the_line_to_beat_for_the_papers_four_alphas(alpha: float, e: float, error: float) -> None:
     found = compare.best_constant(alpha / 0.0254, SPEEDS)
