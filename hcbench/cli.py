@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -90,7 +91,7 @@ def engines(as_json: bool) -> None:
     from hcbench.errors import EngineMissing
     from hcbench.run import RECIPES
 
-    found = []
+    found: list[dict[str, Any]] = []
     for name in registry.names():
         engine = registry.engine(name)
         try:

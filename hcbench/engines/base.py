@@ -1,6 +1,6 @@
 """The contract of an engine, stated once.
 
-An adapter is one required method, `fly`. Nothing of the engine's own types leaves it. Engines import
+An adapter is two methods: `fly` for single impacts, `follow` for what comes after them. Nothing of the engine's own types leaves it. Engines import
 their backend when used, never when the module is imported.
 """
 
@@ -14,7 +14,7 @@ from hcbench.errors import SettingError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.impact import Impact, Launch
+    from hcbench.impact import Impact, Launch, Trajectory
     from hcbench.scene import Scene
     from hcbench.setting import Setting
 
@@ -39,6 +39,10 @@ class Engine(ABC):
 
         Raises SettingError for options the engine does not have, SceneError for a scene it cannot load.
         """
+
+    @abstractmethod
+    def follow(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
+        """Every step of `duration` s after release, however often the body bounces: for trains and rest."""
 
     @final
     def drop(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:

@@ -1,0 +1,120 @@
+"""How good a setting is, by the engine itself, at speeds and phases that no recipe has looked at."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench import compare
+from hcbench.impact import Launch, Status
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.engines.base import Engine
+    from hcbench.impact import Floats, Impact
+    from hcbench.scene import Scene
+    from hcbench.setting import Setting
+    from hcbench.tune.target import Target
+
+HELD_OUT = 13
+PHASES = 8
+_GOLDEN = (math.sqrt(5) - 1) / 2
+_STANDARD_GRAVITY = 9.80665
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What the engine did with a setting.
+
+    max_error: largest |e - target|; at_speed: where, m/s. constant, constant_error: the best constant e.
+    steps_min, steps_max: steps in contact. penetration_max: m. force_max: N.
+    loop_rms: distance of the loops from the law's over its largest force; NaN where no loop is resolved.
+    failed: impacts that gave no restitution, with the first reason.
+    """
+
+    max_error: float
+    at_speed: float
+    constant: float
+    constant_error: float
+    phase_spread: float
+    steps_min: int
+    steps_max: int
+    penetration_max: float
+    force_max: float
+    loop_rms: float
+    failed: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """What became of a body dropped under gravity: creep m/s (> 0 sinks), depth m, buzz m/s (rms rate)."""
+
+    rests: bool
+    creep: float
+    depth: float
+    buzz: float
+
+
+def held_out_speeds(target: Target, count: int = HELD_OUT) -> Floats:
+    """Both ends of the band and the golden-ratio points between: shape (count,), m/s."""
+    inside = np.sort((np.arange(1, count - 1) * _GOLDEN) % 1.0)
+    spread = np.concatenate([[0.0], inside, [1.0]])
+    return target.speed_min + (target.speed_max - target.speed_min) * spread
+
+
+def judge(engine: Engine, scene: Scene, setting: Setting, target: Target) -> Verdict:
+    """Drop at held-out speeds, each at 8 phases of the step, and compare with the target."""
+    # Phases off any grid that a search or a study uses.
+    phases = (np.arange(PHASES) + _GOLDEN) / PHASES
+    launches = [Launch(float(v), float(p)) for v in held_out_speeds(target) for p in phases]
+    return verdict_on(engine.drop(scene, setting, launches), target)
+
+
+def verdict_on(impacts: Sequence[Impact], target: Target) -> Verdict:
+    """The verdict on impacts that have been flown."""
+    good = [i for i in impacts if i.status in (Status.PARTED, Status.RESTED)]
+    bad = [i for i in impacts if i.status not in (Status.PARTED, Status.RESTED)]
+    speed = np.array([i.speed_in for i in good])
+    off = np.abs(np.array([i.restitution for i in good]) - target.restitution(speed))
+    ends = target.restitution(np.array([target.speed_min, target.speed_max]))
+    one_each = [i for i in good if i.launch.phase == impacts[0].launch.phase]
+    loops = [s for s in (compare.score_loop(i, target.law, target.mass) for i in one_each) if s is not None]
+    return Verdict(
+        max_error=float(off.max()) if good else math.nan,
+        at_speed=float(speed[off.argmax()]) if good else math.nan,
+        constant=float(ends.mean()),
+        constant_error=float(np.ptp(ends) / 2),
+        phase_spread=compare.phase_spread(good),
+        steps_min=min((i.samples for i in good), default=0),
+        steps_max=max((i.samples for i in good), default=0),
+        penetration_max=max((i.penetration_max for i in good), default=math.nan),
+        force_max=max((i.force_max for i in good), default=math.nan),
+        loop_rms=max((s.rms for s in loops), default=math.nan),
+        failed=len(bad),
+        reason=bad[0].reason if bad else "",
+    )
+
+
+def settle(engine: Engine, scene: Scene, setting: Setting, seconds: float = 2.0) -> Rest:
+    """Let the body down on the plate under gravity, from next to no height, and watch the last quarter.
+
+    It rests when it sinks slower than 1e-5 m/s, buzzes less than 1e-4 m/s and is less than 1e-3 R deep.
+    """
+    seconds = max(min(seconds, 4e5 * setting.timestep), 50 * setting.timestep)
+    heavy = dataclasses.replace(scene, gravity=_STANDARD_GRAVITY)
+    path = engine.follow(heavy, setting, Launch(0.0, height=1e-9), seconds)
+    last = slice(3 * len(path.time) // 4, None)
+    time, x, v = path.time[last], path.penetration[last], path.rate[last]
+    if not np.isfinite(x).all():
+        return Rest(False, math.nan, math.nan, math.nan)
+    creep = float((x[-1] - x[0]) / (time[-1] - time[0]))
+    buzz = float(np.sqrt(np.mean((v - creep) ** 2)))
+    depth = float(x.max())
+    rests = abs(creep) < 1e-5 and buzz < 1e-4 and depth < 1e-3 * scene.relative_radius
+    return Rest(rests, creep, depth, buzz)
