@@ -1,0 +1,199 @@
+"""Every figure of the report: where it stands, what it shows, how it is drawn, or why it is not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+from hcbench.report import curves, findings, loops, trends, words
+from hcbench.report.view import INSIDE, REFERENCE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from matplotlib.figure import Figure
+
+    from hcbench.report.view import Run, View
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """A figure to be drawn. draw: None where the study has nothing to show, and `why` says so.
+
+    section: id of the page's section. alt: what the figure shows, for who cannot see it.
+    """
+
+    section: str
+    name: str
+    title: str
+    caption: str
+    alt: str
+    draw: Callable[[], Figure] | None
+    why: str = ""
+
+
+def drawings(view: View) -> list[Drawing]:
+    """All figures, in the page's order."""
+    return [
+        _overview(view),
+        *(_restitution(view, fine) for fine in (False, True)),
+        *(_error(view, fine) for fine in (False, True)),
+        *_loops(view),
+        _energy(view),
+        _steps(view),
+    ]
+
+
+def class_heading(view: View, fine: bool) -> str:
+    """Which steps a class holds."""
+    limit, contact = words.about(view.contact_time / INSIDE), words.about(view.contact_time)
+    ends = f"up to {limit}" if fine else f"above {limit}"
+    return f"Steps {ends}; the law's contact lasts {contact}"
+
+
+def _overview(view: View) -> Drawing:
+    runs = findings.overview_runs(view)
+    at = f"{words.alpha(view.main_alpha)}, {findings.band(view)}"
+    return Drawing(
+        "overview",
+        "overview",
+        "In one picture",
+        f"Restitution over impact speed at {at}. Pale grey: the law. A line on it bounces like the law; a"
+        " level line is one e for all speeds. Shaded: where one speed gives several e, by where in the time"
+        " step the touch falls.",
+        f"Restitution over impact speed at {at}. {_alt_restitution(view, runs)}",
+        partial(curves.overview_figure, view, runs) if runs else None,
+        "no setting ran over enough speeds for a curve",
+    )
+
+
+def _class(view: View, fine: bool) -> tuple[list[Run], str, str, str]:
+    """Runs of a class, its name for files, for headings, and why it may be empty."""
+    runs = [run for run in view.of_class(fine) if run.engine != REFERENCE]
+    heading = class_heading(view, fine)
+    limit = words.about(view.contact_time / INSIDE)
+    why = f"no setting of this study ran over its band at a step {'up to' if fine else 'above'} {limit}"
+    return runs, "fine" if fine else "coarse", heading, why
+
+
+def _restitution(view: View, fine: bool) -> Drawing:
+    runs, name, heading, why = _class(view, fine)
+    return Drawing(
+        "restitution",
+        f"restitution-{name}",
+        heading,
+        "Restitution over impact speed, a column for each α, a row for each engine. Pale grey: eq. (16);"
+        " dotted: 1 − αv. The frame is set by the law: ▼ names what lies below it.",
+        f"Restitution over impact speed, small panels, {len(view.alphas)} α by engine. "
+        + _alt_restitution(view, runs),
+        partial(curves.restitution_figure, view, fine) if runs else None,
+        why,
+    )
+
+
+def _error(view: View, fine: bool) -> Drawing:
+    runs, name, heading, why = _class(view, fine)
+    return Drawing(
+        "error",
+        f"error-{name}",
+        heading,
+        "Largest |e − e of eq. (16)| over the phases, at each speed. The dashed line is what the best"
+        " constant e is off by at worst: below it at every speed, a setting is better than any constant."
+        " Errors under 10⁻⁷ are drawn on the lower edge.",
+        "Error of restitution over impact speed, log scale. " + _alt_restitution(view, runs),
+        partial(curves.error_figure, view, fine) if runs else None,
+        why,
+    )
+
+
+def _loops(view: View) -> list[Drawing]:
+    runs = loops.drawable(view)
+    near = [run for run in runs if loops.on_law_scale(view, run)]
+    far = [run for run in runs if run not in near]
+    speeds = words.listed([f"{float(v) / words.INCH:.3g}" for v in sorted(view.study["loop_speeds"])])
+    at = f"{speeds} in/s, {words.alpha_short(view.main_alpha)}"
+    return [
+        Drawing(
+            "loops",
+            "loops",
+            "Fig. 4 of the paper, redrawn",
+            f"Contact force over penetration at {at}; in grey the law at the same speeds. A loop that covers"
+            " its grey one has the law's force at every instant; its area is the energy lost.",
+            f"Force over penetration at {at}. {_alt_loops(view, near)}",
+            partial(loops.loops_figure, view, near) if near else None,
+            "no setting's loops come near the law's in depth and force",
+        ),
+        Drawing(
+            "loops",
+            "loop-shapes",
+            "Softer or harder than the law",
+            "Settings whose contact is another size than the law's: each loop over its own largest depth and"
+            " force, to compare shapes. A first point far above zero is a shock at touch.",
+            "Force over penetration, each over its own largest. " + _alt_loops(view, far),
+            partial(loops.shapes_figure, view, far) if far else None,
+            "every loop drawn is of the law's size",
+        ),
+    ]
+
+
+def _energy(view: View) -> Drawing:
+    score = next((s for s in (view.score(r, view.main_alpha) for r in view.band_runs) if s is not None), None)
+    own = f" The law's own p over this band is {score['energy_exponent_law']:.2f}." if score else ""
+    return Drawing(
+        "energy",
+        "energy",
+        "Energy lost over impact speed",
+        f"Log-log, at {words.alpha(view.main_alpha)}; p is the slope, from ΔE ∝ vᵖ. The paper asks for 3,"
+        f" eq. (3); every constant e gives 2.{own}",
+        "Energy lost over impact speed, log-log. "
+        + " ".join(
+            f"{words.setting_name(r.engine, r.setting)}: p = {s['energy_exponent']:.2f}."
+            for r, s in ((run, view.score(run, view.main_alpha)) for run in view.band_runs)
+            if s is not None
+        ),
+        partial(trends.energy_figure, view) if view.engines else None,
+        "no setting ran over enough speeds",
+    )
+
+
+def _steps(view: View) -> Drawing:
+    tables = {key: table for key, table in view.step_curves().items() if len(table) > 1}
+    at = f"{words.inches_per_second(view.study['step_speed'])}, {words.alpha_short(view.main_alpha)}"
+    return Drawing(
+        "steps",
+        "steps",
+        "Restitution over the time step",
+        f"At {at}. Left: median e, and shaded the band that the phases span; right: largest error over"
+        f" the phases. Tinted: steps longer than the law's contact of {words.about(view.contact_time)}.",
+        f"Restitution over the time step at {at}. "
+        + " ".join(
+            f"{words.setting_name(*key)}: e from {table['low'].min():.3f} to {table['high'].max():.3f}."
+            for key, table in tables.items()
+        ),
+        partial(trends.steps_figure, view) if tables else None,
+        f"no setting ran at more than one step at {at}",
+    )
+
+
+def _alt_restitution(view: View, runs: Sequence[Run]) -> str:
+    """The figure's content in words: largest errors at the main α."""
+    said = []
+    for run in runs:
+        score = view.score(run, view.main_alpha)
+        if score is not None:
+            name = f"{words.setting_name(run.engine, run.setting)} at {words.time(run.timestep)}"
+            said.append(f"{name}: off the law by up to {words.small(score['max_error_law'])}.")
+    return " ".join(said)
+
+
+def _alt_loops(view: View, runs: Sequence[Run]) -> str:
+    said = []
+    for run in runs:
+        score = view.score(run, view.main_alpha)
+        name = words.setting_name(run.engine, run.setting)
+        if score is not None and score["loops"]:
+            said.append(f"{name}: {words.percent(score['loop_rms'])} off in force (rms).")
+        else:
+            said.append(f"{name}: too few samples for a score.")
+    return " ".join(said)

@@ -1,0 +1,156 @@
+"""Energy lost over impact speed, and restitution over the time step."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+from hcbench.reference import exact
+from hcbench.report import style, words
+from hcbench.report.curves import law_handles, run_label
+from hcbench.report.view import REFERENCE, Run, View
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_FLOOR = 1e-7  # errors below are drawn here
+_TOP = 1.12  # of e: what bounces higher than this is an arrow at the frame
+
+
+def energy_figure(view: View) -> Figure:
+    """ΔE over v in log-log for the main α, one panel an engine, with guides of slope 2 and 3."""
+    alpha, mass = view.main_alpha, float(view.study["mass_kg"])
+    shown = [*view.of_class(fine=False), *view.of_class(fine=True)]
+    engines = list(dict.fromkeys(run.engine for run in shown if run.engine != REFERENCE))
+    figure = style.new_figure(11.2, 5.9)
+    row = figure.subplots(1, len(engines), sharex=True, sharey=True, squeeze=False)[0]
+    v = np.geomspace(min(view.study["speeds"]), max(view.study["speeds"]), 60)
+    loss = exact.energy_loss(view.law(alpha), mass, v)
+    for axes, engine in zip(row, engines, strict=True):
+        axes.plot(v, loss, color=style.LAW, linewidth=6, solid_capstyle="butt", zorder=1)
+        style.log_axis(axes, "x")
+        style.log_axis(axes, "y")
+        runs = [run for run in shown if run.engine in (engine, REFERENCE)]
+        handles = []
+        for nth, run in enumerate(runs):
+            handle = _draw_loss(axes, view, run, runs, nth)
+            if handle is not None:
+                handles.append(handle)
+        _guides(axes, v, np.asarray(loss))
+        axes.set_title(words.engine_name(engine))
+        _speed_ticks(axes, v)
+        labels = [str(h.get_label()) for h in handles]
+        place = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.14), "ncols": 2, "fontsize": 8.5}
+        axes.legend(handles, labels, **place)
+    row[0].set_ylabel("energy lost in an impact ΔE, J")
+    style.legend_below(figure, law_handles(linear=False))
+    return figure
+
+
+def _draw_loss(axes: Axes, view: View, run: Run, runs: list[Run], nth: int) -> Line2D | None:
+    curve = view.curve(run, view.main_alpha)
+    score = view.score(run, view.main_alpha)
+    if curve is None or score is None or not (curve.loss > 0).any():
+        return None
+    look, lossy = view.look(run), curve.loss > 0
+    style_ = look.line(linewidth=1.4)
+    axes.plot(curve.speed[lossy], curve.loss[lossy], markevery=(nth % 4, 4), zorder=3, **style_)
+    slope = f"p = {score['energy_exponent']:.2f}" if np.isfinite(score["energy_exponent"]) else "p unknown"
+    return Line2D([], [], label=f"{run_label(view, run, runs, engine=False)}: {slope}", **style_)
+
+
+def _guides(axes: Axes, v: np.ndarray, loss: np.ndarray) -> None:
+    """Two thin lines through one point under the law, of slope 2 and 3."""
+    low, high = v[0], v[0] * 6
+    level = loss[0] * 0.25
+    for slope in (2, 3):
+        axes.plot([low, high], [level, level * 6.0**slope], color=style.LINEAR, linewidth=0.9, zorder=2)
+        axes.annotate(
+            f"slope {slope}",
+            (high, level * 6.0**slope),
+            (4, -3),
+            textcoords="offset points",
+            fontsize=8.5,
+            color=style.LINEAR,
+        )
+
+
+def _speed_ticks(axes: Axes, v: np.ndarray) -> None:
+    inside = [s for s in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0) if v[0] <= s <= v[-1]]
+    axes.xaxis.set_major_locator(FixedLocator(inside))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_xlabel("impact speed v, m/s")
+    style.inch_axis(axes, "top", "in/s")
+    top = axes.child_axes[-1].xaxis
+    ticks = [s for s in (1, 2, 5, 10, 20, 50, 100) if v[0] * 0.99 <= s * words.INCH <= v[-1] * 1.01]
+    top.set_major_locator(FixedLocator(ticks))
+    top.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    top.set_minor_locator(NullLocator())
+
+
+def steps_figure(view: View) -> Figure:
+    """e over the time step at one speed for the main α, with its band over the phases; and its error."""
+    curves = {key: table for key, table in view.step_curves().items() if len(table) > 1}
+    engines = list(dict.fromkeys(engine for engine, _ in curves))
+    figure = style.new_figure(11.2, 1.1 + 2.9 * len(engines))
+    grid = figure.subplots(len(engines), 2, sharex=True, sharey="col", squeeze=False)
+    truth = float(exact.restitution(view.main_alpha, float(view.study["step_speed"])))
+    spans = [table["timestep"] for table in curves.values()]
+    ends = min(map(min, spans)) / 1.25, max(map(max, spans)) * 1.25
+    handles: dict[str, Line2D] = {}
+    for (left, right), engine in zip(grid, engines, strict=True):
+        left.axhline(truth, color=style.LAW, linewidth=6, zorder=1)
+        for axes in (left, right):
+            axes.axvspan(min(view.contact_time, ends[1]), ends[1], color="#f4f2ec", zorder=0, linewidth=0)
+        for (_, setting), table in ((k, t) for k, t in curves.items() if k[0] == engine):
+            handles[f"{engine} {setting}"] = _draw_steps(left, view, engine, setting, table)
+            _draw_step_error(right, view, engine, setting, table, truth)
+        left.set_ylabel(f"{words.engine_name(engine)}\nrestitution e")
+        right.set_ylabel("error of e")
+        style.log_axis(right, "y")
+    grid[0, 0].set_ylim(-0.04, _TOP)
+    grid[0, 1].set_ylim(_FLOOR, 3.0)
+    for axes in grid[-1]:
+        axes.set_xscale("log")
+        axes.set_xlim(*ends)
+        _time_ticks(axes, *ends)
+        axes.set_xlabel("time step h")
+    style.legend_below(figure, [*law_handles(linear=False), *handles.values()])
+    return figure
+
+
+def _draw_steps(axes: Axes, view: View, engine: str, setting: str, table: pd.DataFrame) -> Line2D:
+    look = view.looks[engine, setting]
+    known = table.dropna()
+    h, low, middle, top = (known[c].to_numpy(dtype=float) for c in ("timestep", "low", "middle", "high"))
+    band = np.minimum(low, _TOP), np.minimum(top, _TOP)
+    axes.fill_between(h, *band, color=look.colour, alpha=0.18, linewidth=0)
+    axes.plot(h, middle, zorder=3, **look.line(linewidth=1.4))
+    over = top > _TOP
+    label = words.setting_name(engine, setting)
+    if over.any():
+        axes.plot(h[over], np.full(over.sum(), _TOP - 0.03), "^", color=look.colour, markersize=7, zorder=4)
+        label += f" (▲ up to e = {words.small(float(top.max()))})"
+    return Line2D([], [], label=label, **look.line(linewidth=1.4))
+
+
+def _draw_step_error(
+    axes: Axes, view: View, engine: str, setting: str, table: pd.DataFrame, truth: float
+) -> None:
+    known = table.dropna()
+    off = np.maximum(abs(known["low"] - truth), abs(known["high"] - truth))
+    style_ = view.looks[engine, setting].line(linewidth=1.3)
+    axes.plot(known["timestep"], np.maximum(off, _FLOOR * 1.15), zorder=3, **style_)
+
+
+def _time_ticks(axes: Axes, low: float, high: float) -> None:
+    ticks = [10.0**k for k in range(-9, 1) if low <= 10.0**k <= high]
+    axes.xaxis.set_major_locator(FixedLocator(ticks))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: words.time(value)))
+    axes.xaxis.set_minor_locator(NullLocator())
