@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class ForceLaw(Protocol):
-    """Anything that gives a normal force at x > 0; a law says nothing about x <= 0, where bodies are apart."""
+    """Anything that gives a normal force at x > 0; x <= 0 is not its business."""
 
     def force(self, x: Floats | float, v: Floats | float) -> Floats:
         """F(x, v) in N; x and v broadcast."""
@@ -54,7 +54,9 @@ class HuntCrossley:
 
     def force(self, x: Floats | float, v: Floats | float) -> Floats:
         """F(x, v) in N, eq. (16)."""
-        return np.asarray(self.stiffness * np.power(x, self.exponent) * (1.0 + self.dissipation * np.asarray(v)))
+        return np.asarray(
+            self.stiffness * np.power(x, self.exponent) * (1.0 + self.dissipation * np.asarray(v))
+        )
 
 
 @dataclass(frozen=True, slots=True)
