@@ -107,9 +107,9 @@ def test_nothing_that_an_engine_prints_gets_out(capfd: pytest.CaptureFixture[str
 
 def test_quiet_silences_c_code_and_gives_the_streams_back(capfd: pytest.CaptureFixture[str]) -> None:
     with isolation.quiet():
-        ctypes.CDLL(None).puts(b"from C")
-        ctypes.CDLL(None).fflush(None)
+        ctypes.CDLL(None).puts(b"from C, kept in its buffer")
         os.write(2, b"to stderr\n")
+    ctypes.CDLL(None).fflush(None)
     os.write(1, b"back\n")
     assert capfd.readouterr() == ("back\n", "")
 

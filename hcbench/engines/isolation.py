@@ -11,6 +11,7 @@ The worker is a fresh interpreter: the user's main module is not run again in it
 from __future__ import annotations
 
 import atexit
+import ctypes
 import os
 import pickle
 import signal
@@ -78,6 +79,8 @@ def quiet() -> Iterator[None]:
     finally:
         sys.stdout.flush()
         sys.stderr.flush()
+        with suppress(OSError, TypeError, AttributeError):  # C keeps a buffer of its own
+            ctypes.CDLL(None).fflush(None)
         for fd, copy in kept:
             os.dup2(copy, fd)
             os.close(copy)
@@ -285,11 +288,13 @@ def _serve() -> NoReturn:
 
 
 def _portable(error: Exception) -> Exception:
-    """The error with its traceback for a note, or words about it when it cannot cross by pickle."""
+    """An error of Python's own or of hcbench as it is, any other in words.
+
+    Other packages' errors do not cross: to read one, the parent would have to import the engine.
+    """
+    home = type(error).__module__.partition(".")[0]
+    if home not in ("builtins", "hcbench"):
+        return EngineFailed("engine", f"{type(error).__name__}: {error}", "")
     if not isinstance(error, HcbenchError):
         error.add_note("".join(traceback.format_exception(error)))
-    try:
-        pickle.loads(pickle.dumps(error))
-    except Exception:
-        return EngineFailed("engine", f"{type(error).__name__}: {error}", "")
     return error

@@ -1,0 +1,74 @@
+"""PyBullet: Bullet's own contact, from stock to matched, through the contract.
+
+Options of a setting (all optional; none means as loaded):
+    world: keywords of setPhysicsEngineParameter. ball, plate: keywords of changeDynamics.
+    maximal_coordinates: true for rigid bodies proper instead of Bullet's default, multibodies.
+
+Bullet keeps contactBreakingThreshold in a global of the process, shared by all of its clients, and some
+settings outlive resetSimulation. So nothing here ever steps in the user's process: see isolation.
+"""
+
+from __future__ import annotations
+
+from importlib import metadata
+from typing import TYPE_CHECKING, ClassVar
+
+from hcbench.engines import _pybullet_world, isolation
+from hcbench.engines._pybullet_options import read_options
+from hcbench.engines.base import Engine
+from hcbench.errors import EngineMissing
+from hcbench.impact import Impact, Status
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.impact import Launch, Trajectory
+    from hcbench.scene import Scene
+    from hcbench.setting import Setting
+
+_LIMIT_S = 30.0  # for one impact: hundreds of times what the longest takes
+_LIMIT_STEP_S = 1e-3  # for one step, likewise
+
+
+class PybulletEngine(Engine):
+    """Bullet 3 behind its Python module."""
+
+    name: ClassVar[str] = "pybullet"
+    install: ClassVar[str] = "pip install 'pybullet>=3.2.5'  # wheels for CPython up to 3.11"
+
+    def version(self) -> str:
+        """The wheel's version; the module itself is not imported, it prints."""
+        try:
+            return metadata.version("pybullet")
+        except metadata.PackageNotFoundError:
+            raise EngineMissing(
+                "engine 'pybullet'", "not installed", "its wheel", f"Try: {self.install}"
+            ) from None
+
+    def fly(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
+        """One impact for each launch; a launch that PyBullet dies on is CRASHED."""
+        options = read_options(setting.options)
+        self.version()
+        return isolation.survive(
+            _pybullet_world.fly_here, launches, scene, setting.timestep, options, lost=_lost, limit=_LIMIT_S
+        )
+
+    def follow(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
+        """Every step of `duration` s after release; EngineFailed where PyBullet dies on it."""
+        options = read_options(setting.options)
+        self.version()
+        steps = max(1, round(duration / setting.timestep))
+        (trajectory,) = isolation.collect(
+            _pybullet_world.follow_here,
+            scene,
+            setting.timestep,
+            options,
+            launch,
+            steps,
+            limit=_LIMIT_S + steps * _LIMIT_STEP_S,
+        )
+        return trajectory
+
+
+def _lost(launch: Launch, reason: str) -> Impact:
+    return Impact(launch, Status.CRASHED, reason)
