@@ -19,7 +19,7 @@ ALPHA_SPEED_LIMIT = 0.16
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One impact by eq. (16). `shear_stress_max_pa` is None for n other than 3/2, where Hertz says nothing."""
+    """One impact by eq. (16). No shear stress for n other than 3/2, where Hertz says nothing."""
 
     alpha_s_per_m: float
     speed_m_per_s: float
