@@ -272,8 +272,16 @@ def test_a_file_of_the_same_name_in_the_working_directory_is_not_taken(
 ) -> None:
     (tmp_path / "cup.cdf").write_bytes(b"not a field")
     monkeypatch.chdir(tmp_path)
-    isolation._shared.close()  # a new worker starts in this directory
     (impact,) = fly("cup", 1e-3, restitution(0.9), [Launch(0.2)])
+    assert impact.restitution == pytest.approx(0.9, abs=1e-12)
+
+
+def test_a_model_may_be_named_from_the_working_directory(monkeypatch: pytest.MonkeyPatch) -> None:
+    fly("plane", 1e-3, {}, [Launch(0.2)])  # the worker is there before the user moves
+    monkeypatch.chdir(SCENES)
+    models = {"pybullet": {role: Path("steel-cup") / f"{role}.urdf" for role in ("ball", "plate")}}
+    setting = Setting("pybullet", "test", 1e-3, restitution(0.9))
+    (impact,) = ENGINE.drop(replace(steel("cup"), models=models), setting, [Launch(0.2)])
     assert impact.restitution == pytest.approx(0.9, abs=1e-12)
 
 

@@ -147,7 +147,7 @@ class _Worker:
             try:
                 process = self._alive()
                 with self._at_most(limit, process):
-                    _send(process.stdin, (function, args))
+                    _send(process.stdin, (_working_directory(), function, args))
                     kind, value = _receive(process.stdout)
                     while kind is _Answer.ITEM:
                         done.append(value)
@@ -227,6 +227,13 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_shared.forget)
 
 
+def _working_directory() -> str:
+    try:
+        return os.getcwd()  # noqa: PTH109 - crosses as text
+    except FileNotFoundError:
+        return os.path.sep  # deleted under us
+
+
 class _Answer(Enum):
     READY = auto()
     ITEM = auto()
@@ -278,7 +285,8 @@ def _serve() -> NoReturn:
         except (EOFError, OSError):
             os._exit(0)
         try:
-            function, args = pickle.loads(request)
+            place, function, args = pickle.loads(request)
+            os.chdir(place)  # the parent's: relative paths mean the same here
             for item in function(*args):
                 say(_Answer.ITEM, item)
         except Exception as error:
