@@ -172,12 +172,15 @@ def test_runs_repeat_bit_by_bit_whatever_ran_between(form: Form) -> None:
     assert _same(before, fly(form, 1e-3, stock, EVERY_PHASE[::5]))
 
 
-@pytest.mark.parametrize("options", [{}, restitution(0.9), spring_damper(1e6, 40.0, 1e-5)])
+@pytest.mark.parametrize("gravity", [0.0, 9.8])
+@pytest.mark.parametrize("options", [{}, restitution(0.0), restitution(0.9), spring_damper(1e6, 40.0, 1e-5)])
 @pytest.mark.parametrize("form", FORMS)
-def test_a_batch_is_its_launches_one_by_one(form: Form, options: dict[str, Any]) -> None:
-    launches = [Launch(0.3, 0.1), Launch(0.05, 0.9), Launch(0.508, 0.5), Launch(0.3, 0.1)]
-    together = fly(form, 1e-5, options, launches)
-    assert _same(together, [fly(form, 1e-5, options, [launch])[0] for launch in launches])
+def test_a_batch_is_its_launches_one_by_one(form: Form, options: dict[str, Any], gravity: float) -> None:
+    # Also after a launch that ends at rest, in contact: what Bullet remembers of it must not act on the next.
+    launches = [Launch(0.3, 0.1), Launch(0.05, 0.9), Launch(0.508, 0.5), Launch(0.3, 0.1), Launch(0.01, 0.3)]
+    h = 1e-3 if "ball" not in options or "restitution" in options["ball"] else 1e-5
+    together = fly(form, h, options, launches, gravity)
+    assert _same(together, [fly(form, h, options, [launch], gravity)[0] for launch in launches])
 
 
 def _same(one: Sequence[Impact], other: Sequence[Impact]) -> bool:
