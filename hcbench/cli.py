@@ -17,6 +17,7 @@ import click
 
 from hcbench.errors import HcbenchError, UserError
 
+PAPER_STIFFNESS = "3.1e7 lbf/in^1.5"
 CORES = os.cpu_count() or 1
 
 as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
@@ -51,7 +52,12 @@ def app() -> None:
 @click.option("--exponent", default="1.5", show_default=True, help="n of F = k x^n, 1 or more.")
 @as_json
 def reference(
-    alpha: tuple[str, ...], speed: tuple[str, ...], mass: str, stiffness: str, exponent: str, as_json: bool
+    alpha: tuple[str, ...],
+    speed: tuple[str, ...],
+    mass: str,
+    stiffness: str | None,
+    exponent: str,
+    as_json: bool,
 ) -> None:
     """Say what the law says of an impact: restitution, depth, force, duration, loss, stress."""
     import dataclasses
@@ -66,7 +72,10 @@ def reference(
     speeds = np.concatenate([units.parse_values(v, "speed", "--speed") for v in speed])
     units.require_positive(speeds, "speed", "--speed")
     n = units.parse(exponent, "number", "--exponent")
-    m, k = units.parse(mass, "mass", "--mass"), units.parse(stiffness, "stiffness", "--stiffness", n)
+    if stiffness is None and n > 1 and n != 1.5:
+        raise UserError("--stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
+    m = units.parse(mass, "mass", "--mass")
+    k = units.parse(stiffness or PAPER_STIFFNESS, "stiffness", "--stiffness", 1.5 if stiffness is None else n)
     units.require_positive(m, "mass", "--mass")
     rows = [
         describe(HuntCrossley(k, float(a), n), m, float(v), PAPER_RELATIVE_RADIUS)
@@ -132,8 +141,7 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
     with filled_folder(folder) as scratch:
         with _progress("impacts") as tick:
             results = run_study(plan, jobs, tick)
-        with _progress("figures") as tick:
-            build(results, scratch, jobs, tick)
+        build(results, scratch)
     print(folder / "index.html")
 
 
