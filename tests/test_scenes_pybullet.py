@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
@@ -51,7 +52,10 @@ def test_the_cup_sees_its_penetration_on_the_axis_and_off_it() -> None:
     np.testing.assert_allclose(seen, overlaps, rtol=0, atol=1e-8)
 
 
-def test_the_shipped_cup_is_what_its_generator_writes(tmp_path: Path) -> None:
+def test_the_shipped_cup_is_what_its_generator_writes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # a folder in scenes/ is a scene
     spec = importlib.util.spec_from_file_location("make_cup", SCENES / "make_cup.py")
     assert spec is not None and spec.loader is not None
     make_cup = importlib.util.module_from_spec(spec)
