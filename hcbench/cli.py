@@ -46,9 +46,7 @@ def app() -> None:
     help="Impact speeds: '16 in/s', '4, 8 in/s', '1:20 in/s'. Repeatable.",
 )
 @click.option("--mass", default="1 lb", show_default=True, help="Effective mass.")
-@click.option(
-    "--stiffness", default="3.1e7 lbf/in^1.5", show_default=True, help="k of F = k x^n; plain: N/m^n."
-)
+@click.option("--stiffness", help=f"k of F = k x^n; plain: N/m^n.  [default for n = 1.5: {PAPER_STIFFNESS}]")
 @click.option("--exponent", default="1.5", show_default=True, help="n of F = k x^n, 1 or more.")
 @as_json
 def reference(
@@ -72,7 +70,7 @@ def reference(
     speeds = np.concatenate([units.parse_values(v, "speed", "--speed") for v in speed])
     units.require_positive(speeds, "speed", "--speed")
     n = units.parse(exponent, "number", "--exponent")
-    if stiffness is None and n > 1 and n != 1.5:
+    if stiffness is None and n >= 1 and n != 1.5:
         raise UserError("--stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
     m = units.parse(mass, "mass", "--mass")
     k = units.parse(stiffness or PAPER_STIFFNESS, "stiffness", "--stiffness", 1.5 if stiffness is None else n)
@@ -86,7 +84,9 @@ def reference(
         _print_json([dataclasses.asdict(row) for row in rows])
         return
     header = ("α s/m", "v_i m/s", "e of (16)", "1 - α v_i", "x_m m", "F_max N", "t s", "ΔE J", "τ_max Pa")
-    values = [[f"{v:.6g}" for v in dataclasses.astuple(row)[: len(header)]] for row in rows]
+    values = [
+        ["-" if v is None else f"{v:.6g}" for v in dataclasses.astuple(row)[: len(header)]] for row in rows
+    ]
     _print_table(header, values)
     for warning in dict.fromkeys(w for row in rows for w in row.warnings):
         print(f"warning: {warning}", file=sys.stderr)
