@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -150,7 +151,7 @@ def _energy(view: View) -> Drawing:
         + " ".join(
             f"{words.setting_name(r.engine, r.setting)}: p = {s['energy_exponent']:.2f}."
             for r, s in ((run, view.score(run, view.main_alpha)) for run in view.band_runs)
-            if s is not None
+            if s is not None and math.isfinite(s["energy_exponent"])
         ),
         partial(trends.energy_figure, view) if view.engines else None,
         "no setting ran over enough speeds",

@@ -1,0 +1,296 @@
+"""The report: words that follow from the scores, figures that show the numbers, the same bytes every time."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from small_results import ALPHAS, RUNS, SPEEDS, small_results
+
+from hcbench.errors import OutputError
+from hcbench.reference import exact
+from hcbench.report import curves, findings, style, tables, words
+from hcbench.report.build import build
+from hcbench.report.figures import drawings
+from hcbench.report.paste import paste
+from hcbench.report.view import Run, View
+from hcbench.results import Results
+
+LAW = Run("explicit", "law", 1e-6)
+SPRING = Run("explicit", "spring-damper", 1e-6)
+IMPULSE = Run("single", "impulse", 1e-3)
+STOCK = Run("single", "stock", 2e-3)
+BROKEN = Run("explicit", "broken", 1e-3)
+
+
+@pytest.fixture(scope="module")
+def results() -> Results:
+    return small_results()
+
+
+@pytest.fixture(scope="module")
+def view(results: Results) -> View:
+    return View(results)
+
+
+@pytest.fixture(scope="module")
+def page(results: Results, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(results, tmp_path_factory.mktemp("report"))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def test_same_results_same_bytes(page: Path, tmp_path: Path) -> None:
+    """Built again, from the files of the first report, on a machine whose user likes other figures."""
+    with mpl.rc_context({"lines.linewidth": 9.0, "font.size": 30.0, "axes.facecolor": "red"}):
+        again = build(Results.read(page.parent), tmp_path / "elsewhere")
+        assert mpl.rcParams["font.size"] == 30.0
+    assert contents(again.parent) == contents(page.parent)
+
+
+def test_files_beside_the_page(page: Path, view: View) -> None:
+    names = set(contents(page.parent))
+    assert {"index.html", "restitution.csv", "loops.csv", "scores.csv", "summary.json"} <= names
+    drawn = {d.name for d in drawings(view) if d.draw is not None}
+    assert {n for n in names if n.startswith("figures/")} == {
+        f"figures/{name}.{kind}" for name in drawn for kind in ("svg", "png")
+    }
+
+
+def test_nothing_of_this_machine_or_day_is_in_the_files(page: Path) -> None:
+    for name, content in contents(page.parent).items():
+        for trace in (str(Path.home()), str(page.parent), str(Path(__file__).parent), "Software", "dc:date"):
+            assert trace.encode() not in content, (name, trace)
+
+
+def test_page_loads_nothing(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    loaded = re.findall(r'(?:src|srcset|data)="([^"]*)"', text) + re.findall(r"url\(([^)]*)\)", text)
+    assert loaded
+    assert all(link.startswith("data:") for link in loaded)
+    assert "<script" not in text
+    assert "@import" not in text
+    assert len(text) < 6_000_000
+
+
+def test_nothing_is_left_behind_where_nothing_can_be_written(results: Results, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(OutputError, match="can be written"):
+        build(results, tmp_path / "file" / "report")
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+# Words
+
+
+def test_the_headline_names_what_follows_the_law_and_what_does_not(view: View) -> None:
+    said = findings.headline(view).replace(words.NBSP, " ")
+    assert "single does not bounce like the law" in said
+    assert "at a step of 1 ms set single impulse" in said.lower()
+    assert "at 1 µs set explicit law" in said
+    assert "none follows" not in said
+
+
+def test_the_headline_says_when_nothing_follows_the_law() -> None:
+    constant_only = small_results([run for run in RUNS if run[1] in ("impulse", "stock")])
+    assert "one e for all speeds; none follows the law" in findings.headline(View(constant_only))
+
+
+@pytest.mark.parametrize(
+    ("run", "bounce", "grade", "loop"),
+    [
+        (LAW, "follows the law", "good", "loop right"),
+        (SPRING, "worse than the best constant e", "bad", "loop wrong"),
+        (IMPULSE, "as good as one constant e can be", "even", "no loop to judge"),
+        (STOCK, "worse than the best constant e", "bad", "no loop to judge"),
+        (BROKEN, "loses impacts", "bad", "no loop to judge"),
+    ],
+)
+def test_verdicts_go_by_the_scores(view: View, run: Run, bounce: str, grade: str, loop: str) -> None:
+    assert findings.verdict(view, run) == findings.Verdict(bounce, grade, loop)
+
+
+def test_energy_gained_is_said_whatever_the_error(results: Results) -> None:
+    scores = results.scores.copy()
+    scores.loc[scores["setting"] == "law", "energy_gained"] = True
+    view = View(dataclasses.replace(results, scores=scores))
+    assert findings.verdict(view, LAW).restitution == "gains energy"
+    assert LAW not in findings.best(view, view.band_runs)
+    assert LAW not in findings.best_loops(view)
+
+
+def test_runs_are_ranked_by_their_error(view: View) -> None:
+    for group in tables.ranking(view):
+        grades = [row["grade"] for row in group["rows"]]
+        assert grades == sorted(grades, key=["good", "even", "bad"].index)
+
+
+def test_claims_tell_pass_fail_and_not_resolved_apart(view: View) -> None:
+    said = {row["run"]["setting"]: [cell["words"] for cell in row["cells"]] for row in tables.claims(view)}
+    assert said["law"] == ["pass"] * 4
+    assert said["impulse"][:3] == ["not resolved"] * 3
+    assert said["impulse"][3] == "fail"
+    assert said["broken"] == ["not resolved"] * 4
+
+
+def test_one_bad_alpha_fails_a_claim(results: Results) -> None:
+    scores = results.scores.copy()
+    hit = (scores["setting"] == "law") & np.isclose(scores["alpha_s_per_m"], ALPHAS[0])
+    scores.loc[hit, "no_tension"] = False
+    cells = tables.claims(View(dataclasses.replace(results, scores=scores)))[0]["cells"]
+    assert [cell["words"] for cell in cells] == ["pass", "fail for 1 of 2 α", "pass", "pass"]
+
+
+def test_lost_impacts_are_told_not_dropped(view: View) -> None:
+    lost = {row["run"]["setting"]: row for row in tables.lost(view)}
+    assert lost["broken"]["count"] == len(SPEEDS) * 2 * len(ALPHAS)
+    assert lost["broken"]["reason"] == "the engine's process died on it"
+    assert view.curve(BROKEN, ALPHAS[1]) is None
+
+
+# Figures
+
+
+def test_curves_show_the_measured_restitution(view: View) -> None:
+    figure = curves.restitution_figure(view, fine=True)
+    panel = figure.axes[1]  # the only fine engine's row, the second α
+    law, linear, *engines = [np.asarray(line.get_xydata()) for line in panel.get_lines()]
+    np.testing.assert_allclose(law[:, 1], exact.restitution(ALPHAS[1], law[:, 0]))
+    np.testing.assert_allclose(linear[:, 1], 1 - ALPHAS[1] * linear[:, 0])
+    curve = view.curve(LAW, ALPHAS[1])
+    assert curve is not None
+    np.testing.assert_array_equal(engines[0], np.column_stack([curve.speed, curve.middle]))
+    np.testing.assert_allclose(curve.middle, exact.restitution(ALPHAS[1], curve.speed), atol=1e-3)
+
+
+def test_what_lies_below_the_frame_is_named(view: View) -> None:
+    figure = curves.restitution_figure(view, fine=False)
+    said = [text.get_text() for axes in figure.axes for text in axes.texts]
+    assert [s for s in said if "stock" in s] == ["▼ stock: e = 0.10"] * len(ALPHAS)
+
+
+def test_a_figure_without_content_says_why() -> None:
+    coarse_only = View(small_results([run for run in RUNS if run[1] in ("impulse", "stock")]))
+    by_name = {d.name: d for d in drawings(coarse_only)}
+    for name in ("restitution-fine", "error-fine", "loops", "steps"):
+        assert by_name[name].draw is None
+        assert by_name[name].why
+    assert by_name["restitution-coarse"].draw is not None
+
+
+def test_every_figure_has_a_text_for_who_cannot_see_it(view: View) -> None:
+    for drawing in drawings(view):
+        assert len(drawing.alt) > 40
+        assert not re.search(r"\bnan\b", drawing.alt + drawing.caption)
+
+
+def test_no_two_settings_of_an_engine_look_alike() -> None:
+    known = list(style.looks([("mujoco", name) for name in style._RECIPES if name != "restitution"]).values())
+    new = list(style.looks([("mujoco", f"new {i}") for i in range(5)]).values())
+    assert len({look.colour for look in known + new}) == len(known + new)
+    assert len({look.marker for look in known + new}) == len(known + new)
+
+
+def test_a_setting_looks_the_same_in_every_study() -> None:
+    alone = style.looks([("mujoco", "impulse")])
+    among = style.looks([("mujoco", "impulse"), ("mujoco", "aaa"), ("drake", "impulse"), ("pybullet", "x")])
+    assert alone["mujoco", "impulse"] == among["mujoco", "impulse"]
+    assert among["drake", "impulse"].dashes != among["mujoco", "impulse"].dashes
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=14))
+def test_labels_keep_their_order_and_never_overlap(wanted: list[float]) -> None:
+    places = style.spread_apart(np.array(wanted), 0.05, 0.0, 1.0)
+    assert (np.diff(np.sort(places)) >= 0.05 - 1e-6).all() or len(wanted) == 1
+    assert (np.diff(places[np.argsort(wanted, kind="stable")]) >= 0).all()
+    assert places.min() >= -1e-6
+
+
+# Text to paste, numbers in words
+
+
+def record(engine: str, options: dict[str, Any], step: float = 1e-3) -> dict[str, Any]:
+    return {"engine": engine, "setting": "x", "timestep_s": step, "options": options}
+
+
+def test_pasted_mujoco_text_compiles_to_the_same_numbers() -> None:
+    mujoco = pytest.importorskip("mujoco")
+    row = {
+        "solref": [-1.1 / 3, -1926.9348713286079],
+        "solimp": [0.9999, 0.9999, 1e-3, 0.5, 2.0],
+        "onset": 1e-6,
+    }
+    text = paste(record("mujoco", {"integrator": "implicitfast", "rows": [row]}))
+    option, pair = text.splitlines()
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco>{option}<worldbody><geom name="plate" type="plane" size="1 1 .1"/>
+        <body name="b" pos="0 0 1"><freejoint/><geom name="ball" size=".1"/></body></worldbody>
+        <contact>{pair}</contact></mujoco>"""
+    )
+    assert model.opt.timestep == 1e-3
+    assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    assert model.pair_solref[0].tolist() == row["solref"]
+    assert model.pair_solimp[0].tolist() == row["solimp"]
+    assert model.pair_margin[0] == -1e-6
+
+
+def test_pasted_pybullet_text_is_python_with_every_number() -> None:
+    options = {
+        "world": {"contactSlop": 0.0, "contactBreakingThreshold": 0.02},
+        "ball": {"restitution": 1 / 3},
+        "plate": {"restitution": 1.0},
+        "maximal_coordinates": True,
+    }
+    calls: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = []
+
+    class Recorder:
+        def __getattr__(self, name: str) -> Any:
+            return lambda *args, **kwargs: calls.append((name, args, kwargs))
+
+    exec(paste(record("pybullet", options)), {"pybullet": Recorder(), "plate": "plate"})
+    assert calls == [
+        ("loadURDF", ("ball.urdf",), {"useMaximalCoordinates": True}),
+        (
+            "setPhysicsEngineParameter",
+            (),
+            {"fixedTimeStep": 1e-3, "contactSlop": 0.0, "contactBreakingThreshold": 0.02},
+        ),
+        ("changeDynamics", (None, -1), {"restitution": 1 / 3}),
+        ("changeDynamics", ("plate", -1), {"restitution": 1.0}),
+    ]
+
+
+def test_nothing_to_paste_for_an_engine_as_it_comes() -> None:
+    assert paste(record("mujoco", {})) == ""
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"),
+        (0.06513, "0.0651"),
+        (2.14e-5, "2.1·10⁻⁵"),
+        (1e-16, "<10⁻¹²"),
+        (math.nan, "–"),
+        (1234.5, "1234"),
+    ],
+)
+def test_small_numbers_in_words(value: float, text: str) -> None:
+    assert words.small(value) == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(1e-6, "1 µs"), (5e-5, "50 µs"), (1e-3, "1 ms"), (1 / 240, "4.17 ms"), (2.0, "2 s")]
+)
+def test_times_in_words(seconds: float, text: str) -> None:
+    assert words.time(seconds).replace(words.NBSP, " ") == text
