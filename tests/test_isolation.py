@@ -192,8 +192,8 @@ def test_an_interrupt_ends_script_and_worker(then: str) -> None:
         assert script.stdout is not None
         worker = int(script.stdout.readline())
         time.sleep(0.2)
-        script.send_signal(signal.SIGINT)
         os.kill(worker, signal.SIGINT)  # a terminal tells both
+        script.send_signal(signal.SIGINT)
         _, errors = script.communicate(timeout=30)
     assert script.returncode != 0
     assert errors.strip().endswith("KeyboardInterrupt")
