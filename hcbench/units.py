@@ -18,7 +18,9 @@ from hcbench.errors import QuantityError
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from hcbench.impact import Floats
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
 
 RANGE_COUNT = 20  # "1:20 in/s" without a count: 1, 2, ..., 20
 

@@ -1,7 +1,7 @@
 """The contract of an engine, stated once.
 
-An adapter is two methods: `fly` for single impacts, `follow` for what comes after them. Nothing of the engine's own types leaves it. Engines import
-their backend when used, never when the module is imported.
+An adapter is two methods: `fly` for single impacts, `follow` for what comes after them. Nothing of the
+engine's own types leaves it. Engines import their backend when used, never when the module is imported.
 """
 
 from __future__ import annotations
