@@ -119,9 +119,13 @@ def results() -> Results:
     def renamed(table: pd.DataFrame) -> pd.DataFrame:
         return table.replace({"setting": {"impulse": HOSTILE}})
 
-    settings = [{**s, "setting": HOSTILE} if s["setting"] == "impulse" else s for s in plain.settings]
-    tables = {name: renamed(getattr(plain, name)) for name in ("impacts", "loops", "scores")}
-    return dataclasses.replace(plain, settings=settings, **tables)
+    return dataclasses.replace(
+        plain,
+        settings=[{**s, "setting": HOSTILE} if s["setting"] == "impulse" else s for s in plain.settings],
+        impacts=renamed(plain.impacts),
+        loops=renamed(plain.loops),
+        scores=renamed(plain.scores),
+    )
 
 
 @pytest.fixture(scope="module")
