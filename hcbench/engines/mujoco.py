@@ -1,0 +1,73 @@
+"""MuJoCo: its own contact, from stock to matched, through the contract.
+
+Options of a setting (all optional; none means as authored):
+    integrator: "Euler", "implicit", "implicitfast", "RK4" or "discrete".
+    rows: contact constraints that take the place of the model's own, each {"solref": [2 numbers],
+        "solimp": [5 numbers], "onset": depth at which it starts, m, "adhesion": force with which it may
+        pull, N}. On a plane each is a <pair>, of coincident geoms where there are several; in a cup each
+        is a tendon's limit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from importlib import metadata
+from typing import TYPE_CHECKING, ClassVar
+
+from hcbench.engines._mujoco_flight import INSTALL, load
+from hcbench.engines._mujoco_model import edited
+from hcbench.engines._mujoco_options import read_options
+from hcbench.engines.base import Engine
+from hcbench.errors import EngineMissing
+from hcbench.impact import Status, impact_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.impact import Impact, Launch, Trajectory
+    from hcbench.scene import Scene
+    from hcbench.setting import Setting
+
+_DIVERGED = "MuJoCo gave up: a position, velocity or acceleration was not finite or above 1e10"
+
+
+class MujocoEngine(Engine):
+    """MuJoCo behind its Python bindings, 3.3 and later."""
+
+    name: ClassVar[str] = "mujoco"
+    install: ClassVar[str] = INSTALL
+
+    def version(self) -> str:
+        """The wheel's version; the module itself is not imported, it is slow."""
+        for wheel in ("mujoco", "mujoco-core"):
+            try:
+                return metadata.version(wheel)
+            except metadata.PackageNotFoundError:
+                continue
+        raise EngineMissing("engine 'mujoco'", "not installed", "its wheel", f"Try: {INSTALL}")
+
+    def fly(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
+        """One impact for each launch, the same bits however many there are."""
+        flight = load(scene, setting.timestep, read_options(setting.options))
+        paths = flight.fly(launches)
+        return [_named(impact_of(*pair)) for pair in zip(launches, paths, strict=True)]
+
+    def follow(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
+        """Every step of `duration` s after release; NaN from where MuJoCo gave up."""
+        flight = load(scene, setting.timestep, read_options(setting.options))
+        return flight.follow(launch, max(1, round(duration / setting.timestep)))
+
+
+def _named(impact: Impact) -> Impact:
+    diverged = impact.status is Status.DIVERGED
+    return dataclasses.replace(impact, reason=_DIVERGED) if diverged else impact
+
+
+def model_xml(scene: Scene, setting: Setting) -> str:
+    """The complete MJCF of a scene under a setting, as it is flown: runs in plain MuJoCo.
+
+    At qpos0 the ball just touches the plate. Raises SceneError and SettingError; needs no MuJoCo.
+    """
+    head = f"{scene.name} with the contact setting {setting.name!r} at a step of {setting.timestep!r} s."
+    body = edited(scene, setting.timestep, read_options(setting.options))
+    return f"<!-- {head.replace('--', '- -')} At qpos0 the ball just touches the plate. -->\n{body}"
