@@ -1,0 +1,159 @@
+"""Why a pair does not bounce as asked: every suspect is tried, alone and left out, in copies of the model.
+
+A suspect is a cause when fixing it alone moves e towards what is asked, or when leaving it as it is while
+all the others are fixed spoils the result. So a fix that only helps together with others is found too, and
+one that changes nothing is not blamed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.errors import HcbenchError
+from hcbench.impact import Status
+from hcbench.measure.model import NOTABLE_GAIN, TOLERANCE, Candidate, Cause
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from hcbench.impact import Impact, Launch
+    from hcbench.measure.model import Subject, Wanted
+
+_SHIFT = 0.5  # of the tolerance: how much a fix must move e to be a cause
+_SHARE = 0.2  # of what the strongest cause moves: less is not worth a reader's time
+
+
+def goal_of(
+    asked: Sequence[float], speeds: Sequence[float], wanted: Wanted | None
+) -> Callable[[float], float]:
+    """e that a bounce at an approach speed should have; NaN where nobody said."""
+    if wanted is not None:
+        return lambda v: float(wanted.restitution(v))
+    if not len(asked):
+        return lambda _: math.nan
+    order = np.argsort(speeds)
+    at, e = np.asarray(speeds)[order], np.asarray(asked)[order]
+    return lambda v: float(np.interp(v, at, e))
+
+
+def diagnose(
+    subject: Subject,
+    impacts: Sequence[Impact],
+    goal: Callable[[float], float],
+    wanted: Wanted | None = None,
+    tolerance: float = TOLERANCE,
+) -> tuple[tuple[Cause, ...], str]:
+    """(causes, the strongest first; one sentence on what is left when all of them are fixed).
+
+    goal: e over approach speed that the bounce is held against.
+    """
+    suspects = subject.candidates(impacts, wanted)
+    aim = next((c.aim for c in suspects if c.aim is not None), None)
+    held: Callable[[float], float] = goal if aim is None else (lambda _: aim)
+    certain = [c for c in suspects if c.static]
+    if not _wrong(impacts, held, tolerance):
+        return tuple(_cause(c) for c in certain), ""
+    trial = _Trial(subject, _probes(impacts, held), held)
+    triable = [c for c in suspects if c.apply is not None]
+    if triable and trial.off(triable) > tolerance:  # a fix may bring out what it hid
+        fixed = subject.changed(triable)
+        known = {c.code for c in suspects}
+        more = [c for c in fixed.candidates(trial.fly(triable), wanted) if c.code not in known]
+        suspects += more
+        triable += [c for c in more if c.apply is not None]
+    causes = _convicted(triable, trial, tolerance) + [
+        _cause(c) for c in suspects if c.apply is None and c.static
+    ]
+    return tuple(causes), _remedy(causes, trial.off([]), trial.off(triable), trial.mean(triable), tolerance)
+
+
+def _convicted(triable: Sequence[Candidate], trial: _Trial, tolerance: float) -> list[Cause]:
+    """Those that matter, the strongest first."""
+    before, after = trial.off([]), trial.off(triable)
+    weighed = []
+    for candidate in triable:
+        rest = [c for c in triable if c is not candidate]
+        weight = max(before - trial.off([candidate]), trial.off(rest) - after)
+        weighed.append((weight, candidate, rest))
+    least = max(_SHIFT * tolerance, _SHARE * max((w for w, _, _ in weighed), default=0.0))
+    weighed.sort(key=lambda entry: -entry[0])
+    return [
+        _cause(candidate, trial.mean([candidate]), trial.mean(rest))
+        for weight, candidate, rest in weighed
+        if weight > least or candidate.static
+    ]
+
+
+def _wrong(impacts: Sequence[Impact], goal: Callable[[float], float], tolerance: float) -> bool:
+    for impact in impacts:
+        if impact.status not in (Status.PARTED, Status.RESTED):
+            return True
+        off = abs(impact.restitution - goal(impact.speed_in))
+        if off > tolerance or impact.restitution > 1 + NOTABLE_GAIN:
+            return True
+    return False
+
+
+def _probes(impacts: Sequence[Impact], goal: Callable[[float], float]) -> list[Launch]:
+    """Launches to try fixes on: the worst, one more phase of its speed, and the worst of another speed."""
+
+    def off(impact: Impact) -> float:
+        wrong = abs(impact.restitution - goal(impact.speed_in))
+        if math.isnan(wrong):
+            return 0.0 if impact.status in (Status.PARTED, Status.RESTED) else math.inf
+        return wrong
+
+    ranked = sorted(impacts, key=off, reverse=True)
+    worst = ranked[0].launch
+    same = [i.launch for i in ranked[1:] if i.launch.speed == worst.speed][:1]
+    other = [i.launch for i in ranked[1:] if i.launch.speed != worst.speed][:1]
+    return [worst, *same, *other]
+
+
+class _Trial:
+    """Flies the probes with some fixes made; each set of fixes once."""
+
+    def __init__(self, subject: Subject, launches: list[Launch], goal: Callable[[float], float]) -> None:
+        self.subject, self.launches, self.goal = subject, launches, goal
+        self.known: dict[tuple[str, ...], list[Impact]] = {}
+
+    def fly(self, fixes: Sequence[Candidate]) -> list[Impact]:
+        key = tuple(sorted(c.code for c in fixes))
+        if key not in self.known:
+            try:
+                self.known[key] = self.subject.changed(fixes).fly(self.launches)
+            except HcbenchError:  # a fix that makes the pair unmeasurable helps nobody
+                self.known[key] = []
+        return self.known[key]
+
+    def mean(self, fixes: Sequence[Candidate]) -> float:
+        good = [i.restitution for i in self.fly(fixes) if math.isfinite(i.restitution)]
+        return float(np.mean(good)) if good else math.nan
+
+    def off(self, fixes: Sequence[Candidate]) -> float:
+        """Mean |e - goal|; a failed impact counts 1, and without a goal what is above 1 counts."""
+        impacts = self.fly(fixes)
+        out = []
+        for impact in impacts:
+            wrong = abs(impact.restitution - self.goal(impact.speed_in))
+            if math.isnan(impact.restitution):
+                wrong = 1.0
+            elif math.isnan(wrong):
+                wrong = max(0.0, impact.restitution - 1.0)
+            out.append(wrong)
+        return float(np.mean(out)) if out else 1.0
+
+
+def _cause(candidate: Candidate, alone: float = math.nan, without: float = math.nan) -> Cause:
+    return Cause(candidate.code, candidate.title, candidate.evidence, candidate.fix, alone, without)
+
+
+def _remedy(causes: Sequence[Cause], before: float, after: float, mean: float, tolerance: float) -> str:
+    if not causes:
+        return "No cause was found among those that hcbench knows."
+    if math.isnan(mean) or after > max(tolerance, 0.5 * before):
+        return f"These do not explain all of it: with all of them fixed e is still off by {after:.2g}."
+    return f"With these fixed e = {mean:.4g} at the speeds that were worst, off by {after:.2g}."

@@ -1,0 +1,274 @@
+"""`measure`: one call from a model to what it does, and why."""
+
+from __future__ import annotations
+
+import re
+import runpy
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hcbench import units
+from hcbench.engines import isolation
+from hcbench.errors import EngineFailed, HcbenchError, QuantityError, UserError
+from hcbench.measure.diagnose import diagnose, goal_of
+from hcbench.measure.model import (
+    DEFAULT_PHASES,
+    DEFAULT_SPEEDS,
+    TOLERANCE,
+    Measurement,
+    Request,
+    Subject,
+    Vector,
+    Wanted,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+LIMIT_S = 60.0  # for one model, on a machine under load too: it takes a second or two
+MEMORY_BYTES = 4 << 30  # beyond what the worker has at the start of a measurement
+MAX_PHASES = 1000
+
+_PYTHON = re.compile(r"(?P<file>.+\.py):(?P<function>[A-Za-z_]\w*)")
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One measurement as it crosses to the worker: a file or files, never an object of an engine."""
+
+    source: str | tuple[str, ...]
+    engine: str | None
+    request: Request
+    wanted: Wanted | None
+    tolerance: float
+    diagnose: bool
+
+
+def measure(
+    model: Any,
+    pair: Sequence[str] | str | None = None,
+    *,
+    speeds: Any = None,
+    phases: int | Sequence[float] = DEFAULT_PHASES,
+    timestep: Any = None,
+    gravity: Any = None,
+    key: str | None = None,
+    height: Any = None,
+    engine: str | None = None,
+    wanted: Wanted | float | None = None,
+    tolerance: float = TOLERANCE,
+    diagnose: bool = True,
+    limit: float = LIMIT_S,
+) -> Measurement:
+    """Measure the bounce of a pair of the user's own model.
+
+    model: a path to MJCF, URDF or MJB; two paths, for a pair of URDFs; "file.py:function", which returns a
+        model; MJCF text; or an MjModel, MjSpec, or PyBullet world (`hcbench.measure.pybullet.World`).
+        Files are measured in a process of their own; objects in this one, and left as they were.
+    pair: names of two bodies or geoms (URDF: links or files), the moving one first; "a,b" or ("a", "b").
+    speeds: launch speeds, m/s or text like "1:20 in/s". phases: how many, or which, of a time step.
+    timestep: s. gravity: m/s^2, a vector or a number along -z. key: keyframe. height: clearance, m.
+    engine: "mujoco" or "pybullet"; None: by what the model is.
+    wanted: e to hold it against, for the causes. tolerance: |e - wanted| from which causes are looked for.
+    limit: s, after which a model in a file counts as hung.
+    Raises UserError (and its kinds) with the reason for what cannot be measured, EngineFailed for an engine
+    that crashed or hung on it.
+    """
+    request = make_request(pair, speeds, phases, timestep, gravity, key, height)
+    goal = Wanted(constant=float(wanted)) if isinstance(wanted, int | float) else wanted
+    source = _as_files(model)
+    if source is None:
+        return _measured(_subject(model, engine, request), request, goal, tolerance, diagnose)
+    return measure_file(Job(source, engine, request, goal, tolerance, diagnose), limit)
+
+
+def measure_file(job: Job, limit: float = LIMIT_S) -> Measurement:
+    """Measure a model in a file, in a worker process that may crash, hang or run out of memory."""
+    (found,) = isolation.collect(_in_worker, job, limit=limit)
+    return found
+
+
+def make_request(
+    pair: Sequence[str] | str | None = None,
+    speeds: Any = None,
+    phases: int | Sequence[float] = DEFAULT_PHASES,
+    timestep: Any = None,
+    gravity: Any = None,
+    key: str | None = None,
+    height: Any = None,
+) -> Request:
+    """A request from what a user writes: text with units, lists, single numbers. Raises QuantityError."""
+    values = DEFAULT_SPEEDS if speeds is None else units.parse_values(speeds, "speed", "speeds").tolist()
+    units.require_positive(values, "speed", "speeds")
+    if len(set(values)) != len(values):
+        raise QuantityError("speeds", f"{speeds!r} has a speed twice", "each speed once")
+    step = None if timestep is None else units.parse(timestep, "timestep", "timestep")
+    clearance = None if height is None else units.parse(height, "length", "height")
+    for slot, value, kind in (("timestep", step, "timestep"), ("height", clearance, "length")):
+        if value is not None:
+            units.require_positive(value, kind, slot)
+    return Request(
+        pair=_pair(pair),
+        speeds=tuple(float(v) for v in values),
+        phases=_phases(phases),
+        timestep=step,
+        gravity=_gravity(gravity),
+        key=None if key is None else str(key),
+        height=clearance,
+    )
+
+
+def _pair(pair: Sequence[str] | str | None) -> tuple[str, str] | None:
+    if pair is None:
+        return None
+    names = pair.split(",") if isinstance(pair, str) else list(pair)
+    names = [str(name).strip() for name in names]
+    if len(names) != 2 or not all(names):
+        raise UserError(
+            "pair", repr(pair), "two names, the moving one first", "Write for example --pair ball,plate"
+        )
+    return names[0], names[1]
+
+
+def _phases(phases: int | Sequence[float]) -> tuple[float, ...]:
+    if isinstance(phases, int):
+        if not 1 <= phases <= MAX_PHASES:
+            raise QuantityError("phases", str(phases), f"1 ... {MAX_PHASES}")
+        return tuple((i + 0.5) / phases for i in range(phases))
+    values = tuple(float(p) for p in phases)
+    if not values or not all(0 <= p < 1 for p in values) or len(set(values)) != len(values):
+        raise QuantityError("phases", repr(phases), "different numbers from 0 up to below 1")
+    return values
+
+
+def _gravity(gravity: Any) -> Vector | None:
+    if gravity is None:
+        return None
+    if isinstance(gravity, str) and "," in gravity:
+        gravity = gravity.split(",")
+    if isinstance(gravity, str | int | float):
+        return 0.0, 0.0, -units.parse(gravity, "acceleration", "gravity") + 0.0
+    values = [units.parse(part, "acceleration", "gravity") for part in gravity]
+    if len(values) != 3:
+        raise QuantityError(
+            "gravity", repr(gravity), "one number along -z, or three", "Write for example 0,0,-9.81"
+        )
+    return values[0], values[1], values[2]
+
+
+def _as_files(model: Any) -> str | tuple[str, ...] | None:
+    """What crosses to the worker: paths or text; None for an object of an engine."""
+    if isinstance(model, str):
+        return model
+    if isinstance(model, Path):
+        return str(model)
+    if isinstance(model, list | tuple) and model and all(isinstance(part, str | Path) for part in model):
+        return tuple(str(part) for part in model)
+    return None
+
+
+def _in_worker(job: Job) -> Iterator[Measurement]:
+    with _memory_limit():
+        try:
+            subject = _subject(job.source, job.engine, job.request)
+            yield _measured(subject, job.request, job.wanted, job.tolerance, job.diagnose)
+        except MemoryError:
+            raise EngineFailed(
+                "model", f"needs more than {MEMORY_BYTES >> 30} GiB of memory", "a model that fits"
+            ) from None
+
+
+@contextmanager
+def _memory_limit() -> Iterator[None]:
+    """Hold this process to `MEMORY_BYTES` more than it has, where the system knows such a limit."""
+    try:
+        import resource
+
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+    except (ImportError, OSError):
+        yield
+        return
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    wanted = pages * resource.getpagesize() + MEMORY_BYTES
+    limits = [wanted] + [x for x in (soft, hard) if x != resource.RLIM_INFINITY]
+    resource.setrlimit(resource.RLIMIT_AS, (min(limits), hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
+def _subject(source: Any, engine: str | None, request: Request) -> Subject:
+    made = _call_python(source) if isinstance(source, str) else None
+    if made is not None:
+        source = made
+    name = engine or _engine_of(source)
+    if name == "mujoco":
+        from hcbench.measure import mujoco
+
+        if isinstance(source, list | tuple):
+            if len(source) != 1:
+                raise UserError(
+                    "model", f"{len(source)} files", "one file for MuJoCo", "Put both into one MJCF"
+                )
+            source = source[0]
+        return mujoco.subject(source, request)
+    if name == "pybullet":
+        from hcbench.measure import pybullet
+
+        return pybullet.subject(source, request)
+    raise UserError("engine", repr(name), "mujoco or pybullet")
+
+
+def _engine_of(source: Any) -> str:
+    if isinstance(source, str | Path):
+        return "pybullet" if Path(source).suffix.lower() in (".urdf", ".sdf") else "mujoco"
+    if isinstance(source, list | tuple):
+        return "pybullet"
+    kind = f"{type(source).__module__}.{type(source).__name__}"
+    return "mujoco" if kind.startswith("mujoco.") else "pybullet"
+
+
+def _call_python(source: str) -> Any:
+    """What the function of "file.py:function" returns; None for a source of another kind."""
+    match = _PYTHON.fullmatch(source)
+    if match is None:
+        return None
+    path = Path(match["file"])
+    if not path.is_file():
+        raise UserError("model", f"{path} is not there", "a Python file")
+    try:
+        function = runpy.run_path(str(path))[match["function"]]
+    except KeyError:
+        raise UserError(
+            "model", f"{path} has no {match['function']!r}", "the name of a function in it"
+        ) from None
+    except HcbenchError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise UserError("model", f"{path}: {type(error).__name__}: {error}", "a file that runs") from None
+    try:
+        made = function()
+    except HcbenchError:
+        raise
+    except (Exception, SystemExit) as error:
+        words = f"{path}:{match['function']}: {type(error).__name__}: {error}"
+        raise UserError("model", words, "a function without arguments that returns a model") from None
+    if made is None:
+        raise UserError("model", f"{source} returned None", "an MjModel, an MjSpec, or a PyBullet World")
+    return made
+
+
+def _measured(
+    subject: Subject, request: Request, wanted: Wanted | None, tolerance: float, why: bool
+) -> Measurement:
+    impacts = subject.fly(request.launches())
+    facts = subject.facts()
+    causes, remedy = (
+        diagnose(subject, impacts, goal_of(facts.asked, request.speeds, wanted), wanted, tolerance)
+        if why
+        else ((), "")
+    )
+    return Measurement(facts, request, tuple(impacts), wanted, causes, remedy)

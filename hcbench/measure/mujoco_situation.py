@@ -1,0 +1,125 @@
+"""MuJoCo: what the search for causes looks at, and what the model asks of its contact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.impact import Status
+from hcbench.measure import mujoco_fixes as fixes
+from hcbench.measure.mujoco_load import backend
+from hcbench.measure.promise import ContactLaw
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.impact import Impact
+    from hcbench.measure.model import Wanted
+    from hcbench.measure.mujoco_place import Placement
+
+DEFAULT_SOLREF = (0.02, 1.0)
+DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
+FLOOR_SHIFT = 0.01  # of e, that clamping impedances must make to be named
+_BOUNCY = 0.9  # what a fix is written for where nobody said which e is wanted
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """All that the search for causes looks at."""
+
+    model: Any
+    place: Placement
+    asked: ContactLaw | None
+    delivered: ContactLaw | None
+    impacts: Sequence[Impact]
+    wanted: Wanted | None
+    gravity: tuple[float, ...]
+
+    @property
+    def geoms(self) -> tuple[int, int]:
+        """The two geoms that touch, the moving one first."""
+        a, b = self.place.contact.rows[0][2]
+        return (a, b) if a in self.place.first.geoms else (b, a)
+
+    @property
+    def integrator(self) -> str:
+        """As XML spells it."""
+        return fixes.integrator_name(self.model)
+
+    @property
+    def timestep(self) -> float:
+        """s."""
+        return float(self.model.opt.timestep)
+
+    @property
+    def touched(self) -> list[Impact]:
+        """Impacts that have an e."""
+        return [i for i in self.impacts if i.status in (Status.PARTED, Status.RESTED)]
+
+    def goal(self) -> float:
+        """The one e that a pasted constant setting should have."""
+        if self.wanted is not None:
+            speeds = [i.launch.speed for i in self.impacts]
+            ends = self.wanted.restitution(np.array([min(speeds), max(speeds)]))
+            return float(np.clip(ends.mean(), 0.0, 1.0))
+        if self.asked is not None:
+            e = self.asked.restitution(float(np.median([i.launch.speed for i in self.impacts])))
+            return e if e > 0.5 else _BOUNCY
+        return _BOUNCY
+
+
+def explicit_pair(model: Any, geoms: tuple[int, int]) -> int:
+    """Number of the <pair> of the two geoms, -1 without one."""
+    both = {
+        (int(a), int(b)): i for i, (a, b) in enumerate(zip(model.pair_geom1, model.pair_geom2, strict=True))
+    }
+    return both.get(geoms, both.get(geoms[::-1], -1))
+
+
+def _intended(model: Any, place: Placement) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """(solref, solimp) that the author wrote for the pair: the moving geom's unless it has the defaults."""
+    solref, solimp, (a, b) = place.contact.rows[0]
+    if explicit_pair(model, (a, b)) >= 0 or overridden(model):
+        pair = explicit_pair(model, (a, b))
+        if pair >= 0:
+            return tuple(map(float, model.pair_solref[pair])), tuple(map(float, model.pair_solimp[pair]))
+        return solref, solimp
+    moving, other = (a, b) if a in place.first.geoms else (b, a)
+    refs = [tuple(map(float, model.geom_solref[g])) for g in (moving, other)]
+    imps = [tuple(map(float, model.geom_solimp[g])) for g in (moving, other)]
+    ref = next((r for r in refs if not same(r, DEFAULT_SOLREF)), DEFAULT_SOLREF)
+    imp = next((i for i in imps if not same(i, DEFAULT_SOLIMP)), DEFAULT_SOLIMP)
+    return ref, imp
+
+
+def same(a: Sequence[float], b: Sequence[float]) -> bool:
+    """Equal as far as XML goes."""
+    return bool(np.allclose(a, b, rtol=1e-12, atol=0))
+
+
+def overridden(model: Any) -> bool:
+    """Whether o_solref and o_solimp replace those of every contact."""
+    return bool(model.opt.enableflags & backend().mjtEnableBit.mjENBL_OVERRIDE)
+
+
+def asked_law(model: Any, place: Placement) -> tuple[ContactLaw | None, str]:
+    """What the author's own solref and solimp ask for, in words too; None where several rows add up."""
+    if len(place.contact.rows) > 1:
+        return None, f"{len(place.contact.rows)} contacts add up: the model asks for no one e"
+    solref, solimp = _intended(model, place)
+    law = ContactLaw(solref, solimp, float(model.opt.timestep), clamped=False)  # type: ignore[arg-type]
+    where = "default " if same(solref, DEFAULT_SOLREF) else ""
+    return law, f"{where}solref {fixes.numbers(solref)}, solimp {fixes.numbers(solimp)}"
+
+
+def delivered_law(model: Any, place: Placement) -> ContactLaw | None:
+    """What the engine made of it: mixed, clamped and kept safe."""
+    if len(place.contact.rows) > 1:
+        return None
+    solref, solimp, _ = place.contact.rows[0]
+    mujoco = backend()
+    h = float(model.opt.timestep)
+    safe = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
+    return ContactLaw(solref, solimp, h, shortest=2 * h if safe else 0.0)  # type: ignore[arg-type]
