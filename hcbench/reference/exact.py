@@ -103,14 +103,17 @@ def rate_at(
     x = np.asarray(penetration, dtype=np.float64)
     left = 1.0 - (x / penetration_max(law, mass, speed)) ** (law.exponent + 1.0)
     cosine = np.sqrt(np.where((x >= 0) & (left >= 0), left, np.nan))
-    return _rate(law, speed, cosine if branch == "approach" else -cosine)
+    return _rate(law, speed, cosine if branch == "approach" else -cosine)[0]
 
 
-def _rate(law: HuntCrossley, speed: Floats | float, cosine: Floats) -> Floats:
-    """v where q = Q cos θ: v = v_i sqrt(G) cos θ y/q, with Q = d sqrt(G)."""
-    d = np.asarray(law.dissipation * np.asarray(speed, dtype=np.float64))
-    root = np.sqrt(g_ratio(d))
-    return np.asarray(speed * root * cosine * rate_ratio(d * root * cosine))
+def _rate(law: HuntCrossley, speed: float, cosine: Floats) -> tuple[Floats, Floats]:
+    """v, and 1 + a v, where q = Q cos θ: v = v_i sqrt(G) cos θ y/q, with Q = d sqrt(G)."""
+    d = law.dissipation * speed
+    root = float(np.sqrt(g_ratio(np.asarray(d))))
+    q = d * root * cosine
+    ratio = rate_ratio(q)
+    # ln(1 + y) = y - g(y): keeps its digits where the body leaves at nearly the limit -1/a.
+    return speed * root * cosine * ratio, np.exp(q * ratio - q * q / 2.0)
 
 
 def duration(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
@@ -158,9 +161,9 @@ def loop(law: HuntCrossley, mass: float, speed: float, count: int = 401) -> Loop
     if count % 2:
         cosine[count // 2] = 0.0
     x = penetration_max(law, mass, speed) * sine ** (2.0 / (n + 1.0))
-    rate = _rate(law, speed, cosine)
+    rate, push = _rate(law, float(v), cosine)
     time = _time_scale(law, mass, v) * _elapsed(law, float(v), count)
-    return Loop(time=time, penetration=x, rate=rate, force=law.force(x, rate))
+    return Loop(time=time, penetration=x, rate=rate, force=law.stiffness * x**n * push)
 
 
 def _elapsed(law: HuntCrossley, speed: float, count: int) -> Floats:
