@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hcbench.report import words
 from hcbench.report.view import REFERENCE, Run, View
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 FOLLOWS = 0.1  # of the best constant's error: from here down a setting follows the law
 _TIE = 0.02  # relative: errors this near are one
+_NO_LINE = 1e-6  # of e: a law without damping leaves a constant nothing to be off by
+_BOUNCE_WORDS = {
+    "good": "better than any constant e",
+    "even": "as good as one constant e can be",
+    "bad": "worse than the best constant e",
+}
 LOOP_RIGHT, LOOP_NEAR = 0.01, 0.05  # rms over the largest force
 
 
@@ -36,11 +42,18 @@ class Card:
     because: str
 
 
-def ratio(view: View, run: Run) -> float:
-    """Largest error against (16) over the best constant's, worst α; inf where there is no score.
+def over_line(score: Mapping[str, Any]) -> float:
+    """Largest error against (16) over the best constant's: above 1 a constant would do better."""
+    return float(score["max_error_law"]) / max(float(score["constant_error_law"]), _NO_LINE)
 
-    Above 1 one constant would do better; a run that gained energy or lost impacts ranks last.
-    """
+
+def grade(ratio: float) -> str:
+    """ "good", "even" or "bad" against the best constant."""
+    return "good" if ratio < 1 - _TIE else "even" if ratio <= 1 + _TIE else "bad"
+
+
+def ratio(view: View, run: Run) -> float:
+    """`over_line` of the worst α; inf for a run that gained energy, lost impacts or has no score."""
     found = []
     for alpha in view.alphas:
         score = view.score(run, alpha)
@@ -48,7 +61,7 @@ def ratio(view: View, run: Run) -> float:
             continue
         if score["failed"] or score["energy_gained"]:
             return math.inf
-        found.append(score["max_error_law"] / max(score["constant_error_law"], 1e-15))
+        found.append(over_line(score))
     return max(found, default=math.inf)
 
 
@@ -62,12 +75,8 @@ def verdict(view: View, run: Run) -> Verdict:
         bounce = "loses impacts", "bad"
     elif worst <= FOLLOWS:
         bounce = "follows the law", "good"
-    elif worst < 1 - _TIE:
-        bounce = "better than any constant e", "good"
-    elif worst <= 1 + _TIE:
-        bounce = "as good as one constant e can be", "even"
     else:
-        bounce = "worse than the best constant e", "bad"
+        bounce = _BOUNCE_WORDS[grade(worst)], grade(worst)
     return Verdict(*bounce, loop=_loop_words(view, run))
 
 

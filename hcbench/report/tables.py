@@ -68,8 +68,7 @@ def _ranking_row(view: View, run: Run) -> Row:
 def _error_cell(score: Mapping[str, Any] | None) -> Row:
     if score is None or not math.isfinite(score["max_error_law"]):
         return {"text": "–", "grade": "none", "mark": "", "words": "not run"}
-    ratio = score["max_error_law"] / max(score["constant_error_law"], 1e-15)
-    grade = "good" if ratio < 0.98 else "even" if ratio <= 1.02 else "bad"
+    grade = findings.grade(findings.over_line(score))
     meaning = {"good": "better than", "even": "as good as", "bad": "worse than"}[grade]
     return {
         "text": words.small(score["max_error_law"]),
@@ -90,9 +89,9 @@ def lines_to_beat(view: View) -> list[str]:
 
 
 def claims(view: View) -> list[Row]:
-    """The paper's claims for each band run: over all α, the worst answer counts."""
+    """The paper's claims for each run over a band, the law's too: over all α, the worst answer counts."""
     out = []
-    for run in view.band_runs:
+    for run in view.tabled_runs:
         scores = [s for s in (view.score(run, alpha) for alpha in view.alphas) if s is not None]
         cells = [_claim_cell([_tri(score[claim]) for score in scores]) for claim in CLAIMS]
         out.append({"run": run_cell(view, run), "cells": cells})
@@ -146,7 +145,7 @@ def scores(view: View) -> list[Row]:
     order = sorted(view.alphas, key=lambda a: (abs(a - view.main_alpha) > 1e-12, a))
     out = []
     for alpha in order:
-        found = [(run, view.score(run, alpha)) for run in view.band_runs]
+        found = [(run, view.score(run, alpha)) for run in view.tabled_runs]
         tables = []
         for caption, columns in (("Bounce", BOUNCE_COLUMNS), ("Loop", LOOP_COLUMNS)):
             rows = [

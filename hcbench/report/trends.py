@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.lines import Line2D
@@ -27,8 +27,9 @@ def energy_figure(view: View) -> Figure:
     alpha, mass = view.main_alpha, float(view.study["mass_kg"])
     shown = [*view.of_class(fine=False), *view.of_class(fine=True)]
     engines = list(dict.fromkeys(run.engine for run in shown if run.engine != REFERENCE))
-    figure = style.new_figure(11.2, 5.9)
-    row = figure.subplots(1, len(engines), sharex=True, sharey=True, squeeze=False)[0]
+    columns, rows = min(2, len(engines)), -(-len(engines) // 2)
+    figure = style.new_figure(5.6 * max(columns, 1.4), 5.9 * rows)
+    row = [figure.add_subplot(rows, columns, i + 1) for i in range(len(engines))]
     v = np.geomspace(min(view.study["speeds"]), max(view.study["speeds"]), 60)
     loss = exact.energy_loss(view.law(alpha), mass, v)
     for axes, engine in zip(row, engines, strict=True):
@@ -45,9 +46,17 @@ def energy_figure(view: View) -> Figure:
         axes.set_title(words.engine_name(engine))
         _speed_ticks(axes, v)
         labels = [str(h.get_label()) for h in handles]
-        place = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.14), "ncols": 2, "fontsize": 8.5}
+        place: dict[str, Any] = {
+            "loc": "upper left",
+            "bbox_to_anchor": (0.0, -0.14),
+            "ncols": 2,
+            "fontsize": 8.5,
+        }
         axes.legend(handles, labels, **place)
-    row[0].set_ylabel("energy lost in an impact ΔE, J")
+    limits = [axes.get_ylim() for axes in row]
+    for axes in row:
+        axes.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
+        axes.set_ylabel("energy lost in an impact ΔE, J")
     style.legend_below(figure, law_handles(linear=False))
     return figure
 

@@ -112,12 +112,16 @@ class View:
         return found if found is not None and found.speed.size else None
 
     @cached_property
-    def band_runs(self) -> list[Run]:
-        """Runs over enough speeds to show a curve, in the study's order; the law itself is not among them."""
+    def tabled_runs(self) -> list[Run]:
+        """Runs over enough speeds to show a curve, in the study's order."""
         enough = min(BAND, len(self.study["speeds"]))
         tried = self.results.impacts.groupby(RUN_KEY, sort=False)["speed_m_per_s"].nunique()
-        found = {_run_of(key)[0]: None for key, count in tried.items() if count >= enough}
-        return [run for run in found if (run.engine, run.setting) != (REFERENCE, TRUTH)]
+        return list(dict.fromkeys(_run_of(key)[0] for key, count in tried.items() if count >= enough))
+
+    @cached_property
+    def band_runs(self) -> list[Run]:
+        """Those of them that figures show: the law itself is in every panel already."""
+        return [run for run in self.tabled_runs if run[:2] != (REFERENCE, TRUTH)]
 
     @cached_property
     def engines(self) -> list[str]:
