@@ -78,7 +78,7 @@ def true_extremes(law: HuntCrossley, mass: float, speed: float) -> tuple[float, 
 
 
 def true_duration(law: HuntCrossley, mass: float, speed: float) -> float:
-    """∫ m dv / F by tanh-sinh quadrature in 60 digits: integrable at both ends, onto which nodes may round."""
+    """∫ m dv / F by tanh-sinh quadrature in 60 digits; nodes may round onto its integrable ends."""
     with mpmath.workdps(60):
         n, a = mpmath.mpf(law.exponent), mpmath.mpf(law.alpha) * 3 / 2
 
