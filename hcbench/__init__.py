@@ -65,6 +65,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return import_module("importlib.metadata").version("hcbench")
     if name in _HOMES:
         return getattr(import_module(f"hcbench.{_HOMES[name]}"), name)
     raise AttributeError(f"module 'hcbench' has no attribute {name!r}")

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from hcbench.compare import CLAIMS
 from hcbench.errors import OutputError, UserError
 
 if TYPE_CHECKING:
@@ -84,10 +85,7 @@ class Results:
         """Read what `write` wrote; UserError for a folder that is not one, or of another schema."""
         try:
             summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-            tables = [
-                pd.read_csv(folder / f"{n}.csv", keep_default_na=True)
-                for n in ("restitution", "loops", "scores")
-            ]
+            tables = [_read_table(folder / f"{name}.csv") for name in ("restitution", "loops", "scores")]
         except (OSError, ValueError) as error:
             raise UserError("results", f"{folder}: {error}", "a folder that `hcbench report` wrote") from None
         if summary.get("schema") != SCHEMA:
@@ -97,8 +95,19 @@ class Results:
                 f"schema {SCHEMA}",
                 "Run the study again with this version of hcbench",
             )
-        tables[0]["reason"] = tables[0]["reason"].fillna("")
         return cls(summary["study"], summary["settings"], summary["versions"], *tables)
+
+
+def _read_table(path: Path) -> pd.DataFrame:
+    # An empty number is NaN, but an empty reason is an empty text and an empty claim "not resolved".
+    table = pd.read_csv(path, dtype=dict.fromkeys(["reason", *CLAIMS], "object"))
+    if "reason" in table:
+        table["reason"] = table["reason"].fillna("")
+    for claim in CLAIMS:
+        if claim in table:
+            table[claim] = table[claim].map({"True": True, "False": False}).astype("object")
+            table.loc[table[claim].isna(), claim] = None
+    return table
 
 
 def csv_text(table: pd.DataFrame) -> str:

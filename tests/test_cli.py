@@ -119,9 +119,12 @@ def test_a_mistake_is_one_line_and_exit_2(
 def test_a_missing_engine_names_its_install_command_and_exits_3(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import sys
+    from importlib import metadata
 
-    monkeypatch.setitem(sys.modules, "mujoco", None)
+    def absent(name: str) -> str:
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(metadata, "version", absent)
     study = STUDY.replace("reference", "mujoco") + 'recipe = "impulse"\ntimesteps = 1e-3\n'
     (tmp_path / "study.toml").write_text(study, encoding="utf-8")
     assert run(["report", str(tmp_path), "--out", str(tmp_path / "out")]) == 3

@@ -34,7 +34,7 @@ _GLOBALS = {"contactBreakingThreshold": 0.02, "numSubSteps": 0, "enableFileCachi
 
 # How long a body may stay in contact before it counts as resting there.
 _CONTACT_S = 0.25
-_CONTACT_STEPS = 20_000
+_CONTACT_STEPS_MIN, _CONTACT_STEPS = 500, 20_000
 # Or sooner, after so many steps below this part of its speed: a bounce turns around in fewer.
 _STILL_STEPS, _AT_REST = 50, 1e-4
 _FAR = 10.0  # m: a place without contacts
@@ -65,7 +65,7 @@ def _patience(launch: Launch, scene: Scene, timestep: float) -> tuple[int, float
     gap = launch.gap(timestep)
     speed = math.sqrt(launch.speed**2 + 2.0 * scene.gravity * gap)  # at touch
     flight = 2.0 * gap / (launch.speed + speed)
-    contact = min(math.ceil(_CONTACT_S / timestep), _CONTACT_STEPS)
+    contact = max(_CONTACT_STEPS_MIN, min(math.ceil(_CONTACT_S / timestep), _CONTACT_STEPS))
     return math.ceil(1.5 * flight / timestep) + contact, _AT_REST * speed
 
 

@@ -1,7 +1,7 @@
 """The contract of an engine, stated once.
 
-An adapter is two methods: `fly` for single impacts, `follow` for what comes after them. Nothing of the
-engine's own types leaves it. Engines import their backend when used, never when the module is imported.
+An adapter is one required method, `fly`; `follow` is for engines that can go on after a bounce. Nothing of
+the engine's own types leaves it. Engines import their backend when used, never when the module is imported.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, ClassVar, final
 
-from hcbench.errors import SettingError
+from hcbench.errors import EngineFailed, SettingError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,9 +40,12 @@ class Engine(ABC):
         Raises SettingError for options the engine does not have, SceneError for a scene it cannot load.
         """
 
-    @abstractmethod
     def follow(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
-        """Every step of `duration` s after release, however often the body bounces: for trains and rest."""
+        """Every step of `duration` s after release, however often the body bounces: for trains and rest.
+
+        Raises EngineFailed where an engine knows single impacts only.
+        """
+        raise EngineFailed(self.name, "knows single impacts only", "an engine that can go on after one")
 
     @final
     def drop(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:

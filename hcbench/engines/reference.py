@@ -7,17 +7,21 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
 import hcbench
 from hcbench.engines.base import Engine
 from hcbench.errors import SettingError
 from hcbench.impact import Impact, Launch, Status
 from hcbench.reference import exact, kelvin_voigt, simulate
 from hcbench.reference.laws import HuntCrossley, KelvinVoigt
+from hcbench.reference.train import bounce_train
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from typing import Any
 
+    from hcbench.impact import Trajectory
     from hcbench.scene import Scene
     from hcbench.setting import Setting
 
@@ -46,6 +50,16 @@ class ReferenceEngine(Engine):
         """One impact for each launch, in order."""
         law = law_of(setting, scene)
         return [self._one(law, scene, setting.timestep, launch) for launch in launches]
+
+    def follow(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
+        """Flights and impacts in turn, sampled at the step."""
+        law, h = law_of(setting, scene), setting.timestep
+        times = h * np.arange(max(2, round(duration / h) + 1), dtype=np.float64)
+
+        def impact_at(speed: float) -> Impact:
+            return _impact(law, scene.mass, speed, scene.gravity, h)
+
+        return bounce_train(impact_at, scene.gravity, launch.gap(h), launch.speed, times)
 
     @staticmethod
     def _one(law: Law, scene: Scene, timestep: float, launch: Launch) -> Impact:

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
 # MuJoCo clamps impedances here. What is missing to 1 is the share of gravity that the contact lets through.
 STIFFEST = 0.9999
-# Moves e by at most half of this: the spring is there for rest, not for the bounce.
-SPRING_SHARE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -22,11 +20,15 @@ class Impulse:
     """One contact whose damping turns v into -e v within the step that finds it closed.
 
     A contact of impedance d gives the acceleration a = d (K x - D v) + (1 - d) g: with D = (1 + e)/h a step h
-    ends in v - (1 + e) v = -e v, whatever the depth x that it finds. The spring K lifts a body at rest out of
-    the slow creep that the missing 1 - d of the impedance allows.
+    ends in v - (1 + e) v = -e v, whatever the depth x that it finds. K is 0 for an e that is exact at every
+    phase. A K above 0 lifts a body at rest out of the slow creep that the missing 1 - d allows, to a depth of
+    1e-4 g / K, at the price of up to K h² / 2 in e.
+
+    spring: K, 1/s². integrator: one of `integrators`.
     """
 
     integrator: str = "Euler"
+    spring: float = 0.0
     engine: ClassVar[str] = "mujoco"
     name: ClassVar[str] = "impulse"
     integrators: ClassVar[tuple[str, ...]] = ("Euler", "implicit", "implicitfast")
@@ -47,10 +49,9 @@ class Impulse:
         require_integrator(self.name, self.integrator, self.integrators, "the bounce needs one force a step")
         e, _ = minimax_constant(target)
         h = target.timestep
-        stiffness = SPRING_SHARE / h**2
         # A step finds the ball 0 ... v h deep: half of K h takes the spring's mean effect on e out.
-        damping = (1 + e) / h - stiffness * h / 2
-        solref = [-stiffness * STIFFEST, -damping]
+        damping = (1 + e) / h - self.spring * h / 2
+        solref = [-self.spring * STIFFEST, -damping]
         solimp = [STIFFEST, STIFFEST, 0.001, 0.5, 2.0]
         row = {"solref": solref, "solimp": solimp, "onset": 0.0, "adhesion": 0.0}
         return Setting(self.engine, self.name, h, {"integrator": self.integrator, "rows": [row]})

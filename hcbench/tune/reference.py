@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from hcbench.reference import exact
 from hcbench.setting import Setting
+from hcbench.tune.constant import minimax_constant
 
 if TYPE_CHECKING:
     from hcbench.tune.target import Target
@@ -31,7 +32,7 @@ class HuntCrossleyLaw:
 
 @dataclass(frozen=True)
 class KelvinVoigtContrast:
-    """Eq. (4) with the law's contact time and restitution at the geometric mean speed."""
+    """Eq. (4) with the best constant restitution of the band and the law's contact time in its middle."""
 
     engine: ClassVar[str] = "reference"
     name: ClassVar[str] = "kelvin-voigt"
@@ -41,11 +42,12 @@ class KelvinVoigtContrast:
     holds: ClassVar[tuple[str, ...]] = ("Matches the law's restitution and contact time at one speed only.",)
 
     def __call__(self, target: Target) -> Setting:
-        """k and c from e = exp(-π ζ / sqrt(1 - ζ²)) and t = π / (ω sqrt(1 - ζ²)), contact ending at x = 0."""
-        speed = math.sqrt(target.speed_min * target.speed_max)
-        log_e = math.log(float(exact.restitution(target.law.alpha, speed)))
-        duration = float(exact.duration(target.law, target.mass, speed))
-        decay = -log_e / duration
+        """k and c from e = exp(-β t) and t = π/ω, contact ending at x = 0."""
+        e, _ = minimax_constant(target)
+        duration = float(
+            exact.duration(target.law, target.mass, math.sqrt(target.speed_min * target.speed_max))
+        )
+        decay = -math.log(e) / duration
         stiffness = target.mass * ((math.pi / duration) ** 2 + decay**2)
         options = {"stiffness": stiffness, "damping": 2 * target.mass * decay}
         return Setting(self.engine, self.name, target.timestep, options)
