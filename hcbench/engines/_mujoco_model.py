@@ -35,7 +35,7 @@ def model_path(scene: Scene) -> Path:
         ) from None
 
 
-def edited(scene: Scene, timestep: float, options: Options) -> str:
+def edited(scene: Scene, timestep: float, options: Options) -> ET.Element:
     """The complete MJCF of a scene under a setting. Raises SceneError and SettingError."""
     path = model_path(scene)
     root = _parse(path, path.parent, ())
@@ -49,8 +49,20 @@ def edited(scene: Scene, timestep: float, options: Options) -> str:
     if options.rows:
         write = _write_pairs if scene.form == "plane" else _write_limits
         write(root, scene, options.rows, path)
+    return root
+
+
+def as_text(root: ET.Element) -> str:
+    """MJCF as text."""
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def feel_acceleration(root: ET.Element) -> None:
+    """Add, as the last sensor, one of the ball's acceleration without that of gravity, m/s^2."""
+    ET.SubElement(
+        ET.SubElement(root, "sensor"), "framelinacc", name="ball felt", objtype="xbody", objname="ball"
+    )
 
 
 def _text(numbers: Iterable[float]) -> str:

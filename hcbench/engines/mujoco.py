@@ -14,8 +14,9 @@ import dataclasses
 from importlib import metadata
 from typing import TYPE_CHECKING, ClassVar
 
-from hcbench.engines._mujoco_flight import INSTALL, load
-from hcbench.engines._mujoco_model import edited
+from hcbench.engines import _mujoco_flight
+from hcbench.engines._mujoco_load import INSTALL, load
+from hcbench.engines._mujoco_model import as_text, edited
 from hcbench.engines._mujoco_options import read_options
 from hcbench.engines.base import Engine
 from hcbench.errors import EngineMissing
@@ -48,14 +49,14 @@ class MujocoEngine(Engine):
 
     def fly(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         """One impact for each launch, the same bits however many there are."""
-        flight = load(scene, setting.timestep, read_options(setting.options))
-        paths = flight.fly(launches)
+        model = load(scene, setting.timestep, read_options(setting.options))
+        paths = _mujoco_flight.fly(model, launches)
         return [_named(impact_of(*pair)) for pair in zip(launches, paths, strict=True)]
 
     def follow(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
         """Every step of `duration` s after release; NaN from where MuJoCo gave up."""
-        flight = load(scene, setting.timestep, read_options(setting.options))
-        return flight.follow(launch, max(1, round(duration / setting.timestep)))
+        model = load(scene, setting.timestep, read_options(setting.options))
+        return _mujoco_flight.follow(model, launch, max(1, round(duration / setting.timestep)))
 
 
 def _named(impact: Impact) -> Impact:
@@ -69,5 +70,5 @@ def model_xml(scene: Scene, setting: Setting) -> str:
     At qpos0 the ball just touches the plate. Raises SceneError and SettingError; needs no MuJoCo.
     """
     head = f"{scene.name} with the contact setting {setting.name!r} at a step of {setting.timestep!r} s."
-    body = edited(scene, setting.timestep, read_options(setting.options))
+    body = as_text(edited(scene, setting.timestep, read_options(setting.options)))
     return f"<!-- {head.replace('--', '- -')} At qpos0 the ball just touches the plate. -->\n{body}"
