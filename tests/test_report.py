@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import re
 from pathlib import Path
@@ -219,59 +220,80 @@ def test_labels_keep_their_order_and_never_overlap(wanted: list[float]) -> None:
 # Text to paste, numbers in words
 
 
-def record(engine: str, options: dict[str, Any], step: float = 1e-3) -> dict[str, Any]:
-    return {"engine": engine, "setting": "x", "timestep_s": step, "options": options}
+def text_of(engine: str, options: dict[str, Any], form: str = "plane") -> str:
+    return paste({"engine": engine, "setting": "x", "timestep_s": 1e-3, "options": options}, form, 0.0508)
+
+
+SPRING_ROW: dict[str, Any] = {
+    "solref": [-1.1 / 3, 0.0],
+    "solimp": [1e-4, 1e-4, 1.0, 0.5, 1.0],
+    "onset": 1e-6,
+    "adhesion": 0.0,
+}
+DAMPER_ROW: dict[str, Any] = {"solref": [0.0, -1926.9348713286079], "solimp": [0.1, 0.9, 1e-3, 0.5, 2.0]}
 
 
 def test_pasted_mujoco_text_compiles_to_the_same_numbers() -> None:
     mujoco = pytest.importorskip("mujoco")
-    row = {
-        "solref": [-1.1 / 3, -1926.9348713286079],
-        "solimp": [0.9999, 0.9999, 1e-3, 0.5, 2.0],
-        "onset": 1e-6,
-    }
-    text = paste(record("mujoco", {"integrator": "implicitfast", "rows": [row]}))
-    option, pair = text.splitlines()
+    rows = [SPRING_ROW, DAMPER_ROW]
+    lines = text_of("mujoco", {"integrator": "implicitfast", "rows": rows}).splitlines()
+    parts = {tag: "".join(s for s in lines if s.startswith(f"<{tag}")) for tag in ("option", "geom", "pair")}
     model = mujoco.MjModel.from_xml_string(
-        f"""<mujoco>{option}<worldbody><geom name="plate" type="plane" size="1 1 .1"/>
-        <body name="b" pos="0 0 1"><freejoint/><geom name="ball" size=".1"/></body></worldbody>
-        <contact>{pair}</contact></mujoco>"""
+        f"""<mujoco>{parts["option"]}<worldbody><geom name="plate" type="plane" size="1 1 .1"/>
+        <body name="ball" pos="0 0 1"><freejoint/><geom name="ball" size=".0508" mass="2"/>{parts["geom"]}
+        </body></worldbody><contact>{parts["pair"]}</contact></mujoco>"""
     )
     assert model.opt.timestep == 1e-3
     assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    assert model.pair_solref[0].tolist() == row["solref"]
-    assert model.pair_solimp[0].tolist() == row["solimp"]
-    assert model.pair_margin[0] == -1e-6
+    assert model.body("ball").mass == 2.0
+    assert model.pair_solref.tolist() == [row["solref"] for row in rows]
+    assert model.pair_solimp.tolist() == [row["solimp"] for row in rows]
+    assert model.pair_margin.tolist() == [-1e-6, 0.0]
 
 
-def test_pasted_pybullet_text_is_python_with_every_number() -> None:
+def test_the_cup_takes_its_numbers_on_the_tendon() -> None:
+    text = text_of("mujoco", {"rows": [DAMPER_ROW]}, form="cup")
+    assert 'solreflimit="0 -1926.9348713286079" solimplimit="0.1 0.9 0.001 0.5 2"' in text
+    assert "<pair" not in text
+
+
+def test_pasted_pybullet_text_makes_every_call_in_order() -> None:
     options = {
         "world": {"contactSlop": 0.0, "contactBreakingThreshold": 0.02},
         "ball": {"restitution": 1 / 3},
         "plate": {"restitution": 1.0},
         "maximal_coordinates": True,
     }
-    calls: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = []
+    calls: list[tuple[Any, ...]] = []
 
     class Recorder:
         def __getattr__(self, name: str) -> Any:
-            return lambda *args, **kwargs: calls.append((name, args, kwargs))
+            def call(*args: Any, **kwargs: Any) -> str:
+                calls.append((name, args, kwargs))
+                return f"body {len(calls)}"
 
-    exec(paste(record("pybullet", options)), {"pybullet": Recorder(), "plate": "plate"})
+            return call
+
+    exec(text_of("pybullet", options), {"pybullet": Recorder()})
+    world = {"fixedTimeStep": 1e-3, "contactSlop": 0.0, "contactBreakingThreshold": 0.02}
     assert calls == [
+        ("setPhysicsEngineParameter", (), world),
         ("loadURDF", ("ball.urdf",), {"useMaximalCoordinates": True}),
-        (
-            "setPhysicsEngineParameter",
-            (),
-            {"fixedTimeStep": 1e-3, "contactSlop": 0.0, "contactBreakingThreshold": 0.02},
-        ),
-        ("changeDynamics", (None, -1), {"restitution": 1 / 3}),
-        ("changeDynamics", ("plate", -1), {"restitution": 1.0}),
+        ("loadURDF", ("plate.urdf",), {"useMaximalCoordinates": True}),
+        ("changeDynamics", ("body 2", -1), {"restitution": 1 / 3}),
+        ("changeDynamics", ("body 3", -1), {"restitution": 1.0}),
     ]
 
 
 def test_nothing_to_paste_for_an_engine_as_it_comes() -> None:
-    assert paste(record("mujoco", {})) == ""
+    assert text_of("mujoco", {}) == ""
+
+
+def test_options_of_an_unknown_engine_are_shown_as_they_are() -> None:
+    assert json.loads(text_of("drake", {"time_step": 0.0, "dissipation": 1.5})) == {
+        "time_step": 0.0,
+        "dissipation": 1.5,
+    }
 
 
 @pytest.mark.parametrize(

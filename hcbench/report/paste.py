@@ -9,45 +9,77 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
-def paste(record: Mapping[str, Any]) -> str:
-    """Text to paste for one record of Results.settings; "" where there is nothing to set."""
-    given = record.get("paste")
+def paste(record: Mapping[str, Any], form: str, radius: float) -> str:
+    """Text to paste for one record of Results.settings; "" where there is nothing to set.
+
+    form: the scene's, "plane" or "cup". radius: of the sphere that meets the plane, m. A record that brings
+    its own text ("paste") is taken at its word; options of an engine not known here are shown as JSON.
+    """
     options = record["options"]
-    if given:
-        return str(given)
+    if record.get("paste"):
+        return str(record["paste"])
     if not options:
         return ""
     if record["engine"] == "mujoco" and options.get("rows"):
-        return _mujoco(record["timestep_s"], options)
+        head = [_mujoco_option(record["timestep_s"], options)]
+        return "\n".join(head + (_limits(options) if form == "cup" else _pairs(options, radius)))
     if record["engine"] == "pybullet" and {"world", "ball", "plate"} & set(options):
         return _pybullet(record["timestep_s"], options)
     return json.dumps(options, indent=1, ensure_ascii=False)
 
 
-def _number(value: Any) -> str:
+def _number(value: float) -> str:
     """The fewest digits that read back the same."""
-    return f"{value:.15g}" if float(f"{value:.15g}") == value else repr(float(value))
+    short = f"{value + 0.0:.15g}"
+    return short if float(short) == value else repr(float(value))
 
 
-def _mujoco(timestep: float, options: Mapping[str, Any]) -> str:
-    lines = [f'<option timestep="{_number(timestep)}" integrator="{options.get("integrator", "Euler")}"/>']
+def _list(values: list[float]) -> str:
+    return " ".join(map(_number, values))
+
+
+def _mujoco_option(timestep: float, options: Mapping[str, Any]) -> str:
+    integrator = f' integrator="{options["integrator"]}"' if options.get("integrator") else ""
+    return f'<option timestep="{_number(timestep)}"{integrator}/>'
+
+
+def _pairs(options: Mapping[str, Any], radius: float) -> list[str]:
+    """A <pair> a row, and the massless copies of the ball's geom that rows after the first act on."""
+    copies, pairs = [], []
+    for number, row in enumerate(options["rows"], 1):
+        name = "ball" if number == 1 else f"ball.{number}"
+        if number > 1:
+            size = f'type="sphere" size="{_number(radius)}" mass="0" contype="0" conaffinity="0"'
+            copies.append(f'<geom name="{name}" {size}/>')
+        words = [f'solref="{_list(row["solref"])}"', f'solimp="{_list(row["solimp"])}"']
+        words += [f'margin="{_number(-row["onset"])}"'] if row.get("onset") else []
+        words += [f'adhesion="{_number(row["adhesion"])}"'] if row.get("adhesion") else []
+        pairs.append(f'<pair geom1="{name}" geom2="plate" condim="1" {" ".join(words)}/>')
+    if not copies:
+        return pairs
+    return ["<!-- in the ball's body, beside its geom -->", *copies, "<!-- in <contact> -->", *pairs]
+
+
+def _limits(options: Mapping[str, Any]) -> list[str]:
+    """The cup's contact is the limit of the tendon between the two centres."""
+    lines = ['<!-- on the tendon "contact"; more rows are copies of it -->']
     for row in options["rows"]:
-        words = [f'{key}="{" ".join(map(_number, row[key]))}"' for key in ("solref", "solimp") if key in row]
-        if row.get("onset"):
-            words.append(f'margin="{_number(-row["onset"])}"')
-        if row.get("adhesion"):
-            words.append(f'adhesion="{_number(row["adhesion"])}"')
-        lines.append(f'<pair geom1="ball" geom2="plate" condim="1" {" ".join(words)}/>')
-    return "\n".join(lines)
+        words = f'solreflimit="{_list(row["solref"])}" solimplimit="{_list(row["solimp"])}"'
+        deeper = f" <!-- upper end of range: {_number(row['onset'])} m more -->" if row.get("onset") else ""
+        lines.append(words + deeper)
+    return lines
 
 
 def _pybullet(timestep: float, options: Mapping[str, Any]) -> str:
+    """The calls, in the order that works."""
     world = {"fixedTimeStep": timestep, **options.get("world", {})}
-    lines = [f"pybullet.setPhysicsEngineParameter({_arguments(world)})"]
-    bodies = [body for body in ("ball", "plate") if options.get(body)]
-    lines += [f"pybullet.changeDynamics({body}, -1, {_arguments(options[body])})" for body in bodies]
-    if options.get("maximal_coordinates"):
-        lines.insert(0, 'ball = pybullet.loadURDF("ball.urdf", useMaximalCoordinates=True)')
+    maximal = ", useMaximalCoordinates=True" if options.get("maximal_coordinates") else ""
+    bodies = ("ball", "plate")
+    lines = [
+        f"pybullet.setPhysicsEngineParameter({_arguments(world)})",
+        *(f'{body} = pybullet.loadURDF("{body}.urdf"{maximal})' for body in bodies),
+        *(f"pybullet.changeDynamics({b}, -1, {_arguments(options[b])})" for b in bodies if options.get(b)),
+    ]
     return "\n".join(lines)
 
 

@@ -188,7 +188,7 @@ def settings(view: View) -> list[Row]:
                 "texts": {},
             },
         )
-        key = run.timestep, paste(record)
+        key = run.timestep, paste(record, str(view.study["form"]), float(view.study["relative_radius_m"]))
         entry["texts"].setdefault(key, []).append(float(record["alpha_s_per_m"]))
     for entry in out.values():
         texts = [_text(view, step, text, alphas) for (step, text), alphas in entry["texts"].items()]
