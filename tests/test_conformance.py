@@ -1,0 +1,139 @@
+"""What every engine and every setting must keep, ours and plug-ins' alike."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+
+from hcbench.engines import registry
+from hcbench.errors import SettingError
+from hcbench.impact import Impact, Launch, Status
+from hcbench.reference import exact
+from hcbench.reference.laws import HuntCrossley
+from hcbench.scene import Scene, load_scene, scene_names
+from hcbench.setting import Setting
+from hcbench.tune.target import Recipe, Target
+
+RECIPES = registry.names("hcbench.recipes")
+SCENES = scene_names()
+SPEEDS, PHASES = (0.05, 0.21, 0.47), tuple((i + 0.5) / 8 for i in range(8))
+LAUNCHES = tuple(Launch(v, p) for v in SPEEDS for p in PHASES)
+TIMESTEP = {"stock": 1e-3, "impulse": 1e-3, "restitution": 1e-3}
+# Bounce by luck of the phase, or not at all: that is what they are in the benchmark for.
+AS_LOADED = ("mujoco.stock", "pybullet.stock")
+
+
+@cache
+def scene_of(name: str) -> Scene:
+    return load_scene(name)
+
+
+@cache
+def setting_of(recipe: str, scene: str) -> Setting:
+    found: Recipe = registry.load("hcbench.recipes", recipe)
+    case = scene_of(scene)
+    law = HuntCrossley(case.stiffness, 0.008 / 0.0254, case.exponent)
+    return found(Target(law, case.mass, TIMESTEP.get(found.name, 2e-6), 0.0254, 0.508))
+
+
+@cache
+def impacts_of(recipe: str, scene: str) -> tuple[Impact, ...]:
+    setting = setting_of(recipe, scene)
+    try:
+        return tuple(registry.engine(setting.engine).drop(scene_of(scene), setting, LAUNCHES))
+    except SettingError as error:
+        assert "tendon" in str(error) or "cup" in str(error), error
+        return ()
+
+
+every = pytest.mark.parametrize(("recipe", "scene"), [(r, s) for r in RECIPES for s in SCENES])
+
+
+@every
+def test_an_impact_for_each_launch_in_order(recipe: str, scene: str) -> None:
+    impacts = impacts_of(recipe, scene)
+    if not impacts:
+        pytest.skip("refused for this scene, with the reason")
+    assert [i.launch for i in impacts] == list(LAUNCHES)
+    assert all(i.status in (Status.PARTED, Status.RESTED) for i in impacts), {i.reason for i in impacts}
+
+
+@every
+def test_no_bounce_gains_energy(recipe: str, scene: str) -> None:
+    assert all(0 <= i.restitution <= 1 + 1e-9 for i in impacts_of(recipe, scene))
+
+
+@every
+def test_the_speed_in_is_the_speed_launched(recipe: str, scene: str) -> None:
+    if recipe == "pybullet.stock":
+        pytest.skip("its own linear damping slows the flight")
+    assert all(abs(i.speed_in / i.launch.speed - 1) < 1e-9 for i in impacts_of(recipe, scene))
+
+
+@every
+def test_what_the_loop_loses_is_what_the_body_loses(recipe: str, scene: str) -> None:
+    mass = scene_of(scene).mass
+    for impact in impacts_of(recipe, scene):
+        if impact.loop is None or impact.samples < 50 or recipe in AS_LOADED:
+            continue
+        x, f = impact.loop.penetration, impact.loop.force
+        area = float(np.sum((f[1:] + f[:-1]) / 2 * np.diff(x)))
+        into = 0.5 * mass * impact.speed_in**2
+        assert abs(area - into * (1 - impact.restitution**2)) < 0.01 * into
+
+
+@every
+def test_restitution_hardly_depends_on_the_phase(recipe: str, scene: str) -> None:
+    if recipe in AS_LOADED:
+        pytest.skip("by luck of the phase: that is what it is here to show")
+    for speed in SPEEDS:
+        e = [i.restitution for i in impacts_of(recipe, scene) if i.launch.speed == speed]
+        assert not e or max(e) - min(e) < 0.005
+
+
+@every
+def test_a_repeated_run_gives_the_same_bits_and_so_does_one_launch_alone(recipe: str, scene: str) -> None:
+    before = impacts_of(recipe, scene)
+    if not before:
+        return
+    setting = setting_of(recipe, scene)
+    picked = LAUNCHES[3::7]
+    again = registry.engine(setting.engine).drop(scene_of(scene), setting, picked)
+    alone = registry.engine(setting.engine).drop(scene_of(scene), setting, picked[-1:])
+    for one in (*again, *alone):
+        other = before[LAUNCHES.index(one.launch)]
+        assert (one.speed_in, one.speed_out, one.samples) == (other.speed_in, other.speed_out, other.samples)
+        assert one.loop is not None
+        assert other.loop is not None
+        assert np.array_equal(one.loop.force, other.loop.force)
+
+
+@pytest.mark.parametrize("recipe", [r for r in RECIPES if r not in AS_LOADED])
+def test_a_drop_under_gravity_touches_at_the_speed_of_its_fall(recipe: str) -> None:
+    scene = dataclasses.replace(scene_of("steel-plane"), gravity=9.80665)
+    setting = setting_of(recipe, "steel-plane")
+    height = 1e-4 if setting.timestep < 1e-4 else 1e-2
+    (impact,) = registry.engine(setting.engine).drop(scene, setting, [Launch(0.0, height=height)])
+    fall = (2 * 9.80665 * height) ** 0.5
+    assert impact.speed_in == pytest.approx(fall, abs=2 * 9.80665 * setting.timestep)
+
+
+@pytest.mark.parametrize("recipe", ["mujoco.impulse", "pybullet.restitution"])
+def test_one_step_settings_give_the_e_that_was_set_at_every_phase(recipe: str) -> None:
+    target = exact.restitution(0.008 / 0.0254, np.array([0.0254, 0.508])).mean()
+    for impact in impacts_of(recipe, "steel-plane"):
+        assert abs(impact.restitution - target) < 1e-12
+
+
+@pytest.mark.parametrize("recipe", ["mujoco.spring-damper", "pybullet.spring-damper"])
+def test_spring_dampers_give_the_e_that_was_asked(recipe: str) -> None:
+    case = scene_of("steel-plane")
+    law = HuntCrossley(case.stiffness, 0.008 / 0.0254)
+    setting = registry.load("hcbench.recipes", recipe)(Target(law, case.mass, 1e-6, 0.0254, 0.508))
+    target = exact.restitution(law.alpha, np.array([0.0254, 0.508])).mean()
+    e = [i.restitution for i in registry.engine(setting.engine).drop(case, setting, LAUNCHES)]
+    assert abs(float(np.mean(e)) - target) < 2e-4
+    assert max(abs(v - target) for v in e) < 5e-4
