@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from hcbench.compare import CLAIMS, RESOLVED
 from hcbench.report import findings, words
@@ -42,7 +41,7 @@ def ranking(view: View) -> list[Row]:
     out = []
     for fine in (False, True):
         runs = [r for r in view.band_runs if view.is_fine(r) == fine and r.engine != REFERENCE]
-        runs.sort(key=lambda run: findings.ratio(view, run))
+        runs.sort(key=lambda run: round(findings.ratio(view, run), 3))  # ties stay in the study's order
         if runs:
             out.append(
                 {"heading": class_heading(view, fine), "rows": [_ranking_row(view, run) for run in runs]}
@@ -204,21 +203,20 @@ def _text(view: View, timestep: float, text: str, alphas: list[float]) -> Row:
 
 
 def lost(view: View) -> list[Row]:
-    """Impacts without a bounce, counted by run and reason."""
+    """Impacts without a bounce, counted by setting and what became of them."""
     table = view.results.impacts
-    bad = table[table["status"] != "parted"]
-    counts: Counter[tuple[Run, str, str]] = Counter()
-    for row in bad[["engine", "setting", "timestep_s", "status", "reason"]].itertuples(index=False):
-        run = Run(str(row[0]), str(row[1]), float(row[2]))
-        counts[run, str(row[3]), str(row[4] or "")] += 1
-    merged: dict[tuple[Run, str], Row] = {}
-    for (run, status, reason), count in counts.items():
-        entry = merged.setdefault(
-            (run, status),
-            {"run": run_cell(view, run), "status": _STATUS.get(status, status), "count": 0, "reason": reason},
-        )
-        entry["count"] += count
-    return list(merged.values())
+    out = []
+    for key, rows in table[table["status"] != "parted"].groupby(["engine", "setting", "status"], sort=False):
+        engine, setting, status = (str(part) for part in cast("tuple[Any, ...]", key))
+        steps = sorted({float(h) for h in rows["timestep_s"]})
+        run = run_cell(view, Run(engine, setting, steps[0]))
+        if len(steps) > 1:
+            run["step"] = f"{len(steps)} steps, {words.time(steps[0])} … {words.time(steps[-1])}"
+        reasons = list(dict.fromkeys(str(reason or "") for reason in rows["reason"]))
+        more = f"; and {len(reasons) - 1} more like it" if len(reasons) > 1 else ""
+        what = _STATUS.get(status, status)
+        out.append({"run": run, "status": what, "count": len(rows), "reason": reasons[0] + more})
+    return out
 
 
 def provenance(view: View) -> list[tuple[str, str]]:
@@ -233,7 +231,7 @@ def provenance(view: View) -> list[tuple[str, str]]:
         ("stiffness k", f"{float(study['stiffness']):.5g} N/m^{float(study['exponent']):g}"),
         ("exponent n", f"{float(study['exponent']):g}"),
         ("gravity", f"{gravity:g} m/s²" if gravity else "off: free flight at the plate"),
-        ("α", "; ".join(words.alpha(a).removeprefix("α = ") for a in view.alphas)),
+        ("α", "; ".join(f"{a * words.INCH:.3g} s/in ({a:.3g} s/m)" for a in view.alphas)),
         ("impact speeds", f"{len(study['speeds'])} from {findings.band(view)}"),
         ("phases", f"{study['phases']} places in a time step for the touch to fall"),
         ("impacts", str(len(view.results.impacts))),

@@ -118,15 +118,16 @@ def steps_figure(view: View) -> Figure:
         left.axhline(truth, color=style.LAW, linewidth=6, zorder=1)
         for axes in (left, right):
             axes.axvspan(min(view.contact_time, ends[1]), ends[1], color="#f4f2ec", zorder=0, linewidth=0)
-        for (_, setting), table in ((k, t) for k, t in curves.items() if k[0] == engine):
-            size = 8.0 - 0.8 * (len(handles) % 5)  # where lines coincide, the ones below show as rings
+        mine = [(setting, table) for (name, setting), table in curves.items() if name == engine]
+        for nth, (setting, table) in enumerate(mine):
+            size = max(4.5, 7.5 - nth)  # where lines coincide, the ones below show as rings
             handles[f"{engine} {setting}"] = _draw_steps(left, view, engine, setting, table, size)
             least.append(_draw_step_error(right, view, engine, setting, table, truth, size))
         left.set_ylabel(f"{words.engine_name(engine)}\nrestitution e")
         right.set_ylabel("error of e")
         style.log_axis(right, "y")
     grid[0, 0].set_ylim(-0.04, _TOP)
-    grid[0, 1].set_ylim(max(_FLOOR, 10 ** np.floor(np.log10(min(least)))), 3.0)
+    grid[0, 1].set_ylim(max(_FLOOR, 10 ** np.floor(np.log10(0.7 * min(least)))), 3.0)
     for axes in grid[-1]:
         axes.set_xscale("log")
         axes.set_xlim(*ends)
