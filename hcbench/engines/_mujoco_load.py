@@ -116,7 +116,7 @@ def load(scene: Scene, timestep: float, options: Options) -> Loaded:
 def _require_version(mujoco: Any, options: Options) -> None:
     wanted = {
         "adhesion": (any(row.adhesion for row in options.rows), hasattr(mujoco.MjModel, "pair_adhesion")),
-        "the integrator 'discrete'": (
+        "integrator 'discrete'": (
             options.integrator == "discrete",
             hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"),
         ),
