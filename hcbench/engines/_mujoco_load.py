@@ -80,8 +80,8 @@ def load(scene: Scene, timestep: float, options: Options) -> Loaded:
     is too old for the setting.
     """
     mujoco = backend()
-    _require_version(mujoco, options)
     root, path = edited(scene, timestep, options), model_path(scene)
+    _require_version(mujoco, options)
     felt = any(option.get("integrator") == "RK4" for option in root.iterfind("option"))
     if felt:
         feel_acceleration(root)
@@ -114,17 +114,22 @@ def load(scene: Scene, timestep: float, options: Options) -> Loaded:
 
 
 def _require_version(mujoco: Any, options: Options) -> None:
-    wanted = {
-        "adhesion": (any(row.adhesion for row in options.rows), hasattr(mujoco.MjModel, "pair_adhesion")),
-        "integrator 'discrete'": (
+    adhesion = any(row.adhesion for row in options.rows)
+    for what, asked, there, since in (
+        ("adhesion", adhesion, hasattr(mujoco.MjModel, "pair_adhesion"), "3.11"),
+        (
+            "integrator 'discrete'",
             options.integrator == "discrete",
             hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"),
+            "3.13",
         ),
-    }
-    for what, (asked, there) in wanted.items():
+    ):
         if asked and not there:
             raise EngineMissing(
-                f"mujoco {mujoco.__version__}", f"has no {what}", "a newer one", f"Try: {INSTALL} --upgrade"
+                f"mujoco {mujoco.__version__}",
+                f"has no {what}",
+                f"{since} or later",
+                f"Try: {INSTALL} --upgrade",
             )
 
 
