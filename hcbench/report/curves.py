@@ -61,7 +61,7 @@ def restitution_figure(view: View, fine: bool) -> Figure:
     """e over v: a row an engine, a column an α; the frame is set by the law, and what misses it is named."""
     runs = _shown(view, fine)
     engines = list(dict.fromkeys(run.engine for run in runs if run.engine != REFERENCE))
-    figure = style.new_figure(11.2, 0.9 + 2.55 * len(engines))
+    figure = style.new_figure(_width(view), 0.9 + 2.55 * len(engines))
     grid = figure.subplots(len(engines), len(view.alphas), sharex=True, sharey="col", squeeze=False)
     drawn: set[Run] = set()
     for row, engine in enumerate(engines):
@@ -88,6 +88,10 @@ def _shown(view: View, fine: bool) -> list[Run]:
     """Engines' runs of a class; the reference's contrasts ride along with fine steps, where they belong."""
     runs = view.of_class(fine)
     return [r for r in runs if r.engine != REFERENCE] + [r for r in runs if r.engine == REFERENCE and fine]
+
+
+def _width(view: View) -> float:
+    return 0.6 + 2.65 * max(len(view.alphas), 2)
 
 
 def _frame(axes: Axes, view: View, alpha: float) -> None:
@@ -124,7 +128,7 @@ def error_figure(view: View, fine: bool) -> Figure:
     """|e - e of (16)| over v, worst phase, log scale, over the best that one constant e can do."""
     runs = _shown(view, fine)
     engines = list(dict.fromkeys(run.engine for run in runs if run.engine != REFERENCE))
-    figure = style.new_figure(11.2, 0.9 + 2.55 * len(engines))
+    figure = style.new_figure(_width(view), 0.9 + 2.55 * len(engines))
     grid = figure.subplots(len(engines), len(view.alphas), sharex=True, sharey=True, squeeze=False)
     lowest = 1.0
     for row, engine in enumerate(engines):

@@ -140,7 +140,9 @@ def _loops(view: View) -> list[Drawing]:
 
 def _energy(view: View) -> Drawing:
     score = next((s for s in (view.score(r, view.main_alpha) for r in view.band_runs) if s is not None), None)
-    own = f" The law's own p over this band is {score['energy_exponent_law']:.2f}." if score else ""
+    known = score is not None and math.isfinite(score["energy_exponent_law"])
+    own = f" The law's own p over this band is {score['energy_exponent_law']:.2f}." if score and known else ""
+    engines = [run for run in trends.lossy_runs(view) if run.engine != REFERENCE]
     return Drawing(
         "energy",
         "energy",
@@ -153,8 +155,8 @@ def _energy(view: View) -> Drawing:
             for r, s in ((run, view.score(run, view.main_alpha)) for run in view.band_runs)
             if s is not None and math.isfinite(s["energy_exponent"])
         ),
-        partial(trends.energy_figure, view) if view.engines else None,
-        "no setting ran over enough speeds",
+        partial(trends.energy_figure, view) if engines else None,
+        "no setting ran over enough speeds and lost energy",
     )
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 FOLLOWS = 0.1  # of the best constant's error: from here down a setting follows the law
-_TIE = 0.02  # relative: errors this near are one
+_TIE, _ROUND_OFF = 0.02, 1e-6  # relative, and of the best constant's: errors this near are one
 _NO_LINE = 1e-6  # of e: a law without damping leaves a constant nothing to be off by
 _BOUNCE_WORDS = {
     "good": "better than any constant e",
@@ -92,7 +92,7 @@ def best(view: View, runs: Sequence[Run]) -> list[Run]:
     """The runs with the least ratio; more than one where they tie; none where nothing can be ranked."""
     ranked = {run: ratio(view, run) for run in runs if run.engine != REFERENCE}
     least = min(ranked.values(), default=math.inf)
-    return [run for run, r in ranked.items() if math.isfinite(r) and r <= least * (1 + _TIE) + 1e-12]
+    return [run for run, r in ranked.items() if math.isfinite(r) and r <= least * (1 + _TIE) + _ROUND_OFF]
 
 
 def best_loops(view: View) -> list[Run]:
@@ -131,6 +131,8 @@ def headline(view: View) -> str:
     picked = coarse + fine
     if picked and all(ratio(view, run) >= 1 - _TIE for run in picked):
         said.append("Each gives one e for all speeds; none follows the law.")
+    if not view.engines:
+        said.append("The law alone: no engine ran over a band of speeds in this study.")
     return " ".join(sentence for sentence in said if sentence)
 
 
@@ -177,7 +179,7 @@ def _because(view: View, runs: Sequence[Run]) -> str:
         return ""
     error, line = score["max_error_law"], score["constant_error_law"]
     at = f"at {words.alpha_short(view.main_alpha)}, {band(view)}"
-    text = f"e is within {words.small(error)} of the law {at}. "
+    text = f"e is within {words.small(error).lstrip('<')} of the law {at}. "
     text += {
         "good": f"The best constant e is off by {words.small(line)}.",
         "even": "That is all that one constant e can do.",
@@ -221,6 +223,8 @@ def _stock_reason(view: View, runs: Sequence[Run]) -> str:
 def band(view: View) -> str:
     """ "1 … 20 in/s"."""
     speeds = [float(v) / words.INCH for v in view.study["speeds"]]
+    if min(speeds) == max(speeds):
+        return f"{speeds[0]:.3g}{words.NBSP}in/s"
     return f"{min(speeds):.3g}{words.NBSP}…{words.NBSP}{max(speeds):.3g}{words.NBSP}in/s"
 
 

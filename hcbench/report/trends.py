@@ -18,31 +18,35 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from hcbench.impact import Floats
+
 _FLOOR = 1e-7  # errors below are drawn here
 _TOP = 1.12  # of e: what bounces higher than this is an arrow at the frame
 
 
+def lossy_runs(view: View) -> list[Run]:
+    """Runs, coarse ones first, that lost energy at the main α, so that a log axis can show them."""
+    shown = [*view.of_class(fine=False), *view.of_class(fine=True)]
+    curves = {run: view.curve(run, view.main_alpha) for run in shown}
+    return [run for run, curve in curves.items() if curve is not None and (curve.loss > 0).any()]
+
+
 def energy_figure(view: View) -> Figure:
     """ΔE over v in log-log for the main α, one panel an engine, with guides of slope 2 and 3."""
-    alpha, mass = view.main_alpha, float(view.study["mass_kg"])
-    shown = [*view.of_class(fine=False), *view.of_class(fine=True)]
+    shown = lossy_runs(view)
     engines = list(dict.fromkeys(run.engine for run in shown if run.engine != REFERENCE))
     columns, rows = min(2, len(engines)), -(-len(engines) // 2)
     figure = style.new_figure(5.6 * max(columns, 1.4), 5.9 * rows)
-    row = [figure.add_subplot(rows, columns, i + 1) for i in range(len(engines))]
-    v = np.geomspace(min(view.study["speeds"]), max(view.study["speeds"]), 60)
-    loss = exact.energy_loss(view.law(alpha), mass, v)
-    for axes, engine in zip(row, engines, strict=True):
-        axes.plot(v, loss, color=style.LAW, linewidth=6, solid_capstyle="butt", zorder=1)
+    panels = [figure.add_subplot(rows, columns, i + 1) for i in range(len(engines))]
+    v = np.geomspace(min(view.study["speeds"]) * 0.999, max(view.study["speeds"]) * 1.001, 60)
+    loss = exact.energy_loss(view.law(view.main_alpha), float(view.study["mass_kg"]), v)
+    for axes, engine in zip(panels, engines, strict=True):
         style.log_axis(axes, "x")
         style.log_axis(axes, "y")
+        if (loss > 0).all():
+            axes.plot(v, loss, color=style.LAW, linewidth=6, solid_capstyle="butt", zorder=1)
         runs = [run for run in shown if run.engine in (engine, REFERENCE)]
-        handles = []
-        for nth, run in enumerate(runs):
-            handle = _draw_loss(axes, view, run, runs, nth)
-            if handle is not None:
-                handles.append(handle)
-        _guides(axes, v, np.asarray(loss))
+        handles = [_draw_loss(axes, view, run, runs, nth) for nth, run in enumerate(runs)]
         axes.set_title(words.engine_name(engine))
         _speed_ticks(axes, v)
         labels = [str(h.get_label()) for h in handles]
@@ -53,43 +57,38 @@ def energy_figure(view: View) -> Figure:
             "fontsize": 8.5,
         }
         axes.legend(handles, labels, **place)
-    limits = [axes.get_ylim() for axes in row]
-    for axes in row:
+    least = min(axes.get_ylim()[0] for axes in panels)
+    for axes in panels:
+        _guides(axes, v, 0.3 * least)
+    limits = [axes.get_ylim() for axes in panels]
+    for axes in panels:
         axes.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
         axes.set_ylabel("energy lost in an impact ΔE, J")
     style.legend_below(figure, law_handles(linear=False))
     return figure
 
 
-def _draw_loss(axes: Axes, view: View, run: Run, runs: list[Run], nth: int) -> Line2D | None:
-    curve = view.curve(run, view.main_alpha)
-    score = view.score(run, view.main_alpha)
-    if curve is None or score is None or not (curve.loss > 0).any():
-        return None
-    look, lossy = view.look(run), curve.loss > 0
-    style_ = look.line(linewidth=1.4)
-    axes.plot(curve.speed[lossy], curve.loss[lossy], markevery=(nth % 4, 4), zorder=3, **style_)
-    slope = f"p = {score['energy_exponent']:.2f}" if np.isfinite(score["energy_exponent"]) else "p unknown"
-    return Line2D([], [], label=f"{run_label(view, run, runs, engine=False)}: {slope}", **style_)
+def _draw_loss(axes: Axes, view: View, run: Run, runs: list[Run], nth: int) -> Line2D:
+    curve, score = view.curve(run, view.main_alpha), view.score(run, view.main_alpha)
+    assert curve is not None
+    look, lossy = view.look(run).line(linewidth=1.4), curve.loss > 0
+    axes.plot(curve.speed[lossy], curve.loss[lossy], markevery=(nth % 4, 4), zorder=3, **look)
+    exponent = score["energy_exponent"] if score is not None else np.nan
+    slope = f"p = {exponent:.2f}" if np.isfinite(exponent) else "p unknown"
+    return Line2D([], [], label=f"{run_label(view, run, runs, engine=False)}: {slope}", **look)
 
 
-def _guides(axes: Axes, v: np.ndarray, loss: np.ndarray) -> None:
-    """Two thin lines through one point under the law, of slope 2 and 3."""
-    low, high = v[0], v[0] * 6
-    level = loss[0] * 0.25
+def _guides(axes: Axes, v: Floats, level: float) -> None:
+    """Two thin lines of slope 2 and 3 that start together, below everything else."""
+    low, high = v[0], min(v[0] * 6, v[-1])
     for slope in (2, 3):
-        axes.plot([low, high], [level, level * 6.0**slope], color=style.LINEAR, linewidth=0.9, zorder=2)
-        axes.annotate(
-            f"slope {slope}",
-            (high, level * 6.0**slope),
-            (4, -3),
-            textcoords="offset points",
-            fontsize=8.5,
-            color=style.LINEAR,
-        )
+        end = level * (high / low) ** slope
+        axes.plot([low, high], [level, end], color=style.LINEAR, linewidth=0.9, zorder=2)
+        near: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8.5, "color": style.LINEAR}
+        axes.annotate(f"slope {slope}", (high, end), (4, -3), **near)
 
 
-def _speed_ticks(axes: Axes, v: np.ndarray) -> None:
+def _speed_ticks(axes: Axes, v: Floats) -> None:
     inside = [s for s in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0) if v[0] <= s <= v[-1]]
     axes.xaxis.set_major_locator(FixedLocator(inside))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
