@@ -54,7 +54,8 @@ def draw_curve(axes: Axes, view: View, run: Run, curve: Curve, nth: int = 0) -> 
     look = view.look(run)
     if (curve.high - curve.low > 1e-4).any():
         axes.fill_between(curve.speed, curve.low, curve.high, color=look.colour, alpha=0.18, linewidth=0)
-    axes.plot(curve.speed, curve.middle, markevery=(nth % 4, 4), zorder=3, **look.line())
+    marks = style.every_few(len(curve.speed), nth)
+    axes.plot(curve.speed, curve.middle, markevery=marks, zorder=3, **look.line())
 
 
 def restitution_figure(view: View, fine: bool) -> Figure:
@@ -96,8 +97,8 @@ def _width(view: View) -> float:
 
 def _frame(axes: Axes, view: View, alpha: float) -> None:
     draw_law(axes, view, alpha)
-    lowest = min(1 - alpha * view.speeds[-1], float(exact.restitution(alpha, view.speeds[-1])))
-    depth = max(1 - lowest, 1e-3)
+    lowest = max(0.0, 1 - alpha * view.speeds[-1])  # 1 - αv lies below the law
+    depth = max(1 - lowest, 0.02)
     axes.set_ylim(lowest - 0.35 * depth, 1 + 0.12 * depth)
     axes.set_xlim(0, view.speeds[-1] * 1.02)
 
@@ -143,7 +144,8 @@ def error_figure(view: View, fine: bool) -> Figure:
                 error = np.maximum(curve.error, 1.3 * _FLOOR)
                 lowest = min(lowest, float(error.min()))
                 look = view.look(run).line(linewidth=1.3)
-                axes.plot(curve.speed, error, markevery=(nth % 4, 4), zorder=3, **look)
+                marks = style.every_few(len(curve.speed), nth)
+                axes.plot(curve.speed, error, markevery=marks, zorder=3, **look)
             style.log_axis(axes, "y")
             _label_panel(axes, view, row, column, len(engines), engine, alpha)
             axes.set_xlim(0, view.speeds[-1] * 1.02)
@@ -174,7 +176,7 @@ def overview_figure(view: View, runs: list[Run]) -> Figure:
         labels.append((float(curve.middle[-1]), text, view.look(run).colour, "normal"))
     ends = [end for end, *_ in labels]
     shown = [curve for curve in (view.curve(run, alpha) for run in runs) if curve is not None]
-    lowest = min([*ends, *(float(curve.low.min()) for curve in shown)])
+    lowest = max(0.0, min([*ends, *(float(curve.low.min()) for curve in shown)]))
     axes.set_ylim(lowest - 0.05 * (1.05 - lowest), max(1.03, min(1.3, max(ends) + 0.03)))
     axes.set_xlim(0, v_end * 1.005)
     _label_ends(axes, labels)

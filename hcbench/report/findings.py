@@ -12,6 +12,7 @@ from hcbench.report.view import REFERENCE, Run, View
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+STOCK = "stock"  # the setting with nothing set
 FOLLOWS = 0.1  # of the best constant's error: from here down a setting follows the law
 _TIE, _ROUND_OFF = 0.02, 1e-6  # relative, and of the best constant's: errors this near are one
 _NO_LINE = 1e-6  # of e: a law without damping leaves a constant nothing to be off by
@@ -89,18 +90,22 @@ def _loop_words(view: View, run: Run) -> str:
 
 
 def best(view: View, runs: Sequence[Run]) -> list[Run]:
-    """The runs with the least ratio; more than one where they tie; none where nothing can be ranked."""
-    ranked = {run: ratio(view, run) for run in runs if run.engine != REFERENCE}
+    """The set runs with the least ratio; more than one where they tie; none where nothing can be ranked.
+
+    An engine as it comes is no advice: a user who asks has that already.
+    """
+    ranked = {r: ratio(view, r) for r in runs if r.engine != REFERENCE and r.setting != STOCK}
     least = min(ranked.values(), default=math.inf)
     return [run for run, r in ranked.items() if math.isfinite(r) and r <= least * (1 + _TIE) + _ROUND_OFF]
 
 
 def best_loops(view: View) -> list[Run]:
-    """The run with the smallest rms distance in force at the main α."""
+    """The set run with the smallest rms distance in force at the main α."""
     off = {}
     for run in view.band_runs:
         score = view.score(run, view.main_alpha)
-        if run.engine != REFERENCE and score is not None and score["loops"] and not score["energy_gained"]:
+        judged = score is not None and score["loops"] and not score["energy_gained"]
+        if score is not None and judged and run.engine != REFERENCE and run.setting != STOCK:
             off[run] = score["loop_rms"]
     least = min(off.values(), default=math.inf)
     return [run for run, value in off.items() if value <= least * (1 + _TIE)]
@@ -108,7 +113,7 @@ def best_loops(view: View) -> list[Run]:
 
 def stock_runs(view: View) -> list[Run]:
     """Engines as they come."""
-    return [run for run in view.band_runs if run.setting == "stock"]
+    return [run for run in view.band_runs if run.setting == STOCK]
 
 
 def names(runs: Sequence[Run], last: str = "or") -> str:

@@ -53,6 +53,7 @@ _SPARE_DASHES: tuple[tuple[float, ...], ...] = ((1.2, 1.2), (6.0, 1.5, 1.2, 1.5)
 
 _RC: dict[str, Any] = {
     "axes.edgecolor": "#8b949c",
+    "axes.formatter.useoffset": False,
     "axes.grid": True,
     "axes.labelcolor": INK,
     "axes.labelsize": 9.5,
@@ -186,6 +187,11 @@ def log_axis(axes: Axes, which: str) -> None:
     axis.set_major_locator(LogLocator(numticks=9))
     axis.set_major_formatter(FuncFormatter(lambda value, _: power_of_ten(value)))
     axis.set_minor_locator(NullLocator())
+
+
+def every_few(count: int, nth: int) -> tuple[int, int]:
+    """Which of `count` points of the nth line carry a marker: not the same ones as its neighbours' do."""
+    return (nth % 4, 4) if count > 8 else (0, 1)
 
 
 def spread_apart(wanted: Floats, gap: float, low: float, high: float) -> Floats:

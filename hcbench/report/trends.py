@@ -72,7 +72,8 @@ def _draw_loss(axes: Axes, view: View, run: Run, runs: list[Run], nth: int) -> L
     curve, score = view.curve(run, view.main_alpha), view.score(run, view.main_alpha)
     assert curve is not None
     look, lossy = view.look(run).line(linewidth=1.4), curve.loss > 0
-    axes.plot(curve.speed[lossy], curve.loss[lossy], markevery=(nth % 4, 4), zorder=3, **look)
+    marks = style.every_few(int(lossy.sum()), nth)
+    axes.plot(curve.speed[lossy], curve.loss[lossy], markevery=marks, zorder=3, **look)
     exponent = score["energy_exponent"] if score is not None else np.nan
     slope = f"p = {exponent:.2f}" if np.isfinite(exponent) else "p unknown"
     return Line2D([], [], label=f"{run_label(view, run, runs, engine=False)}: {slope}", **look)
