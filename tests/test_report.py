@@ -21,9 +21,10 @@ from hcbench.reference import exact
 from hcbench.report import curves, findings, style, tables, words
 from hcbench.report.build import build
 from hcbench.report.figures import drawings
-from hcbench.report.paste import paste
 from hcbench.report.view import Run, View
 from hcbench.results import Results
+from hcbench.setting import Setting
+from hcbench.tune.paste import paste
 
 LAW = Run("explicit", "law", 1e-6)
 SPRING = Run("explicit", "spring-damper", 1e-6)
@@ -105,6 +106,36 @@ def test_the_headline_names_what_follows_the_law_and_what_does_not(view: View) -
 def test_the_headline_says_when_nothing_follows_the_law() -> None:
     constant_only = small_results([run for run in RUNS if run[1] in ("impulse", "stock")])
     assert "one e for all speeds; none follows the law" in findings.headline(View(constant_only))
+
+
+def test_settings_that_differ_by_round_off_are_both_named(results: Results) -> None:
+    scores = results.scores.copy()
+    scores.loc[scores["setting"] == "impulse", "max_error_law"] = 1e-13
+    scores.loc[scores["setting"] == "law", "max_error_law"] = 1e-16
+    view = View(dataclasses.replace(results, scores=scores))
+    assert findings.best(view, view.band_runs) == [LAW, IMPULSE]
+
+
+def test_an_engine_as_it_comes_is_no_advice() -> None:
+    stock_only = View(small_results([run for run in RUNS if run[1] == "stock"]))
+    assert findings.headline(stock_only) == "Out of the box single does not bounce like the law."
+
+
+def test_a_law_without_damping_has_a_page_too(tmp_path: Path) -> None:
+    """α = 0: no constant to beat, no energy to plot; nothing divides by either."""
+    lossless = small_results([("explicit", "law", 1e-6, (0.0,), SPEEDS)])
+    study = {**lossless.study, "alphas": [0.0], "main_alpha": 0.0}
+    page = build(dataclasses.replace(lossless, study=study), tmp_path)
+    words_of_it = re.sub(r"base64,[^\"]*|<style>.*</style>", "", page.read_text(encoding="utf-8"), flags=re.S)
+    assert "explicit" in words_of_it
+    assert not re.search(r"\b(nan|inf)\b", words_of_it)
+
+
+def test_a_study_of_the_law_alone_has_a_page_too(results: Results, tmp_path: Path) -> None:
+    nothing = {n: getattr(results, n).iloc[:0] for n in ("impacts", "loops", "scores")}
+    empty = Results(results.study, [], results.versions, **nothing)
+    assert "The law alone" in build(empty, tmp_path).read_text(encoding="utf-8")
+    assert not [p.name for p in tmp_path.rglob("*.svg")]
 
 
 @pytest.mark.parametrize(
@@ -221,7 +252,7 @@ def test_labels_keep_their_order_and_never_overlap(wanted: list[float]) -> None:
 
 
 def text_of(engine: str, options: dict[str, Any], form: str = "plane") -> str:
-    return paste({"engine": engine, "setting": "x", "timestep_s": 1e-3, "options": options}, form, 0.0508)
+    return paste(Setting(engine, "x", 1e-3, options), form, 0.0508)
 
 
 SPRING_ROW: dict[str, Any] = {

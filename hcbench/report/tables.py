@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, cast
 from hcbench.compare import CLAIMS, RESOLVED
 from hcbench.report import findings, words
 from hcbench.report.figures import class_heading
-from hcbench.report.paste import paste
 from hcbench.report.view import REFERENCE, Run, View
+from hcbench.setting import Setting
+from hcbench.tune.paste import paste
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -187,7 +188,8 @@ def settings(view: View) -> list[Row]:
                 "texts": {},
             },
         )
-        key = run.timestep, paste(record, str(view.study["form"]), float(view.study["relative_radius_m"]))
+        setting = Setting(run.engine, run.setting, run.timestep, record["options"])
+        key = run.timestep, paste(setting, str(view.study["form"]), float(view.study["relative_radius_m"]))
         entry["texts"].setdefault(key, []).append(float(record["alpha_s_per_m"]))
     for entry in out.values():
         texts = [_text(view, step, text, alphas) for (step, text), alphas in entry["texts"].items()]

@@ -25,6 +25,8 @@ HELD_OUT = 13
 PHASES = 8
 _GOLDEN = (math.sqrt(5) - 1) / 2
 _STANDARD_GRAVITY = 9.80665
+_REST_STEPS_MIN, _REST_STEPS_MAX = 200, 400_000
+_CREEP, _SHALLOW, _STILL, _DYING = 1e-5, 1e-3, 1e-4, 0.95  # m/s, of R, m/s, of the quarter before
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +55,17 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """What became of a body dropped under gravity: creep m/s (> 0 sinks), depth m, buzz m/s (rms rate)."""
+    """What became of a body let down on the plate under gravity, over the last quarter of the time watched.
+
+    creep: m/s, > 0 sinks. depth: m. buzz: rms rate about the creep, m/s. decay: buzz over that of the quarter
+    before. The law itself damps small motion about rest by exp(-(3/4) α g t) only: seconds, for steel.
+    """
 
     rests: bool
     creep: float
     depth: float
     buzz: float
+    decay: float
 
 
 def held_out_speeds(target: Target, count: int = HELD_OUT) -> Floats:
@@ -102,19 +109,23 @@ def verdict_on(impacts: Sequence[Impact], target: Target) -> Verdict:
 
 
 def settle(engine: Engine, scene: Scene, setting: Setting, seconds: float = 2.0) -> Rest:
-    """Let the body down on the plate under gravity, from next to no height, and watch the last quarter.
+    """Let the body down on the plate under gravity, from next to no height, and watch.
 
-    It rests when it sinks slower than 1e-5 m/s, buzzes less than 1e-4 m/s and is less than 1e-3 R deep.
+    It rests when it sinks slower than 1e-5 m/s, is less than 1e-3 R deep, and its buzz is below 1e-4 m/s or
+    dying away.
     """
-    seconds = max(min(seconds, 4e5 * setting.timestep), 50 * setting.timestep)
+    steps = min(max(seconds / setting.timestep, _REST_STEPS_MIN), _REST_STEPS_MAX)
     heavy = dataclasses.replace(scene, gravity=_STANDARD_GRAVITY)
-    path = engine.follow(heavy, setting, Launch(0.0, height=1e-9), seconds)
-    last = slice(3 * len(path.time) // 4, None)
+    path = engine.follow(heavy, setting, Launch(0.0, height=1e-9), steps * setting.timestep)
+    quarter = len(path.time) // 4
+    before, last = slice(2 * quarter, 3 * quarter), slice(3 * quarter, None)
     time, x, v = path.time[last], path.penetration[last], path.rate[last]
-    if not np.isfinite(x).all():
-        return Rest(False, math.nan, math.nan, math.nan)
+    if not np.isfinite(path.penetration).all():
+        return Rest(False, math.nan, math.nan, math.nan, math.nan)
     creep = float((x[-1] - x[0]) / (time[-1] - time[0]))
-    buzz = float(np.sqrt(np.mean((v - creep) ** 2)))
+    buzz, earlier = (float(np.sqrt(np.mean((rate - creep) ** 2))) for rate in (v, path.rate[before]))
+    decay = buzz / earlier if earlier > 0 else 0.0
     depth = float(x.max())
-    rests = abs(creep) < 1e-5 and buzz < 1e-4 and depth < 1e-3 * scene.relative_radius
-    return Rest(rests, creep, depth, buzz)
+    still = buzz < _STILL or decay < _DYING
+    rests = abs(creep) < _CREEP and still and depth < _SHALLOW * scene.relative_radius
+    return Rest(rests, creep, depth, buzz, decay)

@@ -5,27 +5,84 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
+from hcbench.errors import SettingError
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from hcbench.scene import Scene
+    from hcbench.setting import Setting
 
-def paste(record: Mapping[str, Any], form: str, radius: float) -> str:
-    """Text to paste for one record of Results.settings; "" where there is nothing to set.
 
-    form: the scene's, "plane" or "cup". radius: of the sphere that meets the plane, m. A record that brings
-    its own text ("paste") is taken at its word; options of an engine not known here are shown as JSON.
+def paste(setting: Setting, form: str, radius: float) -> str:
+    """Text to paste for a setting; "" where there is nothing to set.
+
+    form: the scene's, "plane" or "cup". radius: of the sphere that meets the plane, m. Options of an engine
+    not known here are shown as JSON.
     """
-    options = record["options"]
-    if record.get("paste"):
-        return str(record["paste"])
+    options = setting.options
     if not options:
         return ""
-    if record["engine"] == "mujoco" and options.get("rows"):
-        head = [_mujoco_option(record["timestep_s"], options)]
+    if setting.engine == "mujoco" and options.get("rows"):
+        head = [_mujoco_option(setting.timestep, options)]
         return "\n".join(head + (_limits(options) if form == "cup" else _pairs(options, radius)))
-    if record["engine"] == "pybullet" and {"world", "ball", "plate"} & set(options):
-        return _pybullet(record["timestep_s"], options)
+    if setting.engine == "pybullet" and {"world", "ball", "plate"} & set(options):
+        return _pybullet(setting.timestep, options)
     return json.dumps(options, indent=1, ensure_ascii=False)
+
+
+def script(scene: Scene, setting: Setting) -> str:
+    """A whole file that runs in the plain engine: MJCF for MuJoCo, a Python script for PyBullet.
+
+    Raises SettingError where there is none.
+    """
+    if setting.engine == "mujoco":
+        from hcbench.engines.mujoco import model_xml
+
+        return model_xml(scene, setting)
+    if setting.engine == "pybullet" and scene.form == "plane" and {"world", "ball"} & set(setting.options):
+        lines = _pybullet(setting.timestep, setting.options).splitlines()
+        made = {
+            "ball": f"pybullet.createMultiBody({_number(scene.mass)}, pybullet.createCollisionShape("
+            f"pybullet.GEOM_SPHERE, radius={_number(scene.relative_radius)}), "
+            f"basePosition=[0, 0, {_number(scene.relative_radius)}]",
+            "plate": "pybullet.createMultiBody(0, pybullet.createCollisionShape(pybullet.GEOM_PLANE)",
+        }
+        for i, line in enumerate(lines):
+            for body, call in made.items():
+                if line.startswith(f"{body} = "):
+                    maximal = ", useMaximalCoordinates=True" if "Maximal" in line else ""
+                    lines[i] = f"{body} = {call}{maximal})"
+        return _SCRIPT.format(
+            setup="\n".join(lines), step=_number(setting.timestep), radius=_number(scene.relative_radius)
+        )
+    raise SettingError(
+        "write-scene",
+        f"{setting.engine} {setting.name!r} in the form {scene.form!r}",
+        "MuJoCo, or PyBullet in the form 'plane'",
+    )
+
+
+_SCRIPT = '''"""A ball dropped on a plane in PyBullet: prints restitution against impact speed (m/s)."""
+
+import pybullet
+
+pybullet.connect(pybullet.DIRECT)
+{setup}
+
+for speed in (0.05, 0.1, 0.2, 0.3, 0.4, 0.5):
+    start = [0, 0, {radius} + 2.5 * {step} * speed]
+    pybullet.resetBasePositionAndOrientation(ball, start, [0, 0, 0, 1])
+    pybullet.resetBaseVelocity(ball, [0, 0, -speed], [0, 0, 0])
+    touched = False
+    for _ in range(100000):
+        pybullet.stepSimulation()
+        up = pybullet.getBaseVelocity(ball)[0][2]
+        touched = touched or up > -0.999 * speed
+        if touched and pybullet.getBasePositionAndOrientation(ball)[0][2] > {radius} and up > 0:
+            break
+    print(speed, up / speed)
+'''
 
 
 def _number(value: float) -> str:

@@ -1,0 +1,69 @@
+"""The command line: the only place that prints or exits.
+
+Exit codes: 0 done, 1 a limit was passed, 2 a mistake in what was given, 3 could not run, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import click
+
+from hcbench.cli.report import report
+from hcbench.cli.show import engines, reference
+from hcbench.cli.tune import tune
+from hcbench.errors import HcbenchError, UserError
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="hcbench", message="hcbench %(version)s")
+def app() -> None:
+    """Measure how physics engines really bounce, against the Hunt-Crossley law.
+
+    Quantities take units ('0.008 s/in', '16 in/s', '1 lb'); plain numbers are SI.
+    """
+
+
+for command in (report, tune, reference, engines):
+    app.add_command(command)
+
+
+def main() -> None:
+    """Run the command line; every way out is an exit code and at most one line."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: list[str]) -> int:
+    """Run one command and return its exit code; nothing but Ctrl-C's own signal escapes."""
+    try:
+        code = app(arguments, standalone_mode=False, prog_name="hcbench")
+        sys.stdout.flush()
+    except HcbenchError as error:
+        return _fail(error.exit_code, str(error))
+    except click.exceptions.NoArgsIsHelpError as error:
+        print(error.format_message())
+        return UserError.exit_code
+    except click.ClickException as error:
+        return _fail(UserError.exit_code, error.format_message() + _hint(error))
+    except (KeyboardInterrupt, click.exceptions.Abort):
+        return _fail(130, "interrupted; nothing was left half-written")
+    except BrokenPipeError:  # the reader of our output went away, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:
+        if os.environ.get("HCBENCH_DEBUG"):
+            raise
+        detail = f"{type(error).__name__}: {error}".splitlines()[0]
+        return _fail(3, f"unexpected {detail}. Set HCBENCH_DEBUG=1 for the traceback and report it")
+    return code if isinstance(code, int) else 0
+
+
+def _hint(error: Exception) -> str:
+    context = getattr(error, "ctx", None)
+    return f" Try `{context.command_path} --help`." if context else ""
+
+
+def _fail(code: int, message: str) -> int:
+    print(f"hcbench: {message}", file=sys.stderr)
+    return code

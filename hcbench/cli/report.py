@@ -1,0 +1,34 @@
+"""hcbench report: a study in, a page out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from hcbench.cli.console import jobs_option, progress
+
+
+@click.command()
+@click.argument("study", default="steel-1lb")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder to write to.  [default: reports/NAME]")
+@click.option("--quick", is_flag=True, help="Fewer speeds, phases and steps: a preview.")
+@jobs_option
+def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
+    """Run a study and write its page, tables and figures.
+
+    STUDY is a study.toml, its folder, or a built-in name.
+    """
+    from hcbench.report.build import build
+    from hcbench.results import filled_folder
+    from hcbench.run import run_study
+    from hcbench.study import find_study, load_study
+
+    path = find_study(study)
+    plan = load_study(path).quick() if quick else load_study(path)
+    folder = out or Path("reports") / (path.parent.name if path.name == "study.toml" else path.stem)
+    with filled_folder(folder) as scratch:
+        with progress("impacts") as tick:
+            results = run_study(plan, jobs, tick)
+        build(results, scratch)
+    print(folder / "index.html")

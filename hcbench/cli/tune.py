@@ -1,0 +1,172 @@
+"""hcbench tune: a target in, text to paste out, and how wrong it is."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hcbench.cli.console import as_json, print_json
+from hcbench.errors import LimitPassed, UserError
+
+if TYPE_CHECKING:
+    from hcbench.scene import Scene
+    from hcbench.tune.target import Target
+    from hcbench.tune.tuning import Tuned
+
+
+@click.command()
+@click.argument("engine")
+@click.option("--alpha", help="α of e = 1 - α v, such as '0.008 s/in'.")
+@click.option("--restitution", "constant", help="One e for all speeds, in place of --alpha.")
+@click.option(
+    "--points", help="Pairs v:e in place of --alpha, such as '0.1:0.95, 0.5:0.85 m/s', or a CSV file."
+)
+@click.option("--timestep", required=True, help="The engine's step, such as '1e-3' or '1 ms'.")
+@click.option("--speeds", default="1:20 in/s", show_default=True, help="The band of impact speeds.")
+@click.option("--target", "reading", type=click.Choice(["law", "linear"]), default="law", show_default=True)
+@click.option(
+    "--match", type=click.Choice(["restitution", "loop", "both"]), default="restitution", show_default=True
+)
+@click.option("--recipe", default="auto", show_default=True, help="`hcbench engines` lists them.")
+@click.option("--scene", default="steel-plane", show_default=True, help="A scene's name or folder.")
+@click.option("--mass", help="Effective mass.  [default: the scene's]")
+@click.option("--stiffness", help="k of the law, N/m^n or with units.  [default: the scene's]")
+@click.option("--exponent", help="n of the law.  [default: the scene's]")
+@click.option("--max-error", type=float, help="Exit 1 when the largest error of e is above this.")
+@click.option(
+    "--write-scene", type=click.Path(path_type=Path), help="Write a file that runs in the plain engine."
+)
+@as_json
+def tune(engine: str, as_json: bool, write_scene: Path | None, max_error: float | None, **given: Any) -> None:
+    """Find what to write in ENGINE (mujoco, pybullet) so that it bounces like your material."""
+    from hcbench.results import write_text
+    from hcbench.tune import paste, tuning
+
+    scene, target = _asked(given)
+    tuned = tuning.tune(engine, target, scene, given["recipe"], given["match"])
+    text = paste.paste(tuned.setting, scene.form, scene.relative_radius)
+    if write_scene is not None:
+        write_text(write_scene, paste.script(tuned.scene, tuned.setting))
+    if as_json:
+        print_json(_as_json(tuned, text))
+    else:
+        _print(tuned, text)
+    if max_error is not None and not tuned.verdict.max_error <= max_error:
+        raise LimitPassed(
+            "max-error", f"{tuned.verdict.max_error:.3g} with {tuned.recipe.name!r}", f"{max_error:g} or less"
+        )
+
+
+def _asked(given: dict[str, Any]) -> tuple[Scene, Target]:
+    from hcbench import units
+    from hcbench.reference.laws import HuntCrossley
+    from hcbench.scene import load_scene
+    from hcbench.tune.target import Target
+
+    scene = load_scene(given["scene"])
+    ways = [name for name in ("alpha", "constant", "points") if given[name] is not None]
+    if len(ways) != 1:
+        got = "none" if not ways else " and ".join(f"--{w}".replace("constant", "restitution") for w in ways)
+        raise UserError("target", got, "one of --alpha, --restitution, --points")
+    n = units.parse(given["exponent"], "number", "--exponent") if given["exponent"] else scene.exponent
+    k = scene.stiffness
+    if given["stiffness"]:
+        k = units.parse(given["stiffness"], "stiffness", "--stiffness", n)
+    elif n != scene.exponent:
+        raise UserError("--stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
+    speeds = units.parse_values(given["speeds"], "speed", "--speeds")
+    units.require_positive(speeds, "speed", "--speeds")
+    timestep = units.parse(given["timestep"], "timestep", "--timestep")
+    units.require_positive(timestep, "timestep", "--timestep")
+    mass = units.parse(given["mass"], "mass", "--mass") if given["mass"] else scene.mass
+    units.require_positive(mass, "mass", "--mass")
+    alpha = units.parse(given["alpha"], "alpha", "--alpha") if given["alpha"] else 0.0
+    band = (float(speeds.min()), float(speeds.max()))
+    if given["alpha"]:
+        return scene, Target(HuntCrossley(k, alpha, n), mass, timestep, *band, reading=given["reading"])
+    points = (
+        _points(given["points"])
+        if given["points"]
+        else ((band[0], units.parse(given["constant"], "number", "--restitution")),)
+    )
+    return scene, Target(HuntCrossley(k, 0.0, n), mass, timestep, *band, "points", points)
+
+
+def _points(text: str) -> tuple[tuple[float, float], ...]:
+    """Pairs (v m/s, e) from 'v:e, v:e unit' or from a CSV file with the columns speed and restitution."""
+    from hcbench import units
+
+    if Path(text).is_file():
+        from hcbench.tune.points import read_points
+
+        return read_points(Path(text))
+    pairs = []
+    unit = text.rsplit(":", 1)[-1].strip().partition(" ")[2]
+    for piece in text.split(","):
+        speed, colon, e = piece.strip().removesuffix(unit).strip().partition(":")
+        if not colon:
+            raise UserError(
+                "--points", repr(text), "pairs like '0.1:0.95, 0.5:0.85 m/s' or a CSV file that exists"
+            )
+        pairs.append(
+            (
+                units.parse(f"{speed} {unit}".strip(), "speed", "--points"),
+                units.parse(e, "number", "--points"),
+            )
+        )
+    return tuple(pairs)
+
+
+def _print(tuned: Tuned, text: str) -> None:
+    from hcbench.tune.tuning import rest_words
+
+    verdict, target = tuned.verdict, tuned.target
+    truth = {"law": "e of (16)", "linear": "1 - α v", "points": "the e asked for"}[target.reading]
+    band = f"{target.speed_min:.4g} ... {target.speed_max:.4g} m/s"
+    rows = [
+        ("setting", f"{tuned.setting.engine} {tuned.recipe.name}: {tuned.why}"),
+        (
+            "largest error of e",
+            f"{verdict.max_error:.2g} against {truth} over {band}, held-out speeds, 8 phases",
+        ),
+        ("best constant e", f"{verdict.constant:.6g}, off by {verdict.constant_error:.2g}"),
+        ("steps in contact", f"{verdict.steps_min} ... {verdict.steps_max} of {target.timestep:g} s"),
+        ("largest penetration", f"{verdict.penetration_max:.3g} m"),
+        ("largest force", f"{verdict.force_max:.4g} N"),
+    ]
+    if not math.isnan(verdict.loop_rms) and target.reading == "law":
+        rows.append(
+            ("force loop", f"{100 * verdict.loop_rms:.2g} % of the largest force from the law's (rms)")
+        )
+    if tuned.rest is not None:
+        rows.append(
+            ("rests under gravity", f"{'yes' if tuned.rest.rests else 'no'}: {rest_words(tuned.rest)}")
+        )
+    for name, value in rows:
+        print(f"{name:<20}  {value}")
+    print("\npaste:\n")
+    print(text or "nothing: the engine as it comes")
+    print("\nknow:")
+    for line in (*tuned.advice, *tuned.recipe.holds):
+        print(f"- {line}")
+
+
+def _as_json(tuned: Tuned, text: str) -> dict[str, Any]:
+    return {
+        "schema": 1,
+        "engine": tuned.setting.engine,
+        "recipe": tuned.recipe.name,
+        "why": tuned.why,
+        "target": dataclasses.asdict(tuned.target),
+        "timestep_s": tuned.setting.timestep,
+        "options": dict(tuned.setting.options),
+        "verdict": dataclasses.asdict(tuned.verdict),
+        "rest": None if tuned.rest is None else dataclasses.asdict(tuned.rest),
+        "advice": list(tuned.advice),
+        "holds": list(tuned.recipe.holds),
+        "paste": text,
+    }

@@ -1,0 +1,155 @@
+"""Tune an engine to a target: choose a recipe, make its setting, let the engine itself be the judge."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from hcbench.engines import registry
+from hcbench.errors import SettingError, UserError
+from hcbench.reference import exact
+from hcbench.tune.soften import FEWEST_STEPS
+from hcbench.tune.verdict import Rest, Verdict, judge, settle
+
+if TYPE_CHECKING:
+    from hcbench.scene import Scene
+    from hcbench.setting import Setting
+    from hcbench.tune.target import Recipe, Target
+
+GROUP = "hcbench.recipes"
+Match = Literal["restitution", "loop", "both"]
+_LOOP_RIGHT = 0.05  # of the largest force: what counts as the law's loop
+
+
+@dataclass(frozen=True, slots=True)
+class Tuned:
+    """A setting, what the engine does with it, and why it was chosen.
+
+    rest: None where the engine cannot be followed. alternatives: recipes that were not taken, each with why.
+    """
+
+    target: Target
+    scene: Scene
+    recipe: Recipe
+    setting: Setting
+    verdict: Verdict
+    rest: Rest | None
+    why: str
+    advice: tuple[str, ...]
+
+
+def recipes_of(engine: str) -> dict[str, Recipe]:
+    """An engine's recipes by name; UserError for an engine that has none."""
+    registry.engine(engine)
+    names = [name for name in registry.names(GROUP) if name.startswith(f"{engine}.")]
+    return {recipe.name: recipe for recipe in (registry.load(GROUP, name) for name in names)}
+
+
+def steps_a_contact(target: Target) -> float:
+    """Steps in the law's own shortest contact of the band."""
+    return float(exact.duration(target.law, target.mass, target.speed_max)) / target.timestep
+
+
+def choose(engine: str, target: Target, scene: Scene, match: Match) -> tuple[str, str]:
+    """The recipe's name, and why. Raises SettingError when nothing there reaches the wish."""
+    steps, known = steps_a_contact(target), recipes_of(engine)
+    constant = target.speed_min == target.speed_max or target.law.alpha == 0 or len(target.points) == 1
+    seen = f"the law's contact lasts {steps:.3g} steps of {target.timestep:g} s"
+    if match in ("loop", "both"):
+        return _choose_loop(engine, known, target, steps, seen)
+    if target.reading == "law" and not constant and "staggered" in known and scene.form == "plane":
+        soft = f"{seen}; its springs are softened for 24" if steps < FEWEST_STEPS else seen
+        return "staggered", f"restitution that falls with speed as the law's does; {soft}"
+    if not constant:
+        # A restitution that falls with speed, but is not the law's, or not on a plane.
+        for name in ("two-pair", "soft") if steps >= FEWEST_STEPS else ():
+            if name in known and (name != "two-pair" or scene.form == "plane"):
+                return name, f"restitution that falls with speed; {seen}"
+    one_step = {"mujoco": "impulse", "pybullet": "restitution"}.get(engine)
+    if one_step in known:
+        return one_step, f"one restitution for all speeds, exact at any step; {seen}"
+    raise SettingError(
+        "recipe", f"'auto' knows none for {engine!r}", f"one of: {', '.join(known)}", "Name one with --recipe"
+    )
+
+
+def _choose_loop(
+    engine: str, known: dict[str, Recipe], target: Target, steps: float, seen: str
+) -> tuple[str, str]:
+    if steps < FEWEST_STEPS:
+        nearest = target.timestep * steps / FEWEST_STEPS
+        raise SettingError(
+            "match",
+            f"the loop, where {seen}",
+            f"at least {FEWEST_STEPS:g} steps",
+            f"Use a step of {nearest:.2g} s or less, a lower stiffness, or --match restitution",
+        )
+    if target.reading == "law" and "staggered" in known:
+        return "staggered", f"the only native setting with the law's loop; {seen}"
+    raise SettingError(
+        "match",
+        f"the loop in {engine!r} with reading {target.reading!r}",
+        "a setting whose loop is the law's",
+        "Use the plug-in `hunt-crossley` of hcbench.contact, or --match restitution",
+    )
+
+
+def tune(
+    engine: str,
+    target: Target,
+    scene: Scene,
+    recipe: str = "auto",
+    match: Match = "restitution",
+) -> Tuned:
+    """Make a setting that matches a target and judge it at speeds and phases that no recipe has looked at.
+
+    engine: a registered name. recipe: one of `recipes_of(engine)`, or "auto". match: what "auto" aims at.
+    Raises SettingError where no recipe can serve the target, EngineMissing, EngineFailed.
+    """
+    registry.engine(engine).version()
+    scene = dataclasses.replace(scene, mass=target.mass)
+    known = recipes_of(engine)
+    if recipe == "auto":
+        recipe, why = choose(engine, target, scene, match)
+    elif recipe in known:
+        why = "named"
+    else:
+        raise UserError("recipe", f"{recipe!r} for {engine!r}", f"one of: auto, {', '.join(known)}")
+    made = known[recipe]
+    setting = made(target)
+    verdict = judge(registry.engine(engine), scene, setting, target)
+    rest = settle(registry.engine(engine), scene, setting)
+    return Tuned(
+        target, scene, made, setting, verdict, rest, why, _advice(engine, scene, verdict, rest, known)
+    )
+
+
+def _advice(
+    engine: str, scene: Scene, verdict: Verdict, rest: Rest, known: dict[str, Recipe]
+) -> tuple[str, ...]:
+    found = []
+    if verdict.failed:
+        found.append(f"{verdict.failed} impacts gave no restitution: {verdict.reason}")
+    if not verdict.max_error < 1.02 * verdict.constant_error and verdict.constant_error > 0:
+        found.append(f"no better than the best constant e = {verdict.constant:.6g}")
+    if verdict.penetration_max > 0.02 * scene.relative_radius:
+        found.append(
+            f"the contact is soft: {verdict.penetration_max:.2g} m deep at the highest speed, "
+            f"{100 * verdict.penetration_max / scene.relative_radius:.2g} % of the radius"
+        )
+    if not rest.rests:
+        shallow = {"mujoco": "impulse", "pybullet": "restitution"}.get(engine)
+        other = f"; --recipe {shallow} rests shallow" if shallow in known else ""
+        found.append(f"under gravity it does not come to rest as it should: {rest_words(rest)}{other}")
+    if not math.isnan(verdict.loop_rms) and verdict.loop_rms > _LOOP_RIGHT:
+        found.append("forces are not the law's: only the restitution is")
+    return tuple(found)
+
+
+def rest_words(rest: Rest) -> str:
+    """Rest in words."""
+    if math.isnan(rest.depth):
+        return "it diverges"
+    return f"creep {rest.creep:.1e} m/s, depth {rest.depth:.1e} m, buzz {rest.buzz:.1e} m/s"

@@ -1,0 +1,193 @@
+"""Tuning: what is chosen, what is said of it, and that the pasted text does it in the plain engine."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hcbench.cli import run
+from hcbench.errors import SettingError, UserError
+from hcbench.reference import exact
+from hcbench.reference.laws import HuntCrossley
+from hcbench.scene import load_scene
+from hcbench.tune.paste import script
+from hcbench.tune.points import read_points
+from hcbench.tune.target import Target
+from hcbench.tune.tuning import choose, tune
+from hcbench.tune.verdict import held_out_speeds
+
+SCENE = load_scene("steel-plane")
+ALPHA = 0.008 / 0.0254
+
+
+def target(timestep: float, **changes: object) -> Target:
+    law = HuntCrossley(SCENE.stiffness, ALPHA, SCENE.exponent)
+    given: dict[str, object] = {
+        "law": law, "mass": SCENE.mass, "timestep": timestep, "speed_min": 0.0254, "speed_max": 0.508,
+    }  # fmt: skip
+    return Target(**{**given, **changes})  # type: ignore[arg-type]
+
+
+def test_held_out_speeds_span_the_band_and_repeat_none() -> None:
+    speeds = held_out_speeds(target(1e-3))
+    assert speeds[0] == 0.0254
+    assert speeds[-1] == 0.508
+    assert (np.diff(speeds) > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("engine", "timestep", "match", "recipe"),
+    [
+        ("mujoco", 1e-6, "both", "staggered"),
+        ("mujoco", 1e-3, "restitution", "staggered"),
+        ("pybullet", 1e-3, "restitution", "restitution"),
+    ],
+)
+def test_auto_chooses_by_step_and_wish_and_says_why(
+    engine: str, timestep: float, match: str, recipe: str
+) -> None:
+    name, why = choose(engine, target(timestep), SCENE, match)  # type: ignore[arg-type]
+    assert name == recipe
+    assert "steps" in why
+
+
+def test_a_constant_is_served_by_one_step_and_not_by_springs() -> None:
+    wanted = target(1e-3, reading="points", points=((0.1, 0.8),))
+    assert choose("mujoco", wanted, SCENE, "restitution")[0] == "impulse"
+    assert tune("mujoco", wanted, SCENE).verdict.max_error < 1e-12
+
+
+def test_a_loop_that_the_step_cannot_see_is_refused_with_the_step_that_can() -> None:
+    with pytest.raises(SettingError, match=r"Use a step of 1\.7e-05 s or less"):
+        choose("mujoco", target(1e-3), SCENE, "loop")
+
+
+def test_a_loop_that_no_native_setting_has_names_the_plug_in() -> None:
+    with pytest.raises(SettingError, match="plug-in"):
+        choose("pybullet", target(1e-6), SCENE, "loop")
+
+
+def test_an_unknown_recipe_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(UserError, match="impulse"):
+        tune("mujoco", target(1e-3), SCENE, recipe="wish")
+
+
+PLAIN_MUJOCO = """
+import sys, mujoco
+model = mujoco.MjModel.from_xml_path(sys.argv[1])
+data = mujoco.MjData(model)
+h, out = model.opt.timestep, []
+for speed in (0.06, 0.27, 0.45):
+    for phase in (0.1, 0.35, 0.6, 0.85):
+        mujoco.mj_resetData(model, data)
+        data.qpos[2] += (2 + phase) * h * speed
+        data.qvel[2] = -speed
+        start = data.qpos[2]
+        for _ in range(1000000):
+            mujoco.mj_step(model, data)
+            if data.qvel[2] > 0 and data.qpos[2] > start:
+                break
+        out.append(f"{speed} {float(data.qvel[2] / speed)!r}")
+print("\\n".join(out))
+"""
+
+
+@pytest.mark.parametrize(
+    ("recipe", "timestep", "within"),
+    [("staggered", 1e-6, 3e-5), ("staggered", 1e-3, 1e-3), ("impulse", 1e-3, None)],
+)
+def test_the_written_scene_does_in_plain_mujoco_what_tune_says(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], recipe: str, timestep: float, within: float | None
+) -> None:
+    scene = tmp_path / "tuned.xml"
+    arguments = ["tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", repr(timestep), "--recipe", recipe]
+    assert run([*arguments, "--write-scene", str(scene), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    done = subprocess.run(
+        [sys.executable, "-c", PLAIN_MUJOCO, str(scene)], capture_output=True, text=True, check=True
+    )
+    v, e = np.array([line.split() for line in done.stdout.splitlines()], dtype=float).T
+    error = np.abs(e - exact.restitution(ALPHA, v)).max()
+    assert error <= said["verdict"]["max_error"] * 1.2 + 1e-9
+    if within is not None:
+        assert error < within
+
+
+def test_the_written_script_does_in_plain_pybullet_what_tune_says(tmp_path: Path) -> None:
+    tuned = tune("pybullet", target(1e-3), SCENE)
+    (tmp_path / "drop.py").write_text(script(tuned.scene, tuned.setting), encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "drop.py"], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    rows = [line.split() for line in done.stdout.splitlines() if line[:2] == "0."]
+    assert len(rows) == 6
+    assert all(abs(float(e) - tuned.verdict.constant) < 1e-12 for _, e in rows)
+
+
+def test_a_limit_passed_exits_1_and_prints_its_best_all_the_same(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["tune", "pybullet", "--alpha", "0.008 s/in", "--timestep", "1e-3", "--max-error", "0.01"]
+    assert run(arguments) == 1
+    caught = capsys.readouterr()
+    assert "restitution=0.92693" in caught.out
+    assert "0.01 or less" in caught.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "--alpha"),
+        (["--alpha", "0.1", "--restitution", "0.5"], "--alpha and --restitution"),
+        (["--restitution", "1.5"], "restitution"),
+        (["--restitution=-0.1"], "restitution"),
+        (["--points", "0.1:0.8, 0.2:0.9 m/s"], "falling"),
+        (["--points", "0.1=0.8"], "--points"),
+        (["--alpha", "0.3", "--timestep", "0"], "--timestep"),
+        (["--alpha", "0.3", "--mass", "-1 lb"], "--mass"),
+        (["--alpha", "3", "--target", "linear"], "Keep below"),
+        (["--alpha", "0.3", "--recipe", "magic"], "magic"),
+        (["--alpha", "0.3", "--match", "loop"], "Use a step of"),
+        (["--alpha", "0.3", "--scene", "moon"], "moon"),
+        (["--alpha", "0.3", "--exponent", "1"], "--stiffness"),
+    ],
+)
+def test_a_mistake_is_one_line_and_exit_2(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
+) -> None:
+    given = ["tune", "mujoco", *arguments]
+    if "--timestep" not in arguments:
+        given += ["--timestep", "1e-3"]
+    assert run(given) == 2
+    caught = capsys.readouterr()
+    assert len(caught.err.splitlines()) == 1
+    assert says in caught.err
+
+
+def test_pairs_are_read_from_a_csv_whose_header_names_the_unit(tmp_path: Path) -> None:
+    file = tmp_path / "measured.csv"
+    file.write_text("speed [in/s],restitution\n16,0.88\n4,0.97\n", encoding="utf-8")
+    assert read_points(file) == ((pytest.approx(0.1016), 0.97), (pytest.approx(0.4064), 0.88))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "empty"),
+        ("speed,restitution\n1,0.9\n", "no unit"),
+        ("speed [m/s],restitution\n", "no rows"),
+        ("speed [m/s],restitution\n1,high\n", "line 2"),
+        ("speed [m/s],restitution\n1\n", "line 2"),
+        ("speed [m/s],restitution\n1,0.9\n1,0.8\n", "twice"),
+        ("speed [kg],restitution\n1,0.9\n", "kg"),
+        ("time,restitution\n1,0.9\n", "line 1"),
+    ],
+)
+def test_a_csv_that_is_no_table_of_pairs_is_refused_by_line(tmp_path: Path, text: str, says: str) -> None:
+    file = tmp_path / "measured.csv"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(UserError, match=says):
+        read_points(file)
