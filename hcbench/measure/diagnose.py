@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from hcbench.measure.model import Subject, Wanted
 
 _SHIFT = 0.5  # of the tolerance: how much a fix must move e to be a cause
+_PROBE_PHASES = 4
+_PROBE_STEPS = 20_000  # in contact, for all probes of one trial: slow contacts get fewer probes
 _SHARE = 0.2  # of what the strongest cause moves: less is not worth a reader's time
 
 
@@ -58,10 +60,13 @@ def diagnose(
         return tuple(_cause(c) for c in certain), ""
     trial = _Trial(subject, _probes(impacts, held), held)
     triable = [c for c in suspects if c.apply is not None]
+    if not triable and suspects:
+        return tuple(_cause(c) for c in suspects), "None of these could be tried on this model."
     if triable and trial.off(triable) > tolerance:  # a fix may bring out what it hid
-        fixed = subject.changed(triable)
         known = {c.code for c in suspects}
+        fixed = subject.changed(triable)
         more = [c for c in fixed.candidates(trial.fly(triable), wanted) if c.code not in known]
+        fixed.close()
         suspects += more
         triable += [c for c in more if c.apply is not None]
     causes = _convicted(triable, trial, tolerance) + [
@@ -98,7 +103,7 @@ def _wrong(impacts: Sequence[Impact], goal: Callable[[float], float], tolerance:
 
 
 def _probes(impacts: Sequence[Impact], goal: Callable[[float], float]) -> list[Launch]:
-    """Launches to try fixes on: the worst, one more phase of its speed, and the worst of another speed."""
+    """Launches to try fixes on: a few phases of the worst speed, the lowest and the highest."""
 
     def off(impact: Impact) -> float:
         wrong = abs(impact.restitution - goal(impact.speed_in))
@@ -106,11 +111,18 @@ def _probes(impacts: Sequence[Impact], goal: Callable[[float], float]) -> list[L
             return 0.0 if impact.status in (Status.PARTED, Status.RESTED) else math.inf
         return wrong
 
-    ranked = sorted(impacts, key=off, reverse=True)
-    worst = ranked[0].launch
-    same = [i.launch for i in ranked[1:] if i.launch.speed == worst.speed][:1]
-    other = [i.launch for i in ranked[1:] if i.launch.speed != worst.speed][:1]
-    return [worst, *same, *other]
+    worst = max(impacts, key=off).launch.speed
+    speeds = sorted({i.launch.speed for i in impacts})
+    chosen = {worst, speeds[0], speeds[-1]}
+    kept: list[Launch] = []
+    for speed in sorted(chosen):
+        launches = [i.launch for i in impacts if i.launch.speed == speed]
+        every = max(1, len(launches) // _PROBE_PHASES)
+        kept += launches[::every][:_PROBE_PHASES]
+    steps = max(1, *(i.samples for i in impacts))
+    few = max(1, _PROBE_STEPS // steps)
+    mine = [launch for launch in kept if launch.speed == worst]
+    return kept if few >= len(kept) else mine[:few]
 
 
 class _Trial:
@@ -124,7 +136,11 @@ class _Trial:
         key = tuple(sorted(c.code for c in fixes))
         if key not in self.known:
             try:
-                self.known[key] = self.subject.changed(fixes).fly(self.launches)
+                changed = self.subject.changed(fixes)
+                try:
+                    self.known[key] = changed.fly(self.launches)
+                finally:
+                    changed.close()
             except HcbenchError:  # a fix that makes the pair unmeasurable helps nobody
                 self.known[key] = []
         return self.known[key]

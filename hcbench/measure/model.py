@@ -90,6 +90,7 @@ class Request:
     key: name or number of the keyframe that everything starts from, "qpos0" for the model's zero;
         None: the first keyframe, or qpos0 where there is none.
     height: clearance at release, m; None: two to three steps of flight.
+    thrifty: fly one phase only at speeds where the contact has so many steps that phase cannot matter.
     """
 
     pair: tuple[str, str] | None = None
@@ -99,6 +100,7 @@ class Request:
     gravity: Vector | None = None
     key: str | None = None
     height: float | None = None
+    thrifty: bool = False
 
     def launches(self) -> list[Launch]:
         """One for each speed and phase, speeds in order."""
@@ -157,6 +159,10 @@ class Subject(Protocol):
 
     def changed(self, candidates: Sequence[Candidate]) -> Subject:
         """The same with the fixes of `candidates` made, in a copy."""
+        ...
+
+    def close(self) -> None:
+        """Give back what was taken; called once, after the last use."""
         ...
 
 

@@ -102,6 +102,9 @@ class MujocoSubject:
                 candidate.apply(model)
         return MujocoSubject(model, self.label, self.request)
 
+    def close(self) -> None:
+        """Nothing is held."""
+
 
 def _shown(model: Any, side: Any, geoms: tuple[int, int]) -> str:
     if not side.name.startswith(("body:", "geom:")):
