@@ -13,7 +13,7 @@ import os
 import shutil
 import tempfile
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,6 +44,8 @@ IMPACT_COLUMNS = [
     "force_max_n",
     "samples",
 ]
+TABLES = ("restitution", "loops", "scores", "trains")
+TRAIN_COLUMNS = [*RUN_KEY, "bounce", "height_m", "height_law_m"]
 LOOP_COLUMNS = [*RUN_KEY, "speed_m_per_s", "phase", "time_s", "penetration_m", "rate_m_per_s", "force_n"]
 
 
@@ -61,6 +63,7 @@ class Results:
     impacts: pd.DataFrame
     loops: pd.DataFrame
     scores: pd.DataFrame
+    trains: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=TRAIN_COLUMNS))
 
     def summary(self) -> dict[str, Any]:
         """The part that is not a table, JSON-able."""
@@ -75,8 +78,14 @@ class Results:
         }
 
     def write(self, folder: Path) -> None:
-        """Write the four files into an existing folder."""
-        for name, table in (("restitution", self.impacts), ("loops", self.loops), ("scores", self.scores)):
+        """Write the files into an existing folder."""
+        tables = {
+            "restitution": self.impacts,
+            "loops": self.loops,
+            "scores": self.scores,
+            "trains": self.trains,
+        }
+        for name, table in tables.items():
             write_text(folder / f"{name}.csv", csv_text(table))
         write_text(folder / "summary.json", json_text(self.summary()))
 
@@ -85,7 +94,7 @@ class Results:
         """Read what `write` wrote; UserError for a folder that is not one, or of another schema."""
         try:
             summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-            tables = [_read_table(folder / f"{name}.csv") for name in ("restitution", "loops", "scores")]
+            tables = [_read_table(folder / f"{name}.csv") for name in TABLES]
         except (OSError, ValueError) as error:
             raise UserError("results", f"{folder}: {error}", "a folder that `hcbench report` wrote") from None
         if summary.get("schema") != SCHEMA:

@@ -24,7 +24,8 @@ from hcbench.engines import isolation, registry
 from hcbench.impact import Impact, Launch, Status
 from hcbench.reference import exact
 from hcbench.reference.laws import HuntCrossley
-from hcbench.results import IMPACT_COLUMNS, LOOP_COLUMNS, RUN_KEY, Results
+from hcbench.results import IMPACT_COLUMNS, LOOP_COLUMNS, RUN_KEY, TRAIN_COLUMNS, Results
+from hcbench.trains import bounce_trains
 from hcbench.tune.target import Target
 
 if TYPE_CHECKING:
@@ -92,6 +93,27 @@ def run_study(study: Study, jobs: int = 1, progress: Callable[[int, int], None] 
         if tables["loops"]
         else pd.DataFrame(columns=LOOP_COLUMNS),
         scores=pd.DataFrame(tables["scores"], columns=[*RUN_KEY, *compare.SCORE_FIELDS]),
+        trains=_train_table(study, rows),
+    )
+
+
+def _train_table(study: Study, rows: Sequence[_Row]) -> pd.DataFrame:
+    """Bounce trains of the settings at the study's train step, for its main α."""
+    law = HuntCrossley(study.scene.stiffness, study.main_alpha, study.scene.exponent)
+    settings = {
+        row.task.setting.key: row.task.setting
+        for row in rows
+        if row.alpha == study.main_alpha and row.task.setting.timestep == study.train_step
+    }
+    found = []
+    if study.train_height is not None:
+        found = bounce_trains(
+            study.scene, [(law, setting) for setting in settings.values()], study.train_height
+        )
+    name = study.scene.name
+    return pd.DataFrame(
+        [(name, s.engine, s.name, alpha, s.timestep, *rest) for alpha, s, *rest in found],
+        columns=TRAIN_COLUMNS,
     )
 
 

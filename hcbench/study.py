@@ -35,7 +35,8 @@ class Run:
 class Study:
     """What to run. SI. `loop_speeds` are launched too, and their loops kept (at the middle phase).
 
-    main_alpha, step_speed: the α and the speed that figures of one α or one speed show.
+    main_alpha, step_speed: the α and the speed that figures of one α or one speed show. train_height, m, and
+    train_step, s: settings at that step are dropped from there under gravity too, for ten bounces.
     """
 
     title: str
@@ -47,6 +48,8 @@ class Study:
     main_alpha: float
     step_speed: float
     runs: tuple[Run, ...]
+    train_height: float | None = None
+    train_step: float | None = None
 
     def described(self) -> dict[str, Any]:
         """As JSON, defaults filled in."""
@@ -92,6 +95,8 @@ _STUDY_KEYS = {
     "phases": "a whole number",
     "main_alpha": 'like "0.008 s/in"',
     "step_speed": 'like "8 in/s"',
+    "train_height": 'like "10 mm"',
+    "train_step": 'like "1e-3 s"',
     "gravity": 'like "9.81 m/s^2"',
     "run": "[[run]] tables",
 }
@@ -171,7 +176,17 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
         main_alpha=_one(content.get("main_alpha", alphas[len(alphas) // 2]), "alpha", f"{where}: main_alpha"),
         step_speed=_one(content.get("step_speed", speeds[len(speeds) // 2]), "speed", f"{where}: step_speed"),
         runs=tuple(_run(run, f"{where}: run {i}", alphas, speeds) for i, run in enumerate(runs, 1)),
+        train_height=_maybe(content, "train_height", "length", where),
+        train_step=_maybe(content, "train_step", "timestep", where),
     )
+
+
+def _maybe(content: Mapping[str, Any], key: str, quantity: str, where: str) -> float | None:
+    if key not in content:
+        return None
+    value = units.parse(content[key], quantity, f"{where}: {key}")
+    units.require_positive(value, quantity, f"{where}: {key}")
+    return value
 
 
 def _run(content: Mapping[str, Any], where: str, alphas: tuple[float, ...], speeds: tuple[float, ...]) -> Run:

@@ -18,7 +18,7 @@ FLOORS = [
     {"errors", "units"},
     {"impact", "setting", "scene", "reference"},
     {"engines", "contact", "compare", "measure"},
-    {"tune", "study", "results", "run"},
+    {"tune", "study", "results", "run", "trains"},
     {"report", "check", "paper"},
     {"pytest_plugin", "cli"},
 ]
