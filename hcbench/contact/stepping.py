@@ -102,6 +102,13 @@ def kick(motion: Motion, h: float, x: float, v: float) -> float:
     before = x - h * v
     if x <= 0.0 and before <= 0.0 and x + h * (v + h * motion.b) <= 0.0:
         return 0.0
+    after = through(motion, h, before, x)[1]
+    return max(0.0, motion.b - ((after - before) / h - 2.0 * v) / h)
+
+
+def through(motion: Motion, h: float, before: float, x: float) -> tuple[float, float]:
+    """The motion that is at `before` h ago and at x now: its rate now, and where it is h later."""
+    v = (x - before) / h
     rate = h * h * motion.rate(max(x, before)) ** 2
     V = v + 0.5 * h * motion.acceleration(x, v)
     V = v + 0.5 * h * motion.acceleration(x - h / 3.0 * V, V)
@@ -121,8 +128,9 @@ def kick(motion: Motion, h: float, x: float, v: float) -> float:
         if change * last <= 1e-12 * scale * scale or change <= 1e-13 * scale:
             break
         last = change
-    after = after + (V - V0) * h * (1.0 - rate / 6.0) if smooth else flow(motion, h, x, V)[0]
-    return max(0.0, motion.b - ((after - before) / h - 2.0 * v) / h)
+    if smooth:
+        return V, after + (V - V0) * h * (1.0 - rate / 6.0)
+    return V, flow(motion, h, x, V)[0]
 
 
 def stages(motion: Motion, h: float, x: float, v: float) -> tuple[float, float, float]:

@@ -1,0 +1,351 @@
+"""Hunt-Crossley contact for a PyBullet simulation of your own.
+
+    from hcbench.contact import pybullet as contact
+    from hcbench.reference.laws import HuntCrossley
+
+    with contact.attach([(ball, plate)], HuntCrossley(stiffness=3.4e10, alpha=0.315)) as law:
+        for _ in range(steps):
+            law.step()  # instead of pybullet.stepSimulation(); or law.apply() before it
+
+The law takes the attached pairs over: Bullet no longer collides them, and each `apply` finds their closest
+points (Bullet's own, or a gap of yours) and adds external forces, equal and opposite. Nothing else in the
+world is changed: no restitution, threshold, slop or damping of Bullet's. What Bullet does to all bodies it
+still does to these: switch its linearDamping of 0.04 off if the speed between impacts matters.
+
+`HuntCrossley` is the force law, for steps that resolve the contact: stepping.py says how the force over a
+step is found, and its order. `Restitution(alpha)` gives each impact e(v) of its own approach speed in the
+step that it happens in, for steps that do not; several contacts at once are solved together, resting ones
+rest. Bullet's friction does not act between attached pairs: give the law its own.
+
+PyBullet cannot say whether a pair was allowed to collide before: `detach` allows it, unless told otherwise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self
+
+from hcbench.contact import _pybullet_solve as solve
+from hcbench.contact._pybullet_bodies import Body, product
+from hcbench.contact._pybullet_solve import Touch
+from hcbench.contact._vectors import Vector, along, dot, turned, vector
+from hcbench.contact.law import Friction, Law, Restitution, contact_time
+from hcbench.errors import EngineFailed, SettingError
+from hcbench.reference.laws import HuntCrossley
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+    from types import TracebackType
+
+    Pose = tuple[Vector, Sequence[float]]  # position and quaternion (x, y, z, w) of a centre of mass frame
+    # (distance, point, unit normal from the second body to the first) of two poses.
+    Gap = Callable[[Pose, Pose], tuple[float, Vector, Vector]]
+
+__all__ = ["Contact", "Friction", "HuntCrossley", "Restitution", "Touch", "attach", "cup", "pairs_between"]
+
+_SPEED = 0.508  # m/s: 20 in/s, up to where the paper's law holds
+_STEPS_PER_CONTACT = 4.0
+
+_attached: dict[int, set[tuple[int, int, int, int]]] = {}  # by client
+
+
+def cup(ball_radius: float, cup_radius: float, centre: Sequence[float] = (0.0, 0.0, 0.0)) -> Gap:
+    """The exact gap of a ball (first body) in a concave spherical cup (second): its mesh would be coarse.
+
+    ball_radius, cup_radius: m, the cup's larger. centre: the cup's centre of curvature in the frame of the
+    second body's centre of mass, m.
+    """
+    if not 0 < ball_radius < cup_radius:
+        raise SettingError(
+            "ball_radius", f"{ball_radius!r} m", f"above 0 and below the cup's {cup_radius!r} m"
+        )
+    middle = vector(centre)
+
+    def gap(ball: Pose, plate: Pose) -> tuple[float, Vector, Vector]:
+        out = along(ball[0], -1.0, along(plate[0], 1.0, turned(plate[1], middle)))
+        away = math.sqrt(dot(out, out))
+        if away == 0.0:
+            return cup_radius - ball_radius, ball[0], (0.0, 0.0, 1.0)
+        normal = (-out[0] / away, -out[1] / away, -out[2] / away)
+        distance = cup_radius - ball_radius - away
+        return distance, along(ball[0], -(ball_radius + 0.5 * distance), normal), normal
+
+    return gap
+
+
+def pairs_between(
+    body1: int, body2: int, *, client: int = 0
+) -> list[tuple[tuple[int, int], tuple[int, int]]]:
+    """All pairs of links (base -1 among them) of two bodies that have a collision shape."""
+    import pybullet as bullet
+
+    def shaped(body: int) -> list[int]:
+        links = range(-1, bullet.getNumJoints(body, physicsClientId=client))
+        return [link for link in links if bullet.getCollisionShapeData(body, link, physicsClientId=client)]
+
+    return [((body1, one), (body2, two)) for one in shaped(body1) for two in shaped(body2)]
+
+
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    first: Body
+    link1: int
+    second: Body
+    link2: int
+
+    @property
+    def key(self) -> tuple[int, int, int, int]:
+        one, two = sorted([(self.first.number, self.link1), (self.second.number, self.link2)])
+        return (*one, *two)
+
+
+class Contact:
+    """A law attached to pairs of a client's bodies, until `detach` or the end of a `with` block."""
+
+    def __init__(
+        self, bullet: Any, client: int, law: Law, friction: Friction | None, gap: Gap | None, again: bool
+    ) -> None:
+        self._bullet, self._client, self._again, self._gap = bullet, client, again, gap
+        self.law, self.friction = law, friction
+        self._pairs: list[_Pair] = []
+        self._bodies: list[Body] = []
+        self._solver = solve.solver_of(law)
+        self._too_coarse = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.detach()
+        if kind is None:
+            self.check()
+
+    def step(self) -> list[Touch]:
+        """`apply`, then pybullet.stepSimulation()."""
+        touches = self.apply()
+        self._bullet.stepSimulation(physicsClientId=self._client)
+        return touches
+
+    def apply(self) -> list[Touch]:
+        """Add the law's forces for the step that comes next; what they are, for the present state.
+
+        Raises EngineFailed for a state that is not finite.
+        """
+        world = self._bullet.getPhysicsEngineParameters(physicsClientId=self._client)
+        h = world["fixedTimeStep"]
+        gravity = tuple(world[f"gravityAcceleration{axis}"] for axis in "XYZ")
+        for body in self._bodies:
+            body.refresh()
+        touches = [touch for pair in self._pairs for touch in self._find(pair, h, gravity)]
+        self._solver.solve(touches, h)
+        for touch in touches:
+            if touch.force > 0.0:
+                self._push(touch, h)
+        if isinstance(self.law, HuntCrossley):
+            self._too_coarse += sum(touch.rate_of_step > 1.0 for touch in touches)
+        return touches
+
+    def check(self) -> None:
+        """Raise EngineFailed if a contact was too fast for the step."""
+        if self._too_coarse:
+            raise EngineFailed(
+                "contact",
+                f"{self._too_coarse} times a penetration too fast for the step",
+                "a smaller timestep",
+                "Or attach Restitution(alpha), which needs no resolved contact",
+            )
+
+    def detach(self) -> None:
+        """Give the pairs back to Bullet. Twice is no harm."""
+        known = _attached.get(self._client, set())
+        for pair in self._pairs:
+            known.discard(pair.key)
+            if self._bullet.isConnected(self._client):
+                self._collide(pair, int(self._again))
+        self._pairs, self._bodies = [], []
+
+    def _collide(self, pair: _Pair, enable: int) -> None:
+        try:
+            self._bullet.setCollisionFilterPair(
+                pair.first.number,
+                pair.second.number,
+                pair.link1,
+                pair.link2,
+                enable,
+                physicsClientId=self._client,
+            )
+        except self._bullet.error as error:  # a body that has been removed meanwhile
+            if enable == 0:
+                raise EngineFailed("pybullet", str(error), "bodies of this client") from error
+
+    def _find(self, pair: _Pair, h: float, gravity: Sequence[float]) -> list[Touch]:
+        made = []
+        for order, (distance, point, normal) in enumerate(self._closest(pair, h, gravity)):
+            relative = along(
+                pair.first.velocity_at(pair.link1, point), -1.0, pair.second.velocity_at(pair.link2, point)
+            )
+            v = -dot(relative, normal)
+            if not (math.isfinite(distance) and math.isfinite(v)):
+                raise EngineFailed(
+                    f"contact of bodies {pair.first.number} and {pair.second.number}",
+                    f"penetration {-distance!r} m at {v!r} m/s",
+                    "a finite state",
+                    "Look at the step, or at what else acts on the bodies",
+                )
+            rows = (
+                pair.first.row(pair.link1, point, normal),
+                pair.second.row(pair.link2, point, normal),
+            )
+            pull = sum(
+                sign * dot(gravity, normal)
+                for sign, body in ((-1.0, pair.first), (1.0, pair.second))
+                if body.kind == "free"
+            )
+            made.append(
+                Touch(
+                    pair=((pair.first.number, pair.link1), (pair.second.number, pair.link2)),
+                    order=order,
+                    penetration=-distance,
+                    rate=v,
+                    point=point,
+                    normal=normal,
+                    slip=along(relative, v, normal),
+                    bodies=(pair.first, pair.second),
+                    rows=rows,
+                    inverse_mass=sum(product(row, row) for row in rows),
+                    pull=pull,
+                )
+            )
+        return made
+
+    def _closest(self, pair: _Pair, h: float, gravity: Sequence[float]) -> list[tuple[float, Vector, Vector]]:
+        if self._gap is not None:
+            return [self._gap(pair.first.pose(pair.link1), pair.second.pose(pair.link2))]
+        fall = h * h * math.sqrt(dot(gravity, gravity))
+        reach = 1.01 * (h * (pair.first.speed(pair.link1) + pair.second.speed(pair.link2)) + fall) + 1e-9
+        if not math.isfinite(reach):
+            reach = 0.0  # the state is told of where it is read
+        points = self._bullet.getClosestPoints(
+            pair.first.number, pair.second.number, reach, pair.link1, pair.link2, physicsClientId=self._client
+        )
+        found = []
+        for one in points:
+            middle = vector([0.5 * (a + b) for a, b in zip(one[5], one[6], strict=True)])
+            found.append((one[8], middle, vector(one[7])))
+        return found
+
+    def _push(self, touch: Touch, h: float) -> None:
+        force = along((0.0, 0.0, 0.0), touch.force, touch.normal)
+        slip = math.sqrt(dot(touch.slip, touch.slip))
+        if self.friction is not None and slip > 0.0:
+            direction = along((0.0, 0.0, 0.0), 1.0 / slip, touch.slip)
+            links = (touch.pair[0][1], touch.pair[1][1])
+            rows = [
+                body.row(link, touch.point, direction) for body, link in zip(touch.bodies, links, strict=True)
+            ]
+            # A step can stop the slip, never turn it around.
+            most = slip / (h * sum(product(row, row) for row in rows))
+            force = along(force, -min(self.friction.coefficient(slip) * touch.force, most), direction)
+        touch.bodies[0].push(touch.pair[0][1], touch.point, force)
+        touch.bodies[1].push(touch.pair[1][1], touch.point, along((0.0, 0.0, 0.0), -1.0, force))
+
+
+def attach(
+    pairs: Iterable[Sequence[Any]],
+    law: Law,
+    *,
+    client: int = 0,
+    friction: Friction | None = None,
+    gap: Gap | None = None,
+    speed: float = _SPEED,
+    collide_after: bool = True,
+) -> Contact:
+    """Let `law` act on pairs of bodies of a PyBullet client, instead of Bullet's own contact.
+
+    pairs: (body, body), or ((body, link), (body, link)) where a link is meant; a bare body is its base.
+    law: HuntCrossley or Restitution. friction: of either; none by default.
+    gap: distance, point and normal of two poses, where Bullet's closest points are not exact enough: `cup`.
+    speed: largest approach speed expected, m/s: a step too coarse for it is refused.
+    collide_after: whether Bullet collides the pairs when they are detached.
+
+    Raises SettingError for what cannot be attached; the world is untouched then.
+    """
+    import pybullet as bullet
+
+    if not isinstance(law, (HuntCrossley, Restitution)):
+        raise SettingError("law", repr(law), "HuntCrossley(stiffness, alpha) or Restitution(alpha)")
+    if not bullet.isConnected(client):
+        raise SettingError("client", f"{client} is not connected", "the id that pybullet.connect gave")
+    contact = Contact(bullet, client, law, friction, gap, collide_after)
+    bodies: dict[int, Body] = {}
+    made = [_pair(bullet, client, bodies, list(pair)) for pair in pairs]
+    known = _attached.setdefault(client, set())
+    keys = [pair.key for pair in made]
+    for pair in made:
+        if pair.key in known or keys.count(pair.key) > 1:
+            raise SettingError(
+                "contact pair",
+                f"bodies {pair.first.number} and {pair.second.number} attached twice",
+                "a pair that has no law yet",
+                "Detach that first",
+            )
+        _check_step(bullet, client, pair, law, speed)
+    if not made:
+        raise SettingError("contact pairs", "none", "at least one pair of bodies")
+    for pair in made:
+        contact._collide(pair, 0)
+        known.add(pair.key)
+    contact._pairs, contact._bodies = made, list(bodies.values())
+    return contact
+
+
+def _pair(bullet: Any, client: int, bodies: dict[int, Body], pair: list[Any]) -> _Pair:
+    if len(pair) != 2:
+        raise SettingError("contact pair", repr(pair), "two bodies, such as (ball, plate)")
+    sides: list[tuple[Body, int]] = []
+    for one in pair:
+        number, link = (one, -1) if isinstance(one, int) else (int(one[0]), int(one[1]))
+        if number not in bodies:
+            try:
+                bodies[number] = Body(bullet, client, number)
+            except bullet.error:
+                count = bullet.getNumBodies(physicsClientId=client)
+                raise SettingError(
+                    f"body {number}", "not in this client", f"one of its {count} bodies"
+                ) from None
+        bodies[number].check_link(link)
+        sides.append((bodies[number], link))
+    if sides[0] == sides[1]:
+        raise SettingError("contact pair", f"{pair!r} is one and the same", "two different ones")
+    if all(body.kind == "fixed" for body, _ in sides):
+        raise SettingError("contact pair", f"{pair!r} cannot move", "a body with a mass above 0")
+    return _Pair(*sides[0], *sides[1])
+
+
+def _check_step(bullet: Any, client: int, pair: _Pair, law: Law, speed: float) -> None:
+    world = bullet.getPhysicsEngineParameters(physicsClientId=client)
+    if world["useRealTimeSimulation"]:
+        raise SettingError("client", "runs in real time", "one that is stepped: setRealTimeSimulation(0)")
+    if world["numSubSteps"] > 1:
+        raise SettingError(
+            "numSubSteps", str(world["numSubSteps"]), "0", "External forces act in the first substep only"
+        )
+    if not isinstance(law, HuntCrossley):
+        return
+    masses = [
+        body.bullet.getDynamicsInfo(body.number, link, physicsClientId=client)[0]
+        for body, link in ((pair.first, pair.link1), (pair.second, pair.link2))
+        if body.kind != "fixed"
+    ]
+    mass = 1.0 / sum(1.0 / one for one in masses if one > 0.0)
+    lasts, step = contact_time(law, mass, speed), float(world["fixedTimeStep"])
+    if step > lasts / _STEPS_PER_CONTACT:
+        raise SettingError(
+            f"timestep {step:g} s",
+            f"too coarse for the force law: this contact lasts {lasts:.2g} s at {speed:g} m/s",
+            f"a step of {lasts / 20:.1g} s (at most {lasts / _STEPS_PER_CONTACT:.1g} s)",
+            "For coarser steps attach Restitution(alpha) instead",
+        )
