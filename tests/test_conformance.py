@@ -21,7 +21,7 @@ RECIPES = registry.names("hcbench.recipes")
 SCENES = scene_names()
 SPEEDS, PHASES = (0.05, 0.21, 0.47), tuple((i + 0.5) / 8 for i in range(8))
 LAUNCHES = tuple(Launch(v, p) for v in SPEEDS for p in PHASES)
-TIMESTEP = {"stock": 1e-3, "impulse": 1e-3, "restitution": 1e-3}
+TIMESTEP = {"stock": 1e-3, "impulse": 1e-3, "restitution": 1e-3, "restitution-law": 1e-3}
 # Bounce by luck of the phase, or not at all: that is what they are in the benchmark for.
 AS_LOADED = ("mujoco.stock", "pybullet.stock")
 
@@ -126,6 +126,13 @@ def test_one_step_settings_give_the_e_that_was_set_at_every_phase(recipe: str) -
     target = exact.restitution(0.008 / 0.0254, np.array([0.0254, 0.508])).mean()
     for impact in impacts_of(recipe, "steel-plane"):
         assert abs(impact.restitution - target) < 1e-12
+
+
+@pytest.mark.parametrize("recipe", [r for r in RECIPES if r.endswith((".hunt-crossley", ".restitution-law"))])
+@pytest.mark.parametrize("scene", SCENES)
+def test_plug_ins_give_the_laws_own_restitution(recipe: str, scene: str) -> None:
+    for impact in impacts_of(recipe, scene):
+        assert abs(impact.restitution - exact.restitution(0.008 / 0.0254, impact.speed_in)) < 1e-7
 
 
 @pytest.mark.parametrize("recipe", ["mujoco.spring-damper", "pybullet.spring-damper"])

@@ -6,13 +6,16 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from hcbench.contact.law import law_of
 from hcbench.errors import SettingError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from hcbench.contact.law import Law
+
 INTEGRATORS = ("Euler", "implicit", "implicitfast", "RK4", "discrete")
-_KEYS = ("integrator", "rows")
+_KEYS = ("integrator", "rows", "law")
 _ROW_KEYS = ("solref", "solimp", "onset", "adhesion")
 
 
@@ -32,10 +35,11 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """A setting's options, checked. integrator None and no rows: the model as authored."""
+    """A setting's options, checked. integrator None, no rows and no law: the model as authored."""
 
     integrator: str | None
     rows: tuple[Row, ...]
+    law: Law | None = None
 
 
 def read_options(options: Mapping[str, Any]) -> Options:
@@ -49,7 +53,16 @@ def read_options(options: Mapping[str, Any]) -> Options:
     rows = options.get("rows", [])
     if not isinstance(rows, list | tuple):
         raise SettingError("mujoco option 'rows'", f"{rows!r:.60}", "a list of contact constraints")
-    return Options(integrator, tuple(_row(row, f"rows[{i}]") for i, row in enumerate(rows)))
+    law = _law(options["law"]) if "law" in options else None
+    if law is not None and rows:
+        raise SettingError("mujoco option 'law'", "given with rows", "one of the two")
+    return Options(integrator, tuple(_row(row, f"rows[{i}]") for i, row in enumerate(rows)), law)
+
+
+def _law(given: Any) -> Law:
+    if not hasattr(given, "items"):
+        raise SettingError("mujoco option 'law'", f"{given!r:.60}", 'a table such as {"kind": "force", ...}')
+    return law_of(given)
 
 
 def _row(given: Any, part: str) -> Row:

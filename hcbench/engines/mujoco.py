@@ -6,11 +6,14 @@ Options of a setting (all optional; none means as authored):
         "solimp": [5 numbers], "onset": depth at which it starts, m, "adhesion": force with which it may
         pull, N}. On a plane each is a <pair>, of coincident geoms where there are several; in a cup each
         is a tendon's limit.
+    law: a plug-in of hcbench.contact in place of MuJoCo's own contact, {"kind": "force", "alpha": s/m,
+        "stiffness": N/m^n, "exponent": n} or {"kind": "restitution", "alpha": s/m}.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from contextlib import contextmanager
 from importlib import metadata
 from typing import TYPE_CHECKING, ClassVar
 
@@ -23,8 +26,9 @@ from hcbench.errors import EngineMissing
 from hcbench.impact import Status, impact_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
+    from hcbench.engines._mujoco_load import Loaded
     from hcbench.impact import Impact, Launch, Trajectory
     from hcbench.scene import Scene
     from hcbench.setting import Setting
@@ -49,14 +53,29 @@ class MujocoEngine(Engine):
 
     def fly(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         """One impact for each launch, the same bits however many there are."""
-        model = load(scene, setting.timestep, read_options(setting.options))
-        paths = _mujoco_flight.fly(model, launches)
+        with self._ready(scene, setting) as model:
+            paths = _mujoco_flight.fly(model, launches)
         return [_named(impact_of(*pair)) for pair in zip(launches, paths, strict=True)]
 
     def follow(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
         """Every step of `duration` s after release; NaN from where MuJoCo gave up."""
-        model = load(scene, setting.timestep, read_options(setting.options))
-        return _mujoco_flight.follow(model, launch, max(1, round(duration / setting.timestep)))
+        with self._ready(scene, setting) as model:
+            return _mujoco_flight.follow(model, launch, max(1, round(duration / setting.timestep)))
+
+    @staticmethod
+    @contextmanager
+    def _ready(scene: Scene, setting: Setting) -> Iterator[Loaded]:
+        """The scene under the setting, with its plug-in attached for as long as the block lasts."""
+        options = read_options(setting.options)
+        model = load(scene, setting.timestep, options)
+        if options.law is None:
+            yield model
+            return
+        from hcbench.contact import mujoco as contact
+
+        own = {"tendons": ["contact"]} if scene.form == "cup" else {"pairs": [("ball", "plate")]}
+        with contact.attach(model.model, law=options.law, **own):
+            yield model
 
 
 def _named(impact: Impact) -> Impact:

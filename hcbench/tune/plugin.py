@@ -1,0 +1,74 @@
+"""The plug-ins of hcbench.contact as settings: the law itself where no native setting reaches it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from hcbench.errors import SettingError
+from hcbench.reference import exact
+from hcbench.setting import Setting
+
+if TYPE_CHECKING:
+    from hcbench.tune.target import Target
+
+_FEWEST_STEPS = 3.0  # in the shortest contact: with fewer the plug-in refuses the step
+
+
+@dataclass(frozen=True)
+class ForceLaw:
+    """Eq. (16) as a contact force, advanced exactly over each step."""
+
+    engine: str
+    name: ClassVar[str] = "hunt-crossley"
+    summary: ClassVar[str] = "Plug-in: eq. (16) as contact force, for steps that resolve the contact."
+    holds: ClassVar[tuple[str, ...]] = (
+        "A plug-in of hcbench.contact, to attach in your own simulation: no native setting.",
+        "Steps of a third of the shortest contact or less; for longer ones take `restitution-law`.",
+    )
+
+    def __call__(self, target: Target) -> Setting:
+        """The setting; SettingError for a target or a step that the force law does not have."""
+        _require_law(target)
+        steps = float(exact.duration(target.law, target.mass, target.speed_max)) / target.timestep
+        if steps < _FEWEST_STEPS:
+            raise SettingError(
+                "timestep",
+                f"{target.timestep:g} s, {steps:.2g} of which are the law's shortest contact",
+                f"{target.timestep * steps / _FEWEST_STEPS:.2g} s or less",
+                "Use `restitution-law`, which needs no resolved contact",
+            )
+        law = target.law
+        options = {"kind": "force", "alpha": law.alpha, "stiffness": law.stiffness, "exponent": law.exponent}
+        return Setting(self.engine, self.name, target.timestep, {"law": options})
+
+
+@dataclass(frozen=True)
+class RestitutionLaw:
+    """Each impact gets e(v) of its own approach speed, in the step in which it happens."""
+
+    engine: str
+    name: ClassVar[str] = "restitution-law"
+    summary: ClassVar[str] = "Plug-in: each impact gets the law's e of its own speed, in one step."
+    holds: ClassVar[tuple[str, ...]] = (
+        "A plug-in of hcbench.contact, to attach in your own simulation: no native setting.",
+        "Any step; the force is one impulse: forces and contact times mean nothing.",
+    )
+
+    def __call__(self, target: Target) -> Setting:
+        """The setting; SettingError for a target given as points."""
+        _require_law(target, linear=True)
+        options = {"kind": "restitution", "alpha": target.law.alpha, "reading": target.reading}
+        return Setting(self.engine, self.name, target.timestep, {"law": options})
+
+
+def _require_law(target: Target, linear: bool = False) -> None:
+    known = ("law", "linear") if linear else ("law",)
+    if target.reading not in known:
+        raise SettingError("target", f"the reading {target.reading!r}", f"one of: {', '.join(known)}")
+
+
+MUJOCO_FORCE = ForceLaw("mujoco")
+MUJOCO_RESTITUTION = RestitutionLaw("mujoco")
+PYBULLET_FORCE = ForceLaw("pybullet")
+PYBULLET_RESTITUTION = RestitutionLaw("pybullet")
