@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.contact.law import Friction, Law, Restitution, contact_time
+from hcbench.contact.law import STEPS_PER_CONTACT, Friction, Law, Restitution, contact_time
 from hcbench.errors import SettingError
 from hcbench.reference.laws import HuntCrossley
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 FORCE, RESTITUTION = 1, 2
 FIXED, FREE, JOINTED = 0, 1, 2
-STEPS_PER_CONTACT = 4.0  # fewer, and the force over a step is no longer well defined
 
 
 class ContactAccuracyWarning(UserWarning):

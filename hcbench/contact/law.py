@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 Reading = Literal["law", "linear"]
+STEPS_PER_CONTACT = 4.0  # fewer, and the force over a step is no longer well defined
 
 
 def require(slot: str, value: object, good: bool, expected: str, todo: str = "") -> None:

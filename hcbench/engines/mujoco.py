@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
     from hcbench.setting import Setting
 
+_SLOWEST = 1e-3  # m/s: for a body let down on the plate, the step is judged at this speed
 _DIVERGED = "MuJoCo gave up: a position, velocity or acceleration was not finite or above 1e10"
 
 
@@ -53,19 +54,20 @@ class MujocoEngine(Engine):
 
     def fly(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         """One impact for each launch, the same bits however many there are."""
-        with self._ready(scene, setting) as model:
+        fastest = max((launch.speed for launch in launches), default=0.0)
+        with self._ready(scene, setting, fastest) as model:
             paths = _mujoco_flight.fly(model, launches)
         return [_named(impact_of(*pair)) for pair in zip(launches, paths, strict=True)]
 
     def follow(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
         """Every step of `duration` s after release; NaN from where MuJoCo gave up."""
-        with self._ready(scene, setting) as model:
+        with self._ready(scene, setting, launch.speed) as model:
             return _mujoco_flight.follow(model, launch, max(1, round(duration / setting.timestep)))
 
     @staticmethod
     @contextmanager
-    def _ready(scene: Scene, setting: Setting) -> Iterator[Loaded]:
-        """The scene under the setting, with its plug-in attached for as long as the block lasts."""
+    def _ready(scene: Scene, setting: Setting, speed: float) -> Iterator[Loaded]:
+        """The scene under the setting, with its plug-in attached, for impacts at up to `speed` m/s."""
         options = read_options(setting.options)
         model = load(scene, setting.timestep, options)
         if options.law is None:
@@ -74,7 +76,7 @@ class MujocoEngine(Engine):
         from hcbench.contact import mujoco as contact
 
         own = {"tendons": ["contact"]} if scene.form == "cup" else {"pairs": [("ball", "plate")]}
-        with contact.attach(model.model, law=options.law, **own):
+        with contact.attach(model.model, law=options.law, speed=max(speed, _SLOWEST), **own):
             yield model
 
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from hcbench.contact.law import STEPS_PER_CONTACT
 from hcbench.errors import SettingError
 from hcbench.reference import exact
 from hcbench.setting import Setting
 
 if TYPE_CHECKING:
     from hcbench.tune.target import Target
-
-_FEWEST_STEPS = 3.0  # in the shortest contact: with fewer the plug-in refuses the step
 
 
 @dataclass(frozen=True)
@@ -24,18 +23,18 @@ class ForceLaw:
     summary: ClassVar[str] = "Plug-in: eq. (16) as contact force, for steps that resolve the contact."
     holds: ClassVar[tuple[str, ...]] = (
         "A plug-in of hcbench.contact, to attach in your own simulation: no native setting.",
-        "Steps of a third of the shortest contact or less; for longer ones take `restitution-law`.",
+        "Steps of a quarter of the shortest contact or less; for longer ones take `restitution-law`.",
     )
 
     def __call__(self, target: Target) -> Setting:
         """The setting; SettingError for a target or a step that the force law does not have."""
         _require_law(target)
         steps = float(exact.duration(target.law, target.mass, target.speed_max)) / target.timestep
-        if steps < _FEWEST_STEPS:
+        if steps < STEPS_PER_CONTACT:
             raise SettingError(
                 "timestep",
                 f"{target.timestep:g} s, {steps:.2g} of which are the law's shortest contact",
-                f"{target.timestep * steps / _FEWEST_STEPS:.2g} s or less",
+                f"{target.timestep * steps / STEPS_PER_CONTACT:.2g} s or less",
                 "Use `restitution-law`, which needs no resolved contact",
             )
         law = target.law
