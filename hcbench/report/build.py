@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from hcbench.compare import CLAIMS
-from hcbench.report import findings, style, tables, words
+from hcbench.report import answers, findings, style, tables, words
 from hcbench.report.figures import Drawing, drawings
 from hcbench.report.view import View
 from hcbench.results import filled_folder, write_bytes, write_text
@@ -65,15 +65,21 @@ def render(view: View, figures: list[dict[str, Any]]) -> str:
     cards = [
         {
             "question": card.question,
-            "runs": [tables.run_cell(view, run) for run in card.runs],
-            "answer": card.answer,
-            "because": card.because,
+            "answers": [
+                {
+                    "run": tables.run_cell(view, answer.runs[0]),
+                    "title": answer.title,
+                    "because": answer.because,
+                }
+                for answer in card.answers
+            ],
+            "note": card.note,
         }
-        for card in findings.cards(view)
+        for card in answers.cards(view)
     ]
     return environment.get_template("page.html").render(
         title=view.study["title"],
-        headline=findings.headline(view),
+        headline=answers.headline(view),
         band=findings.band(view),
         main_alpha=words.alpha(view.main_alpha),
         contact_time=words.about(view.contact_time),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from hcbench.report import curves, findings, loops, trends, words
+from hcbench.report import curves, findings, loops, trains, trends, words
 from hcbench.report.view import INSIDE, REFERENCE
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ def drawings(view: View) -> list[Drawing]:
         *_loops(view),
         _energy(view),
         _steps(view),
+        _trains(view),
     ]
 
 
@@ -176,6 +177,30 @@ def _steps(view: View) -> Drawing:
         ),
         partial(trends.steps_figure, view) if tables else None,
         f"no setting ran at more than one step at {at}",
+    )
+
+
+def _trains(view: View) -> Drawing:
+    found = trains.drawn_trains(view)
+    height = view.study.get("train_height")
+    drop = f"from {1e3 * float(height):.3g}{words.NBSP}mm" if height else ""
+    told = []
+    for run, table in found.items():
+        last = table.iloc[-1]
+        name = f"{words.setting_name(run.engine, run.setting)} at {words.time(run.timestep)}"
+        ratio = float(last["height_m"]) / float(last["height_law_m"])
+        told.append(f"{name}: {ratio:.2f} of the law's height after bounce {int(last['bounce'])}.")
+    at = words.alpha_short(view.main_alpha)
+    return Drawing(
+        "trains",
+        "trains",
+        "Bounce after bounce",
+        f"A drop {drop} under gravity at {at}. Left: height after each bounce, log scale; right: over the"
+        " law's height. By the law a ball loses ever less as it slows; one e for all speeds goes down a"
+        " straight line. A line ends where its ball rests or its time is up.",
+        f"Heights of a bounce train under gravity. {' '.join(told)}",
+        partial(trains.trains_figure, view) if found else None,
+        "the study asks for no drop under gravity, or nothing bounced",
     )
 
 

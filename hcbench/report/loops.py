@@ -25,14 +25,15 @@ _LAW_POINTS = 241
 
 
 def drawable(view: View) -> list[Run]:
-    """Runs with enough samples in every loop, each setting at its finest step; the law itself left out."""
-    runs = [
+    """Runs with enough samples in every loop: each setting at its finest step and at its coarse one."""
+    enough = [
         run
         for run, loops in view.loops.items()
-        if (run.engine, run.setting) != (REFERENCE, TRUTH) and min(map(len, loops.values())) >= DRAWABLE
+        if run[:2] != (REFERENCE, TRUTH) and min(map(len, loops.values())) >= DRAWABLE
     ]
-    finest = {(r.engine, r.setting): min(o.timestep for o in runs if o[:2] == r[:2]) for r in runs}
-    return [run for run in runs if run.timestep == finest[run.engine, run.setting]]
+    finest = {run[:2]: min(o.timestep for o in enough if o[:2] == run[:2]) for run in enough}
+    coarse = view.of_class(fine=False)
+    return [run for run in enough if run.timestep == finest[run[:2]] or run in coarse]
 
 
 def law_loop(view: View, speed: float) -> Loop:
@@ -54,6 +55,7 @@ def loops_figure(view: View, runs: list[Run]) -> Figure:
     speeds = sorted({speed for run in runs for speed in view.loops[run]})
     truths = {speed: law_loop(view, speed) for speed in speeds}
     figure, panels = _panels(len(runs))
+    columns = _columns(len(runs))
     sizes = [_size(loop) for run in runs for loop in view.loops[run].values()]
     sizes += [(t.penetration.max(), t.force.max(), 0.0) for t in truths.values()]
     deepest, hardest = max(size[0] for size in sizes), max(size[1] for size in sizes)
@@ -68,14 +70,14 @@ def loops_figure(view: View, runs: list[Run]) -> Figure:
         axes.set_xlim(-0.02 * deepest * 1e6, 1.06 * deepest * 1e6)
         axes.set_ylim(1.1 * pull - 0.02 * hardest, 1.06 * hardest)
         axes.set_title(_title(run), color=view.look(run).colour)
-        first_row, first_column = number < _COLUMNS, number % _COLUMNS == 0
+        first_row, first_column = number < columns, number % columns == 0
         if first_row:
             style.inch_axis(axes, "top", "penetration, 10⁻⁴ in", words.INCH * 1e-4 * 1e6)
         if first_column:
             axes.set_ylabel("contact force F, N")
-        if number % _COLUMNS == _COLUMNS - 1 or number == len(runs) - 1:
+        if number % columns == columns - 1 or number == len(runs) - 1:
             style.inch_axis(axes, "right", "lbf", words.POUND_FORCE)
-        if number >= len(runs) - _COLUMNS:
+        if number >= len(runs) - columns:
             axes.set_xlabel("penetration x, µm")
     _legend(figure)
     return figure
@@ -90,6 +92,7 @@ def _size(loop: pd.DataFrame) -> tuple[float, float, float]:
 def shapes_figure(view: View, runs: list[Run]) -> Figure:
     """Loops of settings on another scale than the law's: each over its own largest depth and force."""
     figure, panels = _panels(len(runs))
+    columns = _columns(len(runs))
     for number, (axes, run) in enumerate(zip(panels, runs, strict=True)):
         speed = min(view.loops[run], key=lambda v: abs(v - float(view.study["step_speed"])))
         loop, truth = view.loops[run][speed], law_loop(view, speed)
@@ -108,18 +111,20 @@ def shapes_figure(view: View, runs: list[Run]) -> Figure:
             fontsize=8.5,
         )
         axes.set_xlabel("x over its largest")
-        if number % _COLUMNS == 0:
+        if number % columns == 0:
             axes.set_ylabel("F over its largest")
     _legend(figure)
     return figure
 
 
-_COLUMNS = 3
+def _columns(count: int) -> int:
+    """Panels a row: three, or two where that leaves no gap."""
+    return 2 if count in (2, 4) else min(count, 3)
 
 
 def _panels(count: int) -> tuple[Figure, list[Axes]]:
-    rows = -(-count // _COLUMNS)
-    columns = min(count, _COLUMNS)
+    columns = _columns(count)
+    rows = -(-count // columns)
     figure = style.new_figure(0.5 + 3.55 * max(columns, 2), 0.6 + 3.1 * rows)
     grid = [figure.add_subplot(rows, columns, i + 1) for i in range(count)]
     return figure, grid

@@ -97,10 +97,16 @@ class View:
         """A fine grid over the study's band, m/s, from 0."""
         return np.linspace(0.0, max(self.study["speeds"]), 161)
 
+    @property
+    def band(self) -> Floats:
+        """Ends of the study's band of impact speeds, m/s."""
+        return np.array([min(self.study["speeds"]), max(self.study["speeds"])], dtype=float)
+
     @cached_property
     def looks(self) -> dict[tuple[str, str], Look]:
         """How each setting is drawn."""
-        return looks((run.engine, run.setting) for run, _ in self._curves)
+        seen = [run for run, _ in self._curves] + list(self.trains)
+        return looks((run.engine, run.setting) for run in seen)
 
     def look(self, run: Run) -> Look:
         """How a run is drawn."""
@@ -188,6 +194,17 @@ class View:
         for key, rows in main.groupby(["engine", "setting", "timestep_s", "speed_m_per_s"], sort=False):
             engine, setting, step, speed = cast("tuple[Any, ...]", key)
             out.setdefault(Run(str(engine), str(setting), float(step)), {})[float(speed)] = rows
+        return out
+
+    @cached_property
+    def trains(self) -> dict[Run, pd.DataFrame]:
+        """Bounce trains for the main α: run -> heights in the order of the bounces."""
+        table = self.results.trains
+        main = table[np.isclose(table["alpha_s_per_m"].astype(float), self.main_alpha, rtol=1e-9)]
+        out: dict[Run, pd.DataFrame] = {}
+        for key, rows in main.groupby(["engine", "setting", "timestep_s"], sort=False):
+            engine, setting, step = cast("tuple[Any, ...]", key)
+            out[Run(str(engine), str(setting), float(step))] = rows
         return out
 
 

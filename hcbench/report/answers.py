@@ -1,0 +1,150 @@
+"""The page's answers: which setting to use when, in sentences and cards that follow from the findings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hcbench.report import words
+from hcbench.report.findings import TIE, band, best, best_loops, loop_words, ratio, stock_runs, verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.report.view import Run, View
+
+# What a headline says of the verdict.
+_PROMISES = {
+    "follows the law": "the bounce follows the law",
+    "better than any constant e": "closer to the law than any constant e",
+    "as good as one constant e can be": "the best one e for all speeds",
+    "worse than the best constant e": "still worse than the best constant e",
+}
+_LOOP_MEANING = {
+    "loop right": "The loop is the law's.",
+    "loop near": "The loop is near the law's.",
+    "loop wrong": "That is another law's loop.",
+    "loop softer": "A softer contact than the law's.",
+    "loop harder": "A harder contact than the law's.",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """Runs that answer a question, how they are named, and the numbers behind."""
+
+    runs: Sequence[Run]
+    title: str
+    because: str
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """One question of a user, an answer for each engine that has one, and what holds for all."""
+
+    question: str
+    answers: Sequence[Answer]
+    note: str = ""
+
+
+def headline(view: View) -> str:
+    """Which setting to use when: a sentence for engines as they come, and one for each engine."""
+    if not view.engines:
+        return "The law alone: no engine ran over a band of speeds in this study."
+    said = [_stock_sentence(view), *(_advice(view, engine) for engine in view.engines)]
+    return " ".join(sentence for sentence in said if sentence)
+
+
+def _stock_sentence(view: View) -> str:
+    bad = list(dict.fromkeys(r.engine for r in stock_runs(view) if ratio(view, r) > 1 + TIE))
+    named = [words.engine_name(engine) for engine in bad]
+    if not named:
+        return ""
+    if len(named) == 1:
+        return f"Out of the box {named[0]} does not bounce like the law."
+    return f"Out of the box neither {words.listed(named, 'nor')} bounces like the law."
+
+
+def _advice(view: View, engine: str) -> str:
+    """The best setting at each step that was tried, steps of one setting together."""
+    mine = [run for run in view.band_runs if run.engine == engine]
+    picked = [run for step in _steps(mine) for run in best(view, [r for r in mine if r.timestep == step])]
+    promises: dict[str, dict[str, list[Run]]] = {}
+    for run in picked:
+        promise = _PROMISES[verdict(view, run).restitution]
+        promises.setdefault(promise, {}).setdefault(run.setting, []).append(run)
+    clauses = []
+    for promise, settings in promises.items():
+        where = [f"{setting} at {steps_named(runs)}" for setting, runs in settings.items()]
+        clauses.append(f"{words.listed(where, 'or')}: {promise}")
+    return f"In {words.engine_name(engine)} set {'; '.join(clauses)}." if clauses else ""
+
+
+def _steps(runs: Sequence[Run]) -> list[float]:
+    return sorted({run.timestep for run in runs})
+
+
+def steps_named(runs: Sequence[Run]) -> str:
+    """ "1 ms"; "1 ms or 2 ms"; "1 µs … 2 ms" for more."""
+    steps = [words.time(h) for h in _steps(runs)]
+    return words.listed(steps, "or") if len(steps) < 3 else f"{steps[0]} … {steps[-1]}"
+
+
+def cards(view: View) -> list[Card]:
+    """The page's answers; a question that nothing in this study answers is left out."""
+    inside = words.about(view.contact_time)
+    asked = [
+        _bounce_card(view, f"Long steps, blind to a contact of {inside}", fine=False),
+        _bounce_card(view, f"Short steps, which see the contact of {inside}", fine=True),
+        _loop_card(view),
+        Card("Nothing set at all", [_stock_answer(view, run) for run in stock_runs(view)], _law_note(view)),
+    ]
+    return [card for card in asked if card.answers]
+
+
+def _title(runs: Sequence[Run]) -> str:
+    settings = words.listed(list(dict.fromkeys(run.setting for run in runs)), "or")
+    return f"{words.engine_name(runs[0].engine)} {settings}, {steps_named(runs)}"
+
+
+def _bounce_card(view: View, question: str, fine: bool) -> Card:
+    answers, line = [], math.nan
+    for engine in view.engines:
+        runs = best(view, [r for r in view.band_runs if r.engine == engine and view.is_fine(r) == fine])
+        scores = [s for s in (view.score(run, view.main_alpha) for run in runs) if s is not None]
+        if not scores:
+            continue
+        line = scores[0]["constant_error_law"]
+        error = words.small(max(s["max_error_law"] for s in scores)).lstrip("<")
+        spread = max(s["phase_spread"] for s in scores)
+        moved = f", {words.small(spread)} between phases" if spread > 0.001 else ""
+        said = verdict(view, runs[0]).restitution
+        answers.append(Answer(runs, _title(runs), f"e within {error} of the law{moved}: {said}."))
+    at = f"{words.alpha_short(view.main_alpha)}, {band(view)}"
+    return Card(question, answers, f"At {at}. The best constant e is off by {words.small(line)}.")
+
+
+def _loop_card(view: View) -> Card:
+    answers = []
+    for engine in view.engines:
+        runs = best_loops(view, engine)
+        score = view.score(runs[0], view.main_alpha) if runs else None
+        if score is not None:
+            off = f"Force off by {words.percent(score['loop_rms'])} of its largest (rms)."
+            answers.append(Answer(runs, _title(runs), f"{off} {_LOOP_MEANING[loop_words(view, runs[0])]}"))
+    return Card("The force matters, not only the bounce", answers)
+
+
+def _stock_answer(view: View, run: Run) -> Answer:
+    curve = view.curve(run, view.main_alpha)
+    if curve is None:
+        return Answer([run], _title([run]), "No impact came back.")
+    low, high = curve.low.min(), curve.high.max()
+    span = f"{low:.2f}" if high - low < 0.005 else f"{low:.2f}{words.NBSP}…{words.NBSP}{high:.2f}"
+    return Answer([run], _title([run]), f"e = {span}.")
+
+
+def _law_note(view: View) -> str:
+    slow, fast = view.truth(view.main_alpha, view.band)
+    return f"The law: e = {slow:.2f}{words.NBSP}…{words.NBSP}{fast:.2f}."
