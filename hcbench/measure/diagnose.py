@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 _SHIFT = 0.5  # of the tolerance: how much a fix must move e to be a cause
 _PROBE_PHASES = 4
 _PROBE_STEPS = 20_000  # in contact, for all probes of one trial: slow contacts get fewer probes
+_GRADES = 4  # of strength: among equals the order is that of the suspects
 _SHARE = 0.2  # of what the strongest cause moves: less is not worth a reader's time
 
 
@@ -37,7 +38,7 @@ def goal_of(
     if not len(asked):
         return lambda _: math.nan
     order = np.argsort(speeds)
-    at, e = np.asarray(speeds)[order], np.asarray(asked)[order]
+    at, e = np.asarray(speeds)[order], np.clip(np.asarray(asked)[order], 0.0, 1.0)
     return lambda v: float(np.interp(v, at, e))
 
 
@@ -84,7 +85,8 @@ def _convicted(triable: Sequence[Candidate], trial: _Trial, tolerance: float) ->
         weight = max(before - trial.off([candidate]), trial.off(rest) - after)
         weighed.append((weight, candidate, rest))
     least = max(_SHIFT * tolerance, _SHARE * max((w for w, _, _ in weighed), default=0.0))
-    weighed.sort(key=lambda entry: -entry[0])
+    strongest = max((w for w, _, _ in weighed), default=1.0) or 1.0
+    weighed.sort(key=lambda entry: -round(_GRADES * entry[0] / strongest))  # stable: likeliest first
     return [
         _cause(candidate, trial.mean([candidate]), trial.mean(rest))
         for weight, candidate, rest in weighed

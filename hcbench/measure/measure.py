@@ -72,7 +72,8 @@ def measure(
         model; MJCF text; or an MjModel, MjSpec, or PyBullet world (`hcbench.measure.pybullet.World`).
         Files are measured in a process of their own; objects in this one, and left as they were.
     pair: names of two bodies or geoms (URDF: links or files), the moving one first; "a,b" or ("a", "b").
-    speeds: launch speeds, m/s or text like "1:20 in/s". phases: how many, or which, of a time step; None: 4, fewer where they cannot matter.
+    speeds: launch speeds, m/s or text like "1:20 in/s".
+    phases: how many, or which, of a time step; None: 4, and fewer where they cannot matter.
     timestep: s. gravity: m/s^2, a vector or a number along -z. key: keyframe. height: clearance, m.
     engine: "mujoco" or "pybullet"; None: by what the model is.
     wanted: e to hold it against, for the causes. tolerance: |e - wanted| from which causes are looked for.

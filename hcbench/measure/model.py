@@ -115,6 +115,7 @@ class Candidate:
     apply: makes the fix in a copy of the subject's own state; None where it cannot be tried.
     static: said even when e is as asked, as it speaks of what the model asks for.
     aim: e that the fix is written for, where nobody said which e is wanted; it is then held against that.
+    last: its fix depends on the step and integrator, so it is made after those that change them.
     """
 
     code: str
@@ -124,6 +125,7 @@ class Candidate:
     apply: Callable[[Any], None] | None = None
     static: bool = False
     aim: float | None = None
+    last: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -97,7 +97,7 @@ class MujocoSubject:
     def changed(self, candidates: Sequence[Candidate]) -> MujocoSubject:
         """The same pair with some fixes made."""
         model = copy.copy(self.model)
-        for candidate in candidates:
+        for candidate in sorted(candidates, key=lambda c: c.last):
             if candidate.apply is not None:
                 candidate.apply(model)
         return MujocoSubject(model, self.label, self.request)

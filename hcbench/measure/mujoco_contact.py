@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 def mixing(s: Situation) -> Iterator[Candidate]:
     """The geoms' parameters do not arrive as written."""
-    if s.asked is None or explicit_pair(s.model, s.geoms) >= 0:
+    if s.asked is None or (explicit_pair(s.model, s.geoms) >= 0 and not overridden(s.model)):
         return
     solref, solimp, _ = s.place.contact.rows[0]
     names = [geom_name(s.model, g) for g in s.geoms]
@@ -78,7 +78,7 @@ def refsafe(s: Situation) -> Iterator[Candidate]:
     constant = solref[0] * solref[1] if discrete else solref[0]
     if constant >= (s.timestep if discrete else 2 * s.timestep):
         return
-    step = constant / 10
+    step = constant * min(0.1, math.pi * solref[1] / 40)  # some 40 steps a contact
     yield Candidate(
         "refsafe",
         "The time constant is too short for the step: refsafe replaces it by a longer, softer one.",
@@ -91,27 +91,31 @@ def refsafe(s: Situation) -> Iterator[Candidate]:
 
 def damped(s: Situation) -> Iterator[Candidate]:
     """The contact is asked for, as written, less bounce than is wanted."""
-    if s.asked is None or s.asked.is_impulse:
+    if s.asked is None:
         return
     default = same(s.asked.solref, DEFAULT_SOLREF)
     goal = s.goal()
     promised = s.asked.restitution(float(np.median([i.launch.speed for i in s.impacts])))
-    if not default and (s.wanted is None or promised > goal - FLOOR_SHIFT):
+    if not default and (s.wanted is None or abs(promised - goal) < FLOOR_SHIFT):
         return
     solref, solimp, more = fixes.bouncy(goal, s.timestep, s.integrator)
     names = " and ".join(geom_name(s.model, g) for g in s.geoms)
-    title = (
-        "solref is MuJoCo's default, critically damped: it asks for next to no bounce."
-        if default
-        else "solref asks for more damping than the wanted bounce has."
-    )
+    code, title = "damped-solref", "solref asks for more damping than the wanted bounce has."
+    if default:
+        code, title = (
+            "default-solref",
+            ("solref is MuJoCo's default, critically damped: it asks for next to no bounce."),
+        )
+    elif promised > goal:
+        code, title = "lively-solref", "solref asks for less damping than the wanted bounce has."
     yield Candidate(
-        "default-solref" if default else "damped-solref",
+        code,
         title,
         f"solref {fixes.numbers(s.asked.solref)} promises e = {promised:.3g}",
         f'{names}: solref="{fixes.numbers(solref)}" solimp="{fixes.numbers(solimp)}" (e = {goal:.3g}{more})',
-        partial(fixes.set_contact, geoms=s.geoms, solref=solref, solimp=solimp),
+        partial(fixes.set_bouncy, geoms=s.geoms, e=goal),
         static=default,
+        last=True,
         aim=None if s.wanted is not None else goal,
     )
 
@@ -141,11 +145,16 @@ def impedance(s: Situation) -> Iterator[Candidate]:
     held = ContactLaw(law.solref, s.asked.solimp, law.timestep, law.shortest).curve(speeds)
     worst = int(np.argmax(np.abs(np.subtract(loose, held))))
     if abs(loose[worst] - held[worst]) > FLOOR_SHIFT:
+        goal = float(np.mean(loose))
+        solref, solimp, more = fixes.bouncy(goal, s.timestep, s.integrator)
         yield Candidate(
             "impedance-floor",
             f"solimp is not used as written: impedances are held to {MIN_IMPEDANCE:g} ... {MAX_IMPEDANCE:g}.",
             f"solimp {fixes.numbers(s.asked.solimp)}: at {speeds[worst]:.3g} m/s e = {held[worst]:.3g} "
             f"where {loose[worst]:.3g} was written",
-            f'{names}: solimp="{fixes.numbers(stiff)}"',
+            f'{names}: solref="{fixes.numbers(solref)}" solimp="{fixes.numbers(solimp)}"'
+            f" (e = {goal:.3g}{more})",
+            partial(fixes.set_bouncy, geoms=s.geoms, e=goal),
             static=True,
+            last=True,
         )

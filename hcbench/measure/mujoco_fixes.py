@@ -59,6 +59,12 @@ def set_contact(
         model.geom_priority[list(geoms)] = max(int(model.geom_priority[g]) for g in geoms)
 
 
+def set_bouncy(model: Any, geoms: tuple[int, int], e: float) -> None:
+    """Give the contact this e, at the step and under the integrator that the model has by then."""
+    solref, solimp, _ = bouncy(e, float(model.opt.timestep), integrator_name(model))
+    set_contact(model, geoms, solref, solimp)
+
+
 def set_timestep(model: Any, timestep: float) -> None:
     """Another step."""
     model.opt.timestep = timestep

@@ -70,12 +70,12 @@ def gravity(s: Situation) -> Iterator[Candidate]:
     longest = max([s.timestep, *(i.duration for i in s.touched if math.isfinite(i.duration))])
     if g == 0 or slowest == 0 or g * longest < _GRAVITY_SHARE * slowest:
         return
+    short = _GRAVITY_SHARE * slowest / g
     yield Candidate(
         "gravity",
         "Gravity changes the speed during a step or a contact by a large share of the impact speed.",
         f"g h = {g * s.timestep:.3g} m/s a step, {g * longest:.3g} m/s a contact, against {slowest:.3g} m/s",
-        f'<option timestep="{_GRAVITY_SHARE * slowest / g / 5:.2g}"/> with a stiffer contact, '
-        "or measure with gravity 0",
+        f"a stiffer solref and a smaller timestep, so that a contact lasts less than {short:.2g} s",
         fixes.no_gravity,
     )
 

@@ -80,12 +80,10 @@ def explicit_pair(model: Any, geoms: tuple[int, int]) -> int:
 
 def _intended(model: Any, place: Placement) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """(solref, solimp) that the author wrote for the pair: the moving geom's unless it has the defaults."""
-    solref, solimp, (a, b) = place.contact.rows[0]
-    if explicit_pair(model, (a, b)) >= 0 or overridden(model):
-        pair = explicit_pair(model, (a, b))
-        if pair >= 0:
-            return tuple(map(float, model.pair_solref[pair])), tuple(map(float, model.pair_solimp[pair]))
-        return solref, solimp
+    a, b = place.contact.rows[0][2]
+    pair = explicit_pair(model, (a, b))
+    if pair >= 0:
+        return tuple(map(float, model.pair_solref[pair])), tuple(map(float, model.pair_solimp[pair]))
     moving, other = (a, b) if a in place.first.geoms else (b, a)
     refs = [tuple(map(float, model.geom_solref[g])) for g in (moving, other)]
     imps = [tuple(map(float, model.geom_solimp[g])) for g in (moving, other)]

@@ -108,9 +108,9 @@ class ContactLaw:
             return push(x, v) if v < 0 else 1.0
 
         let_go.terminal = True  # type: ignore[attr-defined]
-        softest = min(self.impedance(0.0), self.impedance(math.inf))
-        if k <= 0 or softest <= 0:
+        if k <= 0:
             return 0.0
+        softest = max(1e-6, min(self.impedance(0.0), self.impedance(math.inf)))
         end = _SOFTEST * (1 / (math.sqrt(k) * softest) + b / k)
         done = solve_ivp(
             motion,

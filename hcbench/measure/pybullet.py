@@ -156,12 +156,12 @@ def subject(source: Any, request: Request, again: Callable[[], Any] | None = Non
             return load_files(files), None
 
         return PybulletSubject(*build(), request, build)
-    loaded, world = _live(source)
-    remake = None if again is None else (lambda: _live(again()))
-    return PybulletSubject(loaded, world, request, remake)
+    if again is None:
+        return PybulletSubject(*_live(source, own=False), request, None)
+    return PybulletSubject(*_live(source, own=True), request, lambda: _live(again(), own=True))
 
 
-def _live(source: Any) -> tuple[Loaded, World]:
+def _live(source: Any, own: bool) -> tuple[Loaded, World]:
     world = World(source) if isinstance(source, int) else source
     if not isinstance(world, World) and hasattr(world, "_client"):  # a BulletClient of pybullet_utils
         world = World(world._client)
@@ -171,4 +171,4 @@ def _live(source: Any) -> tuple[Loaded, World]:
     bullet = Bullet(world.client)
     if not bullet.module.isConnected(world.client):
         raise UserError("model", f"PyBullet client {world.client} is not connected", "a live client")
-    return Loaded(bullet, {}, f"PyBullet client {world.client}", own=False), world
+    return Loaded(bullet, {}, "PyBullet world", own), world

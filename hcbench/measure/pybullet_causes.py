@@ -81,8 +81,10 @@ def _link(side: Side) -> tuple[int, int]:
 
 
 def _call(side: Side, **settings: float) -> str:
+    """The call that sets a link; bodies from files are called as their files."""
     words = ", ".join(f"{k}={v:g}" for k, v in settings.items())
-    return f"p.changeDynamics({side.name.split('/')[0].split('.')[0] or side.body!r}, {side.link}, {words})"
+    name = side.name.split(".")[0]
+    return f"p.changeDynamics({name if name.isidentifier() else side.body}, {side.link}, {words})"
 
 
 def _restitution(s: Situation) -> Iterator[Candidate]:
@@ -193,7 +195,17 @@ def _compliance(s: Situation) -> Iterator[Candidate]:
     gained = max((i.restitution for i in parted), default=0.0)
     finer = s.timestep * max(samples, 1) / 60
     step = partial(_set_world, fixedTimeStep=finer)
-    if gained > 1 + NOTABLE_GAIN:
+    first, second = s.restitutions
+    if first * second > 1:
+        sides = (s.place.first, s.place.second)
+        yield Candidate(
+            "energy-gain",
+            "The restitutions of the two multiply to more than 1: every bounce makes energy from nothing.",
+            f"{first:g} x {second:g} = {first * second:.4g}",
+            "; ".join(_call(side, restitution=1) for side in sides),
+            partial(_both, links=[_link(side) for side in sides], values=(1.0, 1.0)),
+        )
+    elif gained > 1 + NOTABLE_GAIN:
         yield Candidate(
             "energy-gain",
             "The bounce makes energy from nothing.",

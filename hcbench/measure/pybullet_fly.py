@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.impact import Impact, Launch, Status
-from hcbench.measure.pybullet_place import Placement, shift_base
+from hcbench.measure.pybullet_place import Placement, moves, shift_base
 from hcbench.measure.track import MAX_STEPS, Track, patience
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from hcbench.impact import Floats
     from hcbench.measure.pybullet_load import Bullet, Side
 
@@ -30,6 +32,9 @@ class Flight:
         self.bullet, self.place, self.timestep = bullet, place, timestep
         self.free = float((gravity * place.normal).sum()) if self._falls_alone() else 0.0
         self.substeps = int(bullet.getPhysicsEngineParameters()["numSubSteps"]) > 1
+        self.sides = [
+            (side, sign, moves(bullet, side)) for side, sign in ((place.first, 1.0), (place.second, -1.0))
+        ]
         self.state = bullet.saveState()
 
     def close(self) -> None:
@@ -48,11 +53,11 @@ class Flight:
         self._launch(launch.speed, gap)
         track = Track(fall=abs(self.free) * self.timestep)
         wait = patience(launch.speed, gap, launch.height is not None, self.timestep, abs(self.free))
-        x, point, normal = -gap, self.place.point, self.place.normal
+        x, point, normal = -gap, self.place.point.tolist(), self.place.normal.tolist()
         before = self._rate(point, normal)
         for step in range(MAX_STEPS):
             self.bullet.stepSimulation()
-            found = self._read(normal)
+            found = self._read()
             if found is not None:
                 x, force, point = found
             else:
@@ -100,30 +105,45 @@ class Flight:
         per_metre = mover.sign / place.rate
         bullet.resetJointState(mover.body, mover.joint, start - per_metre * gap, per_metre * speed)
 
-    def _read(self, normal: Floats) -> tuple[float, float, Floats] | None:
+    def _read(self) -> tuple[float, float, Sequence[float]] | None:
         """(penetration at the step's start, force of the step, point); None without a contact."""
         first, second = self.place.first, self.place.second
         contacts = self.bullet.getContactPoints(first.body, second.body, first.link, second.link)
         if not contacts:
             return None
-        force = sum(float(c[9]) for c in contacts)
-        middle = np.mean([np.add(c[5], c[6]) / 2 for c in contacts], axis=0)
-        return -min(float(c[8]) for c in contacts), force, middle
+        count = 2 * len(contacts)
+        middle = [sum(c[5][k] + c[6][k] for c in contacts) / count for k in range(3)]
+        return -min(c[8] for c in contacts), sum(c[9] for c in contacts), middle
 
-    def _rate(self, point: Floats, normal: Floats) -> float:
+    def _rate(self, point: Sequence[float], normal: Sequence[float]) -> float:
         """Approach rate of the two along the normal, m/s."""
-        rate = 0.0
-        for side, sign in ((self.place.first, 1.0), (self.place.second, -1.0)):
-            rate += sign * float(normal @ self._velocity(side, point))
-        return rate
+        return sum(
+            sign * _along(normal, *self._motion(side), point) for side, sign, moves in self.sides if moves
+        )
 
-    def _velocity(self, side: Side, point: Floats) -> Floats:
+    def _motion(self, side: Side) -> tuple[Sequence[float], Sequence[float], Sequence[float]]:
+        """(centre, velocity, angular velocity) of the side's link."""
         bullet = self.bullet
         if side.link == -1:
             centre = bullet.getBasePositionAndOrientation(side.body)[0]
             linear, turning = bullet.getBaseVelocity(side.body)
-        else:
-            state = bullet.getLinkState(side.body, side.link, computeLinkVelocity=1)
-            centre, linear, turning = state[0], state[6], state[7]
-        velocity: Floats = np.array(linear) + np.cross(turning, point - np.array(centre))
-        return velocity
+            return centre, linear, turning
+        state = bullet.getLinkState(side.body, side.link, computeLinkVelocity=1)
+        return state[0], state[6], state[7]
+
+
+def _along(
+    normal: Sequence[float],
+    centre: Sequence[float],
+    linear: Sequence[float],
+    turning: Sequence[float],
+    point: Sequence[float],
+) -> float:
+    """n · (v + ω x (point - centre)); plain floats, as this is asked for at every step."""
+    x, y, z = (point[k] - centre[k] for k in range(3))
+    wx, wy, wz = turning
+    return (
+        normal[0] * (linear[0] + wy * z - wz * y)
+        + normal[1] * (linear[1] + wz * x - wx * z)
+        + normal[2] * (linear[2] + wx * y - wy * x)
+    )

@@ -78,7 +78,10 @@ class Side:
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A world with what is in it. names: body id -> file it came from; empty for a live client."""
+    """A world with what is in it.
+
+    names: body id -> file it came from; empty for a world that was not made of files. own: ours to end.
+    """
 
     bullet: Bullet
     names: dict[int, str]
@@ -186,7 +189,8 @@ def _numbered(bullet: Bullet, part: int | tuple[int, int]) -> Side:
         name = bullet.getBodyInfo(body)[1].decode(errors="replace")
     except bullet.error:
         raise UserError("pair", f"no body {body} in this client", "a body id that loadURDF gave") from None
-    return Side(f"{name} (body {body}{'' if link is None else f', link {link}'})", body, link)
+    words = f"body {body}" if link is None else f"body {body}, link {link}"
+    return Side(f"{name} ({words})" if name else words, body, link)
 
 
 def _known(loaded: Loaded) -> dict[str, Side]:

@@ -102,6 +102,11 @@ def _is_static(bullet: Bullet, body: int) -> bool:
     return held
 
 
+def moves(bullet: Bullet, side: Side) -> bool:
+    """Whether anything can move the side's link."""
+    return bool(bullet.getNumJoints(side.body)) or _base_moves(bullet, side)
+
+
 def _touching_link(bullet: Bullet, side: Side, other: Side) -> int:
     if side.link is not None:
         return side.link
@@ -131,7 +136,7 @@ def _by_base(loaded: Loaded, first: Side, second: Side) -> Placement:
     assert point is not None
     size = min(_size(bullet, first), _size(bullet, second))
     overlap, lift = max(0.0, -float(point[8])), 0.0
-    if loaded.own:
+    if loaded.names:
         step = size
         while float(point[8]) <= 0.0 and lift < _REACH:
             shift_base(bullet, first.body, np.array([0.0, 0.0, step]))
