@@ -4,11 +4,11 @@
 
 #include <math.h>
 
-#define HCB_SUBSTEP 0.1 /* largest sub-step, in units of 1/omega */
-#define HCB_STEEP 12    /* sub-steps of a piece that begins or ends at touch */
+#define HCB_SUBSTEP 0.2 /* largest sub-step, in units of 1/omega */
+#define HCB_STEEP 8     /* sub-steps of a piece that begins or ends at touch */
 #define HCB_ROUNDS 16
 #define HCB_TERMS 8
-#define HCB_FAR 4
+#define HCB_FAR 2.5 /* steps from touch and parting, from where on the series is good */
 
 typedef struct {
   double kappa, a, n, b;
@@ -198,7 +198,7 @@ double hcb_kick(const hcb_law* law, double h, double x, double v) {
     miss0 = miss;
     V -= miss / slope;
     double change = fabs(V - V0), scale = fabs(V) + fabs(v);
-    if (change * last <= 1e-12 * scale * scale || change <= 1e-13 * scale) break;
+    if (change * last <= 1e-9 * scale * scale || change <= 1e-13 * scale) break;
     last = change;
   }
   if (smooth) {
@@ -218,7 +218,8 @@ void hcb_stages(const hcb_law* law, double h, double x, double v, double stage[3
   double X = x, V = v;
   stage[0] = stage[1] = stage[2] = 0;
   if (x <= 0 && x + h * (v + fmax(0, h * law->b)) <= 0) return;
-  hcb_flow(law, h, &X, &V);
+  hcb_flow(law, 0.5 * h, &X, &V); /* in halves: sub-steps of half the size */
+  hcb_flow(law, 0.5 * h, &X, &V);
   double moved = fmax(0, 6 / (h * h) * (x + h * (v + 0.5 * h * law->b) - X)); /* f1 + 2 f2 */
   double slowed = fmax(moved, 6 / h * (v + h * law->b - V));                  /* f1 + 4 f2 + f4 */
   double plain = law->b - acceleration(law, x, v);

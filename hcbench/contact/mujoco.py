@@ -21,8 +21,9 @@ While attached, a model has changed in these inert places: opt.o_margin, o_solre
 (MuJoCo reads them only under the override flag, which is refused), the margin of a <pair> that is attached
 and the limited flag of a tendon whose limit is. Copies of the model carry the law along until it is detached.
 
-Integrators. Euler, implicitfast, implicit: e of (16) to 1e-9 at h = 1e-6 s and to 1e-6 at 1e-5 s and above.
-RK4: the same, its four stages share one plan. discrete: the force law as under Euler, Restitution is refused.
+Integrators. Euler, implicitfast, implicit: e of (16) to 1e-9 at h = 1e-6 s, to 1e-6 at 1e-5 s and above.
+RK4: the same to 5e-6, its four stages share one plan. discrete: the force law as under Euler; Restitution is
+refused.
 
 Tested with mujoco 3.3.0 and 4.0.0 on Linux x86-64.
 """
