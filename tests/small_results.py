@@ -102,7 +102,7 @@ def small_results(runs: Sequence[tuple[Any, ...]] = RUNS, title: str = "A steel 
                 i for i in found if i.loop is not None and i.launch.phase == PHASES[0] and len(speeds) > 1
             ]
             loops += [_loop(key, impact) for impact in kept]
-            options = {} if setting == "stock" else {"law": {"alpha": alpha}}
+            options = {} if setting == "stock" else {"number": alpha}
             record = {"options": options, "summary": f"How {setting} bounces.", "notes": ["Holds here."]}
             settings.append({**dict(zip(RUN_KEY, key, strict=True)), **record})
     return Results(

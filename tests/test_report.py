@@ -104,6 +104,20 @@ def test_the_headline_names_what_follows_the_law_and_what_does_not(view: View) -
     assert "spring-damper" not in said
 
 
+def test_a_plug_in_is_told_apart_from_what_can_be_set(results: Results) -> None:
+    settings = [
+        {**s, "options": {"law": {"alpha": 1.0}}} if s["setting"] == "law" else s for s in results.settings
+    ]
+    view = View(dataclasses.replace(results, settings=settings))
+    said = answers.headline(view).replace(words.NBSP, " ")
+    assert "In explicit set spring-damper at 1 µs: still worse than the best constant e." in said
+    assert "The plug-in law at 1 µs follows it in explicit." in said
+    titles = {card.question: [answer.title for answer in card.answers] for card in answers.cards(view)}
+    assert [t.replace(words.NBSP, " ") for t in titles["A plug-in in your own simulation"]] == [
+        "explicit law, 1 µs"
+    ]
+
+
 def test_the_headline_says_when_nothing_follows_the_law() -> None:
     constant_only = small_results([run for run in RUNS if run[1] in ("impulse", "stock")])
     assert "follows the law" not in answers.headline(View(constant_only))
@@ -160,7 +174,7 @@ def test_energy_gained_is_said_whatever_the_error(results: Results) -> None:
     view = View(dataclasses.replace(results, scores=scores))
     assert findings.verdict(view, LAW).restitution == "gains energy"
     assert LAW not in findings.best(view, view.band_runs)
-    assert LAW not in findings.best_loops(view, "explicit")
+    assert LAW not in findings.best_loops(view, view.band_runs)
 
 
 def test_runs_are_ranked_by_their_error(view: View) -> None:

@@ -52,7 +52,11 @@ def headline(view: View) -> str:
     """Which setting to use when: a sentence for engines as they come, and one for each engine."""
     if not view.engines:
         return "The law alone: no engine ran over a band of speeds in this study."
-    said = [_stock_sentence(view), *(_advice(view, engine) for engine in view.engines)]
+    said = [
+        _stock_sentence(view),
+        *(_advice(view, engine) for engine in view.engines),
+        _plugin_sentence(view),
+    ]
     return " ".join(sentence for sentence in said if sentence)
 
 
@@ -68,7 +72,7 @@ def _stock_sentence(view: View) -> str:
 
 def _advice(view: View, engine: str) -> str:
     """The best setting at each step that was tried, steps of one setting together."""
-    mine = [run for run in view.band_runs if run.engine == engine]
+    mine = _settable(view, engine)
     picked = [run for step in _steps(mine) for run in best(view, [r for r in mine if r.timestep == step])]
     promises: dict[str, dict[str, list[Run]]] = {}
     for run in picked:
@@ -79,6 +83,30 @@ def _advice(view: View, engine: str) -> str:
         where = [f"{setting} at {steps_named(runs)}" for setting, runs in settings.items()]
         clauses.append(f"{words.listed(where, 'or')}: {promise}")
     return f"In {words.engine_name(engine)} set {'; '.join(clauses)}." if clauses else ""
+
+
+def _settable(view: View, engine: str) -> list[Run]:
+    """The engine's runs that are numbers to set, no plug-ins."""
+    return [run for run in view.band_runs if run.engine == engine and not view.is_plugin(run)]
+
+
+def _plugin_sentence(view: View) -> str:
+    """Plug-ins that follow the law, and where."""
+    good = [
+        run
+        for run in view.band_runs
+        if view.is_plugin(run) and verdict(view, run).restitution == "follows the law"
+    ]
+    if not good:
+        return ""
+    where = [
+        f"{name} at {steps_named([run for run in good if run.setting == name])}"
+        for name in dict.fromkeys(run.setting for run in good)
+    ]
+    engines = [words.engine_name(engine) for engine in dict.fromkeys(run.engine for run in good)]
+    plural = "plug-ins" if len(where) > 1 else "plug-in"
+    verb = "follow" if len(where) > 1 else "follows"
+    return f"The {plural} {words.listed(where)} {verb} it in {words.listed(engines)}."
 
 
 def _steps(runs: Sequence[Run]) -> list[float]:
@@ -98,6 +126,7 @@ def cards(view: View) -> list[Card]:
         _bounce_card(view, f"Long steps, blind to a contact of {inside}", fine=False),
         _bounce_card(view, f"Short steps, which see the contact of {inside}", fine=True),
         _loop_card(view),
+        _plugin_card(view),
         Card("Nothing set at all", [_stock_answer(view, run) for run in stock_runs(view)], _law_note(view)),
     ]
     return [card for card in asked if card.answers]
@@ -111,24 +140,36 @@ def _title(runs: Sequence[Run]) -> str:
 def _bounce_card(view: View, question: str, fine: bool) -> Card:
     answers, line = [], math.nan
     for engine in view.engines:
-        runs = best(view, [r for r in view.band_runs if r.engine == engine and view.is_fine(r) == fine])
+        runs = best(view, [run for run in _settable(view, engine) if view.is_fine(run) == fine])
         scores = [s for s in (view.score(run, view.main_alpha) for run in runs) if s is not None]
-        if not scores:
-            continue
-        line = scores[0]["constant_error_law"]
-        error = words.small(max(s["max_error_law"] for s in scores)).lstrip("<")
-        spread = max(s["phase_spread"] for s in scores)
-        moved = f", {words.small(spread)} between phases" if spread > 0.001 else ""
-        said = verdict(view, runs[0]).restitution
-        answers.append(Answer(runs, _title(runs), f"e within {error} of the law{moved}: {said}."))
+        if scores:
+            line = scores[0]["constant_error_law"]
+            answers.append(_bounce_answer(view, runs))
     at = f"{words.alpha_short(view.main_alpha)}, {band(view)}"
     return Card(question, answers, f"At {at}. The best constant e is off by {words.small(line)}.")
+
+
+def _bounce_answer(view: View, runs: Sequence[Run]) -> Answer:
+    scores = [s for s in (view.score(run, view.main_alpha) for run in runs) if s is not None]
+    error = words.small(max(s["max_error_law"] for s in scores)).lstrip("<")
+    spread = max(s["phase_spread"] for s in scores)
+    moved = f", {words.small(spread)} between phases" if spread > 0.001 else ""
+    said = verdict(view, runs[0]).restitution
+    return Answer(runs, _title(runs), f"e within {error} of the law{moved}: {said}.")
+
+
+def _plugin_card(view: View) -> Card:
+    groups: dict[tuple[str, str], list[Run]] = {}
+    for run in view.band_runs:
+        if view.is_plugin(run) and view.score(run, view.main_alpha) is not None:
+            groups.setdefault(run[:2], []).append(run)
+    return Card("A plug-in in your own simulation", [_bounce_answer(view, runs) for runs in groups.values()])
 
 
 def _loop_card(view: View) -> Card:
     answers = []
     for engine in view.engines:
-        runs = best_loops(view, engine)
+        runs = best_loops(view, _settable(view, engine))
         score = view.score(runs[0], view.main_alpha) if runs else None
         if score is not None:
             off = f"Force off by {words.percent(score['loop_rms'])} of its largest (rms)."

@@ -84,7 +84,7 @@ def loop_words(view: View, run: Run) -> str:
 
 
 def best(view: View, runs: Sequence[Run]) -> list[Run]:
-    """The set runs with the least ratio; more than one where they tie; none where nothing can be ranked.
+    """Of runs that are set, those with the least ratio: several where they tie, none where none has one.
 
     An engine as it comes is no advice: a user who asks has that already.
     """
@@ -93,13 +93,13 @@ def best(view: View, runs: Sequence[Run]) -> list[Run]:
     return [run for run, r in ranked.items() if math.isfinite(r) and r <= least * (1 + TIE) + _ROUND_OFF]
 
 
-def best_loops(view: View, engine: str) -> list[Run]:
-    """The engine's set run with the smallest rms distance in force at the main α."""
+def best_loops(view: View, runs: Sequence[Run]) -> list[Run]:
+    """Of runs that are set, those with the smallest rms distance in force at the main α."""
     off = {}
-    for run in view.band_runs:
+    for run in runs:
         score = view.score(run, view.main_alpha)
         judged = score is not None and score["loops"] and not score["energy_gained"]
-        if score is not None and judged and run.engine == engine and run.setting != STOCK:
+        if score is not None and judged and run.engine != REFERENCE and run.setting != STOCK:
             off[run] = score["loop_rms"]
     least = min(off.values(), default=math.inf)
     return [run for run, value in off.items() if value <= least * (1 + TIE)]
@@ -123,6 +123,7 @@ def overview_runs(view: View) -> list[Run]:
     picked = stock_runs(view)
     for fine in (False, True):
         for engine in view.engines:
-            group = [r for r in view.of_class(fine) if r.engine == engine and r not in picked]
+            shown = [r for r in view.of_class(fine) if r.engine == engine]
+            group = [r for r in shown if r not in picked and not view.is_plugin(r)]
             picked += best(view, group)[:1]
     return list(dict.fromkeys(picked))

@@ -134,6 +134,18 @@ class View:
         """Engines of the band runs, in the study's order, the reference left out."""
         return list(dict.fromkeys(run.engine for run in self.band_runs if run.engine != REFERENCE))
 
+    @cached_property
+    def _plugins(self) -> set[Run]:
+        return {
+            Run(str(r["engine"]), str(r["setting"]), float(r["timestep_s"]))
+            for r in self.results.settings
+            if "law" in r["options"]
+        }
+
+    def is_plugin(self, run: Run) -> bool:
+        """Does it need code of ours in the user's loop, rather than numbers in the user's model?"""
+        return run in self._plugins
+
     def is_fine(self, run: Run) -> bool:
         """Does its step see the contact from inside?"""
         return run.timestep <= self.contact_time / INSIDE * (1 + 1e-9)
