@@ -344,7 +344,7 @@ def test_a_word_that_bullet_does_not_have_is_named(options: dict[str, Any], mess
 
 
 def _ask_for_a_file_that_is_not_there() -> Iterator[None]:
-    with _pybullet_world._world(steel("plane"), 1e-3, read_options({})) as world:
+    with _pybullet_world._world(steel("plane"), 1e-3, read_options({}), 0.2) as world:
         yield world.bullet.loadURDF("nowhere.urdf")
 
 
@@ -359,7 +359,7 @@ def test_a_missing_pybullet_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) 
 
     assert ENGINE.version() == metadata.version("pybullet")
     monkeypatch.setattr(metadata, "version", nowhere)
-    with pytest.raises(EngineMissing, match=r"pip install 'pybullet>=3\.2\.5'"):
+    with pytest.raises(EngineMissing, match=r"pip install 'pybullet>=3\.2\.7'"):
         fly("plane", 1e-3, {}, [Launch(0.2)])
 
 

@@ -10,10 +10,13 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from hcbench.contact.law import law_of
 from hcbench.errors import SettingError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from hcbench.contact.law import Law
 
 # Keywords of setPhysicsEngineParameter and of changeDynamics, by the type that PyBullet asks for.
 _WORLD: dict[str, type] = {
@@ -68,11 +71,12 @@ class Options:
     ball: Mapping[str, float]
     plate: Mapping[str, float]
     maximal_coordinates: bool
+    law: Law | None = None
 
 
 def read_options(options: Mapping[str, Any]) -> Options:
     """Options from a setting; SettingError names the first word that PyBullet does not have."""
-    known = ("world", "ball", "plate", "maximal_coordinates")
+    known = ("world", "ball", "plate", "maximal_coordinates", "law")
     for key in options:
         if key not in known:
             raise SettingError(f"pybullet option {key!r}", "unknown", f"one of: {', '.join(known)}")
@@ -84,7 +88,14 @@ def read_options(options: Mapping[str, Any]) -> Options:
         ball=_read(options.get("ball", {}), "ball", _BODY, "changeDynamics"),
         plate=_read(options.get("plate", {}), "plate", _BODY, "changeDynamics"),
         maximal_coordinates=maximal,
+        law=_law(options["law"]) if "law" in options else None,
     )
+
+
+def _law(given: Any) -> Law:
+    if not hasattr(given, "items"):
+        raise SettingError("pybullet option 'law'", repr(given), 'a table such as {"kind": "force", ...}')
+    return law_of(given)
 
 
 def _read(given: Any, part: str, known: Mapping[str, type], call: str) -> dict[str, float]:

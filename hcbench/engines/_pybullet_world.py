@@ -37,13 +37,15 @@ _CONTACT_S = 0.25
 _CONTACT_STEPS_MIN, _CONTACT_STEPS = 500, 20_000
 # Or sooner, after so many steps below this part of its speed: a bounce turns around in fewer.
 _STILL_STEPS, _AT_REST = 50, 1e-4
+_SLOWEST = 1e-3  # m/s: for a body let down on the plate, a plug-in's step is judged at this speed
 _FAR = 10.0  # m: a place without contacts
 _SHAPE_TOLERANCE = 1e-6  # m, between the overlap that Bullet sees and the scene's
 
 
 def fly_here(launches: Sequence[Launch], scene: Scene, timestep: float, options: Options) -> Iterator[Impact]:
     """One impact for each launch, in order. Raises SceneError, and EngineFailed where PyBullet refuses."""
-    with _world(scene, timestep, options) as world:
+    fastest = max((launch.speed for launch in launches), default=0.0)
+    with _world(scene, timestep, options, fastest) as world:
         for launch in launches:
             with isolation.quiet():
                 world.release(launch)
@@ -55,7 +57,7 @@ def follow_here(
     scene: Scene, timestep: float, options: Options, launch: Launch, steps: int
 ) -> Iterator[Trajectory]:
     """All of `steps` steps after one launch. Raises as `fly_here` does."""
-    with _world(scene, timestep, options) as world, isolation.quiet():
+    with _world(scene, timestep, options, launch.speed) as world, isolation.quiet():
         world.release(launch)
         yield world.trajectory(steps)
 
@@ -70,16 +72,42 @@ def _patience(launch: Launch, scene: Scene, timestep: float) -> tuple[int, float
 
 
 @contextmanager
-def _world(scene: Scene, timestep: float, options: Options) -> Iterator[World]:
+def _world(scene: Scene, timestep: float, options: Options, speed: float) -> Iterator[World]:
     assert isolation.in_worker(), "PyBullet's settings are global: they would leak into the user's own"
     with isolation.quiet():
         bullet = _client()
     try:
         with isolation.quiet():
             ball, plate = _set_up(bullet, scene, timestep, options)
-        yield World(bullet, scene, timestep, options, ball, plate)
+        with _stepping(bullet, scene, options, ball, plate, speed) as step:
+            yield World(bullet, scene, timestep, ball, step)
     except bullet.error as error:
         raise EngineFailed("pybullet", str(error), "") from error
+
+
+@contextmanager
+def _stepping(
+    bullet: Any, scene: Scene, options: Options, ball: int, plate: int, speed: float
+) -> Iterator[Callable[[], float]]:
+    """One step of the world, and the normal force that acted in it, N: Bullet's contact, or a plug-in's."""
+    if options.law is not None:
+        from hcbench.contact import pybullet as contact
+
+        gap = None
+        if scene.form == "cup":
+            gap = contact.cup(scene.ball_radius, -scene.plate_radius, (0.0, 0.0, -scene.plate_radius))
+        with contact.attach([(ball, plate)], options.law, gap=gap, speed=max(speed, _SLOWEST)) as law:
+            yield lambda: sum(touch.force for touch in law.step())
+        return
+    parts = (options.ball, options.plate)
+    reach = min(part.get("contactProcessingThreshold", math.inf) for part in parts)
+
+    def step() -> float:
+        bullet.stepSimulation()
+        # A contact out of reach was not solved for; it still says the force of when it last was.
+        return sum(contact[9] for contact in bullet.getContactPoints(ball, plate) if contact[8] <= reach)
+
+    yield step
 
 
 def _set_up(bullet: Any, scene: Scene, timestep: float, options: Options) -> tuple[int, int]:
@@ -171,9 +199,8 @@ class World:
     bullet: Any
     scene: Scene
     timestep: float
-    options: Options
     ball: int
-    plate: int
+    step: Callable[[], float]
 
     def release(self, launch: Launch) -> None:
         """Put the ball where the launch starts, with nothing remembered."""
@@ -191,21 +218,13 @@ class World:
 
     def _record(self, steps: int, rest_speed: float | None) -> list[tuple[float, float, float]]:
         """(penetration, rate, force) of each step."""
-        bullet, ball, plate, overlap = self.bullet, self.ball, self.plate, _overlap(self.scene)
-        place, motion = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity
-        step, contacts = bullet.stepSimulation, bullet.getContactPoints
-        parts = (self.options.ball, self.options.plate)
-        reach = min(part.get("contactProcessingThreshold", math.inf) for part in parts)
+        ball, overlap, step = self.ball, _overlap(self.scene), self.step
+        place, motion = self.bullet.getBasePositionAndOrientation, self.bullet.getBaseVelocity
         record = []
         touched, still = False, 0
         for _ in range(steps):
             x, v = overlap(place(ball)[0], motion(ball)[0])
-            step()
-            force = 0.0
-            for contact in contacts(ball, plate):
-                # A contact out of reach was not solved for; it still says the force of when it last was.
-                if contact[8] <= reach:
-                    force += contact[9]
+            force = step()
             record.append((x, v, force))
             if rest_speed is None:
                 continue

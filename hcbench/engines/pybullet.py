@@ -2,6 +2,8 @@
 
 Options of a setting (all optional; none means as loaded):
     world: keywords of setPhysicsEngineParameter. ball, plate: keywords of changeDynamics.
+    law: a plug-in of hcbench.contact in place of Bullet's own contact, {"kind": "force", "alpha": s/m,
+        "stiffness": N/m^n, "exponent": n} or {"kind": "restitution", "alpha": s/m}.
     maximal_coordinates: true for rigid bodies proper instead of Bullet's default, multibodies.
 
 Bullet keeps contactBreakingThreshold in a global of the process, shared by all of its clients, and some
@@ -34,7 +36,7 @@ class PybulletEngine(Engine):
     """Bullet 3 behind its Python module."""
 
     name: ClassVar[str] = "pybullet"
-    install: ClassVar[str] = "pip install 'pybullet>=3.2.5'  # wheels for CPython up to 3.11"
+    install: ClassVar[str] = "pip install 'pybullet>=3.2.7'  # wheels for CPython up to 3.11"
 
     def version(self) -> str:
         """The wheel's version; the module itself is not imported, it prints."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from hcbench.contact.law import STEPS_PER_CONTACT
 from hcbench.errors import SettingError
@@ -39,7 +39,7 @@ class ForceLaw:
             )
         law = target.law
         options = {"kind": "force", "alpha": law.alpha, "stiffness": law.stiffness, "exponent": law.exponent}
-        return Setting(self.engine, self.name, target.timestep, {"law": options})
+        return _setting(self.engine, self.name, target.timestep, options)
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,13 @@ class RestitutionLaw:
         """The setting; SettingError for a target given as points."""
         _require_law(target, linear=True)
         options = {"kind": "restitution", "alpha": target.law.alpha, "reading": target.reading}
-        return Setting(self.engine, self.name, target.timestep, {"law": options})
+        return _setting(self.engine, self.name, target.timestep, options)
+
+
+def _setting(engine: str, name: str, timestep: float, law: dict[str, Any]) -> Setting:
+    # Bullet slows every body in flight; the law is about contact alone.
+    flight = {"ball": {"linearDamping": 0.0, "angularDamping": 0.0}} if engine == "pybullet" else {}
+    return Setting(engine, name, timestep, {"law": law, **flight})
 
 
 def _require_law(target: Target, linear: bool = False) -> None:

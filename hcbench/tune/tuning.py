@@ -132,8 +132,10 @@ def _advice(
     found = []
     if verdict.failed:
         found.append(f"{verdict.failed} impacts gave no restitution: {verdict.reason}")
-    if not verdict.max_error < 1.02 * verdict.constant_error and verdict.constant_error > 0:
-        found.append(f"no better than the best constant e = {verdict.constant:.6g}")
+    if not verdict.max_error < 0.9 * verdict.constant_error and verdict.constant_error > 0:
+        plug_in = "restitution-law" if "restitution-law" in known else ""
+        other = f"; the plug-in `{plug_in}` of hcbench.contact follows the law at any step" if plug_in else ""
+        found.append(f"no better than the best constant e = {verdict.constant:.6g}{other}")
     if verdict.penetration_max > 0.02 * scene.relative_radius:
         found.append(
             f"the contact is soft: {verdict.penetration_max:.2g} m deep at the highest speed, "
