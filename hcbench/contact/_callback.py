@@ -68,6 +68,8 @@ def make(
             native.hcb_passive(model._address, data._address)
         table = _find(model)
         if table is not None and not _off(model):
+            # MuJoCo resets what is not finite before we see it, and keeps count.
+            table.not_finite += _was_reset(data)
             stage = _stage(model, data)
             plans = _memory.plans if stage else {}
             add_forces(model, data, table, stage, plans)
@@ -101,6 +103,14 @@ def _off(model: Any) -> bool:
 
     bits = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     return bool(int(model.opt.disableflags) & bits)
+
+
+def _was_reset(data: Any) -> bool:
+    import mujoco
+
+    kinds = mujoco.mjtWarning
+    bad = kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC
+    return any(data.warning[int(kind)].number for kind in bad)
 
 
 def _stage(model: Any, data: Any) -> int:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 _RIGID = 1e-9  # compliance of a row, in units of the pair's own inverse mass
 _MINVAL = 1e-15
+_STILL = 1.1  # steps of falling whose speed counts as rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +83,8 @@ def _rewrite_tendons(model: Any, data: Any, table: Table, stage: int, plans: Pla
 
 
 def _parting(model: Any, pair: PairSpec, approach: float, gravity: float) -> float:
-    """The speed to leave with: none for a bounce that gravity would bring back within two steps."""
-    if not approach > max(0.0, 0.5 * float(model.opt.timestep) * gravity):
+    """The speed to leave with. What one step of falling gives is no impact that steps tell from rest."""
+    if not approach > max(0.0, _STILL * float(model.opt.timestep) * gravity):
         return 0.0
     alpha = parameters(model, pair)[1]
     return approach * Restitution(alpha, "linear" if pair.linear else "law").at(approach)
@@ -101,12 +102,14 @@ def _targets(model: Any, data: Any, table: Table, pair: PairSpec, contact: Any) 
     if hasattr(contact, "surfacevel"):
         rate[1:4] += contact.surfacevel
     row = force_row(model, data, (bodies[0], bodies[1]), contact.pos, frame[0])
-    gravity = sum(
+    # By gravity, and by gravity on one body alone, which the other may bear.
+    pulls = [
         sign * float(gravity_on(model, body) @ frame[0])
         for sign, body in zip((1.0, -1.0), bodies, strict=True)
         if table.bodies[body] != FIXED
-    )
-    parting = _parting(model, pair, -float(rate[0]), gravity)
+    ]
+    gravity = sum(pulls)
+    parting = _parting(model, pair, -float(rate[0]), max(pulls, default=0.0))
     dim = int(contact.dim)
     cone = dim > 1 and int(model.opt.cone) == int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
     if cone:
@@ -123,7 +126,9 @@ def _targets(model: Any, data: Any, table: Table, pair: PairSpec, contact: Any) 
 def _compliance(model: Any, bounces: bool, straight: bool) -> float:
     if not _takes_forces(model):
         return _RIGID
-    return 1e-3 if bounces and straight else 1e-6
+    if not bounces:
+        return 1e-8
+    return 1e-3 if straight else 1e-6
 
 
 def _takes_forces(model: Any) -> bool:

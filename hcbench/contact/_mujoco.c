@@ -14,6 +14,7 @@ enum { FORCE = 1, RESTITUTION = 2, FIXED = 0, FREE = 1, JOINTED = 2, TABLES = 40
 #define MARK 1e-305 /* opt.o_margin = MARK * table: no margin at all, should anybody use it */
 #define HCB_REPORT 12
 #define HCB_COARSE 1.0 /* (omega h)^2 beyond which a step is too coarse */
+#define HCB_STILL 1.1 /* steps of falling whose speed counts as rest */
 #define HCB_RIGID 1e-9 /* compliance of a restitution row, in units of the pair's own inverse mass */
 
 typedef struct { /* mirrored by _native.Pair */
@@ -217,6 +218,10 @@ void hcb_passive(const mjModel* m, mjData* d) {
   if (passive_before) passive_before(m, d);
   hcb_table* t = table_of(m);
   if (!t || m->opt.disableflags & (mjDSBL_CONTACT | mjDSBL_CONSTRAINT)) return;
+  /* MuJoCo resets what is not finite before we see it, and keeps count. */
+  if (d->warning[mjWARN_BADQPOS].number || d->warning[mjWARN_BADQVEL].number || d->warning[mjWARN_BADQACC].number) {
+    __atomic_add_fetch(&t->not_finite, 1, __ATOMIC_RELAXED);
+  }
   int stage = stage_of(m, d);
   add_forces(m, d, t, stage, NULL, NULL);
   rewrite_rows(m, d, t, stage);

@@ -30,20 +30,23 @@ static void set_row(mjData* d, int row, double acceleration_, double compliance,
 #endif
 }
 
-static double gravity_along(const mjModel* m, const hcb_table* t, const mjContact* c) {
-  double g[3], sum = 0;
+/* Approach of a contact by gravity, and by gravity on one of its bodies alone, which the other may bear. */
+static void gravity_along(const mjModel* m, const hcb_table* t, const mjContact* c, double* both, double* most) {
+  double g[3];
+  *both = *most = 0;
   for (int side = 0; side < 2; side++) {
     int body = m->geom_bodyid[c->geom[side]];
     if (t->body[body] == FIXED) continue;
     gravity_on(m, body, g);
-    sum += (side ? -1 : 1) * dot(g, c->frame);
+    double one = (side ? -1 : 1) * dot(g, c->frame);
+    *both += one;
+    *most = fmax(*most, one);
   }
-  return sum;
 }
 
 static double compliance_of(const mjModel* m, int bounces, int straight) {
   if (!takes_forces(m)) return HCB_RIGID;
-  return bounces && straight ? 1e-3 : 1e-6;
+  return !bounces ? 1e-8 : straight ? 1e-3 : 1e-6;
 }
 
 static double inverse_mass_at(const mjModel* m, mjData* d, const hcb_table* t, const mjContact* c) {
@@ -61,10 +64,10 @@ static double inverse_mass_at(const mjModel* m, mjData* d, const hcb_table* t, c
   return sum;
 }
 
-/* The speed to leave with. A bounce that gravity would bring back within two steps is none that steps can show. */
+/* The speed to leave with. What one step of falling gives is no impact that steps can tell from rest. */
 static double parting_speed(const mjModel* m, const hcb_pair* p, double approach, double gravity) {
   double alpha = law_of(m, p, 1, 0).a / 1.5;
-  if (!(approach > fmax(0, 0.5 * m->opt.timestep * gravity))) return 0;
+  if (!(approach > fmax(0, HCB_STILL * m->opt.timestep * gravity))) return 0;
   return approach * (p->linear ? fmax(0, 1 - alpha * approach) : hcb_restitution(1.5 * alpha * approach));
 }
 
@@ -86,7 +89,9 @@ static void targets(const mjModel* m, mjData* d, const hcb_table* t, const hcb_p
 #ifdef HCB_SURFACE_VELOCITY
   for (int i = 0; i < 3; i++) rate[1 + i] += c->surfacevel[i];
 #endif
-  double gravity = gravity_along(m, t, c), parting = parting_speed(m, p, -rate[0], gravity);
+  double gravity, most;
+  gravity_along(m, t, c, &gravity, &most);
+  double parting = parting_speed(m, p, -rate[0], most);
   int rows = out->cone ? 2 * (c->dim - 1) : c->dim;
   for (int i = 0; i < rows; i++) {
     int k = out->cone ? 1 + i / 2 : i;

@@ -36,6 +36,7 @@ class Touch:
     slip: Vector
     inverse_mass: float
     pull: float  # approach by gravity, m/s²
+    weight: float  # approach by gravity on one of the bodies, which the other may bear, m/s²
     bodies: tuple[Body, Body] = field(repr=False)
     rows: tuple[Row | None, Row | None] = field(repr=False)
     force: float = 0.0
@@ -166,10 +167,10 @@ class RestitutionSolver:
         pulls, aims, resting = [], [], {}
         for touch in active:
             load = self._resting.get(touch.key)
-            # Gravity would bring a slower bounce back within two steps: that is none that steps can show.
-            still = 0.5 * h * max(0.0, touch.pull)
+            # What one step of falling gives is no impact that steps can tell from rest.
+            still = 1.1 * h * touch.weight
             if load is not None:
-                still = max(still, 10.0 * h * (abs(touch.pull) + abs(load)))
+                still = max(still, 10.0 * h * (touch.weight + abs(load)))
                 load += touch.rate / h
             bounces = touch.rate > still
             pulls.append(touch.pull + (load or 0.0) * (not bounces))

@@ -199,11 +199,12 @@ class Contact:
                 pair.first.row(pair.link1, point, normal),
                 pair.second.row(pair.link2, point, normal),
             )
-            pull = sum(
+            pulls = [
                 sign * dot(gravity, normal)
                 for sign, body in ((-1.0, pair.first), (1.0, pair.second))
-                if body.kind == "free"
-            )
+                if body.kind != "fixed"
+            ]
+            free = all(body.kind != "jointed" for body in (pair.first, pair.second))
             made.append(
                 Touch(
                     pair=((pair.first.number, pair.link1), (pair.second.number, pair.link2)),
@@ -216,7 +217,8 @@ class Contact:
                     bodies=(pair.first, pair.second),
                     rows=rows,
                     inverse_mass=sum(product(row, row) for row in rows),
-                    pull=pull,
+                    pull=sum(pulls) if free else 0.0,
+                    weight=max(0.0, *pulls),
                 )
             )
         return made
