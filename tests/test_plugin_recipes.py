@@ -1,0 +1,52 @@
+"""The plug-ins as settings: what they reach, in both engines, at speeds and phases nobody looked at."""
+
+from __future__ import annotations
+
+import pytest
+
+from hcbench.engines import registry
+from hcbench.errors import SettingError
+from hcbench.reference.laws import HuntCrossley
+from hcbench.scene import load_scene
+from hcbench.tune.target import Target
+from hcbench.tune.verdict import Verdict, judge
+
+SCENE = load_scene("steel-plane")
+ALPHAS = (0.002, 0.016)
+
+
+def verdict(recipe: str, alpha: float, timestep: float) -> Verdict:
+    law = HuntCrossley(SCENE.stiffness, alpha / 0.0254, SCENE.exponent)
+    target = Target(law, SCENE.mass, timestep, 0.0254, 0.508)
+    setting = registry.load("hcbench.recipes", recipe)(target)
+    return judge(registry.engine(setting.engine), SCENE, setting, target)
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+@pytest.mark.parametrize("alpha", ALPHAS)
+@pytest.mark.parametrize(
+    ("timestep", "error", "loop"), [(1e-6, 2e-9, 1e-4), (1e-5, 5e-7, 0.005), (2e-5, 2e-6, None)]
+)
+def test_the_force_law_is_the_law(
+    engine: str, alpha: float, timestep: float, error: float, loop: float | None
+) -> None:
+    found = verdict(f"{engine}.hunt-crossley", alpha, timestep)
+    assert found.failed == 0
+    assert found.max_error < error
+    if loop is not None:
+        assert found.loop_rms < loop
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+@pytest.mark.parametrize("alpha", ALPHAS)
+@pytest.mark.parametrize("timestep", [1e-4, 1e-3, 4e-3])
+def test_the_restitution_law_is_exact_at_any_step(engine: str, alpha: float, timestep: float) -> None:
+    found = verdict(f"{engine}.restitution-law", alpha, timestep)
+    assert found.failed == 0
+    assert found.max_error < 1e-12
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+def test_a_step_that_does_not_resolve_the_contact_is_refused_before_anything_runs(engine: str) -> None:
+    with pytest.raises(SettingError, match="restitution-law"):
+        verdict(f"{engine}.hunt-crossley", 0.008, 1e-3)
