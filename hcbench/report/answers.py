@@ -48,16 +48,12 @@ class Card:
     note: str = ""
 
 
-def headline(view: View) -> str:
+def headline(view: View) -> list[str]:
     """Which setting to use when: a sentence for engines as they come, and one for each engine."""
     if not view.engines:
-        return "The law alone: no engine ran over a band of speeds in this study."
-    said = [
-        _stock_sentence(view),
-        *(_advice(view, engine) for engine in view.engines),
-        _plugin_sentence(view),
-    ]
-    return " ".join(sentence for sentence in said if sentence)
+        return ["The law alone: no engine ran over a band of speeds in this study."]
+    said = [_stock_sentence(view), *(_advice(view, engine) for engine in view.engines)]
+    return [sentence for sentence in said if sentence]
 
 
 def _stock_sentence(view: View) -> str:
@@ -90,8 +86,8 @@ def _settable(view: View, engine: str) -> list[Run]:
     return [run for run in view.band_runs if run.engine == engine and not view.is_plugin(run)]
 
 
-def _plugin_sentence(view: View) -> str:
-    """Plug-ins that follow the law, and where."""
+def plugin_sentence(view: View) -> str:
+    """Plug-ins that follow the law, and where; "" where there are none."""
     good = [
         run
         for run in view.band_runs
@@ -99,14 +95,15 @@ def _plugin_sentence(view: View) -> str:
     ]
     if not good:
         return ""
-    where = [
-        f"{name} at {steps_named([run for run in good if run.setting == name])}"
-        for name in dict.fromkeys(run.setting for run in good)
-    ]
-    engines = [words.engine_name(engine) for engine in dict.fromkeys(run.engine for run in good)]
-    plural = "plug-ins" if len(where) > 1 else "plug-in"
-    verb = "follow" if len(where) > 1 else "follows"
-    return f"The {plural} {words.listed(where)} {verb} it in {words.listed(engines)}."
+    settings: dict[str, list[Run]] = {}
+    for run in good:
+        settings.setdefault(run.setting, []).append(run)
+    where = []
+    for name, runs in settings.items():
+        engines = words.listed([words.engine_name(e) for e in dict.fromkeys(run.engine for run in runs)])
+        where.append(f"{name} at {steps_named(runs)} (in {engines})")
+    many = len(where) > 1
+    return f"The plug-in{'s' * many} {words.listed(where)} follow{'s' * (not many)} the law."
 
 
 def _steps(runs: Sequence[Run]) -> list[float]:

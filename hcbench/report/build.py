@@ -80,6 +80,7 @@ def render(view: View, figures: list[dict[str, Any]]) -> str:
     return environment.get_template("page.html").render(
         title=view.study["title"],
         headline=answers.headline(view),
+        plugins=answers.plugin_sentence(view),
         band=findings.band(view),
         main_alpha=words.alpha(view.main_alpha),
         contact_time=words.about(view.contact_time),
