@@ -24,6 +24,7 @@ from hcbench.measure.model import (
     Vector,
     Wanted,
 )
+from hcbench.measure.words import plain
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -91,8 +92,18 @@ def measure(
 
 def measure_file(job: Job, limit: float = LIMIT_S) -> Measurement:
     """Measure a model in a file, in a worker process that may crash, hang or run out of memory."""
-    (found,) = isolation.collect(_in_worker, job, limit=limit)
+    try:
+        (found,) = isolation.collect(_in_worker, job, limit=limit)
+    except isolation.WorkerDied as death:
+        raise EngineFailed(
+            "model", f"{_label(job.source)}: the engine's process was lost: {death.got}", "a model that runs"
+        ) from None
     return found
+
+
+def _label(source: str | tuple[str, ...]) -> str:
+    parts = [source] if isinstance(source, str) else list(source)
+    return plain("MJCF text" if parts[0].lstrip().startswith("<") else " + ".join(parts))
 
 
 def make_request(
@@ -181,9 +192,13 @@ def _in_worker(job: Job) -> Iterator[Measurement]:
             subject = _subject(job.source, job.engine, job.request)
             yield _measured(subject, job.request, job.wanted, job.tolerance, job.diagnose)
         except MemoryError:
-            raise EngineFailed(
-                "model", f"needs more than {MEMORY_BYTES >> 30} GiB of memory", "a model that fits"
-            ) from None
+            needs = f"{_label(job.source)} needs more than {MEMORY_BYTES >> 30} GiB of memory"
+            raise EngineFailed("model", needs, "a model that fits") from None
+        except HcbenchError:
+            raise
+        except Exception as error:
+            words = f"{_label(job.source)}: {type(error).__name__}: {plain(error)}"
+            raise EngineFailed("model", words, "a model that the engine can run") from error
 
 
 @contextmanager

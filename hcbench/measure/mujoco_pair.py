@@ -10,6 +10,7 @@ import numpy as np
 
 from hcbench.errors import UserError
 from hcbench.measure.mujoco_load import backend
+from hcbench.measure.words import plain
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,12 +38,12 @@ class Carrier:
 
 def geom_name(model: Any, geom: int) -> str:
     """The geom's name, or what `find_sides` takes in its place."""
-    return model.geom(geom).name or f"geom:{geom}"
+    return plain(model.geom(geom).name) or f"geom:{geom}"
 
 
 def body_name(model: Any, body: int) -> str:
     """The body's name, or what `find_sides` takes in its place."""
-    return "world" if body == 0 else model.body(body).name or f"body:{body}"
+    return "world" if body == 0 else plain(model.body(body).name) or f"body:{body}"
 
 
 def _geoms_of(model: Any, body: int) -> tuple[int, ...]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
 
 from hcbench.errors import EngineMissing, SceneError, UserError
+from hcbench.measure.words import plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -186,7 +187,7 @@ def _labelled(loaded: Loaded, side: Side) -> Side:
 def _numbered(bullet: Bullet, part: int | tuple[int, int]) -> Side:
     body, link = (part, None) if isinstance(part, int) else part
     try:
-        name = bullet.getBodyInfo(body)[1].decode(errors="replace")
+        name = plain(bullet.getBodyInfo(body)[1].decode(errors="replace"))
     except bullet.error:
         raise UserError("pair", f"no body {body} in this client", "a body id that loadURDF gave") from None
     words = f"body {body}" if link is None else f"body {body}, link {link}"
@@ -206,7 +207,7 @@ def _known(loaded: Loaded) -> dict[str, Side]:
 
     for i in range(bullet.getNumBodies()):
         body = bullet.getBodyUniqueId(i)
-        base, robot = (part.decode(errors="replace") for part in bullet.getBodyInfo(body))
+        base, robot = (plain(part.decode(errors="replace")) for part in bullet.getBodyInfo(body))
         whole = Side(f"body:{body}", body, None)
         file = loaded.names.get(body, "")
         for name in (f"body:{body}", file, Path(file).stem, robot):
@@ -214,7 +215,7 @@ def _known(loaded: Loaded) -> dict[str, Side]:
                 put(name, whole)
         joints = range(bullet.getNumJoints(body))
         links = [(base, -1)]
-        links += [(bullet.getJointInfo(body, j)[12].decode(errors="replace"), j) for j in joints]
+        links += [(plain(bullet.getJointInfo(body, j)[12].decode(errors="replace")), j) for j in joints]
         for name, link in links:
             side = Side(name, body, link)
             for prefix in (f"body:{body}/", f"{Path(file).stem}/" if file else ""):

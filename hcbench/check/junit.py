@@ -1,0 +1,38 @@
+"""What came of checks as JUnit XML, which every CI shows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
+
+from hcbench.check.model import Verdict
+from hcbench.check.words import outcome_text
+from hcbench.measure.words import plain
+
+if TYPE_CHECKING:
+    from hcbench.check.model import Report
+
+
+def as_junit(report: Report) -> str:
+    """One test suite, a test case a check. Times are left out: the same run gives the same bytes."""
+    outcomes = report.outcomes
+    failures = sum(o.verdict is Verdict.FAILED for o in outcomes)
+    errors = sum(o.verdict in (Verdict.MISTAKE, Verdict.COULD_NOT_RUN) for o in outcomes)
+    counts = {"tests": str(len(outcomes)), "failures": str(failures), "errors": str(errors)}
+    suites = ET.Element("testsuites", counts)
+    suite = ET.SubElement(suites, "testsuite", {"name": "hcbench", **counts})
+    for outcome in outcomes:
+        case = ET.SubElement(
+            suite, "testcase", {"classname": "hcbench.check", "name": plain(outcome.name), "time": "0"}
+        )
+        if outcome.verdict is Verdict.FAILED:
+            body = ET.SubElement(case, "failure", {"message": plain(outcome.message)})
+        elif outcome.verdict is Verdict.PASSED:
+            body = ET.SubElement(case, "system-out")
+        else:
+            body = ET.SubElement(
+                case, "error", {"message": plain(outcome.message), "type": outcome.verdict.value}
+            )
+        body.text = outcome_text(outcome)
+    ET.indent(suites)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(suites, encoding="unicode")}\n'

@@ -1,0 +1,97 @@
+"""From what a user asks to a `Check`: names, units and files are looked at before anything runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hcbench import units
+from hcbench.check.baseline import read_baseline
+from hcbench.check.model import MAX_DRIFT, MAX_ERROR, Check
+from hcbench.check.pairs import read_pairs
+from hcbench.errors import QuantityError, UserError
+from hcbench.measure.measure import LIMIT_S, make_request
+from hcbench.measure.model import Wanted
+from hcbench.measure.words import plain
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.impact import Floats
+
+_LONGEST = 1e6  # s
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """One check as a user writes it: text with units, plain numbers SI, None for what was left out.
+
+    models: a file, two files, or "file.py:function". At most one of alpha, restitution, pairs (a CSV) and
+    baseline. reading: "law" for e of eq. (16), "linear" for 1 - α v.
+    """
+
+    models: tuple[str, ...]
+    name: str | None = None
+    pair: str | Sequence[str] | None = None
+    alpha: Any = None
+    reading: str = "law"
+    restitution: Any = None
+    pairs: Path | None = None
+    baseline: Path | None = None
+    max_error: Any = None
+    speeds: Any = None
+    phases: int | Sequence[float] | None = None
+    timestep: Any = None
+    gravity: Any = None
+    key: str | None = None
+    height: Any = None
+    engine: str | None = None
+    limit: Any = None
+
+
+def plan(ask: Ask) -> Check:
+    """The check. Raises UserError, and its kinds, for what cannot be meant."""
+    name = plain(ask.name if ask.name is not None else " + ".join(Path(m).name for m in ask.models))
+    given = [k for k in ("alpha", "restitution", "pairs", "baseline") if getattr(ask, k) is not None]
+    if len(given) > 1:
+        raise UserError(name, f"{' and '.join(given)} are given", "one thing to hold the model against")
+    wanted = _wanted(ask)
+    baseline = None if ask.baseline is None else read_baseline(ask.baseline, name)
+    speeds = ask.speeds
+    if speeds is None and ask.pairs is not None and wanted is not None:
+        speeds = [speed for speed, _ in wanted.points]
+    if wanted is not None and wanted.points and ask.speeds is not None:
+        _require_inside(units.parse_values(ask.speeds, "speed", "speeds"), wanted)
+    phases = ask.phases
+    if baseline is not None:
+        phases = list(dict.fromkeys(launch.phase for launch, _, _ in baseline.impacts))
+    request = make_request(ask.pair, speeds, phases, ask.timestep, ask.gravity, ask.key, ask.height)
+    default = MAX_ERROR if baseline is None else MAX_DRIFT
+    max_error = default if ask.max_error is None else units.parse(ask.max_error, "number", "max-error")
+    if not 0 <= max_error <= 1:
+        raise QuantityError("max-error", f"{max_error:g}", "0 ... 1, a difference in e")
+    limit = LIMIT_S if ask.limit is None else units.parse(ask.limit, "timestep", "limit")
+    if not 0 < limit <= _LONGEST:
+        raise QuantityError("limit", f"{limit:g} s", "above 0 s")
+    source = ask.models[0] if len(ask.models) == 1 else ask.models
+    return Check(name, source, request, wanted, baseline, max_error, ask.engine, limit)
+
+
+def _wanted(ask: Ask) -> Wanted | None:
+    if ask.alpha is not None:
+        return Wanted(alpha=units.parse(ask.alpha, "alpha", "alpha"), reading=ask.reading)
+    if ask.restitution is not None:
+        return Wanted(constant=units.parse(ask.restitution, "number", "restitution"))
+    if ask.pairs is not None:
+        return Wanted(points=read_pairs(ask.pairs))
+    return None
+
+
+def _require_inside(speeds: Floats, wanted: Wanted) -> None:
+    low, high = wanted.points[0][0], wanted.points[-1][0]
+    outside = [v for v in speeds.tolist() if not low <= v <= high]
+    if outside:
+        raise UserError(
+            "speeds", f"{outside[0]:g} m/s", f"within the measured pairs, {low:g} ... {high:g} m/s"
+        )

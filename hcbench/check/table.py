@@ -1,0 +1,122 @@
+"""Checks listed in a file: `[tool.hcbench]` of a pyproject.toml, or the same in any TOML file.
+
+[tool.hcbench]              # what all checks share
+max-error = 0.02
+speeds = "0.1:1:5 m/s"
+
+[[tool.hcbench.check]]
+name = "ball on plate"
+model = "models/ball.xml"   # or a list of two; paths start at the file's own folder
+pair = "ball,plate"
+restitution = 0.9           # or alpha, pairs (a CSV), baseline
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from hcbench.check.plan import Ask, plan
+from hcbench.errors import UserError
+from hcbench.measure.words import plain
+
+if TYPE_CHECKING:
+    from hcbench.check.model import Check
+
+Quantity = float | str
+Quantities = float | str | list[float | str]
+
+
+def _hyphens(name: str) -> str:
+    return name.replace("_", "-")
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", alias_generator=_hyphens, populate_by_name=True)
+
+    max_error: float | None = None
+    speeds: Quantities | None = None
+    phases: int | list[float] | None = None
+    timestep: Quantity | None = None
+    gravity: Quantity | list[float] | None = None
+    key: str | None = None
+    height: Quantity | None = None
+    engine: str | None = None
+    limit: Quantity | None = None
+
+
+class _Entry(_Strict):
+    model: str | list[str]
+    name: str | None = None
+    pair: str | list[str] | None = None
+    alpha: Quantity | None = None
+    reading: str = "law"
+    restitution: float | None = None
+    pairs: str | None = None
+    baseline: str | None = None
+
+
+class _Table(_Strict):
+    check: list[_Entry] = Field(min_length=1)
+
+
+def find_table(path: Path) -> dict[str, Any] | None:
+    """The table of a TOML file: [tool.hcbench], or all of a file that has [[check]]; None without one."""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UserError("checks", f"{path}: {error.strerror}", "a TOML file") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UserError("checks", f"{path} is not TOML: {plain(error)}", "TOML") from None
+    table = content.get("tool", {}).get("hcbench") if isinstance(content.get("tool"), dict) else None
+    if table is None and "check" in content:
+        table = content
+    return table
+
+
+def checks_of(path: Path, baseline: Path | None = None) -> list[Check]:
+    """The checks a file lists; UserError names the entry and key that cannot be used.
+
+    baseline: a file to hold all of them against, instead of what they say.
+    """
+    table = find_table(path)
+    if table is None:
+        raise UserError(
+            "checks", f"{path} has no [tool.hcbench]", "a table with [[tool.hcbench.check]] entries"
+        )
+    try:
+        parsed = _Table.model_validate(table)
+    except ValidationError as error:
+        raise _first_mistake(path, error) from None
+    shared = parsed.model_dump(exclude={"check"}, exclude_none=True)
+    checks = []
+    for entry in parsed.check:
+        given = {**shared, **entry.model_dump(exclude_none=True)}
+        if baseline is not None:
+            given = {k: v for k, v in given.items() if k not in ("alpha", "restitution", "pairs")}
+        checks.append(plan(_ask(given, path.parent, baseline)))
+    names = [check.name for check in checks]
+    for name in names:
+        if names.count(name) > 1:
+            raise UserError("checks", f"{path}: two checks are called {plain(name)!r}", "a name for each")
+    return checks
+
+
+def _ask(given: dict[str, Any], folder: Path, baseline: Path | None) -> Ask:
+    model = given.pop("model")
+    models = [model] if isinstance(model, str) else model
+    for key in ("pairs", "baseline"):
+        if key in given:
+            given[key] = folder / given[key]
+    if baseline is not None:
+        given["baseline"] = baseline
+    return Ask(models=tuple(str(folder / part) for part in models), **given)
+
+
+def _first_mistake(path: Path, error: ValidationError) -> UserError:
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"])
+    return UserError("checks", f"{path}: [tool.hcbench] {plain(where)}: {plain(first['msg'])}", "")

@@ -1,0 +1,109 @@
+"""What came of checks, for a terminal, for a Markdown summary, and as JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+import re
+from typing import TYPE_CHECKING, Any
+
+from hcbench.check.model import Verdict
+from hcbench.measure.show import as_record, cause_lines, headline
+from hcbench.measure.words import number, plain, table
+
+if TYPE_CHECKING:
+    from hcbench.check.model import Outcome, Report, Row
+
+SCHEMA = 1
+_MARKS = {Verdict.PASSED: "✅", Verdict.FAILED: "❌", Verdict.MISTAKE: "⚠️", Verdict.COULD_NOT_RUN: "💥"}
+_HEADER = ("launched m/s", "at touch m/s", "e", "lowest", "highest", "wanted", "error")
+
+
+def as_text(report: Report) -> str:
+    """For a terminal: the tables of all checks, then one line each."""
+    parts = [outcome_text(outcome) for outcome in report.outcomes]
+    if len(report.outcomes) > 1:
+        parts.append("\n".join(summary_line(outcome) for outcome in report.outcomes))
+    return "\n\n".join(parts) + "\n"
+
+
+def summary_line(outcome: Outcome) -> str:
+    """`PASSED name: message`."""
+    return f"{outcome.verdict.value.upper()} {plain(outcome.name)}: {outcome.message}"
+
+
+def outcome_text(outcome: Outcome) -> str:
+    """One check: what was measured, the curve, the verdict, and the causes where it failed."""
+    lines = []
+    if outcome.found is not None:
+        lines += headline(outcome.found)
+    if outcome.against:
+        limit = "" if outcome.max_error != outcome.max_error else f", limit {outcome.max_error:g}"
+        lines.append(f"against {outcome.against}{limit}")
+    if outcome.rows:
+        lines += ["", *table(_HEADER, [_cells(row) for row in outcome.rows]), ""]
+    lines.append(summary_line(outcome))
+    if outcome.verdict is Verdict.FAILED and outcome.found is not None:
+        lines += cause_lines(outcome.found.causes, outcome.found.remedy)
+    return "\n".join(lines)
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    return (
+        f"{row.speed:.4g}",
+        number(row.speed_in, ".4g"),
+        number(row.restitution),
+        number(row.lowest),
+        number(row.highest),
+        number(row.wanted),
+        number(row.error, "+.4f"),
+    )
+
+
+def as_record_of(report: Report) -> dict[str, Any]:
+    """JSON-able; NaN stands for nothing to say."""
+    return {
+        "schema": SCHEMA,
+        "kind": "hcbench check",
+        "exit_code": report.exit_code,
+        "checks": [_record(outcome) for outcome in report.outcomes],
+    }
+
+
+def _record(outcome: Outcome) -> dict[str, Any]:
+    return {
+        "name": outcome.name,
+        "verdict": outcome.verdict.value,
+        "exit_code": outcome.exit_code,
+        "message": outcome.message,
+        "against": outcome.against,
+        "max_error": outcome.max_error,
+        "worst": None if outcome.worst is None else dataclasses.asdict(outcome.worst),
+        "rows": [dataclasses.asdict(row) for row in outcome.rows],
+        "measurement": None if outcome.found is None else as_record(outcome.found),
+    }
+
+
+def as_markdown(report: Report) -> str:
+    """For a CI's step summary. Names come from models: nothing in them is taken as markup."""
+    lines = ["### Restitution", "", "| | check | against | result |", "|---|---|---|---|"]
+    for o in report.outcomes:
+        cells = (_MARKS[o.verdict], f"**{_safe(o.name)}**", _safe(o.against), _safe(o.message))
+        lines.append(f"| {' | '.join(cells)} |")
+    for outcome in report.outcomes:
+        if outcome.verdict is Verdict.PASSED or outcome.found is None:
+            continue
+        lines += ["", f"<details><summary>{_safe(outcome.name)}: the curve and the cause</summary>", ""]
+        lines += [f"| {' | '.join(_HEADER)} |", "|" + "---:|" * len(_HEADER)]
+        lines += [f"| {' | '.join(_cells(row))} |" for row in outcome.rows]
+        for cause in outcome.found.causes:
+            words = f"**{_safe(cause.title)}** Found: {_safe(cause.evidence)}. Fix: {_safe(cause.fix)}"
+            lines += ["", f"- {words}"]
+        lines += ["", _safe(outcome.found.remedy), "", "</details>"]
+    return "\n".join(lines) + "\n"
+
+
+def _safe(text: str) -> str:
+    """Text that Markdown and HTML leave alone."""
+    escaped = html.escape(plain(text), quote=True)
+    return re.sub(r"[\\`*_{}\[\]()#+!|~@:]", lambda m: f"&#{ord(m[0])};", escaped)

@@ -1,0 +1,218 @@
+"""A measurement as text and as JSON. No clock in it: the same model gives the same bytes."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.impact import Status
+from hcbench.measure.words import number, plain, table
+from hcbench.reference import exact
+from hcbench.reference.laws import HuntCrossley
+
+if TYPE_CHECKING:
+    from hcbench import compare
+    from hcbench.impact import Impact
+    from hcbench.measure.model import Cause, Measurement
+
+SCHEMA = 1
+
+
+def effective_mass(found: Measurement) -> float:
+    """Of the model, or else of the momentum that the first resolved impact turned round, kg."""
+    mass = found.facts.effective_mass
+    if math.isfinite(mass):
+        return mass
+    for impact in found.impacts:
+        if impact.status is Status.PARTED and impact.loop is not None:
+            change = impact.speed_in + impact.speed_out
+            return float(impact.loop.force.sum()) * found.facts.timestep / change
+    return math.nan
+
+
+def law_of(found: Measurement) -> HuntCrossley | None:
+    """The law to compare with: α as wanted, or else as fitted; k so that the hardest impact goes as deep.
+
+    None where nothing was measured that a law could be fitted to.
+    """
+    from hcbench import compare
+
+    good = found.measured
+    if found.wanted is not None and found.wanted.alpha is not None:
+        alpha = found.wanted.alpha
+    elif len(good) > 1:
+        speeds, e = np.array([i.speed_in for i in good]), np.array([i.restitution for i in good])
+        alpha, _ = compare.fit_alpha(speeds, e)
+    else:
+        return None
+    resolved = [i for i in good if i.samples >= compare.RESOLVED and i.penetration_max > 0]
+    mass = effective_mass(found)
+    if not resolved or not math.isfinite(mass):
+        return HuntCrossley(1.0, alpha)
+    hardest = max(resolved, key=lambda i: i.speed_in)
+    unit = HuntCrossley(1.0, alpha)
+    depth = float(exact.penetration_max(unit, mass, hardest.speed_in))
+    return HuntCrossley((depth / hardest.penetration_max) ** (unit.exponent + 1), alpha)
+
+
+def score_of(found: Measurement) -> compare.Score | None:
+    """Every comparator figure against `law_of`; None without a law."""
+    from hcbench import compare
+
+    law, mass = law_of(found), effective_mass(found)
+    if law is None or not found.measured or not math.isfinite(mass):
+        return None
+    return compare.score(found.impacts, law, mass)
+
+
+def as_record(found: Measurement) -> dict[str, Any]:
+    """JSON-able; NaN stands for nothing to say."""
+    facts, score, law = found.facts, score_of(found), law_of(found)
+    fitted = found.wanted is None or found.wanted.alpha is None
+    return {
+        "schema": SCHEMA,
+        "kind": "hcbench measurement",
+        "model": facts.model,
+        "engine": facts.engine,
+        "version": facts.version,
+        "pair": list(facts.pair),
+        "moved": facts.moved,
+        "timestep_s": facts.timestep,
+        "gravity_m_per_s2": list(facts.gravity),
+        "effective_mass_kg": effective_mass(found),
+        "normal": list(facts.normal),
+        "settings": dict(facts.settings),
+        "asked": {"restitution": list(facts.asked), "words": facts.asked_words},
+        "wanted": found.wanted.words if found.wanted else None,
+        "curve": [
+            {
+                "speed_m_per_s": p.speed,
+                "speed_in_m_per_s": p.speed_in,
+                "restitution": p.restitution,
+                "restitution_min": p.lowest,
+                "restitution_max": p.highest,
+                "samples": p.samples,
+                "failed": p.failed,
+            }
+            for p in found.curve
+        ],
+        "phase_spread": found.spread,
+        "energy_gained": found.energy_gained,
+        "law": None
+        if law is None
+        else {
+            "alpha_s_per_m": law.alpha,
+            "stiffness_n_per_m_n": law.stiffness,
+            "exponent": law.exponent,
+            "alpha_fitted": fitted,
+        },
+        "score": None if score is None else dataclasses.asdict(score),
+        "impacts": [_impact(i) for i in found.impacts],
+        "causes": [dataclasses.asdict(c) for c in found.causes],
+        "remedy": found.remedy,
+        "notes": list(facts.notes),
+    }
+
+
+def _impact(impact: Impact) -> dict[str, Any]:
+    return {
+        "speed_m_per_s": impact.launch.speed,
+        "phase": impact.launch.phase,
+        "status": impact.status.value,
+        "reason": impact.reason,
+        "speed_in_m_per_s": impact.speed_in,
+        "speed_out_m_per_s": impact.speed_out,
+        "restitution": impact.restitution,
+        "duration_s": impact.duration,
+        "penetration_max_m": impact.penetration_max,
+        "force_max_n": impact.force_max,
+        "samples": impact.samples,
+    }
+
+
+def headline(found: Measurement) -> list[str]:
+    """What was measured, in two lines."""
+    facts = found.facts
+    gravity = float(np.linalg.norm(facts.gravity))
+    return [
+        f"{plain(facts.model)}: {plain(facts.pair[0])} on {plain(facts.pair[1])}",
+        f"{facts.engine} {facts.version}, step {facts.timestep:.6g} s, gravity {gravity:.4g} m/s^2, "
+        f"effective mass {effective_mass(found):.4g} kg, {plain(facts.moved)}",
+    ]
+
+
+def as_text(found: Measurement) -> str:
+    """For a terminal."""
+    lines = [*headline(found)]
+    lines += [f"{name}: {plain(_setting(value))}" for name, value in found.facts.settings.items()]
+    if found.facts.asked_words:
+        lines.append(f"the model asks for: {plain(found.facts.asked_words)}")
+    lines += [f"note: {plain(note)}" for note in found.facts.notes]
+    asked = found.facts.asked or (math.nan,) * len(found.curve)
+    rows = [
+        (
+            f"{p.speed:.4g}",
+            number(p.speed_in, ".4g"),
+            number(p.restitution),
+            number(p.highest - p.lowest, ".1e"),
+            number(a),
+            str(p.samples),
+            str(p.failed or ""),
+        )
+        for p, a in zip(found.curve, asked, strict=True)
+    ]
+    header = ("launched m/s", "at touch m/s", "e", "spread", "asked", "steps", "failed")
+    lines += ["", *table(header, rows), ""]
+    for impact in found.failed[:3]:
+        where = f"{impact.launch.speed:.4g} m/s, phase {impact.launch.phase:.3g}"
+        lines.append(f"{impact.status.value} at {where}: {plain(impact.reason)}")
+    lines += _score_lines(found)
+    lines += cause_lines(found.causes, found.remedy)
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _setting(value: Any) -> str:
+    return " ".join(f"{v:.6g}" for v in value) if isinstance(value, list) else str(value)
+
+
+def _score_lines(found: Measurement) -> list[str]:
+    from hcbench import compare
+
+    score, law = score_of(found), law_of(found)
+    if score is None or law is None or score.rested:
+        return []
+    lines = [
+        f"fitted α {score.alpha_fit:.4g} s/m (rms {score.alpha_fit_rms:.2g}); energy lost goes as v^"
+        f"{number(score.energy_exponent, '.3g')}, the law's as v^{number(score.energy_exponent_law, '.3g')}",
+    ]
+    if score.loops:
+        lines.append(
+            f"loops against eq. (16) of that α: force {score.loop_rms:.2g} rms of the largest, area x "
+            f"{number(score.area_ratio, '.3g')}, largest force x {score.force_ratio:.3g}, duration x "
+            f"{score.duration_ratio:.3g}, first force {score.touch_force:.2g} of the largest"
+        )
+    verdicts = {claim: getattr(score, name) for name, claim in compare.CLAIMS.items()}
+    lines += [f"{claim}: {'yes' if seen else 'no'}" for claim, seen in verdicts.items() if seen is not None]
+    if score.energy_gained:
+        lines.append("ENERGY IS GAINED: some impacts leave faster than they came")
+    return lines
+
+
+def cause_lines(causes: tuple[Cause, ...], remedy: str) -> list[str]:
+    """Causes as indented text."""
+    lines = []
+    for cause in causes:
+        lines += [
+            "",
+            f"{cause.code}: {plain(cause.title)}",
+            f"  found  {plain(cause.evidence)}",
+            f"  fix    {plain(cause.fix)}",
+        ]
+        if math.isfinite(cause.alone):
+            lines.append(f"  tried  fixed alone e = {cause.alone:.4f}; left out e = {number(cause.without)}")
+    if remedy:
+        lines += ["", remedy]
+    return lines

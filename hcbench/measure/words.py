@@ -1,0 +1,30 @@
+"""Text from models that others wrote: made safe to print."""
+
+from __future__ import annotations
+
+import math
+import unicodedata
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+_LONGEST = 200
+_UNSEEN = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}  # control, direction, line: all that does not print
+
+
+def plain(text: object) -> str:
+    """One line without control characters: no name can move a cursor, break a line or end a table."""
+    shown = "".join("?" if unicodedata.category(c) in _UNSEEN else c for c in str(text))
+    return shown if len(shown) <= _LONGEST else f"{shown[:_LONGEST]}..."
+
+
+def table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Lines of a table, columns to the right, two spaces between."""
+    widths = [max(len(line[i]) for line in [header, *rows]) for i in range(len(header))]
+    return ["  ".join(c.rjust(w) for c, w in zip(line, widths, strict=True)) for line in [header, *rows]]
+
+
+def number(value: float, digits: str = ".4f") -> str:
+    """A number in fixed form, an em dash for none."""
+    return "—" if math.isnan(value) else f"{value:{digits}}"
