@@ -273,7 +273,8 @@ def test_a_pendulum_hits_with_the_effective_mass_of_its_joint() -> None:
       <body pos="0 0 -.5"><geom name="bob" size="0.049" mass=".4"/></body></body></worldbody></mujoco>""")
     data = mujoco.MjData(model)
     data.qvel[0] = -0.6
-    depth, speed = [], 0.6 * 0.5
+    depth: list[tuple[float, float]] = []
+    speed = 0.6 * 0.5
     with contact.attach(model, ("bob", "wall"), LAW) as law:
 
         def over() -> bool:

@@ -111,6 +111,11 @@ def entry_for(model: Any, compiled: bool) -> Entry:
     known = _process.entries.get(model._address)
     if known is not None and known.model is model:
         return known
+    for entry in _process.entries.values():
+        if model.opt.o_margin == _native.MARK * entry.number:
+            raise SettingError(
+                "model", "a copy of one that a law is attached to", "the model itself, or a copy made before"
+            )
     used = {entry.number for entry in _process.entries.values()}
     return Entry(model, next(n for n in range(1, _native.TABLES) if n not in used), compiled)
 
