@@ -217,7 +217,7 @@ def _setting_record(scene: str, row: _Row) -> dict[str, Any]:
 
 def _versions(study: Study) -> Mapping[str, str]:
     engines = sorted({run.engine for run in study.runs})
-    packages = {name: version(name) for name in ("hcbench", "numpy", "scipy")}
+    packages = {name: version(name) for name in ("hcbench", "matplotlib", "numpy", "scipy")}
     return {
         **packages,
         "python": platform.python_version(),

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 BOUNCES = 10
 STANDARD_GRAVITY = 9.80665  # m/s²
-_SLACK = 1.3  # of the law's time for as many bounces, for engines that bounce higher
+_SLACK = 2.0  # of the law's time for as many bounces, for engines that bounce higher
 
 
 def law_heights(law: HuntCrossley, mass: float, height: float, count: int = BOUNCES) -> list[float]:
