@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hcbench.errors import CannotRun, LimitPassed, UserError
 
@@ -40,12 +40,12 @@ EXIT_CODES = {
 class Check:
     """One model held against one thing: `wanted` or `baseline`; neither: only measured, for a new baseline.
 
-    source: a model's file, two of them, "file.py:function", or a study or a report's folder.
+    source: as in `measure`.
     max_error: largest |e - wanted| allowed at any speed and phase. limit: s, after which it counts as hung.
     """
 
     name: str
-    source: str | tuple[str, ...]
+    source: Any
     request: Request
     wanted: Wanted | None = None
     baseline: Baseline | None = None

@@ -74,7 +74,7 @@ def plan(ask: Ask) -> Check:
     limit = LIMIT_S if ask.limit is None else units.parse(ask.limit, "timestep", "limit")
     if not 0 < limit <= _LONGEST:
         raise QuantityError("limit", f"{limit:g} s", "above 0 s")
-    source = ask.models[0] if len(ask.models) == 1 else ask.models
+    source = ask.models[0] if len(ask.models) == 1 else tuple(ask.models)
     return Check(name, source, request, wanted, baseline, max_error, ask.engine, limit)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from hcbench.check.model import Check, Outcome, Report, Row, Verdict
 from hcbench.errors import HcbenchError, UserError
 from hcbench.impact import Status
-from hcbench.measure.measure import Job, measure_file
+from hcbench.measure.measure import Job
 from hcbench.measure.model import TOLERANCE, Wanted
 from hcbench.measure.words import plain
 
@@ -53,9 +53,8 @@ def _measured(check: Check) -> Measurement:
     if check.baseline is not None:
         height = check.baseline.impacts[0][0].height
         request = dataclasses.replace(request, speeds=check.baseline.speeds, height=height, thrifty=False)
-    return measure_file(
-        Job(check.source, check.engine, request, wanted, tolerance, diagnose=True), check.limit
-    )
+    job = Job(check.source, check.engine, request, wanted, tolerance, diagnose=True)
+    return measure_job(job, check.limit)
 
 
 def judge(check: Check, found: Measurement) -> Outcome:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import runpy
 from contextlib import contextmanager
@@ -41,9 +42,9 @@ _PYTHON = re.compile(r"(?P<file>.+\.py):(?P<function>[A-Za-z_]\w*)")
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One measurement as it crosses to the worker: a file or files, never an object of an engine."""
+    """One measurement. source: see `measure`; only files cross to the worker, objects stay here."""
 
-    source: str | tuple[str, ...]
+    source: Any
     engine: str | None
     request: Request
     wanted: Wanted | None
@@ -84,19 +85,21 @@ def measure(
     """
     request = make_request(pair, speeds, phases, timestep, gravity, key, height)
     goal = Wanted(constant=float(wanted)) if isinstance(wanted, int | float) else wanted
-    source = _as_files(model)
+    return measure_job(Job(model, engine, request, goal, tolerance, diagnose), limit)
+
+
+def measure_job(job: Job, limit: float = LIMIT_S) -> Measurement:
+    """Measure: files in a worker process that may crash, hang or run out of memory; objects here."""
+    source = _as_files(job.source)
     if source is None:
-        return _measured(_subject(model, engine, request), request, goal, tolerance, diagnose)
-    return measure_file(Job(source, engine, request, goal, tolerance, diagnose), limit)
-
-
-def measure_file(job: Job, limit: float = LIMIT_S) -> Measurement:
-    """Measure a model in a file, in a worker process that may crash, hang or run out of memory."""
+        subject = _subject(job.source, job.engine, job.request)
+        return _measured(subject, job.request, job.wanted, job.tolerance, job.diagnose)
+    job = dataclasses.replace(job, source=source)
     try:
         (found,) = isolation.collect(_in_worker, job, limit=limit)
     except isolation.WorkerDied as death:
         raise EngineFailed(
-            "model", f"{_label(job.source)}: the engine's process was lost: {death.got}", "a model that runs"
+            "model", f"{_label(source)}: the engine's process was lost: {death.got}", "a model that runs"
         ) from None
     return found
 

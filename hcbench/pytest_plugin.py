@@ -1,0 +1,167 @@
+"""pytest plug-in: restitution as a test.
+
+    def test_ball_bounces(restitution):
+        restitution("models/ball.xml", pair="ball,plate").matches(0.9)
+
+    @pytest.mark.restitution(speeds="0.1:1:5 m/s", max_error=0.01)
+    def test_ball_follows_the_law(restitution):
+        restitution("models/ball.xml", pair="ball,plate").follows(alpha="0.008 s/in")
+
+A failure shows the curve, the worst speed and the likely cause. Defaults come from the marker, then from the
+ini options `restitution_max_error`, `restitution_speeds`, `restitution_phases`, `restitution_timeout`.
+Nothing of hcbench but this file is imported before the fixture is used.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from hcbench.check.model import Outcome
+    from hcbench.measure.model import Measurement
+
+_INI = {
+    "restitution_max_error": "largest |e - wanted| that restitution tests allow (default 0.02)",
+    "restitution_speeds": "launch speeds of restitution tests, like '0.1:1:5 m/s'",
+    "restitution_phases": "how many phases of a time step restitution tests launch at (default 4)",
+    "restitution_timeout": "seconds after which an engine counts as hung (default 60)",
+}
+_MARKER = (
+    "restitution(max_error=..., speeds=..., phases=..., timestep=..., gravity=..., key=..., height=..., "
+    "engine=..., timeout=...): defaults of the restitution fixture for this test"
+)
+_KEYS = ("max_error", "speeds", "phases", "timestep", "gravity", "key", "height", "engine", "timeout")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """The ini options."""
+    for name, words in _INI.items():
+        parser.addini(name, words, default=None)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """The marker, for --strict-markers and --markers."""
+    config.addinivalue_line("markers", _MARKER)
+
+
+@pytest.fixture
+def restitution(request: pytest.FixtureRequest) -> Restitution:
+    """Measures a model: `restitution(model, pair=...)`, then `.matches(e)`, `.follows(alpha=...)`, ...."""
+    given: dict[str, Any] = {}
+    for name in _INI:
+        value = request.config.getini(name)
+        if value not in (None, "", []):
+            given[name.removeprefix("restitution_")] = value
+    for marker in reversed(list(request.node.iter_markers("restitution"))):  # the nearest has the last word
+        unknown = sorted(set(marker.kwargs) - set(_KEYS))
+        if marker.args or unknown:
+            wrong = ", ".join(unknown) or "positional arguments"
+            pytest.fail(f"@pytest.mark.restitution: {wrong}; expected {', '.join(_KEYS)}", pytrace=False)
+        given.update(marker.kwargs)
+    folder = request.path.parent
+    return Restitution(given, folder if folder.is_dir() else Path.cwd())
+
+
+class Restitution:
+    """The fixture: call it with a model and a pair."""
+
+    def __init__(self, defaults: Mapping[str, Any], folder: Path) -> None:
+        self._defaults, self._folder = dict(defaults), folder
+
+    def __call__(self, model: Any, pair: Any = None, **more: Any) -> Bounce:
+        """A model to be held against something.
+
+        model: a path (looked for in the test's own folder first), two paths, or an MjModel, MjSpec or
+        PyBullet World. pair: names, the moving one first. more: speeds, phases, timestep, gravity, key,
+        height, engine, max_error, timeout.
+        """
+        unknown = sorted(set(more) - set(_KEYS))
+        if unknown:
+            raise TypeError(f"restitution(): unknown {', '.join(unknown)}; there are {', '.join(_KEYS)}")
+        return Bounce(self._found(model), pair, {**self._defaults, **more})
+
+    def _found(self, model: Any) -> Any:
+        if isinstance(model, list | tuple):
+            return [self._found(part) for part in model]
+        if isinstance(model, str | Path) and not str(model).lstrip().startswith("<"):
+            file, colon, function = str(model).partition(".py:")
+            path = f"{file}.py" if colon else str(model)
+            beside = self._folder / path
+            return f"{beside if beside.exists() else path}{f':{function}' if colon else ''}"
+        return model
+
+
+class Bounce:
+    """One model, measured when it is first held against something."""
+
+    def __init__(self, model: Any, pair: Any, settings: Mapping[str, Any]) -> None:
+        self._model, self._pair, self._settings = model, pair, dict(settings)
+
+    def matches(self, restitution: float, max_error: float | None = None) -> Measurement:
+        """Assert one e at all speeds."""
+        return self._held(restitution=restitution, max_error=max_error)
+
+    def follows(
+        self,
+        alpha: float | str | None = None,
+        *,
+        pairs: str | Path | None = None,
+        reading: str = "law",
+        max_error: float | None = None,
+    ) -> Measurement:
+        """Assert the law of eq. (16) with α ("0.008 s/in"; reading "linear": 1 - α v), or a CSV of (v, e)."""
+        csv = None if pairs is None else Path(pairs)
+        return self._held(alpha=alpha, pairs=csv, reading=reading, max_error=max_error)
+
+    def equals(self, baseline: str | Path, max_error: float | None = None) -> Measurement:
+        """Assert the same bounce as a baseline that `hcbench check --write-baseline` wrote."""
+        return self._held(baseline=Path(baseline), max_error=max_error)
+
+    def measured(self) -> Measurement:
+        """What was measured, held against nothing."""
+        return self._held()
+
+    def _held(self, max_error: float | None = None, **against: Any) -> Measurement:
+        __tracebackhide__ = True
+        outcome = self._outcome(max_error, against)
+        if outcome.exit_code == 1:
+            from hcbench.check.words import outcome_text
+
+            pytest.fail(f"{outcome.message}\n{outcome_text(outcome)}", pytrace=False)
+        if outcome.found is None:
+            pytest.fail(outcome.message, pytrace=False)
+        return outcome.found
+
+    def _outcome(self, max_error: float | None, against: Mapping[str, Any]) -> Outcome:
+        from hcbench.check.plan import Ask, plan
+        from hcbench.check.run import run_check
+        from hcbench.errors import HcbenchError
+
+        settings = dict(self._settings)
+        given = settings.pop("max_error", None)
+        limits = {
+            "max_error": max_error if max_error is not None else given,
+            "limit": settings.pop("timeout", None),
+        }
+        if isinstance(settings.get("phases"), str):
+            settings["phases"] = _whole(settings["phases"])
+        try:
+            ask = Ask((), _name(self._model), pair=self._pair, **limits, **settings, **against)
+            return run_check(dataclasses.replace(plan(ask), source=self._model))
+        except HcbenchError as error:
+            pytest.fail(str(error), pytrace=False)
+
+
+def _name(model: Any) -> str:
+    parts = model if isinstance(model, list | tuple) else [model]
+    return " + ".join(Path(p).name if isinstance(p, str | Path) else type(p).__name__ for p in parts)
+
+
+def _whole(text: str) -> Any:
+    return int(text) if text.strip().isdigit() else text
