@@ -289,7 +289,8 @@ def test_every_frequency_is_run_as_if_it_were_alone() -> None:
         assert many.velocity[i, -1] == pytest.approx(
             alone.velocity[-1], abs=1e-6 * np.abs(alone.velocity).max()
         )
-        assert many.highest[i].max() == pytest.approx(alone.position.max(), abs=1e-4 * size)
+        # The turning point itself, which a run's own steps come near.
+        assert alone.position.max() <= many.highest[i].max() < alone.position.max() + 1e-3 * size
         touched = sum(e.kind == "touch" for e in alone.events)
         assert many.touches[i].sum() == touched
 

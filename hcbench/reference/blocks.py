@@ -109,23 +109,55 @@ class Blocks:
 
 
 class BlocksPhase:
-    """Lanes whose modes stand; see `lanes.Phase`. Works out once who is in contact with what."""
+    """Lanes whose modes stand; see `lanes.Phase`. Works out once who is in contact with what.
+
+    Where one side is in contact, z holds s = √x of that side instead of the position, over σ with dt = 2 s
+    dσ. x^(3/2) has no derivatives at x = 0 that an error estimate could go by; in s, σ everything is smooth
+    there.
+    """
 
     def __init__(self, flow: Blocks, mode: Modes, lane: Indices) -> None:
         self.flow, self.lane, self.half = flow, lane, flow.half_gap[lane]
-        self.towards = np.where(mode == APART, -1.0, 1.0) / flow.length[lane]  # sign of x in its distance
-        self.inside = [np.flatnonzero(mode[side] != APART) for side in (0, 1)]
-        self.half_inside = [self.half[inside] for inside in self.inside]
+        self.length, self.speed = flow.length[lane], flow.speed[lane]
+        self.touching = mode != APART
+        self.plain = self.touching[0] == self.touching[1]
+        self.side = np.where(self.touching[1], -1.0, 1.0)  # of the side that s belongs to
+        self.inside = [np.flatnonzero(touching) for touching in self.touching]
         self.pressing = [mode[side, inside] == CONTACT for side, inside in enumerate(self.inside)]
         self.slack = [not bool(pressing.all()) for pressing in self.pressing]
+        energy = 0.5 * flow.mass * self.speed**2
+        place = np.where(self.plain, self.length, np.sqrt(self.length))
+        rest = [energy, energy] if flow.ledger else []
+        self.own = [~self.plain & touching for touching in self.touching]  # s is of this side
+        self.outward = np.where(self.touching, 1.0, -1.0) / self.length  # distance over x of each side
+        self.size = np.array([place, self.speed, *rest, self.length / self.speed])
 
-    def rates(self, t: Floats, y: Floats) -> Floats:
+    def enter(self, t: Floats, y: Floats) -> Floats:
         """See `Phase`."""
-        flow, q, v = self.flow, y[0], y[1]
-        drive = flow.push(t, self.lane)
-        out = np.empty_like(y)
-        out[0] = v
-        total = drive.copy() if flow.ledger else drive
+        root = np.sqrt(np.maximum(self.side * y[0] - self.half, 0.0))
+        return np.array([np.where(self.plain, y[0], root), *y[1:], t], dtype=float)
+
+    def leave(self, z: Floats) -> tuple[Floats, Floats]:
+        """See `Phase`."""
+        return z[-1], np.array([self._position(z), *z[1:-1]])
+
+    def _position(self, z: Floats) -> Floats:
+        return np.asarray(np.where(self.plain, z[0], self.side * (self.half + z[0] * z[0])))
+
+    def _depths(self, side: int, z: Floats) -> Floats:
+        """x of the lanes in contact with a side: s² itself where z has it."""
+        inside, place = self.inside[side], z[0]
+        here = place[inside]
+        plain = np.maximum(SIGNS[side] * here - self.half[inside], 0.0)
+        return np.asarray(np.where(self.plain[inside], plain, here * here))
+
+    def rates(self, z: Floats) -> Floats:
+        """See `Phase`."""
+        flow, v = self.flow, z[1]
+        pace = np.where(self.plain, 1.0, 2.0 * z[0])  # dt/dσ
+        drive = flow.push(z[-1], self.lane)
+        out = np.empty_like(z)
+        total = drive.copy()
         if flow.ledger:
             out[2], out[3] = 0.0, drive * v
         for side, sign in enumerate(SIGNS):
@@ -133,45 +165,58 @@ class BlocksPhase:
             if not inside.size:
                 continue
             law = flow.laws[side]
-            x, w = np.maximum(sign * q[inside] - self.half_inside[side], 0.0), sign * v[inside]
+            x, w = self._depths(side, z), sign * v[inside]
             force = law.force(x, w)
             if self.slack[side]:
                 force = np.where(self.pressing[side], force, 0.0)
             total[inside] -= sign * force
             if flow.ledger:
                 out[2, inside] += (force - law.force(x, 0.0)) * w
-        np.divide(total, flow.mass, out=out[1])
+        out[1] = total / flow.mass
+        out[-1] = 1.0
+        out[1:] *= pace
+        out[0] = np.where(self.plain, v, self.side * v)
         return out
 
     def first_step(self) -> Floats:
-        """Short where a block is met: x^n has no derivatives at 0 that an error estimate could go by.
+        """Short where a second side is met: x^n has no derivatives there; see `Phase`.
 
         With n = 3/2 the motion is x = v t - C t^(7/2) ...: the step takes its error to the tolerance by
         itself.
         """
-        meets = (self.towards > 0.0).any(axis=0)
-        time = self.flow.length[self.lane] / self.flow.speed[self.lane]
-        short = min(0.05, 2.0 * self.flow.tolerance ** (2.0 / 7.0)) * time
-        return np.where(meets, short, np.inf)
+        tolerance = self.flow.tolerance
+        both = np.where(self.touching[0], min(0.05, 2.0 * tolerance ** (2.0 / 7.0)) * self.size[-1], np.inf)
+        return np.where(self.plain, both, 2.0 * tolerance**0.125 * self.size[0] / self.speed)
 
-    def distances(self, y: Floats) -> tuple[Floats, Indices]:
-        """Of the surfaces over the length scale; of forces, F(x, v)/F(x, 0) within -1 ... 1. See `Phase`."""
-        right = (y[0] - self.half) * self.towards[0]
-        left = (-y[0] - self.half) * self.towards[1]
-        nearest, switch = np.minimum(right, left), (left < right).astype(np.intp)
+    def longest_step(self, z: Floats, time: Floats) -> Floats:
+        """See `Phase`."""
+        return np.where(self.plain, time, time / (2.0 * np.maximum(z[0], 0.3 * self.size[0])))
+
+    def distances(self, z: Floats) -> tuple[Floats, Indices, Floats]:
+        """Of surfaces over the size of z[0]; of forces, F(x, v)/F(x, 0) within -1 ... 1. See `Phase`."""
+        q, v = self._position(z), z[1]
+        right, left = (q - self.half) * self.outward[0], (-q - self.half) * self.outward[1]
+        # The side that s belongs to: s itself, which falls at a steady rate where x = s² does not.
+        own = z[0] / self.size[0]
+        right, left = np.where(self.own[0], own, right), np.where(self.own[1], own, left)
+        switch = (left < right).astype(np.intp)
+        nearest = np.minimum(right, left)
+        pace = np.where(self.plain, 1.0, 2.0 * z[0])
+        of_s = np.where(switch == 0, self.own[0], self.own[1])
+        rate = np.where(switch == 0, self.outward[0], -self.outward[1]) * pace * v
+        rate = np.where(of_s, self.side * v / self.size[0], rate)
         for side, sign in enumerate(SIGNS):
             inside = self.inside[side]
             if not inside.size:
                 continue
-            x, w = sign * y[0, inside] - self.half_inside[side], sign * y[1, inside]
-            share = self.flow.share(side, x, w, self.lane[inside])
+            share = self.flow.share(side, self._depths(side, z), sign * z[1, inside], self.lane[inside])
             if self.slack[side]:
                 share = np.where(self.pressing[side], share, -share)
             nearer = share < nearest[inside]
             if nearer.any():
                 which = inside[nearer]
-                nearest[which], switch[which] = share[nearer], SURFACES + side
-        return nearest, switch
+                nearest[which], switch[which], rate[which] = share[nearer], SURFACES + side, np.nan
+        return nearest, switch, rate
 
 
 def simulate(
@@ -181,7 +226,7 @@ def simulate(
     until: float,
     drive: Drive | None = None,
     *,
-    tolerance: float = 1e-13,
+    tolerance: float = 1e-11,
     step_max: float = math.inf,
 ) -> Run:
     """One run from q = position (m), q' = velocity (m/s), t = 0 to `until` (s); free without a drive.
@@ -206,10 +251,8 @@ def simulate(
     modes = blocks.modes(y, lane, push(np.zeros(1), lane))
     if isinstance(drive, Sinusoid):
         step_max = min(step_max, 0.1 / drive.frequency)
-    lanes = Lanes(np.zeros(1), y, modes, np.array([tolerance**0.3 * length / speed]))
-    energy = 0.5 * system.mass * speed**2
-    size = np.array([[length], [speed], [energy], [energy]])
-    control = Control(tolerance, size, np.array([step_max]))
+    lanes = Lanes(np.zeros(1), y, modes)
+    control = Control(tolerance, np.array([step_max]))
     log = _Log(blocks, lanes)
     march(blocks, lanes, np.array([[until]]), control, log)
     return log.run(system, push)

@@ -97,8 +97,8 @@ def orbits(
     start = np.zeros(values.size)
     modes = blocks.modes(y, lane, wave(start, lane))
     period = 2.0 * np.pi / wave.omega
-    lanes = Lanes(start, y, modes, tolerance**0.3 * size[0] / size[1])
-    control = Control(tolerance, size, 0.1 * period)
+    lanes = Lanes(start, y, modes)
+    control = Control(tolerance, 0.1 * period)
     tally = _Tally(lanes, cycles, keep)
     march(blocks, lanes, np.arange(1, cycles + 1)[:, None] * period, control, tally)
     return Orbits(over, values, *tally.kept)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from hcbench.errors import EngineFailed
-from hcbench.reference.search import Searches, root_of_quintic
+from hcbench.reference.search import Searches, root_of_cubic
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -29,6 +29,7 @@ Modes: TypeAlias = NDArray[np.int8]
 Indices: TypeAlias = NDArray[np.intp]
 
 SURFACES = 2  # switches numbered below are met at a position; others wherever
+STOP = -1  # the number of a stop among switches
 _STAGES = 12
 _A = [DOP853.A[i, :i].copy() for i in range(_STAGES)]
 _B, _C = DOP853.B, DOP853.C[:_STAGES]
@@ -38,21 +39,40 @@ _GROW, _SHRINK = 4.0, 0.2
 
 
 class Phase(Protocol):
-    """Lanes in fixed modes; arrays have one column a lane."""
+    """Lanes in fixed modes, in variables z of the phase's own choice; arrays have one column a lane.
 
-    def rates(self, t: Floats, y: Floats) -> Floats:
-        """dy/dt, shape of y: (components, lanes)."""
+    z = (position or what stands for it, velocity, the rest of y, time), over a parameter σ of its own. Where
+    `plain` is set, z is (y, t) itself and σ is time.
+    """
+
+    plain: Flags
+    size: Floats  # of the components of z, what errors are measured over, shape of z
+
+    def enter(self, t: Floats, y: Floats) -> Floats:
+        """z at t, y."""
+        ...
+
+    def leave(self, z: Floats) -> tuple[Floats, Floats]:
+        """t, y at z."""
+        ...
+
+    def rates(self, z: Floats) -> Floats:
+        """dz/dσ."""
+        ...
+
+    def distances(self, z: Floats) -> tuple[Floats, Indices, Floats]:
+        """How far each lane is from its next switch (below 0: beyond), that switch, and d distance/dσ.
+
+        The last is NaN where it is not known. All have shape (lanes,).
+        """
         ...
 
     def first_step(self) -> Floats:
-        """Step to begin these modes with, s, shape (lanes,); inf where the rates are smooth at once."""
+        """Step in σ to begin these modes with, shape (lanes,)."""
         ...
 
-    def distances(self, y: Floats) -> tuple[Floats, Indices]:
-        """How far each lane is from its next switch (below 0: beyond it), and the switch.
-
-        Distances from switches below SURFACES are positions over the length scale; all have shape (lanes,).
-        """
+    def longest_step(self, z: Floats, time: Floats) -> Floats:
+        """The steps in σ that last about `time` (s)."""
         ...
 
 
@@ -82,24 +102,22 @@ class Watch(Protocol):
 
 @dataclass(slots=True)
 class Lanes:
-    """Where every lane is: t (s), y (components, lanes), mode (sides, lanes); h, the next step (s)."""
+    """Where every lane starts: t (s), y (components, lanes), mode (sides, lanes)."""
 
     t: Floats
     y: Floats
     mode: Modes
-    h: Floats
 
 
 @dataclass(frozen=True, slots=True)
 class Control:
     """How finely to step.
 
-    tolerance: error of a step over the size of the motion. size: of every component of y, shape of y.
-    step_max: longest step of each lane, s, shape (lanes,). trials_max: when to give up.
+    tolerance: error of a step over the size of the motion. step_max: longest step of each lane, s, shape
+    (lanes,). trials_max: when to give up.
     """
 
     tolerance: float
-    size: Floats
     step_max: Floats
     trials_max: int = 10_000_000
 
@@ -126,44 +144,46 @@ class _Work:
     def __init__(self, flow: Flow, lanes: Lanes, stops: Floats, control: Control) -> None:
         self.flow, self.control, self.stops = flow, control, stops
         self.lane = np.arange(lanes.t.size)
-        self.t, self.y, self.mode, self.h = lanes.t.copy(), lanes.y.copy(), lanes.mode.copy(), lanes.h.copy()
-        self.step_max = control.step_max
+        self.mode, self.step_max = lanes.mode.copy(), control.step_max
         self.next = np.zeros(self.lane.size, dtype=np.intp)
         self.until = stops[0]
         self.phase = flow.phase(self.mode, self.lane)
+        self.z = self.phase.enter(lanes.t, lanes.y)
+        self.h = self.phase.first_step()
         self.search = Searches(self.lane.size)
         self.turning = np.zeros(self.lane.size, dtype=bool)  # the search is for a turning point
         self.turned = np.zeros(self.lane.size, dtype=bool)  # the last step ended on a turning point
-        self.size = control.size
 
     def try_step(self) -> None:
         """One trial a lane: of the size its errors allow, or the one that its search asks for."""
-        left = self.until - self.t
-        free = np.minimum(np.minimum(self.h, self.step_max), left)
+        z, rates, plain = self.z, self.phase.rates, self.phase.plain
+        left = self.until - z[-1]
+        free = np.minimum(self.h, self.phase.longest_step(z, self.step_max))
+        free = np.where(plain, np.minimum(free, left), free)
         self.trial = h = np.where(self.search.on, self.search.trial, free)
-        shape, rates, y = self.y.shape, self.phase.rates, self.y
-        k = np.empty((_STAGES, *shape))
+        k = np.empty((_STAGES, *z.shape))
         flat = k.reshape(_STAGES, -1)
-        k[0] = rates(self.t, y)
+        k[0] = rates(z)
         for i in range(1, _STAGES):
-            k[i] = rates(self.t + _C[i] * h, y + h * (_A[i] @ flat[:i]).reshape(shape))
-        self.y_new = y + h * (_B @ flat).reshape(shape)
-        self.t_new = np.where(h >= left, self.until, self.t + h)
+            k[i] = rates(z + h * (_A[i] @ flat[:i]).reshape(z.shape))
+        self.z_new = z + h * (_B @ flat).reshape(z.shape)
+        np.copyto(self.z_new[-1], self.until, where=plain & (h >= left))
         self.braking = k[0, 1], k[-1, 1]  # at both ends: the last stage is at the end, too
-        errors = (_ERRORS @ flat).reshape(2, *shape) / (self.control.tolerance * self.size)
+        self.speeds = k[0, 0], k[-1, 0]
+        errors = (_ERRORS @ flat).reshape(2, *z.shape) / (self.control.tolerance * self.phase.size)
         fifth, third = np.einsum("ecl,ecl->el", errors, errors)
-        bottom = np.sqrt(len(y) * (fifth + 0.01 * third))
+        bottom = np.sqrt((len(z) - 1.0) * (fifth + 0.01 * third))
         self.error = h * fifth / np.maximum(bottom, 1e-300)
 
     def judge(self) -> Flags:
         """Which trials are taken as steps. The others are aimed anew."""
-        distance, self.switch = self.phase.distances(self.y_new)
-        heading = self.y_new[1] * np.sign(self.y[1]) / self.size[1]
+        distance, self.switch, rate = self._distances(self.z_new)
+        heading = self.z_new[1] * np.sign(self.z[1]) / self.phase.size[1]
         searching = self.search.on.copy()
         fine = self.error <= 1.0  # a NaN is not
         taken = ~searching & fine
-        found = self._narrow(heading, distance) if searching.any() else searching
-        turn = taken & ~self.turned & self._may_hide(distance)
+        found = self._narrow(heading, distance, rate) if searching.any() else searching
+        turn = taken & ~self.turned & self._may_hide(distance, rate)
         # A turning point found beyond a switch: the switch comes first.
         crossed = ((taken & ~turn) | (found & self.turning)) & (distance < 0.0)
         starts = turn | crossed
@@ -174,41 +194,52 @@ class _Work:
         steps: Flags = (taken | found) & ~starts
         return steps
 
+    def _distances(self, z: Floats) -> tuple[Floats, Indices, Floats]:
+        """Of the nearest switch, or of a stop that comes first: where σ is not time, a stop has to be found."""
+        distance, switch, rate = self.phase.distances(z)
+        early = (self.until - z[-1]) / self.phase.size[-1]
+        stops = ~self.phase.plain & (early < distance)
+        if stops.any():
+            distance, switch = np.where(stops, early, distance), np.where(stops, STOP, switch)
+            rate = np.where(stops, np.nan, rate)
+        return distance, switch, rate
+
     def _start(self, turn: Flags, crossed: Flags, heading: Floats, distance: Floats) -> None:
         """Begin searches for turning points and switches inside the trials."""
-        before, _ = self.phase.distances(self.y)
+        before, _, _ = self._distances(self.z)
         # What has just switched left its distance at 0, give or take rounding: the good side by definition.
         self.search.start(crossed, self.trial, np.maximum(before, 0.0), distance)
-        self.search.start(turn, self.trial, np.abs(self.y[1]) / self.size[1], heading)
+        self.search.start(turn, self.trial, np.abs(self.z[1]) / self.phase.size[1], heading)
         self.turning = (self.turning | turn) & ~crossed
-        surface = np.flatnonzero(crossed & (self.switch < SURFACES) & (before > 0.0))
+        surfaces = (self.switch >= 0) & (self.switch < SURFACES)
+        surface = np.flatnonzero(crossed & surfaces & (before > 0.0))
         if surface.size:
-            ends = [
-                np.array([a[surface], b[surface]]) for a, b in zip(self.y[:2], self.y_new[:2], strict=True)
-            ]
-            slopes = np.array([side[surface] for side in self.braking])
+            place = np.array([self.z[0, surface], self.z_new[0, surface]])
+            speed = np.array([end[surface] for end in self.speeds])
             share = before[surface] / (before[surface] - distance[surface])
-            guess = root_of_quintic(self.trial[surface], ends[0], ends[1], slopes, share)
+            guess = root_of_cubic(self.trial[surface], place, speed, share)
             self.search.trial[surface] = self.trial[surface] * guess
 
-    def _narrow(self, heading: Floats, distance: Floats) -> Flags:
+    def _narrow(self, heading: Floats, distance: Floats, rate: Floats) -> Flags:
         value = np.where(self.turning, heading, distance)
-        # Distances of surfaces fall as the position moves; of other switches the slope is not known.
-        falling = np.where(self.switch < SURFACES, -np.abs(self.y_new[1]) / self.size[0], np.nan)
-        slope = np.where(self.turning, self.braking[1] * np.sign(self.y[1]) / self.size[1], falling)
-        rounding = np.where(self.turning, 0.0, np.abs(self.y[0]) / self.size[0])
-        near_zero = max(1e-15, 1e-5 * self.control.tolerance) + 4.0 * _EPS * rounding
+        braking = self.braking[1] * np.sign(self.z[1]) / self.phase.size[1]
+        slope = np.where(self.turning, braking, rate)
+        rounding = np.where(self.turning, 0.0, np.abs(self.z[0]) / self.phase.size[0])
+        rounding = np.where(self.switch == STOP, self.until / self.phase.size[-1], rounding)
+        near_zero = max(1e-15, 1e-4 * self.control.tolerance) + 4.0 * _EPS * rounding
         return self.search.narrow(self.search.on.copy(), value, slope, near_zero)
 
-    def _may_hide(self, distance: Floats) -> Flags:
+    def _may_hide(self, distance: Floats, rate: Floats) -> Flags:
         """Where the motion turns inside the step, near enough to a switch to have crossed it and come back.
 
         A step that ends on the turning point hides nothing: position is monotone along it.
         """
-        turns: Flags = self.y[1] * self.y_new[1] < 0.0
+        turns: Flags = self.z[1] * self.z_new[1] < 0.0
         if turns.any():
-            reach = self.trial * np.maximum(np.abs(self.y[1]), np.abs(self.y_new[1])) / self.size[0]
-            turns &= distance < reach
+            turns &= ~(rate < 0.0)  # what it nears at the end it was leaving before it turned
+            slower = np.maximum(np.abs(self.z_new[1]), 1e-300)
+            reach = self.trial * rate * np.maximum(np.abs(self.z[1]), slower) / slower
+            turns &= ~(distance >= reach)
         return turns
 
     def _resize(self, which: Flags, fine: Flags) -> None:
@@ -217,31 +248,34 @@ class _Work:
         wanted = self.trial * np.minimum(np.maximum(factor, _SHRINK), np.where(fine, _GROW, 1.0))
         cut = fine & (self.trial < self.h)
         np.copyto(self.h, np.where(cut, np.maximum(self.h, wanted), wanted), where=which)
-        stuck = which & ~fine & (self.h < 1e-13 * self.size[0] / self.size[1])
+        stuck = which & ~fine & (self.h < 1e-13 * self.phase.size[0] / self.phase.size[1])
         if stuck.any():
             i = int(np.flatnonzero(stuck)[0])
-            where = f"no step is short enough at t = {float(self.t[i])!r} s"
+            where = f"no step is short enough at t = {float(self.z[-1, i])!r} s"
             raise EngineFailed("vibroimpact", where, "finite, bounded forces")
 
     def commit(self, taken: Flags, watch: Watch) -> None:
         """Take the steps, switch modes where one ended, pass stops, drop lanes that have arrived."""
-        np.copyto(self.t, self.t_new, where=taken)
-        np.copyto(self.y, self.y_new, where=taken)
+        np.copyto(self.z, self.z_new, where=taken)
+        at_stop = taken & self.located & (self.switch == STOP)
+        np.copyto(self.z[-1], self.until, where=at_stop)
         np.copyto(self.turned, self.turning, where=taken)
         self.turning &= ~taken
         before = self.mode[:, taken]
-        switched = taken & self.located
+        t, y = self.phase.leave(self.z)
+        switched = taken & self.located & ~at_stop
         if switched.any():
-            y, lane = self.y[:, switched], self.lane[switched]
+            here, lane = y[:, switched], self.lane[switched]
             self.mode[:, switched] = self.flow.switched(
-                y, self.mode[:, switched], self.switch[switched], lane
+                here, self.mode[:, switched], self.switch[switched], lane
             )
             self.phase = self.flow.phase(self.mode, self.lane)
-            np.copyto(self.h, np.minimum(self.phase.first_step(), self.step_max), where=switched)
-        watch.step(self.lane[taken], self.t[taken], self.y[:, taken], before, self.mode[:, taken])
-        arrived = np.flatnonzero(taken & (self.t >= self.until))
+            np.copyto(self.z, self.phase.enter(t, y), where=switched)
+            np.copyto(self.h, self.phase.first_step(), where=switched)
+        watch.step(self.lane[taken], t[taken], y[:, taken], before, self.mode[:, taken])
+        arrived = np.flatnonzero(taken & (t >= self.until))
         if arrived.size:
-            watch.stop(self.lane[arrived], self.next[arrived], self.y[:, arrived])
+            watch.stop(self.lane[arrived], self.next[arrived], y[:, arrived])
             self._on(arrived)
 
     def _on(self, arrived: Indices) -> None:
@@ -253,8 +287,8 @@ class _Work:
         if more.size == arrived.size:
             return
         stay = self.next < len(self.stops)
-        for name in ("lane", "t", "h", "until", "step_max", "next", "turning", "turned"):
+        for name in ("lane", "h", "until", "step_max", "next", "turning", "turned"):
             setattr(self, name, getattr(self, name)[stay])
-        self.y, self.mode, self.size = self.y[:, stay], self.mode[:, stay], self.size[:, stay]
+        self.z, self.mode = self.z[:, stay], self.mode[:, stay]
         self.search.keep(stay)
         self.phase = self.flow.phase(self.mode, self.lane)

@@ -77,21 +77,19 @@ class Searches:
             setattr(self, name, getattr(self, name)[which])
 
 
-def root_of_quintic(span: Floats, position: Floats, speed: Floats, slope: Floats, share: Floats) -> Floats:
-    """Where between 0 and 1 a quintic passes the point that lies at `share` of the way; a good first trial.
+def root_of_cubic(span: Floats, position: Floats, speed: Floats, share: Floats) -> Floats:
+    """Where between 0 and 1 a cubic passes the point that lies at `share` of the way; a good first trial.
 
-    span: step, s, shape (n,). position, speed, slope (of speed): at both ends, shape (2, n).
+    span: the step, shape (n,). position, speed (its derivative): at both ends, shape (2, n).
     """
     rise = position[1] - position[0]
     v0, v1 = speed * span
-    a0, a1 = slope * span**2
-    # q = v0 s + a0 s²/2 + c3 s³ + c4 s⁴ + c5 s⁵ with the values at s = 1.
-    r, u, w = rise - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
-    c3, c4, c5 = 10.0 * r - 4.0 * u + 0.5 * w, -15.0 * r + 7.0 * u - w, 6.0 * r - 3.0 * u + 0.5 * w
+    # q = v0 s + b s² + c s³ with the value and the slope at s = 1.
+    c = v0 + v1 - 2.0 * rise
+    b = rise - v0 - c
     s = np.clip(share, 0.0, 1.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        for _ in range(5):
-            value = s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5)))) - share * rise
-            rate = v0 + s * (a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))
-            s = np.clip(s - value / rate, 0.0, 1.0)
+        for _ in range(4):
+            value = s * (v0 + s * (b + s * c)) - share * rise
+            s = np.clip(s - value / (v0 + s * (2.0 * b + s * 3.0 * c)), 0.0, 1.0)
     return np.where((s > 0.0) & (s < 1.0), s, np.clip(share, 1e-3, 1.0 - 1e-3))
