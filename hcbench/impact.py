@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -95,38 +97,57 @@ class Impact:
 
 
 def impact_of(launch: Launch, trajectory: Trajectory) -> Impact:
-    """Read one impact off a trajectory.
+    """Read one impact off a trajectory; `impacts_of` says how."""
+    t, x, v, f = trajectory.time, trajectory.penetration, trajectory.rate, trajectory.force
+    return impacts_of([launch], t, x[None], v[None], f[None], np.array([len(x)]))[0]
 
+
+def impacts_of(
+    launches: Sequence[Launch], time: Floats, x: Floats, v: Floats, f: Floats, counts: NDArray[np.intp]
+) -> list[Impact]:
+    """Read impacts off trajectories that share their times, shape (n,).
+
+    x, v, f: penetration, rate and force as in `Trajectory`, shape (b, n); of each, the first `counts` steps
+    are its own, shape (b,).
     Contact is the run of steps in which the force acts. The speed in is the last one that no contact force
     has touched, the speed out the first after the force has ceased for good: so under gravity the
     restitution is that of the contact alone, not of the flight before and after it.
     """
-    t, x, v, f = trajectory.time, trajectory.penetration, trajectory.rate, trajectory.force
-    if not (np.isfinite(x).all() and np.isfinite(v).all() and np.isfinite(f).all()):
-        return Impact(launch, Status.DIVERGED, "position, velocity or force is not finite")
-    acting = np.flatnonzero(f != 0.0)
-    if acting.size == 0:
-        return Impact(launch, Status.NO_TOUCH, f"no contact force within {t[-1]:.3g} s")
-    first = int(acting[0])
-    apart = np.flatnonzero((x[first:] <= 0.0) & (v[first:] < 0.0) & (f[first:] == 0.0))
-    end = first + int(apart[0]) if apart.size else len(x)
-    last = int(acting[acting < end][-1])
-    inside = slice(first, last + 1)
-    step = t[1] - t[0]
-    loop = Loop(t[inside] - t[first], x[inside], v[inside], f[inside])
-    status, reason, speed_out = Status.PARTED, "", float(-v[min(last + 1, len(v) - 1)])
-    if not apart.size:
-        status, reason = Status.RESTED, f"still in contact {t[-1] - t[first]:.3g} s after touch"
-        speed_out = 0.0
-    return Impact(
-        launch=launch,
-        status=status,
-        reason=reason,
-        speed_in=float(v[first]),
-        speed_out=speed_out,
-        duration=float(step * (last + 1 - first)),
-        penetration_max=float(x[inside].max()),
-        force_max=float(f[inside].max()),
-        samples=last + 1 - first,
-        loop=loop,
-    )
+    step = np.arange(x.shape[1])
+    own = step < counts[:, None]
+    with np.errstate(all="ignore"):
+        broken = np.any(~np.isfinite(x + v + f) & own, axis=1)
+        acting = (f != 0.0) & own
+        touched, first = acting.any(axis=1), acting.argmax(axis=1)
+        apart = (x <= 0.0) & (v < 0.0) & ~acting & own & (step >= first[:, None])
+        parted = apart.any(axis=1)
+        end = np.where(parted, apart.argmax(axis=1), counts)
+        acting &= step < end[:, None]
+        last = x.shape[1] - 1 - acting[:, ::-1].argmax(axis=1)
+        inside = (step >= first[:, None]) & (step <= last[:, None])
+        deepest = x.max(axis=1, where=inside, initial=-np.inf)
+        hardest = f.max(axis=1, where=inside, initial=-np.inf)
+    found = []
+    for i, launch in enumerate(launches):
+        start, stop, n = int(first[i]), int(last[i]) + 1, int(counts[i])
+        if broken[i]:
+            found.append(Impact(launch, Status.DIVERGED, "position, velocity or force is not finite"))
+        elif not touched[i]:
+            found.append(Impact(launch, Status.NO_TOUCH, f"no contact force within {time[n - 1]:.3g} s"))
+        else:
+            contact, left = slice(start, stop), bool(parted[i])
+            still = f"still in contact {time[n - 1] - time[start]:.3g} s after touch"
+            impact = Impact(
+                launch=launch,
+                status=Status.PARTED if left else Status.RESTED,
+                reason="" if left else still,
+                speed_in=float(v[i, start]),
+                speed_out=float(-v[i, min(stop, n - 1)]) if left else 0.0,
+                duration=float((time[1] - time[0]) * (stop - start)),
+                penetration_max=float(deepest[i]),
+                force_max=float(hardest[i]),
+                samples=stop - start,
+                loop=Loop(time[contact] - time[start], x[i, contact], v[i, contact], f[i, contact]),
+            )
+            found.append(impact)
+    return found

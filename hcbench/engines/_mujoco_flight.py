@@ -1,176 +1,186 @@
-"""Flies launches in MuJoCo and reads penetration, rate and force off the states.
+"""Flies launches in MuJoCo, side by side, as many in one model as pay.
 
-The force of a step is what it does to the ball's momentum, m (Δv/h - g): MuJoCo's own contact force to
-rounding under Euler, implicit and implicitfast, evaluated in the state that the step starts from. Under
-`discrete` it is evaluated at the step's end. Under RK4 the momentum tells the mean of four stages, so there
-the force at the step's start is read off a sensor; the momentum still tells which steps the contact acted in.
+None of that is felt: neither company nor threads nor where a chunk of steps ends changes a bit.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench.engines import isolation
+from hcbench.engines._mujoco_crowd import Crowd, can_crowd, crowd
 from hcbench.engines._mujoco_load import guarded
-from hcbench.errors import SettingError
-from hcbench.impact import Trajectory
+from hcbench.engines._mujoco_record import record, released
+from hcbench.engines._mujoco_watch import Watch
+from hcbench.impact import Trajectory, impacts_of
+from hcbench.reference import exact
+from hcbench.reference.laws import HuntCrossley
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.engines._mujoco_load import Loaded
-    from hcbench.impact import Floats, Launch
+    from hcbench.impact import Floats, Impact, Launch
 
-_GROUP = 32  # launches flown together: bounds memory
-_CONTACT_S = 0.5  # how long a ball may stay in contact before it counts as resting there
-_AT_REST = 1e-6  # of its impact speed, over a whole chunk of steps: a bounce turns around in far fewer
-_ROUND_OFF = 16 * np.finfo(float).eps  # of what a step adds up: a smaller change of velocity is no force
-_FEW, _SHORT, _LONG = 16, 32, 8192  # steps in a chunk
+# Balls in a model: the dense Jacobian of more costs more than their company saves.
+_FEW_ROWS, _CROWD, _CROWD_OF_ROWS = 4, 24, 8
+_ALONE = 32  # launches flown side by side, one in a model: bounds memory
+_GAIN_S, _COMPILE_S = 1.5e-6, 5e-3  # what company saves a ball-step, and costs to compile
+_SHORT, _CHUNK_BYTES = 32, 2**21  # steps in a chunk: the fewest after the first; and how many fit
 
 
-def fly(model: Loaded, launches: Sequence[Launch]) -> list[Trajectory]:
+def fly(model: Loaded, launches: Sequence[Launch]) -> list[Impact]:
     """Each launch until it has parted or rests. Any number at once gives the same bits."""
-    groups = [launches[i : i + _GROUP] for i in range(0, len(launches), _GROUP)]
+    fleet = _Fleet.of(model)
+    groups = fleet.groups(launches)
+    threads = 1 if isolation.in_worker() else min(_cores(), len(groups))
+    flights = [_Flight(fleet, [launches[i] for i in group]) for group in groups]
     with guarded(model.mujoco):
-        return [trajectory for group in groups for trajectory in _fly(model, group)]
+        if threads > 1:
+            with ThreadPoolExecutor(threads) as pool:
+                found = list(pool.map(_Flight.land, flights))
+        else:
+            found = [flight.land() for flight in flights]
+    back: dict[int, Impact] = {}
+    for group, impacts in zip(groups, found, strict=True):
+        back.update(zip(group, impacts, strict=True))
+    return [back[i] for i in range(len(launches))]
 
 
 def follow(model: Loaded, launch: Launch, steps: int) -> Trajectory:
     """All of `steps` steps after one launch; NaN from where MuJoCo gave up."""
+    alone, data = Crowd(model.model, 1, model.at), model.mujoco.MjData(model.model)
+    states, done = released(model, launch)[None], 0
+    path = np.full((3, 1, steps), np.nan)
     with guarded(model.mujoco):
-        return _fly(model, [launch], steps)[0]
+        while done < steps:
+            count = min(steps - done, _CHUNK_BYTES // states.nbytes)
+            warm = data.qacc_warmstart.copy()  # as one unbroken run has it
+            seen = record(model, alone, data, states, count, warm)
+            assert seen is not None
+            path[:, :, done : done + count], states = seen
+            done = done + count if np.isfinite(seen[0]).all() else steps
+    return Trajectory(np.arange(steps, dtype=np.float64) * model.timestep, *path[:, 0])
 
 
-def _fly(model: Loaded, launches: Sequence[Launch], steps: int | None = None) -> list[Trajectory]:
-    """Step all launches side by side; without a number of `steps`, each until there is no more to see."""
-    data = model.mujoco.MjData(model.model)
-    state = np.stack([_released(model, launch) for launch in launches])
-    watches = [_Watch.over(model, launch) for launch in launches]
-    flying, done = list(range(len(launches))), 0
-    while flying:
-        # The same chunks for every launch: each starts MuJoCo's solver cold, which moves last bits.
-        count = _chunk(done) if steps is None else min(_chunk(done), steps - done)
-        path, sensed = model.mujoco.rollout.rollout(model.model, data, state, nstep=count)
-        path = np.concatenate([state[:, None], path], axis=1)
-        for i, record in zip(flying, _observe(model, path, sensed), strict=True):
-            watches[i].add(record)
-        done += count
-        going = [not watches[i].ended if steps is None else done < steps for i in flying]
-        flying = [i for i, go in zip(flying, going, strict=True) if go]
-        state = path[going, -1]
-    return [watch.trajectory(model.timestep) for watch in watches]
-
-
-def _chunk(done: int) -> int:
-    """Steps to take next: few at first, where a coarse step has parted already, then a share of what was."""
-    return min(max(_SHORT if done >= _SHORT else _FEW, done // 8), _LONG)
-
-
-def _released(model: Loaded, launch: Launch) -> Floats:
-    """The full state at release, shape (nstate,)."""
-    gap = launch.gap(model.timestep)
-    if model.clearance is not None and gap >= model.clearance:
-        raise SettingError(
-            "height",
-            f"{gap!r} m above the cup",
-            f"below |R2| - R1 = {model.clearance!r} m, where the centres meet",
-            "Drop from lower, or in the form 'plane'",
-        )
-    state, (position, velocity) = model.origin.copy(), model.at
-    state[position + 2] += gap
-    state[velocity + 2] = -launch.speed
-    return state
-
-
-def _observe(model: Loaded, path: Floats, sensed: Floats) -> Floats:
-    """Penetration, rate and force of each step, shape (b, 3, n).
-
-    path: states, shape (b, n + 1, nstate). sensed: sensors at the first n of them, shape (b, n, nsensordata).
-    """
-    position, velocity = (path[:, :, i : i + 3] for i in model.at)
-    with np.errstate(all="ignore"):  # what is not finite is told by the record
-        x, v, deeper = _overlap(model, position[:, :-1], velocity[:, :-1])
-        force = _force(model, velocity, deeper, sensed[:, :, -3:])
-    record = np.stack([x, v, force], axis=1)
-    # MuJoCo meets what is not finite by starting the model over, and rollout by standing still.
-    stopped = np.maximum.accumulate(np.diff(path[:, :, 0], axis=1) <= 0.0, axis=1)
-    record[np.broadcast_to(stopped[:, None], record.shape)] = np.nan
-    return record
-
-
-def _overlap(model: Loaded, position: Floats, velocity: Floats) -> tuple[Floats, Floats, Floats]:
-    """Penetration, its rate, and the unit vector that leads deeper, by geometry: no engine."""
-    touch = model.origin[model.at[0] : model.at[0] + 3]
-    if model.clearance is None:
-        return touch[2] - position[:, :, 2], -velocity[:, :, 2], np.array([0.0, 0.0, -1.0])
-    away = position - (touch + np.array([0.0, 0.0, model.clearance]))
-    distance = np.sqrt((away**2).sum(axis=2))
-    deeper = away / np.maximum(distance, np.finfo(float).tiny)[:, :, None]
-    return distance - model.clearance, (deeper * velocity).sum(axis=2), deeper
-
-
-def _force(model: Loaded, velocity: Floats, deeper: Floats, felt: Floats) -> Floats:
-    """Normal force of each step, N; exactly 0 where the contact did not act."""
-    h, g = model.timestep, model.scene.gravity
-    change = np.diff(velocity, axis=1)
-    change[:, :, 2] += g * h
-    lost = -(change * deeper).sum(axis=2)
-    speed = np.abs(velocity).sum(axis=2)
-    noise = _ROUND_OFF * (speed[:, :-1] + speed[:, 1:] + g * h)
-    slowing = np.where(np.abs(lost) <= noise, 0.0, lost / h)
-    if model.felt:
-        at_start = -(felt * deeper).sum(axis=2)
-        # A step that touches or parts on its way has no force yet, or no more, where it starts.
-        in_contact = (slowing != 0.0) & (np.abs(at_start) > _ROUND_OFF * g)
-        slowing = np.where(in_contact, at_start, slowing)
-    return np.asarray(model.scene.mass * slowing)
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @dataclass(slots=True)
-class _Watch:
-    """What one launch has done so far, and whether there is more to see.
+class _Fleet:
+    """A model and the crowds made of it.
 
-    patience: steps after which it counts as resting, or as never touching. rest_speed: m/s.
+    most: balls that pay in one model. seen: steps that the last flight took.
     """
 
-    patience: int
-    rest_speed: float
-    records: list[Floats]
-    touched: bool = False
-    given_up: bool = False
-    ended: bool = False
-    steps: int = 0
+    model: Loaded
+    most: int
+    crowds: dict[int, Crowd] = field(default_factory=dict)
+    seen: int = 0
 
     @classmethod
-    def over(cls, model: Loaded, launch: Launch) -> _Watch:
-        """A watch over one launch that has not begun."""
-        h, gap = model.timestep, launch.gap(model.timestep)
-        speed = math.sqrt(launch.speed**2 + 2.0 * model.scene.gravity * gap)  # at touch
-        if gap and not speed:
-            raise SettingError("speed", "0 m/s without gravity", "a speed above 0, or gravity to fall by")
-        flight = 2.0 * gap / (launch.speed + speed) if gap else 0.0
-        patience = math.ceil(1.5 * flight / h) + math.ceil(_CONTACT_S / h) + 100
-        return cls(patience, _AT_REST * speed, [])
+    def of(cls, model: Loaded) -> _Fleet:
+        """Of no crowd yet but that of one. The model's solver starts each step from scratch from now on."""
+        model.model.opt.disableflags |= model.mujoco.mjtDisableBit.mjDSBL_WARMSTART
+        rows = max(model.model.npair, model.model.ntendon)
+        most = _CROWD if rows <= _FEW_ROWS else _CROWD_OF_ROWS
+        crowds = not model.plugged and can_crowd(model.mujoco, model.model, model.root)
+        return cls(model, most if crowds else 1, {1: Crowd(model.model, 1, model.at)})
 
-    def add(self, record: Floats) -> None:
-        """One more chunk of penetration, rate and force, shape (3, n)."""
-        if self.given_up:  # what follows is the flight of a model that has been started over
-            record = np.full_like(record, np.nan)
-        self.records.append(record)
-        self.steps += record.shape[1]
-        x, v, f = record
-        acting = np.flatnonzero(f)
-        start = 0 if self.touched else int(acting[0]) if acting.size else len(f)
-        self.touched = self.touched or acting.size > 0
-        parted = ((x <= 0.0) & (v < 0.0) & (f == 0.0))[start:].any()  # as impact_of has it
-        resting = self.touched and len(v) >= _SHORT and (np.abs(v) <= self.rest_speed).all()
-        self.given_up = not np.isfinite(record).all()
-        self.ended = bool(parted or resting or self.given_up or self.steps >= self.patience)
+    def crowd(self, size: int) -> Crowd:
+        """The model of so many balls."""
+        if size not in self.crowds:
+            own = self.model
+            self.crowds[size] = crowd(own.mujoco, own.root, own.model.opt.disableflags, size, own.at)
+        return self.crowds[size]
 
-    def trajectory(self, timestep: float) -> Trajectory:
-        """All of it."""
-        record = np.concatenate(self.records, axis=1)
-        return Trajectory(np.arange(record.shape[1]) * timestep, *record)
+    def groups(self, launches: Sequence[Launch]) -> list[list[int]]:
+        """Which launches fly together: alike, as then they take equally long."""
+        total = len(launches)
+        order = sorted(range(total), key=lambda i: (launches[i].height or 0.0, launches[i].speed))
+        most = self.most if self.size(total, self.expected(launches)) > 1 else _ALONE
+        count = max(1, math.ceil(total / most), min(_cores(), total // _CROWD_OF_ROWS))
+        share = max(1, math.ceil(total / count))
+        return [order[i : i + share] for i in range(0, total, share)]
+
+    def size(self, balls: int, steps: int) -> int:
+        """How many of `balls` to put into one model for the `steps` to come."""
+        return min(balls, self.most) if balls * steps * _GAIN_S > _COMPILE_S else 1
+
+    def expected(self, launches: Sequence[Launch]) -> int:
+        """Steps that a flight takes: of the one before, else by elastic contact of the scene's stiffness."""
+        if self.seen or not launches:
+            return self.seen
+        scene, h, slowest = self.model.scene, self.model.timestep, launches[0]
+        gap = slowest.gap(h)
+        speed = math.sqrt(slowest.speed**2 + 2.0 * scene.gravity * gap)
+        if not speed:
+            return _SHORT
+        law = HuntCrossley(scene.stiffness, 0.0, scene.exponent)
+        contact = float(exact.duration(law, scene.mass, speed))
+        return math.ceil((contact + 2.0 * gap / (slowest.speed + speed)) / h) + 8
+
+
+class _Flight:
+    """Launches that fly side by side, from release until each has ended."""
+
+    def __init__(self, fleet: _Fleet, launches: Sequence[Launch]) -> None:
+        self._fleet, self._launches = fleet, launches
+        self._flying = np.arange(len(launches))
+        self._states = np.stack([released(fleet.model, launch) for launch in launches])
+        self._watch = Watch.over(fleet.model, launches)
+        self._history: list[Floats] = []
+        self._landed: dict[int, Impact] = {}
+
+    def land(self) -> list[Impact]:
+        """All of it; one impact for each launch, in order."""
+        model, count = self._fleet.model, self._fleet.expected(self._launches)
+        crowd = self._fleet.crowd(self._fleet.size(len(self._launches), count))
+        data, together = model.mujoco.MjData(crowd.model), True
+        while self._flying.size:
+            seen = record(model, crowd, data, self._states, min(count, self._fitting(crowd)))
+            if seen is None:
+                together = False
+            else:
+                self._states = seen[1]
+                self._end(seen[0])
+                count = max(_SHORT, self._watch.steps // 8)
+            size = self._company(crowd.size) if together else 1
+            if size != crowd.size:
+                crowd = self._fleet.crowd(size)
+                data = model.mujoco.MjData(crowd.model)
+        self._fleet.seen = self._watch.steps
+        return [self._landed[i] for i in range(len(self._launches))]
+
+    def _fitting(self, crowd: Crowd) -> int:
+        """Steps whose states fit into a chunk."""
+        return max(1, _CHUNK_BYTES // crowd.pack(self._states).nbytes)
+
+    def _company(self, now: int) -> int:
+        """The size of the crowd to go on in: half empty ones give way to smaller."""
+        size = self._fleet.size(max(1, self._flying.size), self._watch.steps)
+        return now if now >= size > now // 2 else min(1 << (size - 1).bit_length(), self._fleet.most)
+
+    def _end(self, seen: Floats) -> None:
+        """Take in a chunk, shape (3, b, n), and let those land that have ended."""
+        counts = self._watch.add(*seen)
+        self._history.append(seen)
+        ended = counts > 0
+        if not ended.any():
+            return
+        x, v, f = np.concatenate([chunk[:, ended] for chunk in self._history], axis=2)[:, :, : counts.max()]
+        time = np.arange(x.shape[1]) * self._fleet.model.timestep
+        which = self._flying[ended]
+        impacts = impacts_of([self._launches[i] for i in which], time, x, v, f, counts[ended])
+        self._landed.update(zip(which.tolist(), impacts, strict=True))
+        going = ~ended
+        self._flying, self._states = self._flying[going], self._states[going]
+        self._history = [chunk[:, going] for chunk in self._history]
+        self._watch.keep(going)

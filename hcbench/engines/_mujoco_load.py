@@ -13,6 +13,7 @@ from hcbench.engines._mujoco_model import as_text, edited, feel_acceleration, mo
 from hcbench.errors import EngineFailed, EngineMissing, SceneError
 
 if TYPE_CHECKING:
+    import xml.etree.ElementTree as ET
     from collections.abc import Iterator
 
     from hcbench.engines._mujoco_options import Options
@@ -58,19 +59,21 @@ def guarded(mujoco: Any) -> Iterator[None]:
 class Loaded:
     """A compiled model, and where to look in its state.
 
-    origin: the full state with the ball at qpos0, where it just touches, shape (nstate,). at: where position
-    and velocity of the ball start in a state. clearance: |R2| - R1 of a cup, None on a plane. felt: the model
-    ends its sensors with the ball's acceleration.
+    root: its MJCF. origin: the full state with the ball at qpos0, where it just touches, shape (nstate,). at:
+    where position and velocity of the ball start in a state. clearance: |R2| - R1 of a cup, None on a plane.
+    felt: the model ends its sensors with the ball's acceleration. plugged: a plug-in acts on this very model.
     """
 
     mujoco: Any
     model: Any
+    root: ET.Element
     scene: Scene
     timestep: float
     origin: Floats
     at: tuple[int, int]
     clearance: float | None
     felt: bool
+    plugged: bool
 
 
 def load(scene: Scene, timestep: float, options: Options) -> Loaded:
@@ -110,7 +113,7 @@ def load(scene: Scene, timestep: float, options: Options) -> Loaded:
         )
     at = (1 + position, 1 + int(model.nq) + velocity)  # a state is time, positions, velocities, ...
     clearance = -scene.plate_radius - scene.ball_radius if scene.form == "cup" else None
-    return Loaded(mujoco, model, scene, timestep, origin, at, clearance, felt)
+    return Loaded(mujoco, model, root, scene, timestep, origin, at, clearance, felt, options.law is not None)
 
 
 def _require_version(mujoco: Any, options: Options) -> None:

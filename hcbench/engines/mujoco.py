@@ -23,7 +23,7 @@ from hcbench.engines._mujoco_model import as_text, edited
 from hcbench.engines._mujoco_options import read_options
 from hcbench.engines.base import Engine
 from hcbench.errors import EngineMissing
-from hcbench.impact import Status, impact_of
+from hcbench.impact import Status
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -56,8 +56,7 @@ class MujocoEngine(Engine):
         """One impact for each launch, the same bits however many there are."""
         fastest = max((launch.speed for launch in launches), default=0.0)
         with self._ready(scene, setting, fastest) as model:
-            paths = _mujoco_flight.fly(model, launches)
-        return [_named(impact_of(*pair)) for pair in zip(launches, paths, strict=True)]
+            return [_named(impact) for impact in _mujoco_flight.fly(model, launches)]
 
     def follow(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
         """Every step of `duration` s after release; NaN from where MuJoCo gave up."""
