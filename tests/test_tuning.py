@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from hcbench.cli import run
+from hcbench.engines import registry
 from hcbench.errors import SettingError, UserError
 from hcbench.reference import exact
 from hcbench.reference.laws import HuntCrossley
 from hcbench.scene import load_scene
-from hcbench.tune.paste import script
+from hcbench.tune.paste import paste, script
 from hcbench.tune.points import read_points
 from hcbench.tune.target import Target
 from hcbench.tune.tuning import choose, tune
@@ -127,6 +128,28 @@ def test_the_written_script_does_in_plain_pybullet_what_tune_says(tmp_path: Path
     rows = [line.split() for line in done.stdout.splitlines() if line[:2] == "0."]
     assert len(rows) == 6
     assert all(abs(float(e) - tuned.verdict.constant) < 1e-12 for _, e in rows)
+
+
+@pytest.mark.parametrize("recipe", ["hunt-crossley", "restitution-law"])
+def test_a_plug_in_pastes_as_the_lines_that_attach_it(recipe: str) -> None:
+    import mujoco
+
+    from hcbench.engines.mujoco import model_xml
+    from hcbench.setting import Setting
+
+    wanted = target(1e-6 if recipe == "hunt-crossley" else 1e-3)
+    setting = registry.load("hcbench.recipes", f"mujoco.{recipe}")(wanted)
+    plain = Setting("mujoco", "stock", setting.timestep)
+    model = mujoco.MjModel.from_xml_string(model_xml(SCENE, plain))
+    names: dict[str, object] = {"model": model}
+    exec(paste(setting, "plane", SCENE.relative_radius), names)
+    data = mujoco.MjData(model)
+    data.qpos[2] += 2.3 * setting.timestep * 0.3
+    data.qvel[2] = -0.3
+    while not (data.qvel[2] > 0 and data.qpos[2] > SCENE.relative_radius):
+        mujoco.mj_step(model, data)
+    names["law"].detach()  # type: ignore[attr-defined]
+    assert data.qvel[2] / 0.3 == pytest.approx(float(exact.restitution(ALPHA, 0.3)), abs=1e-7)
 
 
 def test_a_limit_passed_exits_1_and_prints_its_best_all_the_same(capsys: pytest.CaptureFixture[str]) -> None:

@@ -21,6 +21,7 @@ _PROMISES = {
     "as good as one constant e can be": "the best one e for all speeds",
     "worse than the best constant e": "still worse than the best constant e",
 }
+_SOFT = 3.0  # times the law's depth, from where on a bounce that follows the law is not all that matters
 _LOOP_MEANING = {
     "loop right": "The loop is the law's.",
     "loop near": "The loop is near the law's.",
@@ -72,13 +73,20 @@ def _advice(view: View, engine: str) -> str:
     picked = [run for step in _steps(mine) for run in best(view, [r for r in mine if r.timestep == step])]
     promises: dict[str, dict[str, list[Run]]] = {}
     for run in picked:
-        promise = _PROMISES[verdict(view, run).restitution]
+        softer = ", in a far softer contact" if depth(view, run) > _SOFT else ""
+        promise = _PROMISES[verdict(view, run).restitution] + softer
         promises.setdefault(promise, {}).setdefault(run.setting, []).append(run)
     clauses = []
     for promise, settings in promises.items():
         where = [f"{setting} at {steps_named(runs)}" for setting, runs in settings.items()]
         clauses.append(f"{words.listed(where, 'or')}: {promise}")
     return f"In {words.engine_name(engine)} set {'; '.join(clauses)}." if clauses else ""
+
+
+def depth(view: View, run: Run) -> float:
+    """Largest penetration over the law's; NaN where no loop is resolved."""
+    score = view.score(run, view.main_alpha)
+    return math.nan if score is None else float(score["penetration_ratio"])
 
 
 def _settable(view: View, engine: str) -> list[Run]:
@@ -152,7 +160,18 @@ def _bounce_answer(view: View, runs: Sequence[Run]) -> Answer:
     spread = max(s["phase_spread"] for s in scores)
     moved = f", {words.small(spread)} between phases" if spread > 0.001 else ""
     said = verdict(view, runs[0]).restitution
-    return Answer(runs, _title(runs), f"e within {error} of the law{moved}: {said}.")
+    deep = [depth(view, run) for run in runs if depth(view, run) > _SOFT]
+    span = (
+        ""
+        if not deep
+        else f"{min(deep):.0f}" + (f" … {max(deep):.0f}" if round(max(deep)) > round(min(deep)) else "")
+    )
+    soft = (
+        f" The contact is {span} times as deep as the law's: without gravity only, see the drop."
+        if deep
+        else ""
+    )
+    return Answer(runs, _title(runs), f"e within {error} of the law{moved}: {said}.{soft}")
 
 
 def _plugin_card(view: View) -> Card:

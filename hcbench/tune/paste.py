@@ -23,12 +23,29 @@ def paste(setting: Setting, form: str, radius: float) -> str:
     options = setting.options
     if not options:
         return ""
+    if setting.engine in _PLUGGED and "law" in options:
+        return _plug_in(setting, form)
     if setting.engine == "mujoco" and options.get("rows"):
         head = [_mujoco_option(setting.timestep, options)]
         return "\n".join(head + (_limits(options) if form == "cup" else _pairs(options, radius)))
     if setting.engine == "pybullet" and {"world", "ball", "plate"} & set(options):
         return _pybullet(setting.timestep, options)
     return json.dumps(options, indent=1, ensure_ascii=False)
+
+
+_PLUGGED = ("mujoco", "pybullet")
+
+
+def _plug_in(setting: Setting, form: str) -> str:
+    """The lines that attach a law of hcbench.contact in a simulation of one's own."""
+    given = dict(setting.options["law"])
+    name = {"force": "HuntCrossley", "restitution": "Restitution"}[given.pop("kind")]
+    law = f"contact.{name}({_arguments(given)})"
+    head = f"from hcbench.contact import {setting.engine} as contact"
+    if setting.engine == "pybullet":
+        return f"{head}\n\nlaw = contact.attach([(ball, plate)], {law})\nlaw.step()  # for pybullet.stepSimulation()"
+    where = f'law={law}, tendons=["contact"]' if form == "cup" else f'[("ball", "plate")], {law}'
+    return f"{head}\n\nlaw = contact.attach(model, {where})"
 
 
 def script(scene: Scene, setting: Setting) -> str:
