@@ -25,7 +25,7 @@ Integrators. Euler, implicitfast, implicit: e of (16) to 1e-9 at h = 1e-6 s, to 
 RK4: the same to 5e-6, its four stages share one plan. discrete: the force law as under Euler; Restitution is
 refused.
 
-Tested with mujoco 3.3.0 and 4.0.0 on Linux x86-64.
+Tested with mujoco 3.3.0, 3.6.0, 3.11.0 and 4.0.0 on Linux x86-64.
 """
 
 from __future__ import annotations
