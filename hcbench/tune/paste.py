@@ -43,7 +43,8 @@ def _plug_in(setting: Setting, form: str) -> str:
     law = f"contact.{name}({_arguments(given)})"
     head = f"from hcbench.contact import {setting.engine} as contact"
     if setting.engine == "pybullet":
-        return f"{head}\n\nlaw = contact.attach([(ball, plate)], {law})\nlaw.step()  # for pybullet.stepSimulation()"
+        call = f"law = contact.attach([(ball, plate)], {law})"
+        return f"{head}\n\n{call}\nlaw.step()  # for pybullet.stepSimulation()"
     where = f'law={law}, tendons=["contact"]' if form == "cup" else f'[("ball", "plate")], {law}'
     return f"{head}\n\nlaw = contact.attach(model, {where})"
 
