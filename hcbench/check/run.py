@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from hcbench.check.model import Check, Outcome, Report, Row, Verdict
 from hcbench.errors import HcbenchError, UserError
 from hcbench.impact import Status
-from hcbench.measure.measure import Job
+from hcbench.measure.measure import Job, measure_job
 from hcbench.measure.model import TOLERANCE, Wanted
 from hcbench.measure.words import plain
 

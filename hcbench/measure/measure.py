@@ -265,13 +265,13 @@ def _call_python(file: str, name: str) -> Any:
         function = runpy.run_path(str(path))[name]
     except KeyError:
         raise UserError("model", f"{path} has no {name!r}", "the name of a function in it") from None
-    except HcbenchError:
+    except (HcbenchError, MemoryError):
         raise
     except (Exception, SystemExit) as error:
         raise UserError("model", f"{path}: {type(error).__name__}: {error}", "a file that runs") from None
     try:
         made = function()
-    except HcbenchError:
+    except (HcbenchError, MemoryError):
         raise
     except (Exception, SystemExit) as error:
         words = f"{path}:{name}: {type(error).__name__}: {error}"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.errors import EngineMissing, SceneError, UserError
+from hcbench.errors import EngineFailed, EngineMissing, SceneError, UserError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -82,6 +82,8 @@ def _compiled(make: Any, label: str) -> Any:
         return make()
     except (ValueError, RuntimeError, TypeError, OSError) as error:
         words = " ".join(str(error).split()).removeprefix("Error: ").removeprefix("XML Error: ")
+        if "allocate" in words:
+            raise EngineFailed("model", f"{label}: {words}", "a model that fits into memory") from None
         raise SceneError("model", f"{label}: {words}", "a model that MuJoCo compiles") from None
 
 
