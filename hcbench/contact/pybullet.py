@@ -23,14 +23,14 @@ PyBullet cannot say whether a pair was allowed to collide before: `detach` allow
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 from hcbench.contact import _pybullet_solve as solve
 from hcbench.contact._pybullet_bodies import Body, product
+from hcbench.contact._pybullet_pairs import Pair, check_step, make_pair, pairs_between
 from hcbench.contact._pybullet_solve import Touch
 from hcbench.contact._vectors import Vector, along, dot, turned, vector
-from hcbench.contact.law import Friction, Law, Restitution, contact_time
+from hcbench.contact.law import Friction, Law, Restitution
 from hcbench.errors import EngineFailed, SettingError
 from hcbench.reference.laws import HuntCrossley
 
@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 __all__ = ["Contact", "Friction", "HuntCrossley", "Restitution", "Touch", "attach", "cup", "pairs_between"]
 
 _SPEED = 0.508  # m/s: 20 in/s, up to where the paper's law holds
-_STEPS_PER_CONTACT = 4.0
 
 _attached: dict[int, set[tuple[int, int, int, int]]] = {}  # by client
 
@@ -74,32 +73,6 @@ def cup(ball_radius: float, cup_radius: float, centre: Sequence[float] = (0.0, 0
     return gap
 
 
-def pairs_between(
-    body1: int, body2: int, *, client: int = 0
-) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """All pairs of links (base -1 among them) of two bodies that have a collision shape."""
-    import pybullet as bullet
-
-    def shaped(body: int) -> list[int]:
-        links = range(-1, bullet.getNumJoints(body, physicsClientId=client))
-        return [link for link in links if bullet.getCollisionShapeData(body, link, physicsClientId=client)]
-
-    return [((body1, one), (body2, two)) for one in shaped(body1) for two in shaped(body2)]
-
-
-@dataclass(frozen=True, slots=True)
-class _Pair:
-    first: Body
-    link1: int
-    second: Body
-    link2: int
-
-    @property
-    def key(self) -> tuple[int, int, int, int]:
-        one, two = sorted([(self.first.number, self.link1), (self.second.number, self.link2)])
-        return (*one, *two)
-
-
 class Contact:
     """A law attached to pairs of a client's bodies, until `detach` or the end of a `with` block."""
 
@@ -108,7 +81,7 @@ class Contact:
     ) -> None:
         self._bullet, self._client, self._again, self._gap = bullet, client, again, gap
         self.law, self.friction = law, friction
-        self._pairs: list[_Pair] = []
+        self._pairs: list[Pair] = []
         self._bodies: list[Body] = []
         self._solver = solve.solver_of(law)
         self._too_coarse = 0
@@ -167,7 +140,7 @@ class Contact:
                 self._collide(pair, int(self._again))
         self._pairs, self._bodies = [], []
 
-    def _collide(self, pair: _Pair, enable: int) -> None:
+    def _collide(self, pair: Pair, enable: int) -> None:
         try:
             self._bullet.setCollisionFilterPair(
                 pair.first.number,
@@ -181,7 +154,7 @@ class Contact:
             if enable == 0:
                 raise EngineFailed("pybullet", str(error), "bodies of this client") from error
 
-    def _find(self, pair: _Pair, h: float, gravity: Sequence[float]) -> list[Touch]:
+    def _find(self, pair: Pair, h: float, gravity: Sequence[float]) -> list[Touch]:
         made = []
         for order, (distance, point, normal) in enumerate(self._closest(pair, h, gravity)):
             relative = along(
@@ -223,7 +196,7 @@ class Contact:
             )
         return made
 
-    def _closest(self, pair: _Pair, h: float, gravity: Sequence[float]) -> list[tuple[float, Vector, Vector]]:
+    def _closest(self, pair: Pair, h: float, gravity: Sequence[float]) -> list[tuple[float, Vector, Vector]]:
         if self._gap is not None:
             return [self._gap(pair.first.pose(pair.link1), pair.second.pose(pair.link2))]
         fall = h * h * math.sqrt(dot(gravity, gravity))
@@ -283,7 +256,7 @@ def attach(
         raise SettingError("client", f"{client} is not connected", "the id that pybullet.connect gave")
     contact = Contact(bullet, client, law, friction, gap, collide_after)
     bodies: dict[int, Body] = {}
-    made = [_pair(bullet, client, bodies, list(pair)) for pair in pairs]
+    made = [make_pair(bullet, client, bodies, list(pair)) for pair in pairs]
     known = _attached.setdefault(client, set())
     keys = [pair.key for pair in made]
     for pair in made:
@@ -294,7 +267,7 @@ def attach(
                 "a pair that has no law yet",
                 "Detach that first",
             )
-        _check_step(bullet, client, pair, law, speed)
+        check_step(bullet, client, pair, law, speed)
     if not made:
         raise SettingError("contact pairs", "none", "at least one pair of bodies")
     for pair in made:
@@ -302,52 +275,3 @@ def attach(
         known.add(pair.key)
     contact._pairs, contact._bodies = made, list(bodies.values())
     return contact
-
-
-def _pair(bullet: Any, client: int, bodies: dict[int, Body], pair: list[Any]) -> _Pair:
-    if len(pair) != 2:
-        raise SettingError("contact pair", repr(pair), "two bodies, such as (ball, plate)")
-    sides: list[tuple[Body, int]] = []
-    for one in pair:
-        number, link = (one, -1) if isinstance(one, int) else (int(one[0]), int(one[1]))
-        if number not in bodies:
-            try:
-                bodies[number] = Body(bullet, client, number)
-            except bullet.error:
-                count = bullet.getNumBodies(physicsClientId=client)
-                raise SettingError(
-                    f"body {number}", "not in this client", f"one of its {count} bodies"
-                ) from None
-        bodies[number].check_link(link)
-        sides.append((bodies[number], link))
-    if sides[0] == sides[1]:
-        raise SettingError("contact pair", f"{pair!r} is one and the same", "two different ones")
-    if all(body.kind == "fixed" for body, _ in sides):
-        raise SettingError("contact pair", f"{pair!r} cannot move", "a body with a mass above 0")
-    return _Pair(*sides[0], *sides[1])
-
-
-def _check_step(bullet: Any, client: int, pair: _Pair, law: Law, speed: float) -> None:
-    world = bullet.getPhysicsEngineParameters(physicsClientId=client)
-    if world["useRealTimeSimulation"]:
-        raise SettingError("client", "runs in real time", "one that is stepped: setRealTimeSimulation(0)")
-    if world["numSubSteps"] > 1:
-        raise SettingError(
-            "numSubSteps", str(world["numSubSteps"]), "0", "External forces act in the first substep only"
-        )
-    if not isinstance(law, HuntCrossley):
-        return
-    masses = [
-        body.bullet.getDynamicsInfo(body.number, link, physicsClientId=client)[0]
-        for body, link in ((pair.first, pair.link1), (pair.second, pair.link2))
-        if body.kind != "fixed"
-    ]
-    mass = 1.0 / sum(1.0 / one for one in masses if one > 0.0)
-    lasts, step = contact_time(law, mass, speed), float(world["fixedTimeStep"])
-    if step > lasts / _STEPS_PER_CONTACT:
-        raise SettingError(
-            f"timestep {step:g} s",
-            f"too coarse for the force law: this contact lasts {lasts:.2g} s at {speed:g} m/s",
-            f"a step of {lasts / 20:.1g} s (at most {lasts / _STEPS_PER_CONTACT:.1g} s)",
-            "For coarser steps attach Restitution(alpha) instead",
-        )
