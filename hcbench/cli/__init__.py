@@ -10,6 +10,7 @@ import sys
 
 import click
 
+from hcbench.cli.check import check, measure
 from hcbench.cli.report import report
 from hcbench.cli.show import engines, reference
 from hcbench.cli.tune import tune
@@ -25,7 +26,7 @@ def app() -> None:
     """
 
 
-for command in (report, tune, reference, engines):
+for command in (report, tune, measure, check, reference, engines):
     app.add_command(command)
 
 

@@ -1,0 +1,127 @@
+"""hcbench measure, hcbench check: a user's own model, and the gate for its CI."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hcbench.cli.console import as_json, jobs_option, print_json, progress
+from hcbench.errors import UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_MODELS = "MJCF or URDF files, or setup.py:function with --python."
+
+
+def _file(*names: str, help: str) -> Callable[..., Any]:  # noqa: A002 - Click's own word
+    return click.option(*names, type=click.Path(path_type=Path, dir_okay=False), help=help)
+
+
+def _model_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """What both commands take of a model and how to launch in it."""
+    for option in reversed(
+        (
+            click.option("--pair", help="Two bodies or geoms, the moving one first: 'ball,plate'."),
+            click.option("--python", metavar="FILE:FUNCTION", help="A function that returns the model."),
+            click.option("--speeds", help="Launch speeds, such as '1:20:8 in/s'."),
+            click.option("--phases", type=click.IntRange(1, 1000), help="Phases of the time step."),
+            click.option("--timestep", help="In place of the model's own."),
+            click.option("--gravity", help="In place of the model's own; 0 for none."),
+            click.option("--key", help="Keyframe to start from."),
+            click.option("--height", help="Clearance to launch from."),
+            click.option(
+                "--engine", type=click.Choice(["mujoco", "pybullet"]), help="For files of both kinds."
+            ),
+            click.option("--limit", help="Time after which a model counts as hung, such as '60 s'."),
+        )
+    ):
+        command = option(command)
+    return command
+
+
+def _sources(models: tuple[str, ...], python: str | None) -> tuple[str, ...]:
+    if python is not None and models:
+        raise UserError("--python", f"given beside {' '.join(models)}", "one of the two")
+    return (python,) if python is not None else models
+
+
+@click.command()
+@click.argument("models", nargs=-1)
+@_model_options
+@click.option("--alpha", help="α to look for causes against.")
+@click.option("--restitution", help="e to look for causes against.")
+@_file("--page", help="Also write a one-page report (HTML).")
+@as_json
+def measure(
+    models: tuple[str, ...], python: str | None, page: Path | None, as_json: bool, **given: Any
+) -> None:
+    """Measure restitution and loops of a pair in your own model, as you have it."""
+    from hcbench import units
+    from hcbench.measure.measure import LIMIT_S, measure
+    from hcbench.measure.model import Wanted
+    from hcbench.measure.show import as_record, as_text
+    from hcbench.results import write_text
+
+    sources = _sources(models, python)
+    if not sources:
+        raise UserError("model", "none given", "a file, two URDF files, or --python FILE:FUNCTION")
+    alpha, constant, limit = (given.pop(name) for name in ("alpha", "restitution", "limit"))
+    wanted = None
+    if alpha is not None or constant is not None:
+        wanted = Wanted(
+            alpha=None if alpha is None else units.parse(alpha, "alpha", "--alpha"),
+            constant=None if constant is None else units.parse(constant, "number", "--restitution"),
+        )
+    found = measure(
+        sources[0] if len(sources) == 1 else sources,
+        wanted=wanted,
+        limit=LIMIT_S if limit is None else units.parse(limit, "timestep", "--limit"),
+        **given,
+    )
+    if page is not None:
+        from hcbench.check.page import measurement_page
+
+        write_text(page, measurement_page(found))
+    if as_json:
+        print_json(as_record(found))
+    else:
+        print(as_text(found))
+
+
+@click.command()
+@click.argument("models", nargs=-1)
+@_model_options
+@click.option("--alpha", help="Hold it against the law with this α.")
+@click.option("--target", "reading", type=click.Choice(["law", "linear"]), default="law", show_default=True)
+@click.option("--restitution", help="Hold it against one e.")
+@_file("--pairs", help="Hold it against measured pairs (v, e): a CSV with units in its header.")
+@_file("--baseline", help="Hold it against what --write-baseline wrote.")
+@_file("--write-baseline", help="Write what was measured, to hold later versions against.")
+@click.option("--max-error", help="Largest |e - wanted| that passes.")
+@_file("--junit", help="Write JUnit XML.")
+@_file("--markdown", help="Write a Markdown summary, as for a CI step.")
+@_file("--png", help="Write the error curve.")
+@as_json
+@jobs_option
+def check(models: tuple[str, ...], python: str | None, as_json: bool, jobs: int, **given: Any) -> int:
+    """Fail when restitution is off: a model, a study, or the [tool.hcbench] table of a TOML file.
+
+    Exit 0 within limits, 1 a limit passed, 2 a mistake, 3 could not run.
+    """
+    from hcbench.check.command import check
+    from hcbench.check.model import Outputs
+    from hcbench.check.plan import Ask
+    from hcbench.check.words import as_record_of, as_text
+
+    files = {name: given.pop(name) for name in ("junit", "markdown", "png")}
+    outputs = Outputs(**files, baseline=given.pop("write_baseline"))
+    with progress("checks") as tick:
+        report = check(Ask(_sources(models, python), **given), outputs, jobs, tick)
+    if as_json:
+        print_json(as_record_of(report))
+    else:
+        print(as_text(report), end="")
+    return report.exit_code
