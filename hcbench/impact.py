@@ -136,11 +136,11 @@ def impacts_of(
             found.append(Impact(launch, Status.NO_TOUCH, f"no contact force within {time[n - 1]:.3g} s"))
         else:
             contact, left = slice(start, stop), bool(parted[i])
-            still = f"still in contact {time[n - 1] - time[start]:.3g} s after touch"
+            open_s = time[n - 1] - time[start]
             impact = Impact(
                 launch=launch,
                 status=Status.PARTED if left else Status.RESTED,
-                reason="" if left else still,
+                reason="" if left else f"still in contact {open_s:.3g} s after touch",
                 speed_in=float(v[i, start]),
                 speed_out=float(-v[i, min(stop, n - 1)]) if left else 0.0,
                 duration=float((time[1] - time[0]) * (stop - start)),

@@ -64,7 +64,7 @@ class Crowd:
     def unpack(self, packed: Floats, states: Floats) -> Floats:
         """Back from `pack`: `states` with the time, positions and velocities of `packed`."""
         if self.size == 1:
-            return packed
+            return packed.copy()
         states = states.copy()
         states[:, 0] = packed[0, 0]
         for start, width, inner in self._spans():

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -16,14 +17,14 @@ import numpy as np
 from hcbench.engines import isolation
 from hcbench.engines._mujoco_crowd import Crowd, can_crowd, crowd
 from hcbench.engines._mujoco_load import guarded
-from hcbench.engines._mujoco_record import record, released
+from hcbench.engines._mujoco_record import Bench, record, released
 from hcbench.engines._mujoco_watch import Watch
 from hcbench.impact import Trajectory, impacts_of
 from hcbench.reference import exact
 from hcbench.reference.laws import HuntCrossley
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from hcbench.engines._mujoco_load import Loaded
     from hcbench.impact import Floats, Impact, Launch
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 _FEW_ROWS, _CROWD, _CROWD_OF_ROWS = 4, 24, 8
 _ALONE = 32  # launches flown side by side, one in a model: bounds memory
 _GAIN_S, _COMPILE_S = 1.5e-6, 5e-3  # what company saves a ball-step, and costs to compile
-_SHORT, _CHUNK_BYTES = 32, 2**21  # steps in a chunk: the fewest after the first; and how many fit
+_SHORT, _CHUNK_BYTES = 8, 2**21  # steps in a chunk: the fewest, and how many fit
 
 
 def fly(model: Loaded, launches: Sequence[Launch]) -> list[Impact]:
@@ -55,15 +56,15 @@ def fly(model: Loaded, launches: Sequence[Launch]) -> list[Impact]:
 
 def follow(model: Loaded, launch: Launch, steps: int) -> Trajectory:
     """All of `steps` steps after one launch; NaN from where MuJoCo gave up."""
-    alone, data = Crowd(model.model, 1, model.at), model.mujoco.MjData(model.model)
+    bench = Bench.of(model, Crowd(model.model, 1, model.at), _CHUNK_BYTES)
     states, done = released(model, launch)[None], 0
     path = np.full((3, 1, steps), np.nan)
     with guarded(model.mujoco):
         while done < steps:
-            count = min(steps - done, _CHUNK_BYTES // states.nbytes)
-            warm = data.qacc_warmstart.copy()  # as one unbroken run has it
-            seen = record(model, alone, data, states, count, warm)
+            warm = bench.data.qacc_warmstart.copy()  # as one unbroken run has it
+            seen = record(model, bench, states, steps - done, warm)
             assert seen is not None
+            count = seen[0].shape[2]
             path[:, :, done : done + count], states = seen
             done = done + count if np.isfinite(seen[0]).all() else steps
     return Trajectory(np.arange(steps, dtype=np.float64) * model.timestep, *path[:, 0])
@@ -75,15 +76,16 @@ def _cores() -> int:
 
 @dataclass(slots=True)
 class _Fleet:
-    """A model and the crowds made of it.
+    """A model, the crowds made of it, and benches of theirs that nobody uses.
 
     most: balls that pay in one model. seen: steps that the last flight took.
     """
 
     model: Loaded
     most: int
-    crowds: dict[int, Crowd] = field(default_factory=dict)
     seen: int = 0
+    crowds: dict[int, Crowd] = field(default_factory=dict)
+    idle: dict[int, list[Bench]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, model: Loaded) -> _Fleet:
@@ -91,8 +93,8 @@ class _Fleet:
         model.model.opt.disableflags |= model.mujoco.mjtDisableBit.mjDSBL_WARMSTART
         rows = max(model.model.npair, model.model.ntendon)
         most = _CROWD if rows <= _FEW_ROWS else _CROWD_OF_ROWS
-        crowds = not model.plugged and can_crowd(model.mujoco, model.model, model.root)
-        return cls(model, most if crowds else 1, {1: Crowd(model.model, 1, model.at)})
+        crowds = can_crowd(model.mujoco, model.model, model.root)
+        return cls(model, most if crowds else 1, crowds={1: Crowd(model.model, 1, model.at)})
 
     def crowd(self, size: int) -> Crowd:
         """The model of so many balls."""
@@ -101,18 +103,29 @@ class _Fleet:
             self.crowds[size] = crowd(own.mujoco, own.root, own.model.opt.disableflags, size, own.at)
         return self.crowds[size]
 
+    @contextmanager
+    def bench(self, crowd: Crowd) -> Iterator[Bench]:
+        """What a crowd is stepped in, for one user at a time."""
+        idle = self.idle.setdefault(crowd.size, [])
+        bench = idle.pop() if idle else Bench.of(self.model, crowd, _CHUNK_BYTES)
+        yield bench
+        idle.append(bench)
+
     def groups(self, launches: Sequence[Launch]) -> list[list[int]]:
         """Which launches fly together: alike, as then they take equally long."""
         total = len(launches)
         order = sorted(range(total), key=lambda i: (launches[i].height or 0.0, launches[i].speed))
-        most = self.most if self.size(total, self.expected(launches)) > 1 else _ALONE
+        together = total > 1 and self.pays(total, self.expected(launches))
+        most = self.most if together else _ALONE
         count = max(1, math.ceil(total / most), min(_cores(), total // _CROWD_OF_ROWS))
         share = max(1, math.ceil(total / count))
+        if together:
+            self.crowd(min(share, self.most))
         return [order[i : i + share] for i in range(0, total, share)]
 
-    def size(self, balls: int, steps: int) -> int:
-        """How many of `balls` to put into one model for the `steps` to come."""
-        return min(balls, self.most) if balls * steps * _GAIN_S > _COMPILE_S else 1
+    def pays(self, balls: int, steps: int) -> bool:
+        """Whether so many steps of so many balls are worth a crowd."""
+        return self.most > 1 and balls * steps * _GAIN_S > _COMPILE_S
 
     def expected(self, launches: Sequence[Launch]) -> int:
         """Steps that a flight takes: of the one before, else by elastic contact of the scene's stiffness."""
@@ -125,7 +138,7 @@ class _Fleet:
             return _SHORT
         law = HuntCrossley(scene.stiffness, 0.0, scene.exponent)
         contact = float(exact.duration(law, scene.mass, speed))
-        return math.ceil((contact + 2.0 * gap / (slowest.speed + speed)) / h) + 8
+        return math.ceil((contact + 2.0 * gap / (slowest.speed + speed)) / h) + _SHORT
 
 
 class _Flight:
@@ -138,35 +151,36 @@ class _Flight:
         self._watch = Watch.over(fleet.model, launches)
         self._history: list[Floats] = []
         self._landed: dict[int, Impact] = {}
+        self._longest = 0
 
     def land(self) -> list[Impact]:
         """All of it; one impact for each launch, in order."""
-        model, count = self._fleet.model, self._fleet.expected(self._launches)
-        crowd = self._fleet.crowd(self._fleet.size(len(self._launches), count))
-        data, together = model.mujoco.MjData(crowd.model), True
+        fleet, count = self._fleet, self._fleet.expected(self._launches)
+        fits = [size for size in fleet.crowds if size >= len(self._launches)]
+        size, together = min(fits, default=1), True
         while self._flying.size:
-            seen = record(model, crowd, data, self._states, min(count, self._fitting(crowd)))
+            crowd = fleet.crowd(size)
+            with fleet.bench(crowd) as bench:
+                seen = record(fleet.model, bench, self._states, count)
             if seen is None:
                 together = False
             else:
                 self._states = seen[1]
                 self._end(seen[0])
+                # A share of what was: nobody knows how long a contact lasts that is longer than expected.
                 count = max(_SHORT, self._watch.steps // 8)
-            size = self._company(crowd.size) if together else 1
-            if size != crowd.size:
-                crowd = self._fleet.crowd(size)
-                data = model.mujoco.MjData(crowd.model)
-        self._fleet.seen = self._watch.steps
+            size = self._company(size) if together else 1
+        fleet.seen = self._longest
         return [self._landed[i] for i in range(len(self._launches))]
 
-    def _fitting(self, crowd: Crowd) -> int:
-        """Steps whose states fit into a chunk."""
-        return max(1, _CHUNK_BYTES // crowd.pack(self._states).nbytes)
-
     def _company(self, now: int) -> int:
-        """The size of the crowd to go on in: half empty ones give way to smaller."""
-        size = self._fleet.size(max(1, self._flying.size), self._watch.steps)
-        return now if now >= size > now // 2 else min(1 << (size - 1).bit_length(), self._fleet.most)
+        """How many balls the model to go on in should have: a few of many are better off alone."""
+        left, most = self._flying.size, self._fleet.most
+        if now > 1 and left <= now // 8:
+            return 1
+        if (now == 1 < left or left <= now // 2) and self._fleet.pays(left, self._watch.steps):
+            return min(1 << (int(left) - 1).bit_length(), most)
+        return now
 
     def _end(self, seen: Floats) -> None:
         """Take in a chunk, shape (3, b, n), and let those land that have ended."""
@@ -175,12 +189,15 @@ class _Flight:
         ended = counts > 0
         if not ended.any():
             return
-        x, v, f = np.concatenate([chunk[:, ended] for chunk in self._history], axis=2)[:, :, : counts.max()]
-        time = np.arange(x.shape[1]) * self._fleet.model.timestep
-        which = self._flying[ended]
-        impacts = impacts_of([self._launches[i] for i in which], time, x, v, f, counts[ended])
-        self._landed.update(zip(which.tolist(), impacts, strict=True))
-        going = ~ended
+        going, self._longest = ~ended, int(counts.max())
+        if going.any() or len(self._history) > 1:
+            seen = np.concatenate([chunk[:, ended] for chunk in self._history], axis=2)
+        time = np.arange(self._longest, dtype=np.float64) * self._fleet.model.timestep
+        which = self._flying[ended].tolist()
+        launches = [self._launches[i] for i in which]
+        x, v, f = seen[:, :, : self._longest]
+        impacts = impacts_of(launches, time, x, v, f, counts[ended])
+        self._landed.update(zip(which, impacts, strict=True))
         self._flying, self._states = self._flying[going], self._states[going]
         self._history = [chunk[:, going] for chunk in self._history]
         self._watch.keep(going)

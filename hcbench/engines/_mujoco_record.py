@@ -39,18 +39,39 @@ def released(model: Loaded, launch: Launch) -> Floats:
     return state
 
 
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """What a crowd is stepped in: an MjData, and room for states, shape (n,), kept as new room is costly."""
+
+    crowd: Crowd
+    data: Any
+    room: Floats
+
+    @classmethod
+    def of(cls, model: Loaded, crowd: Crowd, room: int) -> Bench:
+        """With room for so many bytes of states."""
+        return cls(crowd, model.mujoco.MjData(crowd.model), np.empty(room // 8))
+
+
 def record(
-    model: Loaded, crowd: Crowd, data: Any, states: Floats, count: int, warm: Floats | None = None
+    model: Loaded, bench: Bench, states: Floats, most: int, warm: Floats | None = None
 ) -> tuple[Floats, Floats] | None:
-    """Take `count` steps from states of shape (b, nstate), in a crowd and its MjData.
+    """Take up to `most` steps from states of shape (b, nstate), as many as there is room for.
 
     warm: where MuJoCo's solver starts from, shape (nv,).
-    Penetration, rate and force at the start of each step, shape (3, b, count), NaN from where MuJoCo gave up,
+    Penetration, rate and force at the start of each step, shape (3, b, n), NaN from where MuJoCo gave up,
     and the states after. None where it gave up on a whole crowd, for the sake of one ball in it.
     """
-    packed = crowd.pack(states)
+    crowd, packed = bench.crowd, bench.crowd.pack(states)
+    count = max(1, min(most, bench.room.size // packed.size))
+    shape = (len(packed), count, packed.shape[1])
     path, sensed = model.mujoco.rollout.rollout(
-        crowd.model, data, packed, nstep=count, initial_warmstart=warm
+        crowd.model,
+        bench.data,
+        packed,
+        nstep=count,
+        initial_warmstart=warm,
+        state=bench.room[: packed.size * count].reshape(shape),
     )
     # MuJoCo meets what is not finite by starting the model over, and rollout by standing still.
     stopped = np.diff(path[:, :, 0], prepend=packed[:, :1]) <= 0.0
@@ -82,7 +103,7 @@ class _Paths:
         return found
 
     def felt(self, i: int) -> Floats:
-        """A component of the acceleration that each ball's own sensor feels, the model's last; shape (b, n)."""
+        """A component of the acceleration that each ball's sensor feels, its model's last; shape (b, n)."""
         rows, n, _ = self.sensed.shape
         last = self.sensed[:, :, -3 * self.crowd.size :].reshape(rows, n, self.crowd.size, 3)
         return last[..., i].transpose(0, 2, 1).reshape(-1, n)[: len(self.start)]
