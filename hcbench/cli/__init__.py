@@ -11,6 +11,7 @@ import sys
 import click
 
 from hcbench.cli.check import check, measure
+from hcbench.cli.convert import convert
 from hcbench.cli.report import report
 from hcbench.cli.show import engines, reference
 from hcbench.cli.tune import tune
@@ -26,7 +27,7 @@ def app() -> None:
     """
 
 
-for command in (report, tune, measure, check, reference, engines):
+for command in (report, tune, measure, check, reference, convert, engines):
     app.add_command(command)
 
 
