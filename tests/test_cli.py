@@ -140,3 +140,40 @@ def test_an_unwritable_folder_exits_3_and_leaves_nothing(
     assert run(["report", str(tmp_path), "--out", str(tmp_path / "file" / "out")]) == 3
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "study.toml"]
+
+
+def test_convert_says_one_contact_in_every_librarys_words(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["convert", "--alpha", "0.008 s/in", "--speed", "8 in/s", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    found = {row["parameter"]: row["value"][0] for row in rows}
+    assert found["hunt_crossley_dissipation"] == pytest.approx(1.5 * 0.008 / INCH)
+    assert found["dissipation"] == pytest.approx(0.008 / INCH)
+    assert found["restitution"] == pytest.approx(0.9398278563, abs=1e-10)
+
+
+@pytest.mark.parametrize(
+    "arguments", [[], ["--solref", "1"], ["--alpha", "1", "--drake", "1"], ["--restitution", "2"]]
+)
+def test_what_cannot_be_converted_is_one_line_and_exit_2(
+    capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> None:
+    assert run(["convert", *arguments]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+MODEL = """<mujoco><option timestep="0.001"/><worldbody><geom name="plate" type="plane" size="1 1 .1"/>
+<body name="ball" pos="0 0 1"><freejoint/><geom name="ball" type="sphere" size=".05" SOLREF/></body>
+</worldbody></mujoco>"""
+
+
+def test_measure_and_check_a_model_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    good, bad = tmp_path / "good.xml", tmp_path / "bad.xml"
+    good.write_text(MODEL.replace("SOLREF", 'solref="-1000 0"'), encoding="utf-8")
+    bad.write_text(MODEL.replace("SOLREF", ""), encoding="utf-8")
+    assert run(["measure", str(good), "--pair", "ball,plate", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)
+    gate = ["--pair", "ball,plate", "--restitution", "1", "--max-error", "0.05"]
+    assert run(["check", str(good), *gate]) == 0
+    assert run(["check", str(bad), *gate]) == 1
+    assert "solref" in capsys.readouterr().out
+    assert run(["check", str(tmp_path / "none.xml"), *gate]) == 2

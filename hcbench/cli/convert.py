@@ -43,9 +43,8 @@ def convert(as_json: bool, reading: Any, solref: str | None, **given: str | None
         return
     print(f"α = {found.alpha:.10g} s/m = {found.alpha * 0.0254:.10g} s/in")
     if found.speed is not None:
-        print(
-            f"at {found.speed:.6g} m/s: e of (16) {found.restitution:.10g}, 1 - α v {found.restitution_linear:.10g}"
-        )
+        truth = f"e of (16) {found.restitution:.10g}, 1 - α v {found.restitution_linear:.10g}"
+        print(f"at {found.speed:.6g} m/s: {truth}")
     print()
     wide = [max(len(getattr(row, name)) for row in found.rows) for name in ("system", "parameter", "text")]
     for row in found.rows:
