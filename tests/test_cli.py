@@ -11,8 +11,8 @@ import pytest
 from hcbench.cli import run
 
 # The case of section 3.1, k = 3.1e7 lbf/in^1.5, m = 1 lb: α s/in, v in/s, e, x_m in, F_max lbf.
-# e from the closed form in 50 digits; depth and force are the true extremes of the loop, which the steps of an
-# ODE miss by up to 0.1 and 0.3 %.
+# e from the closed form in 50 digits; depth and force are the true extremes of the loop, which the steps of
+# an ODE miss by up to 0.1 and 0.3 %.
 PAPER_CASE = [
     (0.008, 4, "0.9689892665", "3.0461e-04", "164.96"),
     (0.008, 8, "0.9398278563", "5.2399e-04", "373.16"),

@@ -17,7 +17,6 @@ from hcbench.reference import exact
 from hcbench.reference.laws import HuntCrossley
 from hcbench.scene import load_scene
 from hcbench.tune.paste import paste, script
-from hcbench.tune.points import read_points
 from hcbench.tune.target import Target
 from hcbench.tune.tuning import choose, tune
 from hcbench.tune.verdict import held_out_speeds
@@ -191,27 +190,14 @@ def test_a_mistake_is_one_line_and_exit_2(
     assert says in caught.err
 
 
-def test_pairs_are_read_from_a_csv_whose_header_names_the_unit(tmp_path: Path) -> None:
+def test_a_target_of_measured_pairs_is_read_from_a_csv(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / "measured.csv"
     file.write_text("speed [in/s],restitution\n16,0.88\n4,0.97\n", encoding="utf-8")
-    assert np.array(read_points(file)) == pytest.approx(np.array([[0.1016, 0.97], [0.4064, 0.88]]))
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("", "empty"),
-        ("speed,restitution\n1,0.9\n", "no unit"),
-        ("speed [m/s],restitution\n", "no rows"),
-        ("speed [m/s],restitution\n1,high\n", "line 2"),
-        ("speed [m/s],restitution\n1\n", "line 2"),
-        ("speed [m/s],restitution\n1,0.9\n1,0.8\n", "twice"),
-        ("speed [kg],restitution\n1,0.9\n", "kg"),
-        ("time,restitution\n1,0.9\n", "line 1"),
-    ],
-)
-def test_a_csv_that_is_no_table_of_pairs_is_refused_by_line(tmp_path: Path, text: str, says: str) -> None:
-    file = tmp_path / "measured.csv"
-    file.write_text(text, encoding="utf-8")
-    with pytest.raises(UserError, match=says):
-        read_points(file)
+    assert (
+        run(["tune", "mujoco", "--points", str(file), "--timestep", "1e-3", "--recipe", "impulse", "--json"])
+        == 0
+    )
+    target_json = json.loads(capsys.readouterr().out)["target"]
+    assert np.array(target_json["points"]) == pytest.approx(np.array([[0.1016, 0.97], [0.4064, 0.88]]))

@@ -101,9 +101,9 @@ def _points(text: str) -> tuple[tuple[float, float], ...]:
     from hcbench import units
 
     if Path(text).is_file():
-        from hcbench.tune.points import read_points
+        from hcbench.check.pairs import read_pairs
 
-        return read_points(Path(text))
+        return read_pairs(Path(text))
     pairs = []
     unit = text.rsplit(":", 1)[-1].strip().partition(" ")[2]
     for piece in text.split(","):
