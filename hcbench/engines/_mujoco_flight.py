@@ -93,7 +93,7 @@ class _Fleet:
         model.model.opt.disableflags |= model.mujoco.mjtDisableBit.mjDSBL_WARMSTART
         rows = max(model.model.npair, model.model.ntendon)
         most = _CROWD if rows <= _FEW_ROWS else _CROWD_OF_ROWS
-        crowds = can_crowd(model.mujoco, model.model, model.root)
+        crowds = not model.plugged and can_crowd(model.mujoco, model.model, model.root)
         return cls(model, most if crowds else 1, crowds={1: Crowd(model.model, 1, model.at)})
 
     def crowd(self, size: int) -> Crowd:
