@@ -310,6 +310,28 @@ def test_a_hundred_balls_bounce_each_as_if_alone() -> None:
     assert data.qvel[2::6] / speeds == pytest.approx(exact.restitution(ALPHA, speeds), abs=2e-6)
 
 
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+def test_a_box_falls_flat_on_four_contacts(integrator: str) -> None:
+    def box(h: float) -> Any:
+        return mujoco.MjModel.from_xml_string(f"""<mujoco>
+          <option timestep="{h}" integrator="{integrator}" gravity="0 0 0"/><worldbody>
+          <geom name="plate" type="plane" size="1 1 1"/><body pos="0 0 .05"><freejoint/>
+          <geom name="box" type="box" size=".03 .04 .05" mass="{MASS}"/></body></worldbody></mujoco>""")
+
+    # Four springs of k/4 that share a body: each takes the others in to first order, all are of second.
+    for h, error in ((2e-6, 2e-5), (1e-5, 4e-4)):
+        model = box(h)
+        with contact.attach(model, ("box", "plate"), HuntCrossley(STIFFNESS / 4, ALPHA)):
+            for speed in (0.05, 0.5):
+                _, out = drop(model, speed, 0.4, 0.05)
+                assert out / speed == pytest.approx(float(exact.restitution(ALPHA, speed)), abs=error)
+    model = box(1e-3)
+    with contact.attach(model, ("box", "plate"), Restitution(ALPHA)):
+        before, out = drop(model, 0.3, 0.4, 0.05)
+        error = 1e-6 if integrator == "implicitfast" else 1e-9
+        assert out / before == pytest.approx(float(exact.restitution(ALPHA, 0.3)), abs=error)
+
+
 def test_a_force_law_bounces_to_the_heights_of_the_law() -> None:
     model = plane(2e-5, gravity=9.81)
     data = mujoco.MjData(model)

@@ -15,6 +15,7 @@ from hcbench.contact import mujoco as contact
 from hcbench.contact.mujoco import Friction, HuntCrossley, Restitution
 from hcbench.errors import CannotRun, EngineFailed, SettingError
 from hcbench.reference import exact
+from hcbench.scene import Material
 
 LAW = HuntCrossley(3.4064e10, 0.008 / 0.0254)
 BACKENDS = pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "python"])
@@ -261,6 +262,15 @@ def test_pairs_are_found_by_body() -> None:
     assert contact.pairs_between(model, "torso", "leg1") == []  # parent and child do not collide
     with contact.attach(model, contact.pairs_of(model, "ball"), LAW) as law:
         assert len(law.keys) == model.ngeom - 1
+
+
+def test_stiffness_by_hertz_is_that_of_the_paper() -> None:
+    steel = Material(young_modulus=206.8e9, poisson_ratio=0.3)
+    model = ball()
+    k = contact.hertz_stiffness(model, "ball", "plate", steel, steel)
+    assert k == pytest.approx(3.4064e10, rel=5e-3)
+    with pytest.raises(SettingError, match="neither a sphere"):
+        contact.hertz_stiffness(scene(), "torso", "floor", steel, steel)
 
 
 BAD: dict[str, tuple[Callable[[Any], Any], str]] = {

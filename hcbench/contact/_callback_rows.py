@@ -76,7 +76,7 @@ def _rewrite_tendons(model: Any, data: Any, table: Table, stage: int, plans: Pla
         parting = _parting(model, pair, approach, gravity)
         value = np.array([(parting + approach) / float(model.opt.timestep)])
         force = max(0.0, value[0] + gravity) / float(row @ solve(model, data, row))
-        now = _Rows(value, False, _compliance(model, parting > 0, True), force)
+        now = _Rows(value, False, _compliance(model, parting > 0), force)
         rows = (data.efc_type == kind) & (data.efc_id == pair.tendon) & (data.efc_pos == left)
         for i in np.flatnonzero(rows):
             _set_rows(data, table, stage, (number, 0), plans, int(i), now)
@@ -119,16 +119,26 @@ def _targets(model: Any, data: Any, table: Table, pair: PairSpec, contact: Any) 
         value = (np.concatenate([[parting], np.zeros(dim - 1)]) - rate[:dim]) / h
     force = max(0.0, (parting - float(rate[0])) / h + gravity) / float(row @ solve(model, data, row))
     slip = abs(float(rate[1])) + abs(float(rate[2]))
-    compliance = _compliance(model, parting > 0, dim == 1 or slip <= 1e-6 * parting)
+    roots = {int(model.body_rootid[body]) for body in bodies} - {0}
+    straight = parting > 0 and (dim == 1 or slip <= 1e-6 * parting)
+    compliance = _compliance(model, straight and _alone(model, data, roots))
     return _Rows(value, cone, compliance, force / len(value) if cone else force)
 
 
-def _compliance(model: Any, bounces: bool, straight: bool) -> float:
+def _alone(model: Any, data: Any, roots: set[int]) -> bool:
+    """Whether the bodies of a contact have no other: then its force is known beforehand."""
+    count = 0
+    for contact in data.contact:
+        if contact.efc_address >= 0 and contact.geom1 >= 0 and contact.geom2 >= 0:
+            bodies = model.geom_bodyid[[contact.geom1, contact.geom2]]
+            count += sum(int(root) in roots for root in model.body_rootid[bodies])
+    return count == len(roots)
+
+
+def _compliance(model: Any, known: bool) -> float:
     if not _takes_forces(model):
         return _RIGID
-    if not bounces:
-        return 1e-8
-    return 1e-3 if straight else 1e-6
+    return 1e-3 if known else 1e-8
 
 
 def _takes_forces(model: Any) -> bool:

@@ -44,9 +44,22 @@ static void gravity_along(const mjModel* m, const hcb_table* t, const mjContact*
   }
 }
 
-static double compliance_of(const mjModel* m, int bounces, int straight) {
-  if (!takes_forces(m)) return HCB_RIGID;
-  return !bounces ? 1e-8 : straight ? 1e-3 : 1e-6;
+/* Whether the bodies of a contact have no other: then its force is known beforehand. */
+static int alone(const mjModel* m, const mjData* d, const mjContact* c) {
+  int r1 = m->body_rootid[m->geom_bodyid[c->geom[0]]], r2 = m->body_rootid[m->geom_bodyid[c->geom[1]]], count = 0;
+  for (int i = 0; i < d->ncon; i++) {
+    const mjContact* o = d->contact + i;
+    if (o->efc_address < 0 || o->geom[0] < 0 || o->geom[1] < 0) continue;
+    for (int side = 0; side < 2; side++) {
+      int root = m->body_rootid[m->geom_bodyid[o->geom[side]]];
+      count += root && (root == r1 || root == r2);
+    }
+  }
+  return count == (r1 != 0) + (r2 != 0);
+}
+
+static double compliance_of(const mjModel* m, int known) {
+  return !takes_forces(m) ? HCB_RIGID : known ? 1e-3 : 1e-8;
 }
 
 static double inverse_mass_at(const mjModel* m, mjData* d, const hcb_table* t, const mjContact* c) {
@@ -104,7 +117,7 @@ static void targets(const mjModel* m, mjData* d, const hcb_table* t, const hcb_p
   }
   double slip = fabs(rate[1]) + fabs(rate[2]);
   out->rows = rows;
-  out->compliance = compliance_of(m, parting > 0, c->dim == 1 || slip <= 1e-6 * parting);
+  out->compliance = compliance_of(m, parting > 0 && (c->dim == 1 || slip <= 1e-6 * parting) && alone(m, d, c));
   out->force = fmax(0, (parting - rate[0]) / h + gravity) / inverse_mass_at(m, d, t, c) / (out->cone ? rows : 1);
 }
 
@@ -152,7 +165,7 @@ static void rewrite_tendon_rows(const mjModel* m, mjData* d, hcb_table* t, int s
     solve(m, d, solved, row, 1);
     double gravity = gravity_on_row(m, t, row), parting = parting_speed(m, p, approach, gravity);
     plan now = {.pair = k, .rows = 1, .value = {(parting + approach) / h}};
-    now.compliance = compliance_of(m, parting > 0, 1);
+    now.compliance = compliance_of(m, parting > 0);
     now.force = fmax(0, now.value[0] + gravity) / row_dot(m->nv, row, solved);
     free_stack(d);
     set_rows(d, t, stage, &now, i);
