@@ -118,7 +118,9 @@ static void add_forces(const mjModel* m, mjData* d, hcb_table* t, int stage, dou
   int room, dense, nv = m->nv;
   mark_stack(d);
   candidate* near = stack(d, (t->pairs + 1) * sizeof(candidate), sizeof(double));
-  int pairs = near_pairs(m, d, t, near, &room, &dense);
+  double* travels = stack(d, m->ngeom * sizeof(double), sizeof(double));
+  memset(travels, 0, m->ngeom * sizeof(double));
+  int pairs = near_pairs(m, d, t, near, travels, &room, &dense);
   if (pairs) {
     touch* all = stack(d, (room + mjMAXCONPAIR) * sizeof(touch), sizeof(double));
     double* rows = stack(d, (2 * dense + 6) * (size_t)nv * sizeof(double), sizeof(double));

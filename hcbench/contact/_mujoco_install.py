@@ -153,8 +153,9 @@ def _silence(entry: Entry, pair: PairSpec) -> None:
 def remove(entry: Entry, keys: Sequence[Key]) -> None:
     """Detach pairs; with the last of them the model is as it was, bit for bit."""
     model, gone = entry.model, set(keys)
-    for pair in [pair for pair in entry.pairs if _key(pair) in gone]:
-        entry.pairs.remove(pair)
+    leaving = [pair for pair in entry.pairs if _key(pair) in gone]
+    entry.pairs = [pair for pair in entry.pairs if _key(pair) not in gone]
+    for pair in leaving:
         if pair.tendon in entry.limits:
             model.tendon_limited[pair.tendon] = entry.limits.pop(pair.tendon)
         for i in list(entry.margins):

@@ -1,13 +1,14 @@
 /* Contacts of the force law: the engine's own collision functions, asked from before touch on, and what a
    unit force does along each. */
 
-/* How far a geom's surface can move in a step, m. */
-static double travel(const mjModel* m, const mjData* d, int geom) {
+/* How far a geom's surface can move in a step, m; kept in `known`, whose zeros are to be found out. */
+static double travel(const mjModel* m, const mjData* d, int geom, double* known) {
+  if (known[geom] > 0) return known[geom];
   int body = m->geom_bodyid[geom];
   double v[3], *w = d->cvel + 6 * body;
   velocity_at(m, d, body, d->geom_xpos + 3 * geom, v);
   double turning = m->geom_type[geom] == mjGEOM_PLANE ? 0 : sqrt(dot(w, w)) * m->geom_rbound[geom];
-  return m->opt.timestep * (sqrt(dot(v, v)) + turning);
+  return known[geom] = m->opt.timestep * (sqrt(dot(v, v)) + turning) + 1e-12;
 }
 
 typedef struct {
@@ -23,6 +24,7 @@ static int apart(const mjModel* m, const mjData* d, int g1, int g2, double reach
     return r2 > 0 && between[0] * R[2] + between[1] * R[5] + between[2] * R[8] > r2 + reach;
   }
   double sum = r1 + r2 + reach;
+  if (fabs(between[0]) > sum && r1 > 0 && r2 > 0) return 1; /* most of many pairs end here */
   return r1 > 0 && r2 > 0 && dot(between, between) > sum * sum;
 }
 
@@ -133,7 +135,8 @@ static int tendon_touch(const mjModel* m, mjData* d, const hcb_table* t, const h
 }
 
 /* Pairs that may touch within the step, and how many contacts they can report: *dense of them need rows. */
-static int near_pairs(const mjModel* m, const mjData* d, const hcb_table* t, candidate* out, int* room, int* dense) {
+static int near_pairs(const mjModel* m, const mjData* d, const hcb_table* t, candidate* out, double* travels,
+                      int* room, int* dense) {
   int count = 0;
   double h = m->opt.timestep, fall = h * h * sqrt(dot(m->opt.gravity, m->opt.gravity));
   *room = *dense = 0;
@@ -147,7 +150,7 @@ static int near_pairs(const mjModel* m, const mjData* d, const hcb_table* t, can
         c.geom1 = p->geom2;
         c.geom2 = p->geom1;
       }
-      c.reach = 1.01 * (travel(m, d, c.geom1) + travel(m, d, c.geom2) + fall) + 1e-9;
+      c.reach = 1.01 * (travel(m, d, c.geom1, travels) + travel(m, d, c.geom2, travels) + fall) + 1e-9;
       if (apart(m, d, c.geom1, c.geom2, c.reach)) continue;
       int round = m->geom_type[c.geom1] == mjGEOM_SPHERE || m->geom_type[c.geom2] == mjGEOM_SPHERE;
       most = round ? 1 : mjMAXCONPAIR;

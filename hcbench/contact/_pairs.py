@@ -79,16 +79,24 @@ def identify(model: Any, kind: str, what: str | int) -> int:
         if 0 <= what < count:
             return int(what)
         raise SettingError(f"{kind} {what}", "not in the model", f"an id from 0 to {count - 1}")
-    names = [getattr(model, kind)(i).name for i in range(count)]
-    if isinstance(what, str) and what in names:
-        return names.index(what)
-    named = [name for name in names if name]
+    found = _id_of(model, kind, what) if isinstance(what, str) else -1
+    if found >= 0:
+        return found
+    named = [name for name in (getattr(model, kind)(i).name for i in range(count)) if name]
     close = difflib.get_close_matches(str(what), named, n=3) or named[:8]
     raise SettingError(
         f"{kind} {what!r}",
         "not in the model",
         f"one of: {', '.join(close) or 'none has a name'}",
         f"Unnamed ones go by id, 0 to {count - 1}",
+    )
+
+
+def _id_of(model: Any, kind: str, name: str) -> int:
+    import mujoco
+
+    return (
+        int(mujoco.mj_name2id(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name)) if name else -1
     )
 
 
@@ -178,9 +186,11 @@ def resolve(
                 f"tendon {name!r}", "has no limit", "a tendon with a range, whose end is the contact"
             )
         keys.append((-1, -1, tendon, 1))
+    seen: set[tuple[int, int, int, int]] = set()
     for key in keys:
-        if keys.count(key) > 1:
+        if key in seen:
             raise SettingError("contact pair", f"{named(model, key)} given twice", "each pair once")
+        seen.add(key)
     if not keys:
         raise SettingError("contact pairs", "none", "at least one pair of geoms")
     return keys
@@ -205,21 +215,24 @@ def check_step(model: Any, law: Law, keys: Iterable[tuple[int, int, int, int]], 
     """Refuse a step that cannot resolve a contact of the force law at `speed` m/s."""
     if not isinstance(law, HuntCrossley):
         return
+    inverse = {}
     for key in keys:
         if key[2] >= 0:
-            inverse = float(model.tendon_invweight0[key[2]])
+            inverse[key] = float(model.tendon_invweight0[key[2]])
         else:
-            inverse = sum(float(model.body_invweight0[model.geom_bodyid[g], 0]) for g in key[:2])
-        if not inverse > 0:
+            inverse[key] = sum(float(model.body_invweight0[model.geom_bodyid[g], 0]) for g in key[:2])
+        if not inverse[key] > 0:
             raise SettingError(f"contact pair {named(model, key)}", "nothing can move", "a body with a joint")
-        lasts, step = contact_time(law, 1.0 / inverse, speed), float(model.opt.timestep)
-        if step > lasts / STEPS_PER_CONTACT:
-            raise SettingError(
-                f"timestep {step:g} s",
-                f"too coarse for the force law: {named(model, key)} touch for {lasts:.2g} s at {speed:g} m/s",
-                f"a step of {lasts / 20:.1g} s (at most {lasts / STEPS_PER_CONTACT:.1g} s)",
-                "For coarser steps attach Restitution(alpha) instead",
-            )
+    quickest = max(inverse, key=inverse.__getitem__)  # the lightest
+    lasts, step = contact_time(law, 1.0 / inverse[quickest], speed), float(model.opt.timestep)
+    if step > lasts / STEPS_PER_CONTACT:
+        raise SettingError(
+            f"timestep {step:g} s",
+            f"too coarse for the force law: {named(model, quickest)} touch for {lasts:.2g} s"
+            f" at {speed:g} m/s",
+            f"a step of {lasts / 20:.1g} s (at most {lasts / STEPS_PER_CONTACT:.1g} s)",
+            "For coarser steps attach Restitution(alpha) instead",
+        )
 
 
 def warn_of_shapes(model: Any, keys: Iterable[tuple[int, int, int, int]]) -> None:

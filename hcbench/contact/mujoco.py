@@ -14,8 +14,9 @@ How. MuJoCo calls mjcb_contactfilter and mjcb_passive: the first keeps attached 
 the second adds the force that stepping.py works out to qfrc_passive. Of a pair with a restitution law
 MuJoCo's own contact stays, and the second callback gives its constraint rows the acceleration that ends the
 step at e(v). Both are compiled C where a compiler is found, so that `mujoco.rollout` and `mujoco.batch.Batch`
-run them on all threads; else Python takes over, with a warning. Callbacks that you have installed before are
-called too. Install yours before you attach, not after: MuJoCo has room for one.
+run them on all threads; else Python takes over, with a warning (MuJoCo then compiles no other model until you
+detach, as with any callback in Python). Callbacks that you have installed before are called too. Install
+yours before you attach, not after: MuJoCo has room for one.
 
 While attached, a model has changed in these inert places: opt.o_margin, o_solref, o_solimp and o_friction
 (MuJoCo reads them only under the override flag, which is refused), the margin of a <pair> that is attached
