@@ -26,7 +26,7 @@ class Status(StrEnum):
     PARTED = "parted"  # touched and left: restitution is meaningful
     RESTED = "rested"  # touched and did not leave within the time simulated: restitution counts as 0
     NO_TOUCH = "no-touch"  # never felt a contact force
-    DIVERGED = "diverged"  # not finite, or left with far more energy than a bounce can give
+    DIVERGED = "diverged"  # not finite, through the plate, or with far more energy than a bounce can give
     CRASHED = "crashed"  # the engine died or hung on it
 
 

@@ -18,7 +18,8 @@ from hcbench.engines import isolation
 from hcbench.engines._mujoco_crowd import Crowd, can_crowd, crowd
 from hcbench.engines._mujoco_load import guarded
 from hcbench.engines._mujoco_record import Bench, record, released
-from hcbench.engines._mujoco_watch import Watch
+from hcbench.engines._watch import Watch
+from hcbench.errors import SettingError
 from hcbench.impact import Trajectory, impacts_of
 from hcbench.reference import exact
 from hcbench.reference.laws import HuntCrossley
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 _FEW_ROWS, _CROWD, _CROWD_OF_ROWS = 4, 24, 8
 _ALONE = 32  # launches flown side by side, one in a model: bounds memory
 _GAIN_S, _COMPILE_S = 1.5e-6, 5e-3  # what company saves a ball-step, and costs to compile
+_CONTACT_S = 0.5  # how long a ball may stay in contact before it counts as resting there
+_AT_REST, _STILL = 1e-6, 32  # of its impact speed, for so many steps: a bounce turns around in far fewer
 _SHORT, _CHUNK_BYTES = 8, 2**21  # steps in a chunk: the fewest, and how many fit
 
 
@@ -72,6 +75,20 @@ def follow(model: Loaded, launch: Launch, steps: int) -> Trajectory:
 
 def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _watch(model: Loaded, launches: Sequence[Launch]) -> Watch:
+    """Raises SettingError for a launch that cannot arrive."""
+    h, patience, rest_speed = model.timestep, [], []
+    for launch in launches:
+        gap = launch.gap(h)
+        speed = math.sqrt(launch.speed**2 + 2.0 * model.scene.gravity * gap)  # at touch
+        if gap and not speed:
+            raise SettingError("speed", "0 m/s without gravity", "a speed above 0, or gravity to fall by")
+        flight = 2.0 * gap / (launch.speed + speed) if gap else 0.0
+        patience.append(math.ceil(1.5 * flight / h) + math.ceil(_CONTACT_S / h) + 100)
+        rest_speed.append(_AT_REST * speed)
+    return Watch.over(patience, rest_speed, _STILL)
 
 
 @dataclass(slots=True)
@@ -148,7 +165,7 @@ class _Flight:
         self._fleet, self._launches = fleet, launches
         self._flying = np.arange(len(launches))
         self._states = np.stack([released(fleet.model, launch) for launch in launches])
-        self._watch = Watch.over(fleet.model, launches)
+        self._watch = _watch(fleet.model, launches)
         self._history: list[Floats] = []
         self._landed: dict[int, Impact] = {}
         self._longest = 0

@@ -13,44 +13,46 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from hcbench.engines import isolation
+from hcbench.engines import _pybullet_flight, isolation
+from hcbench.engines._pybullet_flight import touching_height
 from hcbench.errors import EngineFailed, SceneError
-from hcbench.impact import Trajectory, impact_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from hcbench.engines._pybullet_options import Options
-    from hcbench.impact import Impact, Launch
+    from hcbench.impact import Impact, Launch, Trajectory
     from hcbench.scene import Scene
-
-    Gap = Callable[[Sequence[float], Sequence[float]], tuple[float, float]]
 
 # These outlive resetSimulation, and the first one the client too: Bullet's own values, set for each run.
 _GLOBALS = {"contactBreakingThreshold": 0.02, "numSubSteps": 0, "enableFileCaching": 0}
 
-# How long a body may stay in contact before it counts as resting there.
-_CONTACT_S = 0.25
-_CONTACT_STEPS_MIN, _CONTACT_STEPS = 500, 20_000
-# Or sooner, after so many steps below this part of its speed: a bounce turns around in fewer.
-_STILL_STEPS, _AT_REST = 50, 1e-4
 _SLOWEST = 1e-3  # m/s: for a body let down on the plate, a plug-in's step is judged at this speed
 _FAR = 10.0  # m: a place without contacts
+TOGETHER = 8  # balls in one world: more make Bullet's broad phase dear
+_BALLS, _PLATE = 2, 1  # their groups in Bullet's collision filter
 _SHAPE_TOLERANCE = 1e-6  # m, between the overlap that Bullet sees and the scene's
 
 
-def fly_here(launches: Sequence[Launch], scene: Scene, timestep: float, options: Options) -> Iterator[Impact]:
-    """One impact for each launch, in order. Raises SceneError, and EngineFailed where PyBullet refuses."""
+def fly_here(
+    launches: Sequence[Launch], scene: Scene, timestep: float, options: Options, together: int = TOGETHER
+) -> Iterator[Impact]:
+    """One impact for each launch, in order, up to so many in one world.
+
+    Raises SceneError, and EngineFailed where PyBullet refuses.
+    """
+    if options.law is not None:
+        together = 1  # a plug-in looks at one pair
+    groups = max(1, math.ceil(len(launches) / together))
+    share = max(1, math.ceil(len(launches) / groups))
     fastest = max((launch.speed for launch in launches), default=0.0)
-    with _world(scene, timestep, options, fastest) as world:
-        for launch in launches:
+    with _world(scene, timestep, options, fastest, min(share, len(launches))) as world:
+        steps = 0
+        for i in range(0, len(launches), share):
             with isolation.quiet():
-                world.release(launch)
-                trajectory = world.trajectory(*_patience(launch, scene, timestep))
-            yield impact_of(launch, trajectory)
+                found, steps = _pybullet_flight.fly(world, launches[i : i + share], steps)
+            yield from found
 
 
 def follow_here(
@@ -58,56 +60,66 @@ def follow_here(
 ) -> Iterator[Trajectory]:
     """All of `steps` steps after one launch. Raises as `fly_here` does."""
     with _world(scene, timestep, options, launch.speed) as world, isolation.quiet():
-        world.release(launch)
-        yield world.trajectory(steps)
-
-
-def _patience(launch: Launch, scene: Scene, timestep: float) -> tuple[int, float]:
-    """For one impact: steps enough for the flight and any sensible contact, and the speed that is rest."""
-    gap = launch.gap(timestep)
-    speed = math.sqrt(launch.speed**2 + 2.0 * scene.gravity * gap)  # at touch
-    flight = 2.0 * gap / (launch.speed + speed)
-    contact = max(_CONTACT_STEPS_MIN, min(math.ceil(_CONTACT_S / timestep), _CONTACT_STEPS))
-    return math.ceil(1.5 * flight / timestep) + contact, _AT_REST * speed
+        yield _pybullet_flight.follow(world, launch, steps)
 
 
 @contextmanager
-def _world(scene: Scene, timestep: float, options: Options, speed: float) -> Iterator[World]:
+def _world(scene: Scene, timestep: float, options: Options, speed: float, balls: int = 1) -> Iterator[World]:
     assert isolation.in_worker(), "PyBullet's settings are global: they would leak into the user's own"
     with isolation.quiet():
         bullet = _client()
     try:
         with isolation.quiet():
             ball, plate = _set_up(bullet, scene, timestep, options)
-        with _stepping(bullet, scene, options, ball, plate, speed) as step:
-            yield World(bullet, scene, timestep, ball, step)
+            own = (ball, *_company(bullet, scene, options, ball, plate, balls - 1))
+        with _stepping(bullet, scene, options, own, plate, speed) as step:
+            yield World(bullet, scene, timestep, own, step, told=not _is_lossless(options))
     except bullet.error as error:
         raise EngineFailed("pybullet", str(error), "") from error
 
 
 @contextmanager
 def _stepping(
-    bullet: Any, scene: Scene, options: Options, ball: int, plate: int, speed: float
-) -> Iterator[Callable[[], float]]:
-    """One step of the world, and the normal force that acted in it, N: Bullet's contact, or a plug-in's."""
+    bullet: Any, scene: Scene, options: Options, balls: Sequence[int], plate: int, speed: float
+) -> Iterator[Callable[[], Sequence[float] | None]]:
+    """One step of the world, with Bullet's contact or a plug-in's.
+
+    It tells the normal force that acted on each ball in it, N, unless that is left to their momentum.
+    """
     if options.law is not None:
         from hcbench.contact import pybullet as contact
 
         gap = None
         if scene.form == "cup":
             gap = contact.cup(scene.ball_radius, -scene.plate_radius, (0.0, 0.0, -scene.plate_radius))
+        (ball,) = balls
         with contact.attach([(ball, plate)], options.law, gap=gap, speed=max(speed, _SLOWEST)) as law:
-            yield lambda: sum(touch.force for touch in law.step())
+            yield lambda: [sum(touch.force for touch in law.step())]
+        return
+    move = bullet.stepSimulation
+    if _is_lossless(options):
+        yield move
         return
     parts = (options.ball, options.plate)
     reach = min(part.get("contactProcessingThreshold", math.inf) for part in parts)
+    number = {ball: i for i, ball in enumerate(balls)}
+    nothing, contacts = [0.0] * len(balls), bullet.getContactPoints
 
-    def step() -> float:
-        bullet.stepSimulation()
-        # A contact out of reach was not solved for; it still says the force of when it last was.
-        return sum(contact[9] for contact in bullet.getContactPoints(ball, plate) if contact[8] <= reach)
+    def step() -> Sequence[float]:
+        move()
+        forces = nothing.copy()
+        for contact in contacts():
+            # A contact out of reach was not solved for; it still says the force of when it last was.
+            if contact[8] <= reach:
+                forces[number[contact[2] if contact[1] == plate else contact[1]]] += contact[9]
+        return forces
 
     yield step
+
+
+def _is_lossless(options: Options) -> bool:
+    """Whether nothing but gravity and Bullet's own contact changes a ball's velocity."""
+    return options.law is None and options.ball.get("linearDamping") == 0.0
 
 
 def _set_up(bullet: Any, scene: Scene, timestep: float, options: Options) -> tuple[int, int]:
@@ -118,11 +130,28 @@ def _set_up(bullet: Any, scene: Scene, timestep: float, options: Options) -> tup
     ball = _load(bullet, scene, "ball", options.maximal_coordinates)
     plate = _load(bullet, scene, "plate", options.maximal_coordinates)
     _check_shapes(bullet, scene, ball, plate)
+    _make_ready(bullet, scene, options, ball)
+    bullet.changeDynamics(plate, -1, **options.plate)
+    return ball, plate
+
+
+def _make_ready(bullet: Any, scene: Scene, options: Options, ball: int) -> None:
     if bullet.getDynamicsInfo(ball, -1)[0] != scene.mass:
         bullet.changeDynamics(ball, -1, mass=scene.mass)
     bullet.changeDynamics(ball, -1, **options.ball)
-    bullet.changeDynamics(plate, -1, **options.plate)
-    return ball, plate
+
+
+def _company(bullet: Any, scene: Scene, options: Options, ball: int, plate: int, more: int) -> list[int]:
+    """So many more balls like the one; none of them collides with another."""
+    if not more:
+        return []
+    others = [_load(bullet, scene, "ball", options.maximal_coordinates) for _ in range(more)]
+    for other in others:
+        _make_ready(bullet, scene, options, other)
+    for one in (ball, *others):
+        bullet.setCollisionFilterGroupMask(one, -1, _BALLS, _PLATE)
+    bullet.setCollisionFilterGroupMask(plate, -1, _PLATE, _PLATE | _BALLS)
+    return others
 
 
 @cache
@@ -155,14 +184,14 @@ def _load(bullet: Any, scene: Scene, role: str, maximal: bool) -> int:
 def _check_shapes(bullet: Any, scene: Scene, ball: int, plate: int) -> None:
     """Bullet must see the overlap that the scene says: radii, frames and meshes are right then."""
     overlap = 1e-5
-    _place(bullet, ball, _radius(scene) - overlap)
+    _place(bullet, ball, touching_height(scene) - overlap)
     seen = [-point[8] for point in bullet.getClosestPoints(ball, plate, 0.0)]
     if not seen or abs(max(seen) - overlap) > _SHAPE_TOLERANCE:
         found = f"{max(seen):.3e} m" if seen else "none"
         raise SceneError(
             f"scene {scene.name!r}",
             f"the URDFs of ball and plate overlap by {found} where the scene says {overlap:g} m",
-            f"the ball to touch with its centre at z = {_radius(scene)!r} m",
+            f"the ball to touch with its centre at z = {touching_height(scene)!r} m",
         )
 
 
@@ -170,69 +199,28 @@ def _place(bullet: Any, ball: int, height: float) -> None:
     bullet.resetBasePositionAndOrientation(ball, [0.0, 0.0, height], [0.0, 0.0, 0.0, 1.0])
 
 
-def _radius(scene: Scene) -> float:
-    """Height of the ball's centre over the plate's lowest point at touch, m."""
-    return scene.ball_radius if scene.form == "cup" else scene.relative_radius
-
-
-def _overlap(scene: Scene) -> Gap:
-    """Penetration and its rate from the ball's position and velocity, exactly: no mesh, no engine."""
-    radius = _radius(scene)
-    if scene.form == "plane":
-        return lambda position, velocity: (radius - position[2], -velocity[2])
-    bowl = -scene.plate_radius
-
-    def in_bowl(position: Sequence[float], velocity: Sequence[float]) -> tuple[float, float]:
-        x, y, z = position[0], position[1], position[2] - bowl  # from the bowl's centre of curvature
-        away = math.sqrt(x * x + y * y + z * z)
-        if z >= 0.0:  # above it: height over the lowest point
-            return radius - position[2], -velocity[2]
-        return away - (bowl - radius), (x * velocity[0] + y * velocity[1] + z * velocity[2]) / away
-
-    return in_bowl
-
-
 @dataclass(frozen=True, slots=True)
 class World:
-    """A ball and a plate, set up, in the client of this process."""
+    """Balls and a plate in this process's client.
+
+    step: takes one. told: it also tells the normal force on each ball, N, else that is all that changes a
+    ball's velocity besides gravity.
+    """
 
     bullet: Any
     scene: Scene
     timestep: float
-    ball: int
-    step: Callable[[], float]
+    balls: Sequence[int]
+    step: Callable[[], Sequence[float] | None]
+    told: bool
 
-    def release(self, launch: Launch) -> None:
-        """Put the ball where the launch starts, with nothing remembered."""
-        # Contacts are kept from step to step, and with them forces: shed those of the launch before.
-        _place(self.bullet, self.ball, _FAR)
+    def release(self, launches: Sequence[Launch]) -> None:
+        """Put a ball where each launch starts and any others away, with nothing remembered."""
+        # Contacts are kept from step to step, and with them forces: shed those of the launches before.
+        for ball in self.balls:
+            _place(self.bullet, ball, _FAR)
+            self.bullet.resetBaseVelocity(ball, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
         self.bullet.performCollisionDetection()
-        _place(self.bullet, self.ball, _radius(self.scene) + launch.gap(self.timestep))
-        self.bullet.resetBaseVelocity(self.ball, [0.0, 0.0, -launch.speed], [0.0, 0.0, 0.0])
-
-    def trajectory(self, steps: int, rest_speed: float | None = None) -> Trajectory:
-        """Step `steps` times; with a `rest_speed` (m/s) until the ball has parted or rests, if sooner."""
-        record = self._record(steps, rest_speed)
-        time = np.arange(len(record), dtype=np.float64) * self.timestep
-        return Trajectory(time, *np.array(record, dtype=np.float64).T)
-
-    def _record(self, steps: int, rest_speed: float | None) -> list[tuple[float, float, float]]:
-        """(penetration, rate, force) of each step."""
-        ball, overlap, step = self.ball, _overlap(self.scene), self.step
-        place, motion = self.bullet.getBasePositionAndOrientation, self.bullet.getBaseVelocity
-        record = []
-        touched, still = False, 0
-        for _ in range(steps):
-            x, v = overlap(place(ball)[0], motion(ball)[0])
-            force = step()
-            record.append((x, v, force))
-            if rest_speed is None:
-                continue
-            if force != 0.0:
-                touched = True
-            elif touched and x <= 0.0 and v < 0.0:
-                break
-            still = still + 1 if touched and abs(v) <= rest_speed else 0
-            if still == _STILL_STEPS or not math.isfinite(x):
-                break
-        return record
+        for ball, launch in zip(self.balls, launches, strict=False):
+            _place(self.bullet, ball, touching_height(self.scene) + launch.gap(self.timestep))
+            self.bullet.resetBaseVelocity(ball, [0.0, 0.0, -launch.speed], [0.0, 0.0, 0.0])

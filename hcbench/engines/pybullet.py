@@ -13,7 +13,7 @@ settings outlive resetSimulation. So nothing here ever steps in the user's proce
 from __future__ import annotations
 
 from importlib import metadata
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from hcbench.engines import _pybullet_world, isolation
 from hcbench.engines._pybullet_options import read_options
@@ -51,9 +51,11 @@ class PybulletEngine(Engine):
         """One impact for each launch; a launch that PyBullet dies on is CRASHED."""
         options = read_options(setting.options)
         self.version()
-        return isolation.survive(
-            _pybullet_world.fly_here, launches, scene, setting.timestep, options, lost=_lost, limit=_LIMIT_S
-        )
+        # Alike together: they take equally long.
+        order = sorted(range(len(launches)), key=lambda i: (launches[i].height or 0.0, launches[i].speed))
+        found = _survive([launches[i] for i in order], scene, setting.timestep, options)
+        back = dict(zip(order, found, strict=True))
+        return [back[i] for i in range(len(launches))]
 
     def follow(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
         """Every step of `duration` s after release; EngineFailed where PyBullet dies on it."""
@@ -70,6 +72,26 @@ class PybulletEngine(Engine):
             limit=_LIMIT_S + steps * _LIMIT_STEP_S,
         )
         return trajectory
+
+
+def _survive(launches: Sequence[Launch], *where: Any) -> list[Impact]:
+    """One impact for each launch, in order, whatever PyBullet dies on: that alone is lost."""
+    fly, together = _pybullet_world.fly_here, _pybullet_world.TOGETHER
+    done: list[Impact] = []
+    while len(done) < len(launches):
+        rest = launches[len(done) :]
+        try:
+            done += isolation.collect(fly, rest, *where, limit=_LIMIT_S * (1 + len(rest)))
+        except isolation.WorkerDied as death:
+            done += death.done
+            # Those that flew in one world died of one of them.
+            suspects = launches[len(done) : len(done) + together]
+            alone = isolation.survive(fly, suspects, *where, 1, lost=_lost, limit=_LIMIT_S)
+            done += alone
+            if all(impact.status is Status.CRASHED for impact in alone):
+                rest = launches[len(done) :]
+                done += isolation.survive(fly, rest, *where, 1, lost=_lost, limit=_LIMIT_S)
+    return done
 
 
 def _lost(launch: Launch, reason: str) -> Impact:
