@@ -7,7 +7,10 @@ linearized model". Every parameter is a lane of its own, all integrated side by 
 from __future__ import annotations
 
 import math
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
+from multiprocessing import get_context
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -72,36 +75,65 @@ def orbits(
     position: float = 0.0,
     velocity: float = 0.0,
     tolerance: float = 1e-7,
+    jobs: int = 1,
 ) -> Orbits:
     """Run every value of the parameter for `cycles` periods of the drive and keep the last `keep`.
 
     values: frequencies (Hz), amplitudes (N) or gaps (m). tolerance: error of a step over the size of the
-    motion. Raises UserError for values the system or the drive refuses.
+    motion. jobs: processes that share the values; the answer is the same to the last bit. Raises UserError
+    for values the system or the drive refuses.
     """
     values = np.atleast_1d(np.asarray(values, dtype=float))
+    require("values", values.size, values.size >= 1, "at least one value")
     require("cycles", cycles, cycles >= 1, "1 cycle or more")
     require("keep", keep, 1 <= keep <= cycles, f"1 ... {cycles} of the cycles")
-    systems = [replace(system, gap=float(g)) if over == "gap" else system for g in values]
-    drives = [_drive_of(drive, over, float(x)) for x in values]
-    lane = np.arange(values.size)
+    require("jobs", jobs, jobs >= 1, "1 process or more")
+    cases = [
+        (replace(system, gap=float(x)), drive)
+        if over == "gap"
+        else (system, replace(drive, **{over: float(x)}))
+        for x in values
+    ]
+    task = partial(_run, cycles=cycles, keep=keep, position=position, velocity=velocity, tolerance=tolerance)
+    # Neighbours take alike many steps: dealt out like cards, every process has as much to do.
+    shares = [cases[i::jobs] for i in range(min(jobs, len(cases)))]
+    if len(shares) == 1:
+        parts = [task(shares[0])]
+    else:
+        with ProcessPoolExecutor(len(shares), mp_context=get_context("spawn")) as pool:
+            parts = list(pool.map(task, shares))
+    kept = np.empty((5, values.size, keep))
+    for i, part in enumerate(parts):
+        kept[:, i :: len(parts)] = part
+    return Orbits(over, values, *kept)
+
+
+def _run(
+    cases: list[tuple[VibroImpact, Sinusoid]],
+    cycles: int,
+    keep: int,
+    position: float,
+    velocity: float,
+    tolerance: float,
+) -> Floats:
+    """What `Orbits` keeps of these systems and drives, side by side, shape (5, cases, keep)."""
+    system = cases[0][0]
     wave = _Wave(
-        np.array([d.amplitude for d in drives]),
-        2.0 * np.pi * np.array([d.frequency for d in drives]),
-        drive.phase,
+        np.array([d.amplitude for _, d in cases]),
+        2.0 * np.pi * np.array([d.frequency for _, d in cases]),
+        np.array([d.phase for _, d in cases]),
     )
-    each = [size_of(s, position, velocity, abs(d.amplitude), d) for s, d in zip(systems, drives, strict=True)]
-    size = np.array(each).T
-    half = np.array([s.gap for s in systems]) / 2.0
+    size = np.array([size_of(s, position, velocity, abs(d.amplitude), d) for s, d in cases]).T
+    half = np.array([s.gap for s, _ in cases]) / 2.0
     blocks = Blocks((system.right, system.left), system.mass, half, wave, size[0], size[1], tolerance)
-    y = np.array([np.full(values.size, position), np.full(values.size, velocity)])
-    start = np.zeros(values.size)
-    modes = blocks.modes(y, lane, wave(start, lane))
+    count = len(cases)
+    start, lane = np.zeros(count), np.arange(count)
+    y = np.array([np.full(count, position), np.full(count, velocity)])
+    lanes = Lanes(start, y, blocks.modes(y, lane, wave(start, lane)))
     period = 2.0 * np.pi / wave.omega
-    lanes = Lanes(start, y, modes)
-    control = Control(tolerance, 0.1 * period)
     tally = _Tally(lanes, cycles, keep)
-    march(blocks, lanes, np.arange(1, cycles + 1)[:, None] * period, control, tally)
-    return Orbits(over, values, *tally.kept)
+    march(blocks, lanes, np.arange(1, cycles + 1)[:, None] * period, Control(tolerance, 0.1 * period), tally)
+    return tally.kept
 
 
 class _Tally:
@@ -156,16 +188,10 @@ class _Wave:
 
     amplitude: Floats
     omega: Floats
-    phase: float
+    phase: Floats
 
     def __call__(self, time: Floats, lane: Indices) -> Floats:
-        return np.asarray(self.amplitude[lane] * np.sin(self.omega[lane] * time + self.phase))
-
-
-def _drive_of(drive: Sinusoid, over: Over, value: float) -> Sinusoid:
-    if over == "gap":
-        return drive
-    return replace(drive, **{over: value})
+        return np.asarray(self.amplitude[lane] * np.sin(self.omega[lane] * time + self.phase[lane]))
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,6 +38,11 @@ _EPS = float(np.finfo(float).eps)
 _GROW, _SHRINK = 4.0, 0.2
 
 
+def _mix(weights: Floats, stages: Floats) -> Floats:
+    """Weighted sum of stages, column by column: BLAS would let a lane's last bit depend on its neighbours."""
+    return np.asarray(np.einsum("i,ij->j", weights, stages))
+
+
 class Phase(Protocol):
     """Lanes in fixed modes, in variables z of the phase's own choice; arrays have one column a lane.
 
@@ -165,13 +170,18 @@ class _Work:
         flat = k.reshape(_STAGES, -1)
         k[0] = rates(z)
         for i in range(1, _STAGES):
-            k[i] = rates(z + h * (_A[i] @ flat[:i]).reshape(z.shape))
-        self.z_new = z + h * (_B @ flat).reshape(z.shape)
+            k[i] = rates(z + h * _mix(_A[i], flat[:i]).reshape(z.shape))
+        self.z_new = z + h * _mix(_B, flat).reshape(z.shape)
         np.copyto(self.z_new[-1], self.until, where=plain & (h >= left))
         self.braking = k[0, 1], k[-1, 1]  # at both ends: the last stage is at the end, too
         self.speeds = k[0, 0], k[-1, 0]
-        errors = (_ERRORS @ flat).reshape(2, *z.shape) / (self.control.tolerance * self.phase.size)
-        fifth, third = np.einsum("ecl,ecl->el", errors, errors)
+        errors = np.array([_mix(e, flat) for e in _ERRORS]).reshape(2, *z.shape) / (
+            self.control.tolerance * self.phase.size
+        )
+        squares = errors[:, 0] ** 2
+        for i in range(1, len(z)):
+            squares += errors[:, i] ** 2
+        fifth, third = squares
         bottom = np.sqrt((len(z) - 1.0) * (fifth + 0.01 * third))
         self.error = h * fifth / np.maximum(bottom, 1e-300)
 
@@ -195,7 +205,7 @@ class _Work:
         return steps
 
     def _distances(self, z: Floats) -> tuple[Floats, Indices, Floats]:
-        """Of the nearest switch, or of a stop that comes first: where σ is not time, a stop has to be found."""
+        """Of the nearest switch, or of a stop that comes first: where σ is not time, it has to be found."""
         distance, switch, rate = self.phase.distances(z)
         early = (self.until - z[-1]) / self.phase.size[-1]
         stops = ~self.phase.plain & (early < distance)
