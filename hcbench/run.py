@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import dataclasses
 import platform
+import sys
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from multiprocessing import get_context
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -164,13 +166,25 @@ def _fly_together(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[TaskKey, l
     with ProcessPoolExecutor(
         max(1, min(jobs, len(tasks))), mp_context=context, initializer=isolation.enter_worker
     ) as pool:
-        waiting = {pool.submit(_fly_one, task): task.key for task in tasks}
+        with _without_main():
+            waiting = {pool.submit(_fly_one, task): task.key for task in tasks}
         try:
             for future in as_completed(waiting):
                 with suppress(BrokenProcessPool):
                     yield waiting[future], future.result()
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
+
+
+@contextmanager
+def _without_main() -> Iterator[None]:
+    """Processes started in here do not run the user's script again: it needs no main guard for us."""
+    own = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = own
 
 
 def _fly_one(task: Task) -> list[Impact]:

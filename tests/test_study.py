@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -62,7 +64,7 @@ def test_the_number_of_jobs_does_not_change_a_byte(tmp_path: Path, study: Study,
         with filled_folder(tmp_path / name) as scratch:
             found.write(scratch)
         texts.append({p.name: p.read_bytes() for p in sorted((tmp_path / name).iterdir())})
-    assert sorted(texts[0]) == ["loops.csv", "restitution.csv", "scores.csv", "summary.json"]
+    assert sorted(texts[0]) == ["loops.csv", "restitution.csv", "scores.csv", "summary.json", "trains.csv"]
     assert texts[0] == texts[1]
 
 
@@ -105,6 +107,23 @@ def test_a_study_without_an_essential_is_refused_by_name(key: str) -> None:
 def test_a_wrong_value_is_refused_by_name(key: str, value: object) -> None:
     with pytest.raises(StudyError, match=key):
         study_from({**CONTENT, key: value})
+
+
+SCRIPT = """
+from hcbench import load_study, run_study
+results = run_study(load_study(__import__("pathlib").Path("study.toml")), jobs=2)
+print(set(results.impacts["status"]))
+"""
+
+
+def test_a_script_without_a_main_guard_can_run_a_study(tmp_path: Path) -> None:
+    text = 'scene = "steel-plane"\nalphas = 0.3\nspeeds = "0.1, 0.2"\n[[run]]\nengine = "mujoco"\n'
+    (tmp_path / "study.toml").write_text(text + 'recipe = "impulse"\ntimesteps = 1e-3\n', encoding="utf-8")
+    (tmp_path / "script.py").write_text(SCRIPT, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.stdout.strip() == "{'parted'}", done.stderr
 
 
 def test_run_keys_identify_a_score(results: Results) -> None:
