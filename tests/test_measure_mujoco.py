@@ -210,6 +210,40 @@ def test_contact_begins_where_the_margin_says() -> None:
     )
 
 
+@pytest.mark.parametrize("shape", ["sphere", "ellipsoid", "box", "capsule"])
+def test_a_height_field_is_met_where_the_engine_says(shape: str) -> None:
+    """MuJoCo's distance to one is not to be relied on: the touch is found by its contacts."""
+    text = f"""<mujoco><asset><hfield name="land" nrow="20" ncol="20" size="1 1 .1 .1"/></asset>
+      <default><geom {IMPULSE}/></default><worldbody><geom name="land" type="hfield" hfield="land"/>
+      <body name="stone" pos="0 0 1"><freejoint/><geom type="{shape}" size=".1 .1 .1"/></body>
+      </worldbody></mujoco>"""
+    found = measure(text, ("stone", "land"), speeds=[0.5], diagnose=False)
+    assert found.facts.normal == pytest.approx((0, 0, -1), abs=1e-5)
+    assert [i.restitution for i in found.impacts] == pytest.approx([0.9] * 4, abs=3e-4)
+
+
+WALKER = f"""<mujoco><default><geom {SPRING}/></default><worldbody>
+  <geom name="floor" type="plane" size="3 3 .1"/>
+  <geom name="wall" type="box" pos="0 0 .8" size=".5 .5 .1"/>
+  <body name="trunk" pos="0 0 1.2"><freejoint/><geom name="trunk" type="sphere" size=".1"/>
+  <geom name="tail" type="sphere" size=".1" pos="0 0 -.1"/></body></worldbody></mujoco>"""
+
+
+def test_what_is_in_the_way_is_named() -> None:
+    with pytest.raises(UserError, match=r"'geom:trunk' cannot reach 'floor'.*'tail'.* inside 'floor'"):
+        measure(WALKER, ("geom:trunk", "floor"))
+
+
+def test_other_contacts_are_told_as_a_cause() -> None:
+    """A dumb-bell that lands on both ends: what is measured of one end is not of that end alone."""
+    text = world(option='timestep="1e-4"', geom=IMPULSE).replace(
+        "</body>", '<geom name="other end" type="sphere" size=".1" pos="0 .5 0"/></body>'
+    )
+    found = measure(text, ("geom:sphere", "plate"), speeds=[0.5])
+    assert "Other contacts" in found.facts.notes[-1]
+    assert "other-contacts" in [cause.code for cause in found.causes]
+
+
 def test_a_model_and_a_spec_from_python_are_left_as_they_were() -> None:
     model = mujoco.MjModel.from_xml_string(world())
     before = np.array(model.opt.gravity), model.opt.timestep, np.array(model.geom_solref)

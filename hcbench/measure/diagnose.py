@@ -59,7 +59,7 @@ def diagnose(
     certain = [c for c in suspects if c.static]
     if not _wrong(impacts, held, tolerance):
         return tuple(_cause(c) for c in certain), ""
-    trial = _Trial(subject, _probes(impacts, held), held)
+    trial = _Trial(subject, _probes(impacts, held, subject.weight), held)
     triable = [c for c in suspects if c.apply is not None]
     if not triable and suspects:
         return tuple(_cause(c) for c in suspects), "None of these could be tried on this model."
@@ -104,8 +104,11 @@ def _wrong(impacts: Sequence[Impact], goal: Callable[[float], float], tolerance:
     return False
 
 
-def _probes(impacts: Sequence[Impact], goal: Callable[[float], float]) -> list[Launch]:
-    """Launches to try fixes on: a few phases of the worst speed, the lowest and the highest."""
+def _probes(impacts: Sequence[Impact], goal: Callable[[float], float], weight: float) -> list[Launch]:
+    """Launches to try fixes on: a few phases of the worst speed, the lowest and the highest.
+
+    weight: of a step, so that heavy models are tried less often.
+    """
 
     def off(impact: Impact) -> float:
         wrong = abs(impact.restitution - goal(impact.speed_in))
@@ -121,8 +124,8 @@ def _probes(impacts: Sequence[Impact], goal: Callable[[float], float]) -> list[L
         launches = [i.launch for i in impacts if i.launch.speed == speed]
         every = max(1, len(launches) // _PROBE_PHASES)
         kept += launches[::every][:_PROBE_PHASES]
-    steps = max(1, *(i.samples for i in impacts))
-    few = max(1, _PROBE_STEPS // steps)
+    steps = weight * max(10, *(i.samples for i in impacts))
+    few = max(1, int(_PROBE_STEPS / steps))
     mine = [launch for launch in kept if launch.speed == worst]
     return kept if few >= len(kept) else mine[:few]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
 import runpy
 from contextlib import contextmanager
@@ -11,20 +12,17 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hcbench import units
 from hcbench.engines import isolation
-from hcbench.errors import EngineFailed, HcbenchError, QuantityError, UserError
+from hcbench.errors import EngineFailed, HcbenchError, UserError
 from hcbench.measure.diagnose import diagnose, goal_of
 from hcbench.measure.model import (
-    DEFAULT_PHASES,
-    DEFAULT_SPEEDS,
     TOLERANCE,
     Measurement,
     Request,
     Subject,
-    Vector,
     Wanted,
 )
+from hcbench.measure.request import make_request
 from hcbench.measure.words import plain
 
 if TYPE_CHECKING:
@@ -33,8 +31,8 @@ if TYPE_CHECKING:
     from hcbench.impact import Impact
 
 LIMIT_S = 60.0  # for one model, on a machine under load too: it takes a second or two
-MEMORY_BYTES = 4 << 30  # beyond what the worker has at the start of a measurement
-MAX_PHASES = 1000
+LEAST_MEMORY = 4 << 30  # bytes that any model may take
+MEMORY_SHARE = 0.8  # of the machine's, beyond that
 SO_MANY_STEPS = 500  # in contact: the phase of the touch is then worth a part in a thousand
 
 _PYTHON = re.compile(r"(?P<file>.+\.py):(?P<function>[A-Za-z_]\w*)")
@@ -99,7 +97,10 @@ def measure_job(job: Job, limit: float = LIMIT_S) -> Measurement:
         (found,) = isolation.collect(_in_worker, job, limit=limit)
     except isolation.WorkerDied as death:
         raise EngineFailed(
-            "model", f"{_label(source)}: the engine's process was lost: {death.got}", "a model that runs"
+            "model",
+            f"{_label(source)}: the engine's process was lost: {death.got}",
+            "a model that runs",
+            "A slow one gets more time by --limit",
         ) from None
     return found
 
@@ -107,75 +108,6 @@ def measure_job(job: Job, limit: float = LIMIT_S) -> Measurement:
 def _label(source: str | tuple[str, ...]) -> str:
     parts = [source] if isinstance(source, str) else list(source)
     return plain("MJCF text" if parts[0].lstrip().startswith("<") else " + ".join(parts))
-
-
-def make_request(
-    pair: Sequence[str] | str | None = None,
-    speeds: Any = None,
-    phases: int | Sequence[float] | None = None,
-    timestep: Any = None,
-    gravity: Any = None,
-    key: str | None = None,
-    height: Any = None,
-) -> Request:
-    """A request from what a user writes: text with units, lists, single numbers. Raises QuantityError."""
-    values = DEFAULT_SPEEDS if speeds is None else units.parse_values(speeds, "speed", "speeds").tolist()
-    units.require_positive(values, "speed", "speeds")
-    if len(set(values)) != len(values):
-        raise QuantityError("speeds", f"{speeds!r} has a speed twice", "each speed once")
-    step = None if timestep is None else units.parse(timestep, "timestep", "timestep")
-    clearance = None if height is None else units.parse(height, "length", "height")
-    for slot, value, kind in (("timestep", step, "timestep"), ("height", clearance, "length")):
-        if value is not None:
-            units.require_positive(value, kind, slot)
-    return Request(
-        pair=_pair(pair),
-        speeds=tuple(float(v) for v in values),
-        phases=_phases(DEFAULT_PHASES if phases is None else phases),
-        timestep=step,
-        gravity=_gravity(gravity),
-        key=None if key is None else str(key),
-        height=clearance,
-        thrifty=phases is None,
-    )
-
-
-def _pair(pair: Sequence[str] | str | None) -> tuple[str, str] | None:
-    if pair is None:
-        return None
-    names = pair.split(",") if isinstance(pair, str) else list(pair)
-    names = [str(name).strip() for name in names]
-    if len(names) != 2 or not all(names):
-        raise UserError(
-            "pair", repr(pair), "two names, the moving one first", "Write for example --pair ball,plate"
-        )
-    return names[0], names[1]
-
-
-def _phases(phases: int | Sequence[float]) -> tuple[float, ...]:
-    if isinstance(phases, int):
-        if not 1 <= phases <= MAX_PHASES:
-            raise QuantityError("phases", str(phases), f"1 ... {MAX_PHASES}")
-        return tuple((i + 0.5) / phases for i in range(phases))
-    values = tuple(float(p) for p in phases)
-    if not values or not all(0 <= p < 1 for p in values) or len(set(values)) != len(values):
-        raise QuantityError("phases", repr(phases), "different numbers from 0 up to below 1")
-    return values
-
-
-def _gravity(gravity: Any) -> Vector | None:
-    if gravity is None:
-        return None
-    if isinstance(gravity, str) and "," in gravity:
-        gravity = gravity.split(",")
-    if isinstance(gravity, str | int | float):
-        return 0.0, 0.0, -units.parse(gravity, "acceleration", "gravity") + 0.0
-    values = [units.parse(part, "acceleration", "gravity") for part in gravity]
-    if len(values) != 3:
-        raise QuantityError(
-            "gravity", repr(gravity), "one number along -z, or three", "Write for example 0,0,-9.81"
-        )
-    return values[0], values[1], values[2]
 
 
 def _as_files(model: Any) -> str | tuple[str, ...] | None:
@@ -195,7 +127,7 @@ def _in_worker(job: Job) -> Iterator[Measurement]:
             subject = _subject(job.source, job.engine, job.request)
             yield _measured(subject, job.request, job.wanted, job.tolerance, job.diagnose)
         except MemoryError:
-            needs = f"{_label(job.source)} needs more than {MEMORY_BYTES >> 30} GiB of memory"
+            needs = f"{_label(job.source)} needs more than {_memory() >> 30} GiB of memory"
             raise EngineFailed("model", needs, "a model that fits") from None
         except HcbenchError:
             raise
@@ -204,9 +136,18 @@ def _in_worker(job: Job) -> Iterator[Measurement]:
             raise EngineFailed("model", words, "a model that the engine can run") from error
 
 
+def _memory() -> int:
+    """Bytes that a model may take, whatever the machine: an engine reserves more than it uses."""
+    try:
+        there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return LEAST_MEMORY
+    return max(LEAST_MEMORY, int(MEMORY_SHARE * there))
+
+
 @contextmanager
 def _memory_limit() -> Iterator[None]:
-    """Hold this process to `MEMORY_BYTES` more than it has, where the system knows such a limit."""
+    """Hold this process to `_memory` more than it has, where the system knows such a limit."""
     try:
         import resource
 
@@ -215,7 +156,7 @@ def _memory_limit() -> Iterator[None]:
         yield
         return
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    wanted = pages * resource.getpagesize() + MEMORY_BYTES
+    wanted = pages * resource.getpagesize() + _memory()
     limits = [wanted] + [x for x in (soft, hard) if x != resource.RLIM_INFINITY]
     resource.setrlimit(resource.RLIMIT_AS, (min(limits), hard))
     try:

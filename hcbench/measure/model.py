@@ -151,6 +151,11 @@ class Subject(Protocol):
         """What was found in the model."""
         ...
 
+    @property
+    def weight(self) -> float:
+        """What a step costs, in steps of one ball on a plate; roughly, and the same on every machine."""
+        ...
+
     def fly(self, launches: Sequence[Launch]) -> list[Impact]:
         """One impact for each launch, in order."""
         ...

@@ -38,6 +38,11 @@ class MujocoSubject:
         """One impact for each launch, in order."""
         return [self.flight.fly(launch) for launch in launches]
 
+    @property
+    def weight(self) -> float:
+        """Grows with degrees of freedom and geoms."""
+        return 1.0 + float(self.model.nv + self.model.ngeom) / 10
+
     def facts(self) -> Facts:
         """What the model says of itself and of the pair."""
         model, place, mujoco = self.model, self.place, backend()
@@ -76,8 +81,7 @@ class MujocoSubject:
         if self.place.overlap > 0:
             notes.append(f"The two overlap by {self.place.overlap:.3g} m at the start: moved apart to touch.")
         if self.flight.others:
-            names = ", ".join(sorted(geom_name(self.model, g) for g in self.flight.others))
-            notes.append(f"Other contacts acted during the impact: {names}.")
+            notes.append(f"Other contacts acted during the impact: {self._others()}.")
         return notes
 
     def candidates(self, impacts: Sequence[Impact], wanted: Wanted | None) -> list[Candidate]:
@@ -92,7 +96,21 @@ class MujocoSubject:
             wanted=wanted,
             gravity=tuple(self._gravity()),
         )
-        return find_candidates(situation)
+        found = find_candidates(situation)
+        if self.flight.others:
+            found.append(
+                Candidate(
+                    "other-contacts",
+                    "Other things touch the two at the same time: e is not that of the pair alone.",
+                    self._others(),
+                    "a pair that meets before anything else, or a model of the two alone",
+                    static=True,
+                )
+            )
+        return found
+
+    def _others(self) -> str:
+        return ", ".join(sorted(geom_name(self.model, g) for g in self.flight.others))
 
     def changed(self, candidates: Sequence[Candidate]) -> MujocoSubject:
         """The same pair with some fixes made."""

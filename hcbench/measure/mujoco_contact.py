@@ -132,7 +132,7 @@ def impedance(s: Situation) -> Iterator[Candidate]:
     if law.solref[0] <= 0 and d0 < dw:
         yield Candidate(
             "impedance",
-            "solimp starts below its final value: at touch the contact has only a share of its damping.",
+            "solimp starts below its final value: at touch the contact has but a share of its strength.",
             f"impedance {d0:.4g} at touch, {dw:.4g} at depth",
             f'{names}: solimp="{fixes.numbers(stiff)}"',
             apply,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,8 @@ import numpy as np
 
 from hcbench.impact import Impact, Launch, Status
 from hcbench.measure.mujoco_load import backend, listening
-from hcbench.measure.mujoco_place import approach_row, side_table
+from hcbench.measure.mujoco_pair import geom_name
+from hcbench.measure.mujoco_touch import approach_row, side_table
 from hcbench.measure.track import MAX_STEPS, Track, patience
 
 if TYPE_CHECKING:
@@ -35,7 +37,14 @@ class Flight:
         """One impact, as the engine makes it."""
         with listening():
             track = self._run(launch)
-        return track.impact(launch, float(self.model.opt.timestep))
+        return self._told(track.impact(launch))
+
+    def _told(self, impact: Impact) -> Impact:
+        """With the name of what was in the way, where something was."""
+        if impact.status not in (Status.NO_TOUCH, Status.DIVERGED) or not self.others:
+            return impact
+        names = ", ".join(sorted(geom_name(self.model, g) for g in self.others)[:4])
+        return dataclasses.replace(impact, reason=f"{impact.reason}; other contacts acted: {names}")
 
     def _hidden_force(self, track: Track, h: float) -> float:
         """Mean force of the last whole step, where the state before it had none but a stage of it did."""
@@ -63,7 +72,7 @@ class Flight:
         h = float(model.opt.timestep)
         self._free = []
         g = float(np.linalg.norm(model.opt.gravity))
-        track = Track(fall=g * h)
+        track = Track(h, fall=g * h)
         wait = patience(launch.speed, gap, launch.height is not None, h, g)
         reader = _Reader(model, self.place, _at(data, model))
         x = -gap
@@ -87,12 +96,12 @@ class Flight:
                     track.force[-2] = self._hidden_force(track, h)
             if track.touched < 0 and any(track.force[-2:]):
                 track.touched = step if force else step - 1
-            if track.touched >= 0 and depth is not None and seen.ncon > reader.count:
+            if seen.ncon > reader.count:
                 self.others |= _others(model, seen, self.table, self.place)
             if track.is_over(wait):
                 return track
             x = x + h * rate
-        track.give_up(h)
+        track.give_up()
         return track
 
 

@@ -223,6 +223,9 @@ def normal_between(model: Any, data: Any, first: Side, second: Side) -> tuple[fl
     The normal is 0 where the two touch without a direction to tell.
     """
     mujoco = backend()
+    field = height_field(model, first, second)
+    if field >= 0:
+        return _above_field(model, data, first, second, field)
     best = (np.inf, np.zeros(3), np.zeros(3))
     ends = np.zeros(6)
     reach = 10.0 * float(model.stat.extent) + 10.0
@@ -235,3 +238,21 @@ def normal_between(model: Any, data: Any, first: Side, second: Side) -> tuple[fl
                 normal = span / length if length > 1e-12 else np.zeros(3)
                 best = (distance, normal, (ends[3:] + ends[:3]) / 2)
     return best
+
+
+def height_field(model: Any, first: Side, second: Side) -> int:
+    """The height field among the two, -1 without one: MuJoCo's own distance to it is not to be relied on."""
+    kind = int(backend().mjtGeom.mjGEOM_HFIELD)
+    return next((g for g in (*first.geoms, *second.geoms) if int(model.geom_type[g]) == kind), -1)
+
+
+def _above_field(
+    model: Any, data: Any, first: Side, second: Side, field: int
+) -> tuple[float, Floats, Floats]:
+    """As `normal_between`, roughly: from the other's bounding sphere down to the field's highest point."""
+    up = data.geom_xmat[field].reshape(3, 3)[:, 2]
+    on_field = field in second.geoms
+    other = (first if on_field else second).geoms[0]
+    centre, top = data.geom_xpos[other], model.hfield_size[model.geom_dataid[field]][2]
+    height = float(up @ (centre - data.geom_xpos[field])) - float(model.geom_rbound[other]) - float(top)
+    return height, -up if on_field else up.copy(), centre.copy()

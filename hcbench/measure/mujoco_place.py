@@ -9,30 +9,23 @@ import numpy as np
 
 from hcbench.errors import SceneError, UserError
 from hcbench.measure.mujoco_load import backend
-from hcbench.measure.mujoco_pair import Carrier, Side, carriers, normal_between, why_immobile, why_no_contact
+from hcbench.measure.mujoco_pair import (
+    Carrier,
+    Side,
+    carriers,
+    geom_name,
+    height_field,
+    normal_between,
+    why_immobile,
+    why_no_contact,
+)
+from hcbench.measure.mujoco_touch import Approach, Contact, approach_row, read_contact, side_table
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
 
 _DEEPEST = 0.1  # of the smaller one's size: an overlap at the start up to which it is just moved out
-_TOUCH_DEPTHS = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # of its size: where contacts are looked for
 _SIDEWAYS = 1e-3  # the least share of a joint's motion that must be along the normal
-_ROUNDS = 60
-
-
-@dataclass(frozen=True, slots=True)
-class Contact:
-    """The engine's contact of the pair at touch, averaged over its points; SI.
-
-    normal: from the first side to the second. onset: distance at which its force begins to act.
-    rows: (solref, solimp, geoms) of each point.
-    """
-
-    normal: Floats
-    point: Floats
-    onset: float
-    distance: float
-    rows: tuple[tuple[tuple[float, ...], tuple[float, ...], tuple[int, int]], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,46 +46,6 @@ class Placement:
     overlap: float
 
 
-def side_table(model: Any, first: Side, second: Side) -> Any:
-    """(ngeom + 1,): 1 for geoms of the first side, 2 for the second's, 0 else; -1 indexes the last, a 0."""
-    table = np.zeros(model.ngeom + 1, dtype=np.int8)
-    table[list(first.geoms)], table[list(second.geoms)] = 1, 2
-    return table
-
-
-def approach_row(model: Any, data: Any, first: int, second: int, point: Floats, normal: Floats) -> Floats:
-    """(nv,) J: the approach rate of the two bodies' points at `point` along `normal` is J @ qvel."""
-    mujoco = backend()
-    row = np.zeros(model.nv)
-    jac = np.zeros((3, model.nv))
-    for body, sign in ((first, 1.0), (second, -1.0)):
-        if body:
-            mujoco.mj_jac(model, data, jac, None, point, body)
-            row += sign * (normal @ jac)
-    return row
-
-
-def read_contact(model: Any, data: Any, table: Any) -> Contact | None:
-    """The pair's contact in `data`, None where it has none that acts."""
-    rows, points, normals, distances, onsets = [], [], [], [], []
-    for i in range(data.ncon):
-        contact = data.contact[i]
-        a, b = (int(g) for g in contact.geom)
-        if table[a] + table[b] != 3 or contact.exclude:
-            continue
-        rows.append((tuple(map(float, contact.solref)), tuple(map(float, contact.solimp)), (a, b)))
-        points.append(contact.pos.copy())
-        normals.append(contact.frame[:3] * (1.0 if table[a] == 1 else -1.0))
-        distances.append(float(contact.dist))
-        onsets.append(float(contact.includemargin))
-    if not rows:
-        return None
-    normal = np.mean(normals, axis=0)
-    length = float(np.linalg.norm(normal))
-    normal = normal / length if length > 0 else normals[0]
-    return Contact(normal, np.mean(points, axis=0), max(onsets), min(distances), tuple(rows))
-
-
 def place(model: Any, data: Any, first: Side, second: Side) -> Placement:
     """Bring the two just to touch, by moving the first (or else the second) along their common normal.
 
@@ -106,7 +59,7 @@ def place(model: Any, data: Any, first: Side, second: Side) -> Placement:
         raise UserError(
             "pair", f"no distance from {first.name!r} to {second.name!r} is known", "two solid geoms"
         )
-    if distance < -_DEEPEST * size:
+    if distance < -_DEEPEST * size and height_field(model, first, second) < 0:
         raise SceneError(
             "model",
             f"{first.name!r} starts {-distance:.4g} m inside {second.name!r}",
@@ -123,12 +76,11 @@ def place(model: Any, data: Any, first: Side, second: Side) -> Placement:
             if move is None:
                 sideways = True
                 continue
-            found = _touch(model, data, first, second, move, size)
+            found = Approach(model, data, first, second, move, size).touch()
             if found is None:
                 raise why_no_contact(model, first, second)
-            return _finished(
-                model, data, (first, second) if sign > 0 else (second, first), carrier, *found, distance
-            )
+            sides = (first, second) if sign > 0 else (second, first)
+            return _finished(model, data, sides, carrier, move, *found, float(distance))
     if sideways:
         raise UserError(
             "pair",
@@ -164,52 +116,13 @@ def _direction(row: Floats, carrier: Carrier) -> Floats | None:
     return out
 
 
-def _moved(model: Any, data: Any, qpos: Floats, move: Floats, far: float) -> None:
-    """Put `data` at `qpos` moved `far` along `move`, contacts and mass matrix included."""
-    mujoco = backend()
-    data.qpos[:] = qpos
-    mujoco.mj_integratePos(model, data.qpos, move, far)
-    mujoco.mj_fwdPosition(model, data)
-
-
-def _touch(
-    model: Any, data: Any, first: Side, second: Side, move: Floats, size: float
-) -> tuple[Floats, Floats, Contact] | None:
-    """(qpos at touch, direction, contact); None where the engine makes no contact of the two."""
-    qpos, far = data.qpos.copy(), 0.0
-    for _ in range(_ROUNDS):  # one round for convex geoms and straight approaches
-        _moved(model, data, qpos, move, far)
-        distance, _, _ = normal_between(model, data, first, second)
-        far += distance
-        if abs(distance) < 1e-12 * size:
-            break
-    table = side_table(model, first, second)
-    depth, contact = 0.0, None
-    for share in _TOUCH_DEPTHS:
-        depth = share * size
-        _moved(model, data, qpos, move, far + depth)
-        contact = read_contact(model, data, table)
-        if contact is not None:
-            break
-    if contact is None:
-        return None
-    for _ in range(2):  # the engine's own collision function has the last word on where they touch
-        far += contact.distance - contact.onset + depth
-        _moved(model, data, qpos, move, far + depth)
-        again = read_contact(model, data, table)
-        contact = again or contact
-    far += contact.distance - contact.onset + depth
-    _moved(model, data, qpos, move, far)
-    return data.qpos.copy(), move, contact
-
-
 def _finished(
     model: Any,
     data: Any,
     sides: tuple[Side, Side],
     carrier: Carrier,
-    qpos: Floats,
     move: Floats,
+    qpos: Floats,
     contact: Contact,
     distance: float,
 ) -> Placement:
@@ -227,7 +140,30 @@ def _finished(
         raise UserError(
             "pair", f"{moving.name!r} cannot move along the contact normal", "a joint that lets it"
         )
+    _require_room(model, data, moving, other)
     turned = Contact(normal, contact.point, contact.onset, contact.distance, contact.rows)
-    return Placement(
-        moving, other, carrier, qpos, direction, turned, 1.0 / mobility, max(0.0, -float(distance))
-    )
+    overlap = max(0.0, -distance) if height_field(model, moving, other) < 0 else 0.0
+    return Placement(moving, other, carrier, qpos, direction, turned, 1.0 / mobility, overlap)
+
+
+def _require_room(model: Any, data: Any, moving: Side, other: Side) -> None:
+    """Refuse a touch at which other parts of what moves would be deep in something."""
+    table = side_table(model, moving, other)
+    root = int(model.body_rootid[moving.body])
+    for i in range(data.ncon):
+        contact = data.contact[i]
+        a, b = (int(g) for g in contact.geom)
+        if min(a, b) < 0 or contact.exclude or table[a] + table[b] == 3:
+            continue
+        inside = [g for g in (a, b) if int(model.body_rootid[model.geom_bodyid[g]]) == root]
+        depth = _DEEPEST * min(r for r in (model.geom_rbound[a], model.geom_rbound[b], np.inf) if r > 0)
+        if len(inside) == 1 and contact.dist < -depth:
+            third = geom_name(model, b if inside[0] == a else a)
+            mine = geom_name(model, inside[0])
+            raise UserError(
+                "pair",
+                f"{moving.name!r} cannot reach {other.name!r}: {mine!r}, which moves with it, would be "
+                f"{-contact.dist:.3g} m inside {third!r}",
+                "two that meet before anything else does",
+                "Name the parts that meet first, or start from a keyframe in which these do",
+            )

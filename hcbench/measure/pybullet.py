@@ -96,6 +96,13 @@ class PybulletSubject:
         finally:
             flight.close()
 
+    @property
+    def weight(self) -> float:
+        """Grows with bodies and joints."""
+        bullet = self.bullet
+        bodies = [bullet.getBodyUniqueId(i) for i in range(bullet.getNumBodies())]
+        return 1.0 + sum(1 + int(bullet.getNumJoints(body)) for body in bodies) / 5
+
     def facts(self) -> Facts:
         """What the world says of itself and of the pair."""
         first, second = restitutions(self.bullet, self.place)

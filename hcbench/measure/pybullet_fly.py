@@ -51,7 +51,7 @@ class Flight:
         """One impact, as the engine makes it."""
         gap = launch.gap(self.timestep)
         self._launch(launch.speed, gap)
-        track = Track(fall=abs(self.free) * self.timestep)
+        track = Track(self.timestep, fall=abs(self.free) * self.timestep)
         wait = patience(launch.speed, gap, launch.height is not None, self.timestep, abs(self.free))
         x, point, normal = -gap, self.place.point.tolist(), self.place.normal.tolist()
         before = self._rate(point, normal)
@@ -77,8 +77,8 @@ class Flight:
             x += self.timestep * after
             before = after
         else:
-            track.give_up(self.timestep)
-        return track.impact(launch, self.timestep)
+            track.give_up()
+        return track.impact(launch)
 
     def _applied(self, force: float, before: float, after: float, x: float) -> float:
         """The force that acted in the step: contacts out of reach still report that of an earlier one."""

@@ -10,6 +10,7 @@ import numpy as np
 from hcbench.impact import Impact, Launch, Status, Trajectory, impact_of
 
 MAX_STEPS = 200_000
+_LONGEST = 5.0  # s of simulated contact: no bounce lasts longer
 _AT_REST = 1e-3  # of the speed in: slower than this for half as long as the contact has lasted
 _JITTER = 1.5  # of what gravity gives in a step: a resting body's speed may be that large
 _PATIENCE = 128  # steps in contact before the first look for rest
@@ -22,8 +23,10 @@ class Track:
 
     verdict: set where there is no impact to compute, with the reason; a reason alone is that of a rest.
     fall: speed that gravity gives in a step, m/s.
+    timestep: s.
     """
 
+    timestep: float
     fall: float = 0.0
     penetration: list[float] = field(default_factory=list)
     rate: list[float] = field(default_factory=list)
@@ -47,6 +50,9 @@ class Track:
         if self.force[-1] == 0.0 and self.penetration[-1] <= 0.0 and self.rate[-1] < 0.0:
             return True
         lasted = step - self.touched
+        if lasted * self.timestep > _LONGEST:
+            self.give_up()
+            return True
         if lasted >= _PATIENCE and lasted & (lasted - 1) == 0:  # at powers of two
             recent = max(abs(v) for v in self.rate[-lasted // 2 :])
             if recent < max(_AT_REST * abs(self.rate[self.touched]), _JITTER * self.fall):
@@ -54,21 +60,27 @@ class Track:
                 return True
         return False
 
-    def give_up(self, timestep: float) -> None:
+    def give_up(self) -> None:
         """The contact never ended."""
+        steps = len(self.rate) - self.touched
         self.verdict = Status.CRASHED
-        self.reason = f"still in contact after {MAX_STEPS} steps ({MAX_STEPS * timestep:.3g} s)"
+        self.reason = (
+            f"still in contact, and not at rest, after {steps} steps ({steps * self.timestep:.3g} s)"
+        )
 
-    def impact(self, launch: Launch, timestep: float) -> Impact:
+    def impact(self, launch: Launch) -> Impact:
         """The impact that was written down."""
         force, rate = np.array(self.force, np.float64), np.array(self.rate, np.float64)
         if self.verdict is not None:
             seen = int(np.count_nonzero(force)) if self.verdict is not Status.NO_TOUCH else 0
             return Impact(launch, self.verdict, self.reason, samples=seen)
-        time = np.arange(len(rate), dtype=np.float64) * timestep
+        time = np.arange(len(rate), dtype=np.float64) * self.timestep
         found = impact_of(launch, Trajectory(time, np.array(self.penetration, np.float64), rate, force))
         if found.status is Status.RESTED and self.reason:
             return dataclasses.replace(found, reason=self.reason)
+        if found.status is Status.PARTED and not found.speed_out >= 0:
+            reason = "turned back by something else than the contact of the pair"
+            return Impact(launch, Status.DIVERGED, reason, samples=found.samples)
         return found
 
 

@@ -1,0 +1,83 @@
+"""Requests from what a user writes: text with units, lists, single numbers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from hcbench import units
+from hcbench.errors import QuantityError, UserError
+from hcbench.measure.model import DEFAULT_PHASES, DEFAULT_SPEEDS, Request, Vector
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+MAX_PHASES = 1000
+
+
+def make_request(
+    pair: Sequence[str] | str | None = None,
+    speeds: Any = None,
+    phases: int | Sequence[float] | None = None,
+    timestep: Any = None,
+    gravity: Any = None,
+    key: str | None = None,
+    height: Any = None,
+) -> Request:
+    """A request from what a user writes: text with units, lists, single numbers. Raises QuantityError."""
+    values = DEFAULT_SPEEDS if speeds is None else units.parse_values(speeds, "speed", "speeds").tolist()
+    units.require_positive(values, "speed", "speeds")
+    if len(set(values)) != len(values):
+        raise QuantityError("speeds", f"{speeds!r} has a speed twice", "each speed once")
+    step = None if timestep is None else units.parse(timestep, "timestep", "timestep")
+    clearance = None if height is None else units.parse(height, "length", "height")
+    for slot, value, kind in (("timestep", step, "timestep"), ("height", clearance, "length")):
+        if value is not None:
+            units.require_positive(value, kind, slot)
+    return Request(
+        pair=_pair(pair),
+        speeds=tuple(float(v) for v in values),
+        phases=_phases(DEFAULT_PHASES if phases is None else phases),
+        timestep=step,
+        gravity=_gravity(gravity),
+        key=None if key is None else str(key),
+        height=clearance,
+        thrifty=phases is None,
+    )
+
+
+def _pair(pair: Sequence[str] | str | None) -> tuple[str, str] | None:
+    if pair is None:
+        return None
+    names = pair.split(",") if isinstance(pair, str) else list(pair)
+    names = [str(name).strip() for name in names]
+    if len(names) != 2 or not all(names):
+        raise UserError(
+            "pair", repr(pair), "two names, the moving one first", "Write for example --pair ball,plate"
+        )
+    return names[0], names[1]
+
+
+def _phases(phases: int | Sequence[float]) -> tuple[float, ...]:
+    if isinstance(phases, int):
+        if not 1 <= phases <= MAX_PHASES:
+            raise QuantityError("phases", str(phases), f"1 ... {MAX_PHASES}")
+        return tuple((i + 0.5) / phases for i in range(phases))
+    values = tuple(float(p) for p in phases)
+    if not values or not all(0 <= p < 1 for p in values) or len(set(values)) != len(values):
+        raise QuantityError("phases", repr(phases), "different numbers from 0 up to below 1")
+    return values
+
+
+def _gravity(gravity: Any) -> Vector | None:
+    if gravity is None:
+        return None
+    if isinstance(gravity, str) and "," in gravity:
+        gravity = gravity.split(",")
+    if isinstance(gravity, str | int | float):
+        return 0.0, 0.0, -units.parse(gravity, "acceleration", "gravity") + 0.0
+    values = [units.parse(part, "acceleration", "gravity") for part in gravity]
+    if len(values) != 3:
+        raise QuantityError(
+            "gravity", repr(gravity), "one number along -z, or three", "Write for example 0,0,-9.81"
+        )
+    return values[0], values[1], values[2]
