@@ -229,6 +229,19 @@ def test_a_live_client_is_left_as_it_was(files: tuple[Path, Path]) -> None:
     assert "tried" in told["remedy"]
 
 
+def test_a_restitution_in_another_simulators_tag_is_told(files: tuple[Path, Path]) -> None:
+    tag = "<restitution_coefficient>0.6</restitution_coefficient>"
+    gazebo = f"<gazebo><surface><bounce>{tag}</bounce></surface></gazebo>"
+    files[0].write_text(urdf("ball", SPHERE, 0.7).replace("</robot>", f"{gazebo}</robot>"))
+    found = measure(files)
+    assert found.facts.asked == (0.0,) * 8
+    assert found.causes[0].code == "foreign-restitution"
+    assert "<restitution_coefficient> 0.6" in found.causes[0].evidence
+    assert found.remedy.startswith("With these fixed e = 0.6")
+    files[0].write_text(urdf("ball", SPHERE, 0.7, restitution(0.6)))
+    assert "foreign-restitution" not in [cause.code for cause in measure(files).causes]
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

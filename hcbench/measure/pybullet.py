@@ -134,7 +134,9 @@ class PybulletSubject:
 
     def candidates(self, impacts: Sequence[Impact], wanted: Wanted | None) -> list[Candidate]:
         """What may keep this pair from bouncing as asked."""
-        situation = Situation(self.bullet, self.place, impacts, wanted, self.timestep, self.gravity)
+        situation = Situation(
+            self.bullet, self.place, impacts, wanted, self.timestep, self.gravity, self.loaded.foreign
+        )
         found = find_candidates(situation)
         return found if self.build else [dataclasses.replace(c, apply=None) for c in found]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ from hcbench.impact import Status
 from hcbench.measure.model import NOTABLE_GAIN, Candidate
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from hcbench.impact import Impact
     from hcbench.measure.model import Wanted
@@ -37,6 +38,7 @@ class Situation:
     wanted: Wanted | None
     timestep: float
     gravity: tuple[float, ...]
+    foreign: Mapping[int, tuple[str, float]]
 
     @property
     def restitutions(self) -> tuple[float, float]:
@@ -88,10 +90,27 @@ def _call(side: Side, **settings: float) -> str:
 
 
 def _restitution(s: Situation) -> Iterator[Candidate]:
-    """The two restitutions multiply, and an unset one is 0."""
-    first, second = s.restitutions
-    sides = (s.place.first, s.place.second)
-    if first == 0.0 and second == 0.0:
+    """The two restitutions multiply, an unset one is 0, and one in another simulator's tag is not read."""
+    sides, values = (s.place.first, s.place.second), list(s.restitutions)
+    found = [
+        s.foreign.get(side.body) if value == 0.0 else None for side, value in zip(sides, values, strict=True)
+    ]
+    told = [(side, *tag) for side, tag in zip(sides, found, strict=True) if tag is not None]
+    values = [value if tag is None else tag[1] for value, tag in zip(values, found, strict=True)]
+    set_ones = [value for value in values if value > 0.0]
+    aim = None if s.wanted is not None else math.prod(set_ones) if set_ones else _BOUNCY
+    if told:
+        yield Candidate(
+            "foreign-restitution",
+            "The file has its restitution in a tag that PyBullet does not read.",
+            ", ".join(f"<{tag}> {value:g} of {side.name!r}" for side, tag, value in told),
+            f'<contact><restitution value="{told[0][2]:g}"/></contact> in the <link>, or '
+            + "; ".join(_call(side, restitution=value) for side, _, value in told),
+            partial(_both, links=[_link(side) for side, _, _ in told], values=[v for *_, v in told]),
+            static=True,
+            aim=aim,
+        )
+    if not set_ones:
         e = _goal(s)
         yield Candidate(
             "no-restitution",
@@ -100,19 +119,18 @@ def _restitution(s: Situation) -> Iterator[Candidate]:
             f"{_call(sides[0], restitution=e)}; {_call(sides[1], restitution=1)}",
             partial(_both, links=[_link(side) for side in sides], values=(e, 1.0)),
             static=True,
-            aim=None if s.wanted is not None else e,
+            aim=aim,
         )
-    elif first == 0.0 or second == 0.0:
-        unset, other = (sides[0], sides[1]) if first == 0.0 else (sides[1], sides[0])
-        e = max(first, second)
+    elif len(set_ones) == 1:
+        unset, other = sides if values[0] == 0.0 else sides[::-1]
         yield Candidate(
             "other-body",
             f"The restitution of {unset.name!r} is not set: the two multiply, so the pair has e = 0.",
-            f"restitution {e:g} on {other.name!r}, 0 on {unset.name!r}",
+            f"restitution {set_ones[0]:g} on {other.name!r}, 0 on {unset.name!r}",
             _call(unset, restitution=1),
             partial(_set_links, sides=[_link(unset)], restitution=1.0),
             static=True,
-            aim=None if s.wanted is not None else e,
+            aim=aim,
         )
 
 
@@ -123,7 +141,7 @@ def _goal(s: Situation) -> float:
     return float(np.clip(s.wanted.restitution(np.array([min(speeds), max(speeds)])).mean(), 0, 1))
 
 
-def _both(bullet: Bullet, links: Sequence[tuple[int, int]], values: tuple[float, float]) -> None:
+def _both(bullet: Bullet, links: Sequence[tuple[int, int]], values: Sequence[float]) -> None:
     for (body, link), value in zip(links, values, strict=True):
         bullet.changeDynamics(body, link, restitution=value)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from contextlib import chdir, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from importlib import metadata
 from pathlib import Path
@@ -82,12 +82,14 @@ class Loaded:
     """A world with what is in it.
 
     names: body id -> file it came from; empty for a world that was not made of files. own: ours to end.
+    foreign: body id -> (tag, e) of a restitution that its file has in a place where PyBullet does not look.
     """
 
     bullet: Bullet
     names: dict[int, str]
     label: str
     own: bool
+    foreign: dict[int, tuple[str, float]] = field(default_factory=dict)
 
 
 def version() -> str:
@@ -100,16 +102,18 @@ def version() -> str:
 def load_files(paths: Sequence[str]) -> Loaded:
     """A new world with the files loaded in it, as PyBullet loads them by default."""
     files = [Path(path) for path in paths]
-    for path in files:
-        _check_file(path)
+    foreign_in = {path: _check_file(path) for path in files}
     bullet = Bullet.direct()
     bullet.resetSimulation()
     bullet.setPhysicsEngineParameter(**_DEFAULTS)
     names: dict[int, str] = {}
+    foreign: dict[int, tuple[str, float]] = {}
     for path in files:
         for body in _load(bullet, path):
             names[body] = path.name
-    return Loaded(bullet, names, " + ".join(path.name for path in files), own=True)
+            if (found := foreign_in[path]) is not None:
+                foreign[body] = found
+    return Loaded(bullet, names, " + ".join(path.name for path in files), True, foreign)
 
 
 def _load(bullet: Bullet, path: Path) -> Sequence[int]:
@@ -123,8 +127,8 @@ def _load(bullet: Bullet, path: Path) -> Sequence[int]:
     return [found] if isinstance(found, int) else list(found)
 
 
-def _check_file(path: Path) -> None:
-    """What PyBullet would only print about."""
+def _check_file(path: Path) -> tuple[str, float] | None:
+    """Refuse what PyBullet would only print about; return a restitution that it would overlook."""
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "is not there"
         raise SceneError("model", f"{path} {what}", "a URDF, SDF or MJCF file")
@@ -147,6 +151,21 @@ def _check_file(path: Path) -> None:
         name = mesh.get("filename")
         if name and "://" not in name and not (path.parent / name).is_file() and not Path(name).is_absolute():
             raise SceneError("model", f"{path}: mesh {name[:200]!r} is not there", "a file beside the URDF")
+    return _foreign_restitution(root)
+
+
+def _foreign_restitution(root: ET.Element) -> tuple[str, float] | None:
+    """(tag, e) of the first restitution outside <link><contact>, where other simulators have theirs."""
+    own = {id(e) for e in root.iterfind(".//link/contact/restitution")}
+    for element in root.iter():
+        tag = str(element.tag).rpartition("}")[2]
+        if "restitution" not in tag.lower() or id(element) in own:
+            continue
+        text = element.get("value") or element.text or ""
+        with suppress(ValueError):
+            if 0 <= float(text) <= 1:
+                return plain(tag), float(text)
+    return None
 
 
 def find_sides(loaded: Loaded, pair: tuple[str, str] | None, world: World | None) -> tuple[Side, Side]:
