@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from hcbench.reference import exact
-from hcbench.reference.blocks import Blocks, size_of, tangent
+from hcbench.reference.blocks import size_of, tangent
+from hcbench.reference.flow import Blocks
 from hcbench.reference.kelvin_voigt import Ending, matched
 from hcbench.reference.lanes import Control, Lanes, march
 from hcbench.reference.laws import HuntCrossley
@@ -24,6 +25,8 @@ from hcbench.reference.require import positive, require
 from hcbench.reference.vibroimpact import Sinusoid, VibroImpact
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from hcbench.impact import Floats
     from hcbench.reference.lanes import Indices, Modes
 
@@ -129,7 +132,7 @@ def _run(
     count = len(cases)
     start, lane = np.zeros(count), np.arange(count)
     y = np.array([np.full(count, position), np.full(count, velocity)])
-    lanes = Lanes(start, y, blocks.modes(y, lane, wave(start, lane)))
+    lanes = Lanes(start, y, blocks.modes(y, lane, wave.of(lane)(start)))
     period = 2.0 * np.pi / wave.omega
     tally = _Tally(lanes, cycles, keep)
     march(blocks, lanes, np.arange(1, cycles + 1)[:, None] * period, Control(tolerance, 0.1 * period), tally)
@@ -190,8 +193,10 @@ class _Wave:
     omega: Floats
     phase: Floats
 
-    def __call__(self, time: Floats, lane: Indices) -> Floats:
-        return np.asarray(self.amplitude[lane] * np.sin(self.omega[lane] * time + self.phase[lane]))
+    def of(self, lane: Indices) -> Callable[[Floats], Floats]:
+        """See `blocks.Push`."""
+        amplitude, omega, phase = self.amplitude[lane], self.omega[lane], self.phase[lane]
+        return lambda time: amplitude * np.sin(omega * time + phase)
 
 
 @dataclass(frozen=True, slots=True)
