@@ -1,0 +1,284 @@
+"""Launches fly in company because that is cheap; nothing else about them may change by it, not a bit."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import signal
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from hcbench.engines import _mujoco_crowd, _mujoco_flight, _pybullet_world, isolation, registry
+from hcbench.engines._mujoco_crowd import Crowd, can_crowd
+from hcbench.engines._mujoco_load import load
+from hcbench.engines._mujoco_options import read_options
+from hcbench.engines._pybullet_options import read_options as pybullet_options
+from hcbench.engines.mujoco import MujocoEngine
+from hcbench.engines.pybullet import PybulletEngine
+from hcbench.impact import Impact, Launch, Status
+from hcbench.reference.laws import HuntCrossley
+from hcbench.scene import Scene, load_scene
+from hcbench.setting import Setting
+from hcbench.tune.target import Target
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+MUJOCO, PYBULLET = MujocoEngine(), PybulletEngine()
+PLANE, CUP = load_scene("steel-plane"), load_scene("steel-cup")
+FORMS = pytest.mark.parametrize("form", [PLANE, CUP], ids=["plane", "cup"])
+SCENES = pytest.mark.parametrize(
+    "scene", [dataclasses.replace(PLANE, gravity=9.80665), CUP], ids=["plane under gravity", "cup without"]
+)
+CROWDS = tuple(int(n) for n in mujoco.__version__.split(".")[:2]) >= (3, 17)
+NEEDS_CROWDS = pytest.mark.skipif(not CROWDS, reason="this MuJoCo has no islands with a scale of their own")
+STIFF = [0.9999, 0.9999, 0.001, 0.5, 2.0]
+
+
+def at_random(count: int, seed: int = 1) -> list[Launch]:
+    random = np.random.default_rng(seed)
+    pairs = zip(random.uniform(0.01, 0.6, count), random.random(count), strict=True)
+    return [Launch(float(v), float(p)) for v, p in pairs]
+
+
+def made(recipe: str, scene: Scene, timestep: float, **more: Any) -> Setting:
+    law = HuntCrossley(scene.stiffness, 0.008 / 0.0254, scene.exponent)
+    setting: Setting = registry.load("hcbench.recipes", recipe)(
+        Target(law, scene.mass, timestep, 0.0254, 0.508)
+    )
+    return dataclasses.replace(setting, options={**setting.options, **more})
+
+
+def bits(impact: Impact) -> tuple[Any, ...]:
+    record = {f.name: getattr(impact, f.name) for f in dataclasses.fields(impact) if f.name != "loop"}
+    loop = impact.loop
+    arrays = () if loop is None else (loop.time, loop.penetration, loop.rate, loop.force)
+    return repr(record), *(array.tobytes() for array in arrays)
+
+
+def same(one: Sequence[Impact], other: Sequence[Impact]) -> bool:
+    return [bits(i) for i in one] == [bits(i) for i in other]
+
+
+# --- MuJoCo ---
+
+
+@pytest.fixture
+def sizes(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Sets the knobs of how launches are put together."""
+
+    def put(**knobs: Any) -> None:
+        for name, value in knobs.items():
+            monkeypatch.setattr(_mujoco_flight, name, value)
+
+    return put
+
+
+INTEGRATORS = ["Euler", "implicit", "implicitfast", "RK4"]
+if hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"):
+    INTEGRATORS.append("discrete")
+NATIVE = [("stock", 1e-4), ("spring-damper", 2e-5), ("impulse", 1e-3)]
+if hasattr(mujoco.MjModel, "pair_adhesion"):
+    NATIVE.append(("staggered", 2e-5))
+
+
+@SCENES
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize(("recipe", "timestep"), NATIVE)
+def test_mujoco_alone_together_in_threads_and_in_any_chunks_is_the_same(
+    scene: Scene, integrator: str, recipe: str, timestep: float, sizes: Any
+) -> None:
+    if (scene, recipe) == (CUP, "staggered"):
+        pytest.skip("a tendon's limit cannot pull")
+    setting = made(f"mujoco.{recipe}", scene, timestep, integrator=integrator)
+    launches = at_random(11)
+    sizes(_COMPILE_S=np.inf, _cores=lambda: 1)
+    alone = [MUJOCO.drop(scene, setting, [launch])[0] for launch in launches]
+    sizes(_COMPILE_S=0.0)
+    assert same(alone, MUJOCO.drop(scene, setting, launches))
+    sizes(_cores=lambda: 3, _CROWD=4, _CROWD_OF_ROWS=3, _CHUNK_BYTES=20_000, _SHORT=5)
+    assert same(alone[::-1], MUJOCO.drop(scene, setting, launches[::-1]))
+
+
+@NEEDS_CROWDS
+def test_one_balls_end_is_not_another_s(sizes: Any) -> None:
+    # Deep enough, the damper is beyond what the step can follow: fast balls diverge, slow ones bounce.
+    deep = {"solref": [-1e9, -1e12], "solimp": STIFF, "onset": 1e-5}
+    spring = {"solref": [-2.679e8, -815.0], "solimp": STIFF}
+    setting = Setting("mujoco", "test", 1e-6, {"integrator": "Euler", "rows": [spring, deep]})
+    launches = at_random(24, seed=3)
+    sizes(_COMPILE_S=np.inf)
+    alone = MUJOCO.drop(PLANE, setting, launches)
+    found = {impact.status for impact in alone}
+    assert found == {Status.PARTED, Status.DIVERGED}, found
+    sizes(_COMPILE_S=0.0)
+    assert same(alone, MUJOCO.drop(PLANE, setting, launches))
+
+
+@NEEDS_CROWDS
+@FORMS
+def test_models_that_pay_fly_in_crowds(form: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    made_of: list[int] = []
+    real = _mujoco_crowd.crowd
+
+    def crowd(*of: Any) -> Crowd:
+        made_of.append(of[3])
+        return real(*of)
+
+    monkeypatch.setattr(_mujoco_flight, "crowd", crowd)
+    monkeypatch.setattr(_mujoco_flight, "_cores", lambda: 1)
+    MUJOCO.drop(form, made("mujoco.spring-damper", form, 1e-6), at_random(48))
+    assert made_of == [24]
+    MUJOCO.drop(form, made("mujoco.impulse", form, 1e-3), at_random(24))
+    assert made_of == [24], "a few steps are not worth compiling a model for"
+
+
+@NEEDS_CROWDS
+@pytest.mark.parametrize(
+    ("name", "edit"),
+    [
+        ("another solver", ("<worldbody>", '<option solver="CG"/><worldbody>')),
+        ("no islands", ("<worldbody>", '<option><flag island="disable"/></option><worldbody>')),
+        ("a sparse Jacobian", ("<worldbody>", '<option jacobian="sparse"/><worldbody>')),
+        (
+            "another moving body",
+            ("</worldbody>", '<body pos="9 9 9"><freejoint/><geom size=".1"/></body></worldbody>'),
+        ),
+        (
+            "a second thing to touch",
+            ("</worldbody>", '<geom type="box" size=".1 .1 .1" pos="9 9 9"/></worldbody>'),
+        ),
+        (
+            "an actuator",
+            ("</mujoco>", '<actuator><motor joint="ball" gear="0 0 1 0 0 0"/></actuator></mujoco>'),
+        ),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_a_model_with_more_to_it_flies_alone_and_bounces_alike(
+    name: str, edit: tuple[str, str], tmp_path: Any, sizes: Any
+) -> None:
+    path = tmp_path / "scene.xml"
+    path.write_text(PLANE.models["mujoco"]["scene"].read_text("utf-8").replace(*edit), "utf-8")
+    scene = dataclasses.replace(PLANE, models={"mujoco": {"scene": path}})
+    sizes(_COMPILE_S=0.0)
+    for own, crowds in ((PLANE, True), (scene, False)):
+        model = load(own, 1e-4, read_options({}))
+        assert can_crowd(mujoco, model.model, model.root) is crowds, name
+    stock = Setting("mujoco", "stock", 1e-4)
+    found, plain = (MUJOCO.drop(own, stock, at_random(4)) for own in (scene, PLANE))
+    assert [i.restitution for i in found] == pytest.approx([i.restitution for i in plain], abs=1e-6)
+
+
+def test_what_follows_a_launch_is_bit_for_bit_a_loop_over_mj_step() -> None:
+    setting = made("mujoco.spring-damper", PLANE, 2e-6)
+    path = MUJOCO.follow(PLANE, setting, Launch(0.3, 0.3), 2000 * 2e-6)
+    loaded = load(PLANE, 2e-6, read_options(setting.options))
+    data = mujoco.MjData(loaded.model)
+    data.qpos[2] += Launch(0.3, 0.3).gap(2e-6)
+    data.qvel[2] = -0.3
+    rates = []
+    for _ in range(2000):
+        rates.append(-data.qvel[2])
+        mujoco.mj_step(loaded.model, data)
+    assert np.array_equal(path.rate, rates)
+
+
+# --- PyBullet ---
+
+
+BULLET = [
+    ("stock", 1e-3),
+    ("stock", 1e-5),
+    ("spring-damper", 1e-5),
+    ("restitution", 1e-3),
+    ("restitution", 1 / 240),
+]
+
+
+@SCENES
+@pytest.mark.parametrize("maximal", [False, True], ids=["multibody", "maximal"])
+@pytest.mark.parametrize(("recipe", "timestep"), BULLET)
+def test_pybullet_alone_and_together_is_the_same(
+    scene: Scene, maximal: bool, recipe: str, timestep: float
+) -> None:
+    setting = made(f"pybullet.{recipe}", scene, timestep, maximal_coordinates=maximal)
+    launches = at_random(9)
+    alone = [PYBULLET.drop(scene, setting, [launch])[0] for launch in launches]
+    assert same(alone, PYBULLET.drop(scene, setting, launches))
+    assert same(alone[::-1], PYBULLET.drop(scene, setting, launches[::-1]))
+
+
+@SCENES
+def test_positions_worked_out_are_the_ones_that_bullet_has(scene: Scene) -> None:
+    for recipe, timestep in (("spring-damper", 1e-5), ("restitution", 1e-3)):
+        setting, launch = made(f"pybullet.{recipe}", scene, timestep), Launch(0.3, 0.4)
+        (impact,) = PYBULLET.drop(scene, setting, [launch])
+        asked = PYBULLET.follow(scene, setting, launch, 90 * timestep)
+        loop, start = impact.loop, int(np.flatnonzero(asked.force)[0])
+        assert loop is not None
+        seen = slice(start, start + impact.samples)
+        assert np.array_equal(loop.penetration, asked.penetration[seen])
+        assert np.array_equal(loop.rate, asked.rate[seen])
+
+
+def _told_and_worked_out(
+    scene: Scene, setting: Setting, launches: Sequence[Launch]
+) -> Iterator[tuple[Any, Any]]:
+    """Forces of each ball at each step, (n, b): by Bullet's contact points, and from the balls' momentum."""
+    options = pybullet_options(setting.options)
+    with _pybullet_world._world(scene, setting.timestep, options, 1.0, len(launches)) as world:
+        assert not world.told
+        world.release(launches)
+        bullet, told, rates = world.bullet, [], []
+        # What is apart was not solved for; it still says the force of when it last was.
+        for _ in range(120):
+            rates.append([bullet.getBaseVelocity(ball)[0][2] for ball in world.balls])
+            world.step()
+            points = [bullet.getContactPoints(ball) for ball in world.balls]
+            told.append([sum(point[9] for point in own if point[8] <= 0.0) for own in points])
+        gained = np.diff(np.array(rates), axis=0) + scene.gravity * setting.timestep
+        yield np.array(told)[:-1], scene.mass * gained / setting.timestep
+
+
+@SCENES
+@pytest.mark.parametrize(("recipe", "timestep"), [("spring-damper", 1e-5), ("restitution", 1e-3)])
+def test_momentum_tells_the_force_that_bullet_tells(scene: Scene, recipe: str, timestep: float) -> None:
+    setting = made(f"pybullet.{recipe}", scene, timestep)
+    ((told, worked_out),) = isolation.collect(_told_and_worked_out, scene, setting, at_random(4), limit=60)
+    assert (told.max(axis=0) > 0).all()
+    assert np.abs(worked_out - told).max() < 1e-12 * told.max()
+
+
+def _die_in_fast_company(
+    launches: Sequence[Launch], scene: Scene, timestep: float, options: Any, together: int = 8
+) -> Iterator[Impact]:
+    """As fly_here: what shares a world comes back together, or not at all."""
+    for i in range(0, len(launches), together):
+        group = launches[i : i + together]
+        if any(launch.speed > 0.55 for launch in group):
+            os.kill(os.getpid(), signal.SIGSEGV)
+        yield from (Impact(launch, Status.NO_TOUCH) for launch in group)
+
+
+def test_a_launch_that_kills_a_shared_world_is_the_only_one_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_pybullet_world, "fly_here", _die_in_fast_company)
+    launches = [*at_random(20), Launch(0.56), Launch(0.57)]
+    for impact in PYBULLET.drop(PLANE, Setting("pybullet", "test", 1e-3), launches):
+        lost = impact.launch.speed > 0.55
+        assert impact.status is (Status.CRASHED if lost else Status.NO_TOUCH)
+
+
+def test_a_ball_that_goes_through_the_plate_says_so() -> None:
+    # A spring far softer than the step can follow: Bullet lets it through the bowl.
+    setting = made("pybullet.spring-damper", CUP, 1 / 240, maximal_coordinates=True)
+    found = PYBULLET.drop(CUP, setting, [Launch(0.05, 0.5), Launch(0.59, 0.4), Launch(0.6, 0.8)])
+    assert Status.DIVERGED in {impact.status for impact in found}
+    for impact in found:
+        if impact.status is Status.DIVERGED:
+            assert "through the plate" in impact.reason
+        else:
+            assert impact.penetration_max < CUP.ball_radius
