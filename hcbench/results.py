@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
 SCHEMA = 1
+# Before version 3 pandas reads the last digit wrong unless told not to; since then it must not be told.
+_EXACT: dict[str, Any] = {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
 RUN_KEY = ["scene", "engine", "setting", "alpha_s_per_m", "timestep_s"]  # one setting at one step for one α
 
 IMPACT_COLUMNS = [
@@ -109,7 +111,7 @@ class Results:
 
 def _read_table(path: Path) -> pd.DataFrame:
     # An empty number is NaN, but an empty reason is an empty text and an empty claim "not resolved".
-    table = pd.read_csv(path, dtype=dict.fromkeys(["reason", *CLAIMS], "object"))
+    table: pd.DataFrame = pd.read_csv(path, dtype=dict.fromkeys(["reason", *CLAIMS], "object"), **_EXACT)
     if "reason" in table:
         table["reason"] = table["reason"].fillna("")
     for claim in CLAIMS:

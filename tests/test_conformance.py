@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hcbench.engines import registry
-from hcbench.errors import SettingError
+from hcbench.errors import EngineMissing, SettingError
 from hcbench.impact import Impact, Launch, Status
 from hcbench.reference import exact
 from hcbench.reference.laws import HuntCrossley
@@ -44,6 +44,8 @@ def impacts_of(recipe: str, scene: str) -> tuple[Impact, ...]:
     setting = setting_of(recipe, scene)
     try:
         return tuple(registry.engine(setting.engine).drop(scene_of(scene), setting, LAUNCHES))
+    except EngineMissing as error:
+        pytest.skip(str(error))  # the installed version is too old for it, and says so
     except SettingError as error:
         assert "tendon" in str(error) or "cup" in str(error), error
         return ()
@@ -116,7 +118,10 @@ def test_a_drop_under_gravity_touches_at_the_speed_of_its_fall(recipe: str) -> N
     scene = dataclasses.replace(scene_of("steel-plane"), gravity=9.80665)
     setting = setting_of(recipe, "steel-plane")
     height = 1e-4 if setting.timestep < 1e-4 else 1e-2
-    (impact,) = registry.engine(setting.engine).drop(scene, setting, [Launch(0.0, height=height)])
+    try:
+        (impact,) = registry.engine(setting.engine).drop(scene, setting, [Launch(0.0, height=height)])
+    except EngineMissing as error:
+        pytest.skip(str(error))
     fall = (2 * 9.80665 * height) ** 0.5
     assert impact.speed_in == pytest.approx(fall, abs=2 * 9.80665 * setting.timestep)
 
