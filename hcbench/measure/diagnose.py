@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from hcbench.impact import Impact, Launch
     from hcbench.measure.model import Subject, Wanted
 
-_SHIFT = 0.5  # of the tolerance: how much a fix must move e to be a cause
+_SHIFT = 0.5  # of the error: how much of it a fix must take away, where that is less than the tolerance
 _PROBE_PHASES = 4
 _PROBE_STEPS = 20_000  # in contact, for all probes of one trial: slow contacts get fewer probes
 _GRADES = 4  # of strength: among equals the order is that of the suspects
-_SHARE = 0.2  # of what the strongest cause moves: less is not worth a reader's time
+_SHARE = 0.05  # of what the strongest cause moves: less is not worth a reader's time
 
 
 def goal_of(
@@ -84,11 +84,11 @@ def _convicted(triable: Sequence[Candidate], trial: _Trial, tolerance: float) ->
         rest = [c for c in triable if c is not candidate]
         weight = max(before - trial.off([candidate]), trial.off(rest) - after)
         weighed.append((weight, candidate, rest))
-    least = max(_SHIFT * tolerance, _SHARE * max((w for w, _, _ in weighed), default=0.0))
-    strongest = max((w for w, _, _ in weighed), default=1.0) or 1.0
-    weighed.sort(key=lambda entry: -round(_GRADES * entry[0] / strongest))  # stable: likeliest first
+    strongest = max((w for w, _, _ in weighed), default=0.0)
+    least = max(min(tolerance, _SHIFT * before), _SHARE * strongest)
+    weighed.sort(key=lambda entry: -round(_GRADES * entry[0] / (strongest or 1.0)))  # stable: likeliest first
     return [
-        _cause(candidate, trial.mean([candidate]), trial.mean(rest))
+        _cause(candidate, trial.off([candidate]), trial.off(rest))
         for weight, candidate, rest in weighed
         if weight > least or candidate.static
     ]
@@ -155,7 +155,7 @@ class _Trial:
         return float(np.mean(good)) if good else math.nan
 
     def off(self, fixes: Sequence[Candidate]) -> float:
-        """Mean |e - goal|; a failed impact counts 1, and without a goal what is above 1 counts."""
+        """The largest |e - goal|; a failed impact counts 1, and without a goal what is above 1 counts."""
         impacts = self.fly(fixes)
         out = []
         for impact in impacts:
@@ -165,7 +165,7 @@ class _Trial:
             elif math.isnan(wrong):
                 wrong = max(0.0, impact.restitution - 1.0)
             out.append(wrong)
-        return float(np.mean(out)) if out else 1.0
+        return max(out, default=1.0)
 
 
 def _cause(candidate: Candidate, alone: float = math.nan, without: float = math.nan) -> Cause:

@@ -132,8 +132,8 @@ class Candidate:
 class Cause:
     """A candidate that was found to matter.
 
-    alone: mean e at the launches that were tried, with this one fixed and nothing else. without: the same
-    with all the others fixed and not this one. Both NaN where the fix cannot be tried.
+    alone: largest |e - goal| at the launches that were tried, with this one fixed and nothing else. without:
+    the same with all the others fixed and not this one. Both NaN where the fix cannot be tried.
     """
 
     code: str

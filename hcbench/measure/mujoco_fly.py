@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 from typing import TYPE_CHECKING, Any
@@ -56,8 +57,7 @@ class Flight:
     def _launched(self, launch: Launch) -> tuple[Any, float]:
         """(MjData at release, clearance)."""
         mujoco = backend()
-        data = mujoco.MjData(self.model)
-        mujoco.mj_copyData(data, self.model, self.start)
+        data = copy.copy(self.start)
         gap = launch.gap(float(self.model.opt.timestep))
         data.qpos[:] = self.place.qpos
         mujoco.mj_integratePos(self.model, data.qpos, self.place.direction, -gap)

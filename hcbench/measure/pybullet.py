@@ -7,6 +7,7 @@ live client is measured where it is, and left in the state and with the settings
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from hcbench.impact import Impact, Launch
+
+_UNTOLD = "restitutions that PyBullet does not tell of bodies with maximal coordinates"
 
 __all__ = ["PybulletSubject", "World", "subject"]
 
@@ -106,6 +109,7 @@ class PybulletSubject:
     def facts(self) -> Facts:
         """What the world says of itself and of the pair."""
         first, second = restitutions(self.bullet, self.place)
+        known = not math.isnan(first * second)
         found = self.bullet.getPhysicsEngineParameters()
         notes = []
         if self.place.lift > 0:
@@ -123,12 +127,12 @@ class PybulletSubject:
             effective_mass=self.place.effective_mass,
             normal=tuple(float(x) for x in self.place.normal),  # type: ignore[arg-type]
             settings={
-                "restitution": [first, second],
+                "restitution": [first, second] if known else "not told",
                 "numSubSteps": int(found["numSubSteps"]),
                 "numSolverIterations": int(found["numSolverIterations"]),
             },
-            asked=(first * second,) * len(self.request.speeds),
-            asked_words=f"restitution {first:g} x {second:g}",
+            asked=(first * second,) * len(self.request.speeds) if known else (),
+            asked_words=f"restitution {first:g} x {second:g}" if known else _UNTOLD,
             notes=tuple(notes),
         )
 

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from hcbench.measure.pybullet_load import Bullet, Side
     from hcbench.measure.pybullet_place import Placement
 
-RESTITUTION, DAMPING, STIFFNESS = 5, 8, 9  # places in getDynamicsInfo
+RESTITUTION, STIFFNESS, KIND = 5, 9, 10  # places in getDynamicsInfo
+_RIGID = 1  # kind of a body with maximal coordinates
 _THRESHOLD = 0.2  # m/s, Bullet's own restitutionVelocityThreshold
 _SLOP = 1e-5  # m, Bullet's own contactSlop
 _FEW_STEPS = 12
@@ -58,9 +59,12 @@ class Situation:
 
 
 def restitutions(bullet: Bullet, place: Placement) -> tuple[float, float]:
-    """Restitution of the two links that meet."""
-    first, second = (bullet.getDynamicsInfo(s.body, s.link)[RESTITUTION] for s in (place.first, place.second))
-    return float(first), float(second)
+    """Restitution of the two links that meet; NaN for a body with maximal coordinates, of which
+    PyBullet tells whatever it told last.
+    """
+    infos = [bullet.getDynamicsInfo(side.body, side.link) for side in (place.first, place.second)]
+    first, second = (math.nan if info[KIND] == _RIGID else float(info[RESTITUTION]) for info in infos)
+    return first, second
 
 
 def find_candidates(s: Situation) -> list[Candidate]:
@@ -92,6 +96,8 @@ def _call(side: Side, **settings: float) -> str:
 def _restitution(s: Situation) -> Iterator[Candidate]:
     """The two restitutions multiply, an unset one is 0, and one in another simulator's tag is not read."""
     sides, values = (s.place.first, s.place.second), list(s.restitutions)
+    if any(math.isnan(value) for value in values):
+        return
     found = [
         s.foreign.get(side.body) if value == 0.0 else None for side, value in zip(sides, values, strict=True)
     ]
@@ -149,7 +155,7 @@ def _both(bullet: Bullet, links: Sequence[tuple[int, int]], values: Sequence[flo
 def _product(s: Situation) -> Iterator[Candidate]:
     """Set, but not to what is wanted."""
     first, second = s.restitutions
-    if s.wanted is None or first * second == 0.0:
+    if s.wanted is None or not first * second > 0.0:
         return
     e = _goal(s)
     if abs(first * second - e) > 0.005:

@@ -213,6 +213,7 @@ def _finished(
     normal = _normal(point)
     middle = (np.array(point[5]) + np.array(point[6])) / 2
     touching = Side(first.name, first.body, int(point[3])), Side(second.name, second.body, int(point[4]))
+    _require_room(bullet, mover.body, touching)
     mobility = sum(_mobility(bullet, side, normal, middle) for side in touching)
     mass = 1.0 / mobility if mobility > 0 else math.nan
     return Placement(*touching, mover, lift, offset, normal, middle, rate, mass, overlap)
@@ -252,3 +253,24 @@ def _chain(bullet: Bullet, body: int, link: int) -> list[int]:
         found.append(link)
         link = bullet.getJointInfo(body, link)[16]
     return found
+
+
+def _require_room(bullet: Bullet, mover: int, touching: tuple[Side, Side]) -> None:
+    """Refuse a touch at which other parts of what moves would be deep in something."""
+    pair = {(side.body, side.link) for side in touching}
+    for i in range(bullet.getNumBodies()):
+        other = bullet.getBodyUniqueId(i)
+        if other == mover:
+            continue
+        for point in bullet.getClosestPoints(mover, other, 0.0):
+            ends = {(mover, int(point[3])), (other, int(point[4]))}
+            size = min(_size(bullet, Side("", body, link)) for body, link in ends)
+            if ends != pair and float(point[8]) < -_DEEPEST * size:
+                names = " cannot reach ".join(repr(side.name) for side in touching)
+                raise UserError(
+                    "pair",
+                    f"{names}: link {int(point[3])} of what moves would be {-float(point[8]):.3g} m inside "
+                    "another body",
+                    "two that meet before anything else does",
+                    "Name the parts that meet first",
+                )

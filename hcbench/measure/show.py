@@ -184,10 +184,10 @@ def _score_lines(found: Measurement) -> list[str]:
     score, law = score_of(found), law_of(found)
     if score is None or law is None or score.rested:
         return []
-    lines = [
-        f"fitted α {score.alpha_fit:.4g} s/m (rms {score.alpha_fit_rms:.2g}); energy lost goes as v^"
-        f"{number(score.energy_exponent, '.3g')}, the law's as v^{number(score.energy_exponent_law, '.3g')}",
-    ]
+    lines = [f"fitted α {score.alpha_fit:.4g} s/m (rms {score.alpha_fit_rms:.2g})"]
+    if math.isfinite(score.energy_exponent):
+        powers = f"v^{score.energy_exponent:.3g}, the law's as v^{number(score.energy_exponent_law, '.3g')}"
+        lines.append(f"energy lost goes as {powers}")
     if score.loops:
         lines.append(
             f"loops against eq. (16) of that α: force {score.loop_rms:.2g} rms of the largest, area x "
@@ -212,7 +212,8 @@ def cause_lines(causes: tuple[Cause, ...], remedy: str) -> list[str]:
             f"  fix    {plain(cause.fix)}",
         ]
         if math.isfinite(cause.alone):
-            lines.append(f"  tried  fixed alone e = {cause.alone:.4f}; left out e = {number(cause.without)}")
+            errors = f"{cause.alone:.2g}; with all but this fixed by {cause.without:.2g}"
+            lines.append(f"  tried  with this alone fixed e is off by {errors}")
     if remedy:
         lines += ["", remedy]
     return lines

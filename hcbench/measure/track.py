@@ -78,7 +78,7 @@ class Track:
         found = impact_of(launch, Trajectory(time, np.array(self.penetration, np.float64), rate, force))
         if found.status is Status.RESTED and self.reason:
             return dataclasses.replace(found, reason=self.reason)
-        if found.status is Status.PARTED and not found.speed_out >= 0:
+        if found.loop is not None and not (found.speed_in > 0 and found.speed_out >= 0):
             reason = "turned back by something else than the contact of the pair"
             return Impact(launch, Status.DIVERGED, reason, samples=found.samples)
         return found
