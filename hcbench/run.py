@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import platform
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
@@ -16,7 +17,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from multiprocessing import get_context
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 import pandas as pd
@@ -31,7 +32,7 @@ from hcbench.trains import bounce_trains
 from hcbench.tune.target import Target
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping
 
     from hcbench.scene import Scene
     from hcbench.setting import Setting
@@ -39,8 +40,32 @@ if TYPE_CHECKING:
     from hcbench.tune.target import Recipe
 
 RECIPES = "hcbench.recipes"
-TaskKey = tuple[str, tuple[Launch, ...]]
+_LAST = ("duration", "penetration_max", "force_max", "samples")
 LOOP_SAMPLES = 400  # kept of one loop; what a figure can show
+
+
+@dataclass(frozen=True, slots=True)
+class Launches(Sequence[Launch]):
+    """Every speed at every phase, the phases of one speed together; made when asked, as there may be many."""
+
+    speeds: tuple[float, ...]
+    phases: tuple[float, ...]
+
+    def __len__(self) -> int:
+        return len(self.speeds) * len(self.phases)
+
+    @overload
+    def __getitem__(self, index: int) -> Launch: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Launch]: ...
+    def __getitem__(self, index: int | slice) -> Launch | list[Launch]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        speed, phase = divmod(range(len(self))[index], len(self.phases))
+        return Launch(self.speeds[speed], self.phases[phase])
+
+
+TaskKey = tuple[str, Launches]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +74,7 @@ class Task:
 
     scene: Scene
     setting: Setting
-    launches: tuple[Launch, ...]
+    launches: Launches
     keep: tuple[Launch, ...]
 
     @property
@@ -59,7 +84,7 @@ class Task:
 
 
 @dataclass(frozen=True, slots=True)
-class _Row:
+class Row:
     """A setting made for one α, and the task that flies it; several rows may share a task."""
 
     alpha: float
@@ -73,15 +98,19 @@ def run_study(study: Study, jobs: int = 1, progress: Callable[[int, int], None] 
     progress: called with (impacts done, impacts in all) as they come in.
     Raises UserError for what the study asks wrongly, and EngineMissing, before anything runs.
     """
-    rows = [row for run in study.runs for row in _plan(study, run)]
+    rows = plan(study)
     tasks = {row.task.key: row.task for row in rows}
-    impacts = fly(list(tasks.values()), jobs, progress)
+    return gather(study, rows, fly(list(tasks.values()), jobs, progress))
+
+
+def gather(study: Study, rows: Sequence[Row], impacts: Mapping[TaskKey, Sequence[Impact]]) -> Results:
+    """Score the impacts of each row's task, and put all of it into tables."""
     tables: dict[str, list[Any]] = {"impacts": [], "loops": [], "scores": []}
     for row in rows:
         setting, found = row.task.setting, impacts[row.task.key]
         law = HuntCrossley(study.scene.stiffness, row.alpha, study.scene.exponent)
         key = (study.scene.name, setting.engine, setting.name, row.alpha, setting.timestep)
-        tables["impacts"] += [(*key, *_impact_values(impact, law)) for impact in found]
+        tables["impacts"].append(impact_table(key, found, law))
         tables["loops"] += [
             _loop_table(key, i) for i in found if i.launch in row.task.keep and i.loop is not None
         ]
@@ -89,8 +118,8 @@ def run_study(study: Study, jobs: int = 1, progress: Callable[[int, int], None] 
     return Results(
         study=study.described(),
         settings=[_setting_record(study.scene.name, row) for row in rows],
-        versions=_versions(study),
-        impacts=pd.DataFrame(tables["impacts"], columns=IMPACT_COLUMNS),
+        versions=versions(study),
+        impacts=pd.concat(tables["impacts"], ignore_index=True),
         loops=pd.concat(tables["loops"], ignore_index=True)
         if tables["loops"]
         else pd.DataFrame(columns=LOOP_COLUMNS),
@@ -99,7 +128,7 @@ def run_study(study: Study, jobs: int = 1, progress: Callable[[int, int], None] 
     )
 
 
-def _train_table(study: Study, rows: Sequence[_Row]) -> pd.DataFrame:
+def _train_table(study: Study, rows: Sequence[Row]) -> pd.DataFrame:
     """Bounce trains of the settings at the study's train step, for its main α."""
     law = HuntCrossley(study.scene.stiffness, study.main_alpha, study.scene.exponent)
     settings = {
@@ -119,19 +148,27 @@ def _train_table(study: Study, rows: Sequence[_Row]) -> pd.DataFrame:
     )
 
 
-def _plan(study: Study, run: Run) -> list[_Row]:
+def plan(study: Study) -> list[Row]:
+    """A study's settings, each for one α and step. Rows of settings that do not depend on α share a task.
+
+    Raises UserError for what the study asks wrongly, and EngineMissing.
+    """
+    return [row for run in study.runs for row in _plan(study, run)]
+
+
+def _plan(study: Study, run: Run) -> list[Row]:
     recipe: Recipe = registry.load(RECIPES, f"{run.engine}.{run.recipe}")
     registry.engine(run.engine).version()  # a missing engine is said before anything runs
     scene, phases = study.scene, (np.arange(study.phases) + 0.5) / study.phases
     kept = [v for v in study.loop_speeds if run.speeds == study.speeds]
-    launches = tuple(Launch(v, p) for v in sorted({*run.speeds, *kept}) for p in phases.tolist())
+    launches = Launches(tuple(sorted({*run.speeds, *kept})), tuple(phases.tolist()))
     keep = tuple(Launch(v, float(phases[study.phases // 2])) for v in kept)
     rows = []
     for timestep in run.timesteps:
         for alpha in run.alphas:
             law = HuntCrossley(scene.stiffness, alpha, scene.exponent)
             target = Target(law, scene.mass, timestep, min(study.speeds), max(study.speeds))
-            rows.append(_Row(alpha, recipe, Task(scene, recipe(target), launches, keep)))
+            rows.append(Row(alpha, recipe, Task(scene, recipe(target), launches, keep)))
     return rows
 
 
@@ -192,24 +229,25 @@ def _fly_one(task: Task) -> list[Impact]:
     return [i if i.launch in task.keep else dataclasses.replace(i, loop=None) for i in impacts]
 
 
-def _impact_values(impact: Impact, law: HuntCrossley) -> tuple[Any, ...]:
-    speed = impact.speed_in
+def impact_table(key: tuple[Any, ...], impacts: Sequence[Impact], law: HuntCrossley) -> pd.DataFrame:
+    """One row an impact, IMPACT_COLUMNS. key: the values of RUN_KEY. law: that of the key's α."""
+    speed = np.array([impact.speed_in for impact in impacts], dtype=np.float64)
     known = np.isfinite(speed)
-    return (
-        impact.launch.speed,
-        impact.launch.phase,
-        impact.status.value,
-        impact.reason,
+    by_law = np.full(len(speed), np.nan)
+    by_law[known] = exact.restitution(law.alpha, speed[known])
+    columns = (
+        *key,
+        [impact.launch.speed for impact in impacts],
+        [impact.launch.phase for impact in impacts],
+        [impact.status.value for impact in impacts],
+        [impact.reason for impact in impacts],
         speed,
-        impact.speed_out,
-        impact.restitution,
-        float(exact.restitution(law.alpha, speed)) if known else np.nan,
-        1 - law.alpha * speed,
-        impact.duration,
-        impact.penetration_max,
-        impact.force_max,
-        impact.samples,
+        *([getattr(impact, name) for impact in impacts] for name in ("speed_out", "restitution")),
+        by_law,
+        1.0 - law.alpha * speed,
+        *([getattr(impact, name) for impact in impacts] for name in _LAST),
     )
+    return pd.DataFrame(dict(zip(IMPACT_COLUMNS, columns, strict=True)))
 
 
 def _loop_table(key: tuple[Any, ...], impact: Impact) -> pd.DataFrame:
@@ -223,13 +261,14 @@ def _loop_table(key: tuple[Any, ...], impact: Impact) -> pd.DataFrame:
     return pd.DataFrame(dict(zip(LOOP_COLUMNS, (*head, *columns), strict=True)))
 
 
-def _setting_record(scene: str, row: _Row) -> dict[str, Any]:
+def _setting_record(scene: str, row: Row) -> dict[str, Any]:
     setting = row.task.setting
     key = dict(zip(RUN_KEY, (scene, setting.engine, setting.name, row.alpha, setting.timestep), strict=True))
     return {**key, "options": setting.options, "summary": row.recipe.summary, "notes": list(row.recipe.holds)}
 
 
-def _versions(study: Study) -> Mapping[str, str]:
+def versions(study: Study) -> dict[str, str]:
+    """Of everything that makes a result what it is: package or engine, and version."""
     engines = sorted({run.engine for run in study.runs})
     packages = {name: version(name) for name in ("hcbench", "matplotlib", "numpy", "scipy")}
     return {
