@@ -1,0 +1,1 @@
+"""Hunt & Crossley 1975 worked through: every figure redrawn, every printed number computed again."""

@@ -1,0 +1,149 @@
+"""Figs. 1 to 4: one impact."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.paper import case
+from hcbench.paper.case import INCH, POUND_FORCE
+from hcbench.paper.pens import BAD, BLUE, GREEN, GREY, ORANGE, PURPLE, bare, mark, span
+from hcbench.reference import approximations, exact
+from hcbench.reference import kelvin_voigt as kv
+from hcbench.reference.laws import HuntCrossley
+from hcbench.report.style import INK, inch_axis, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SKETCH_ALPHA_SPEED = 0.5  # α v of the sketches: a loss large enough to be seen
+LOOP_COLOURS = (GREEN, BLUE, ORANGE, PURPLE)
+
+
+def figure_1() -> Figure:
+    """(a) the loop of (4), (b) the loop of (16), with the same restitution and contact time."""
+    law, mass = HuntCrossley(1.0, SKETCH_ALPHA_SPEED), 1.0
+    e = float(exact.restitution(law.alpha, 1.0))
+    time = float(exact.duration(law, mass, 1.0))
+    linear = kv.matched(e, time, mass, kv.Ending.SURFACE)
+    a, b = kv.loop(linear, mass, 1.0, kv.Ending.SURFACE), exact.loop(law, mass, 1.0)
+    figure = new_figure(8.4, 3.5)
+    left, right = figure.subplots(1, 2, sharey=True)
+    left.plot(a.penetration, a.force, color=ORANGE)
+    pull = a.force < 0.0
+    left.fill_between(a.penetration[pull], a.force[pull], 0.0, color=BAD, alpha=0.25, linewidth=0)
+    spring = np.array([0.0, a.penetration.max()])
+    left.plot(spring, linear.stiffness * spring, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
+    shock, top = a.force[0], int(a.penetration.argmax())
+    for letter, x, y, dx, dy in (
+        ("O", 0.0, 0.0, -13, 4), ("A", 0.0, shock, -12, -3), ("B", a.penetration[top], a.force[top], 5, 2),
+        ("D", 0.0, a.force[-1], -12, -3),
+    ):  # fmt: skip
+        mark(left, letter, x, y, dx, dy)
+    left.annotate(
+        "shock c vᵢ", (0.0, shock), (0.16, 1.25 * shock), arrowprops={"arrowstyle": "->", "color": INK}
+    )
+    low = (a.penetration[pull].mean(), 0.6 * a.force.min())
+    left.annotate(
+        "pulls", low, (0.5, 1.1 * a.force.min()), color=BAD, arrowprops={"arrowstyle": "->", "color": BAD}
+    )
+    left.set_title("(a) Kelvin-Voigt, eq. (4)")
+    elastic = np.linspace(0.0, b.penetration.max(), 60)
+    right.plot(elastic, elastic**1.5, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
+    right.plot(b.penetration, b.force, color=BLUE)
+    right.fill_between(b.penetration, b.force, color=BLUE, alpha=0.12, linewidth=0)
+    right.set_title("(b) Hunt-Crossley, eq. (16)")
+    for axes in (left, right):
+        axes.axhline(0.0, color=INK, linewidth=0.8)
+        bare(axes, "approach x", "force F")
+    return figure
+
+
+def figure_2() -> Figure:
+    """The elastic law F = k x^n and the energy under it, eqs. (7), (8) and (10)."""
+    figure = new_figure(6.4, 3.2)
+    axes: Axes = figure.subplots()
+    x = np.linspace(0.0, 1.0, 200)
+    for n, colour in ((1.0, GREY), (1.25, GREEN), (1.5, BLUE), (2.0, PURPLE)):
+        axes.plot(x, x**n, color=colour, linewidth=2.2 if n == 1.5 else 1.3, label=f"n = {n:g}")
+    axes.fill_between(x, x**1.5, color=BLUE, alpha=0.12, linewidth=0)
+    axes.text(0.72, 0.2, "½ m vᵢ²", color=BLUE, ha="center")
+    axes.plot([1.0, 1.0], [0.0, 1.0], color=INK, linewidth=0.8, linestyle=(0, (3, 2)))
+    speed = axes.twinx()
+    for spine in speed.spines.values():
+        spine.set_visible(False)
+    speed.plot(x, approximations.speed_at(1.25, 1.0, 1.5, 1.0, x), color=ORANGE, linestyle=(0, (5, 2)))
+    speed.set_yticks([])
+    speed.set_ylim(0.0, 1.25)
+    axes.set_ylim(0.0, 1.25)
+    axes.text(0.03, 1.03, "v/vᵢ of eq. (10), n = 3/2", color=ORANGE, fontsize=8.5)
+    axes.legend(loc="center left", bbox_to_anchor=(0.0, 0.62), fontsize=8.5)
+    bare(axes, "approach x/xₘ", "force F/(k xₘⁿ)", ticks=True)
+    return figure
+
+
+def figure_3() -> Figure:
+    """The loop of (16) with its loss, the elastic law, and the two halves that (12) takes as equal."""
+    law = HuntCrossley(1.0, SKETCH_ALPHA_SPEED)
+    loop = exact.loop(law, 1.0, 1.0)
+    depth = loop.penetration.max()
+    middle = loop.penetration**1.5
+    figure = new_figure(6.4, 3.4)
+    axes: Axes = figure.subplots()
+    inward = loop.rate >= 0.0
+    axes.fill_between(
+        loop.penetration[inward], loop.force[inward], middle[inward], color=ORANGE, alpha=0.28, linewidth=0
+    )
+    axes.fill_between(
+        loop.penetration[~inward], middle[~inward], loop.force[~inward], color=GREEN, alpha=0.28, linewidth=0
+    )
+    axes.plot(loop.penetration, loop.force, color=BLUE)
+    elastic = np.linspace(0.0, depth, 100)
+    axes.plot(elastic, elastic**1.5, color=GREY, linestyle=(0, (4, 2)), linewidth=1.0)
+    share = float(approximations.inward_share(SKETCH_ALPHA_SPEED))
+    at = float(np.interp(0.55 * depth, loop.penetration[inward], loop.force[inward]))
+    axes.annotate(
+        f"way in: {100 * share:.0f} % of ΔE", (0.55 * depth, 0.5 * (at + (0.55 * depth) ** 1.5)), (0.1, 0.78),
+        color=ORANGE, arrowprops={"arrowstyle": "->", "color": ORANGE},
+    )  # fmt: skip
+    back = float(np.interp(-0.75 * depth, -loop.penetration[~inward], loop.force[~inward]))
+    axes.annotate(
+        f"way out: {100 * (1 - share):.0f} %",
+        (0.75 * depth, 0.5 * (back + (0.75 * depth) ** 1.5)), (0.6, 0.06),
+        color=GREEN, arrowprops={"arrowstyle": "->", "color": GREEN},
+    )  # fmt: skip
+    span(axes, depth, "xₘ")
+    bare(axes, "approach x", "force F")
+    return figure
+
+
+def figure_4() -> Figure:
+    """Loops of the steel body of section 3.1 at 4, 8, 12 and 16 in/s, for the four α of section 3.2."""
+    figure = new_figure(8.6, 7.0)
+    panels = figure.subplots(2, 2, sharex=True, sharey=True)
+    limit = 600.0
+    for axes, alpha in zip(panels.flat, case.ALPHAS, strict=True):
+        for speed, colour in zip(case.SPEEDS, LOOP_COLOURS, strict=True):
+            loop = exact.loop(case.law(alpha), case.MASS, speed)
+            x, force = loop.penetration / INCH * 1e3, loop.force / POUND_FORCE
+            axes.plot(x, force, color=colour, linewidth=1.4)
+            tip = int(x.argmax())
+            behind = {"facecolor": "white", "edgecolor": "none", "pad": 0.3, "alpha": 0.75}
+            text = f"{speed / INCH:.0f} in/s"
+            axes.text(x[tip] + 0.02, force[tip], text, color=colour, fontsize=8.5, va="center", bbox=behind)
+        axes.axhline(limit, color=BAD, linewidth=0.9, linestyle=(0, (4, 2)))
+        axes.set_title(f"α = {alpha * INCH:.3f} s/in")
+        axes.set_xlim(0.0, 1.06)
+        axes.set_ylim(0.0, 1000.0)
+    panels[0, 0].text(0.02, limit + 10, "600 lb: largest allowed", color=BAD, fontsize=8.5)
+    for axes in panels[1]:
+        axes.set_xlabel("approach x, 10⁻³ in")
+    for axes in panels[:, 0]:
+        axes.set_ylabel("force F, lb")
+    for axes in panels[0]:
+        inch_axis(axes, "top", "µm", 1.0 / 25.4)
+    for axes in panels[:, 1]:
+        inch_axis(axes, "right", "N", 1.0 / POUND_FORCE)
+    return figure

@@ -1,0 +1,142 @@
+"""Every number the paper prints that can be computed, as printed and as computed here."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from hcbench.paper import case
+from hcbench.paper.case import INCH, POUND_FORCE, PSI
+from hcbench.reference import exact, hertz
+from hcbench.reference.elliptic import largest_shear
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+Verdict = Literal["agrees", "rounded", "differs"]
+STEEL_DENSITY = 7850.0  # kg/m³, of carbon steel
+
+
+@dataclass(frozen=True, slots=True)
+class Printed:
+    """One number of the paper.
+
+    where: section or equation. what: of what. printed: the digits as printed, ours: the value, both in
+    `unit`. digits: how many of the printed digits are meant (two of 600 lb). note: where the difference
+    comes from.
+    """
+
+    where: str
+    what: str
+    printed: str
+    ours: float
+    unit: str
+    digits: int
+    note: str = ""
+
+    @property
+    def value(self) -> float:
+        """The printed digits as a number."""
+        return float(self.printed)
+
+    @property
+    def verdict(self) -> Verdict:
+        """agrees: the same after rounding; rounded: within one more unit of the last digit; differs."""
+        last = 10.0 ** (math.floor(math.log10(abs(self.value))) + 1 - self.digits)
+        units = abs(self.ours - self.value) / last
+        if units <= 0.5 + 1e-9:
+            return "agrees"
+        return "rounded" if units <= 1.5 else "differs"
+
+    @property
+    def difference(self) -> float:
+        """Ours over the printed one, less 1."""
+        return self.ours / self.value - 1.0
+
+
+def digits(value: float) -> str:
+    """Four digits, as people write them: "2.198·10⁷"."""
+    if 1e-3 <= abs(value) < 1e6:
+        return f"{float(f'{value:.4g}'):g}"
+    mantissa, exponent = f"{value:.3e}".split("e")
+    return f"{float(mantissa):g}·10" + str(int(exponent)).translate(
+        str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    )
+
+
+def printed_numbers() -> list[Printed]:
+    """All of them, in the paper's order."""
+    return [*_first_sections(), *_constants(), *_stresses(), *_case()]
+
+
+def _first_sections() -> Iterator[Printed]:
+    yield Printed("1.1", "impact speeds meant, 20 in/s", "50", 20 * INCH * 100, "cm/s", 2)
+    yield Printed("1.2", "smallest α, 0.002 s/in", "0.08", 0.002 / INCH, "s/m", 1)
+    yield Printed(
+        "1.2", "largest α, 0.008 s/in", "0.32", 0.008 / INCH, "s/m", 2, "four times the rounded 0.08"
+    )
+    yield Printed("1.9", "E of steel, 30·10⁶ lb/in²", "2.068e11", 30e6 * PSI, "N/m²", 4)
+
+
+def _constants() -> Iterator[Printed]:
+    pair = case.pair()
+    k1 = pair.K1 / PSI
+    metric = pair.K1 * 1e-4
+    slip = 2.19e7 * POUND_FORCE / 25.4
+    yield Printed("(5)", "K1 = (4/3) E/(2(1 - ν²))", "2.19e7", k1, "lb/in²", 3, "cut off, not rounded")
+    yield Printed(
+        "(5)", "K1 in metric units", "3.83e6", metric, "N/cm²", 3,
+        f"printed with 25.4 where 2.54² = 6.45 belongs: 2.19·10⁷ · 4.448/25.4 = {digits(slip)}",
+    )  # fmt: skip
+    k2 = pair.K2 / PSI * (POUND_FORCE / INCH**2) ** (1 / 3)
+    k2_metric = pair.K2 * 1e4 ** (1 / 3)
+    yield Printed("(6)", "K2 = 0.31 (6 E*²/π³)^(1/3)", "1.16e4", k2, "(lb/in²)^(2/3)", 3)
+    yield Printed(
+        "(6)", "K2 in metric units (R in cm, τ in N/m²)", "9.02e7", k2_metric, "mixed", 3, "does not convert"
+    )
+
+
+def _stresses() -> Iterator[Printed]:
+    share, _ = largest_shear(1.0, 0.30)
+    yield Printed("1.10", "bearing stress, 200 000 lb/in²", "1.38e9", 200_000 * PSI, "N/m²", 3)
+    yield Printed("1.10", "its highest limit, 500 000 lb/in²", "3.45e9", 500_000 * PSI, "N/m²", 3)
+    yield Printed("1.10", "largest shear over largest pressure", "0.31", share, "", 2)
+    yield Printed("1.10", "shear limit", "62000", share * 200_000, "lb/in²", 2)
+    yield Printed("1.10", "shear limit in metric units", "4.27e8", 62_000 * PSI, "N/m²", 3)
+
+
+def _case() -> Iterator[Printed]:
+    pair = case.pair()
+    k3 = pair.stiffness * INCH**1.5 / POUND_FORCE
+    yield Printed("3.1", "weight of one pound", "4.448", POUND_FORCE, "N", 4)
+    ball = 4.0 / 3.0 * math.pi * INCH**3 * STEEL_DENSITY / case.POUND_MASS
+    note = "of a full ball with R1 = 1 in; the body has 1 lb, its shape away from the contact is free"
+    yield Printed("3.1", "weight of the steel body", "1", ball, "lb", 2, note)
+    yield Printed("3.1", "K3", "3.1e7", k3, "lb/in^1.5", 2)
+    yield Printed("3.1", "K3 in metric units", "3.4e7", pair.stiffness * 0.01**1.5, "N/cm^1.5", 2)
+    limit = pair.force_at_shear()
+    yield Printed("3.1", "largest allowed force", "600", limit / POUND_FORCE, "lb", 2)
+    note = "600 lb are 2669 N; 2690 N would be 605 lb"
+    yield Printed("3.1", "600 lb in metric units", "2690", 600 * POUND_FORCE, "N", 3, note)
+    yield Printed("3.1", "impact speed, 16 in/s", "40", 16 * INCH * 100, "cm/s", 2)
+    law = case.law(case.ALPHAS[2])
+    used = hertz.from_stiffness(law.stiffness, 2 * INCH)
+    over = used.shear_max(float(exact.force_max(law, case.MASS, 16 * INCH))) / hertz.SHEAR_LIMIT
+    note = (
+        f'of the limit at 16 in/s, α = 0.008 s/in: {100 * (over - 1):.1f} %; "not more than about 15 percent"'
+    )
+    yield Printed("3.1", "stress", "1.15", over, "of its limit", 2, note)
+    yield Printed(
+        "3.2", "largest α drawn, 0.016 s/in", "0.64", 0.016 / INCH, "s/m", 2, "twice the rounded 0.32"
+    )
+    yield Printed(
+        "3.2", "λ/(α k), eq. (15)", "1.5", _factor(), "", 2, "read off the law at a vanishing speed"
+    )
+
+
+def _factor() -> float:
+    """λ/(α k) that makes eq. (2) true for small speeds, from the exact restitution alone."""
+    d = 1e-7
+    e = float(exact.restitution(d / 1.5, 1.0))
+    return d / (1.0 - e)

@@ -1,0 +1,36 @@
+"""Colours and small marks that the paper's figures share."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hcbench.report.style import INK
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# After Okabe & Ito (2008): told apart with any kind of colour vision.
+BLUE, ORANGE, GREEN, PURPLE, SKY, GREY, BAD = (
+    "#0072B2", "#C98500", "#00805E", "#8B3F75", "#3A9BD0", "#8b949c", "#B23A00",
+)  # fmt: skip
+
+
+def bare(axes: Axes, x: str, y: str, ticks: bool = False) -> None:
+    """A sketch's axes: names, and numbers only where they mean something."""
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    if not ticks:
+        axes.set_xticks([])
+        axes.set_yticks([])
+
+
+def mark(axes: Axes, letter: str, x: float, y: float, dx: float, dy: float) -> None:
+    """A letter beside a point; dx, dy in points."""
+    axes.plot([x], [y], marker="o", markersize=3.0, color=INK, linestyle="none", clip_on=False)
+    axes.annotate(letter, (x, y), (dx, dy), textcoords="offset points", fontsize=9.5, annotation_clip=False)
+
+
+def span(axes: Axes, x: float, name: str) -> None:
+    """A dashed line down from the end of a loop, with its name below."""
+    axes.axvline(x, ymax=0.9, color=INK, linewidth=0.7, linestyle=(0, (3, 2)))
+    axes.annotate(name, (x, 0.0), (3, 3), textcoords="offset points", fontsize=9.5)

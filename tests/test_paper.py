@@ -1,0 +1,207 @@
+"""The paper's page: all its figures, all its numbers, the same bytes every time."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from hcbench.errors import OutputError
+from hcbench.paper import beyond, case, gaps, impacts
+from hcbench.paper.beyond import QUICK
+from hcbench.paper.build import build
+from hcbench.paper.drawings import drawings
+from hcbench.paper.numbers import Printed, digits, printed_numbers
+from hcbench.reference import exact
+from hcbench.reference.later_laws import LAWS
+from hcbench.report import style
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+
+INCH, POUND = 0.0254, 4.4482216152605
+NUMBERS = {(n.where, n.what): n for n in printed_numbers()}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(tmp_path_factory.mktemp("paper"), quick=True).parent
+
+
+class _Page(HTMLParser):
+    """What a browser would load, and whether every tag that opens closes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.images: list[dict[str, str | None]] = []
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        self.ids += [str(given["id"])] if given.get("id") else []
+        self.links += [str(given["href"])] if tag == "a" else []
+        if tag == "img":
+            self.images.append(given)
+        elif tag not in ("meta", "link"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def _parsed(folder: Path) -> _Page:
+    page = _Page()
+    page.feed((folder / "index.html").read_text(encoding="utf-8"))
+    return page
+
+
+def test_all_nine_figures_are_there_and_say_what_they_show(folder: Path) -> None:
+    page = _parsed(folder)
+    assert page.open == []
+    for i in range(1, 10):
+        assert f"figure-{i}" in page.ids
+    assert len(page.images) == len(drawings(QUICK))
+    for image in page.images:
+        assert str(image["src"]).startswith("data:image/svg+xml;base64,")
+        assert len(str(image["alt"])) > 40
+    for drawing in drawings(QUICK):
+        for suffix in ("svg", "png"):
+            assert (folder / "figures" / f"{drawing.name}.{suffix}").stat().st_size > 1000
+
+
+def test_the_page_needs_nothing_from_outside(folder: Path) -> None:
+    text = (folder / "index.html").read_text(encoding="utf-8")
+    page = _parsed(folder)
+    assert all(link.startswith("#") and link[1:] in page.ids for link in page.links)
+    assert not re.search(r"(?:src|href)=\"(?:https?:)?//", text)
+    assert "<script" not in text
+
+
+def test_the_same_bytes_every_time(folder: Path, tmp_path: Path) -> None:
+    ticks: list[tuple[int, int]] = []
+    again = build(tmp_path / "new", quick=True, tick=lambda done, total: ticks.append((done, total))).parent
+    files = sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
+    assert files == sorted(p.relative_to(again) for p in again.rglob("*") if p.is_file())
+    for file in files:
+        assert (folder / file).read_bytes() == (again / file).read_bytes(), file
+    assert ticks[0] == (0, len(drawings(QUICK)))
+    assert ticks[-1] == (len(drawings(QUICK)), len(drawings(QUICK)))
+
+
+def test_a_folder_that_cannot_be_written_is_named_and_nothing_is_left(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(OutputError, match="output folder"):
+        build(tmp_path / "file" / "page", quick=True)
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "file"]
+
+
+# --- numbers
+# ----------------------------------------------------------------------------------------------------
+
+
+def test_the_printed_numbers_that_do_not_agree_are_the_known_four() -> None:
+    differ = {n.what for n in NUMBERS.values() if n.verdict == "differs"}
+    assert differ == {
+        "K1 in metric units",
+        "K2 in metric units (R in cm, τ in N/m²)",
+        "weight of the steel body",
+        "600 lb in metric units",
+    }
+
+
+@pytest.mark.parametrize(
+    ("key", "ours"),
+    [
+        (("(5)", "K1 = (4/3) E/(2(1 - ν²))"), 2.1978e7),
+        (("(5)", "K1 in metric units"), 1.5153e7),
+        (("(6)", "K2 = 0.31 (6 E*²/π³)^(1/3)"), 11613.0),
+        (("3.1", "K3"), 3.1082e7),
+        (("3.1", "K3 in metric units"), 3.4154e7),
+        (("3.1", "600 lb in metric units"), 2668.93),
+        (("3.1", "largest allowed force"), 608.62),
+        (("3.2", "largest α drawn, 0.016 s/in"), 0.62992),
+    ],
+)
+def test_the_numbers_are_computed_right(key: tuple[str, str], ours: float) -> None:
+    assert NUMBERS[key].ours == pytest.approx(ours, rel=5e-5)
+
+
+def test_k1_in_metric_units_was_printed_with_a_slip_of_the_conversion() -> None:
+    assert NUMBERS["(5)", "K1 in metric units"].value == pytest.approx(2.19e7 * POUND / 25.4, rel=2e-3)
+
+
+def test_a_verdict_goes_by_the_printed_digits() -> None:
+    def verdict(printed: str, ours: float, meant: int) -> str:
+        return Printed("", "", printed, ours, "", meant).verdict
+
+    assert verdict("2.19e7", 2.1949e7, 3) == "agrees"
+    assert verdict("2.19e7", 2.198e7, 3) == "rounded"
+    assert verdict("2.19e7", 2.21e7, 3) == "differs"
+    assert verdict("600", 608.6, 1) == "agrees"
+    assert verdict("600", 608.6, 2) == "rounded"
+    assert digits(15153300.0) == "1.515·10⁷"
+    assert digits(62004.1) == "62000"
+
+
+def test_every_number_is_on_the_page(folder: Path) -> None:
+    text = (folder / "index.html").read_text(encoding="utf-8")
+    for n in NUMBERS.values():
+        assert digits(n.ours) in text
+        assert digits(n.value) in text
+    for law in LAWS.values():
+        assert law.name in text
+
+
+# --- figures
+# ----------------------------------------------------------------------------------------------------
+
+
+def _lines(axes: Axes) -> list[np.ndarray]:
+    return [np.array(line.get_xydata()) for line in axes.lines]
+
+
+def test_figure_4_shows_the_closed_form_in_the_papers_units() -> None:
+    with style.drawing():
+        panels = impacts.figure_4().axes[:4]
+    for axes, alpha in zip(panels, case.ALPHAS, strict=True):
+        for line, speed in zip(_lines(axes), case.SPEEDS, strict=False):
+            law = case.law(alpha)
+            assert line[:, 0].max() * INCH / 1e3 == pytest.approx(
+                exact.penetration_max(law, case.MASS, speed)
+            )
+            top = float(exact.force_max(law, case.MASS, speed)) / POUND
+            assert line[:, 1].max() == pytest.approx(top, rel=1e-4)
+            assert line[:, 1].max() < 1000.0  # the paper's frame
+            assert line[:, 0].max() < 1.0
+
+
+def test_figure_1_pulls_on_the_left_only() -> None:
+    with style.drawing():
+        left, right = impacts.figure_1().axes
+    assert _lines(left)[0][:, 1].min() < 0.0 < _lines(left)[0][0, 1]
+    assert min(line[:, 1].min() for line in _lines(right)) == 0.0
+
+
+def test_figure_9_lies_on_its_ellipse_and_figure_8_does_not_close_on_one() -> None:
+    with style.drawing():
+        small, large = gaps.figure_9().axes[1], gaps.figure_8().axes[1]
+    loop, ellipse = _lines(small)[:2]
+    assert np.ptp(loop[:, 1]) == pytest.approx(np.ptp(ellipse[:, 1]), rel=0.02)
+    assert np.ptp(loop[:, 0]) == pytest.approx(np.ptp(ellipse[:, 0]), rel=1e-3)
+    assert np.ptp(_lines(large)[0][:, 0]) > 2.0 * gaps.SQUEEZE
+
+
+def test_the_loop_of_q_2_encloses_the_loss_that_its_restitution_says() -> None:
+    from hcbench.reference import quadratic
+
+    law = quadratic.QuadraticDamping(case.STIFFNESS, 1.0, case.MASS)
+    x, force = beyond._quadratic_loop(law, 0.5)
+    e = float(quadratic.restitution(1.0, 0.5))
+    assert np.trapezoid(force, x) == pytest.approx(0.5 * case.MASS * 0.25 * (1.0 - e**2), rel=1e-3)
