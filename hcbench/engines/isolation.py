@@ -13,18 +13,15 @@ from __future__ import annotations
 import atexit
 import ctypes
 import os
-import pickle
 import signal
-import struct
 import subprocess
 import sys
 import threading
-import traceback
 from contextlib import contextmanager, suppress
-from enum import Enum, auto
-from typing import IO, TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from hcbench.errors import EngineFailed, HcbenchError
+from hcbench.engines._worker import Answer, receive, send, serve
+from hcbench.errors import EngineFailed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -34,7 +31,6 @@ Item = TypeVar("Item")
 
 _START_S = 60.0  # for a new interpreter to come up on a busy machine
 _GIVE_UP = 3  # deaths in a row, nothing done in between
-_SIZE = struct.Struct("<Q")
 
 
 class WorkerDied(EngineFailed):
@@ -93,7 +89,7 @@ def collect(function: Callable[..., Iterator[Result]], *args: Any, limit: float)
     limit: s for all of it; a worker that takes longer is ended.
     Raises what the function raises, and WorkerDied with what had been delivered until then.
     """
-    return list(function(*args)) if _inside else _shared.collect(function, args, limit)
+    return list(function(*args)) if _inside else _own().collect(function, args, limit)
 
 
 def survive(
@@ -138,27 +134,27 @@ class _Worker:
         if process is not None:
             process.returncode = 0  # nothing to wait for here
         self._process: subprocess.Popen[bytes] | None = None
-        self._lock = threading.Lock()
+        self.lock = threading.Lock()
         self._late = threading.Event()
 
     def collect(self, function: Callable[..., Iterator[Result]], args: Any, limit: float) -> list[Result]:
-        with self._lock:
+        with self.lock:
             done: list[Result] = []
             try:
                 process = self._alive()
                 with self._at_most(limit, process):
-                    _send(process.stdin, (_working_directory(), function, args))
-                    kind, value = _receive(process.stdout)
-                    while kind is _Answer.ITEM:
+                    send(process.stdin, (_working_directory(), function, args))
+                    kind, value = receive(process.stdout)
+                    while kind is Answer.ITEM:
                         done.append(value)
-                        kind, value = _receive(process.stdout)
+                        kind, value = receive(process.stdout)
             except (EOFError, OSError) as error:
                 how = self._cause_of_death(limit)
                 raise WorkerDied("engine", how, "", "", done) from error
             except BaseException:  # an interrupt, or an answer that cannot be read
                 self.close()
                 raise
-        if kind is _Answer.RAISED:
+        if kind is Answer.RAISED:
             raise value
         return done
 
@@ -167,7 +163,7 @@ class _Worker:
             self.close()
         if self._process is None:
             path = [str(entry) for entry in sys.path]
-            code = f"import sys; sys.path[:] = {path!r}; from {__name__} import _serve; _serve()"
+            code = f"import sys; sys.path[:] = {path!r}; from {serve.__module__} import serve; serve()"
             self._process = subprocess.Popen(
                 [sys.executable, "-c", code],
                 stdin=subprocess.PIPE,
@@ -175,7 +171,7 @@ class _Worker:
                 stderr=subprocess.DEVNULL,
             )
             with self._at_most(_START_S, self._process):
-                _receive(self._process.stdout)
+                receive(self._process.stdout)
         return self._process
 
     def _cause_of_death(self, limit: float) -> str:
@@ -190,6 +186,11 @@ class _Worker:
         if code is not None and code < 0:
             return f"crashed with {signal.Signals(-code).name}"
         return f"its process ended with exit code {code}"
+
+    def kill(self) -> None:
+        """End what the worker is doing, for whoever waits for it."""
+        if (process := self._process) is not None:
+            process.kill()
 
     def close(self) -> None:
         """End the worker and everything held for it."""
@@ -222,9 +223,42 @@ class _Worker:
 
 
 _shared = _Worker()
-atexit.register(_shared.close)
+_workers = [_shared]
+_thread = threading.local()
+
+
+def _own() -> _Worker:
+    found: _Worker = getattr(_thread, "worker", _shared)
+    return found
+
+
+def take_own_worker() -> None:
+    """Give the calling thread a worker of its own from now on, beside the one that all others share.
+
+    For the threads of a pool, as its initializer: so many engines then run at once.
+    """
+    _thread.worker = _Worker()
+    _workers.append(_thread.worker)
+
+
+def end_workers() -> None:
+    """End all workers of this process; what they were doing is WorkerDied to those who wait for it."""
+    for worker in _workers:
+        worker.kill()
+    for worker in _workers:
+        with worker.lock:
+            worker.close()
+    del _workers[1:]
+
+
+def _forget_workers() -> None:
+    for worker in _workers:
+        worker.forget()
+
+
+atexit.register(end_workers)
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_shared.forget)
+    os.register_at_fork(after_in_child=_forget_workers)
 
 
 def _working_directory() -> str:
@@ -232,77 +266,3 @@ def _working_directory() -> str:
         return os.getcwd()  # noqa: PTH109 - crosses as text
     except FileNotFoundError:
         return os.path.sep  # deleted under us
-
-
-class _Answer(Enum):
-    READY = auto()
-    ITEM = auto()
-    RAISED = auto()
-    END = auto()
-
-
-def _send(pipe: IO[bytes] | None, value: Any) -> None:
-    assert pipe is not None
-    data = pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
-    pipe.write(_SIZE.pack(len(data)) + data)
-    pipe.flush()
-
-
-def _receive(pipe: IO[bytes] | None) -> Any:
-    return pickle.loads(_receive_bytes(pipe))
-
-
-def _receive_bytes(pipe: IO[bytes] | None) -> bytes:
-    assert pipe is not None
-    head = pipe.read(_SIZE.size)
-    if len(head) == _SIZE.size:
-        (size,) = _SIZE.unpack(head)
-        data = pipe.read(size)
-        if len(data) == size:
-            return data
-    raise EOFError
-
-
-def _serve() -> NoReturn:
-    """The worker's main loop: answers requests on the pipes it was started with, until they close."""
-    enter_worker()
-    requests = os.fdopen(os.dup(0), "rb")
-    answers = os.fdopen(os.dup(1), "wb")
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    for fd in (0, 1, 2):  # what engines print is not part of the conversation
-        os.dup2(nowhere, fd)
-
-    def say(kind: _Answer, value: Any = None) -> None:
-        try:
-            _send(answers, (kind, value))
-        except OSError:
-            os._exit(0)  # the parent has gone
-
-    say(_Answer.READY)
-    while True:
-        try:
-            request = _receive_bytes(requests)
-        except (EOFError, OSError):
-            os._exit(0)
-        try:
-            place, function, args = pickle.loads(request)
-            os.chdir(place)  # the parent's: relative paths mean the same here
-            for item in function(*args):
-                say(_Answer.ITEM, item)
-        except Exception as error:
-            say(_Answer.RAISED, _portable(error))
-        else:
-            say(_Answer.END)
-
-
-def _portable(error: Exception) -> Exception:
-    """An error of Python's own or of hcbench as it is, any other in words.
-
-    Other packages' errors do not cross: to read one, the parent would have to import the engine.
-    """
-    home = type(error).__module__.partition(".")[0]
-    if home not in ("builtins", "hcbench"):
-        return EngineFailed("engine", f"{type(error).__name__}: {error}", "")
-    if not isinstance(error, HcbenchError):
-        error.add_note("".join(traceback.format_exception(error)))
-    return error
