@@ -29,12 +29,16 @@ DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How much the forced pictures compute: lanes of the bifurcation, its cycles, lanes of the response."""
+    """How much the forced pictures compute: lanes of the bifurcation, its cycles, lanes of the response.
+
+    jobs: processes for the bifurcation; they change the time, not the picture.
+    """
 
     values: int
     cycles: int
     kept: int
     response: int
+    jobs: int = 1
 
 
 FULL = Effort(values=140, cycles=100, kept=30, response=64)
@@ -185,7 +189,9 @@ def bifurcation_figure(effort: Effort) -> Figure:
     title = f"spring and damper (4), same e and contact time at {STAND_IN_SPEED:g} m/s"
     pictures = ((LOOSE, BLUE, "eq. (16)"), (stand_in, ORANGE, title))
     for axes, (system, colour, name) in zip(panels, pictures, strict=True):
-        run = orbits(system, Sinusoid(PUSH, 1.0), "frequency", f, effort.cycles, effort.kept)
+        run = orbits(
+            system, Sinusoid(PUSH, 1.0), "frequency", f, effort.cycles, effort.kept, jobs=effort.jobs
+        )
         _dots(axes, np.repeat(f, effort.kept), run.velocity.ravel(), colour)
         axes.set_title(name)
         axes.set_ylabel("velocity once a cycle, m/s")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
@@ -27,13 +28,16 @@ ASKED = (0.3, 0.5, 0.7, 0.9)  # restitutions of the table of laws
 WORDS = {"agrees": "agrees", "rounded": "agrees but for rounding", "differs": "differs"}
 
 
-def build(folder: Path, *, quick: bool = False, tick: Callable[[int, int], None] | None = None) -> Path:
+def build(
+    folder: Path, *, quick: bool = False, jobs: int = 1, tick: Callable[[int, int], None] | None = None
+) -> Path:
     """Write the page and its figures (SVG, PNG) into `folder` and return the page. All of it, or nothing.
 
-    quick: few parameters in the two forced figures. tick: told (figures done, figures in all). The same
-    version gives the same bytes. Raises OutputError where the folder cannot be written.
+    quick: few parameters in the two forced figures. jobs: processes for the largest of them. tick: told
+    (figures done, figures in all). The same version gives the same bytes, whatever jobs is. Raises
+    OutputError where the folder cannot be written.
     """
-    plan = drawings(QUICK if quick else FULL)
+    plan = drawings(replace(QUICK if quick else FULL, jobs=jobs))
     with filled_folder(folder) as scratch:
         (scratch / "figures").mkdir()
         figures = []

@@ -1,0 +1,25 @@
+"""hcbench paper: Hunt & Crossley 1975 as a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from hcbench.cli.console import jobs_option, progress
+
+
+@click.command()
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("reports/paper"), show_default=True,
+    help="Folder to write to.",
+)  # fmt: skip
+@click.option("--quick", is_flag=True, help="Fewer parameters in the forced figures: a preview.")
+@jobs_option
+def paper(out: Path, quick: bool, jobs: int) -> None:
+    """Redraw every figure of Hunt and Crossley 1975, and check every number it prints."""
+    from hcbench.paper.build import build
+
+    with progress("figures") as tick:
+        page = build(out, quick=quick, jobs=jobs, tick=tick)
+    print(page)
