@@ -408,6 +408,23 @@ def test_the_page_stands_alone(tmp_path: Path) -> None:
     assert page == measurement_page(measure(BROKEN, "ball,plate", wanted=0.9))
 
 
+def test_loops_are_in_the_record_and_on_the_page() -> None:
+    text = (
+        Path(GOOD)
+        .read_text()
+        .replace('solref="0 -950"', 'solref="-10000 -20"')
+        .replace('"0.002"', '"0.0002"')
+    )
+    found = measure(text, "ball,plate", speeds=SPEEDS)
+    loops = as_record(found)["loops"]
+    assert [loop["speed_m_per_s"] for loop in loops] == [0.1, 0.5]
+    assert len(loops[0]["force_n"]) == len(loops[0]["penetration_m"]) <= 200
+    assert "The loops" in measurement_page(found)
+    assert "The loops" not in measurement_page(measure(GOOD, "ball,plate", speeds=SPEEDS)), (
+        "one step is no loop"
+    )
+
+
 def test_the_record_of_a_measurement_is_whole() -> None:
     record = as_record(measure(GOOD, "ball,plate", speeds=SPEEDS, wanted=Wanted(alpha=0.3)))
     assert record["score"]["impacts"] == 8

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench.measure.show import kept_loops
 from hcbench.measure.words import plain
 from hcbench.report.style import INK, LAW, drawing, new_figure, png_bytes, speed_axis, svg_bytes
 
@@ -76,4 +77,24 @@ def curve_svg(found: Measurement) -> bytes:
         axes.set_ylim(0.0, max(1.05, *(1.05 * h for h in high)) if high else 1.05)
         speed_axis(axes, inches=False)
         axes.legend(loc="best")
+        return svg_bytes(figure)
+
+
+def loops_svg(found: Measurement) -> bytes | None:
+    """Force over penetration, one loop a speed; None where no contact took steps enough to show one."""
+    loops = [(impact, impact.loop) for impact in kept_loops(found)]
+    if not loops:
+        return None
+    fastest = max(impact.speed_in for impact, _ in loops)
+    with drawing():
+        figure = new_figure(6.4, 3.6)
+        axes = figure.subplots()
+        for impact, loop in loops:
+            assert loop is not None
+            shade = 0.25 + 0.75 * impact.speed_in / fastest
+            label = f"{impact.speed_in:.3g} m/s"
+            axes.plot(loop.penetration * 1e6, loop.force, color=_MEASURED, alpha=shade, label=label)
+        axes.set_xlabel("penetration, µm")
+        axes.set_ylabel("force, N")
+        axes.legend(loc="best", title="impact speed")
         return svg_bytes(figure)

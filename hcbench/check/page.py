@@ -10,7 +10,7 @@ import base64
 import math
 from typing import TYPE_CHECKING
 
-from hcbench.check.figure import curve_svg
+from hcbench.check.figure import curve_svg, loops_svg
 from hcbench.measure.show import effective_mass, law_of, score_of
 from hcbench.measure.words import number, plain
 
@@ -49,6 +49,9 @@ code { background: #f2f4f6; padding: .1rem .3rem; overflow-wrap: anywhere; } .ca
 <th>steps in contact</th><th>failed</th></tr>
 {% for row in rows %}<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>
 {% endfor %}</table>
+{% if loops %}<h2>The loops</h2>
+<figure><img src="{{ loops }}" alt="Contact force over penetration, a loop a speed.">
+</figure>{% endif %}
 {% if failures %}<h2>What failed</h2>
 <ul>{% for line in failures %}<li>{{ line }}</li>{% endfor %}</ul>{% endif %}
 {% if causes %}<h2>Why</h2>{% for cause in causes %}<div class="cause"><b>{{ cause.title }}</b><br>
@@ -73,12 +76,13 @@ def measurement_page(found: Measurement) -> str:
 
     template = Environment(autoescape=True).from_string(_TEMPLATE)
     facts = found.facts
-    figure = base64.b64encode(curve_svg(found)).decode()
+    loops = loops_svg(found)
     return template.render(
         model=plain(facts.model),
         pair=[plain(name) for name in facts.pair],
         summary=_summary(found),
-        figure=f"data:image/svg+xml;base64,{figure}",
+        figure=_embedded(curve_svg(found)),
+        loops=None if loops is None else _embedded(loops),
         rows=_rows(found),
         failures=[
             f"{i.status.value} at {i.launch.speed:.4g} m/s: {plain(i.reason)}" for i in found.failed[:5]
@@ -91,6 +95,10 @@ def measurement_page(found: Measurement) -> str:
     )
 
 
+def _embedded(svg: bytes) -> str:
+    return f"data:image/svg+xml;base64,{base64.b64encode(svg).decode()}"
+
+
 def _summary(found: Measurement) -> str:
     known = [p for p in found.curve if not math.isnan(p.restitution)]
     if not known:
@@ -98,9 +106,9 @@ def _summary(found: Measurement) -> str:
     low, high = min(p.lowest for p in known), max(p.highest for p in known)
     band = f"{known[0].speed_in:.3g} ... {known[-1].speed_in:.3g} m/s"
     words = f"Restitution between {low:.3f} and {high:.3f} at impact speeds of {band}"
-    words += (
-        f", {found.spread:.2g} of it by where in a time step the touch falls." if found.spread > 0 else "."
-    )
+    if found.spread > 0:
+        words += f", up to {found.spread:.2g} apart by where in a time step the touch falls"
+    words += "."
     return words + (" Energy is gained in some impacts." if found.energy_gained else "")
 
 

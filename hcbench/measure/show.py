@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from hcbench.measure.model import Cause, Measurement
 
 SCHEMA = 1
+_LOOP_STEPS = 8  # in contact, from which there is a loop to show
+_LOOP_SAMPLES = 200
 
 
 def effective_mass(found: Measurement) -> float:
@@ -111,6 +113,7 @@ def as_record(found: Measurement) -> dict[str, Any]:
         },
         "score": None if score is None else dataclasses.asdict(score),
         "impacts": [_impact(i) for i in found.impacts],
+        "loops": [_loop(impact) for impact in kept_loops(found)],
         "causes": [dataclasses.asdict(c) for c in found.causes],
         "remedy": found.remedy,
         "notes": list(facts.notes),
@@ -130,6 +133,30 @@ def _impact(impact: Impact) -> dict[str, Any]:
         "penetration_max_m": impact.penetration_max,
         "force_max_n": impact.force_max,
         "samples": impact.samples,
+    }
+
+
+def kept_loops(found: Measurement) -> list[Impact]:
+    """One impact a speed, of those whose contact took steps enough to be a loop."""
+    kept: dict[float, Impact] = {}
+    for impact in found.impacts:
+        if impact.status is Status.PARTED and impact.loop is not None and impact.samples >= _LOOP_STEPS:
+            kept.setdefault(impact.launch.speed, impact)
+    return list(kept.values())
+
+
+def _loop(impact: Impact) -> dict[str, Any]:
+    loop = impact.loop
+    assert loop is not None
+    count = len(loop.time)
+    every = np.unique(np.linspace(0, count - 1, min(_LOOP_SAMPLES, count)).round().astype(int))
+    return {
+        "speed_m_per_s": impact.launch.speed,
+        "phase": impact.launch.phase,
+        "time_s": loop.time[every].tolist(),
+        "penetration_m": loop.penetration[every].tolist(),
+        "rate_m_per_s": loop.rate[every].tolist(),
+        "force_n": loop.force[every].tolist(),
     }
 
 
