@@ -37,18 +37,19 @@ _SPRING_WEIGHT = SOFTEST / (1.0 - SOFTEST)
 
 
 @dataclass(frozen=True)
-class _Damper:
+class Damper:
     """Where a damper starts, m, and its solimp."""
 
     onset: float
     solimp: tuple[float, float, float, float, float]
 
     def weight(self, x: Floats) -> Floats:
+        """d/(1 - d) at penetrations (m), same shape."""
         return weight(self.solimp, x - self.onset)
 
 
 @dataclass(frozen=True)
-class _Band:
+class Band:
     """What is to be served: the law per unit mass at penetrations from `low` to `top` (m)."""
 
     law: HuntCrossley
@@ -68,15 +69,18 @@ class _Band:
         return np.asarray(f / (1.0 + self.law.dissipation * self.lag * f))
 
     def grid(self) -> Floats:
+        """Penetrations to fit at, m: 0 and evenly in log up to the top."""
         return np.concatenate([[0.0], np.geomspace(self.low * 1e-3, self.top, _GRID)])
 
 
-def _band(target: Target, law: HuntCrossley, lag: float) -> _Band:
+def band_of(target: Target, law: HuntCrossley, lag: float) -> Band:
+    """The band of penetrations of a target's speeds under a law without its loss."""
+
     def deepest(speed: float) -> float:
         n = law.exponent
         return float(((n + 1) * target.mass * speed**2 / (2 * law.stiffness)) ** (1 / (n + 1)))
 
-    return _Band(
+    return Band(
         law=law,
         mass=target.mass,
         speeds=np.geomspace(target.speed_min, target.speed_max, _SPEEDS),
@@ -86,17 +90,17 @@ def _band(target: Target, law: HuntCrossley, lag: float) -> _Band:
     )
 
 
-def _rising(base: float, end: float, power: float, highest: float, start: float) -> _Damper:
+def _rising(base: float, end: float, power: float, highest: float, start: float) -> Damper:
     """A damper from `base` to `end` (m) that starts a multiple of the depth where its floor matters later.
 
     No impedance is below SOFTEST, so a damper is felt at once when it starts: as much as at that depth.
     """
     floor = start * (SOFTEST / highest) ** (1.0 / max(power, 1.0)) * (end - base)
     onset = base + floor
-    return _Damper(onset, (SOFTEST, highest, end - onset, POWER_LAW, power))
+    return Damper(onset, (SOFTEST, highest, end - onset, POWER_LAW, power))
 
 
-def _layouts(band: _Band) -> list[list[_Damper]]:
+def _layouts(band: Band) -> list[list[Damper]]:
     """Sets of dampers to choose from: one stretch from touch to top, or two for wide bands of speed.
 
     Onsets and powers are what makes the fit good over n = 1 ... 2, any a and band; all else is fitted.
@@ -117,11 +121,11 @@ def _layouts(band: _Band) -> list[list[_Damper]]:
     return [one, two]
 
 
-def _straight(onset: float, end: float, highest: float) -> _Damper:
-    return _Damper(onset, (SOFTEST, highest, end - onset, 0.5, 1.0))
+def _straight(onset: float, end: float, highest: float) -> Damper:
+    return Damper(onset, (SOFTEST, highest, end - onset, 0.5, 1.0))
 
 
-def _knots(band: _Band, dampers: Sequence[_Damper], misfit: float) -> Floats:
+def knots_of(band: Band, dampers: Sequence[Damper], misfit: float) -> Floats:
     """Where springs start, m: close enough for straight lines to be within `misfit` of the curve.
 
     Relative to the curve, and below the band's lowest penetration to the curve there.
@@ -147,7 +151,7 @@ class _Fit:
     misfit: float
 
 
-def _fit(band: _Band, dampers: Sequence[_Damper], knots: Floats, kernel: Floats) -> _Fit:
+def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, kernel: Floats) -> _Fit:
     """Springs and dampers together: the force near the law's everywhere, the restitution nearer still."""
     x = band.grid()
     a, f = band.law.dissipation, band.elastic(x)
@@ -179,11 +183,11 @@ def _fit(band: _Band, dampers: Sequence[_Damper], knots: Floats, kernel: Floats)
 
 
 def _best(
-    band: _Band, dampers: Sequence[_Damper], misfit: float, kernel: Floats
-) -> tuple[list[_Damper], Floats, _Fit]:
+    band: Band, dampers: Sequence[Damper], misfit: float, kernel: Floats
+) -> tuple[list[Damper], Floats, _Fit]:
     """Fit, leaving out what the fit has no use for: an idle row would still weigh on the others."""
     kept = list(dampers)
-    knots = _knots(band, kept, misfit)
+    knots = knots_of(band, kept, misfit)
     while True:
         fit = _fit(band, kept, knots, kernel)
         late = (
@@ -196,7 +200,7 @@ def _best(
         knots = knots[~late]
 
 
-def _rows(band: _Band, dampers: Sequence[_Damper], knots: Floats, fit: _Fit) -> list[Row]:
+def _rows(band: Band, dampers: Sequence[Damper], knots: Floats, fit: _Fit) -> list[Row]:
     """A spring acts from where it wants as much as the others give: it starts that much before its knot."""
     rows = [
         Row(S, 0.0, (SOFTEST, SOFTEST, 1.0, 0.5, 1.0), onset=float(y - early))
@@ -257,7 +261,7 @@ class Staggered:
     def rows(self, target: Target) -> list[Row]:
         """The pairs: springs from the shallowest on, then dampers."""
         law = served_law(target)
-        band = _band(target, law, 0.0 if self.integrator == "RK4" else target.timestep / 2)
+        band = band_of(target, law, 0.0 if self.integrator == "RK4" else target.timestep / 2)
         # A second stretch of dampers costs pairs: it has to pay.
         kernel = np.zeros((0, _GRID + 1))
         if law.dissipation > 0.0:
