@@ -32,7 +32,7 @@ from hcbench.trains import bounce_trains
 from hcbench.tune.target import Target
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from hcbench.scene import Scene
     from hcbench.setting import Setting
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from hcbench.tune.target import Recipe
 
 RECIPES = "hcbench.recipes"
-_LAST = ("duration", "penetration_max", "force_max", "samples")
 LOOP_SAMPLES = 400  # kept of one loop; what a figure can show
 
 
@@ -110,15 +109,15 @@ def gather(study: Study, rows: Sequence[Row], impacts: Mapping[TaskKey, Sequence
         setting, found = row.task.setting, impacts[row.task.key]
         law = HuntCrossley(study.scene.stiffness, row.alpha, study.scene.exponent)
         key = (study.scene.name, setting.engine, setting.name, row.alpha, setting.timestep)
-        tables["impacts"].append(impact_table(key, found, law))
+        tables["impacts"].append(pd.DataFrame(impact_columns(key, flown(found), law)))
         tables["loops"] += [
-            _loop_table(key, i) for i in found if i.launch in row.task.keep and i.loop is not None
+            loop_table(key, i) for i in found if i.launch in row.task.keep and i.loop is not None
         ]
         tables["scores"].append((*key, *dataclasses.astuple(compare.score(found, law, study.scene.mass))))
     return Results(
         study=study.described(),
-        settings=[_setting_record(study.scene.name, row) for row in rows],
-        versions=versions(study),
+        settings=[setting_record(study.scene.name, row) for row in rows],
+        versions=versions(run.engine for run in study.runs),
         impacts=pd.concat(tables["impacts"], ignore_index=True),
         loops=pd.concat(tables["loops"], ignore_index=True)
         if tables["loops"]
@@ -229,28 +228,36 @@ def _fly_one(task: Task) -> list[Impact]:
     return [i if i.launch in task.keep else dataclasses.replace(i, loop=None) for i in impacts]
 
 
-def impact_table(key: tuple[Any, ...], impacts: Sequence[Impact], law: HuntCrossley) -> pd.DataFrame:
-    """One row an impact, IMPACT_COLUMNS. key: the values of RUN_KEY. law: that of the key's α."""
-    speed = np.array([impact.speed_in for impact in impacts], dtype=np.float64)
+def flown(impacts: Sequence[Impact]) -> dict[str, Any]:
+    """What impacts say of themselves: column -> values, one an impact."""
+    return {
+        "speed_m_per_s": [impact.launch.speed for impact in impacts],
+        "phase": [impact.launch.phase for impact in impacts],
+        "status": [impact.status.value for impact in impacts],
+        "reason": [impact.reason for impact in impacts],
+        "speed_in_m_per_s": np.array([impact.speed_in for impact in impacts], dtype=np.float64),
+        "speed_out_m_per_s": np.array([impact.speed_out for impact in impacts], dtype=np.float64),
+        "restitution": np.array([impact.restitution for impact in impacts], dtype=np.float64),
+        "duration_s": np.array([impact.duration for impact in impacts], dtype=np.float64),
+        "penetration_max_m": np.array([impact.penetration_max for impact in impacts], dtype=np.float64),
+        "force_max_n": np.array([impact.force_max for impact in impacts], dtype=np.float64),
+        "samples": np.array([impact.samples for impact in impacts], dtype=np.int64),
+    }
+
+
+def impact_columns(key: tuple[Any, ...], columns: Mapping[str, Any], law: HuntCrossley) -> dict[str, Any]:
+    """IMPACT_COLUMNS: what was `flown`, with the values of RUN_KEY and the truth of that key's law."""
+    speed = columns["speed_in_m_per_s"]
     known = np.isfinite(speed)
     by_law = np.full(len(speed), np.nan)
     by_law[known] = exact.restitution(law.alpha, speed[known])
-    columns = (
-        *key,
-        [impact.launch.speed for impact in impacts],
-        [impact.launch.phase for impact in impacts],
-        [impact.status.value for impact in impacts],
-        [impact.reason for impact in impacts],
-        speed,
-        *([getattr(impact, name) for impact in impacts] for name in ("speed_out", "restitution")),
-        by_law,
-        1.0 - law.alpha * speed,
-        *([getattr(impact, name) for impact in impacts] for name in _LAST),
-    )
-    return pd.DataFrame(dict(zip(IMPACT_COLUMNS, columns, strict=True)))
+    truth = {"restitution_law": by_law, "restitution_linear": 1.0 - law.alpha * speed}
+    found = {**dict(zip(RUN_KEY, key, strict=True)), **columns, **truth}
+    return {name: found[name] for name in IMPACT_COLUMNS}
 
 
-def _loop_table(key: tuple[Any, ...], impact: Impact) -> pd.DataFrame:
+def loop_table(key: tuple[Any, ...], impact: Impact) -> pd.DataFrame:
+    """LOOP_COLUMNS of one impact, thinned to what a figure can show. key: the values of RUN_KEY."""
     loop = impact.loop
     assert loop is not None
     every = np.unique(
@@ -261,18 +268,18 @@ def _loop_table(key: tuple[Any, ...], impact: Impact) -> pd.DataFrame:
     return pd.DataFrame(dict(zip(LOOP_COLUMNS, (*head, *columns), strict=True)))
 
 
-def _setting_record(scene: str, row: Row) -> dict[str, Any]:
+def setting_record(scene: str, row: Row) -> dict[str, Any]:
+    """A row's key, its setting and what its recipe says of it."""
     setting = row.task.setting
     key = dict(zip(RUN_KEY, (scene, setting.engine, setting.name, row.alpha, setting.timestep), strict=True))
     return {**key, "options": setting.options, "summary": row.recipe.summary, "notes": list(row.recipe.holds)}
 
 
-def versions(study: Study) -> dict[str, str]:
+def versions(engines: Iterable[str]) -> dict[str, str]:
     """Of everything that makes a result what it is: package or engine, and version."""
-    engines = sorted({run.engine for run in study.runs})
     packages = {name: version(name) for name in ("hcbench", "matplotlib", "numpy", "scipy")}
     return {
         **packages,
         "python": platform.python_version(),
-        **{n: registry.engine(n).version() for n in engines},
+        **{n: registry.engine(n).version() for n in sorted(set(engines))},
     }
