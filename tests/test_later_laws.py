@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 from hcbench.errors import UserError
 from hcbench.reference.later_laws import LAWS, Exact, Flores, HuGuo, RestitutionLaw, law_named
+from hcbench.reference.simulate import impact
 
 ALL = list(LAWS.values())
 ASKED = np.array([0.05, 0.2, 0.4, 0.6, 0.8, 0.9, 0.99, 1.0])
@@ -61,6 +62,15 @@ def test_what_is_delivered_follows_from_chi_alone(
 ) -> None:
     one = law(3.4e10, 0.7, speed, exponent)
     assert _simulated(one, mass) == pytest.approx(float(law.delivered(0.7)), abs=2e-9)
+
+
+@pytest.mark.parametrize("law", ALL, ids=LAWS)
+def test_they_are_laws_like_the_others_to_the_simulation(law: type[RestitutionLaw]) -> None:
+    one = law(3.4e10, 0.8, 0.4)
+    bounced = impact(one, 0.45, 0.4)
+    assert bounced.restitution == pytest.approx(float(law.delivered(0.8)), rel=1e-9)
+    assert bounced.loop is not None
+    assert bounced.loop.force[0] == 0.0
 
 
 @pytest.mark.parametrize("law", ALL, ids=LAWS)

@@ -20,6 +20,7 @@ from hcbench.reference.quadratic import (
     restitution,
     turning_point,
 )
+from hcbench.reference.simulate import impact
 
 K, MASS, ALPHA = 3.4064e10, 0.45359237, 0.3
 
@@ -107,6 +108,13 @@ def test_the_closed_form_agrees_with_the_differential_equation(exponent: float, 
     outward: Any = solve_ivp(lambda y, w: rate(y, w, -1.0), (top, 1e-12), [0.0], **options)
     assert time > 0
     assert np.sqrt(outward.y[0, -1]) == pytest.approx(float(restitution(ALPHA, speed)), rel=1e-9)
+
+
+@pytest.mark.parametrize("ending", Ending)
+def test_the_simulation_of_any_law_agrees_in_both_readings(ending: Ending) -> None:
+    law, speed = QuadraticDamping(K, ALPHA, MASS), 0.8
+    bounced = impact(law, MASS, speed, ending=ending)
+    assert bounced.restitution == pytest.approx(float(restitution(ALPHA, speed, ending)), rel=1e-7)
 
 
 def test_it_bounces_almost_as_16_does() -> None:

@@ -221,7 +221,7 @@ def _cycle(run: Run, frequency: float) -> Run:
 
 def test_the_summed_loop_over_a_cycle_is_the_energy_lost_in_it() -> None:
     system, f = _alike(-4e-5), 4000.0
-    run = _cycle(simulate(system, 0.0, 0.0, 4 / f, Sinusoid(6000.0, f), step_max=0.002 / f), f)
+    run = _cycle(simulate(system, 0.0, 0.0, 3 / f, Sinusoid(6000.0, f), step_max=0.002 / f), f)
     area = float(np.trapezoid(run.resultant, run.position))
     # Until the motion has settled the blocks also keep a part of what went in.
     kept = run.stored[-1] - run.stored[0]
@@ -280,10 +280,10 @@ def test_a_small_forced_swing_is_the_linear_one() -> None:
 
 def test_every_frequency_is_run_as_if_it_were_alone() -> None:
     system, drive = _alike(2e-4, HuntCrossley(K, 2.0)), Sinusoid(40.0, 100.0)
-    values = np.array([80.0, 100.0, 120.0, 140.0])
-    many = orbits(system, drive, "frequency", values, 6, 6, velocity=0.02, tolerance=1e-11)
+    values = np.array([80.0, 130.0])
+    many = orbits(system, drive, "frequency", values, 4, 4, velocity=0.02, tolerance=1e-11)
     for i, f in enumerate(values):
-        alone = simulate(system, 0.0, 0.02, 6 / f, Sinusoid(40.0, f))
+        alone = simulate(system, 0.0, 0.02, 4 / f, Sinusoid(40.0, f))
         size = np.abs(alone.position).max()
         assert many.position[i, -1] == pytest.approx(alone.position[-1], abs=1e-6 * size)
         assert many.velocity[i, -1] == pytest.approx(
@@ -329,7 +329,7 @@ def test_the_forced_response_departs_from_the_linear_one_when_impacts_set_in() -
     linear = linearized(system)
     near = linear.resonance
     forces = np.array([1.0, 300.0])
-    runs = orbits(system, Sinusoid(1.0, near), "amplitude", forces, 40, 10)
+    runs = orbits(system, Sinusoid(1.0, near), "amplitude", forces, 25, 6)
     share = runs.amplitude / np.array([float(linear.amplitude(f, near)) for f in forces])
     assert share[0] == pytest.approx(1.0, abs=2e-3)
     assert share[1] < 0.7

@@ -102,9 +102,8 @@ def stored(law: ForceLaw, penetration: float) -> float:
     """Elastic energy ∫ F(x, 0) dx from 0 to `penetration` (m), J; 0 outside contact."""
     if penetration <= 0.0:
         return 0.0
-    stiffness, exponent = getattr(law, "stiffness", None), getattr(law, "exponent", None)
-    if isinstance(law, HuntCrossley) and stiffness is not None and exponent is not None:
-        return float(stiffness * penetration ** (exponent + 1.0) / (exponent + 1.0))
+    if isinstance(law, HuntCrossley):
+        return float(law.stiffness * penetration ** (law.exponent + 1.0) / (law.exponent + 1.0))
     value, _ = quad(lambda x: float(law.force(x, 0.0)), 0.0, penetration, epsabs=0.0, epsrel=1e-13, limit=200)
     return float(value)
 
