@@ -1,8 +1,7 @@
-"""Why a pair does not bounce as asked: every suspect is tried, alone and left out, in copies of the model.
+"""Why a pair does not bounce as asked: every suspect is tried in copies of the model.
 
-A suspect is a cause when fixing it alone moves e towards what is asked, or when leaving it as it is while
-all the others are fixed spoils the result. So a fix that only helps together with others is found too, and
-one that changes nothing is not blamed.
+All suspects are fixed together first, and then those are let go without which the cure is as good. What is
+left are the causes: so fixes that only help together are found, and one that changes nothing is not blamed.
 """
 
 from __future__ import annotations
@@ -73,25 +72,29 @@ def diagnose(
     causes = _convicted(triable, trial, tolerance) + [
         _cause(c) for c in suspects if c.apply is None and c.static
     ]
-    return tuple(causes), _remedy(causes, trial.off([]), trial.off(triable), trial.mean(triable), tolerance)
+    named = [c for c in triable if c.code in {cause.code for cause in causes}]
+    return tuple(causes), _remedy(causes, trial.off([]), trial.off(named), trial.mean(named), tolerance)
 
 
 def _convicted(triable: Sequence[Candidate], trial: _Trial, tolerance: float) -> list[Cause]:
-    """Those that matter, the strongest first."""
+    """The fewest fixes that cure as well as all of them do, the strongest first; of two that cure the same
+    the likelier stays. Where all together cure nothing, those that help alone.
+    """
     before, after = trial.off([]), trial.off(triable)
-    weighed = []
-    for candidate in triable:
-        rest = [c for c in triable if c is not candidate]
-        weight = max(before - trial.off([candidate]), trial.off(rest) - after)
-        weighed.append((weight, candidate, rest))
-    strongest = max((w for w, _, _ in weighed), default=0.0)
-    least = max(min(tolerance, _SHIFT * before), _SHARE * strongest)
-    weighed.sort(key=lambda entry: -round(_GRADES * entry[0] / (strongest or 1.0)))  # stable: likeliest first
-    return [
-        _cause(candidate, trial.off([candidate]), trial.off(rest))
-        for weight, candidate, rest in weighed
-        if weight > least or candidate.static
-    ]
+    least = max(min(tolerance, _SHIFT * before), _SHARE * before)
+    if after > before - least:
+        kept = [c for c in triable if before - trial.off([c]) > least]
+        return [_cause(c, trial.off([c])) for c in triable if c in kept or c.static]
+    kept = list(triable)
+    for candidate in reversed(triable):
+        rest = [c for c in kept if c is not candidate]
+        if trial.off(rest) - after <= least:
+            kept = rest
+    named = [c for c in triable if c in kept or c.static]
+    left_out = {c.code: trial.off([k for k in named if k is not c]) for c in named}
+    strongest = max(left_out.values(), default=0.0) or 1.0
+    named.sort(key=lambda c: -round(_GRADES * left_out[c.code] / strongest))  # stable: likeliest first
+    return [_cause(c, trial.off([c]), left_out[c.code]) for c in named]
 
 
 def _wrong(impacts: Sequence[Impact], goal: Callable[[float], float], tolerance: float) -> bool:

@@ -133,7 +133,7 @@ class Cause:
     """A candidate that was found to matter.
 
     alone: largest |e - goal| at the launches that were tried, with this one fixed and nothing else. without:
-    the same with all the others fixed and not this one. Both NaN where the fix cannot be tried.
+    the same with the other causes fixed and not this one. NaN where that was not tried.
     """
 
     code: str

@@ -229,7 +229,7 @@ def _compliance(s: Situation) -> Iterator[Candidate]:
             "; ".join(_call(side, restitution=1) for side in sides),
             partial(_both, links=[_link(side) for side in sides], values=(1.0, 1.0)),
         )
-    elif gained > 1 + NOTABLE_GAIN:
+    elif gained > 1 + NOTABLE_GAIN and s.compliant:
         yield Candidate(
             "energy-gain",
             "The bounce makes energy from nothing.",

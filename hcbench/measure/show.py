@@ -239,8 +239,10 @@ def cause_lines(causes: tuple[Cause, ...], remedy: str) -> list[str]:
             f"  fix    {plain(cause.fix)}",
         ]
         if math.isfinite(cause.alone):
-            errors = f"{cause.alone:.2g}; with all but this fixed by {cause.without:.2g}"
-            lines.append(f"  tried  with this alone fixed e is off by {errors}")
+            words = f"with this alone fixed e is off by {cause.alone:.2g}"
+            if len(causes) > 1 and math.isfinite(cause.without):
+                words += f", with the others fixed and not this by {cause.without:.2g}"
+            lines.append(f"  tried  {words}")
     if remedy:
         lines += ["", remedy]
     return lines
