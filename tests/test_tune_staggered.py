@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+import mujoco
 import numpy as np
 import pytest
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, Flight, fly, pasted
@@ -159,3 +160,68 @@ def test_what_breaks_it_is_refused() -> None:
     linear = Target(target.law, target.mass, 1e-6, INCH, 20 * INCH, reading="linear")
     with pytest.raises(SettingError, match="two-pair"):
         Staggered()(linear)
+
+
+def test_two_free_bodies_meet_off_axis_with_their_effective_mass() -> None:
+    """Balls of 1 lb and 2 lb, both moving, along no axis of the world: their bounce is the law's."""
+    first, second = STEEL_MASS, 2 * STEEL_MASS
+    target = target_of(0.008, 1e-6, mass=first * second / (first + second))
+    rows = Staggered()(target).options["rows"]
+    geom = f'type="sphere" size="{INCH!r}" contype="0" conaffinity="0"'
+    copies = "".join(f'<geom name="a{i}" mass="{0.0 if i else first!r}" {geom}/>' for i in range(len(rows)))
+    pairs = "".join(
+        f'<pair geom1="a{i}" geom2="b" condim="1" margin="{-row["onset"]!r}" adhesion="{row["adhesion"]!r}"'
+        f' solref="{" ".join(map(repr, row["solref"]))}" solimp="{" ".join(map(repr, row["solimp"]))}"/>'
+        for i, row in enumerate(rows)
+    )
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><option timestep="1e-6" gravity="0 0 0"/><worldbody>'
+        f"<body><freejoint/>{copies}</body><body><freejoint/>"
+        f'<geom name="b" mass="{second!r}" {geom}/></body></worldbody><contact>{pairs}</contact></mujoco>'
+    )
+    data = mujoco.MjData(model)
+    normal, sideways, speed = np.array([0.6, 0.0, 0.8]), np.array([0.0, 0.3, 0.0]), 12 * INCH
+    data.qpos[7:10] = (2 * INCH + 1.5e-6 * speed) * normal
+    data.qvel[:3] = 0.75 * speed * normal + sideways
+    data.qvel[6:9] = -0.25 * speed * normal + sideways
+    for _ in range(260):
+        mujoco.mj_step(model, data)
+    apart = data.qvel[6:9] - data.qvel[:3]
+    assert float(apart @ normal) / speed == pytest.approx(float(target.restitution(speed)), abs=3e-5)
+    assert np.abs(np.cross(apart, normal)).max() < 1e-9
+    assert data.qvel[1] == pytest.approx(0.3, abs=1e-9)
+
+
+def test_under_gravity_it_is_the_law_under_gravity() -> None:
+    gravity, timestep = 9.81, 1e-6
+    target = target_of(0.008, timestep)
+    speeds = np.array([2.0, 16.0]) * INCH
+    xml = pasted(dict(Staggered()(target).options), timestep, STEEL_MASS, gravity=gravity)
+    flight = fly(xml, timestep, speeds, 3e-4)
+    # The law by the same step, from the same states.
+    x, v = flight.x[..., 0].copy(), flight.v[..., 0].copy()
+    for _ in range(flight.x.shape[-1] - 1):
+        force = np.where(x > 0, target.law.force(np.maximum(x, 0.0), v), 0.0)
+        v = v + timestep * (gravity - force / STEEL_MASS)
+        x = x + timestep * v
+    # Not quite its own error: the dampers' impedance holds back a part of the weight while they act.
+    assert np.abs((flight.v[..., -1] - v) / speeds[:, None]).max() < 1e-4
+
+
+def test_a_ball_let_down_on_the_plate_comes_to_rest() -> None:
+    """Its oscillation dies with the law's own rate (3/4) α g, and there is no creep."""
+    alpha, timestep, gravity = 0.02, 1e-5, 9.81
+    xml = pasted(dict(Staggered()(target_of(alpha, timestep)).options), timestep, STEEL_MASS, gravity=gravity)
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    sag = (STEEL_MASS * gravity / STEEL_STIFFNESS) ** (1 / 1.5)
+    data.qpos[0] = -0.5 * sag
+    height = np.empty(60_000)
+    for i in range(len(height)):
+        mujoco.mj_step(model, data)
+        height[i] = data.qpos[0]
+    rate = np.log(np.ptp(height[:3000]) / np.ptp(height[-3000:])) / (57_000 * timestep)
+    assert rate == pytest.approx(0.75 * alpha / INCH * gravity, rel=0.2)
+    # A tenth of the band's lowest penetration deep the springs are straight lines.
+    assert -height[-3000:].mean() == pytest.approx(sag, rel=0.2)
+    assert abs(height[-3000:].mean() - height[-6000:-3000].mean()) / (3000 * timestep) < 1e-8

@@ -102,8 +102,8 @@ def _beyond(target: Target) -> SettingError:
     law = target.law
     return SettingError(
         "target",
-        f"α v up to {law.alpha * target.speed_max:.3g}, speeds {target.speed_max / target.speed_min:.3g} to 1,"
-        f" n = {law.exponent:.3g}",
+        f"α v up to {law.alpha * target.speed_max:.3g}, n = {law.exponent:.3g},"
+        f" speeds {target.speed_max / target.speed_min:.3g} to 1",
         "α v up to about 0.35, speeds up to about 100 to 1, n from 1.25 on, as no row may pull",
         "Use `staggered` (MuJoCo 3.11 or later, no tendon limits), or the force law as a plug-in",
     )
