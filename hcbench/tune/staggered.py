@@ -241,7 +241,7 @@ class Staggered:
         "With fewer than 10 steps in the law's shortest contact the spring is softer, for 24 steps:"
         " same e, same shape of loop, larger penetration.",
         "A steady load feels up to twice the stiffness: the dampers' impedance carries half of it.",
-        "Rests without creep, as deep as the law within a tenth or so; oscillations die at the law's (3/4) α g.",
+        "Rests without creep, about as deep as the law; oscillations die at the law's own (3/4) α g.",
         "Pairs are frictionless (condim 1); the dampers need MuJoCo 3.11 or later (pair adhesion).",
     )
 
