@@ -1,4 +1,4 @@
-"""Worlds that people posted in Bullet's issues, built anew in their spirit: `hcbench measure bullet.py:wall`."""
+"""Worlds as people posted them in Bullet's issues: `hcbench measure --python bullet.py:wall`."""
 
 from __future__ import annotations
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 SCHEMA = 1
 _LOOP_STEPS = 8  # in contact, from which there is a loop to show
 _LOOP_SAMPLES = 200
+_LOSSY = 1e-3  # α v from which a loop of the law has an area to compare with
 
 
 def effective_mass(found: Measurement) -> float:
@@ -216,10 +217,12 @@ def _score_lines(found: Measurement) -> list[str]:
         powers = f"v^{score.energy_exponent:.3g}, the law's as v^{number(score.energy_exponent_law, '.3g')}"
         lines.append(f"energy lost goes as {powers}")
     if score.loops:
+        lossy = law.alpha * max(i.speed_in for i in found.measured) > _LOSSY
+        area = f"area x {number(score.area_ratio, '.3g')}, " if lossy else ""
         lines.append(
-            f"loops against eq. (16) of that α: force {score.loop_rms:.2g} rms of the largest, area x "
-            f"{number(score.area_ratio, '.3g')}, largest force x {score.force_ratio:.3g}, duration x "
-            f"{score.duration_ratio:.3g}, first force {score.touch_force:.2g} of the largest"
+            f"loops against eq. (16) of that α: force {score.loop_rms:.2g} rms of the largest, {area}largest "
+            f"force x {score.force_ratio:.3g}, duration x {score.duration_ratio:.3g}, first force "
+            f"{score.touch_force:.2g} of the largest"
         )
     verdicts = {claim: getattr(score, name) for name, claim in compare.CLAIMS.items()}
     lines += [f"{claim}: {'yes' if seen else 'no'}" for claim, seen in verdicts.items() if seen is not None]
