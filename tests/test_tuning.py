@@ -57,6 +57,15 @@ def test_auto_chooses_by_step_and_wish_and_says_why(
     assert "steps" in why
 
 
+def test_in_a_true_cup_the_rows_only_push() -> None:
+    cup = load_scene("steel-cup")
+    name, _ = choose("mujoco", target(1e-6), cup, "both")
+    assert name == "staggered-push"
+    verdict = tune("mujoco", target(1e-6), cup, match="both").verdict
+    assert verdict.max_error < 1e-4
+    assert verdict.loop_rms < 0.005
+
+
 def test_a_constant_is_served_by_one_step_and_not_by_springs() -> None:
     wanted = target(1e-3, reading="points", points=((0.1, 0.8),))
     assert choose("mujoco", wanted, SCENE, "restitution")[0] == "impulse"

@@ -12,6 +12,7 @@ import click
 
 from hcbench.cli.check import check, measure
 from hcbench.cli.convert import convert
+from hcbench.cli.paper import paper
 from hcbench.cli.report import report
 from hcbench.cli.show import engines, reference
 from hcbench.cli.tune import tune
@@ -27,7 +28,7 @@ def app() -> None:
     """
 
 
-for command in (report, tune, measure, check, reference, convert, engines):
+for command in (report, tune, measure, check, paper, reference, convert, engines):
     app.add_command(command)
 
 

@@ -150,7 +150,7 @@ class Soft:
         "One contact, solref and all five solimp numbers searched: e falls with speed nearly as wanted."
     )
     holds: ClassVar[tuple[str, ...]] = (
-        "Euler, implicit, implicitfast and RK4, at steps up to about 4e-5 s in the band 1 ... 20 in/s.",
+        "Euler, implicit, implicitfast and RK4, at steps up to about 2.6e-5 s in the band 1 ... 20 in/s.",
         "Numbers are per unit effective mass: the same for any mass.",
         "The loop is not the law's: a nearly constant force, and a contact time that grows with speed.",
         "At rest the body sits half of solimp's width deep.",

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 GROUP = "hcbench.recipes"
 Match = Literal["restitution", "loop", "both"]
+# A cup's contact is a tendon's limit, which cannot pull.
+_STAGGERED = {"plane": "staggered", "cup": "staggered-push"}
 _LOOP_RIGHT = 0.05  # of the largest force: what counts as the law's loop
 
 
@@ -58,10 +60,11 @@ def choose(engine: str, target: Target, scene: Scene, match: Match) -> tuple[str
     constant = target.speed_min == target.speed_max or target.law.alpha == 0 or len(target.points) == 1
     seen = f"the law's contact lasts {steps:.3g} steps of {target.timestep:g} s"
     if match in ("loop", "both"):
-        return _choose_loop(engine, known, target, steps, seen)
-    if target.reading == "law" and not constant and "staggered" in known and scene.form == "plane":
+        return _choose_loop(engine, known, target, steps, seen, _STAGGERED[scene.form])
+    staggered = _STAGGERED[scene.form]
+    if target.reading == "law" and not constant and staggered in known:
         soft = f"{seen}; its springs are softened for 24" if steps < FEWEST_STEPS else seen
-        return "staggered", f"restitution that falls with speed as the law's does; {soft}"
+        return staggered, f"restitution that falls with speed as the law's does; {soft}"
     if not constant:
         # A restitution that falls with speed, but is not the law's, or not on a plane.
         for name in ("two-pair", "soft") if steps >= FEWEST_STEPS else ():
@@ -76,7 +79,7 @@ def choose(engine: str, target: Target, scene: Scene, match: Match) -> tuple[str
 
 
 def _choose_loop(
-    engine: str, known: dict[str, Recipe], target: Target, steps: float, seen: str
+    engine: str, known: dict[str, Recipe], target: Target, steps: float, seen: str, staggered: str
 ) -> tuple[str, str]:
     if steps < FEWEST_STEPS:
         nearest = target.timestep * steps / FEWEST_STEPS
@@ -86,8 +89,8 @@ def _choose_loop(
             f"at least {FEWEST_STEPS:g} steps",
             f"Use a step of {nearest:.2g} s or less, a lower stiffness, or --match restitution",
         )
-    if target.reading == "law" and "staggered" in known:
-        return "staggered", f"the only native setting with the law's loop; {seen}"
+    if target.reading == "law" and staggered in known:
+        return staggered, f"the only native setting with the law's loop; {seen}"
     raise SettingError(
         "match",
         f"the loop in {engine!r} with reading {target.reading!r}",
