@@ -19,7 +19,7 @@ FLOORS = [
     {"impact", "setting", "scene", "reference"},
     {"engines", "contact", "compare", "measure"},
     {"tune", "study", "results", "run", "trains"},
-    {"report", "check", "paper"},
+    {"sweep", "report", "check", "paper"},
     {"pytest_plugin", "cli"},
 ]
 FLOOR = {room: i for i, rooms in enumerate(FLOORS) for room in rooms}

@@ -122,7 +122,7 @@ def survive(
     return done
 
 
-class _Worker:
+class Worker:
     """The worker process seen from its parent; starts when first asked."""
 
     def __init__(self) -> None:
@@ -138,6 +138,7 @@ class _Worker:
         self._late = threading.Event()
 
     def collect(self, function: Callable[..., Iterator[Result]], args: Any, limit: float) -> list[Result]:
+        """What `function(*args)` yields in the worker, within `limit` s."""
         with self.lock:
             done: list[Result] = []
             try:
@@ -222,33 +223,35 @@ class _Worker:
             watchdog.cancel()
 
 
-_shared = _Worker()
+_shared = Worker()
 _workers = [_shared]
 _thread = threading.local()
 
 
-def _own() -> _Worker:
-    found: _Worker = getattr(_thread, "worker", _shared)
+def _own() -> Worker:
+    found: Worker = getattr(_thread, "worker", _shared)
     return found
 
 
-def take_own_worker() -> None:
+def take_own_worker() -> Worker:
     """Give the calling thread a worker of its own from now on, beside the one that all others share.
 
-    For the threads of a pool, as its initializer: so many engines then run at once.
+    For the threads of a pool: so many engines then run at once.
     """
-    _thread.worker = _Worker()
-    _workers.append(_thread.worker)
+    if not hasattr(_thread, "worker"):
+        _thread.worker = Worker()
+        _workers.append(_thread.worker)
+    return _own()
 
 
-def end_workers() -> None:
-    """End all workers of this process; what they were doing is WorkerDied to those who wait for it."""
-    for worker in _workers:
+def end_workers(workers: Sequence[Worker] | None = None) -> None:
+    """End these workers, or all of this process; what they did is WorkerDied to those who wait for it."""
+    ending = list(_workers if workers is None else workers)
+    for worker in ending:
         worker.kill()
-    for worker in _workers:
+    for worker in ending:
         with worker.lock:
             worker.close()
-    del _workers[1:]
 
 
 def _forget_workers() -> None:

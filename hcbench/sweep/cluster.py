@@ -1,0 +1,60 @@
+"""A Dask cluster as an executor: any scheduler, however its workers came to be."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+from hcbench.errors import CannotRun
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from concurrent.futures import Executor
+
+_CONNECT_S, _WORKERS_S = 10.0, 60.0
+_INSTALL = "pip install 'hcbench[cluster]'"
+
+
+@contextmanager
+def connected(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
+    """The executor behind a scheduler's address, and how many tasks its workers run at once.
+
+    Raises CannotRun where nobody answers, where no worker comes, and where one has another hcbench.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise CannotRun("scheduler", "Dask is not installed", "its package", f"Try: {_INSTALL}") from None
+    try:
+        client = Client(address, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise CannotRun(
+            "scheduler",
+            f"{address} does not answer: {reason:.100}",
+            "the address of a running Dask scheduler, like tcp://host:8786",
+        ) from None
+    try:
+        _require_workers(client, address)
+        yield client.get_executor(pure=False), lambda: max(1, sum(client.ncores().values()))
+    finally:
+        client.close()
+
+
+def _require_workers(client: Any, address: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=_WORKERS_S)
+    except OSError:  # a timeout is one
+        raise CannotRun(
+            "scheduler",
+            f"{address} has no workers after {_WORKERS_S:g} s",
+            "one at least",
+            "Start some: `dask worker`",
+        ) from None
+    own = version("hcbench")
+    # In the standard library's words: a worker without hcbench can say so.
+    for worker, found in client.run(version, "hcbench", on_error="return").items():
+        if found != own:
+            got = "no hcbench" if isinstance(found, Exception) else f"hcbench {found}"
+            raise CannotRun("worker", f"{worker} has {got}", f"hcbench {own}", f"On every worker: {_INSTALL}")
