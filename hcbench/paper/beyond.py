@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.registry import engine
+from hcbench.errors import EngineMissing
 from hcbench.paper import case
+from hcbench.paper.engines import track
 from hcbench.paper.pens import BAD, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY
 from hcbench.reference import exact, quadratic
 from hcbench.reference.approximations import APPROXIMATIONS
+from hcbench.reference.blocks import simulate
 from hcbench.reference.forced import kelvin_voigt_blocks, linearized, orbits
 from hcbench.reference.kelvin_voigt import Ending
 from hcbench.reference.later_laws import LAWS
@@ -18,10 +23,13 @@ from hcbench.reference.vibroimpact import Sinusoid, VibroImpact
 from hcbench.report.style import INK, legend_below, log_axis, new_figure
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from hcbench.impact import Floats
+    from hcbench.paper.engines import Where
 
 INKS = (BLUE, ORANGE, GREEN, PURPLE, SKY, BAD, "#5b6670", "#3d3d9e", "#9a8a1f", INK)
 DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
@@ -31,18 +39,20 @@ DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 class Effort:
     """How much the forced pictures compute: lanes of the bifurcation, its cycles, lanes of the response.
 
-    jobs: processes for the bifurcation; they change the time, not the picture.
+    timestep: of the engines, s, where the mass is clear; a quarter of it where it is squeezed. jobs:
+    processes for the bifurcation; they change the time, not the picture.
     """
 
     values: int
     cycles: int
     kept: int
     response: int
+    timestep: float
     jobs: int = 1
 
 
-FULL = Effort(values=140, cycles=100, kept=30, response=64)
-QUICK = Effort(values=6, cycles=6, kept=3, response=6)
+FULL = Effort(values=140, cycles=100, kept=30, response=64, timestep=4e-6)
+QUICK = Effort(values=6, cycles=6, kept=3, response=6, timestep=2e-5)
 
 
 def _pen(i: int) -> dict[str, Any]:
@@ -176,6 +186,52 @@ def response_figure(effort: Effort) -> Figure:
     axes.set_ylim(0.0)
     axes.set_xlabel("frequency, kHz")
     axes.set_ylabel("amplitude over force, nm/N")
+    legend_below(figure, handles)
+    return figure
+
+
+def _installed() -> Iterator[str]:
+    for name in ("mujoco", "pybullet"):
+        with suppress(EngineMissing):
+            engine(name).version()
+            yield name
+
+
+def engines_figure(effort: Effort) -> Figure:
+    """The clear and the squeezed mass in the engines that are installed, over the reference."""
+    figure = new_figure(8.6, 4.2)
+    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    broad: dict[str, Any] = {"color": GREY, "linewidth": 4.5, "alpha": 0.55, "label": "reference, eq. (16)"}
+    drive = Sinusoid(PUSH, 90.0)
+    truth = simulate(LOOSE, 0.0, 0.1, 0.03, drive, step_max=1e-4)
+    handles = left.plot(truth.time * 1e3, truth.position * 1e3, **broad)
+    runs: tuple[tuple[Where, float | None, str], ...] = (
+        ("mujoco", None, "MuJoCo plug-in"),
+        ("pybullet", None, "PyBullet plug-in"),
+        ("mujoco", STAND_IN_SPEED, "MuJoCo spring-damper"),
+        ("pybullet", STAND_IN_SPEED, "PyBullet restitution"),
+    )
+    there = set(_installed())
+    for i, (where, native_at, name) in enumerate(runs):
+        if where in there:
+            run = track(where, LOOSE, 0.0, 0.1, 0.03, drive, timestep=effort.timestep, native_at=native_at)
+            handles += left.plot(run.time * 1e3, run.position * 1e3, **_pen(i), label=name, linewidth=1.2)
+    left.set_xlabel("time, ms")
+    left.set_ylabel("position, mm")
+    left.set_title("gap 1.5 mm")
+    f, last = 3e3, 12
+    hard = Sinusoid(1200.0, f)
+    truth = simulate(SQUEEZED, 0.0, 0.0, last / f, hard, step_max=0.01 / f).during((last - 1) / f, last / f)
+    right.plot(truth.position * 1e6, truth.resultant, **broad)
+    for i, (where, native_at, _) in enumerate(runs[:3]):
+        if where in there:
+            step = 0.25 * effort.timestep
+            run = track(where, SQUEEZED, 0.0, 0.0, last / f, hard, timestep=step, native_at=native_at)
+            part = run.time >= (last - 1) / f
+            right.plot(run.position[part] * 1e6, run.resultant[part], **_pen(i), linewidth=1.2)
+    right.set_xlabel("position, µm")
+    right.set_ylabel("force against it, N")
+    right.set_title("squeezed by 5 µm")
     legend_below(figure, handles)
     return figure
 

@@ -1,0 +1,109 @@
+"""The mass between two blocks inside the engines, laid over the reference."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from hcbench.errors import UserError
+from hcbench.paper import case
+from hcbench.paper.engines import Track, mjcf, track
+from hcbench.reference import exact
+from hcbench.reference.blocks import simulate
+from hcbench.reference.laws import HuntCrossley, KelvinVoigt
+from hcbench.reference.vibroimpact import Sinusoid, VibroImpact
+
+if TYPE_CHECKING:
+    from hcbench.paper.engines import Where
+
+LAW = case.law(case.ALPHAS[-1])
+BOTH = pytest.mark.parametrize("where", ["mujoco", "pybullet"])
+
+
+def _system(gap: float, law: Any = LAW) -> VibroImpact:
+    return VibroImpact(case.MASS, gap, law, law)
+
+
+def _apart(
+    found: Track, system: VibroImpact, position: float, velocity: float, drive: Sinusoid | None
+) -> float:
+    """Largest distance from the reference, over its amplitude; its fine steps are interpolated."""
+    truth = simulate(system, position, velocity, float(found.time[-1]), drive, step_max=5e-6)
+    wanted = np.interp(found.time, truth.time, truth.position)
+    return float(np.abs(found.position - wanted).max() / np.abs(wanted).max())
+
+
+@pytest.fixture(autouse=True)
+def _installed(request: pytest.FixtureRequest) -> None:
+    if "where" in request.fixturenames:
+        pytest.importorskip(request.getfixturevalue("where"))
+
+
+@BOTH
+def test_a_free_mass_bounces_between_the_blocks_as_the_reference_does(where: Where) -> None:
+    system = _system(1.5e-3)
+    found = track(where, system, 0.0, 0.4, 0.02, timestep=1e-5)
+    assert _apart(found, system, 0.0, 0.4, None) < 2e-4
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("gap", "drive", "until", "limit"),
+    [
+        (1.5e-3, Sinusoid(150.0, 90.0), 0.02, 2e-3),
+        (0.0, Sinusoid(200.0, 500.0), 4e-3, 5e-3),
+        (-1e-5, Sinusoid(400.0, 3000.0), 2e-3, 1e-2),
+    ],
+    ids=["clear", "no gap", "squeezed"],
+)
+def test_a_forced_mass_follows_the_reference_and_closer_at_finer_steps(
+    where: Where, gap: float, drive: Sinusoid, until: float, limit: float
+) -> None:
+    system = _system(gap)
+    start = 0.1 if gap >= 0.0 else 0.0
+    errors = [
+        _apart(track(where, system, 0.0, start, until, drive, timestep=h), system, 0.0, start, drive)
+        for h in (8e-6, 2e-6)
+    ]
+    assert errors[1] < limit
+    assert errors[1] < 0.5 * errors[0]
+
+
+@BOTH
+def test_both_blocks_press_at_once_on_a_squeezed_mass(where: Where) -> None:
+    system = _system(-1e-5)
+    found = track(where, system, 0.0, 0.0, 2e-3, Sinusoid(400.0, 3000.0), timestep=1e-6)
+    wanted = system.resultant(found.position, found.velocity)
+    assert np.abs(found.resultant - wanted).max() < 0.02 * np.abs(wanted).max()
+
+
+@BOTH
+def test_native_contact_is_right_once_and_then_parts_from_the_law(where: Where) -> None:
+    system = _system(1.5e-3)
+    found = track(where, system, 0.0, 0.4, 0.02, timestep=2e-6, native_at=0.4)
+    free = np.abs(found.resultant) < 1e-6 * np.abs(found.resultant).max()
+    after = found.velocity[free & (found.velocity < 0.0)][2]
+    assert -after / 0.4 == pytest.approx(float(exact.restitution(LAW.alpha, 0.4)), abs=2e-3)
+    assert _apart(found, system, 0.0, 0.4, None) > 0.02
+
+
+def test_the_model_is_plain_mjcf_and_says_the_gap() -> None:
+    root = ET.fromstring(mjcf(_system(1e-3), 1e-5))
+    places = {g.get("name"): g for g in root.iter("geom") if g.get("name")}
+    left, right = (float(str(places[n].get("pos")).split()[0]) for n in ("left", "right"))
+    ball = float(str(places["ball"].get("size")))
+    assert right - left - 2 * ball == pytest.approx(1e-3, rel=1e-12)
+
+
+def test_systems_that_an_engine_cannot_have_are_refused() -> None:
+    with pytest.raises(UserError, match="the same law"):
+        track("mujoco", VibroImpact(1.0, 1e-3, LAW, HuntCrossley(1e9, 0.1)), 0.0, 0.1, 0.01)
+    with pytest.raises(UserError, match="the same law"):
+        track("mujoco", _system(1e-3, KelvinVoigt(1e6, 1.0)), 0.0, 0.1, 0.01)
+    with pytest.raises(UserError, match="says nothing of a squeezed mass"):
+        track("pybullet", _system(-1e-6), 0.0, 0.1, 0.01, native_at=0.4)
+    with pytest.raises(UserError, match="timestep: 0"):
+        track("mujoco", _system(1e-3), 0.0, 0.1, 0.01, timestep=0.0)
