@@ -201,6 +201,28 @@ def test_what_is_tried_is_told_alone_and_left_out() -> None:
     assert found.remedy.startswith("With these fixed e = 0.9")
 
 
+@pytest.mark.parametrize(
+    ("geom", "code"),
+    [
+        ('solref="-1e30 0"', "unstable"),
+        ('solref="0 0"', "no-push"),
+        ('solref="-1000 0" solimp="0 .9999 .01 .5 1200"', "solimp-power"),
+    ],
+)
+def test_what_gives_no_e_at_all_is_named_too(geom: str, code: str) -> None:
+    found = measure(both(geom).text(), ("ball", "plate"), speeds=SPEEDS)
+    assert found.causes[0].code == code
+    assert found.measured == []
+
+
+def test_a_box_that_lands_flat_is_asked_what_each_of_its_contacts_is() -> None:
+    for geom, code in (("", "default-solref"), (IMPULSE, "")):
+        text = both(geom).text().replace('type="sphere" size=".1"', 'type="box" size=".1 .1 .1"')
+        found = measure(text, ("ball", "plate"), speeds=SPEEDS)
+        assert [c.code for c in found.causes] == ([code] if code else [])
+        assert found.facts.settings["points of contact"] == 4
+
+
 def test_the_law_can_be_what_is_wanted() -> None:
     found = measure(Planted(IMPULSE, IMPULSE).text(), ("ball", "plate"), wanted=Wanted(alpha=0.63))
     assert found.causes == () or "do not explain" in found.remedy, "one constant cannot follow a law"

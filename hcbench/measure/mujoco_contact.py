@@ -13,7 +13,7 @@ from hcbench.measure.model import Candidate
 from hcbench.measure.mujoco_load import backend
 from hcbench.measure.mujoco_pair import geom_name
 from hcbench.measure.mujoco_situation import DEFAULT_SOLREF, FLOOR_SHIFT, explicit_pair, overridden, same
-from hcbench.measure.promise import MAX_IMPEDANCE, MIN_IMPEDANCE, ContactLaw
+from hcbench.measure.promise import HIGHEST_POWER, MAX_IMPEDANCE, MIN_IMPEDANCE, ContactLaw
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -27,7 +27,7 @@ def mixing(s: Situation) -> Iterator[Candidate]:
         return
     solref, solimp, _ = s.place.contact.rows[0]
     names = [geom_name(s.model, g) for g in s.geoms]
-    apply = partial(fixes.set_contact, geoms=s.geoms, solref=s.asked.solref, solimp=s.asked.solimp)
+    apply = partial(fixes.set_contact, geoms=s.all_geoms, solref=s.asked.solref, solimp=s.asked.solimp)
     if overridden(s.model):
         yield Candidate(
             "override",
@@ -49,13 +49,12 @@ def mixing(s: Situation) -> Iterator[Candidate]:
             apply,
         )
         return
-    both = f"{names[0]} and {names[1]}"
     if not same(solref, s.asked.solref):
         yield Candidate(
             "solref-mixing",
             "MuJoCo mixes the solref of the two geoms: the contact does not have the one written.",
             f"written {fixes.numbers(s.asked.solref)}, in the contact {fixes.numbers(solref)}",
-            f'{both}: solref="{fixes.numbers(s.asked.solref)}"',
+            f'{s.names}: solref="{fixes.numbers(s.asked.solref)}"',
             apply,
         )
     if not same(solimp, s.asked.solimp):
@@ -63,7 +62,7 @@ def mixing(s: Situation) -> Iterator[Candidate]:
             "solimp-mixing",
             "MuJoCo averages the solimp of the two geoms: the contact does not have the one written.",
             f"written {fixes.numbers(s.asked.solimp)}, in the contact {fixes.numbers(solimp)}",
-            f'{both}: solimp="{fixes.numbers(s.asked.solimp)}"',
+            f'{s.names}: solimp="{fixes.numbers(s.asked.solimp)}"',
             apply,
         )
 
@@ -96,25 +95,28 @@ def damped(s: Situation) -> Iterator[Candidate]:
     default = same(s.asked.solref, DEFAULT_SOLREF)
     goal = s.goal()
     promised = s.asked.restitution(float(np.median([i.launch.speed for i in s.impacts])))
-    if not default and (s.wanted is None or abs(promised - goal) < FLOOR_SHIFT):
+    certain = default or s.asked.is_powerless
+    if not certain and (s.wanted is None or abs(promised - goal) < FLOOR_SHIFT):
         return
     solref, solimp, more = fixes.bouncy(goal, s.timestep, s.integrator)
-    names = " and ".join(geom_name(s.model, g) for g in s.geoms)
     code, title = "damped-solref", "solref asks for more damping than the wanted bounce has."
     if default:
         code, title = (
             "default-solref",
             ("solref is MuJoCo's default, critically damped: it asks for next to no bounce."),
         )
+    elif s.asked.is_powerless:
+        code, title = "no-push", "solref asks for neither a spring nor a damper: nothing pushes back."
     elif promised > goal:
         code, title = "lively-solref", "solref asks for less damping than the wanted bounce has."
     yield Candidate(
         code,
         title,
         f"solref {fixes.numbers(s.asked.solref)} promises e = {promised:.3g}",
-        f'{names}: solref="{fixes.numbers(solref)}" solimp="{fixes.numbers(solimp)}" (e = {goal:.3g}{more})',
-        partial(fixes.set_bouncy, geoms=s.geoms, e=goal),
-        static=default,
+        f'{s.names}: solref="{fixes.numbers(solref)}" solimp="{fixes.numbers(solimp)}"'
+        f" (e = {goal:.3g}{more})",
+        partial(fixes.set_bouncy, geoms=s.all_geoms, e=goal),
+        static=certain,
         last=True,
         aim=None if s.wanted is not None else goal,
     )
@@ -125,16 +127,24 @@ def impedance(s: Situation) -> Iterator[Candidate]:
     law = s.delivered
     if law is None or s.asked is None:
         return
+    if s.asked.overflows:
+        yield Candidate(
+            "solimp-power",
+            "The power of solimp is too high: MuJoCo's sigmoid underflows and gives not-a-number.",
+            f"solimp {fixes.numbers(s.asked.solimp)}",
+            f"{s.names}: a power below {HIGHEST_POWER:g} in solimp",
+            static=True,
+        )
+        return
     d0, dw = s.asked.impedance(0.0), s.asked.impedance(math.inf)
     stiff = (MAX_IMPEDANCE, MAX_IMPEDANCE, 0.001, 0.5, 2.0)
-    names = " and ".join(geom_name(s.model, g) for g in s.geoms)
-    apply = partial(fixes.set_contact, geoms=s.geoms, solref=None, solimp=stiff)
+    apply = partial(fixes.set_contact, geoms=s.all_geoms, solref=None, solimp=stiff)
     if law.solref[0] <= 0 and d0 < dw:
         yield Candidate(
             "impedance",
             "solimp starts below its final value: at touch the contact has but a share of its strength.",
             f"impedance {d0:.4g} at touch, {dw:.4g} at depth",
-            f'{names}: solimp="{fixes.numbers(stiff)}"',
+            f'{s.names}: solimp="{fixes.numbers(stiff)}"',
             apply,
         )
     low, high = min(s.asked.solimp[:2]), max(s.asked.solimp[:2])
@@ -152,9 +162,9 @@ def impedance(s: Situation) -> Iterator[Candidate]:
             f"solimp is not used as written: impedances are held to {MIN_IMPEDANCE:g} ... {MAX_IMPEDANCE:g}.",
             f"solimp {fixes.numbers(s.asked.solimp)}: at {speeds[worst]:.3g} m/s e = {held[worst]:.3g} "
             f"where {loose[worst]:.3g} was written",
-            f'{names}: solref="{fixes.numbers(solref)}" solimp="{fixes.numbers(solimp)}"'
+            f'{s.names}: solref="{fixes.numbers(solref)}" solimp="{fixes.numbers(solimp)}"'
             f" (e = {goal:.3g}{more})",
-            partial(fixes.set_bouncy, geoms=s.geoms, e=goal),
+            partial(fixes.set_bouncy, geoms=s.all_geoms, e=goal),
             static=True,
             last=True,
         )

@@ -38,14 +38,13 @@ def bouncy(e: float, timestep: float, integrator: str) -> tuple[tuple[float, ...
 
 
 def set_contact(
-    model: Any, geoms: tuple[int, int], solref: Sequence[float] | None, solimp: Sequence[float] | None
+    model: Any, geoms: Sequence[int], solref: Sequence[float] | None, solimp: Sequence[float] | None
 ) -> None:
-    """Give the contact of two geoms its parameters, wherever it takes them from."""
-    both = {frozenset(geoms)}
+    """Give the contacts among some geoms their parameters, wherever they take them from."""
     pairs = [
         i
         for i, (a, b) in enumerate(zip(model.pair_geom1, model.pair_geom2, strict=True))
-        if frozenset((int(a), int(b))) in both
+        if {int(a), int(b)} <= set(geoms)
     ]
     for field, values in (("solref", solref), ("solimp", solimp)):
         if values is None:
@@ -59,7 +58,7 @@ def set_contact(
         model.geom_priority[list(geoms)] = max(int(model.geom_priority[g]) for g in geoms)
 
 
-def set_bouncy(model: Any, geoms: tuple[int, int], e: float) -> None:
+def set_bouncy(model: Any, geoms: Sequence[int], e: float) -> None:
     """Give the contact this e, at the step and under the integrator that the model has by then."""
     solref, solimp, _ = bouncy(e, float(model.opt.timestep), integrator_name(model))
     set_contact(model, geoms, solref, solimp)
@@ -95,11 +94,11 @@ def zero_dofs(model: Any, field: str, dofs: Sequence[int]) -> None:
     getattr(model, field)[list(dofs)] = 0.0
 
 
-def no_margin(model: Any, geoms: tuple[int, int]) -> None:
+def no_margin(model: Any, geoms: Sequence[int]) -> None:
     """The contact acts where the surfaces meet."""
     for field in ("margin", "gap"):
         getattr(model, f"geom_{field}")[list(geoms)] = 0.0
         values = getattr(model, f"pair_{field}", None)
         for i, (a, b) in enumerate(zip(model.pair_geom1, model.pair_geom2, strict=True)):
-            if values is not None and {int(a), int(b)} == set(geoms):
+            if values is not None and {int(a), int(b)} <= set(geoms):
                 values[i] = 0.0

@@ -11,7 +11,7 @@ import numpy as np
 from hcbench.impact import Status
 from hcbench.measure import mujoco_fixes as fixes
 from hcbench.measure.model import NOTABLE_GAIN, Candidate
-from hcbench.measure.mujoco_pair import body_name, geom_name
+from hcbench.measure.mujoco_pair import body_name
 from hcbench.measure.mujoco_situation import Situation
 
 if TYPE_CHECKING:
@@ -43,7 +43,19 @@ def resolution(s: Situation) -> Iterator[Candidate]:
     gained = max((i.restitution for i in parted), default=0.0)
     samples = min((i.samples for i in parted), default=0)
     impulse = s.delivered is not None and s.delivered.is_impulse
-    if gained > 1 + NOTABLE_GAIN:
+    law = s.delivered
+    stiffness = law.gains()[0] if law is not None else 0.0
+    if any(i.status is Status.DIVERGED for i in s.impacts) and stiffness * s.timestep**2 > 1:
+        finer = math.pi / math.sqrt(stiffness) / 40
+        yield Candidate(
+            "unstable",
+            "The contact is too stiff for the step: the state diverges.",
+            f"stiffness {stiffness:.3g} /s^2 at a step of {s.timestep:g} s",
+            f'<option timestep="{finer:.6g}"/> or a softer solref',
+            partial(fixes.set_timestep, timestep=finer),
+            static=True,
+        )
+    elif gained > 1 + NOTABLE_GAIN:
         finer = s.timestep * min(0.05, max(samples, 1) / 200)
         yield Candidate(
             "energy-gain",
@@ -113,12 +125,11 @@ def margin(s: Situation) -> Iterator[Candidate]:
     if onset == 0:
         return
     where = "before the surfaces meet" if onset > 0 else "only below the surface"
-    names = " and ".join(geom_name(s.model, g) for g in s.geoms)
     yield Candidate(
         "margin",
         f"margin and gap make the contact act {where}: the body turns round in the wrong place.",
         f"the force begins at a distance of {onset:g} m",
-        f'{names}: margin="0" gap="0"',
-        partial(fixes.no_margin, geoms=s.geoms),
+        f'{s.names}: margin="0" gap="0"',
+        partial(fixes.no_margin, geoms=s.all_geoms),
         static=True,
     )

@@ -10,6 +10,7 @@ import numpy as np
 from hcbench.impact import Status
 from hcbench.measure import mujoco_fixes as fixes
 from hcbench.measure.mujoco_load import backend
+from hcbench.measure.mujoco_pair import geom_name
 from hcbench.measure.promise import ContactLaw
 
 if TYPE_CHECKING:
@@ -39,9 +40,20 @@ class Situation:
 
     @property
     def geoms(self) -> tuple[int, int]:
-        """The two geoms that touch, the moving one first."""
-        a, b = self.place.contact.rows[0][2]
-        return (a, b) if a in self.place.first.geoms else (b, a)
+        """The first two geoms that touch, the moving one first."""
+        return in_order(self.place, self.place.contact.rows[0][2])
+
+    @property
+    def all_geoms(self) -> tuple[int, ...]:
+        """All geoms that touch, the moving ones first."""
+        pairs = [in_order(self.place, geoms) for _, _, geoms in self.place.contact.rows]
+        return tuple(dict.fromkeys([moving for moving, _ in pairs] + [other for _, other in pairs]))
+
+    @property
+    def names(self) -> str:
+        """Of all geoms that touch, as a fix names them."""
+        *some, last = (geom_name(self.model, g) for g in self.all_geoms)
+        return f"{', '.join(some)} and {last}"
 
     @property
     def integrator(self) -> str:
@@ -70,6 +82,11 @@ class Situation:
         return _BOUNCY
 
 
+def in_order(place: Placement, geoms: tuple[int, int]) -> tuple[int, int]:
+    """The moving one first."""
+    return geoms if geoms[0] in place.first.geoms else (geoms[1], geoms[0])
+
+
 def explicit_pair(model: Any, geoms: tuple[int, int]) -> int:
     """Number of the <pair> of the two geoms, -1 without one."""
     both = {
@@ -78,13 +95,14 @@ def explicit_pair(model: Any, geoms: tuple[int, int]) -> int:
     return both.get(geoms, both.get(geoms[::-1], -1))
 
 
-def _intended(model: Any, place: Placement) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """(solref, solimp) that the author wrote for the pair: the moving geom's unless it has the defaults."""
-    a, b = place.contact.rows[0][2]
-    pair = explicit_pair(model, (a, b))
+def _intended(
+    model: Any, place: Placement, geoms: tuple[int, int]
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """(solref, solimp) that the author wrote for the two: the moving geom's unless it has the defaults."""
+    moving, other = in_order(place, geoms)
+    pair = explicit_pair(model, geoms)
     if pair >= 0:
         return tuple(map(float, model.pair_solref[pair])), tuple(map(float, model.pair_solimp[pair]))
-    moving, other = (a, b) if a in place.first.geoms else (b, a)
     refs = [tuple(map(float, model.geom_solref[g])) for g in (moving, other)]
     imps = [tuple(map(float, model.geom_solimp[g])) for g in (moving, other)]
     ref = next((r for r in refs if not same(r, DEFAULT_SOLREF)), DEFAULT_SOLREF)
@@ -103,10 +121,11 @@ def overridden(model: Any) -> bool:
 
 
 def asked_law(model: Any, place: Placement) -> tuple[ContactLaw | None, str]:
-    """What the author's own solref and solimp ask for, in words too; None where several rows add up."""
-    if len(place.contact.rows) > 1:
-        return None, f"{len(place.contact.rows)} contacts add up: the model asks for no one e"
-    solref, solimp = _intended(model, place)
+    """What the author's own solref and solimp ask for, in words too; None where different contacts add up."""
+    intended = {_intended(model, place, geoms) for _, _, geoms in place.contact.rows}
+    if len(intended) > 1:
+        return None, f"{len(place.contact.rows)} different contacts add up: the model asks for no one e"
+    ((solref, solimp),) = intended
     law = ContactLaw(solref, solimp, float(model.opt.timestep), clamped=False)  # type: ignore[arg-type]
     where = "default " if same(solref, DEFAULT_SOLREF) else ""
     return law, f"{where}solref {fixes.numbers(solref)}, solimp {fixes.numbers(solimp)}"
@@ -114,9 +133,10 @@ def asked_law(model: Any, place: Placement) -> tuple[ContactLaw | None, str]:
 
 def delivered_law(model: Any, place: Placement) -> ContactLaw | None:
     """What the engine made of it: mixed, clamped and kept safe."""
-    if len(place.contact.rows) > 1:
+    made = {(solref, solimp) for solref, solimp, _ in place.contact.rows}
+    if len(made) > 1:
         return None
-    solref, solimp, _ = place.contact.rows[0]
+    ((solref, solimp),) = made
     mujoco = backend()
     h = float(model.opt.timestep)
     safe = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
 
 MIN_IMPEDANCE, MAX_IMPEDANCE = 1e-4, 0.9999  # mjMINIMP, mjMAXIMP: what the engine clamps impedances to
+HIGHEST_POWER = 1000.0  # of solimp; a little above, the sigmoid underflows
 _TINY = 1e-15  # mjMINVAL
 _SPRINGY = 0.1  # k h² from which a spring, not the damper of one step, makes the bounce
 _SOFTEST = 100.0  # of the slowest time there is in a contact: how long one is followed
@@ -87,11 +88,23 @@ class ContactLaw:
             and stiffness * self.timestep**2 < _SPRINGY
         )
 
+    @property
+    def is_powerless(self) -> bool:
+        """Whether neither spring nor damper pushes back."""
+        return self.solref[0] <= 0 and max(abs(value) for value in self.solref) < _TINY
+
+    @property
+    def overflows(self) -> bool:
+        """Whether the sigmoid of solimp cannot be computed, by the engine neither."""
+        _, _, width, midpoint, power = self._solimp()
+        low = min(midpoint, 1 - midpoint)
+        return width > _TINY and power > HIGHEST_POWER and math.pow(max(low, 0.0), power - 1) == 0.0
+
     def restitution(self, speed: float) -> float:
         """e that this law promises at an impact speed, m/s; of an impulse setting the D h - 1 of its step."""
         if self.is_impulse:
             return -self.solref[1] * self.timestep - 1.0
-        if not speed > 0:
+        if not speed > 0 or self.overflows:
             return math.nan
         k, b = self.gains()
 
