@@ -24,6 +24,7 @@ import pandas as pd
 
 from hcbench import compare
 from hcbench.engines import isolation, registry
+from hcbench.engines.stretch import columns_of
 from hcbench.impact import Impact, Launch, Status
 from hcbench.reference import exact
 from hcbench.reference.laws import HuntCrossley
@@ -109,7 +110,7 @@ def gather(study: Study, rows: Sequence[Row], impacts: Mapping[TaskKey, Sequence
         setting, found = row.task.setting, impacts[row.task.key]
         law = HuntCrossley(study.scene.stiffness, row.alpha, study.scene.exponent)
         key = (study.scene.name, setting.engine, setting.name, row.alpha, setting.timestep)
-        tables["impacts"].append(pd.DataFrame(impact_columns(key, flown(found), law)))
+        tables["impacts"].append(pd.DataFrame(impact_columns(key, columns_of(found), law)))
         tables["loops"] += [
             loop_table(key, i) for i in found if i.launch in row.task.keep and i.loop is not None
         ]
@@ -228,25 +229,8 @@ def _fly_one(task: Task) -> list[Impact]:
     return [i if i.launch in task.keep else dataclasses.replace(i, loop=None) for i in impacts]
 
 
-def flown(impacts: Sequence[Impact]) -> dict[str, Any]:
-    """What impacts say of themselves: column -> values, one an impact."""
-    return {
-        "speed_m_per_s": [impact.launch.speed for impact in impacts],
-        "phase": [impact.launch.phase for impact in impacts],
-        "status": [impact.status.value for impact in impacts],
-        "reason": [impact.reason for impact in impacts],
-        "speed_in_m_per_s": np.array([impact.speed_in for impact in impacts], dtype=np.float64),
-        "speed_out_m_per_s": np.array([impact.speed_out for impact in impacts], dtype=np.float64),
-        "restitution": np.array([impact.restitution for impact in impacts], dtype=np.float64),
-        "duration_s": np.array([impact.duration for impact in impacts], dtype=np.float64),
-        "penetration_max_m": np.array([impact.penetration_max for impact in impacts], dtype=np.float64),
-        "force_max_n": np.array([impact.force_max for impact in impacts], dtype=np.float64),
-        "samples": np.array([impact.samples for impact in impacts], dtype=np.int64),
-    }
-
-
 def impact_columns(key: tuple[Any, ...], columns: Mapping[str, Any], law: HuntCrossley) -> dict[str, Any]:
-    """IMPACT_COLUMNS: what was `flown`, with the values of RUN_KEY and the truth of that key's law."""
+    """IMPACT_COLUMNS: `columns_of` impacts, with the values of RUN_KEY and the truth of that key's law."""
     speed = columns["speed_in_m_per_s"]
     known = np.isfinite(speed)
     by_law = np.full(len(speed), np.nan)

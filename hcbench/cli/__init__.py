@@ -15,6 +15,7 @@ from hcbench.cli.convert import convert
 from hcbench.cli.paper import paper
 from hcbench.cli.report import report
 from hcbench.cli.show import engines, reference
+from hcbench.cli.sweep import sweep
 from hcbench.cli.tune import tune
 from hcbench.errors import HcbenchError, UserError
 
@@ -28,7 +29,7 @@ def app() -> None:
     """
 
 
-for command in (report, tune, measure, check, paper, reference, convert, engines):
+for command in (report, sweep, tune, measure, check, paper, reference, convert, engines):
     app.add_command(command)
 
 

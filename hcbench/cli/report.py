@@ -17,13 +17,20 @@ from hcbench.cli.console import jobs_option, progress
 def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
     """Run a study and write its page, tables and figures.
 
-    STUDY is a study.toml, its folder, or a built-in name.
+    STUDY is a study.toml, its folder, or a built-in name; or the folder of a finished sweep.
     """
     from hcbench.report.build import build
     from hcbench.results import filled_folder
     from hcbench.run import run_study
     from hcbench.study import find_study, load_study
 
+    if (Path(study) / "_sweep.json").is_file():
+        from hcbench.sweep import read
+
+        folder = out or Path("reports") / Path(study).resolve().name
+        build(read(study), folder)
+        print(folder / "index.html")
+        return
     path = find_study(study)
     plan = load_study(path).quick() if quick else load_study(path)
     folder = out or Path("reports") / (path.parent.name if path.name == "study.toml" else path.stem)

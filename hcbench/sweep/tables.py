@@ -21,6 +21,7 @@ from hcbench.run import impact_columns
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from hcbench.engines.stretch import Flown
     from hcbench.impact import Floats, Loop
     from hcbench.sweep.parts import Part
 
@@ -34,21 +35,6 @@ Share = dict[str, Any]
 def _schema(columns: Iterable[str]) -> Any:
     words, kind = pa.dictionary(pa.int32(), pa.string()), {"samples": pa.int64()}
     return pa.schema([(c, words if c in _WORDS else kind.get(c, pa.float64())) for c in columns])
-
-
-@dataclass(frozen=True, slots=True)
-class Flown:
-    """Impacts of consecutive launches: columns as of `run.flown`, and kept loops by the launch's index."""
-
-    columns: Mapping[str, Any]
-    loops: Sequence[tuple[int, Loop]]
-
-    @classmethod
-    def joined(cls, stretches: Sequence[Flown]) -> Flown:
-        """Several, one after the other."""
-        names = stretches[0].columns
-        columns = {name: np.concatenate([s.columns[name] for s in stretches]) for name in names}
-        return cls(columns, [loop for stretch in stretches for loop in stretch.loops])
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,19 +53,20 @@ def digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:16]
 
 
-def part_bytes(part: Part, flown: Flown) -> PartBytes:
-    """The files of a part: the same impacts give the same bytes."""
+def part_bytes(part: Part, flown: Sequence[Flown]) -> PartBytes:
+    """The files of a part from its stretches: the same impacts give the same bytes."""
+    told = {name: np.concatenate([own.columns[name] for own in flown]) for name in flown[0].columns}
     rows, loops, shares = [], [], []
     for alpha in part.alphas:
         key = (part.scene.name, part.setting.engine, part.setting.name, alpha, part.setting.timestep)
         law = HuntCrossley(part.scene.stiffness, alpha, part.scene.exponent)
-        columns = impact_columns(key, flown.columns, law)
+        columns = impact_columns(key, told, law)
         rows.append(columns)
-        loops += [_loop(key, part.launches[i], loop) for i, loop in flown.loops]
+        loops += [_loop(key, part.launches[i], loop) for own in flown for i, loop in own.loops]
         shares.append({**dict(zip(RUN_KEY, key, strict=True)), **_share(columns)})
     kept = _parquet(loops, LOOP_COLUMNS, {}) if loops else b""
-    told = {_KEPT: digest(kept).encode() if kept else b"", _TOLD: json.dumps(shares).encode()}
-    return PartBytes(part.number, len(part.launches), _parquet(rows, IMPACT_COLUMNS, told), kept, shares)
+    also = {_KEPT: digest(kept).encode() if kept else b"", _TOLD: json.dumps(shares).encode()}
+    return PartBytes(part.number, len(part.launches), _parquet(rows, IMPACT_COLUMNS, also), kept, shares)
 
 
 def _loop(key: tuple[Any, ...], launch: tuple[float, float], loop: Loop) -> dict[str, Any]:

@@ -10,23 +10,24 @@ import dataclasses
 import threading
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
-from hcbench.engines import isolation, registry
+from hcbench.engines import isolation, stretch
+from hcbench.engines.stretch import Flown, Stretch
 from hcbench.errors import CannotRun, SceneError, UserError
 from hcbench.impact import Impact, Launch, Status
-from hcbench.run import flown
 from hcbench.scene import load_scene
 from hcbench.sweep.parts import Part, digests_of, versions_here
-from hcbench.sweep.tables import Flown, PartBytes, part_bytes
+from hcbench.sweep.tables import PartBytes, part_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
     from hcbench.scene import Scene
 
 _FIRST = 64  # impacts in the first stretch of a part: it tells how long the others take
-_SAMPLES = 2_000_000  # steps in contact in a stretch, at most: 64 MB of loops
+_SAMPLES = 500_000  # steps in contact in a stretch, at most: 16 MB of loops
 stopping = threading.Event()  # set: the engines' processes are being ended on purpose
 
 
@@ -40,9 +41,9 @@ class Patience:
     start: float = 60.0
     each: float | None = None
 
-    def limit(self, part: Part, impacts: int) -> float:
-        """For so many impacts of a part."""
-        each = 4.0 * max(1.0, 1e-6 / part.setting.timestep) if self.each is None else self.each
+    def limit(self, timestep: float, impacts: int) -> float:
+        """For so many impacts."""
+        each = 4.0 * max(1.0, 1e-6 / timestep) if self.each is None else self.each
         return self.start + each * impacts
 
 
@@ -52,61 +53,40 @@ def fly_part(part: Part, patience: Patience) -> PartBytes:
     Raises UserError for what the engine refuses, CannotRun where this is not what the part was planned with.
     """
     isolation.take_own_worker()
-    part = _here(part)
-    stretches: list[Flown] = []
+    scene = _scene_here(part)
+    found: list[Flown] = []
     done, size, total = 0, _FIRST, len(part.launches)
     while done < total:
-        stretches.append(_stretch(part, done, min(done + size, total), patience))
-        done = min(done + size, total)
-        size = max(_FIRST, int(_SAMPLES // (1 + stretches[-1].columns["samples"].mean())))
-    return part_bytes(part, Flown.joined(stretches))
+        end = min(done + size, total)
+        keep = [i - done for i in part.keep if done <= i < end]
+        own = _fly(Stretch(scene, part.setting, part.launches[done:end], keep), patience)
+        found.append(Flown(own.columns, [(i + done, loop) for i, loop in own.loops]))
+        done, size = end, max(_FIRST, int(_SAMPLES // (1 + own.columns["samples"].mean())))
+    return part_bytes(part, found)
 
 
-def _stretch(part: Part, begin: int, end: int, patience: Patience) -> Flown:
+def _fly(own: Stretch, patience: Patience) -> Flown:
+    limit = patience.limit(own.setting.timestep, len(own.launches))
     try:
-        (found,) = isolation.collect(_fly_together, part, begin, end, limit=patience.limit(part, end - begin))
+        (found,) = isolation.collect(stretch.together, own, limit=limit)
     except UserError:
         raise
     except Exception:
         # Death included. Which impact it was, and what happened, is told when each has flown alone.
         if stopping.is_set():
             raise
-        limit = patience.limit(part, 1)
-        alone = isolation.survive(
-            _fly_alone, range(begin, end), part, lost=lambda i, why: _lost(part, i, why), limit=limit
-        )
-        return _told(part, begin, alone)
+        which, limit = range(len(own.launches)), patience.limit(own.setting.timestep, 1)
+        lost = partial(_lost, own)
+        return Flown.of(isolation.survive(stretch.alone, which, own, lost=lost, limit=limit), own.keep)
     return found
 
 
-def _fly_together(part: Part, begin: int, end: int) -> Iterator[Flown]:
-    launches = [Launch(*launch) for launch in part.launches[begin:end]]
-    yield _told(part, begin, registry.engine(part.setting.engine).drop(part.scene, part.setting, launches))
+def _lost(own: Stretch, i: int, why: str) -> Impact:
+    return Impact(Launch(*own.launches[i]), Status.CRASHED, why)
 
 
-def _fly_alone(which: Sequence[int], part: Part) -> Iterator[Impact]:
-    engine = registry.engine(part.setting.engine)
-    for i in which:
-        try:
-            (impact,) = engine.drop(part.scene, part.setting, [Launch(*part.launches[i])])
-        except UserError:
-            raise
-        except Exception as error:
-            impact = _lost(part, i, " ".join(f"{type(error).__name__}: {error}".split()))
-        yield impact if i in part.keep else dataclasses.replace(impact, loop=None)  # light to send
-
-
-def _lost(part: Part, i: int, why: str) -> Impact:
-    return Impact(Launch(*part.launches[i]), Status.CRASHED, why)
-
-
-def _told(part: Part, begin: int, impacts: Sequence[Impact]) -> Flown:
-    kept = [(i, impact.loop) for i, impact in enumerate(impacts, begin) if i in part.keep]
-    return Flown(flown(impacts), [(i, loop) for i, loop in kept if loop is not None])
-
-
-def _here(part: Part) -> Part:
-    """The part with the scene's files as they lie here; CannotRun where anything is not as it was planned."""
+def _scene_here(part: Part) -> Scene:
+    """The scene with its files as they lie here; CannotRun where anything is not as it was planned."""
     engine = part.setting.engine
     here = versions_here([engine])
     differ = [name for name in here if part.versions[name] != here[name]]
@@ -119,7 +99,7 @@ def _here(part: Part) -> Part:
         )
     for scene in _candidates(part.scene):
         if digests_of(scene, engine) == part.digests[engine]:
-            return dataclasses.replace(part, scene=dataclasses.replace(part.scene, models=scene.models))
+            return dataclasses.replace(part.scene, models=scene.models)
     raise CannotRun(
         "worker",
         f"the files of scene {part.scene.name!r} are not there, or not the same",
