@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import pytest
 
 from hcbench.measure import Measurement, Wanted, measure
@@ -123,6 +125,13 @@ PLANTED: dict[str, tuple[Planted, str, float | None]] = {
     ),
 }
 SPEEDS = [0.1, 0.4]
+if not hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"):  # came with MuJoCo 3.13
+    PLANTED = {name: planted for name, planted in PLANTED.items() if "discrete" not in name}
+
+
+@cache
+def first_look(planted: Planted, wanted: float | None) -> Measurement:
+    return measure(planted.text(), ("ball", "plate"), speeds=SPEEDS, wanted=wanted)
 
 
 @pytest.mark.parametrize("name", PLANTED)
@@ -130,7 +139,7 @@ def test_a_planted_cause_is_named_and_its_fix_cures(name: str) -> None:
     planted, code, goal = PLANTED[name]
     wanted = goal if code == "damped-solref" else None
     speeds = SPEEDS
-    found = measure(planted.text(), ("ball", "plate"), speeds=speeds, wanted=wanted)
+    found = first_look(planted, wanted)
     codes = [cause.code for cause in found.causes]
     assert code in codes, codes
     cause = found.causes[codes.index(code)]
@@ -153,8 +162,7 @@ ALONE = [
 def test_it_is_the_first_that_is_named(name: str) -> None:
     planted, code, goal = PLANTED[name]
     wanted = goal if code == "damped-solref" else None
-    found = measure(planted.text(), ("ball", "plate"), speeds=SPEEDS, wanted=wanted)
-    assert found.causes[0].code == code
+    assert first_look(planted, wanted).causes[0].code == code
 
 
 def test_gravity_at_coarse_steps_is_named() -> None:

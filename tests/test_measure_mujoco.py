@@ -218,7 +218,7 @@ def test_a_height_field_is_met_where_the_engine_says(shape: str) -> None:
       <body name="stone" pos="0 0 1"><freejoint/><geom type="{shape}" size=".1 .1 .1"/></body>
       </worldbody></mujoco>"""
     found = measure(text, ("stone", "land"), speeds=[0.5], diagnose=False)
-    assert found.facts.normal == pytest.approx((0, 0, -1), abs=1e-5)
+    assert found.facts.normal == pytest.approx((0, 0, -1), abs=1e-4)
     assert [i.restitution for i in found.impacts] == pytest.approx([0.9] * 4, abs=3e-4)
 
 
