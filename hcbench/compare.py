@@ -142,7 +142,9 @@ def score_loop(impact: Impact, law: HuntCrossley, mass: float) -> LoopScore | No
     impulse = np.abs(force).sum()
     return LoopScore(
         rms=_force_distance(loop, truth) / force_max,
-        area_ratio=_area(loop) / float(exact.energy_loss(law, mass, speed)) if law.alpha > 0 else math.nan,
+        area_ratio=loop_area(loop) / float(exact.energy_loss(law, mass, speed))
+        if law.alpha > 0
+        else math.nan,
         force_ratio=largest / force_max,
         penetration_ratio=impact.penetration_max / float(exact.penetration_max(law, mass, speed)),
         duration_ratio=impact.duration / float(exact.duration(law, mass, speed)),
@@ -158,11 +160,19 @@ def _at_surface(x: Floats, f: Floats) -> float:
     return float(f[0] - x[0] * (f[1] - f[0]) / (x[1] - x[0])) if x[1] != x[0] else float(f[0])
 
 
-def _area(loop: Loop) -> float:
-    """∮ F dx, J: closed to the axis at touch and parting."""
-    x = np.concatenate([[0.0], loop.penetration, [0.0]])
-    f = np.concatenate([loop.force[:1], loop.force, loop.force[-1:]])
-    return float(np.sum((f[1:] + f[:-1]) / 2 * np.diff(x)))
+def loop_area(loop: Loop) -> float:
+    """∮ F dx, J: from the surface, by trapezoids, to where the force has gone.
+
+    Before the first sample the force is what the first two point to at x = 0; after the last it ends in a
+    step.
+    """
+    x, f = loop.penetration, loop.force
+    if len(x) < 2:
+        return math.nan
+    at_touch = float(np.clip(_at_surface(x[:2], f[:2]), 0.0, max(f[0], 0.0)))
+    gone = max(0.0, float(x[-1] + loop.rate[-1] * (loop.time[-1] - loop.time[-2])))
+    inside = float(np.sum((f[1:] + f[:-1]) / 2 * np.diff(x)))
+    return (at_touch + float(f[0])) / 2 * float(x[0]) + inside + float(f[-1]) / 2 * (gone - float(x[-1]))
 
 
 def _force_distance(loop: Loop, truth: Loop) -> float:

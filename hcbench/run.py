@@ -209,8 +209,12 @@ def _fly_together(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[TaskKey, l
             for future in as_completed(waiting):
                 with suppress(BrokenProcessPool):
                     yield waiting[future], future.result()
-        finally:
+        except BaseException:
+            # Nobody waits for what is in flight; a worker may be in it for long.
+            for process in list((pool._processes or {}).values()):
+                process.kill()
             pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 @contextmanager

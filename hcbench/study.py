@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
+_MOST_PHASES = 1000
 _PACKAGE = Path(__file__).parent
 _BUILT_IN = (_PACKAGE.parent / "reports", _PACKAGE / "data" / "studies")  # a checkout's, a wheel's
 
@@ -149,7 +150,7 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
     if content.get("schema", 1) != 1:
         raise StudyError(f"{where}: schema", f"{content['schema']!r}", "1", "A newer hcbench may read it")
     for key in ("scene", "alphas", "speeds", "run"):
-        if not content.get(key):
+        if key not in content or content[key] in ("", []):
             raise StudyError(f"{where}: {key}", "missing", _STUDY_KEYS[key])
     scene = load_scene(content["scene"], folder)
     if "gravity" in content:
@@ -157,10 +158,13 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
             scene, gravity=units.parse(content["gravity"], "acceleration", f"{where}: gravity")
         )
     phases = content.get("phases", 8)
-    if not isinstance(phases, int) or isinstance(phases, bool) or phases < 1:
-        raise StudyError(f"{where}: phases", f"{phases!r}", "a whole number of 1 or more")
+    if not isinstance(phases, int) or isinstance(phases, bool) or not 1 <= phases <= _MOST_PHASES:
+        raise StudyError(f"{where}: phases", f"{phases!r}", f"a whole number from 1 to {_MOST_PHASES}")
     alphas = _values(content["alphas"], "alpha", f"{where}: alphas", positive=False)
     speeds = _values(content["speeds"], "speed", f"{where}: speeds")
+    main_alpha = _one(content.get("main_alpha", alphas[len(alphas) // 2]), "alpha", f"{where}: main_alpha")
+    if main_alpha not in alphas:
+        raise StudyError(f"{where}: main_alpha", f"{main_alpha:.6g} s/m", "one of the study's alphas")
     runs = content["run"]
     if not isinstance(runs, list) or not all(isinstance(run, dict) for run in runs):
         raise StudyError(f"{where}: run", f"{runs!r:.60}", "[[run]] tables")
@@ -173,7 +177,7 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
         if "loop_speeds" in content
         else (),
         phases=phases,
-        main_alpha=_one(content.get("main_alpha", alphas[len(alphas) // 2]), "alpha", f"{where}: main_alpha"),
+        main_alpha=main_alpha,
         step_speed=_one(content.get("step_speed", speeds[len(speeds) // 2]), "speed", f"{where}: step_speed"),
         runs=tuple(_run(run, f"{where}: run {i}", alphas, speeds) for i, run in enumerate(runs, 1)),
         train_height=_maybe(content, "train_height", "length", where),

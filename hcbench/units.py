@@ -58,6 +58,10 @@ _PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _NUMBER_FIRST = re.compile(rf"\s*({_PLAIN.pattern})\s*(.*)", re.DOTALL)
 
 
+_LONGEST_UNIT = 60
+_TOWER = re.compile(r"(\*\*|\^)[^*^/]*(\*\*|\^)|\d{4}")  # powers of powers: Pint would compute them
+
+
 @cache
 def _registry() -> Any:
     import pint
@@ -81,6 +85,10 @@ def _scale(unit: str, quantity: Quantity, slot: str, text: str, exponent: float)
     if not unit:
         return 1.0
     wanted = f"a unit that converts to {si}" if si else "a plain number"
+    if len(unit) > _LONGEST_UNIT or _TOWER.search(unit):
+        raise QuantityError(
+            slot, f"{text[:80]!r}: not a unit", wanted, f"Write for example {quantity.example!r}"
+        )
     if not si:
         raise QuantityError(
             slot, f"{text!r} has the unit {unit!r}", wanted, f"Write for example {quantity.example!r}"
@@ -107,7 +115,10 @@ def parse(value: object, quantity: str, slot: str = "", exponent: float = 1.5) -
     kind = QUANTITIES[quantity]
     slot = slot or quantity
     if isinstance(value, int | float | np.number) and not isinstance(value, bool):
-        number = float(value)
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
     elif isinstance(value, str):
         match = _NUMBER_FIRST.fullmatch(value)
         if match is None:
@@ -144,12 +155,17 @@ def parse_values(value: object, quantity: str, slot: str = "") -> Floats:
         numbers = piece.removesuffix(own).strip()
         scale = _scale(own or unit, kind, slot, value, 1.5)
         out.extend(_expand(numbers, slot, value) * scale)
+    if not np.isfinite(out).all():
+        raise QuantityError(slot, f"{value[:80]!r} is not finite", f"finite numbers like {kind.example!r}")
     return np.array(out)
 
 
+_SPAN = re.compile(rf"\s*{_PLAIN.pattern}(?:\s*:\s*{_PLAIN.pattern})*\s*(?P<unit>[^\d\s.:+\-].*)?", re.DOTALL)
+
+
 def _trailing_unit(piece: str) -> str:
-    match = re.match(rf"[\s\d.:eE+\-]*?({_PLAIN.pattern})\s*([^\d\s.:+\-].*)?$", piece)
-    return (match[4] or "").strip() if match else ""
+    match = _SPAN.fullmatch(piece)
+    return (match["unit"] or "").strip() if match else ""
 
 
 def _expand(numbers: str, slot: str, text: str) -> Floats:

@@ -66,8 +66,12 @@ def reference(
         ["-" if v is None else f"{v:.6g}" for v in dataclasses.astuple(row)[: len(header)]] for row in rows
     ]
     print_table(header, values)
+    kinds: dict[str, list[str]] = {}
     for warning in dict.fromkeys(w for row in rows for w in row.warnings):
-        print(f"warning: {warning}", file=sys.stderr)
+        kinds.setdefault(warning[:12], []).append(warning)
+    for first, *others in kinds.values():
+        more = f" (and {len(others)} more like it)" if others else ""
+        print(f"warning: {first}{more}", file=sys.stderr)
 
 
 @click.command()

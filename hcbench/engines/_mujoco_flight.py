@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 _FEW_ROWS, _CROWD, _CROWD_OF_ROWS = 4, 24, 8
 _ALONE = 32  # launches flown side by side, one in a model: bounds memory
 _GAIN_S, _COMPILE_S = 1.5e-6, 5e-3  # what company saves a ball-step, and costs to compile
+_MOST_STEPS = 2_000_000  # of one launch, whatever the step
 _CONTACT_S = 0.5  # how long a ball may stay in contact before it counts as resting there
 _AT_REST, _STILL = 1e-6, 32  # of its impact speed, for so many steps: a bounce turns around in far fewer
 _SHORT, _CHUNK_BYTES = 8, 2**21  # steps in a chunk: the fewest, and how many fit
@@ -86,7 +87,7 @@ def _watch(model: Loaded, launches: Sequence[Launch]) -> Watch:
         if gap and not speed:
             raise SettingError("speed", "0 m/s without gravity", "a speed above 0, or gravity to fall by")
         flight = 2.0 * gap / (launch.speed + speed) if gap else 0.0
-        patience.append(math.ceil(1.5 * flight / h) + math.ceil(_CONTACT_S / h) + 100)
+        patience.append(min(math.ceil(1.5 * flight / h) + math.ceil(_CONTACT_S / h) + 100, _MOST_STEPS))
         rest_speed.append(_AT_REST * speed)
     return Watch.over(patience, rest_speed, _STILL)
 

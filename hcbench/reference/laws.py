@@ -45,7 +45,7 @@ class HuntCrossley:
     def __post_init__(self) -> None:
         _require("stiffness", self.stiffness, 0 < self.stiffness < np.inf, "a stiffness above 0 N/m^n")
         _require("alpha", self.alpha, 0 <= self.alpha < np.inf, "0 s/m or more")
-        _require("exponent", self.exponent, 1 <= self.exponent < np.inf, "n of 1 or more")
+        _require("exponent", self.exponent, 1 <= self.exponent <= 10, "n within 1 ... 10")
 
     @property
     def dissipation(self) -> float:

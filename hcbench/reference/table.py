@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from hcbench.errors import UserError
 from hcbench.reference import exact, hertz
 
 if TYPE_CHECKING:
@@ -15,6 +16,7 @@ PAPER_RELATIVE_RADIUS = 2 * INCH  # 1/(1/R1 + 1/R2) of section 3.1: 1 in convex 
 SPEED_LIMIT = 20 * INCH  # m/s, section 1.2: impact speeds below 20 in/s
 # α v_i at the ends of what the paper calls reasonable: α = 0.008 s/in at 20 in/s. Eq. (2) is 0.02 low there.
 ALPHA_SPEED_LIMIT = 0.16
+_MOST_ALPHA_SPEED = 1e3  # e is 7e-4 there
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +37,10 @@ class Row:
 
 def describe(law: HuntCrossley, mass: float, speed: float, relative_radius: float) -> Row:
     """Everything about one impact: mass kg, speed v_i m/s, relative radius R m. Raises UserError."""
+    if not law.alpha * speed <= _MOST_ALPHA_SPEED:
+        raise UserError(
+            "α v", f"{law.alpha * speed:.4g}", f"up to {_MOST_ALPHA_SPEED:g}, where nothing bounces any more"
+        )
     force = float(exact.force_max(law, mass, speed))
     shear = None
     if law.exponent == 1.5:

@@ -90,8 +90,14 @@ def depth(view: View, run: Run) -> float:
 
 
 def _settable(view: View, engine: str) -> list[Run]:
-    """The engine's runs that are numbers to set, no plug-ins."""
-    return [run for run in view.band_runs if run.engine == engine and not view.is_plugin(run)]
+    """The engine's runs that are numbers to set, no plug-ins, over as many α as any of them ran."""
+    mine = [run for run in view.band_runs if run.engine == engine and not view.is_plugin(run)]
+    most = max((_alphas(view, run) for run in mine), default=0)
+    return [run for run in mine if _alphas(view, run) == most]
+
+
+def _alphas(view: View, run: Run) -> int:
+    return sum(view.score(run, alpha) is not None for alpha in view.alphas)
 
 
 def plugin_sentence(view: View) -> str:
