@@ -20,6 +20,7 @@ from hcbench.check.page import measurement_page
 from hcbench.check.pairs import read_pairs
 from hcbench.check.studies import check_study
 from hcbench.check.words import as_markdown, as_record_of, as_text
+from hcbench.cli import run
 from hcbench.errors import OutputError, UserError
 from hcbench.measure import Wanted, measure
 from hcbench.measure.show import as_record
@@ -486,3 +487,39 @@ def test_a_study_is_checked_setting_by_setting(tmp_path: Path) -> None:
 def test_markdown_has_a_row_a_check() -> None:
     text = as_markdown(check(ask(restitution=0.9)))
     assert text.count("\n| ✅ |") == 1
+
+
+# The command line ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        ([GOOD, "--pair", "ball,plate", "--restitution", "0.9"], 0),
+        ([BROKEN, "--pair", "ball,plate", "--restitution", "0.9"], 1),
+        ([GOOD, "--pair", "ball,plat", "--restitution", "0.9"], 2),
+        (["gone.xml", "--pair", "ball,plate", "--restitution", "0.9"], 2),
+        ([GOOD, "--pair", "ball,plate", "--restitution", "much"], 2),
+        ([GOOD, "--pair", "ball,plate", "--restitution", "0.9", "--junit", "no/where.xml"], 3),
+    ],
+)
+def test_the_exit_code_says_how_it_ended(
+    arguments: list[str], code: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["check", "--speeds", SPEEDS, *arguments]) == code
+    told = capsys.readouterr()
+    assert "Traceback" not in told.out + told.err
+    assert told.err.count("\n") <= 1
+
+
+def test_a_crash_exits_with_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "setup.py").write_text(CRASH)
+    assert run(["check", "--python", f"{tmp_path}/setup.py:build", "--restitution", "0.9"]) == 3
+    assert "SIGSEGV" in capsys.readouterr().out
+
+
+def test_json_on_the_command_line_is_json(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["measure", GOOD, "--pair", "ball,plate", "--speeds", SPEEDS, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["kind"] == "hcbench measurement"
+    assert run(["check", BROKEN, "--pair", "ball,plate", "--restitution", "0.9", "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["exit_code"] == 1
