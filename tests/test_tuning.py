@@ -82,6 +82,15 @@ def test_a_loop_that_no_native_setting_has_names_the_plug_in() -> None:
         choose("pybullet", target(1e-6), SCENE, "loop")
 
 
+def test_an_integrator_that_breaks_a_recipe_is_refused_and_others_serve() -> None:
+    with pytest.raises(SettingError, match="RK4"):
+        tune("mujoco", target(1e-3), SCENE, recipe="impulse", integrator="RK4")
+    with pytest.raises(SettingError, match="no choice"):
+        tune("pybullet", target(1e-3), SCENE, integrator="RK4")
+    served = tune("mujoco", target(1e-3), SCENE, recipe="impulse", integrator="implicitfast")
+    assert served.verdict.max_error < served.verdict.constant_error + 1e-6
+
+
 def test_an_unknown_recipe_is_refused_with_the_known_ones() -> None:
     with pytest.raises(UserError, match="impulse"):
         tune("mujoco", target(1e-3), SCENE, recipe="wish")

@@ -5,7 +5,9 @@ Exit codes: 0 done, 1 a limit was passed, 2 a mistake in what was given, 3 could
 
 from __future__ import annotations
 
+import io
 import os
+import signal
 import sys
 
 import click
@@ -35,7 +37,17 @@ for command in (report, sweep, tune, measure, check, paper, reference, convert, 
 
 def main() -> None:
     """Run the command line; every way out is an exit code and at most one line."""
+    for name in ("SIGTERM", "SIGHUP"):  # as Ctrl-C: nothing is left half-written
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), _interrupt)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # α on a terminal that has none
     sys.exit(run(sys.argv[1:]))
+
+
+def _interrupt(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
 
 
 def run(arguments: list[str]) -> int:

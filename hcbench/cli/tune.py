@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli.console import as_json, print_json
+from hcbench.cli.console import as_json, print_json, progress
 from hcbench.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     "--match", type=click.Choice(["restitution", "loop", "both"]), default="restitution", show_default=True
 )
 @click.option("--recipe", default="auto", show_default=True, help="`hcbench engines` lists them.")
+@click.option("--integrator", help="MuJoCo's: Euler, implicitfast, RK4.  [default: the recipe's, Euler]")
 @click.option("--scene", default="steel-plane", show_default=True, help="A scene's name or folder.")
 @click.option("--mass", help="Effective mass.  [default: the scene's]")
 @click.option("--stiffness", help="k of the law, N/m^n or with units.  [default: the scene's]")
@@ -47,7 +48,8 @@ def tune(engine: str, as_json: bool, write_scene: Path | None, max_error: float 
     from hcbench.tune import paste, tuning
 
     scene, target = _asked(given)
-    tuned = tuning.tune(engine, target, scene, given["recipe"], given["match"])
+    with progress("tuning"):
+        tuned = tuning.tune(engine, target, scene, given["recipe"], given["match"], given["integrator"])
     text = paste.paste(tuned.setting, scene.form, scene.relative_radius)
     if write_scene is not None:
         write_text(write_scene, paste.script(tuned.scene, tuned.setting))

@@ -105,10 +105,12 @@ def tune(
     scene: Scene,
     recipe: str = "auto",
     match: Match = "restitution",
+    integrator: str | None = None,
 ) -> Tuned:
     """Make a setting that matches a target and judge it at speeds and phases that no recipe has looked at.
 
     engine: a registered name. recipe: one of `recipes_of(engine)`, or "auto". match: what "auto" aims at.
+    integrator: of an engine that has several; None for the recipe's own.
     Raises SettingError where no recipe can serve the target, EngineMissing, EngineFailed.
     """
     registry.engine(engine).version()
@@ -120,13 +122,23 @@ def tune(
         why = "named"
     else:
         raise UserError("recipe", f"{recipe!r} for {engine!r}", f"one of: auto, {', '.join(known)}")
-    made = known[recipe]
+    made = known[recipe] if integrator is None else _with_integrator(known[recipe], integrator)
     setting = made(target)
     verdict = judge(registry.engine(engine), scene, setting, target)
     rest = settle(registry.engine(engine), scene, setting)
     return Tuned(
         target, scene, made, setting, verdict, rest, why, _advice(engine, scene, verdict, rest, known)
     )
+
+
+def _with_integrator(recipe: Recipe, integrator: str) -> Recipe:
+    if not dataclasses.is_dataclass(recipe) or "integrator" not in {
+        f.name for f in dataclasses.fields(recipe)
+    }:
+        raise SettingError(
+            "integrator", f"{integrator!r} for {recipe.name!r}", "none: it has no choice of one"
+        )
+    return dataclasses.replace(recipe, integrator=integrator)  # type: ignore[return-value,type-var]
 
 
 def _advice(
