@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from hcbench.engines import registry
 from hcbench.errors import SettingError, UserError
@@ -131,14 +131,13 @@ def tune(
     )
 
 
-def _with_integrator(recipe: Recipe, integrator: str) -> Recipe:
-    if not dataclasses.is_dataclass(recipe) or "integrator" not in {
-        f.name for f in dataclasses.fields(recipe)
-    }:
+def _with_integrator(recipe: Any, integrator: str) -> Recipe:
+    if "integrator" not in getattr(recipe, "__dataclass_fields__", {}):
         raise SettingError(
             "integrator", f"{integrator!r} for {recipe.name!r}", "none: it has no choice of one"
         )
-    return dataclasses.replace(recipe, integrator=integrator)  # type: ignore[return-value,type-var]
+    made: Recipe = dataclasses.replace(recipe, integrator=integrator)
+    return made
 
 
 def _advice(
