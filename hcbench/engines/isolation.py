@@ -17,6 +17,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -83,13 +84,15 @@ def quiet() -> Iterator[None]:
         os.close(nowhere)
 
 
-def collect(function: Callable[..., Iterator[Result]], *args: Any, limit: float) -> list[Result]:
+def collect(
+    function: Callable[..., Iterator[Result]], *args: Any, limit: float, each: bool = False
+) -> list[Result]:
     """What `function(*args)` yields, run in the worker.
 
-    limit: s for all of it; a worker that takes longer is ended.
+    limit: s for all of it, or with `each` for each item; a worker that takes longer is ended.
     Raises what the function raises, and WorkerDied with what had been delivered until then.
     """
-    return list(function(*args)) if _inside else _own().collect(function, args, limit)
+    return list(function(*args)) if _inside else _own().collect(function, args, limit, each)
 
 
 def survive(
@@ -103,14 +106,14 @@ def survive(
 
     function: `function(items, *args)` yields one result for each item, in order.
     lost: makes the result of an item that the worker died on, from the item and the reason.
-    limit: s for the first item, and the same again for every further one.
+    limit: s for each item.
     """
     done: list[Result] = []
     deaths = 0
     while len(done) < len(items):
         rest = items[len(done) :]
         try:
-            done += collect(function, rest, *args, limit=limit * (1 + len(rest)))
+            done += collect(function, rest, *args, limit=limit, each=True)
             assert len(done) == len(items), f"{len(done)} results for {len(items)} items"
         except WorkerDied as death:
             deaths = 1 if death.done else deaths + 1
@@ -137,17 +140,21 @@ class Worker:
         self.lock = threading.Lock()
         self._late = threading.Event()
 
-    def collect(self, function: Callable[..., Iterator[Result]], args: Any, limit: float) -> list[Result]:
-        """What `function(*args)` yields in the worker, within `limit` s."""
+    def collect(
+        self, function: Callable[..., Iterator[Result]], args: Any, limit: float, each: bool
+    ) -> list[Result]:
+        """What `function(*args)` yields in the worker, within `limit` s, or each item within that."""
         with self.lock:
             done: list[Result] = []
             try:
                 process = self._alive()
-                with self._at_most(limit, process):
+                with self._at_most(limit, process) as begin_anew:
                     send(process.stdin, (_working_directory(), function, args))
                     kind, value = receive(process.stdout)
                     while kind is Answer.ITEM:
                         done.append(value)
+                        if each:
+                            begin_anew()
                         kind, value = receive(process.stdout)
             except (EOFError, OSError) as error:
                 how = self._cause_of_death(limit)
@@ -206,21 +213,31 @@ class Worker:
                     pipe.close()
 
     @contextmanager
-    def _at_most(self, limit: float, process: subprocess.Popen[bytes]) -> Iterator[None]:
-        """Kill the process unless the block ends within `limit` s; reads from it then see the end of file."""
-        self._late.clear()
+    def _at_most(self, limit: float, process: subprocess.Popen[bytes]) -> Iterator[Callable[[], None]]:
+        """Kill the process unless the block ends within `limit` s; reads from it then see the end of file.
 
-        def end() -> None:
+        Hands out a function that lets the time begin anew.
+        """
+        self._late.clear()
+        end_at = time.monotonic() + limit
+        over = threading.Event()
+
+        def begin_anew() -> None:
+            nonlocal end_at
+            end_at = time.monotonic() + limit
+
+        def watch() -> None:
+            while (left := end_at - time.monotonic()) > 0:
+                if over.wait(left):
+                    return
             self._late.set()
             process.kill()
 
-        watchdog = threading.Timer(limit, end)
-        watchdog.daemon = True
-        watchdog.start()
+        threading.Thread(target=watch, daemon=True).start()
         try:
-            yield
+            yield begin_anew
         finally:
-            watchdog.cancel()
+            over.set()
 
 
 _shared = Worker()

@@ -81,7 +81,7 @@ def _survive(launches: Sequence[Launch], *where: Any) -> list[Impact]:
     while len(done) < len(launches):
         rest = launches[len(done) :]
         try:
-            done += isolation.collect(fly, rest, *where, limit=_LIMIT_S * (1 + len(rest)))
+            done += isolation.collect(fly, rest, *where, limit=_LIMIT_S * together, each=True)
         except isolation.WorkerDied as death:
             done += death.done
             # Those that flew in one world died of one of them.
