@@ -20,6 +20,8 @@ from hcbench.impact import Impact, Status, Trajectory, impacts_of
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from hcbench.engines._pybullet_world import World
     from hcbench.impact import Floats, Launch
     from hcbench.scene import Scene
@@ -119,7 +121,7 @@ class _Paths:
         motion = self._world.bullet.getBaseVelocity
         return np.array([motion(self._world.balls[i])[0] for i in self._balls])
 
-    def keep(self, which: Floats) -> None:
+    def keep(self, which: NDArray[np.bool_]) -> None:
         """Record only these from now on."""
         self._balls, self._position, self._velocity = (
             part[which] for part in (self._balls, self._position, self._velocity)
