@@ -101,12 +101,13 @@ def survive(
     *args: Any,
     lost: Callable[[Item, str], Result],
     limit: float,
+    give_up: int = _GIVE_UP,
 ) -> list[Result]:
     """One result for each item, in order, whatever kills the worker.
 
     function: `function(items, *args)` yields one result for each item, in order.
     lost: makes the result of an item that the worker died on, from the item and the reason.
-    limit: s for each item.
+    limit: s for each item. give_up: deaths in a row, nothing done in between, after which no more is tried.
     """
     done: list[Result] = []
     deaths = 0
@@ -119,8 +120,8 @@ def survive(
             deaths = 1 if death.done else deaths + 1
             done += death.done
             done += [lost(item, death.got) for item in items[len(done) : len(done) + 1]]
-            if deaths == _GIVE_UP:
-                reason = f"not tried: the engine died on the {_GIVE_UP} before it ({death.got})"
+            if deaths == give_up:
+                reason = f"not tried: the engine died on the {give_up} before it ({death.got})"
                 done += [lost(item, reason) for item in items[len(done) :]]
     return done
 

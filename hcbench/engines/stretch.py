@@ -78,6 +78,6 @@ def alone(which: Sequence[int], stretch: Stretch) -> Iterator[Impact]:
         except UserError:
             raise
         except Exception as error:
-            why = " ".join(f"{type(error).__name__}: {error}".split())
+            why = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(":")
             impact = Impact(launch, Status.CRASHED, why)
         yield impact if i in stretch.keep else dataclasses.replace(impact, loop=None)  # light to send

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
+import hcbench
 from hcbench.errors import CannotRun
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def _require_workers(client: Any, address: str) -> None:
             "one at least",
             "Start some: `dask worker`",
         ) from None
-    own = version("hcbench")
+    own = hcbench.__version__
     # In the standard library's words: a worker without hcbench can say so.
     for worker, found in client.run(version, "hcbench", on_error="return").items():
         if found != own:

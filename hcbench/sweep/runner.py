@@ -65,11 +65,10 @@ def sweep(
     folder is taken or the workers are not what they should be, OutputError where it cannot be written.
     """
     plan, place = Plan(study), Folder(os.fspath(folder))
-    with place.locked():
+    with _executing(executor, scheduler, jobs) as (own, width), place.locked():
         place.begin(plan, resume)
         run = _Run(plan, place, progress or (lambda _: None), patience or Patience())
-        with _executing(executor, scheduler, jobs) as (own, width):
-            run.go(own, width)
+        run.go(own, width)
         return run.progress()
 
 

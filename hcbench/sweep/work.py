@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 _FIRST = 64  # impacts in the first stretch of a part: it tells how long the others take
 _SAMPLES = 500_000  # steps in contact in a stretch, at most: 16 MB of loops
+_GIVE_UP = 32  # deaths in a row: all phases of a few speeds, which fail together
 stopping = threading.Event()  # set: the engines' processes are being ended on purpose
 
 
@@ -75,9 +76,15 @@ def _fly(own: Stretch, patience: Patience) -> Flown:
         # Death included. Which impact it was, and what happened, is told when each has flown alone.
         if stopping.is_set():
             raise
-        which, limit = range(len(own.launches)), patience.limit(own.setting.timestep, 1)
-        lost = partial(_lost, own)
-        return Flown.of(isolation.survive(stretch.alone, which, own, lost=lost, limit=limit), own.keep)
+        found_alone = isolation.survive(
+            stretch.alone,
+            range(len(own.launches)),
+            own,
+            lost=partial(_lost, own),
+            limit=patience.limit(own.setting.timestep, 1),
+            give_up=_GIVE_UP,
+        )
+        return Flown.of(found_alone, own.keep)
     return found
 
 
