@@ -112,9 +112,14 @@ class _Paths:
 def _on_plane(model: Loaded, own: _Paths) -> Floats:
     """Penetration is how far the centre is below where it touches."""
     z, vz = own.state(0, 2), own.state(1, 2)
-    gained = np.diff(vz, axis=1) + model.scene.gravity * model.timestep
-    force = _force(model, gained, np.abs(vz), own.felt(2) if model.felt else None)
-    return np.stack([model.origin[model.at[0] + 2] - z[:, :-1], -vz[:, :-1], force])
+    seen = np.empty((3, len(z), z.shape[1] - 1))
+    np.subtract(model.origin[model.at[0] + 2], z[:, :-1], out=seen[0])
+    np.negative(vz[:, :-1], out=seen[1])
+    gained = np.diff(vz, axis=1)
+    if fall := model.scene.gravity * model.timestep:
+        gained += fall
+    seen[2] = _force(model, gained, np.abs(vz), own.felt(2) if model.felt else None)
+    return seen
 
 
 def _in_cup(model: Loaded, own: _Paths, clearance: float) -> Floats:
@@ -143,9 +148,12 @@ def _force(model: Loaded, gained: Floats, speed: Floats, felt: Floats | None) ->
     velocity's absolute components, (b, n + 1). felt: acceleration by contact at the step's start, m/s².
     """
     h, g = model.timestep, model.scene.gravity
-    noise = _ROUND_OFF * (speed[:, :-1] + speed[:, 1:] + g * h)
-    slowing = np.where(np.abs(gained) <= noise, 0.0, gained / h)
+    noise = speed[:, :-1] + speed[:, 1:] + g * h
+    noise *= _ROUND_OFF
+    slowing = gained / h
+    slowing[np.abs(gained) <= noise] = 0.0
     if felt is not None:
         # A step that touches or parts on its way has no force yet, or no more, where it starts.
         slowing = np.where((slowing != 0.0) & (np.abs(felt) > _ROUND_OFF * g), felt, slowing)
-    return model.scene.mass * slowing
+    slowing *= model.scene.mass
+    return slowing
