@@ -1,0 +1,124 @@
+"""The loops that users write, and the bare loop in C that no Python can beat."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+import sysconfig
+import tempfile
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from hcbench.engines import _pybullet_flight, _pybullet_world, isolation
+from hcbench.engines._pybullet_options import read_options
+from hcbench.impact import Launch
+from hcbench.scene import Scene
+from hcbench.setting import Setting
+
+Record = list[tuple[float, float, float]]
+
+
+def in_mujoco(xml: str, launches: Sequence[Launch], timestep: float, length: int | None = None) -> int:
+    """Depth, rate and force of each step of each launch; how many steps that is.
+
+    As MuJoCo's documentation shows: mj_step, data.contact, mj_contactForce. length: steps, or until parted.
+    """
+    model = mujoco.MjModel.from_xml_string(xml)
+    data, force, steps = mujoco.MjData(model), np.zeros(6), 0
+    for launch in launches:
+        mujoco.mj_resetData(model, data)
+        data.qpos[2] += launch.gap(timestep)
+        data.qvel[2] = -launch.speed
+        record: Record = []
+        while len(record) != length:
+            if length is None and record and data.qvel[2] > 0 and record[-1][2] == 0.0:
+                break
+            rate, depth, normal = -data.qvel[2], 0.0, 0.0
+            mujoco.mj_step(model, data)
+            for i in range(data.ncon):
+                mujoco.mj_contactForce(model, data, i, force)
+                depth, normal = -data.contact[i].dist, normal + force[0]
+            record.append((depth, rate, normal))
+        steps += len(record)
+    return steps
+
+
+def in_mujoco_barely(xml: str, launches: Sequence[Launch], timestep: float) -> int:
+    """The same, but for force and depth: mj_step and the velocity, nothing else that can be left out."""
+    model = mujoco.MjModel.from_xml_string(xml)
+    data, steps = mujoco.MjData(model), 0
+    start = model.qpos0[2]
+    for launch in launches:
+        mujoco.mj_resetData(model, data)
+        data.qpos[2] += launch.gap(timestep)
+        data.qvel[2] = -launch.speed
+        velocity, position = data.qvel, data.qpos
+        while not (velocity[2] > 0 and position[2] > start):
+            mujoco.mj_step(model, data)
+            steps += 1
+    return steps
+
+
+@cache
+def _library() -> Any:
+    compiler = shutil.which(sysconfig.get_config_var("CC").split()[0]) or shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no C compiler")
+    home = Path(mujoco.__file__).parent
+    folder = Path(tempfile.mkdtemp())
+    (folder / "bare.c").write_text(
+        "#include <mujoco/mujoco.h>\n"
+        "void bare(const mjModel* m, mjData* d, int n) { for (int i = 0; i < n; i++) mj_step(m, d); }\n"
+    )
+    shared = next(home.glob("libmujoco.so*"))
+    command = [compiler, "-O3", "-shared", "-fPIC", f"-I{home}/include", str(folder / "bare.c"), str(shared)]
+    subprocess.run([*command, "-o", str(folder / "bare.so")], check=True)
+    library = ctypes.CDLL(str(folder / "bare.so"))
+    library.bare.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int]
+    return library
+
+
+def bare(model: Any, launches: Sequence[Launch], timestep: float, steps: int) -> Any:
+    """`for (...) mj_step(m, d)` over all of these balls in one model, ready to be run."""
+    library, data, whole = _library(), mujoco.MjData(model), mujoco.mjtState.mjSTATE_INTEGRATION
+    data.qpos[2::7] = [model.qpos0[2] + launch.gap(timestep) for launch in launches]
+    data.qvel[2::6] = [-launch.speed for launch in launches]
+    start = np.empty(mujoco.mj_stateSize(model, whole))
+    mujoco.mj_getState(model, data, start, whole)
+
+    def run() -> None:
+        mujoco.mj_setState(model, data, start, whole)
+        library.bare(model._address, data._address, steps)
+
+    return run
+
+
+def in_pybullet(scene: Scene, setting: Setting, launches: Sequence[Launch]) -> int:
+    """Depth, rate and force of each step of each launch, until it has parted; how many steps that is."""
+    isolation.enter_worker()  # this process is the benchmark's own
+    bullet = _pybullet_world._client()
+    ball, plate = _pybullet_world._set_up(bullet, scene, setting.timestep, read_options(setting.options))
+    radius, steps = _pybullet_flight.touching_height(scene), 0
+    for launch in launches:
+        bullet.resetBasePositionAndOrientation(
+            ball, [0, 0, radius + launch.gap(setting.timestep)], [0, 0, 0, 1]
+        )
+        bullet.resetBaseVelocity(ball, [0, 0, -launch.speed], [0, 0, 0])
+        record: Record = []
+        touched = False
+        while not (touched and record[-1][2] == 0.0 and record[-1][1] < 0):
+            depth = radius - bullet.getBasePositionAndOrientation(ball)[0][2]
+            rate = -bullet.getBaseVelocity(ball)[0][2]
+            bullet.stepSimulation()
+            force = sum(contact[9] for contact in bullet.getContactPoints(ball, plate))
+            touched = touched or force > 0
+            record.append((depth, rate, force))
+        steps += len(record)
+    return steps

@@ -1,0 +1,118 @@
+"""What a user waits for: imports, help, the default report, one tune, a sweep on one job and on two."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from hcbench.study import study_from
+from hcbench.sweep import sweep
+
+HCBENCH = str(Path(sys.executable).with_name("hcbench"))
+
+
+def took(*command: str) -> float:
+    """Seconds of a command."""
+    began = time.perf_counter()
+    subprocess.run(command, check=True, capture_output=True)
+    return time.perf_counter() - began
+
+
+def test_import(beside: Any) -> None:
+    python = sys.executable
+    beside(
+        "import hcbench",
+        {
+            "python -c pass": lambda: took(python, "-c", "pass"),
+            "hcbench": lambda: took(python, "-c", "import hcbench"),
+        },
+        must="0.3 s",
+        aim="0.1 s",
+    )
+
+
+def test_help(beside: Any) -> None:
+    beside("hcbench --help", {"hcbench": lambda: took(HCBENCH, "--help")}, must="0.5 s", aim="0.2 s")
+
+
+def test_default_report(beside: Any, tmp_path: Path) -> None:
+    beside(
+        "hcbench report (the default study)",
+        {"hcbench": lambda: took(HCBENCH, "report", "--out", str(tmp_path / "report"))},
+        rounds=2,
+        must="30 s",
+        aim="12 s",
+    )
+
+
+def test_a_tune(beside: Any) -> None:
+    beside(
+        "hcbench tune mujoco",
+        {"hcbench": lambda: took(HCBENCH, "tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-5")},
+        rounds=2,
+    )
+
+
+def swept(impacts: int, recipe: str, timestep: str) -> Any:
+    """A study of so many impacts."""
+    alphas = "0.002, 0.004, 0.008, 0.016 s/in"
+    run = {"engine": "mujoco", "recipe": recipe, "timesteps": timestep}
+    speeds = f"1:20:{impacts // 32} in/s"
+    return study_from({"scene": "steel-plane", "alphas": alphas, "speeds": speeds, "phases": 8, "run": [run]})
+
+
+def test_two_jobs_over_one(beside: Any, tmp_path: Path) -> None:
+    study, number = swept(24_000, "spring-damper", "1e-6 s"), iter(range(99))
+
+    def sweeping(jobs: int) -> None:
+        sweep(study, tmp_path / str(next(number)), jobs=jobs)
+
+    beside(
+        "a sweep of 24 000 impacts, MuJoCo at 1 µs, per impact",
+        {"one job": lambda: sweeping(1), "hcbench": lambda: sweeping(2)},
+        per=24_000,
+        rounds=1,
+        must="1.8",
+        aim="1.95",
+    )
+
+
+def test_memory_of_a_sweep(benchmark: Any, tmp_path: Path) -> None:
+    """Peak memory, its processes' together: proportional set size, so that shared pages count once."""
+    impacts = int(os.environ.get("HCBENCH_BENCH_IMPACTS", "100_000"))
+    study, peak = swept(impacts, "impulse", "1e-3 s"), [0]
+
+    def run() -> None:
+        sweep(study, tmp_path / "sweep", jobs=2, progress=lambda _: peak.append(memory()))
+
+    benchmark.pedantic(run, rounds=1)
+    seconds = benchmark.stats.stats.min / impacts
+    benchmark.extra_info.update(
+        what=f"a sweep of {impacts:,} impacts, two jobs",
+        unit="MiB",
+        seconds={"hcbench": max(peak)},
+        also=f"{seconds * 1e6:.0f} µs an impact",
+        must="1024 MiB",
+        aim="300 MiB",
+    )
+
+
+def memory() -> float:
+    """Of this process and its children, MiB."""
+    total = 0
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit() and (entry.name == str(os.getpid()) or parent(entry) == os.getpid()):
+            lines = (entry / "smaps_rollup").read_text().splitlines()
+            total += next(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
+    return total / 1024
+
+
+def parent(entry: Path) -> int:
+    try:
+        return int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+    except OSError:
+        return 0

@@ -1,0 +1,167 @@
+"""Engines through hcbench beside the loop a user would write, and beside a bare loop in C over mj_step."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import mujoco
+import mujoco.rollout
+import numpy as np
+import pytest
+from _loops import bare, in_mujoco, in_mujoco_barely, in_pybullet
+
+from hcbench.contact import mujoco as contact
+from hcbench.engines import _mujoco_flight, isolation, registry, stretch
+from hcbench.engines._mujoco_load import load
+from hcbench.engines._mujoco_options import read_options
+from hcbench.engines.mujoco import MujocoEngine, model_xml
+from hcbench.engines.stretch import Stretch
+from hcbench.impact import Launch
+from hcbench.reference import exact
+from hcbench.reference.laws import HuntCrossley
+from hcbench.scene import load_scene
+from hcbench.setting import Setting
+from hcbench.tune.target import Target
+
+SCENE = load_scene("steel-plane")
+LAW = HuntCrossley(SCENE.stiffness, 0.008 / 0.0254)
+STEP = 1e-6
+INCH = 0.0254
+
+
+def launches(count: int) -> list[Launch]:
+    """1 ... 20 in/s at four phases each."""
+    return [Launch(float(v), (i + 0.5) / 4) for v in np.linspace(1, 20, count // 4) * INCH for i in range(4)]
+
+
+def made(recipe: str) -> Setting:
+    setting: Setting = registry.load("hcbench.recipes", recipe)(
+        Target(LAW, SCENE.mass, STEP, 1 * INCH, 20 * INCH)
+    )
+    return setting
+
+
+@pytest.mark.parametrize("recipe", ["spring-damper", "staggered"])
+def test_mujoco_over_a_users_loop(beside: Any, recipe: str) -> None:
+    setting, eighty, engine = made(f"mujoco.{recipe}"), launches(80), MujocoEngine()
+    xml = model_xml(SCENE, setting)
+    enough = round(
+        1.5 * float(exact.duration(HuntCrossley(SCENE.stiffness, 0.0), SCENE.mass, 1 * INCH)) / STEP
+    )
+    beside(
+        f"MuJoCo, {recipe}, 80 launches at 1 µs, all cores",
+        {
+            "a user's loop, 1.5 Hertz contacts long": lambda: in_mujoco(xml, eighty, STEP, enough),
+            "a user's loop, until the ball has left": lambda: in_mujoco(xml, eighty, STEP),
+            "mj_step in Python, nothing read but when it has left": lambda: in_mujoco_barely(
+                xml, eighty, STEP
+            ),
+            "hcbench": lambda: engine.drop(SCENE, setting, eighty),
+        },
+        per=80,
+        rounds=4,
+        must="15" if recipe == "spring-damper" else "",
+        aim="40" if recipe == "spring-damper" else "",
+    )
+
+
+@pytest.mark.parametrize("recipe", ["spring-damper", "staggered"])
+def test_mujoco_over_a_bare_c_loop(beside: Any, recipe: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Per ball-step of one core. The same balls: in the models that hcbench puts them in, and all in one."""
+    monkeypatch.setattr(isolation, "_inside", True)  # one thread
+    setting, many, engine = made(f"mujoco.{recipe}"), launches(480), MujocoEngine()
+    loaded = load(SCENE, STEP, read_options(setting.options))
+    fleet = _mujoco_flight._Fleet.of(loaded)
+    groups = [[many[i] for i in group] for group in fleet.groups(many)]
+    impacts = {i.launch: i for i in engine.drop(SCENE, setting, many)}
+    steps = [max(impacts[launch].samples for launch in group) + 5 for group in groups]
+    models = [fleet.crowd(len(group)).model for group in groups]
+    default = load(SCENE, STEP, read_options(setting.options))
+    together = _mujoco_flight.crowd(mujoco, default.root, 0, 80, default.at).model
+    together.opt.jacobian = mujoco.mjtJacobian.mjJAC_AUTO
+    eighty = many[::6]
+    longest = max(steps)
+
+    loops = [bare(*job) for job in zip(models, groups, [STEP] * len(groups), steps, strict=True)]
+
+    def all_bare() -> None:
+        for run in loops:
+            run()
+
+    ball_steps = sum(impact.samples + 5 for impact in impacts.values())
+    beside(
+        f"MuJoCo, {recipe}, a ball-step of one core",
+        {
+            "C, 80 balls in one model as MuJoCo makes it": bare(together, eighty, STEP, longest),
+            "C, the models that hcbench makes": all_bare,
+            "hcbench": lambda: engine.drop(SCENE, setting, many),
+        },
+        per={
+            "C, 80 balls in one model as MuJoCo makes it": 80 * longest,
+            "C, the models that hcbench makes": ball_steps,
+            "hcbench": ball_steps,
+        },
+        must="1/1.2",
+        aim="1/1.05",
+    )
+
+
+def test_pybullet_over_a_users_loop(beside: Any) -> None:
+    setting, eighty = made("pybullet.spring-damper"), launches(80)
+    many = Stretch(SCENE, setting, [(launch.speed, launch.phase) for launch in launches(320)], ())
+
+    def fly(_: int) -> None:
+        isolation.take_own_worker()
+        isolation.collect(stretch.together, many, limit=600)
+
+    isolation._inside = False
+    with ThreadPoolExecutor(2) as two:
+
+        def ours() -> None:
+            list(two.map(fly, range(2)))
+
+        beside(
+            "PyBullet, spring-damper at 1 µs, two processes",
+            {
+                "a user's loop": lambda: in_pybullet_alone(setting, eighty),
+                "hcbench": ours,
+            },
+            per={"a user's loop": 80, "hcbench": 640},
+            rounds=3,
+            must="3",
+            aim="5",
+        )
+        isolation.end_workers()
+
+
+def in_pybullet_alone(setting: Setting, eighty: list[Launch]) -> None:
+    try:
+        in_pybullet(SCENE, setting, eighty)
+    finally:
+        isolation._inside = False
+
+
+def test_the_plug_in_over_native_contact(beside: Any) -> None:
+    """Per step in contact, in a rollout on one thread."""
+    native = load(SCENE, STEP, read_options(made("mujoco.spring-damper").options)).model
+    plugged = load(SCENE, STEP, read_options({})).model
+    speed, steps = 0.2, 200
+
+    def roll(model: Any) -> None:
+        data = mujoco.MjData(model)
+        data.qvel[2] = -speed
+        state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+        mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        for _ in range(5):
+            mujoco.rollout.rollout(model, data, state[None], nstep=steps)
+
+    with contact.attach(plugged, [("ball", "plate")], LAW):
+        beside(
+            "MuJoCo, a step in contact, plug-in",
+            {
+                "its own contact, a spring and damper": lambda: roll(native),
+                "hcbench.contact": lambda: roll(plugged),
+            },
+            per=5 * steps,
+        )

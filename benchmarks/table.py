@@ -1,0 +1,63 @@
+"""Puts the ratios of a run of the benchmarks into README.md.
+
+python benchmarks/table.py RESULTS.json
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+README = Path(__file__).with_name("README.md")
+BEGIN, END = "<!-- begin table -->", "<!-- end table -->"
+
+
+def readable(value: float, unit: str) -> str:
+    """With three digits and a unit that suits."""
+    if unit != "s":
+        return f"{value:.3g} {unit}"
+    for size, name in ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns")):
+        if value >= size:
+            return f"{value / size:.3g} {name}"
+    return f"{value:.3g} s"
+
+
+def rows(results: dict[str, Any]) -> list[str]:
+    """A row for each candidate; ours with the ratio to what it is measured against."""
+    found = ["| what | who | takes | others / hcbench | must | aim |", "|---|---|---|---|---|---|"]
+    for one in results["benchmarks"]:
+        told = one["extra_info"]
+        own = (
+            told["seconds"]["hcbench"] if "hcbench" in told["seconds"] else list(told["seconds"].values())[-1]
+        )
+        for i, (name, value) in enumerate(told["seconds"].items()):
+            last = i == len(told["seconds"]) - 1
+            ratio = "" if last else f"{value / own:.3g}"
+            marks = (told["must"], told["aim"]) if i == 0 else ("", "")
+            takes = readable(value, told["unit"]) + (f" ({told['also']})" if "also" in told else "")
+            found.append(
+                f"| {told['what'] if i == 0 else ''} | {name} | {takes} | {ratio} | {marks[0]} | {marks[1]} |"
+            )
+    return found
+
+
+def main() -> None:
+    results = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    machine = results["machine_info"]
+    engines = ", ".join(f"{name} {version}" for name, version in machine["engines"].items())
+    processor = machine["cpu"].get("brand_raw", machine["processor"])
+    about = (
+        f"{results['datetime'][:10]}, {processor}, {machine['cores']} cores, load {machine['load']:.1f} as it"
+        f" began; CPython {machine['python_version']}, {engines}."
+    )
+    table = "\n".join([BEGIN, about, "", *rows(results), END])
+    text = README.read_text(encoding="utf-8")
+    before, _, rest = text.partition(BEGIN)
+    README.write_text(before + table + rest.partition(END)[2], encoding="utf-8")
+    print(table)
+
+
+if __name__ == "__main__":
+    main()
