@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from hcbench.engines.registry import engine
     from hcbench.errors import HcbenchError
     from hcbench.impact import Impact, Launch, Loop, Status
+    from hcbench.measure import Measurement, Wanted
     from hcbench.reference.laws import HuntCrossley, KelvinVoigt
     from hcbench.results import Results
     from hcbench.run import run_study
@@ -28,6 +29,7 @@ _HOMES = {
     "KelvinVoigt": "reference.laws",
     "Launch": "impact",
     "Loop": "impact",
+    "Measurement": "measure.model",
     "Results": "results",
     "Scene": "scene",
     "Score": "compare",
@@ -35,9 +37,11 @@ _HOMES = {
     "Status": "impact",
     "Study": "study",
     "Target": "tune.target",
+    "Wanted": "measure.model",
     "engine": "engines.registry",
     "load_scene": "scene",
     "load_study": "study",
+    "measure": "measure",
     "run_study": "run",
     "score": "compare",
 }
@@ -49,6 +53,7 @@ __all__ = [
     "KelvinVoigt",
     "Launch",
     "Loop",
+    "Measurement",
     "Results",
     "Scene",
     "Score",
@@ -56,9 +61,11 @@ __all__ = [
     "Status",
     "Study",
     "Target",
+    "Wanted",
     "engine",
     "load_scene",
     "load_study",
+    "measure",
     "run_study",
     "score",
 ]
@@ -67,6 +74,8 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         return import_module("importlib.metadata").version("hcbench")
+    if name == "measure":  # the package itself, which can be called
+        return import_module("hcbench.measure")
     if name in _HOMES:
         return getattr(import_module(f"hcbench.{_HOMES[name]}"), name)
     raise AttributeError(f"module 'hcbench' has no attribute {name!r}")

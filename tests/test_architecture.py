@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -59,6 +60,22 @@ def test_every_public_name_is_there() -> None:
     assert sorted(hcbench._HOMES) == sorted(hcbench.__all__)
     for name in hcbench.__all__:
         assert getattr(hcbench, name).__module__.startswith("hcbench.")
+
+
+def test_measure_is_the_verb_whatever_was_imported_before() -> None:
+    code = "import hcbench; {}; print(callable(hcbench.measure), hcbench.measure.Wanted is hcbench.Wanted)"
+    for first in (
+        "pass",
+        "import hcbench.measure.model",
+        "from hcbench import measure; assert measure.__call__",
+    ):
+        done = subprocess.run(
+            [sys.executable, "-c", code.format(first)], capture_output=True, text=True, check=True
+        )
+        assert done.stdout.split() == ["True", "True"]
+    verb: Any = hcbench.measure
+    with pytest.raises(hcbench.HcbenchError, match="no-such"):
+        verb("no-such.xml", pair="ball,plate")
 
 
 def test_importing_hcbench_imports_nothing_heavy() -> None:

@@ -2,7 +2,19 @@
 
 from __future__ import annotations
 
+import sys
+from types import ModuleType
+
 from hcbench.measure.measure import measure
 from hcbench.measure.model import Cause, Measurement, Request, Wanted
 
 __all__ = ["Cause", "Measurement", "Request", "Wanted", "measure"]
+
+
+class _Callable(ModuleType):
+    """`hcbench.measure(...)` is `hcbench.measure.measure(...)`: the package has the verb's name."""
+
+    __call__ = staticmethod(measure)
+
+
+sys.modules[__name__].__class__ = _Callable
