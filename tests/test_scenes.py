@@ -14,7 +14,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from hcbench.engines.base import Engine
 from hcbench.engines.mujoco import MujocoEngine
+from hcbench.engines.pybullet import PybulletEngine
 from hcbench.errors import SceneError
 from hcbench.impact import Launch
 from hcbench.reference.hertz import spheres
@@ -245,7 +247,17 @@ def test_a_mistake_in_the_toml_is_one_clear_line(copied: Path, old: str, new: st
         ('<geom name="ball"', '<geom name="b"', "no geom 'ball'"),
         ('<geom name="plate"', '<geom name="p"', "no fixed geom 'plate'"),
         ('<geom name="plate" type="plane"', '<geom name="plate" type="plain"', "MuJoCo loads"),
-        ('size="0.0508"', 'size="0.0507"', "overlap by -9.0"),
+        (
+            'size="0.0508"',
+            'size="0.0507"',
+            "geom 'ball' size: 0.0507 m; expected 0.0508 m, the 1/(1/R1 + 1/R2)",
+        ),
+        (
+            'type="sphere" size="0.0508"',
+            'type="box" size=".1 .1 .0508"',
+            "not a sphere; expected a sphere of",
+        ),
+        ('pos="0 0 0.0508"', 'pos="0 0 0.0509"', "overlap by -9.0"),
         ('pos="0 0 0.0508"', 'pos="0 0 0.051"', "overlap by"),
         ('<inertial pos="0 0 0"', '<inertial pos="0 0 0.01"', "off its body's origin"),
         ('mass="0.45359237"', 'mass="heavy"', "mass 'heavy'"),
@@ -259,6 +271,73 @@ def test_a_mistake_in_the_mjcf_is_one_clear_line(copied: Path, old: str, new: st
     assert said in message
     assert str(copied / "scene.xml") in message
     assert "\n" not in message
+
+
+def test_a_smaller_ball_that_touches_is_not_taken_for_the_scenes_own(copied: Path) -> None:
+    """Ball and place moved together: nothing overlaps wrongly, yet it is another ball."""
+    for old, new in (('pos="0 0 0.0508"', 'pos="0 0 0.03"'), ('size="0.0508"', 'size="0.03"')):
+        edit(copied, old, new, "scene.xml")
+    edit(copied, 'sphere radius="0.0508"', 'sphere radius="0.03"', "ball.urdf")
+    said = r"size: 0\.03 m; expected 0\.0508 m, the 1/\(1/R1 \+ 1/R2\) of scene\.toml"
+    with pytest.raises(SceneError, match=said):
+        MujocoEngine().drop(read_scene(copied), STOCK, [Launch(0.2)])
+    with pytest.raises(SceneError, match=r"ball\.urdf: sphere radius: '0\.03'; expected 0\.0508 m"):
+        PybulletEngine().drop(read_scene(copied), Setting("pybullet", "stock", 1e-3), [Launch(0.2)])
+
+
+@pytest.mark.parametrize("form", ["cup", "plane"])
+@pytest.mark.parametrize("engine", [MujocoEngine(), PybulletEngine()], ids=["mujoco", "pybullet"])
+def test_a_radius_changed_in_the_toml_alone_is_seen_by_both_engines(engine: Engine, form: str) -> None:
+    scene = load_scene(f"steel-{form}")
+    R1, R2 = scene.ball_radius, scene.plate_radius
+    # Both together, so that a cup leaves the ball as much room as before.
+    other = dataclasses.replace(scene, ball_radius=R1 + 1e-6, plate_radius=R2 - 1e-6)
+    what = r"R1 of scene\.toml" if form == "cup" else r"1/\(1/R1 \+ 1/R2\) of scene\.toml"
+    with pytest.raises(SceneError, match=what):
+        engine.drop(other, Setting(engine.name, "stock", 1e-3), [Launch(0.2)])
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "said"),
+    [
+        ("ball", 'mass value="0.45359237"', 'mass value="0"', "mass: '0'; expected a mass in kg above 0"),
+        ("ball", 'mass value="0.45359237"', 'mass value="abc"', "mass: 'abc'; expected a mass in kg above 0"),
+        ("ball", 'mass value="0.45359237"', 'mass value="-1"', "mass: '-1'; expected a mass in kg above 0"),
+        ("ball", 'mass value="0.45359237"', 'mass value="inf"', "mass: 'inf'; expected a mass in kg above 0"),
+        ("ball", 'mass value="0.45359237"', "mass", "mass: missing; expected a mass in kg above 0"),
+        ("ball", "</robot>", "", "cannot be read: no element found"),
+        (
+            "ball",
+            "<collision>",
+            '<collision><origin xyz="0 0 1e-4"/>',
+            "overlap by none where the scene says",
+        ),
+        (
+            "plate",
+            'mass value="0"',
+            'mass value="1e-3"',
+            "mass: '1e-3'; expected 0, which fixes it in Bullet",
+        ),
+        (
+            "plate",
+            'mass value="0"',
+            'mass value="none"',
+            "mass: 'none'; expected 0, which fixes it in Bullet",
+        ),
+        ("plate", '<mass value="0"/>', "", "mass: missing, which Bullet reads as 1 kg; expected 0"),
+    ],
+)
+def test_a_mistake_in_the_urdf_is_one_clear_line(
+    copied: Path, file: str, old: str, new: str, said: str
+) -> None:
+    edit(copied, old, new, f"{file}.urdf")
+    with pytest.raises(SceneError) as caught:
+        PybulletEngine().drop(read_scene(copied), Setting("pybullet", "stock", 1e-3), [Launch(0.2)])
+    message = str(caught.value)
+    assert said in message
+    assert f"{file}.urdf" in message or "URDFs of ball and plate" in message
+    assert "\n" not in message
+    assert caught.value.exit_code == 2
 
 
 def test_a_cup_without_its_tendon_and_one_of_another_size_are_refused(tmp_path: Path) -> None:

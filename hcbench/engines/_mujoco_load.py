@@ -150,6 +150,7 @@ def _find_ball(mujoco: Any, model: Any, scene: Scene) -> int:
         raise SceneError(
             path, "the ball's geom or mass is off its body's origin", "both at the centre, pos 0 0 0"
         )
+    _check_radius(mujoco, model, geom, scene)
     mass = float(model.body_mass[body])
     if not math.isclose(mass, scene.mass, rel_tol=1e-12):
         raise SceneError(
@@ -159,6 +160,20 @@ def _find_ball(mujoco: Any, model: Any, scene: Scene) -> int:
             "Give it an <inertial>, or all of its mass to the geom 'ball'",
         )
     return int(joint)
+
+
+def _check_radius(mujoco: Any, model: Any, geom: int, scene: Scene) -> None:
+    """The ball is the sphere that the scene says: a smaller one that touches would pass for it else."""
+    path, what = str(model_path(scene)), "R1"
+    radius = scene.ball_radius
+    if scene.form == "plane":
+        radius, what = scene.relative_radius, "1/(1/R1 + 1/R2)"
+    if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_SPHERE:
+        raise SceneError(f"{path}: geom 'ball'", "not a sphere", f"a sphere of {radius:.12g} m")
+    size = float(model.geom_size[geom][0])
+    if abs(size - radius) > _SHAPE_TOLERANCE:
+        expected = f"{radius:.12g} m, the {what} of scene.toml"
+        raise SceneError(f"{path}: geom 'ball' size", f"{size:.12g} m", expected)
 
 
 def _overlap(mujoco: Any, model: Any, data: Any, scene: Scene) -> float:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench.engines import _pybullet_flight, isolation
 from hcbench.engines._pybullet_flight import touching_height
+from hcbench.engines._pybullet_urdf import check_ball, check_plate
 from hcbench.errors import EngineFailed, SceneError
 
 if TYPE_CHECKING:
@@ -127,7 +128,9 @@ def _set_up(bullet: Any, scene: Scene, timestep: float, options: Options) -> tup
     bullet.resetSimulation()
     bullet.setPhysicsEngineParameter(fixedTimeStep=timestep, **{**_GLOBALS, **options.world})
     bullet.setGravity(0.0, 0.0, -scene.gravity)
+    check_ball(_urdf(scene, "ball"), scene)
     ball = _load(bullet, scene, "ball", options.maximal_coordinates)
+    check_plate(_urdf(scene, "plate"))
     plate = _load(bullet, scene, "plate", options.maximal_coordinates)
     _check_shapes(bullet, scene, ball, plate)
     _make_ready(bullet, scene, options, ball)
@@ -164,7 +167,7 @@ def _client() -> Any:
     return pybullet
 
 
-def _load(bullet: Any, scene: Scene, role: str, maximal: bool) -> int:
+def _urdf(scene: Scene, role: str) -> Path:
     try:
         path: Path = scene.models["pybullet"][role].resolve()
     except KeyError:
@@ -173,6 +176,11 @@ def _load(bullet: Any, scene: Scene, role: str, maximal: bool) -> int:
         ) from None
     if not path.is_file():
         raise SceneError(f"scene {scene.name!r}", f"{path} does not exist", f"the URDF of the {role}")
+    return path
+
+
+def _load(bullet: Any, scene: Scene, role: str, maximal: bool) -> int:
+    path = _urdf(scene, role)
     try:
         # Bullet looks for a mesh in the working directory first, and only then beside the URDF.
         with chdir(path.parent):
