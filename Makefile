@@ -3,14 +3,20 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+LOWEST := .venv-lowest
+COMPILE = $(BIN)/uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 \
+	  --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate --quiet
 
-.PHONY: report test check format lock clean
+.PHONY: report test test-lowest check format lock clean
 
 report: $(INSTALLED)  ## regenerate the default report into reports/steel-1lb/
 	$(BIN)/hcbench report steel-1lb --out reports/steel-1lb
 
 test: check  ## lint, types, then every test
 	$(BIN)/python -m pytest -n 2
+
+test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyproject.toml allows
+	$(LOWEST)/bin/python -m pytest -n 2
 
 check: $(INSTALLED)
 	$(BIN)/ruff check .
@@ -21,16 +27,18 @@ format: $(INSTALLED)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-lock:  ## refresh the locked development dependencies
-	$(BIN)/uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 \
-	  --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate --quiet \
-	  --custom-compile-command "make lock" --output-file requirements-dev.txt
+lock:  ## refresh the locked dependencies, the newest for development and the lowest allowed
+	$(COMPILE) --custom-compile-command "make lock" --output-file requirements-dev.txt
+	$(COMPILE) --custom-compile-command "make lock" --resolution lowest-direct \
+	  --output-file requirements-lowest.txt
 
-$(INSTALLED): requirements-dev.txt pyproject.toml
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements-dev.txt
-	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable .
+$(VENV)/.installed: requirements-dev.txt
+$(LOWEST)/.installed: requirements-lowest.txt
+$(VENV)/.installed $(LOWEST)/.installed: pyproject.toml
+	$(PYTHON) -m venv $(@D)
+	$(@D)/bin/pip install --quiet --disable-pip-version-check --require-hashes -r $(filter %.txt,$^)
+	$(@D)/bin/pip install --quiet --disable-pip-version-check --no-deps --editable .
 	touch $@
 
 clean:
-	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(LOWEST) .pytest_cache .mypy_cache .ruff_cache

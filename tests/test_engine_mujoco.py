@@ -28,9 +28,6 @@ ONE_FORCE_A_STEP = pytest.mark.parametrize("integrator", ["Euler", "implicit", "
 HAS_DISCRETE = pytest.mark.skipif(
     not hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"), reason="this MuJoCo has no integrator 'discrete'"
 )
-HAS_ADHESION = pytest.mark.skipif(
-    not hasattr(mujoco.MjModel, "pair_adhesion"), reason="this MuJoCo has no adhesion"
-)
 DISCRETE = pytest.param("discrete", marks=HAS_DISCRETE)
 INTEGRATORS = pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast", "RK4", DISCRETE])
 SPEEDS = 0.0254 * np.array([1.0, 8.0, 20.0])
@@ -235,7 +232,7 @@ def test_one_row_is_the_same_with_the_rest_of_the_contact_far_away(scene: Scene)
     assert all(same_bits(a, b) for a, b in zip(alone, both, strict=True))
 
 
-@HAS_ADHESION
+@pytest.mark.adhesion
 def test_adhesion_makes_a_damper_pull() -> None:
     pulls, pushes = (
         ENGINE.drop(PLANE, setting(1e-6, row(S, 20 * D, adhesion=a)), [Launch(0.3)])[0] for a in (1e5, 0.0)

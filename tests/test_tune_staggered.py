@@ -63,6 +63,7 @@ def loop_error(flight: Flight, target: Target, speeds: np.ndarray) -> float:
     return worst
 
 
+@pytest.mark.adhesion
 @pytest.mark.parametrize("alpha", ALPHAS)
 def test_restitution_and_loop_are_those_of_the_law(alpha: float) -> None:
     target = target_of(alpha, 1e-6)
@@ -71,6 +72,7 @@ def test_restitution_and_loop_are_those_of_the_law(alpha: float) -> None:
     assert loop_error(flight, target, HELD_OUT) < 0.002
 
 
+@pytest.mark.adhesion
 @pytest.mark.parametrize("exponent", [1.0, 2.0])
 @pytest.mark.parametrize("alpha", [0.002, 0.016])
 def test_other_exponents_have_the_same_restitution_and_their_own_loop(alpha: float, exponent: float) -> None:
@@ -82,6 +84,7 @@ def test_other_exponents_have_the_same_restitution_and_their_own_loop(alpha: flo
     assert loop_error(flight, target, HELD_OUT) < 0.002
 
 
+@pytest.mark.adhesion
 @pytest.mark.parametrize("alpha", ALPHAS)
 def test_at_ten_microseconds_only_the_step_is_left(alpha: float) -> None:
     target = target_of(alpha, 1e-5)
@@ -93,6 +96,7 @@ def test_at_ten_microseconds_only_the_step_is_left(alpha: float) -> None:
     assert loop_error(flight, target, HELD_OUT) < 0.01
 
 
+@pytest.mark.adhesion
 @pytest.mark.parametrize("timestep", [1e-4, 5e-4, 1e-3, 2e-3])
 @pytest.mark.parametrize("alpha", ALPHAS)
 def test_coarse_steps_soften_the_spring_and_keep_the_restitution(alpha: float, timestep: float) -> None:
@@ -111,12 +115,14 @@ def test_a_softened_contact_lasts_as_many_steps_as_asked() -> None:
     assert served_law(target_of(0.008, 1e-6)) == target.law
 
 
+@pytest.mark.adhesion
 @pytest.mark.parametrize("integrator", ["implicit", "implicitfast", "RK4"])
 def test_other_integrators_that_hold(integrator: str) -> None:
     target = target_of(0.008, 1e-6)
     assert restitution_error(measured(target, HELD_OUT, integrator), target, HELD_OUT) < 3e-5
 
 
+@pytest.mark.adhesion
 @pytest.mark.parametrize(
     ("mass", "band"), [(0.001, (1.0, 20.0)), (1000.0, (0.5, 3.0)), (0.2, (10.0, 12.0)), (5.0, (0.1, 40.0))]
 )
@@ -162,6 +168,7 @@ def test_what_breaks_it_is_refused() -> None:
         Staggered()(linear)
 
 
+@pytest.mark.adhesion
 def test_two_free_bodies_meet_off_axis_with_their_effective_mass() -> None:
     """Balls of 1 lb and 2 lb, both moving, along no axis of the world: their bounce is the law's."""
     first, second = STEEL_MASS, 2 * STEEL_MASS
@@ -192,6 +199,7 @@ def test_two_free_bodies_meet_off_axis_with_their_effective_mass() -> None:
     assert data.qvel[1] == pytest.approx(0.3, abs=1e-9)
 
 
+@pytest.mark.adhesion
 def test_under_gravity_it_is_the_law_under_gravity() -> None:
     gravity, timestep = 9.81, 1e-6
     target = target_of(0.008, timestep)
@@ -208,6 +216,7 @@ def test_under_gravity_it_is_the_law_under_gravity() -> None:
     assert np.abs((flight.v[..., -1] - v) / speeds[:, None]).max() < 1e-4
 
 
+@pytest.mark.adhesion
 def test_a_ball_let_down_on_the_plate_comes_to_rest() -> None:
     """Its oscillation dies with the law's own rate (3/4) α g, and there is no creep."""
     alpha, timestep, gravity = 0.02, 1e-5, 9.81

@@ -25,11 +25,13 @@ def errors(recipe: TwoPair, target: Target) -> np.ndarray:
     return np.asarray(flight.restitution - target.restitution(HELD_OUT)[:, None])
 
 
+@pytest.mark.adhesion
 @pytest.mark.parametrize("alpha", [0.002, 0.016])
 def test_restitution_at_a_fine_step(alpha: float) -> None:
     assert np.abs(errors(TwoPair(), target_of(alpha, 1e-6))).max() < 1e-4
 
 
+@pytest.mark.adhesion
 @pytest.mark.parametrize(("alpha", "timestep"), [(0.002, 2e-3), (0.004, 1e-3), (0.008, 5e-4), (0.016, 1e-4)])
 def test_restitution_at_coarse_steps_with_a_softer_spring(alpha: float, timestep: float) -> None:
     target = target_of(alpha, timestep)
@@ -37,18 +39,21 @@ def test_restitution_at_coarse_steps_with_a_softer_spring(alpha: float, timestep
     assert np.abs(errors(TwoPair(), target)).max() < 1e-3
 
 
+@pytest.mark.adhesion
 def test_the_linear_reading_is_matched_too() -> None:
     law = target_of(0.008, 1e-3)
     target = Target(law.law, law.mass, 1e-3, law.speed_min, law.speed_max, reading="linear")
     assert np.abs(errors(TwoPair(), target)).max() < 1e-3
 
 
+@pytest.mark.adhesion
 def test_mass_and_integrator_do_not_matter() -> None:
     assert np.abs(errors(TwoPair("RK4"), target_of(0.008, 1e-3, mass=1000.0))).max() < 1e-3
     light, heavy = (TwoPair().rows(target_of(0.008, 1e-3, mass)) for mass in (0.001, 1.0))
     assert [row.damping for row in light] == pytest.approx([row.damping for row in heavy])
 
 
+@pytest.mark.adhesion
 def test_the_model_of_rows_is_the_engine() -> None:
     rows = TwoPair().rows(target_of(0.016, 1e-3))
     rows.append(Row(200.0, 0.3, (0.1, 0.4, 0.002, 0.3, 2.5), onset=0.001))

@@ -118,14 +118,16 @@ print("\\n".join(out))
 
 @pytest.mark.parametrize(
     ("recipe", "timestep", "within"),
-    [("staggered", 1e-6, 3e-5), ("staggered", 1e-3, 1e-3), ("impulse", 1e-3, None)],
+    [
+        pytest.param("staggered", 1e-6, 3e-5, marks=pytest.mark.adhesion),
+        pytest.param("staggered", 1e-3, 1e-3, marks=pytest.mark.adhesion),
+        ("impulse", 1e-3, None),
+    ],
 )
 def test_the_written_scene_does_in_plain_mujoco_what_tune_says(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], recipe: str, timestep: float, within: float | None
 ) -> None:
     scene = tmp_path / "tuned.xml"
-    if recipe == "staggered" and not hasattr(mujoco.MjModel, "pair_adhesion"):
-        pytest.skip("adhesion came with MuJoCo 3.11")
     arguments = ["tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", repr(timestep), "--recipe", recipe]
     assert run([*arguments, "--write-scene", str(scene), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
@@ -169,6 +171,19 @@ def test_a_plug_in_pastes_as_the_lines_that_attach_it(recipe: str) -> None:
         mujoco.mj_step(model, data)
     names["law"].detach()  # type: ignore[attr-defined]
     assert data.qvel[2] / 0.3 == pytest.approx(float(exact.restitution(ALPHA, 0.3)), abs=1e-7)
+
+
+@pytest.mark.parametrize("recipe", ["auto", "staggered", "two-pair"])
+def test_a_mujoco_without_adhesion_is_one_line_that_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], recipe: str
+) -> None:
+    monkeypatch.delattr(mujoco.MjModel, "pair_adhesion", raising=False)
+    arguments = ["tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-3", "--recipe", recipe]
+    assert run(arguments) == 3
+    caught = capsys.readouterr()
+    assert caught.out == ""
+    said = f"mujoco {mujoco.__version__}: has no adhesion; expected 3.11 or later"
+    assert caught.err == f"hcbench: {said}. Try: pip install mujoco --upgrade\n"
 
 
 def test_a_limit_passed_exits_1_and_prints_its_best_all_the_same(capsys: pytest.CaptureFixture[str]) -> None:

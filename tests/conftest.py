@@ -1,0 +1,20 @@
+"""What the whole suite shares: tests marked `adhesion` run where MuJoCo's pairs have one, 3.11 and later."""
+
+from __future__ import annotations
+
+import pytest
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "adhesion: needs a contact pair's adhesion, MuJoCo 3.11 or later")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    asking = [item for item in items if item.get_closest_marker("adhesion")]
+    if not asking:
+        return
+    mujoco = pytest.importorskip("mujoco")
+    if not hasattr(mujoco.MjModel, "pair_adhesion"):
+        reason = f"needs adhesion: MuJoCo 3.11 or later, here is {mujoco.__version__}"
+        for item in asking:
+            item.add_marker(pytest.mark.skip(reason=reason))
