@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hcbench.engines import _mujoco_crowd, _mujoco_flight, _pybullet_world, isolation, registry
-from hcbench.engines._mujoco_crowd import Crowd, kind_of
+from hcbench.engines._mujoco_crowd import Crowd, can_crowd
 from hcbench.engines._mujoco_load import load
 from hcbench.engines._mujoco_options import read_options
 from hcbench.engines._pybullet_options import read_options as pybullet_options
@@ -128,15 +128,15 @@ def test_models_that_pay_fly_in_crowds(form: Scene, monkeypatch: pytest.MonkeyPa
     real = _mujoco_crowd.crowd
 
     def crowd(*of: Any) -> Crowd:
-        made_of.append(of[1])
+        made_of.append(of[3])
         return real(*of)
 
     monkeypatch.setattr(_mujoco_flight, "crowd", crowd)
     monkeypatch.setattr(_mujoco_flight, "_cores", lambda: 1)
     MUJOCO.drop(form, made("mujoco.spring-damper", form, 1e-6), at_random(48))
-    assert made_of == [48]
+    assert made_of == [24]
     MUJOCO.drop(form, made("mujoco.impulse", form, 1e-3), at_random(24))
-    assert made_of == [48], "a few steps are not worth compiling a model for"
+    assert made_of == [24], "a few steps are not worth compiling a model for"
 
 
 @NEEDS_CROWDS
@@ -170,7 +170,7 @@ def test_a_model_with_more_to_it_flies_alone_and_bounces_alike(
     sizes(_COMPILE_S=0.0)
     for own, crowds in ((PLANE, True), (scene, False)):
         model = load(own, 1e-4, read_options({}))
-        assert (kind_of(model) != "alone") is crowds, name
+        assert can_crowd(mujoco, model.model, model.root) is crowds, name
     stock = Setting("mujoco", "stock", 1e-4)
     found, plain = (MUJOCO.drop(own, stock, at_random(4)) for own in (scene, PLANE))
     assert [i.restitution for i in found] == pytest.approx([i.restitution for i in plain], abs=1e-6)
