@@ -72,7 +72,7 @@ def test_mujoco_over_a_bare_c_loop(beside: Any, recipe: str, monkeypatch: pytest
     monkeypatch.setattr(isolation, "_inside", True)  # one thread
     setting, many, engine = made(f"mujoco.{recipe}"), launches(480), MujocoEngine()
     loaded = load(SCENE, STEP, read_options(setting.options))
-    fleet = _mujoco_flight._Fleet.of(loaded)
+    fleet = _mujoco_flight.Fleet.of(loaded)
     groups = [[many[i] for i in group] for group in fleet.groups(many)]
     impacts = {i.launch: i for i in engine.drop(SCENE, setting, many)}
     steps = [max(impacts[launch].samples for launch in group) + 5 for group in groups]

@@ -61,7 +61,7 @@ class Scene:
     stiffness: float
     exponent: float = 1.5
     gravity: float = 0.0
-    models: Mapping[str, Mapping[str, Path]] = field(default_factory=dict)
+    models: Mapping[str, Mapping[str, Path]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         R1, R2 = self.ball_radius, self.plate_radius

@@ -229,7 +229,12 @@ def test_one_row_is_the_same_with_the_rest_of_the_contact_far_away(scene: Scene)
     alone, both = (
         ENGINE.drop(scene, setting(1e-6, *rows), launches()) for rows in ([row(S, D)], [row(S, D), far])
     )
-    assert all(same_bits(a, b) for a, b in zip(alone, both, strict=True))
+    for a, b in zip(
+        alone, both, strict=True
+    ):  # two rows take MuJoCo's Newton, for one row one division is enough
+        assert (a.status, a.samples) == (b.status, b.samples)
+        assert a.restitution == pytest.approx(b.restitution, abs=1e-14)
+        assert a.force_max == pytest.approx(b.force_max, rel=1e-11)
 
 
 @pytest.mark.adhesion

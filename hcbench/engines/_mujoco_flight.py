@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.engines import isolation
-from hcbench.engines._mujoco_crowd import Crowd, can_crowd, crowd
+from hcbench.engines._mujoco_axis import holds_one_row
+from hcbench.engines._mujoco_crowd import Crowd, crowd, kind_of
 from hcbench.engines._mujoco_load import guarded
 from hcbench.engines._mujoco_record import Bench, record, released
 from hcbench.engines._watch import Watch
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 # Balls in a model: the dense Jacobian of more costs more than their company saves.
 _FEW_ROWS, _CROWD, _CROWD_OF_ROWS = 4, 24, 8
+_CROWD_OF_ONE_ROW = 80
 _ALONE = 32  # launches flown side by side, one in a model: bounds memory
 _GAIN_S, _COMPILE_S = 1.5e-6, 5e-3  # what company saves a ball-step, and costs to compile
 _MOST_STEPS = 2_000_000  # of one launch, whatever the step
@@ -40,13 +42,12 @@ _AT_REST, _STILL = 1e-6, 32  # of its impact speed, for so many steps: a bounce 
 _SHORT, _CHUNK_BYTES = 8, 2**21  # steps in a chunk: the fewest, and how many fit
 
 
-def fly(model: Loaded, launches: Sequence[Launch]) -> list[Impact]:
+def fly(fleet: Fleet, launches: Sequence[Launch]) -> list[Impact]:
     """Each launch until it has parted or rests. Any number at once gives the same bits."""
-    fleet = _Fleet.of(model)
     groups = fleet.groups(launches)
     threads = 1 if isolation.in_worker() else min(_cores(), len(groups))
     flights = [_Flight(fleet, [launches[i] for i in group]) for group in groups]
-    with guarded(model.mujoco):
+    with guarded(fleet.model.mujoco):
         if threads > 1:
             with ThreadPoolExecutor(threads) as pool:
                 found = list(pool.map(_Flight.land, flights))
@@ -60,8 +61,8 @@ def fly(model: Loaded, launches: Sequence[Launch]) -> list[Impact]:
 
 def follow(model: Loaded, launch: Launch, steps: int) -> Trajectory:
     """All of `steps` steps after one launch; NaN from where MuJoCo gave up."""
-    bench = Bench.of(model, Crowd(model.model, 1, model.at), _CHUNK_BYTES)
-    states, done = released(model, launch)[None], 0
+    bench = Bench.of(model, Crowd(model.model, 1, model.at, sliding=False), _CHUNK_BYTES)
+    states, done = released(model, [launch]), 0
     path = np.full((3, 1, steps), np.nan)
     with guarded(model.mujoco):
         while done < steps:
@@ -93,7 +94,7 @@ def _watch(model: Loaded, launches: Sequence[Launch]) -> Watch:
 
 
 @dataclass(slots=True)
-class _Fleet:
+class Fleet:
     """A model, the crowds made of it, and benches of theirs that nobody uses.
 
     most: balls that pay in one model. seen: steps that the last flight took.
@@ -101,31 +102,36 @@ class _Fleet:
 
     model: Loaded
     most: int
+    sliding: bool
     seen: int = 0
     crowds: dict[int, Crowd] = field(default_factory=dict)
     idle: dict[int, list[Bench]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, model: Loaded) -> _Fleet:
+    def of(cls, model: Loaded) -> Fleet:
         """Of no crowd yet but that of one. The model's solver starts each step from scratch from now on."""
         model.model.opt.disableflags |= model.mujoco.mjtDisableBit.mjDSBL_WARMSTART
-        rows = max(model.model.npair, model.model.ntendon)
-        most = _CROWD if rows <= _FEW_ROWS else _CROWD_OF_ROWS
-        crowds = not model.plugged and can_crowd(model.mujoco, model.model, model.root)
-        return cls(model, most if crowds else 1, crowds={1: Crowd(model.model, 1, model.at)})
+        kind, rows = kind_of(model), max(model.model.npair, model.model.ntendon)
+        most = 1 if kind == "alone" else _CROWD if rows <= _FEW_ROWS else _CROWD_OF_ROWS
+        if kind == "sliding" and holds_one_row(model.model):
+            most = _CROWD_OF_ONE_ROW
+        alone = {} if kind == "sliding" else {1: Crowd(model.model, 1, model.at, sliding=False)}
+        return cls(model, most, kind == "sliding", crowds=alone)
 
     def crowd(self, size: int) -> Crowd:
         """The model of so many balls."""
         if size not in self.crowds:
-            own = self.model
-            self.crowds[size] = crowd(own.mujoco, own.root, own.model.opt.disableflags, size, own.at)
+            self.crowds[size] = crowd(self.model, size, self.sliding)
         return self.crowds[size]
 
     @contextmanager
     def bench(self, crowd: Crowd) -> Iterator[Bench]:
         """What a crowd is stepped in, for one user at a time."""
         idle = self.idle.setdefault(crowd.size, [])
-        bench = idle.pop() if idle else Bench.of(self.model, crowd, _CHUNK_BYTES)
+        try:
+            bench = idle.pop()
+        except IndexError:
+            bench = Bench.of(self.model, crowd, _CHUNK_BYTES)
         yield bench
         idle.append(bench)
 
@@ -162,10 +168,10 @@ class _Fleet:
 class _Flight:
     """Launches that fly side by side, from release until each has ended."""
 
-    def __init__(self, fleet: _Fleet, launches: Sequence[Launch]) -> None:
+    def __init__(self, fleet: Fleet, launches: Sequence[Launch]) -> None:
         self._fleet, self._launches = fleet, launches
         self._flying = np.arange(len(launches))
-        self._states = np.stack([released(fleet.model, launch) for launch in launches])
+        self._states = released(fleet.model, launches)
         self._watch = _watch(fleet.model, launches)
         self._history: list[Floats] = []
         self._landed: dict[int, Impact] = {}
@@ -174,7 +180,7 @@ class _Flight:
     def land(self) -> list[Impact]:
         """All of it; one impact for each launch, in order."""
         fleet, count = self._fleet, self._fleet.expected(self._launches)
-        fits = [size for size in fleet.crowds if size >= len(self._launches)]
+        fits = [size for size in list(fleet.crowds) if size >= len(self._launches)]
         size, together = min(fits, default=1), True
         while self._flying.size:
             crowd = fleet.crowd(size)

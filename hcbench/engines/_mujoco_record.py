@@ -16,6 +16,8 @@ import numpy as np
 from hcbench.errors import SettingError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from hcbench.engines._mujoco_crowd import Crowd
     from hcbench.engines._mujoco_load import Loaded
     from hcbench.impact import Floats, Launch
@@ -23,20 +25,20 @@ if TYPE_CHECKING:
 _ROUND_OFF = 16 * np.finfo(float).eps  # of what a step adds up: a smaller change of velocity is no force
 
 
-def released(model: Loaded, launch: Launch) -> Floats:
-    """The full state at release, shape (nstate,); SettingError for a height that a cup has no room for."""
-    gap = launch.gap(model.timestep)
-    if model.clearance is not None and gap >= model.clearance:
+def released(model: Loaded, launches: Sequence[Launch]) -> Floats:
+    """The full states at release, shape (b, nstate); SettingError for a height that a cup has no room for."""
+    gaps = [launch.gap(model.timestep) for launch in launches]
+    if model.clearance is not None and (high := max(gaps)) >= model.clearance:
         raise SettingError(
             "height",
-            f"{gap!r} m above the cup",
+            f"{high!r} m above the cup",
             f"below |R2| - R1 = {model.clearance!r} m, where the centres meet",
             "Drop from lower, or in the form 'plane'",
         )
-    state, (position, velocity) = model.origin.copy(), model.at
-    state[position + 2] += gap
-    state[velocity + 2] = -launch.speed
-    return state
+    states, (position, velocity) = np.tile(model.origin, (len(launches), 1)), model.at
+    states[:, position + 2] += gaps
+    states[:, velocity + 2] = [-launch.speed for launch in launches]
+    return states
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +101,8 @@ class _Paths:
         """Shape (b, n + 1). kind, i: 0 and 0 ... 6 for positions, 1 and 0 ... 5 for velocities."""
         found = np.empty((len(self.start), self.path.shape[1] + 1))
         found[:, 0] = self.start[:, self.crowd.at[kind] + i]
-        found[:, 1:] = self.crowd.columns(self.path, (kind, i), len(found))
+        after = self.crowd.columns(self.path, (kind, i), len(found))
+        found[:, 1:] = found[:, :1] if after is None else after
         return found
 
     def felt(self, i: int) -> Floats:

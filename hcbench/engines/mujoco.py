@@ -13,12 +13,15 @@ Options of a setting (all optional; none means as authored):
 from __future__ import annotations
 
 import dataclasses
+import xml.etree.ElementTree as ET
 from contextlib import contextmanager
+from functools import lru_cache
 from importlib import metadata
 from typing import TYPE_CHECKING, ClassVar
 
 from hcbench.engines import _mujoco_flight
-from hcbench.engines._mujoco_load import INSTALL, load
+from hcbench.engines._mujoco_flight import Fleet
+from hcbench.engines._mujoco_load import INSTALL, load, load_edited
 from hcbench.engines._mujoco_model import as_text, edited
 from hcbench.engines._mujoco_options import read_options
 from hcbench.engines.base import Engine
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from hcbench.engines._mujoco_load import Loaded
+    from hcbench.engines._mujoco_options import Options
     from hcbench.impact import Impact, Launch, Trajectory
     from hcbench.scene import Scene
     from hcbench.setting import Setting
@@ -54,9 +58,13 @@ class MujocoEngine(Engine):
 
     def fly(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         """One impact for each launch, the same bits however many there are."""
+        options = read_options(setting.options)
+        if options.law is None:
+            fleet = _fleet(scene, setting.timestep, options)
+            return [_named(impact) for impact in _mujoco_flight.fly(fleet, launches)]
         fastest = max((launch.speed for launch in launches), default=0.0)
         with self._ready(scene, setting, fastest) as model:
-            return [_named(impact) for impact in _mujoco_flight.fly(model, launches)]
+            return [_named(impact) for impact in _mujoco_flight.fly(Fleet.of(model), launches)]
 
     def follow(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
         """Every step of `duration` s after release; NaN from where MuJoCo gave up."""
@@ -77,6 +85,20 @@ class MujocoEngine(Engine):
         own = {"tendons": ["contact"]} if scene.form == "cup" else {"pairs": [("ball", "plate")]}
         with contact.attach(model.model, law=options.law, speed=max(speed, _SLOWEST), **own):
             yield model
+
+
+def _fleet(scene: Scene, timestep: float, options: Options) -> Fleet:
+    """A scene under a setting, compiled; kept for who asks for the same again."""
+    root = edited(scene, timestep, options)
+    of_files = root.find("asset/*[@file]") is not None  # which may change while the text does not
+    return (_kept.__wrapped__ if of_files else _kept)(
+        scene, timestep, options, ET.tostring(root, encoding="unicode")
+    )
+
+
+@lru_cache(maxsize=4)
+def _kept(scene: Scene, timestep: float, options: Options, text: str) -> Fleet:
+    return Fleet.of(load_edited(scene, timestep, options, ET.fromstring(text)))
 
 
 def _named(impact: Impact) -> Impact:

@@ -14,6 +14,7 @@ from hcbench.engines.base import Engine
 from hcbench.errors import SettingError
 from hcbench.impact import Impact, Launch, Status
 from hcbench.reference import exact, kelvin_voigt, simulate
+from hcbench.reference.later_laws import LAWS, OwnSpeedLaw, law_named
 from hcbench.reference.laws import HuntCrossley, KelvinVoigt
 from hcbench.reference.train import bounce_train
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
     from hcbench.setting import Setting
 
-Law = HuntCrossley | KelvinVoigt
+Law = HuntCrossley | KelvinVoigt | OwnSpeedLaw
 
 # Points of a loop: one a time step, within what draws a smooth curve and what a file can carry.
 _POINTS_MIN, _POINTS_MAX = 201, 2001
@@ -35,8 +36,10 @@ class ReferenceEngine(Engine):
     """Knows nothing of steps or phases: the time step only says how densely a loop is sampled.
 
     Settings: "hunt-crossley", options alpha (s/m), and stiffness (N/m^n) and exponent where they differ from
-    the scene's; "kelvin-voigt", options stiffness (N/m) and damping (N s/m), contact ending at x = 0.
-    Without gravity by closed form, with gravity by ODE.
+    the scene's; "kelvin-voigt", options stiffness (N/m) and damping (N s/m), contact ending at x = 0; the
+    laws of `reference.later_laws` by their slugs, such as "flores", options restitution (the e asked for),
+    and stiffness and exponent: v_i is the speed at touch of each impact. Without gravity by closed form,
+    with gravity by ODE.
     """
 
     name: ClassVar[str] = "reference"
@@ -76,9 +79,12 @@ def law_of(setting: Setting, scene: Scene) -> Law:
         return HuntCrossley(**_numbers(setting, defaults, required=("alpha",)))
     if setting.name == "kelvin-voigt":
         return KelvinVoigt(**_numbers(setting, {}, required=("stiffness", "damping")))
-    raise SettingError(
-        "setting", f"{setting.name!r} of the reference", "one of: 'hunt-crossley', 'kelvin-voigt'"
-    )
+    slugs = [law.slug for law in LAWS.values()]
+    if setting.name in slugs:
+        defaults = {"stiffness": scene.stiffness, "exponent": scene.exponent}
+        return OwnSpeedLaw(law_named(setting.name), **_numbers(setting, defaults, required=("restitution",)))
+    known = ", ".join(["hunt-crossley", "kelvin-voigt", *slugs])
+    raise SettingError("setting", f"{setting.name!r} of the reference", f"one of: {known}")
 
 
 def _numbers(setting: Setting, defaults: Mapping[str, float], required: Sequence[str]) -> dict[str, float]:
@@ -97,6 +103,8 @@ def _numbers(setting: Setting, defaults: Mapping[str, float], required: Sequence
 
 @lru_cache(maxsize=512)  # a study asks for every speed at several phases, which the truth does not depend on
 def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float) -> Impact:
+    if isinstance(law, OwnSpeedLaw):
+        law = law.at(speed).hunt_crossley
     if gravity == 0.0 and isinstance(law, HuntCrossley):
         found = _closed_hunt_crossley(law, mass, speed, timestep)
     elif gravity == 0.0 and kelvin_voigt.damping_ratio(law, mass) < 1.0:  # type: ignore[arg-type]
