@@ -1,6 +1,7 @@
 """The force over one step of an engine: lands on the law's own motion, at the order that is documented."""
 
 import ctypes
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from hcbench.contact import build
 from hcbench.contact.law import Friction, Restitution, law_of
-from hcbench.contact.stepping import Motion, flow, kick, stages
+from hcbench.contact.stepping import Motion, flow, kick, own_motion, stages
 from hcbench.errors import SettingError
 from hcbench.reference import exact
 from hcbench.reference.laws import HuntCrossley
@@ -133,13 +134,17 @@ def test_a_body_at_rest_under_gravity_stays() -> None:
     h=st.sampled_from([1e-6, 3e-6, 1e-5, 2e-5]),
     n=st.sampled_from([1.0, 1.2, 1.5, 2.0]),
     b=st.sampled_from([0.0, 9.81]),
+    chi=st.sampled_from([0.0, 0.1, 1.6]),
 )
 @settings(max_examples=200, deadline=None)
-def test_compiled_and_python_agree_and_never_pull(x: float, v: float, h: float, n: float, b: float) -> None:
-    motion = Motion(STIFFNESS / MASS * 1e-5 ** (1.5 - n), 1.5 * ALPHA, n, b)
+def test_compiled_and_python_agree_and_never_pull(
+    x: float, v: float, h: float, n: float, b: float, chi: float
+) -> None:
+    kappa = STIFFNESS / MASS * 1e-5 ** (1.5 - n)
+    motion = own_motion(kappa, chi, n, b) if chi else Motion(kappa, 1.5 * ALPHA, n, b)
     library = build.law_library()
     library.hcb_kick.restype = ctypes.c_double
-    law = (ctypes.c_double * 4)(motion.kappa, motion.a, motion.n, motion.b)
+    law = (ctypes.c_double * 8)(*dataclasses.astuple(motion))
     compiled = library.hcb_kick(law, ctypes.c_double(h), ctypes.c_double(x), ctypes.c_double(v))
     made = kick(motion, h, x, v)
     assert made >= 0

@@ -14,7 +14,7 @@ import numpy as np
 from hcbench.contact import _native
 from hcbench.contact._pairs import FORCE, FREE, PairSpec
 from hcbench.contact.law import Friction
-from hcbench.contact.stepping import Motion, kick, stages
+from hcbench.contact.stepping import Motion, kick, own_motion, stages
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -217,8 +217,14 @@ def _gather(model: Any, data: Any, table: Table) -> list[Touching]:
         touch.inverse_mass = float(touch.row @ touch.solved)
         k, alpha = parameters(model, table.pairs[touch.pair])
         b = gravity_on_row(model, table, touch.row)
-        exponent = table.pairs[touch.pair].exponent
-        touch.motion = Motion(k * touch.inverse_mass, 1.5 * alpha, exponent, b)
+        pair = table.pairs[touch.pair]
+        if pair.own and alpha > 0.0:
+            motion = own_motion(k * touch.inverse_mass, 1.5 * alpha, pair.exponent, b)
+            touch.motion = (
+                motion.settled(touch.x, touch.v) if touch.x > 0.0 and np.isfinite(touch.v) else motion
+            )
+        else:
+            touch.motion = Motion(k * touch.inverse_mass, 1.5 * alpha, pair.exponent, b)
     return found
 
 
@@ -227,14 +233,14 @@ def _couple(found: list[Touching]) -> None:
     plain = []
     for touch in found:
         own = touch.motion
-        alone = Motion(own.kappa, own.a, own.n).acceleration(touch.x, touch.v)
+        alone = own.under(0.0).acceleration(touch.x, touch.v)
         plain.append(-alone / touch.inverse_mass)
     for i, touch in enumerate(found):
         others = sum(
             float(touch.row @ other.solved) * plain[j] for j, other in enumerate(found) if j != i and plain[j]
         )
         own = touch.motion
-        touch.motion = Motion(own.kappa, own.a, own.n, own.b - others)
+        touch.motion = own.under(own.b - others)
 
 
 def _set_force(model: Any, table: Table, touch: Touching, stage: int, plans: Plans) -> None:

@@ -17,7 +17,7 @@ from hcbench.contact._callback_force import (
     tendon_row,
     velocity_at,
 )
-from hcbench.contact._pairs import FIXED, RESTITUTION, PairSpec
+from hcbench.contact._pairs import CONSTANT, FIXED, LINEAR, RESTITUTION, PairSpec
 from hcbench.contact.law import Restitution
 
 if TYPE_CHECKING:
@@ -87,7 +87,9 @@ def _parting(model: Any, pair: PairSpec, approach: float, gravity: float) -> flo
     if not approach > max(0.0, _STILL * float(model.opt.timestep) * gravity):
         return 0.0
     alpha = parameters(model, pair)[1]
-    return approach * Restitution(alpha, "linear" if pair.linear else "law").at(approach)
+    if pair.reading == CONSTANT:
+        return approach * alpha
+    return approach * Restitution(alpha, "linear" if pair.reading == LINEAR else "law").at(approach)
 
 
 def _targets(model: Any, data: Any, table: Table, pair: PairSpec, contact: Any) -> _Rows:

@@ -8,11 +8,30 @@
 #define HCB_STEEP 8     /* sub-steps of a piece that begins or ends at touch */
 #define HCB_ROUNDS 16
 #define HCB_TERMS 8
+#define HCB_SLOWEST 1e-9 /* m/s: slower impacts count as of this speed where a law asks for it */
 #define HCB_FAR 2.5 /* steps from touch and parting, from where on the series is good */
 
+/* chi not 0: each impact has its own a = chi/v_i, and `a` is what it has just now; e: what chi delivers; load:
+   the b that v_i is worked out with; least: v_i at least. */
 typedef struct {
-  double kappa, a, n, b;
+  double kappa, a, n, b, chi, e, load, least;
 } hcb_law;
+
+#include "_own_speed.c"
+
+/* The law of the impact that is at x with rate v. */
+static void settle(hcb_law* law, double x, double v) {
+  if (law->chi == 0) return;
+  double speed = hcb_touch_speed(law->kappa, law->n, law->chi, law->e, law->load, x, v);
+  law->a = law->chi / fmax(speed, fmax(law->least, HCB_SLOWEST));
+}
+
+/* The law over a step h: what all else adds to a speed in it is no impact that steps can tell from rest. */
+static hcb_law over(const hcb_law* law, double h) {
+  hcb_law own = *law;
+  if (own.chi != 0) own.least = fmax(HCB_SLOWEST, h * fabs(own.b));
+  return own;
+}
 
 static double power(double x, double n) {
   return n == 1.5 ? x * sqrt(x) : n == 1.0 ? x : pow(x, n);
@@ -97,7 +116,8 @@ static double time_to_touch(const hcb_law* law, double x, double v) {
 }
 
 /* The exact motion over `time` >= 0, through touch and parting. */
-void hcb_flow(const hcb_law* law, double time, double* x, double* v) {
+void hcb_flow(const hcb_law* given, double time, double* x, double* v) {
+  hcb_law own = *given, *law = &own;
   double X = *x, V = *v;
   for (int round = 0; time > 0 && round < 10000; round++) {
     if (X <= 0) {
@@ -110,6 +130,7 @@ void hcb_flow(const hcb_law* law, double time, double* x, double* v) {
       V += law->b * free;
       time -= free;
       X = 0;
+      if (own.chi != 0) own.a = own.chi / fmax(V, own.least);
       double rate = sqrt(stiffness_rate(law, V * time + 0.5 * law->b * time * time));
       double piece = rate * time > HCB_SUBSTEP ? HCB_SUBSTEP / rate : time;
       if (V > 0) {
@@ -176,6 +197,8 @@ static void neighbours(const hcb_law* law, double h, int smooth, double x, doubl
   }
   hcb_law reverse = *law;
   reverse.a = -law->a;
+  reverse.chi = -law->chi * law->e; /* run backwards, it comes in with -e v_i */
+  reverse.least = law->e * law->least;
   double w = -v;
   *before = *after = x;
   hcb_flow(&reverse, h, before, &w);
@@ -183,14 +206,17 @@ static void neighbours(const hcb_law* law, double h, int smooth, double x, doubl
 
 /* The force over the step, as acceleration -F/m... >= 0, of a semi-implicit Euler step that starts at x and
    came there at the mean rate v over the step before: the one that carries x exactly onto the motion. */
-double hcb_kick(const hcb_law* law, double h, double x, double v) {
+double hcb_kick(const hcb_law* given, double h, double x, double v) {
+  hcb_law own = over(given, h), *law = &own;
   double before = x - h * v;
   if (x <= 0 && before <= 0 && x + h * (v + h * law->b) <= 0) return 0;
+  settle(law, x, v);
   double rate = h * h * stiffness_rate(law, x > before ? x : before);
   double V = v + 0.5 * h * acceleration(law, x, v), V0 = 0, miss0 = 0, last = INFINITY, past, next;
   V = v + 0.5 * h * acceleration(law, x - h / 3 * V, V);
   int smooth = x > HCB_FAR * h * fabs(V) && rate < 0.25 && 1 + law->a * V > 0.5;
   for (int round = 0; round < HCB_ROUNDS; round++) {
+    settle(law, x, V);
     neighbours(law, h, smooth, x, V, &past, &next);
     double miss = past - before, slope = round ? (miss - miss0) / (V - V0) : -h * (1 - fmin(rate / 6, 0.5));
     if (!(slope < -0.1 * h)) slope = -h;
@@ -214,15 +240,18 @@ double hcb_kick(const hcb_law* law, double h, double x, double v) {
 
 /* The same for the classical Runge-Kutta method, whose v is the rate at the start: accelerations -F/m >= 0 at
    the first, the two middle and the last stage that carry x and v exactly onto the motion. */
-void hcb_stages(const hcb_law* law, double h, double x, double v, double stage[3]) {
+void hcb_stages(const hcb_law* given, double h, double x, double v, double stage[3]) {
+  hcb_law own = over(given, h), *law = &own;
   double X = x, V = v;
   stage[0] = stage[1] = stage[2] = 0;
   if (x <= 0 && x + h * (v + fmax(0, h * law->b)) <= 0) return;
+  settle(law, x, v);
+  double plain = law->b - acceleration(law, x, v);
   hcb_flow(law, 0.5 * h, &X, &V); /* in halves: sub-steps of half the size */
+  settle(law, X, V);
   hcb_flow(law, 0.5 * h, &X, &V);
   double moved = fmax(0, 6 / (h * h) * (x + h * (v + 0.5 * h * law->b) - X)); /* f1 + 2 f2 */
   double slowed = fmax(moved, 6 / h * (v + h * law->b - V));                  /* f1 + 4 f2 + f4 */
-  double plain = law->b - acceleration(law, x, v);
   stage[0] = fmin(fmax(plain, fmax(0, 2 * moved - slowed)), moved);
   stage[1] = 0.5 * (moved - stage[0]);
   stage[2] = slowed - 2 * moved + stage[0];

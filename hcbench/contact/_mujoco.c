@@ -10,7 +10,7 @@
 
 #include "_law.c"
 
-enum { FORCE = 1, RESTITUTION = 2, FIXED = 0, FREE = 1, JOINTED = 2, TABLES = 4096, ROWS = 10 };
+enum { FORCE = 1, RESTITUTION = 2, LINEAR = 1, CONSTANT = 2, FIXED = 0, FREE = 1, JOINTED = 2, TABLES = 4096, ROWS = 10 };
 #define MARK 1e-305 /* opt.o_margin = MARK * table: no margin at all, should anybody use it */
 #define HCB_REPORT 12
 #define HCB_COARSE 1.0 /* (omega h)^2 beyond which a step is too coarse */
@@ -18,7 +18,7 @@ enum { FORCE = 1, RESTITUTION = 2, FIXED = 0, FREE = 1, JOINTED = 2, TABLES = 40
 #define HCB_RIGID 1e-9 /* compliance of a restitution row, in units of the pair's own inverse mass */
 
 typedef struct { /* mirrored by _native.Pair */
-  int kind, geom1, geom2, tendon, side, slot, linear, unused;
+  int kind, geom1, geom2, tendon, side, slot, reading, own;
   double stiffness, alpha, exponent, static_friction, dynamic_friction, slip_speed;
 } hcb_pair;
 
@@ -166,7 +166,13 @@ static hcb_law law_of(const mjModel* m, const hcb_pair* p, double inverse_mass, 
   const double* slots[] = {m->opt.o_solref, m->opt.o_solimp, m->opt.o_solimp + 2, m->opt.o_friction,
                            m->opt.o_friction + 2};
   const double own[] = {1, p->alpha}, *s = p->slot < 0 ? own : slots[p->slot];
-  hcb_law law = {p->stiffness * s[0] * inverse_mass, 1.5 * s[1], p->exponent, b};
+  hcb_law law = {p->stiffness * s[0] * inverse_mass, 1.5 * s[1], p->exponent, b, 0, 1, 0, 0};
+  if (p->own && s[1] > 0) {
+    law.a = 0;
+    law.chi = 1.5 * s[1];
+    law.e = hcb_restitution(law.chi);
+    law.load = b;
+  }
   return law;
 }
 

@@ -81,7 +81,8 @@ static double inverse_mass_at(const mjModel* m, mjData* d, const hcb_table* t, c
 static double parting_speed(const mjModel* m, const hcb_pair* p, double approach, double gravity) {
   double alpha = law_of(m, p, 1, 0).a / 1.5;
   if (!(approach > fmax(0, HCB_STILL * m->opt.timestep * gravity))) return 0;
-  return approach * (p->linear ? fmax(0, 1 - alpha * approach) : hcb_restitution(1.5 * alpha * approach));
+  if (p->reading == CONSTANT) return approach * alpha;
+  return approach * (p->reading == LINEAR ? fmax(0, 1 - alpha * approach) : hcb_restitution(1.5 * alpha * approach));
 }
 
 /* Accelerations of a contact's rows, and the force that they will take. */

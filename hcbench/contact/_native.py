@@ -33,7 +33,7 @@ class Pair(ctypes.Structure):
 
     _fields_ = [
         *((name, ctypes.c_int) for name in ("kind", "geom1", "geom2", "tendon")),
-        *((name, ctypes.c_int) for name in ("side", "slot", "linear", "unused")),
+        *((name, ctypes.c_int) for name in ("side", "slot", "reading", "own")),
         *((name, ctypes.c_double) for name in ("stiffness", "alpha", "exponent")),
         *((name, ctypes.c_double) for name in ("static_friction", "dynamic_friction", "slip_speed")),
     ]

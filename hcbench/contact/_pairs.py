@@ -10,10 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.contact.law import STEPS_PER_CONTACT, Friction, Law, Restitution, contact_time
+from hcbench.contact.law import (
+    STEPS_PER_CONTACT,
+    ConstantRestitution,
+    Friction,
+    Law,
+    Restitution,
+    contact_time,
+    is_force,
+)
 from hcbench.errors import SettingError
 from hcbench.reference import hertz
-from hcbench.reference.laws import HuntCrossley
+from hcbench.reference.later_laws import OwnSpeedLaw
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -21,6 +29,7 @@ if TYPE_CHECKING:
     from hcbench.scene import Material
 
 FORCE, RESTITUTION = 1, 2
+LINEAR, CONSTANT = 1, 2  # readings of e that are not the law's own
 FIXED, FREE, JOINTED = 0, 1, 2
 
 
@@ -30,7 +39,11 @@ class ContactAccuracyWarning(UserWarning):
 
 @dataclass(frozen=True, slots=True)
 class PairSpec:
-    """One attached pair, in the words of the C table: geom1 < geom2, or a tendon and a side of its range."""
+    """One attached pair, in the words of the C table: geom1 < geom2, or a tendon and a side of its range.
+
+    alpha: α; α v_i = χ/(3/2) where own says that each impact has its own v_i; or e itself where the reading
+    is CONSTANT.
+    """
 
     kind: int
     geom1: int
@@ -38,7 +51,8 @@ class PairSpec:
     tendon: int
     side: int
     slot: int
-    linear: int
+    reading: int
+    own: int
     stiffness: float
     alpha: float
     exponent: float
@@ -52,20 +66,29 @@ class PairSpec:
         return (0 if self.tendon < 0 else 1, self.geom1, self.geom2, 2 * self.tendon + (self.side > 0))
 
 
+def alpha_of(law: Law) -> float:
+    """What `PairSpec.alpha` holds."""
+    if isinstance(law, OwnSpeedLaw):
+        return law.chi / 1.5
+    return law.restitution if isinstance(law, ConstantRestitution) else law.alpha
+
+
 def spec(law: Law, friction: Friction | None, slot: int, key: tuple[int, int, int, int]) -> PairSpec:
     """The pair (geom1, geom2, tendon, side) of a law."""
-    force = isinstance(law, HuntCrossley)
     return PairSpec(
-        kind=FORCE if force else RESTITUTION,
+        kind=FORCE if is_force(law) else RESTITUTION,
         geom1=key[0],
         geom2=key[1],
         tendon=key[2],
         side=key[3],
         slot=slot,
-        linear=int(isinstance(law, Restitution) and law.reading == "linear"),
-        stiffness=law.stiffness if isinstance(law, HuntCrossley) else 0.0,
-        alpha=law.alpha,
-        exponent=law.exponent if isinstance(law, HuntCrossley) else 1.5,
+        reading=CONSTANT
+        if isinstance(law, ConstantRestitution)
+        else int(isinstance(law, Restitution) and law.reading == "linear"),
+        own=int(isinstance(law, OwnSpeedLaw)),
+        stiffness=law.stiffness if is_force(law) else 0.0,
+        alpha=alpha_of(law),
+        exponent=law.exponent if is_force(law) else 1.5,
         static_friction=friction.static if friction else 0.0,
         dynamic_friction=friction.dynamic if friction else 0.0,
         slip_speed=friction.slip_speed if friction else 1.0,
@@ -213,7 +236,7 @@ def _check_geoms(model: Any, g1: int, g2: int, slot: str) -> None:
 
 def check_step(model: Any, law: Law, keys: Iterable[tuple[int, int, int, int]], speed: float) -> None:
     """Refuse a step that cannot resolve a contact of the force law at `speed` m/s."""
-    if not isinstance(law, HuntCrossley):
+    if not is_force(law):
         return
     inverse = {}
     for key in keys:

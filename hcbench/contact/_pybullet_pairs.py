@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from hcbench.contact._pybullet_bodies import Body
-from hcbench.contact.law import STEPS_PER_CONTACT, Law, contact_time
+from hcbench.contact.law import STEPS_PER_CONTACT, Law, contact_time, is_force
 from hcbench.errors import SettingError
-from hcbench.reference.laws import HuntCrossley
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +72,7 @@ def check_step(bullet: Any, client: int, pair: Pair, law: Law, speed: float) -> 
         raise SettingError(
             "numSubSteps", str(world["numSubSteps"]), "0", "External forces act in the first substep only"
         )
-    if not isinstance(law, HuntCrossley):
+    if not is_force(law):
         return
     masses = [
         body.bullet.getDynamicsInfo(body.number, link, physicsClientId=client)[0]

@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from hcbench.contact import build
 from hcbench.contact._pybullet_bodies import Body, Row, product
-from hcbench.contact.stepping import Motion, flow, kick, through
+from hcbench.contact.law import ForceLaw
+from hcbench.contact.stepping import Motion, flow, kick, own_motion, through
+from hcbench.reference.later_laws import OwnSpeedLaw
 from hcbench.reference.laws import HuntCrossley
 
 if TYPE_CHECKING:
     from hcbench.contact._vectors import Vector
-    from hcbench.contact.law import Law, Restitution
+    from hcbench.contact.law import ConstantRestitution, Law, Restitution
 
 _SWEEPS = 1000
 _RELATIVE = 1e-15
@@ -58,7 +60,7 @@ class Solver(Protocol):
 
 def solver_of(law: Law) -> Solver:
     """The solver of a law."""
-    return ForceSolver(law) if isinstance(law, HuntCrossley) else RestitutionSolver(law)
+    return ForceSolver(law) if isinstance(law, (HuntCrossley, OwnSpeedLaw)) else RestitutionSolver(law)
 
 
 def _shared(one: Touch, other: Touch) -> float:
@@ -73,39 +75,50 @@ def _shared(one: Touch, other: Touch) -> float:
 
 
 class _CLaw(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_double) for name in ("kappa", "a", "n", "b")]
+    _fields_ = [(name, ctypes.c_double) for name in ("kappa", "a", "n", "b", "chi", "e", "load", "least")]
 
 
 class ForceSolver:
     """F = k x^n (1 + a x') over a step, by stepping.kick or its compiled twin."""
 
-    def __init__(self, law: HuntCrossley) -> None:
+    def __init__(self, law: ForceLaw) -> None:
         self.law = law
-        self._c = _CLaw(0.0, law.dissipation, law.exponent, 0.0)
+        if isinstance(law, HuntCrossley) or law.chi == 0.0:
+            self._plain = Motion(0.0, getattr(law, "dissipation", 0.0), law.exponent)
+        else:
+            self._plain = own_motion(0.0, law.chi, law.exponent)
+        plain = self._plain
+        self._c = _CLaw(0.0, plain.a, plain.n, 0.0, plain.chi, plain.e, 0.0, 0.0)
         self._compiled = _compiled_kick()
         self._late = _LateReports()
 
     def solve(self, touches: Sequence[Touch], h: float) -> None:
         """Other contacts of the same bodies enter to first order, as an acceleration."""
-        k, a, n = self.law.stiffness, self.law.dissipation, self.law.exponent
         plain = []
         for touch in touches if len(touches) > 1 else ():
-            motion = Motion(k * touch.inverse_mass, a, n)
-            plain.append(-motion.acceleration(touch.penetration, touch.rate) / touch.inverse_mass)
+            x, v = touch.penetration, touch.rate
+            motion = self._motion(touch, 0.0)
+            if x > 0.0:
+                motion = motion.settled(x, v)
+            plain.append(-motion.acceleration(x, v) / touch.inverse_mass)
         for i, touch in enumerate(touches):
             b = touch.pull - sum(_shared(touch, touches[j]) * f for j, f in enumerate(plain) if f and j != i)
-            motion = Motion(k * touch.inverse_mass, a, n, b)
+            motion = self._motion(touch, b)
             touch.rate_of_step = (h * motion.rate(touch.penetration)) ** 2
             touch.force = self._acceleration(motion, h, touch) / touch.inverse_mass
         self._late.seen({touch.key for touch in touches})
 
+    def _motion(self, touch: Touch, b: float) -> Motion:
+        of, kappa = self._plain, self.law.stiffness * touch.inverse_mass
+        return Motion(kappa, of.a, of.n, b, of.chi, of.e, touch.pull if of.chi else 0.0)
+
     def _acceleration(self, motion: Motion, h: float, touch: Touch) -> float:
-        late = self._late.acceleration(motion, h, touch)
+        late = self._late.acceleration(motion.over(h), h, touch)
         if late is not None:
             return late
         if self._compiled is None:
             return kick(motion, h, touch.penetration, touch.rate)
-        self._c.kappa, self._c.b = motion.kappa, motion.b
+        self._c.kappa, self._c.b, self._c.load = motion.kappa, motion.b, motion.load
         return float(self._compiled(ctypes.byref(self._c), h, touch.penetration, touch.rate))
 
 
@@ -143,11 +156,11 @@ class _LateReports:
         if key not in self._last and x > 0.0 > before:
             self._late.add(key)
             should, rate = flow(motion, h, before, v - 0.5 * h * motion.b)
-            after, out = flow(motion, h, should, rate)
+            after, out = flow(motion.settled(should, rate), h, should, rate)
             self._offset[key] = should - x
         elif key in self._late:
             rate, after = through(motion, h, before + self._offset.pop(key, 0.0), x)
-            out = flow(motion, h, x, rate)[1]
+            out = flow(motion.settled(x, rate), h, x, rate)[1]
         else:
             return None
         aim = (after - x) / h if after > 0.0 else out
@@ -157,7 +170,7 @@ class _LateReports:
 class RestitutionSolver:
     """Each contact leaves with e(v) of its approach speed, or rests; all at once."""
 
-    def __init__(self, law: Restitution) -> None:
+    def __init__(self, law: Restitution | ConstantRestitution) -> None:
         self.law = law
         self._resting: dict[Any, float] = {}  # and by what unseen load each of them would have approached
 

@@ -20,7 +20,14 @@ import tempfile
 from pathlib import Path
 
 _HERE = Path(__file__).parent
-_SOURCES = ("_law.c", "_mujoco.c", "_mujoco_touch.c", "_mujoco_force.c", "_mujoco_restitution.c")
+_SOURCES = (
+    "_law.c",
+    "_own_speed.c",
+    "_mujoco.c",
+    "_mujoco_touch.c",
+    "_mujoco_force.c",
+    "_mujoco_restitution.c",
+)
 _FLAGS = ("-O2", "-std=gnu11", "-fPIC", "-shared", "-ffp-contract=off")
 _LIMIT_S = 120.0
 

@@ -1,18 +1,20 @@
 """What a plug-in makes of a contact: the law, its kind, its friction.
 
 The force law is `hcbench.reference.laws.HuntCrossley` itself, F = k x^n (1 + (3/2) α x'), for steps that
-resolve the contact (a tenth of it or less). `Restitution` is what that law does to the speed of one impact,
-for steps that do not.
+resolve the contact (a tenth of it or less), or `OwnSpeedLaw`, one of the laws that came after, whose α falls
+as 1/v_i from impact to impact. `Restitution` and `ConstantRestitution` are what they do to the speed of one
+impact, for steps that do not.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, TypeGuard, get_args
 
 from hcbench.errors import SettingError
 from hcbench.reference import exact
+from hcbench.reference.later_laws import OwnSpeedLaw, law_named
 from hcbench.reference.laws import HuntCrossley
 
 if TYPE_CHECKING:
@@ -50,6 +52,23 @@ class Restitution:
 
 
 @dataclass(frozen=True, slots=True)
+class ConstantRestitution:
+    """Each impact leaves with the same e, within the step that it happens in.
+
+    restitution: e, 0 ... 1. `Flores.delivered(0.8)` is what the law of that name makes of an e of 0.8.
+    """
+
+    restitution: float
+
+    def __post_init__(self) -> None:
+        require("restitution", self.restitution, 0 <= self.restitution <= 1, "0 ... 1")
+
+    def at(self, speed: float) -> float:
+        """E at any approach speed."""
+        return self.restitution
+
+
+@dataclass(frozen=True, slots=True)
 class Friction:
     """Coulomb friction regularised around rest, as continuous multibody plants do it.
 
@@ -82,32 +101,58 @@ def _quintic(s: float) -> float:
     return s * s * s * (10.0 + s * (6.0 * s - 15.0))
 
 
-Law = HuntCrossley | Restitution
+ForceLaw = HuntCrossley | OwnSpeedLaw
+Law = ForceLaw | Restitution | ConstantRestitution
+_KINDS: dict[tuple[str, bool], tuple[type[Law], tuple[str, ...], tuple[str, ...]]] = {
+    # kind and whether it names a law: what it makes, what that needs, and what it may have
+    ("force", False): (HuntCrossley, ("alpha", "stiffness"), ("exponent",)),
+    ("force", True): (OwnSpeedLaw, ("law", "restitution", "stiffness"), ("exponent",)),
+    ("restitution", False): (Restitution, ("alpha",), ("reading",)),
+    ("restitution", True): (ConstantRestitution, ("law", "restitution"), ()),
+}
+
+
+def is_force(law: Law) -> TypeGuard[ForceLaw]:
+    """Whether a law needs steps that resolve the contact."""
+    return isinstance(law, (HuntCrossley, OwnSpeedLaw))
+
+
+def require_law(law: object) -> None:
+    """Raise SettingError for what is no law of a plug-in."""
+    known = "HuntCrossley, OwnSpeedLaw, Restitution or ConstantRestitution"
+    require("law", law, isinstance(law, Law), known)
 
 
 def law_of(options: Mapping[str, Any]) -> Law:
-    """The law that a setting's options name under "law"; SettingError says which word is wrong.
+    """The law that a setting's options name under "law"; UserError says which word is wrong.
 
-    {"kind": "force", "alpha": s/m, "stiffness": N/m^n, "exponent": 1.5} or
-    {"kind": "restitution", "alpha": s/m, "reading": "law"}.
+    {"kind": "force", "alpha": s/m, "stiffness": N/m^n, "exponent": 1.5} and
+    {"kind": "restitution", "alpha": s/m, "reading": "law"} are eq. (16);
+    {"kind": "force", "law": "flores", "restitution": e, "stiffness": N/m^n, "exponent": 1.5} and
+    {"kind": "restitution", "law": "flores", "restitution": e} a law of `reference.later_laws`, asked for e.
     """
-    kinds: dict[Any, type[HuntCrossley] | type[Restitution]] = {
-        "force": HuntCrossley,
-        "restitution": Restitution,
-    }
     given = dict(options)
     kind = given.pop("kind", None)
-    require("option 'law.kind'", kind, kind in kinds, "'force' or 'restitution'")
-    names = [field.name for field in fields(kinds[kind])]
+    require("option 'law.kind'", kind, kind in ("force", "restitution"), "'force' or 'restitution'")
+    make, needs, may = _KINDS[kind, "law" in given]
     for name, value in given.items():
-        require(f"option 'law.{name}'", value, name in names, f"only: kind, {', '.join(names)}")
+        require(
+            f"option 'law.{name}'", value, name in needs + may, f"only: {', '.join(('kind', *needs, *may))}"
+        )
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        require(f"option 'law.{name}'", value, number or name == "reading", "a number")
-    for name in ("stiffness", "alpha") if kind == "force" else ("alpha",):
+        require(f"option 'law.{name}'", value, number or name in ("law", "reading"), "a number")
+    for name in needs:
         require(f"option 'law.{name}'", None, name in given, f"a number: the {kind} law needs it")
-    return kinds[kind](**given)
+    if "law" in given:
+        family = law_named(given.pop("law"))
+        if make is ConstantRestitution:
+            return ConstantRestitution(OwnSpeedLaw(family, 1.0, **given).delivered)
+        return OwnSpeedLaw(family, **given)
+    made: Law = make(**given)
+    return made
 
 
-def contact_time(law: HuntCrossley, mass: float, speed: float) -> float:
+def contact_time(law: ForceLaw, mass: float, speed: float) -> float:
     """Duration of a contact in s at effective mass (kg) and approach speed (m/s)."""
-    return float(exact.duration(law, mass, speed))
+    one = law if isinstance(law, HuntCrossley) else law.at(speed).hunt_crossley
+    return float(exact.duration(one, mass, speed))

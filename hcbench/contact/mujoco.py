@@ -8,7 +8,9 @@
 
 The law takes the attached pairs over, at MuJoCo's own contact points and normals, and leaves every other
 contact alone. `HuntCrossley` is the force law for steps that resolve the contact; `Restitution(alpha)` gives
-each impact e(v) of its own approach speed in the step that it happens in, for steps that do not.
+each impact e(v) of its own approach speed in the step that it happens in, for steps that do not. Of the laws
+that came after, `OwnSpeedLaw(Flores, k, e)` is the force and `ConstantRestitution(Flores.delivered(e))` what
+it does to a speed.
 
 How. MuJoCo calls mjcb_contactfilter and mjcb_passive: the first keeps attached pairs out of MuJoCo's contact,
 the second adds the force that stepping.py works out to qfrc_passive. Of a pair with a restitution law
@@ -28,6 +30,9 @@ refused. Contacts that share a body see each other to first order in their force
 1e-6 and 1e-4 at these steps. Restitution is exact to rounding; of several contacts at once to 1e-9, and to
 1e-6 under implicit integrators, which feel the constraint forces' own rounding.
 
+`OwnSpeedLaw` works v_i out from the state: resets, copies and threads need no care. e to 1e-7 at 1e-6 s, to
+1e-5 at 1e-5 s; own_speed.py says what loads on a contact do to that.
+
 Tested with mujoco 3.3.0, 3.6.0, 3.11.0 and 4.0.0 on Linux x86-64.
 """
 
@@ -43,6 +48,7 @@ import numpy as np
 from hcbench.contact import _mujoco_install as installed
 from hcbench.contact._pairs import (
     ContactAccuracyWarning,
+    alpha_of,
     check_step,
     hertz_stiffness,
     named,
@@ -52,8 +58,9 @@ from hcbench.contact._pairs import (
     spec,
     warn_of_shapes,
 )
-from hcbench.contact.law import Friction, Law, Restitution
+from hcbench.contact.law import ConstantRestitution, Friction, Law, Restitution, is_force, require_law
 from hcbench.errors import CannotRun, EngineFailed, SettingError
+from hcbench.reference.later_laws import OwnSpeedLaw
 from hcbench.reference.laws import HuntCrossley
 
 if TYPE_CHECKING:
@@ -64,11 +71,15 @@ if TYPE_CHECKING:
 
     from hcbench.impact import Floats
 
+    Values = ArrayLike | None
+
 __all__ = [
+    "ConstantRestitution",
     "Contact",
     "ContactAccuracyWarning",
     "Friction",
     "HuntCrossley",
+    "OwnSpeedLaw",
     "PythonContactWarning",
     "Restitution",
     "Touch",
@@ -173,9 +184,14 @@ class Contact:
             if key in keys
         ]
 
-    def models(self, *, stiffness: ArrayLike | None = None, alpha: ArrayLike | None = None) -> list[Any]:
-        """Copies of the model for `mujoco.rollout`, one for each k (N/m^n) and α (s/m); both broadcast."""
-        values = self._values(stiffness, alpha)
+    def models(
+        self, *, stiffness: Values = None, alpha: Values = None, restitution: Values = None
+    ) -> list[Any]:
+        """Copies of the model for `mujoco.rollout`, one for each k and α; they broadcast.
+
+        stiffness: k, N/m^n. alpha: α, s/m. restitution: instead, where the law is one that is asked for it.
+        """
+        values = self._values(stiffness, alpha, restitution)
         made = []
         for row in values:
             one = copy.copy(self.model)
@@ -184,15 +200,17 @@ class Contact:
             made.append(one)
         return made
 
-    def vary(self, batch: Any, *, stiffness: ArrayLike | None = None, alpha: ArrayLike | None = None) -> None:
-        """Give each simulation of a `mujoco.batch.Batch` its own k (N/m^n) and α (s/m).
+    def vary(
+        self, batch: Any, *, stiffness: Values = None, alpha: Values = None, restitution: Values = None
+    ) -> None:
+        """Give each simulation of a `mujoco.batch.Batch` its own values of what `models` takes.
 
         The batch must have been made of the model while this law was attached.
         """
         field, start = self._slot()
         if batch.get_model(0).opt.o_margin != self.model.opt.o_margin:
             raise SettingError("batch", "made before the law was attached", "Batch(model, ...) made after it")
-        values = np.broadcast_to(self._values(stiffness, alpha), (batch.nsim, 2))
+        values = np.broadcast_to(self._values(stiffness, alpha, restitution), (batch.nsim, 2))
         batch.expand(f"opt.{field}")[:, start : start + 2] = values
 
     def _slot(self) -> tuple[str, int]:
@@ -205,13 +223,20 @@ class Contact:
             )
         return _SLOTS[slot]
 
-    def _values(self, stiffness: ArrayLike | None, alpha: ArrayLike | None) -> Floats:
-        own = self.law.stiffness if isinstance(self.law, HuntCrossley) else 1.0
-        if stiffness is not None and not isinstance(self.law, HuntCrossley):
-            raise SettingError("stiffness", "given for a restitution law", "alpha only")
+    def _values(self, stiffness: Values, alpha: Values, restitution: Values) -> Floats:
+        own = self.law.stiffness if is_force(self.law) else 1.0
+        if stiffness is not None and not is_force(self.law):
+            raise SettingError("stiffness", "given for a restitution law", "alpha or restitution only")
+        asked = isinstance(self.law, (OwnSpeedLaw, ConstantRestitution))
+        if (alpha if asked else restitution) is not None:
+            slot, other = ("alpha", "restitution") if asked else ("restitution", "alpha")
+            raise SettingError(slot, f"given for {self.law!r}", other)
         factor = np.ones(1) if stiffness is None else np.asarray(stiffness, dtype=np.float64) / own
-        given = np.full(1, self.law.alpha) if alpha is None else np.asarray(alpha, dtype=np.float64)
-        for slot, values in (("stiffness", factor), ("alpha", given)):
+        given = np.full(1, alpha_of(self.law)) if alpha is None else np.asarray(alpha, dtype=np.float64)
+        if restitution is not None:
+            e = np.asarray(restitution, dtype=np.float64)
+            given = self.law.family.chi_of(e) / 1.5 if isinstance(self.law, OwnSpeedLaw) else e
+        for slot, values in (("stiffness", factor), ("restitution" if asked else "alpha", given)):
             if not np.isfinite(values).all() or (values < 0).any():
                 raise SettingError(slot, f"{values.tolist()!r}", "finite numbers of 0 or more")
         return np.stack(np.broadcast_arrays(np.atleast_1d(factor), np.atleast_1d(given)), axis=-1)
@@ -230,15 +255,17 @@ def attach(
     """Let `law` act on pairs of geoms of `model`, instead of MuJoCo's own contact.
 
     pairs: (geom, geom) by name or id; `pairs_between` and `pairs_of` make them from bodies.
-    law: HuntCrossley or Restitution. friction: of the force law; a restitution law keeps MuJoCo's.
+    law: HuntCrossley or OwnSpeedLaw; Restitution or ConstantRestitution. friction: of a force law; a
+    restitution law keeps MuJoCo's.
     tendons: tendons whose upper limit is a contact, as between the centres of a ball and of its cup.
     speed: largest approach speed expected, m/s: a step too coarse for it is refused.
     compiled: True insists on compiled callbacks (CannotRun without), False on Python, None takes the best.
 
     Raises SettingError for what cannot be attached; the model is untouched then.
     """
-    if not isinstance(law, (HuntCrossley, Restitution)):
-        raise SettingError("law", repr(law), "HuntCrossley(stiffness, alpha) or Restitution(alpha)")
+    if law is None:
+        raise SettingError("law", "missing", "such as HuntCrossley(stiffness, alpha)")
+    require_law(law)
     pairs = list(pairs)
     if len(pairs) == 2 and all(isinstance(geom, (str, int)) for geom in pairs):
         pairs = [pairs]  # type: ignore[list-item]  # one pair, given bare
@@ -286,7 +313,7 @@ def _check_options(model: Any, law: Law, friction: Friction | None) -> None:
         bit = getattr(mujoco.mjtEnableBit, f"mjENBL_{name}", None)
         if bit is not None and enabled & int(bit):
             raise SettingError(f"model flag {name.lower()!r}", "enabled", "it disabled", why.capitalize())
-    if isinstance(law, HuntCrossley):
+    if is_force(law):
         return
     if friction is not None:
         raise SettingError("friction", "given for a restitution law", "none", "MuJoCo's own friction stays")

@@ -15,7 +15,8 @@ still does to these: switch its linearDamping of 0.04 off if the speed between i
 `HuntCrossley` is the force law, for steps that resolve the contact: stepping.py says how the force over a
 step is found, and its order. `Restitution(alpha)` gives each impact e(v) of its own approach speed in the
 step that it happens in, for steps that do not; several contacts at once are solved together, resting ones
-rest. Bullet's friction does not act between attached pairs: give the law its own.
+rest. `OwnSpeedLaw(Flores, k, e)` is a law of `reference.later_laws`, `ConstantRestitution(e)` one e for all
+impacts: law.py. Bullet's friction does not act between attached pairs: give the law its own.
 
 PyBullet cannot say whether a pair was allowed to collide before: `detach` allows it, unless told otherwise.
 """
@@ -30,8 +31,9 @@ from hcbench.contact._pybullet_bodies import Body, product
 from hcbench.contact._pybullet_pairs import Pair, check_step, make_pair, pairs_between
 from hcbench.contact._pybullet_solve import Touch
 from hcbench.contact._vectors import Vector, along, dot, turned, vector
-from hcbench.contact.law import Friction, Law, Restitution
+from hcbench.contact.law import ConstantRestitution, Friction, Law, Restitution, is_force, require_law
 from hcbench.errors import EngineFailed, SettingError
+from hcbench.reference.later_laws import OwnSpeedLaw
 from hcbench.reference.laws import HuntCrossley
 
 if TYPE_CHECKING:
@@ -42,7 +44,18 @@ if TYPE_CHECKING:
     # (distance, point, unit normal from the second body to the first) of two poses.
     Gap = Callable[[Pose, Pose], tuple[float, Vector, Vector]]
 
-__all__ = ["Contact", "Friction", "HuntCrossley", "Restitution", "Touch", "attach", "cup", "pairs_between"]
+__all__ = [
+    "ConstantRestitution",
+    "Contact",
+    "Friction",
+    "HuntCrossley",
+    "OwnSpeedLaw",
+    "Restitution",
+    "Touch",
+    "attach",
+    "cup",
+    "pairs_between",
+]
 
 _SPEED = 0.508  # m/s: 20 in/s, up to where the paper's law holds
 
@@ -117,7 +130,7 @@ class Contact:
         for touch in touches:
             if touch.force > 0.0:
                 self._push(touch, h)
-        if isinstance(self.law, HuntCrossley):
+        if is_force(self.law):
             self._too_coarse += sum(touch.rate_of_step > 1.0 for touch in touches)
         return touches
 
@@ -241,7 +254,7 @@ def attach(
     """Let `law` act on pairs of bodies of a PyBullet client, instead of Bullet's own contact.
 
     pairs: (body, body), or ((body, link), (body, link)) where a link is meant; a bare body is its base.
-    law: HuntCrossley or Restitution. friction: of either; none by default.
+    law: HuntCrossley, OwnSpeedLaw, Restitution or ConstantRestitution. friction: of either; none by default.
     gap: distance, point and normal of two poses, where Bullet's closest points are not exact enough: `cup`.
     speed: largest approach speed expected, m/s: a step too coarse for it is refused.
     collide_after: whether Bullet collides the pairs when they are detached.
@@ -250,8 +263,7 @@ def attach(
     """
     import pybullet as bullet
 
-    if not isinstance(law, (HuntCrossley, Restitution)):
-        raise SettingError("law", repr(law), "HuntCrossley(stiffness, alpha) or Restitution(alpha)")
+    require_law(law)
     if not bullet.isConnected(client):
         raise SettingError("client", f"{client} is not connected", "the id that pybullet.connect gave")
     contact = Contact(bullet, client, law, friction, gap, collide_after)

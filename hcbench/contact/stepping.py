@@ -22,6 +22,8 @@ Left is the error of advancing the motion: a Taylor series of order 8 where touc
 RK4 in s = sqrt(time from touch), in which x^n is smooth, eight sub-steps a piece. Restitution is of order
 h^2.5 or better in the step until sub-steps keep the error where it is, near 1e-6.
 
+Laws whose v_i is each impact's own are eq. (16) too, with an a that own_speed.py finds from the state.
+
 The same lines in C are in _law.c; a test holds the two together.
 """
 
@@ -30,10 +32,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from hcbench.contact.own_speed import touch_speed
+from hcbench.reference.bounce import restitution_of
+
 _SUBSTEP = 0.2  # largest sub-step, in units of 1/ω
 _STEEP = 8  # sub-steps of a piece that begins or ends at touch
 _ROUNDS = 16  # of the secant search; 2 or 3 are the rule
 _TERMS = 8
+_SLOWEST = 1e-9  # m/s: slower impacts count as of this speed where a law asks for it
 _FAR = 2.5  # steps away from touch and parting, from where on the series is good
 
 
@@ -42,12 +50,18 @@ class Motion:
     """One contact's equation of motion.
 
     kappa: k/m, m^(1-n)/s². a: (3/2) α, s/m. n: exponent. b: acceleration by all else, towards contact, m/s².
+    chi: where it is not 0, each impact has its own a = χ/v_i, and `a` is what it has just now. e: what χ
+    delivers. load: the constant part of b, which v_i is worked out with. least: v_i at least, m/s.
     """
 
     kappa: float
     a: float
     n: float
     b: float = 0.0
+    chi: float = 0.0
+    e: float = 1.0
+    load: float = 0.0
+    least: float = _SLOWEST
 
     def acceleration(self, x: float, v: float) -> float:
         """x'' in m/s²."""
@@ -56,9 +70,38 @@ class Motion:
             return self.b
         return float(self.b - self.kappa * x**self.n * push)
 
+    def settled(self, x: float, v: float) -> Motion:
+        """The motion of the impact that is at x with rate v: with its own a."""
+        if self.chi == 0.0:
+            return self
+        speed = touch_speed(self.kappa, self.n, self.chi, self.e, self.load, x, v)
+        return self._with(self.chi / max(speed, self.least), self.chi, self.least)
+
+    def reversed(self) -> Motion:
+        """The motion run backwards: it comes in with -e v_i."""
+        return self._with(-self.a, -self.chi * self.e, self.e * self.least)
+
+    def over(self, h: float) -> Motion:
+        """The motion over a step: what all else adds to a speed in it is no impact that is told from rest."""
+        if self.chi == 0.0:
+            return self
+        return self._with(self.a, self.chi, max(_SLOWEST, h * abs(self.b)))
+
+    def under(self, b: float) -> Motion:
+        """The same with another acceleration b, m/s²."""
+        return Motion(self.kappa, self.a, self.n, b, self.chi, self.e, self.load, self.least)
+
+    def _with(self, a: float, chi: float, least: float) -> Motion:
+        return Motion(self.kappa, a, self.n, self.b, chi, self.e, self.load, least)
+
     def rate(self, x: float) -> float:
         """ω of small motion about x, 1/s."""
         return math.sqrt(self.kappa * self.n * x ** (self.n - 1.0)) if x > 0.0 else 0.0
+
+
+def own_motion(kappa: float, chi: float, n: float, b: float = 0.0) -> Motion:
+    """The motion under a law whose v_i is each impact's own, with its χ > 0; b all of it constant."""
+    return Motion(kappa, 0.0, n, b, chi, float(restitution_of(np.asarray(chi))), b)
 
 
 def flow(motion: Motion, time: float, x: float, v: float) -> tuple[float, float]:
@@ -71,6 +114,8 @@ def flow(motion: Motion, time: float, x: float, v: float) -> tuple[float, float]
             if not free < time:
                 return x + (v + 0.5 * motion.b * time) * time, v + motion.b * time
             v, time, x = v + motion.b * free, time - free, 0.0
+            if motion.chi != 0.0:
+                motion = motion._with(motion.chi / max(v, motion.least), motion.chi, motion.least)
             piece = _piece(motion, v * time + 0.5 * motion.b * time * time, time)
             if v > 0.0:
                 x, v = _advance(motion, x, v, 0.0, math.sqrt(piece), 1, _STEEP)
@@ -109,15 +154,16 @@ def kick(motion: Motion, h: float, x: float, v: float) -> float:
 def through(motion: Motion, h: float, before: float, x: float) -> tuple[float, float]:
     """The motion that is at `before` h ago and at x now: its rate now, and where it is h later."""
     v = (x - before) / h
+    motion = motion.over(h).settled(x, v)
     rate = h * h * motion.rate(max(x, before)) ** 2
     V = v + 0.5 * h * motion.acceleration(x, v)
     V = v + 0.5 * h * motion.acceleration(x - h / 3.0 * V, V)
     smooth = x > _FAR * h * abs(V) and rate < 0.25 and 1.0 + motion.a * V > 0.5
-    reverse = Motion(motion.kappa, -motion.a, motion.n, motion.b)
     V0 = miss0 = after = 0.0
     last = math.inf
     for turn in range(_ROUNDS):
-        past, after = _series(motion, h, x, V) if smooth else (flow(reverse, h, x, -V)[0], x)
+        motion = motion.settled(x, V)
+        past, after = _series(motion, h, x, V) if smooth else (flow(motion.reversed(), h, x, -V)[0], x)
         miss = past - before
         slope = (miss - miss0) / (V - V0) if turn else -h * (1.0 - min(rate / 6.0, 0.5))
         if not slope < -0.1 * h:
@@ -137,10 +183,12 @@ def stages(motion: Motion, h: float, x: float, v: float) -> tuple[float, float, 
     """F/m >= 0 in m/s² at the first, the two middle and the last stage of RK4, from the true x and v."""
     if x <= 0.0 and x + h * (v + max(0.0, h * motion.b)) <= 0.0:
         return 0.0, 0.0, 0.0
-    X, V = flow(motion, 0.5 * h, *flow(motion, 0.5 * h, x, v))  # in halves: sub-steps of half the size
+    motion = motion.over(h).settled(x, v)
+    plain = motion.b - motion.acceleration(x, v)
+    X, V = flow(motion, 0.5 * h, x, v)  # in halves: sub-steps of half the size
+    X, V = flow(motion.settled(X, V), 0.5 * h, X, V)
     moved = max(0.0, 6.0 / (h * h) * (x + h * (v + 0.5 * h * motion.b) - X))  # f1 + 2 f2
     slowed = max(moved, 6.0 / h * (v + h * motion.b - V))  # f1 + 4 f2 + f4
-    plain = motion.b - motion.acceleration(x, v)
     first = min(max(plain, 2.0 * moved - slowed, 0.0), moved)
     return first, 0.5 * (moved - first), slowed - 2.0 * moved + first
 

@@ -83,7 +83,7 @@ def law_of(setting: Setting, scene: Scene) -> Law:
     if setting.name in slugs:
         defaults = {"stiffness": scene.stiffness, "exponent": scene.exponent}
         return OwnSpeedLaw(law_named(setting.name), **_numbers(setting, defaults, required=("restitution",)))
-    known = ", ".join(["hunt-crossley", "kelvin-voigt", *slugs])
+    known = ", ".join(map(repr, ["hunt-crossley", "kelvin-voigt", *slugs]))
     raise SettingError("setting", f"{setting.name!r} of the reference", f"one of: {known}")
 
 

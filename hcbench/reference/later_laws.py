@@ -43,6 +43,7 @@ class RestitutionLaw(ABC):
     chi: float = field(init=False)
 
     name: ClassVar[str]
+    slug: ClassVar[str]  # how settings, studies and plug-ins call it
     formula: ClassVar[str]
     reference: ClassVar[str]
     takes_zero: ClassVar[bool] = True  # whether χ(0) is finite
@@ -95,6 +96,7 @@ class FirstOrder(RestitutionLaw):
 
     __slots__ = ()
     name = "Hunt-Crossley"
+    slug = "first-order"
     formula = "(3/2)(1 - e)"
     reference = (
         "K. H. Hunt, F. R. E. Crossley, Coefficient of restitution interpreted as damping in vibroimpact, "
@@ -111,6 +113,7 @@ class HerbertMcWhannell(RestitutionLaw):
 
     __slots__ = ()
     name = "Herbert-McWhannell"
+    slug = "herbert-mcwhannell"
     formula = "6 (1 - e)/((2e - 1)² + 3)"
     reference = (
         "R. G. Herbert, D. C. McWhannell, Shape and frequency composition of pulses from an impact pair, "
@@ -127,6 +130,7 @@ class LeeWang(RestitutionLaw):
 
     __slots__ = ()
     name = "Lee-Wang"
+    slug = "lee-wang"
     formula = "(3/4)(1 - e)"
     reference = (
         "T. W. Lee, A. C. Wang, On the dynamics of intermittent-motion mechanisms, part 1: dynamic model and "
@@ -143,6 +147,7 @@ class LankaraniNikravesh(RestitutionLaw):
 
     __slots__ = ()
     name = "Lankarani-Nikravesh"
+    slug = "lankarani-nikravesh"
     formula = "(3/4)(1 - e²)"
     reference = (
         "H. M. Lankarani, P. E. Nikravesh, A contact force model with hysteresis damping for impact analysis "
@@ -159,6 +164,7 @@ class Gonthier(RestitutionLaw):
 
     __slots__ = ()
     name = "Gonthier et al."
+    slug = "gonthier"
     formula = "(1 - e²)/e"
     takes_zero = False
     reference = (
@@ -177,6 +183,7 @@ class ZhiyingQishao(RestitutionLaw):
 
     __slots__ = ()
     name = "Zhiying-Qishao"
+    slug = "zhiying-qishao"
     formula = "(3/4)(1 - e²) exp(2(1 - e))"
     reference = (
         "Qin Zhiying, Lu Qishao, Analysis of impact process based on restitution coefficient (in Chinese), "
@@ -193,6 +200,7 @@ class Flores(RestitutionLaw):
 
     __slots__ = ()
     name = "Flores et al."
+    slug = "flores"
     formula = "8 (1 - e)/(5 e)"
     takes_zero = False
     reference = (
@@ -211,6 +219,7 @@ class HuGuo(RestitutionLaw):
 
     __slots__ = ()
     name = "Hu-Guo"
+    slug = "hu-guo"
     formula = "(3/2)(1 - e)/e"
     takes_zero = False
     reference = (
@@ -228,6 +237,7 @@ class CarvalhoMartins(RestitutionLaw):
 
     __slots__ = ()
     name = "Carvalho-Martins"
+    slug = "carvalho-martins"
     formula = "(3/2)(1 - e)(11 - e)/(1 + 9e)"
     reference = (
         "A. S. Carvalho, J. M. Martins, Exact restitution and generalizations for the Hunt-Crossley contact "
@@ -244,6 +254,7 @@ class Exact(RestitutionLaw):
 
     __slots__ = ()
     name = "exact"
+    slug = "exact"
     formula = "root of χ (1 + e) = ln(1 + χ) - ln(1 - χ e)"
     takes_zero = False
     reference = "follows from eq. (16) by separating variables; see hcbench.reference.bounce"
@@ -271,9 +282,36 @@ LAWS: dict[str, type[RestitutionLaw]] = {
 
 
 def law_named(name: str) -> type[RestitutionLaw]:
-    """The law called `name`, any case; UserError lists what there is."""
-    for known, law in LAWS.items():
-        if known.casefold() == name.casefold():
+    """The law called `name`, in full or by its slug, any case; UserError lists what there is."""
+    for law in LAWS.values():
+        if str(name).casefold() in (law.name.casefold(), law.slug):
             return law
-    require("law", name, False, f"one of {', '.join(LAWS)}")
+    require("law", name, False, f"one of {', '.join(law.slug for law in LAWS.values())}")
     raise AssertionError  # `require` has raised
+
+
+@dataclass(frozen=True, slots=True)
+class OwnSpeedLaw:
+    """One of these laws as it is published: v_i is the speed at touch of each impact itself.
+
+    So every impact has the same χ and delivers the same e, whatever its speed: α falls as 1/v_i.
+
+    family: the law, such as Flores. stiffness: k, N/m^n. restitution: e asked for. exponent: n >= 1.
+    chi, delivered: χ(e), and the restitution that follows from it. Raises UserError like the laws themselves.
+    """
+
+    family: type[RestitutionLaw]
+    stiffness: float
+    restitution: float
+    exponent: float = 1.5
+    chi: float = field(init=False)
+    delivered: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        at_once = self.at(1.0)
+        object.__setattr__(self, "chi", at_once.chi)
+        object.__setattr__(self, "delivered", float(restitution_of(np.asarray(at_once.chi))))
+
+    def at(self, speed: float) -> RestitutionLaw:
+        """The law of an impact that touches at `speed` m/s."""
+        return self.family(self.stiffness, self.restitution, speed, self.exponent)

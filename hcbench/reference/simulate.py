@@ -20,6 +20,7 @@ from scipy.optimize import brentq, minimize_scalar
 from hcbench.errors import EngineFailed, UserError
 from hcbench.impact import Impact, Launch, Loop, Status
 from hcbench.reference.kelvin_voigt import Ending
+from hcbench.reference.later_laws import OwnSpeedLaw
 from hcbench.reference.require import positive, require
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ DEFAULT_SOLVER = Solver()
 
 
 def impact(
-    law: ForceLaw,
+    law: ForceLaw | OwnSpeedLaw,
     mass: float,
     speed: float,
     *,
@@ -60,7 +61,8 @@ def impact(
 ) -> Impact:
     """One impact from touch to parting.
 
-    mass kg; speed v_i m/s at touch; gravity m/s² towards the plate, acting through the contact too.
+    law: one that takes v_i from each impact gets this one's. mass kg; speed v_i m/s at touch; gravity m/s²
+    towards the plate, acting through the contact too.
     ending: parting where x = 0, or already where F = 0 (matters to laws that pull). count: points of the
     loop, even in time. A body that turns back towards the plate before it has parted lacks the energy for
     it: RESTED. Raises UserError for mass or speed that are not above 0, gravity below 0, fewer than 3 points.
@@ -69,11 +71,12 @@ def impact(
     positive("speed", speed, "m/s")
     require("gravity", gravity, 0 <= gravity < math.inf, "0 m/s^2 or more, towards the plate")
     require("count", count, count >= 3, "3 points or more")
-    depth = _depth_scale(law, mass, speed)
+    own = law.at(speed) if isinstance(law, OwnSpeedLaw) else law
+    depth = _depth_scale(own, mass, speed)
 
     def force(xi: Floats | float, eta: Floats | float) -> Floats:
         # A trial step may look past parting, where the law is not defined: x = 0 continues it.
-        return law.force(np.maximum(xi, 0.0) * depth, np.asarray(eta) * speed)
+        return own.force(np.maximum(xi, 0.0) * depth, np.asarray(eta) * speed)
 
     path = _solve(force, depth / (mass * speed**2), gravity * depth / speed**2, ending, solver)
     end = float(path.t[-1])

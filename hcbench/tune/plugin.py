@@ -11,6 +11,7 @@ from hcbench.reference import exact
 from hcbench.setting import Setting
 
 if TYPE_CHECKING:
+    from hcbench.reference.laws import HuntCrossley
     from hcbench.tune.target import Target
 
 
@@ -29,17 +30,10 @@ class ForceLaw:
     def __call__(self, target: Target) -> Setting:
         """The setting; SettingError for a target or a step that the force law does not have."""
         _require_law(target)
-        steps = float(exact.duration(target.law, target.mass, target.speed_max)) / target.timestep
-        if steps < STEPS_PER_CONTACT:
-            raise SettingError(
-                "timestep",
-                f"{target.timestep:g} s, {steps:.2g} of which are the law's shortest contact",
-                f"{target.timestep * steps / STEPS_PER_CONTACT:.2g} s or less",
-                "Use `restitution-law`, which needs no resolved contact",
-            )
+        require_resolved(target, target.law)
         law = target.law
-        options = {"kind": "force", "alpha": law.alpha, "stiffness": law.stiffness, "exponent": law.exponent}
-        return _setting(self.engine, self.name, target.timestep, options)
+        options = {"alpha": law.alpha, "stiffness": law.stiffness, "exponent": law.exponent}
+        return force_setting(self.engine, self.name, target.timestep, options)
 
 
 @dataclass(frozen=True)
@@ -59,6 +53,23 @@ class RestitutionLaw:
         _require_law(target, linear=True)
         options = {"kind": "restitution", "alpha": target.law.alpha, "reading": target.reading}
         return _setting(self.engine, self.name, target.timestep, options)
+
+
+def require_resolved(target: Target, law: HuntCrossley) -> None:
+    """Refuse a step that does not resolve the shortest contact of the band: SettingError."""
+    steps = float(exact.duration(law, target.mass, target.speed_max)) / target.timestep
+    if steps < STEPS_PER_CONTACT:
+        raise SettingError(
+            "timestep",
+            f"{target.timestep:g} s, {steps:.2g} of which are the law's shortest contact",
+            f"{target.timestep * steps / STEPS_PER_CONTACT:.2g} s or less",
+            "Use `restitution-law`, which needs no resolved contact",
+        )
+
+
+def force_setting(engine: str, name: str, timestep: float, law: dict[str, Any]) -> Setting:
+    """A force law's setting."""
+    return _setting(engine, name, timestep, {"kind": "force", **law})
 
 
 def _setting(engine: str, name: str, timestep: float, law: dict[str, Any]) -> Setting:
