@@ -13,6 +13,7 @@ from hcbench.engines import registry
 from hcbench.errors import EngineMissing, SettingError
 from hcbench.impact import Impact, Launch, Status
 from hcbench.reference import exact
+from hcbench.reference.later_laws import LAWS, RestitutionLaw
 from hcbench.reference.laws import HuntCrossley
 from hcbench.scene import Scene, load_scene, scene_names
 from hcbench.setting import Setting
@@ -23,6 +24,7 @@ SCENES = scene_names()
 SPEEDS, PHASES = (0.05, 0.21, 0.47), tuple((i + 0.5) / 8 for i in range(8))
 LAUNCHES = tuple(Launch(v, p) for v in SPEEDS for p in PHASES)
 TIMESTEP = {"stock": 1e-3, "impulse": 1e-3, "restitution": 1e-3, "restitution-law": 1e-3}
+TIMESTEP |= {law.slug: 4e-6 for law in LAWS.values()}  # many, and the same lines for all: coarser is enough
 # Bounce by luck of the phase, or not at all: that is what they are in the benchmark for.
 AS_LOADED = ("mujoco.stock", "pybullet.stock")
 
@@ -148,3 +150,17 @@ def test_spring_dampers_give_the_e_that_was_asked(recipe: str) -> None:
     e = [i.restitution for i in registry.engine(setting.engine).drop(case, setting, LAUNCHES)]
     assert abs(float(np.mean(e)) - target) < 2e-4
     assert max(abs(v - target) for v in e) < 5e-4
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.slug)
+@pytest.mark.parametrize("engine", ["reference", "mujoco", "pybullet"])
+def test_later_laws_deliver_what_follows_from_their_chi_at_every_speed_and_phase(
+    engine: str, law: type[RestitutionLaw]
+) -> None:
+    setting = setting_of(f"{engine}.{law.slug}", "steel-plane")
+    asked = setting.options.get("law", setting.options)["restitution"]
+    found = [i.restitution for s in SCENES for i in impacts_of(f"{engine}.{law.slug}", s)]
+    assert len(found) == len(SCENES) * len(LAUNCHES)
+    assert np.abs(np.array(found) - float(law.delivered(asked))).max() < (
+        1e-13 if engine == "reference" else 5e-8
+    )

@@ -62,6 +62,7 @@ class ConstantRestitution:
 
     def __post_init__(self) -> None:
         require("restitution", self.restitution, 0 <= self.restitution <= 1, "0 ... 1")
+        object.__setattr__(self, "restitution", float(self.restitution))
 
     def at(self, speed: float) -> float:
         """E at any approach speed."""

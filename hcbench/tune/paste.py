@@ -6,6 +6,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from hcbench.errors import SettingError
+from hcbench.reference.later_laws import law_named
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -38,15 +39,25 @@ _PLUGGED = ("mujoco", "pybullet")
 
 def _plug_in(setting: Setting, form: str) -> str:
     """The lines that attach a law of hcbench.contact in a simulation of one's own."""
-    given = dict(setting.options["law"])
-    name = {"force": "HuntCrossley", "restitution": "Restitution"}[given.pop("kind")]
-    law = f"contact.{name}({_arguments(given)})"
-    head = f"from hcbench.contact import {setting.engine} as contact"
+    law, head = _law(dict(setting.options["law"]))
+    head = f"from hcbench.contact import {setting.engine} as contact{head}"
     if setting.engine == "pybullet":
         call = f"law = contact.attach([(ball, plate)], {law})"
         return f"{head}\n\n{call}\nlaw.step()  # for pybullet.stepSimulation()"
     where = f'law={law}, tendons=["contact"]' if form == "cup" else f'[("ball", "plate")], {law}'
     return f"{head}\n\nlaw = contact.attach(model, {where})"
+
+
+def _law(given: dict[str, Any]) -> tuple[str, str]:
+    """A plug-in's law as an expression, and the import that it needs besides."""
+    force = given.pop("kind") == "force"
+    if "law" not in given:
+        return f"contact.{'HuntCrossley' if force else 'Restitution'}({_arguments(given)})", ""
+    family = law_named(given.pop("law")).__name__
+    head = f"\nfrom hcbench.reference.later_laws import {family}"
+    if force:
+        return f"contact.OwnSpeedLaw({family}, {_arguments(given)})", head
+    return f"contact.ConstantRestitution({family}.delivered({_number(given['restitution'])}))", head
 
 
 def script(scene: Scene, setting: Setting) -> str:
