@@ -16,7 +16,7 @@ from hcbench.errors import UserError
 from hcbench.reference import exact
 from hcbench.reference.blocks import simulate
 from hcbench.reference.elliptic import contact, sphere
-from hcbench.reference.forced import kelvin_voigt_blocks, linearized, orbits
+from hcbench.reference.forced import _extreme, kelvin_voigt_blocks, linearized, orbits
 from hcbench.reference.later_laws import Flores
 from hcbench.reference.laws import HuntCrossley, KelvinVoigt
 from hcbench.reference.vibroimpact import Run, Sinusoid, VibroImpact, between, stored
@@ -304,6 +304,29 @@ def test_a_lane_has_the_same_bits_alone_and_in_company() -> None:
         assert alone.velocity.tobytes() == many.velocity[i : i + 1].tobytes()
     shared = orbits(system, drive, "frequency", values, 8, 8, jobs=2)
     assert shared.velocity.tobytes() == many.velocity.tobytes()
+
+
+def test_the_furthest_point_of_a_step_is_on_its_cubic_even_where_that_turns_at_an_end() -> None:
+    """Rounding can put the turn just outside a step that ends on it."""
+    rng = np.random.default_rng(7)
+    v0 = rng.uniform(0.1, 1.0, 4000)
+    v1 = -np.concatenate([rng.uniform(0.1, 1.0, 2000), np.geomspace(1e-20, 1e-3, 2000)])
+    h = np.concatenate([rng.uniform(0.1, 1.0, 3000), np.geomspace(1e-12, 1.0, 1000)])
+    q0 = rng.uniform(-1.0, 1.0, 4000)
+    q1 = q0 + h * (0.5 * (v0 + v1) + rng.uniform(-0.05, 0.05, 4000) * (v0 - v1))
+    found = _extreme(h, q0, q1, v0, v1)
+    s = np.linspace(0.0, 1.0, 2001)[:, None]
+    rise = q1 - q0
+    path = q0 + h * v0 * s + (3 * rise - h * (2 * v0 + v1)) * s**2 + (h * (v0 + v1) - 2 * rise) * s**3
+    np.testing.assert_allclose(found, path.max(axis=0), atol=1e-6)
+
+
+def test_the_response_to_a_small_force_is_the_linear_one_at_every_frequency() -> None:
+    system = _alike(-1e-5, HuntCrossley(K, 0.63))
+    linear = linearized(system)
+    f = np.linspace(0.86, 1.12, 56) * linear.resonance
+    run = orbits(system, Sinusoid(4.0, 1.0), "frequency", f, 40, 2)
+    np.testing.assert_allclose(run.amplitude, linear.amplitude(4.0, f), rtol=2e-3)
 
 
 def test_over_the_gap_and_the_amplitude_too() -> None:

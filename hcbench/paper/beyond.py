@@ -1,63 +1,26 @@
-"""Figures that the paper does not have: how good its steps are, what came after, and the forced mass."""
+"""Figures that the paper does not have: how good its steps are, and what came after."""
 
 from __future__ import annotations
 
-from contextlib import suppress
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.engines.registry import engine
-from hcbench.errors import EngineMissing
 from hcbench.paper import case
-from hcbench.paper.engines import track
-from hcbench.paper.pens import BAD, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY
+from hcbench.paper.pens import BAD, BLUE, DASHES, GREEN, GREY, ORANGE, numbered
 from hcbench.reference import exact, quadratic
 from hcbench.reference.approximations import APPROXIMATIONS
-from hcbench.reference.blocks import simulate
-from hcbench.reference.forced import kelvin_voigt_blocks, linearized, orbits
 from hcbench.reference.kelvin_voigt import Ending
 from hcbench.reference.later_laws import LAWS
-from hcbench.reference.vibroimpact import Sinusoid, VibroImpact
 from hcbench.report.style import INK, legend_below, log_axis, new_figure
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from hcbench.impact import Floats
-    from hcbench.paper.engines import Where
-
-INKS = (BLUE, ORANGE, GREEN, PURPLE, SKY, BAD, "#5b6670", "#3d3d9e", "#9a8a1f", INK)
-DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 
 
-@dataclass(frozen=True, slots=True)
-class Effort:
-    """How much the forced pictures compute: lanes of the bifurcation, its cycles, lanes of the response.
-
-    timestep: of the engines, s, where the mass is clear; a quarter of it where it is squeezed. jobs:
-    processes for the bifurcation; they change the time, not the picture.
-    """
-
-    values: int
-    cycles: int
-    kept: int
-    response: int
-    timestep: float
-    jobs: int = 1
-
-
-FULL = Effort(values=140, cycles=100, kept=30, response=64, timestep=4e-6)
-QUICK = Effort(values=6, cycles=6, kept=3, response=6, timestep=2e-5)
-
-
-def _pen(i: int) -> dict[str, Any]:
-    """Colour and dashes of the i-th line."""
-    return {"color": INKS[i], "linestyle": DASHES[i % len(DASHES)]}
+LEVELS = (0.01, 0.1)  # errors that are marked
 
 
 def approximations_figure() -> Figure:
@@ -67,8 +30,11 @@ def approximations_figure() -> Figure:
     u = np.geomspace(1e-3, 3.0, 400)
     handles = []
     for i, step in enumerate(APPROXIMATIONS):
-        handles += axes.plot(u, np.abs(step.error(u)), **_pen(i), label=f"{step.equation} {step.name}")
-    for level in (0.01, 0.1):
+        handles += axes.plot(u, np.abs(step.error(u)), **numbered(i), label=f"{step.equation} {step.name}")
+        for level in LEVELS:
+            if (at := step.reaches(level)) < u[-1]:
+                axes.plot([at], [level], "o", color=numbered(i)["color"], markersize=4.5)
+    for level in LEVELS:
         axes.axhline(level, color=GREY, linewidth=0.8)
         axes.text(3.1, level, f"{100 * level:g} %", va="center", fontsize=8.5)
     axes.axvspan(0.002 * 4, 0.016 * 16, color=GREY, alpha=0.12, linewidth=0)
@@ -143,7 +109,7 @@ def later_laws_figure() -> Figure:
     asked = np.linspace(0.02, 1.0, 300)
     handles = []
     for i, (name, law) in enumerate(LAWS.items()):
-        pen = {**_pen(i), "label": name}
+        pen = {**numbered(i), "label": name}
         if name == "exact":
             pen |= {"linewidth": 3.2, "alpha": 0.5, "linestyle": "-"}
         handles += left.plot(asked, law.delivered(asked), **pen)
@@ -155,109 +121,3 @@ def later_laws_figure() -> Figure:
     right.set_ylim(-0.1, 0.3)
     legend_below(figure, handles)
     return figure
-
-
-def _steel(gap: float) -> VibroImpact:
-    law = case.law(case.ALPHAS[-1])
-    return VibroImpact(case.MASS, gap, law, law)
-
-
-SQUEEZED, FORCES = _steel(-1e-5), (4.0, 120.0, 400.0)
-LOOSE, PUSH = _steel(1.5e-3), 150.0
-STAND_IN_SPEED = 0.4
-
-
-def response_figure(effort: Effort) -> Figure:
-    """Amplitude over force and frequency of the squeezed mass, against the linearised one."""
-    linear = linearized(SQUEEZED)
-    f = np.linspace(0.4, 1.7, effort.response) * linear.resonance
-    figure = new_figure(7.6, 4.0)
-    axes = figure.subplots()
-    fine = np.linspace(f[0], f[-1], 400)
-    pen: dict[str, Any] = {"color": GREY, "linewidth": 4.0, "alpha": 0.6, "label": "linearised"}
-    handles = axes.plot(fine / 1e3, linear.amplitude(1.0, fine) * 1e9, **pen)
-    cycles = max(8, effort.cycles // 2)
-    for i, force in enumerate(FORCES):
-        run = orbits(SQUEEZED, Sinusoid(force, 1.0), "frequency", f, cycles, max(2, cycles // 4))
-        label = f"(16), {force:g} N"
-        handles += axes.plot(
-            f / 1e3, run.amplitude / force * 1e9, color=INKS[i], linestyle=DASHES[i], label=label
-        )
-    axes.set_ylim(0.0)
-    axes.set_xlabel("frequency, kHz")
-    axes.set_ylabel("amplitude over force, nm/N")
-    legend_below(figure, handles)
-    return figure
-
-
-def _installed() -> Iterator[str]:
-    for name in ("mujoco", "pybullet"):
-        with suppress(EngineMissing):
-            engine(name).version()
-            yield name
-
-
-def engines_figure(effort: Effort) -> Figure:
-    """The clear and the squeezed mass in the engines that are installed, over the reference."""
-    figure = new_figure(8.6, 4.2)
-    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
-    broad: dict[str, Any] = {"color": GREY, "linewidth": 4.5, "alpha": 0.55, "label": "reference, eq. (16)"}
-    drive = Sinusoid(PUSH, 90.0)
-    truth = simulate(LOOSE, 0.0, 0.1, 0.03, drive, step_max=1e-4)
-    handles = left.plot(truth.time * 1e3, truth.position * 1e3, **broad)
-    runs: tuple[tuple[Where, float | None, str], ...] = (
-        ("mujoco", None, "MuJoCo plug-in"),
-        ("pybullet", None, "PyBullet plug-in"),
-        ("mujoco", STAND_IN_SPEED, "MuJoCo spring-damper"),
-        ("pybullet", STAND_IN_SPEED, "PyBullet restitution"),
-    )
-    there = set(_installed())
-    for i, (where, native_at, name) in enumerate(runs):
-        if where in there:
-            run = track(where, LOOSE, 0.0, 0.1, 0.03, drive, timestep=effort.timestep, native_at=native_at)
-            handles += left.plot(run.time * 1e3, run.position * 1e3, **_pen(i), label=name, linewidth=1.2)
-    left.set_xlabel("time, ms")
-    left.set_ylabel("position, mm")
-    left.set_title("gap 1.5 mm")
-    f, last = 3e3, 12
-    hard = Sinusoid(1200.0, f)
-    truth = simulate(SQUEEZED, 0.0, 0.0, last / f, hard, step_max=0.01 / f).during((last - 1) / f, last / f)
-    right.plot(truth.position * 1e6, truth.resultant, **broad)
-    for i, (where, native_at, _) in enumerate(runs[:3]):
-        if where in there:
-            step = 0.25 * effort.timestep
-            run = track(where, SQUEEZED, 0.0, 0.0, last / f, hard, timestep=step, native_at=native_at)
-            part = run.time >= (last - 1) / f
-            right.plot(run.position[part] * 1e6, run.resultant[part], **_pen(i), linewidth=1.2)
-    right.set_xlabel("position, µm")
-    right.set_ylabel("force against it, N")
-    right.set_title("squeezed by 5 µm")
-    legend_below(figure, handles)
-    return figure
-
-
-def bifurcation_figure(effort: Effort) -> Figure:
-    """Velocity once a cycle over the drive's frequency, for (16) and for its piecewise linear stand-in."""
-    figure = new_figure(8.6, 6.0)
-    panels = figure.subplots(2, 1, sharex=True, sharey=True)
-    f = np.linspace(60.0, 120.0, effort.values)
-    stand_in = kelvin_voigt_blocks(LOOSE, STAND_IN_SPEED)
-    title = f"spring and damper (4), same e and contact time at {STAND_IN_SPEED:g} m/s"
-    pictures = ((LOOSE, BLUE, "eq. (16)"), (stand_in, ORANGE, title))
-    for axes, (system, colour, name) in zip(panels, pictures, strict=True):
-        run = orbits(
-            system, Sinusoid(PUSH, 1.0), "frequency", f, effort.cycles, effort.kept, jobs=effort.jobs
-        )
-        _dots(axes, np.repeat(f, effort.kept), run.velocity.ravel(), colour)
-        axes.set_title(name)
-        axes.set_ylabel("velocity once a cycle, m/s")
-    panels[1].set_xlabel("frequency of the drive, Hz")
-    return figure
-
-
-def _dots(axes: Axes, x: Floats, y: Floats, colour: str) -> None:
-    """Thousands of dots as one line of round ends: a tenth of the bytes that markers take."""
-    nowhere = np.full_like(x, np.nan)
-    tiny = 5e-4 * float(np.ptp(x))  # a line of no length is not drawn
-    ends = np.stack([x - tiny, x + tiny, nowhere], axis=1).ravel(), np.stack([y, y, nowhere], axis=1).ravel()
-    axes.plot(*ends, color=colour, linewidth=1.5, solid_capstyle="round")

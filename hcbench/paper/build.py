@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
-from hcbench.paper.beyond import FULL, QUICK
 from hcbench.paper.drawings import drawings
+from hcbench.paper.forced import FULL, QUICK
 from hcbench.paper.numbers import digits, printed_numbers
 from hcbench.reference.approximations import APPROXIMATIONS
 from hcbench.reference.later_laws import LAWS
@@ -53,7 +53,8 @@ def build(
 
 def _save(drawing: Drawing, folder: Path) -> dict[str, Any]:
     with style.drawing():
-        figure = drawing.draw()
+        drawn = drawing.draw()
+        figure, measured = drawn if isinstance(drawn, tuple) else (drawn, "")
         svg, png = style.svg_bytes(figure), style.png_bytes(figure)
     write_bytes(folder / f"{drawing.name}.svg", svg)
     write_bytes(folder / f"{drawing.name}.png", png)
@@ -62,7 +63,7 @@ def _save(drawing: Drawing, folder: Path) -> dict[str, Any]:
         "section": drawing.section,
         "name": drawing.name,
         "title": drawing.title,
-        "caption": drawing.caption,
+        "caption": drawing.caption + measured,
         "alt": drawing.alt,
         "width": width,
         "height": height,

@@ -6,28 +6,31 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Literal
 
-from hcbench.paper import beyond, gaps, impacts
+from hcbench.paper import beyond, forced, gaps, impacts
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from matplotlib.figure import Figure
 
-    from hcbench.paper.beyond import Effort
+    from hcbench.paper.forced import Effort
 
 Section = Literal["impact", "gap", "steps", "later", "forced"]
 
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """name: of its files. title, caption: caption says what is ours. alt: for who cannot see it."""
+    """name: of its files. title, caption: caption says what is ours. alt: for who cannot see it.
+
+    draw: makes the figure and, where something is measured in it, the sentence that ends the caption.
+    """
 
     section: Section
     name: str
     title: str
     caption: str
     alt: str
-    draw: Callable[[], Figure]
+    draw: Callable[[], Figure | tuple[Figure, str]]
 
 
 def drawings(effort: Effort) -> list[Drawing]:
@@ -41,7 +44,7 @@ def _impact() -> list[Drawing]:
             "impact",
             "figure-1",
             "Fig. 1. The loop of a damped spring, and the loop to be expected",
-            "(a) eq. (4) until x = 0: force c vᵢ at the very touch (A), and tension before parting (D)."
+            "(a) eq. (4) until x = 0: force c vᵢ at the very touch (A), and tension before parting (C to D)."
             " (b) eq. (16). The paper sketches both; here they are computed, with the same restitution"
             " 0.663 (α v = 0.5) and the same contact time. Dashed: the springs alone.",
             "Two loops of force over approach. The left one starts at a force above zero and ends below"
@@ -125,8 +128,8 @@ def _gap() -> list[Drawing]:
             "gap",
             "figure-9",
             "Fig. 9. Squeezed, no impact: the ellipse of Kelvin and Voigt",
-            "The same at a smaller swing: no block is left. Dashed: the ellipse of the linearised law;"
-            " the two differ with the square of the swing.",
+            "The same at a smaller swing: no block is left. Dashed: the ellipse of the linearised law, for"
+            " the same swing and frequency; the two differ with the square of the swing.",
             "Left: two slim loops apart from each other. Right: their sum, which lies on an ellipse.",
             gaps.figure_9,
         ),
@@ -140,7 +143,8 @@ def _steps() -> list[Drawing]:
             "approximations",
             "How good the paper's own steps are",
             "Relative error of each step against what eq. (16) does, over α v alone: neither k nor m"
-            " enters, and n only for the depth (8), here 3/2. Grey: the α v of the loops in Fig. 4.",
+            " enters, and n only for the depth (8), here 3/2. Dots: where it errs by 1 % and by 10 %, the"
+            " numbers of the table. Grey: the α v of the loops in Fig. 4.",
             "Seven rising lines, log-log. Loss (3) is the least exact, loss from depth (11) the most.",
             beyond.approximations_figure,
         ),
@@ -184,7 +188,7 @@ def _forced(effort: Effort) -> list[Drawing]:
             " and flattens it.",
             "Resonance curves. The one for 4 N lies on the linear curve, those for 120 N and 400 N lean"
             " to the left.",
-            partial(beyond.response_figure, effort),
+            partial(forced.response_figure, effort),
         ),
         Drawing(
             "forced",
@@ -196,19 +200,20 @@ def _forced(effort: Effort) -> list[Drawing]:
             " reference [3].",
             "Two bifurcation pictures over 60 to 120 Hz. Periodic and chaotic windows lie at different"
             " frequencies in the two.",
-            partial(beyond.bifurcation_figure, effort),
+            partial(forced.bifurcation_figure, effort),
         ),
         Drawing(
             "forced",
             "engines",
             "The same mass in MuJoCo and PyBullet",
-            "Left: in a gap of 1.5 mm under 150 N at 90 Hz. Right: squeezed by 5 µm, the summed loop of its"
-            " twelfth cycle under 1200 N at 3 kHz. The plug-ins lie on the reference. The engines' own"
-            " contact, tuned to the law at 0.4 m/s, parts from it after the first impacts; squeezed, the"
-            " spring-damper shows its shock c v at every touch.",
-            "Left: position over time; the two plug-ins cover the reference, the two native settings leave"
-            " it. Right: force over position; the plug-ins cover the reference loop, the spring-damper's is"
-            " twice as large and has steps.",
-            partial(beyond.engines_figure, effort),
+            "The scene two-blocks. Left: in a gap of 1.5 mm under 150 N at 90 Hz. Right: squeezed by 5 µm,"
+            " the summed loop of its twelfth cycle under 1200 N at 3 kHz. The plug-ins and MuJoCo's staggered"
+            " pairs lie on the reference; PyBullet's own contact is right at one speed, here 0.4 m/s, and"
+            " parts from it after the first impacts; squeezed, it jumps by c v at every touch. Largest"
+            " distance from the reference, of position (left) and force (right), over its largest value:",
+            "Left: position over time; the two plug-ins and MuJoCo's staggered pairs cover the reference,"
+            " PyBullet's restitution leaves it. Right: force over position; three cover the reference loop,"
+            " PyBullet's spring-damper is twice as large and has steps.",
+            partial(forced.engines_figure, effort),
         ),
     ]

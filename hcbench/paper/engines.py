@@ -1,9 +1,8 @@
 """The mass between two blocks inside MuJoCo and PyBullet, to be laid over the reference.
 
-A sphere between two planes that face each other, on MuJoCo's slide joint or free in PyBullet, without
-gravity; the drive is an external force. Contact is either the plug-in, which is eq. (16) itself, or what
-the engine has of its own, tuned to the law at one speed: a spring and damper in MuJoCo (solref), a constant
-restitution in PyBullet. The engines run in a process of their own.
+The scene is `two-blocks`. Contact is either the plug-in, which is eq. (16) itself, or the best that the
+engine has of its own: staggered pairs in MuJoCo; in PyBullet a constant restitution where the body flies, a
+spring and damper where it is squeezed, both right at one speed. The engines run in a process of their own.
 """
 
 from __future__ import annotations
@@ -17,9 +16,8 @@ import numpy as np
 
 from hcbench.engines import isolation
 from hcbench.engines.registry import engine
-from hcbench.reference import exact
-from hcbench.reference.forced import kelvin_voigt_blocks
-from hcbench.reference.laws import HuntCrossley, KelvinVoigt
+from hcbench.paper import two_blocks
+from hcbench.reference.laws import HuntCrossley
 from hcbench.reference.require import positive, require
 
 if TYPE_CHECKING:
@@ -29,7 +27,6 @@ if TYPE_CHECKING:
     from hcbench.reference.vibroimpact import Sinusoid, VibroImpact
 
 Where = Literal["mujoco", "pybullet"]
-RADIUS = 0.0508  # m: the relative radius of section 3.1; no force depends on it here
 LIMIT = 120.0  # s of wall time for one run
 
 
@@ -44,6 +41,11 @@ class Track:
     position: Floats
     velocity: Floats
     resultant: Floats
+
+    def since(self, start: float) -> Track:
+        """The part with time >= start, s."""
+        keep = self.time >= start
+        return Track(self.time[keep], self.position[keep], self.velocity[keep], self.resultant[keep])
 
 
 def track(
@@ -69,33 +71,10 @@ def track(
     positive("until", until, "s")
     if native_at is not None:
         positive("native_at", native_at, "m/s")
-        clear = system.gap > 0.0 or where == "mujoco"
-        require("gap", system.gap, clear, "a gap above 0 m: a restitution says nothing of a squeezed mass")
     engine(where).version()  # raises EngineMissing
     kicks = _Kicks(system.mass, drive, timestep)
     given = (where, system, position, velocity, until, kicks, native_at)
     return isolation.collect(_run, *given, limit=LIMIT)[0]
-
-
-def mjcf(system: VibroImpact, timestep: float, contact: str = "") -> str:
-    """The system as MJCF: geoms ball, left, right; joint `q`.
-
-    contact: attributes of all geoms, such as solref.
-    """
-    wall = RADIUS + system.gap / 2.0
-    return f"""<mujoco model="vibroimpact">
-  <option timestep="{timestep!r}" gravity="0 0 0"/>
-  <default><geom condim="1" {contact}/></default>
-  <worldbody>
-    <geom name="left" type="plane" size=".5 .5 .1" pos="{-wall!r} 0 0" zaxis="1 0 0"/>
-    <geom name="right" type="plane" size=".5 .5 .1" pos="{wall!r} 0 0" zaxis="-1 0 0"/>
-    <body name="ball">
-      <joint name="q" type="slide" axis="1 0 0"/>
-      <geom name="ball" type="sphere" size="{RADIUS!r}" mass="{system.mass!r}"/>
-    </body>
-  </worldbody>
-</mujoco>
-"""
 
 
 def _run(where: Where, *arguments: Any) -> Iterator[Track]:
@@ -146,14 +125,9 @@ def _in_mujoco(
 
     from hcbench.contact import mujoco as contact
 
-    own = ""
     if native_at is not None:
-        spring = kelvin_voigt_blocks(system, native_at).right
-        assert isinstance(spring, KelvinVoigt)
-        solref = f"{-spring.stiffness / system.mass!r} {-spring.damping / system.mass!r}"
-        # Two contacts at once feel each other through d/(1 - d): of low impedance d they are two springs.
-        own = f'solref="{solref}" solimp=".001 .001 .001"'
-    model = mujoco.MjModel.from_xml_string(mjcf(system, kicks.step, own))
+        two_blocks.require_adhesion(mujoco)
+    model = mujoco.MjModel.from_xml_string(two_blocks.mjcf(system, kicks.step, native_at))
     pairs = [("ball", "left"), ("ball", "right")]
     attached = contact.attach(model, pairs, _law(system)) if native_at is None else nullcontext()
     data = mujoco.MjData(model)
@@ -161,7 +135,7 @@ def _in_mujoco(
     q, v = [float(data.qpos[0])], [float(data.qvel[0])]
     with attached:
         for i in range(math.ceil(until / kicks.step) + 1):
-            data.qfrc_applied[0] = kicks(i)
+            data.ctrl[0] = kicks(i)
             mujoco.mj_step(model, data)
             q.append(float(data.qpos[0]))
             v.append(float(data.qvel[0]))
@@ -198,19 +172,18 @@ def _bullet_track(
     from hcbench.contact import pybullet as contact
     from hcbench.tune.pybullet_restitution import BALL, WORLD
 
-    bullet.setPhysicsEngineParameter(fixedTimeStep=kicks.step, **WORLD, physicsClientId=client)
-    walls = [_wall(bullet, client, side * (RADIUS + system.gap / 2.0), -side) for side in (-1.0, 1.0)]
-    shape = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=RADIUS, physicsClientId=client)
-    ball = bullet.createMultiBody(system.mass, shape, basePosition=[position, 0, 0], physicsClientId=client)
-    bullet.changeDynamics(ball, -1, **BALL, physicsClientId=client)
+    own = {} if native_at is None else two_blocks.bullet_options(system, kicks.step, native_at)
+    world = own.get("world", WORLD)
+    bullet.setPhysicsEngineParameter(fixedTimeStep=kicks.step, **world, physicsClientId=client)
+    blocks = [_load(bullet, client, side, two_blocks.place(system, side)) for side in two_blocks.SIDES]
+    ball = _load(bullet, client, "ball", position)
+    bullet.changeDynamics(ball, -1, mass=system.mass, **own.get("ball", BALL), physicsClientId=client)
+    for block in blocks:
+        bullet.changeDynamics(block, -1, **own.get("plate", {}), physicsClientId=client)
     bullet.resetBaseVelocity(ball, [kicks.start(velocity), 0, 0], physicsClientId=client)
+    attached: Any = nullcontext()
     if native_at is None:
-        attached: Any = contact.attach([(ball, wall) for wall in walls], _law(system), client=client)
-    else:
-        attached = nullcontext()
-        e = float(exact.restitution(_law(system).alpha, native_at))
-        for body, share in ((ball, e), *((wall, 1.0) for wall in walls)):
-            bullet.changeDynamics(body, -1, restitution=share, physicsClientId=client)
+        attached = contact.attach([(ball, block) for block in blocks], _law(system), client=client)
     q, v = [position], [kicks.start(velocity)]
     with attached as law:
         for i in range(math.ceil(until / kicks.step) + 1):
@@ -226,9 +199,10 @@ def _bullet_track(
     return kicks.track(np.array(q), np.array(v))
 
 
-def _wall(bullet: Any, client: int, place: float, facing: float) -> int:
-    shape = bullet.createCollisionShape(bullet.GEOM_PLANE, planeNormal=[facing, 0, 0], physicsClientId=client)
-    return int(bullet.createMultiBody(0, shape, basePosition=[place, 0, 0], physicsClientId=client))
+def _load(bullet: Any, client: int, name: str, x: float) -> int:
+    """A body of the scene, at x (m)."""
+    file, flags = str(two_blocks.folder() / f"{name}.urdf"), bullet.URDF_USE_INERTIA_FROM_FILE
+    return int(bullet.loadURDF(file, [x, 0, 0], flags=flags, physicsClientId=client))
 
 
 def _law(system: VibroImpact) -> HuntCrossley:

@@ -96,7 +96,7 @@ def figure_7() -> Figure:
 SQUEEZE, SETTLED = 1.0, 12  # ½ |g| of Figs. 8 and 9; cycles of the drive until the motion has settled
 
 
-def _overlap(force: float) -> Figure:
+def _overlap(force: float) -> tuple[Figure, Run, VibroImpact]:
     """The two loops of a squeezed mass and their sum, settled under a drive near its resonance."""
     system = VibroImpact(1.0, -2.0 * SQUEEZE, SOFT, SOFT)
     f = linearized(system).resonance
@@ -114,14 +114,14 @@ def _overlap(force: float) -> Figure:
     parts.set_title("(a) both blocks")
     whole.plot(q, run.resultant, color=BLUE)
     if not run.events:
-        whole.plot(*_ellipse(system, run, f), color=GREY, linestyle=(0, (4, 2)), linewidth=1.1)
+        whole.plot(*_ellipse(system, run, f), color=ORANGE, linestyle=(0, (4, 3)), linewidth=1.6)
     whole.set_title("(b) their sum")
     for axes in (parts, whole):
         _frame(axes)
         if run.events:
             for x in (-SQUEEZE, SQUEEZE):
                 axes.axvline(x, color=GREY, linewidth=0.8, linestyle=(0, (2, 2)))
-    return figure
+    return figure, run, system
 
 
 def _ellipse(system: VibroImpact, run: Run, frequency: float) -> tuple[Floats, Floats]:
@@ -135,9 +135,14 @@ def _ellipse(system: VibroImpact, run: Run, frequency: float) -> tuple[Floats, F
 
 def figure_8() -> Figure:
     """Squeezed, with impacts: the two loops overlap and add up."""
-    return _overlap(1.6)
+    return _overlap(1.6)[0]
 
 
-def figure_9() -> Figure:
-    """Squeezed, no impact: the sum is nearly the ellipse of Kelvin and Voigt."""
-    return _overlap(0.3)
+def figure_9() -> tuple[Figure, str]:
+    """Squeezed, no impact: the sum is nearly the ellipse of Kelvin and Voigt; with how nearly."""
+    figure, run, system = _overlap(0.3)
+    linear = linearized(system)
+    off = run.resultant - linear.stiffness * run.position - linear.damping * run.velocity
+    swing = float(np.abs(run.position).max()) / system.squeeze
+    share = float(np.abs(off).max() / np.abs(run.resultant).max())
+    return figure, f" Here, at {swing:.2f} of ½ |g|, by {100 * share:.1f} % of the largest force."

@@ -12,7 +12,7 @@ from hcbench.paper.pens import BAD, BLUE, GREEN, GREY, ORANGE, PURPLE, bare, mar
 from hcbench.reference import approximations, exact
 from hcbench.reference import kelvin_voigt as kv
 from hcbench.reference.laws import HuntCrossley
-from hcbench.report.style import INK, inch_axis, new_figure
+from hcbench.report.style import INK, inch_axis, legend_below, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,13 +37,14 @@ def figure_1() -> Figure:
     spring = np.array([0.0, a.penetration.max()])
     left.plot(spring, linear.stiffness * spring, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
     shock, top = a.force[0], int(a.penetration.argmax())
+    crossing = float(np.interp(0.0, a.force[top:][::-1], a.penetration[top:][::-1]))
     for letter, x, y, dx, dy in (
         ("O", 0.0, 0.0, -13, 4), ("A", 0.0, shock, -12, -3), ("B", a.penetration[top], a.force[top], 5, 2),
-        ("D", 0.0, a.force[-1], -12, -3),
+        ("C", crossing, 0.0, 3, -11), ("D", 0.0, a.force[-1], -12, -3),
     ):  # fmt: skip
         mark(left, letter, x, y, dx, dy)
     left.annotate(
-        "shock c vᵢ", (0.0, shock), (0.16, 1.25 * shock), arrowprops={"arrowstyle": "->", "color": INK}
+        "shock c vᵢ", (0.0, shock), (0.02, 2.1 * shock), arrowprops={"arrowstyle": "->", "color": INK}
     )
     low = (a.penetration[pull].mean(), 0.6 * a.force.min())
     left.annotate(
@@ -55,8 +56,9 @@ def figure_1() -> Figure:
     right.plot(b.penetration, b.force, color=BLUE)
     right.fill_between(b.penetration, b.force, color=BLUE, alpha=0.12, linewidth=0)
     right.set_title("(b) Hunt-Crossley, eq. (16)")
-    for axes in (left, right):
+    for axes, depth in ((left, a.penetration.max()), (right, b.penetration.max())):
         axes.axhline(0.0, color=INK, linewidth=0.8)
+        span(axes, depth, "xₘ")
         bare(axes, "approach x", "force F")
     return figure
 
@@ -121,18 +123,15 @@ def figure_3() -> Figure:
 
 def figure_4() -> Figure:
     """Loops of the steel body of section 3.1 at 4, 8, 12 and 16 in/s, for the four α of section 3.2."""
-    figure = new_figure(8.6, 7.0)
+    figure = new_figure(8.6, 7.2)
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
     limit = 600.0
     for axes, alpha in zip(panels.flat, case.ALPHAS, strict=True):
+        handles = []
         for speed, colour in zip(case.SPEEDS, LOOP_COLOURS, strict=True):
             loop = exact.loop(case.law(alpha), case.MASS, speed)
             x, force = loop.penetration / INCH * 1e3, loop.force / POUND_FORCE
-            axes.plot(x, force, color=colour, linewidth=1.4)
-            tip = int(x.argmax())
-            behind = {"facecolor": "white", "edgecolor": "none", "pad": 0.3, "alpha": 0.75}
-            text = f"{speed / INCH:.0f} in/s"
-            axes.text(x[tip] + 0.02, force[tip], text, color=colour, fontsize=8.5, va="center", bbox=behind)
+            handles += axes.plot(x, force, color=colour, linewidth=1.4, label=f"{speed / INCH:.0f} in/s")
         axes.axhline(limit, color=BAD, linewidth=0.9, linestyle=(0, (4, 2)))
         axes.set_title(f"α = {alpha * INCH:.3f} s/in")
         axes.set_xlim(0.0, 1.06)
@@ -146,4 +145,5 @@ def figure_4() -> Figure:
         inch_axis(axes, "top", "µm", 1.0 / 25.4)
     for axes in panels[:, 1]:
         inch_axis(axes, "right", "N", 1.0 / POUND_FORCE)
+    legend_below(figure, handles)
     return figure

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hcbench.report.style import INK
 
@@ -13,6 +13,13 @@ if TYPE_CHECKING:
 BLUE, ORANGE, GREEN, PURPLE, SKY, GREY, BAD = (
     "#0072B2", "#C98500", "#00805E", "#8B3F75", "#3A9BD0", "#8b949c", "#B23A00",
 )  # fmt: skip
+INKS = (BLUE, ORANGE, GREEN, PURPLE, SKY, BAD, "#5b6670", "#3d3d9e", "#9a8a1f", INK)
+DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
+
+
+def numbered(i: int) -> dict[str, Any]:
+    """Colour and dashes of the i-th line of a figure."""
+    return {"color": INKS[i], "linestyle": DASHES[i % len(DASHES)]}
 
 
 def bare(axes: Axes, x: str, y: str, ticks: bool = False) -> None:

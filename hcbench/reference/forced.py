@@ -181,7 +181,9 @@ def _extreme(h: Floats, q0: Floats, q1: Floats, v0: Floats, v1: Floats) -> Float
     root = np.sqrt(np.maximum(b * b - 4.0 * c * v0, 0.0))
     double = b + np.copysign(root, b)
     one, other = -2.0 * v0 / double, -0.5 * double / np.where(c == 0.0, np.inf, c)
-    s = np.where((one > 0.0) & (one < 1.0), one, other)
+    # Where the turn is at an end, rounding can put both roots outside: the nearer one is meant.
+    at_one, at_other = np.clip(one, 0.0, 1.0), np.clip(other, 0.0, 1.0)
+    s = np.where(np.abs(one - at_one) <= np.abs(other - at_other), at_one, at_other)
     return np.asarray(q0 + h * s * (v0 + s * (b / 2.0 + s * c / 3.0)))
 
 

@@ -100,23 +100,26 @@ def _rising(base: float, end: float, power: float, highest: float, start: float)
     return Damper(onset, (SOFTEST, highest, end - onset, POWER_LAW, power))
 
 
-def _layouts(band: Band) -> list[list[Damper]]:
+def _layouts(band: Band, highest: float) -> list[list[Damper]]:
     """Sets of dampers to choose from: one stretch from touch to top, or two for wide bands of speed.
 
-    Onsets and powers are what makes the fit good over n = 1 ... 2, any a and band; all else is fitted.
+    highest: of their impedances. Onsets and powers are what makes the fit good over n = 1 ... 2, any a and
+    band; all else is fitted.
     """
     if band.law.dissipation == 0.0:
         return [[]]
     n, top = band.law.exponent, band.top
-    late = 2.0 * (SOFTEST / 0.5) ** (1.0 / n)
-    one = [_rising(0.0, top, 1.003 * n, 0.5, 0.45), _straight(late * top, top, 0.01)]
+    late = 2.0 * (SOFTEST / highest) ** (1.0 / n)
+    one = [_rising(0.0, top, 1.003 * n, highest, 0.45), _straight(late * top, top, 0.01)]
+    if highest < 0.5:  # two stretches weigh as much as both together
+        return [one]
     split = float(np.sqrt(band.low * top))
     late_low = 2.0 * (SOFTEST / 0.2) ** (1.0 / n)
     two = [
         _rising(0.0, split, 1.003 * n, 0.2, 0.45),
         _straight(late_low * split, split, 0.005),
         _straight(split, top, 0.1),
-        _rising(split, top, 1.003 * n, 0.5, 0.45),
+        _rising(split, top, 1.003 * n, highest, 0.45),
     ]
     return [one, two]
 
@@ -223,11 +226,13 @@ class Staggered:
     """Eq. (16) as staggered springs and dampers, in closed form.
 
     integrator: MuJoCo's. misfit: how far the springs' straight lines may be off k x^n, relative; fewer pairs
-    for more.
+    for more. impedance: the highest of the dampers; lower, such as 0.05, for a body that several others
+    press at once, as all rows share in it, at the price of a little more damping at touch.
     """
 
     integrator: str = "Euler"
     misfit: float = 0.004
+    impedance: float = 0.5
     engine: ClassVar[str] = "mujoco"
     name: ClassVar[str] = "staggered"
     integrators: ClassVar[tuple[str, ...]] = ("Euler", "implicit", "implicitfast", "RK4")
@@ -248,6 +253,8 @@ class Staggered:
     def __call__(self, target: Target) -> Setting:
         """The setting; SettingError for a target that is not the law's own restitution."""
         require_integrator(self.name, self.integrator, self.integrators, "its damping is off by the step")
+        if not 10 * SOFTEST <= self.impedance <= 0.5:
+            raise SettingError("impedance", f"{self.impedance!r}", f"{10 * SOFTEST:g} ... 0.5")
         if target.reading != "law":
             raise SettingError(
                 "target",
@@ -268,7 +275,7 @@ class Staggered:
         if law.dissipation > 0.0:
             x = band.grid()
             kernel = np.array([restitution_kernel(law, band.mass, float(v), x) for v in band.speeds])
-        fits = [_best(band, dampers, self.misfit, kernel) for dampers in _layouts(band)]
+        fits = [_best(band, dampers, self.misfit, kernel) for dampers in _layouts(band, self.impedance)]
         best = min(fits, key=lambda fit: fit[2].misfit * (1.5 if len(fit[0]) > 2 else 1.0))
         return _rows(band, *best)
 

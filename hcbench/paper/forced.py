@@ -1,0 +1,187 @@
+"""The forced mass of section 3.1: its response, its bifurcations, and the same mass in the engines."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.errors import EngineMissing
+from hcbench.paper import case
+from hcbench.paper.engines import track
+from hcbench.paper.pens import BLUE, GREY, ORANGE, numbered
+from hcbench.reference.blocks import simulate
+from hcbench.reference.forced import kelvin_voigt_blocks, linearized, orbits
+from hcbench.reference.vibroimpact import Sinusoid, VibroImpact
+from hcbench.report.style import legend_below, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from hcbench.impact import Floats
+    from hcbench.paper.engines import Track, Where
+    from hcbench.reference.vibroimpact import Run
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How much the forced pictures compute: lanes of the bifurcation, its cycles, lanes of the response.
+
+    timestep: of the engines, s, where the mass is clear; a quarter of it where it is squeezed. jobs:
+    processes for the bifurcation; they change the time, not the picture.
+    """
+
+    values: int
+    cycles: int
+    kept: int
+    response: int
+    timestep: float
+    jobs: int = 1
+
+
+FULL = Effort(values=240, cycles=100, kept=36, response=84, timestep=4e-6)
+QUICK = Effort(values=6, cycles=6, kept=3, response=6, timestep=2e-5)
+
+
+def _steel(gap: float) -> VibroImpact:
+    law = case.law(case.ALPHAS[-1])
+    return VibroImpact(case.MASS, gap, law, law)
+
+
+SQUEEZED, FORCES = _steel(-1e-5), (4.0, 120.0, 400.0)
+LOOSE, PUSH = _steel(1.5e-3), 150.0
+STAND_IN_SPEED = 0.4
+
+
+def response_figure(effort: Effort) -> Figure:
+    """Amplitude over force and frequency of the squeezed mass, against the linearised one."""
+    linear = linearized(SQUEEZED)
+    # Two thirds of the frequencies where the peaks are.
+    near = np.linspace(0.86, 1.12, effort.response - 2 * (effort.response // 6))
+    away = (np.linspace(*ends, effort.response // 6) for ends in ((0.4, 0.84), (1.14, 1.7)))
+    f = np.sort(np.concatenate([near, *away])) * linear.resonance
+    figure = new_figure(7.6, 4.0)
+    axes = figure.subplots()
+    fine = np.linspace(f[0], f[-1], 400)
+    pen: dict[str, Any] = {"color": GREY, "linewidth": 4.0, "alpha": 0.6, "label": "linearised"}
+    handles = axes.plot(fine / 1e3, linear.amplitude(1.0, fine) * 1e9, **pen)
+    cycles = max(8, effort.cycles // 2)
+    for i, force in enumerate(FORCES):
+        run = orbits(SQUEEZED, Sinusoid(force, 1.0), "frequency", f, cycles, max(2, cycles // 4))
+        label = f"(16), {force:g} N"
+        handles += axes.plot(f / 1e3, run.amplitude / force * 1e9, **numbered(i), label=label)
+    axes.set_ylim(0.0)
+    axes.set_xlabel("frequency, kHz")
+    axes.set_ylabel("amplitude over force, nm/N")
+    legend_below(figure, handles)
+    return figure
+
+
+@dataclass(frozen=True, slots=True)
+class _Own:
+    """What an engine does: by its plug-in, or (`native_at`) by its own contact, tuned at that speed, m/s."""
+
+    where: Where
+    native_at: float | None
+    clear: str  # its name where the mass flies
+    squeezed: str
+
+    def track(
+        self, system: VibroImpact, velocity: float, until: float, drive: Sinusoid, step: float
+    ) -> Track:
+        return track(self.where, system, 0.0, velocity, until, drive, timestep=step, native_at=self.native_at)
+
+
+_OWN = (
+    _Own("mujoco", None, "MuJoCo plug-in", "MuJoCo plug-in"),
+    _Own("pybullet", None, "PyBullet plug-in", "PyBullet plug-in"),
+    _Own("mujoco", STAND_IN_SPEED, "MuJoCo staggered", "MuJoCo staggered"),
+    _Own("pybullet", STAND_IN_SPEED, "PyBullet restitution", "PyBullet spring-damper"),
+)
+CLEAR, CLEAR_FOR, START = Sinusoid(PUSH, 90.0), 0.03, 0.1  # N at Hz; s; m/s
+HARD, HARD_CYCLES = Sinusoid(1200.0, 3e3), 12
+
+
+def _tracks(own: _Own, effort: Effort) -> tuple[Track, Track]:
+    """With a gap all of it, squeezed the last cycle; EngineMissing where the engine is not there."""
+    clear = own.track(LOOSE, START, CLEAR_FOR, CLEAR, effort.timestep)
+    end = HARD_CYCLES / HARD.frequency
+    squeezed = own.track(SQUEEZED, 0.0, end, HARD, 0.25 * effort.timestep)
+    return clear, squeezed.since(end - 1.0 / HARD.frequency)
+
+
+def engines_figure(effort: Effort) -> tuple[Figure, str]:
+    """The clear and the squeezed mass in the engines that are installed, over the reference.
+
+    With how far each is from it: the largest distance over the reference's largest.
+    """
+    figure = new_figure(8.6, 4.4)
+    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    end, cycle = HARD_CYCLES / HARD.frequency, 1.0 / HARD.frequency
+    clear = simulate(LOOSE, 0.0, START, CLEAR_FOR, CLEAR, step_max=4e-5)
+    squeezed = simulate(SQUEEZED, 0.0, 0.0, end, HARD, step_max=0.01 * cycle).during(end - cycle, end)
+    broad: dict[str, Any] = {"color": GREY, "linewidth": 4.5, "alpha": 0.55, "label": "reference, eq. (16)"}
+    handles = left.plot(clear.time * 1e3, clear.position * 1e3, **broad)
+    right.plot(squeezed.position * 1e6, squeezed.resultant, **broad)
+    apart = []
+    for i, own in enumerate(_OWN):
+        with suppress(EngineMissing):
+            flying, pressed = _tracks(own, effort)
+            pen: dict[str, Any] = {**numbered(i), "linewidth": 1.2}
+            name = own.clear if own.clear == own.squeezed else f"{own.clear}; right: spring-damper"
+            handles += left.plot(flying.time * 1e3, flying.position * 1e3, **pen, label=name)
+            right.plot(pressed.position * 1e6, pressed.resultant, **pen)
+            off = _off(flying.time, flying.position, clear, clear.position)
+            loop = _off(pressed.time, pressed.resultant, squeezed, squeezed.resultant)
+            names = dict.fromkeys((own.clear, own.squeezed))
+            apart.append(f"{', '.join(names)} {_percent(off)} and {_percent(loop)}")
+    left.set_xlabel("time, ms")
+    left.set_ylabel("position, mm")
+    left.set_title("gap 1.5 mm")
+    right.set_xlabel("position, µm")
+    right.set_ylabel("force against it, N")
+    right.set_title("squeezed by 5 µm")
+    legend_below(figure, handles)
+    return figure, f" {'; '.join(apart)}." if apart else " No engine is installed."
+
+
+def _off(time: Floats, values: Floats, truth: Run, wanted: Floats) -> float:
+    """Largest distance of a series from the reference's, over its largest."""
+    return float(np.abs(values - np.interp(time, truth.time, wanted)).max() / np.abs(wanted).max())
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %" if share < 1.0 else f"{100.0 * share:.0f} %"
+
+
+def bifurcation_figure(effort: Effort) -> tuple[Figure, str]:
+    """Velocity once a cycle over the drive's frequency, for (16) and for its piecewise linear stand-in."""
+    figure = new_figure(8.6, 6.0)
+    panels = figure.subplots(2, 1, sharex=True, sharey=True)
+    f = np.linspace(60.0, 120.0, effort.values)
+    stand_in = kelvin_voigt_blocks(LOOSE, STAND_IN_SPEED)
+    title = f"spring and damper (4), same e and contact time at {STAND_IN_SPEED:g} m/s"
+    pictures = ((LOOSE, BLUE, "eq. (16)"), (stand_in, ORANGE, title))
+    for axes, (system, colour, name) in zip(panels, pictures, strict=True):
+        run = orbits(
+            system, Sinusoid(PUSH, 1.0), "frequency", f, effort.cycles, effort.kept, jobs=effort.jobs
+        )
+        _dots(axes, np.repeat(f, effort.kept), run.velocity.ravel(), colour)
+        axes.set_title(name)
+        axes.set_ylabel("velocity once a cycle, m/s")
+    panels[1].set_xlabel("frequency of the drive, Hz")
+    size = (
+        f" {effort.values} frequencies, {effort.cycles} cycles each from rest, the last {effort.kept} drawn."
+    )
+    return figure, size
+
+
+def _dots(axes: Axes, x: Floats, y: Floats, colour: str) -> None:
+    """Thousands of dots as one line of round ends: a tenth of the bytes that markers take."""
+    nowhere = np.full_like(x, np.nan)
+    tiny = 5e-4 * float(np.ptp(x))  # a line of no length is not drawn
+    ends = np.stack([x - tiny, x + tiny, nowhere], axis=1).ravel(), np.stack([y, y, nowhere], axis=1).ravel()
+    axes.plot(*ends, color=colour, linewidth=1.5, solid_capstyle="round")
