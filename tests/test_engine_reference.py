@@ -13,6 +13,7 @@ from hcbench.engines import registry
 from hcbench.errors import SettingError, UserError
 from hcbench.impact import Impact, Launch, Status
 from hcbench.reference import exact, kelvin_voigt, simulate
+from hcbench.reference.later_laws import LAWS, Flores, OwnSpeedLaw, RestitutionLaw
 from hcbench.reference.laws import HuntCrossley, KelvinVoigt
 from hcbench.scene import Material, Scene
 from hcbench.setting import Setting
@@ -50,6 +51,26 @@ def test_reference_is_the_closed_form_at_every_phase() -> None:
         assert impact.force_max == exact.force_max(law, SCENE.mass, v)
         assert impact.penetration_max == exact.penetration_max(law, SCENE.mass, v)
         assert impact.duration == exact.duration(law, SCENE.mass, v)
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.slug)
+def test_laws_that_came_after_have_one_restitution_for_all_speeds(law: type[RestitutionLaw]) -> None:
+    setting = Setting("reference", law.slug, 1e-6, {"restitution": 0.7})
+    for impact in drop(setting, *(Launch(v, phase) for v in (0.0254, 0.508) for phase in (0.0, 0.4))):
+        assert impact.restitution == pytest.approx(float(law.delivered(0.7)), rel=1e-14)
+        assert impact.loop is not None
+        own = OwnSpeedLaw(law, SCENE.stiffness, 0.7).at(impact.speed_in)
+        force = own.force(impact.loop.penetration, impact.loop.rate)
+        np.testing.assert_allclose(impact.loop.force, force, rtol=1e-10, atol=1e-9 * impact.force_max)
+
+
+def test_laws_that_came_after_know_gravity() -> None:
+    heavy = replace(SCENE, gravity=9.81)
+    (impact,) = drop(Setting("reference", "flores", 1e-6, {"restitution": 0.7}), Launch(0.05), scene=heavy)
+    law = OwnSpeedLaw(Flores, SCENE.stiffness, 0.7)
+    truth = simulate.impact(law, SCENE.mass, impact.speed_in, gravity=9.81)
+    assert impact.restitution == pytest.approx(truth.restitution, rel=1e-12)
+    assert impact.restitution < law.delivered
 
 
 def test_reference_takes_stiffness_and_exponent_of_the_scene_unless_set() -> None:

@@ -11,7 +11,17 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hcbench.errors import UserError
-from hcbench.reference.later_laws import LAWS, Exact, Flores, HuGuo, RestitutionLaw, law_named
+from hcbench.impact import Status
+from hcbench.reference import exact
+from hcbench.reference.later_laws import (
+    LAWS,
+    Exact,
+    Flores,
+    HuGuo,
+    OwnSpeedLaw,
+    RestitutionLaw,
+    law_named,
+)
 from hcbench.reference.simulate import impact
 
 ALL = list(LAWS.values())
@@ -74,12 +84,43 @@ def test_they_are_laws_like_the_others_to_the_simulation(law: type[RestitutionLa
 
 
 @pytest.mark.parametrize("law", ALL, ids=LAWS)
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 2.2])
+def test_with_v_i_of_each_impact_all_speeds_have_one_restitution(
+    law: type[RestitutionLaw], exponent: float
+) -> None:
+    own = OwnSpeedLaw(law, 3.4e10, 0.8, exponent)
+    for speed in (0.0254, 0.508, 5.0):
+        bounced = impact(own, 0.45, speed)
+        assert bounced.restitution == pytest.approx(own.delivered, abs=1e-10)
+        assert bounced.penetration_max == pytest.approx(
+            float(exact.penetration_max(own.at(speed).hunt_crossley, 0.45, speed)), rel=1e-10
+        )
+
+
+def test_what_damps_takes_the_energy_that_the_impact_loses() -> None:
+    """λ = χ k/v_i: the work of λ x^n v along the path is what e leaves of the energy."""
+    own, speed, mass = OwnSpeedLaw(Flores, 3.4e10, 0.5), 0.3, 0.45
+    loop = impact(own, mass, speed, count=20_001).loop
+    assert loop is not None
+    damping = own.chi * own.stiffness / speed * loop.penetration**1.5 * loop.rate**2
+    work = float(np.trapezoid(damping, loop.time))
+    assert work == pytest.approx(0.5 * mass * speed**2 * (1 - own.delivered**2), rel=1e-7)
+
+
+def test_gravity_makes_the_weakest_impacts_stay() -> None:
+    own = OwnSpeedLaw(Flores, 3.4e10, 0.5)
+    states = [impact(own, 0.45, v, gravity=9.81) for v in (0.5, 0.05, 0.002)]
+    assert [one.status for one in states] == [Status.PARTED, Status.PARTED, Status.RESTED]
+    assert own.delivered > states[0].restitution > states[1].restitution
+
+
+@pytest.mark.parametrize("law", ALL, ids=LAWS)
 def test_delivered_agrees_with_40_digit_arithmetic(law: type[RestitutionLaw]) -> None:
     for e in ASKED[:-1]:
         with mpmath.workdps(40):
             d = mpmath.mpf(float(law.chi_of(e)))
-            exact = (1 + mpmath.lambertw(-(1 + d) * mpmath.exp(-(1 + d)))).real / d
-        assert float(law.delivered(e)) == pytest.approx(float(exact), rel=4e-15)
+            root = (1 + mpmath.lambertw(-(1 + d) * mpmath.exp(-(1 + d)))).real / d
+        assert float(law.delivered(e)) == pytest.approx(float(root), rel=4e-15)
 
 
 @pytest.mark.parametrize("name", AT_HALF)
@@ -166,3 +207,6 @@ def test_bad_numbers_are_named() -> None:
     with pytest.raises(UserError, match="carvalho-martins"):
         law_named("hertz")
     assert law_named("hu-guo") is HuGuo
+    assert law_named("Flores et al.") is law_named("flores") is Flores
+    with pytest.raises(UserError, match="restitution of Flores"):
+        OwnSpeedLaw(Flores, 1e10, 0.0)
