@@ -2,16 +2,21 @@
 
 restitution.csv  one row an impact           loops.csv     one row a sample of a kept loop
 scores.csv       one row a setting, α, step  summary.json  schema, study, settings, versions
+hcbench-files.json: what of a folder was written, so that the next time clears up after this one.
 """
 
 from __future__ import annotations
 
+import errno
+import hashlib
 import io
 import json
 import math
 import os
 import shutil
+import signal
 import tempfile
+import threading
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,12 +25,14 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from hcbench.compare import CLAIMS
-from hcbench.errors import OutputError, UserError
+from hcbench.errors import HcbenchError, OutputError, UserError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
 SCHEMA = 1
+MANIFEST = "hcbench-files.json"
+_FILLED = "hcbench files"
 # Before version 3 pandas reads the last digit wrong unless told not to; since then it must not be told.
 _EXACT: dict[str, Any] = {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
 RUN_KEY = ["scene", "engine", "setting", "alpha_s_per_m", "timestep_s"]  # one setting at one step for one α
@@ -149,7 +156,7 @@ def write_text(path: Path, text: str) -> None:
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a file whole or not at all: into a neighbour first, then renamed."""
     try:
-        handle, neighbour = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        handle, neighbour = tempfile.mkstemp(prefix=".hcbench-", dir=path.parent)
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(content)
@@ -161,36 +168,94 @@ def write_bytes(path: Path, content: bytes) -> None:
             Path(neighbour).unlink(missing_ok=True)
             raise
     except OSError as error:
-        raise OutputError("output", f"{path}: {error.strerror}", "a place that can be written to") from None
+        raise _unwritable("output", path, error, "a place that can be written to") from None
+
+
+def _unwritable(slot: str, path: Path, error: OSError, expected: str) -> HcbenchError:
+    """Whose fault it is: a name that no disk takes is the user's, a full disk is not."""
+    if error.errno == errno.ENAMETOOLONG:
+        return UserError(slot, f"{str(path)[:80]}...: {error.strerror}", "a shorter path")
+    return OutputError(slot, f"{path}: {error.strerror}", expected)
 
 
 @contextmanager
 def filled_folder(folder: Path) -> Iterator[Path]:
-    """A scratch folder whose files move into `folder` when the block ends well; else nothing is left."""
-    made = [p for p in (folder, *folder.parents) if not p.exists()]
-    scratch = None
+    """A scratch folder whose files move into `folder` when the block ends well; else nothing is left.
+
+    Files of an earlier filling that are not of this one go, unless someone has changed them since: MANIFEST
+    lists what was written, with a digest of each.
+    """
+    made: list[Path] = []
     try:
+        made = [p for p in (folder, *folder.parents) if not p.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(prefix=".hcbench-", dir=folder))
     except OSError as error:
-        raise OutputError(
-            "output folder", f"{folder}: {error.strerror}", "a folder that can be written to"
-        ) from None
+        raise _unwritable("output folder", folder, error, "a folder that can be written to") from None
     try:
         yield scratch
-        for item in sorted(scratch.rglob("*")):
-            if item.is_file():
-                target = folder / item.relative_to(scratch)
-                target.parent.mkdir(parents=True, exist_ok=True)
-                item.replace(target)
+        with undisturbed():
+            _move(scratch, folder)
     except BaseException as error:
         shutil.rmtree(scratch, ignore_errors=True)
         for path in made:
             if path.exists() and not any(path.iterdir()):
                 path.rmdir()
         if isinstance(error, OSError):
-            raise OutputError(
-                "output folder", f"{folder}: {error.strerror}", "a folder that can be written to"
-            ) from None
+            raise _unwritable("output folder", folder, error, "a folder that can be written to") from None
         raise
     shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _move(scratch: Path, folder: Path) -> None:
+    earlier = _listed(folder)
+    (scratch / MANIFEST).unlink(missing_ok=True)  # of a filling within this one
+    items = [item for item in sorted(scratch.rglob("*")) if item.is_file()]
+    own = {item.relative_to(scratch).as_posix(): _digest(item) for item in items}
+    # Listed before they are there: however this ends, the next filling knows what is not someone else's.
+    write_text(folder / MANIFEST, json_text({"schema": 1, "kind": _FILLED, "files": {**earlier, **own}}))
+    for item in items:
+        target = folder / item.relative_to(scratch)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        item.replace(target)
+    for name in earlier.keys() - own.keys():
+        stale = folder / name
+        if stale.is_file() and not stale.is_symlink() and _digest(stale) == earlier[name]:
+            stale.unlink()
+            if stale.parent != folder and not any(stale.parent.iterdir()):
+                stale.parent.rmdir()
+    write_text(folder / MANIFEST, json_text({"schema": 1, "kind": _FILLED, "files": own}))
+
+
+def _listed(folder: Path) -> dict[str, str]:
+    """Files below `folder` that an earlier filling wrote, and their digests; none where nothing says so."""
+    try:
+        content = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        files = content["files"] if content["kind"] == _FILLED else {}
+        below = {str(name): str(digest) for name, digest in files.items()}
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        return {}
+    return {n: d for n, d in below.items() if not Path(n).is_absolute() and ".." not in Path(n).parts}
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Ctrl-C and its kin wait until the block is through; for moments, in the main thread."""
+    came: list[int] = []
+    kept: dict[int, Any] = {}
+    if threading.current_thread() is threading.main_thread():
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            number = getattr(signal, name, None)
+            if number is not None and callable(signal.getsignal(number)):
+                kept[number] = signal.signal(number, lambda n, _: came.append(n))
+    try:
+        yield
+    finally:
+        for number, handler in kept.items():
+            signal.signal(number, handler)
+    for number in came[:1]:
+        signal.raise_signal(number)

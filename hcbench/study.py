@@ -151,8 +151,11 @@ def load_study(path: Path) -> Study:
 def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | None = None) -> Study:
     """A Study from a study file's content; `folder` is where relative scene paths start."""
     _known(content, _STUDY_KEYS, where)
-    if content.get("schema", 1) != 1:
-        raise StudyError(f"{where}: schema", f"{content['schema']!r}", "1", "A newer hcbench may read it")
+    schema = content.get("schema", 1)
+    if schema != 1 or not isinstance(schema, int) or isinstance(schema, bool):
+        raise StudyError(
+            f"{where}: schema", f"{schema!r}", _STUDY_KEYS["schema"], "A newer hcbench may read it"
+        )
     for key in ("scene", "alphas", "speeds", "run"):
         if key not in content or content[key] in ("", []):
             raise StudyError(f"{where}: {key}", "missing", _STUDY_KEYS[key])
@@ -173,7 +176,7 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
     if not isinstance(runs, list) or not all(isinstance(run, dict) for run in runs):
         raise StudyError(f"{where}: run", f"{runs!r:.60}", "[[run]] tables")
     return Study(
-        title=str(content.get("title", scene.title)),
+        title=_text(content, "title", where) if "title" in content else scene.title,
         scene=scene,
         alphas=alphas,
         speeds=speeds,
@@ -203,14 +206,22 @@ def _run(content: Mapping[str, Any], where: str, alphas: tuple[float, ...], spee
         if key not in content:
             raise StudyError(f"{where}: {key}", "missing", _RUN_KEYS[key])
     return Run(
-        engine=str(content["engine"]),
-        recipe=str(content["recipe"]),
+        engine=_text(content, "engine", where),
+        recipe=_text(content, "recipe", where),
         timesteps=_values(content["timesteps"], "timestep", f"{where}: timesteps"),
         alphas=_values(content["alphas"], "alpha", f"{where}: alphas", positive=False)
         if "alphas" in content
         else alphas,
         speeds=_values(content["speeds"], "speed", f"{where}: speeds") if "speeds" in content else speeds,
     )
+
+
+def _text(content: Mapping[str, Any], key: str, where: str) -> str:
+    value = content[key]
+    if not isinstance(value, str) or not value.strip():
+        expected = {**_STUDY_KEYS, **_RUN_KEYS}[key]
+        raise StudyError(f"{where}: {key}", f"{value!r:.60}", expected)
+    return value
 
 
 def _known(content: Mapping[str, Any], keys: Mapping[str, str], where: str) -> None:

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,17 @@ def page(results: Results, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def contents(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def test_a_later_report_leaves_no_figure_of_an_earlier_one(page: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "report"
+    shutil.copytree(page.parent, folder)
+    (folder / "study.toml").write_text("of the user", encoding="utf-8")
+    fewer = small_results([run for run in RUNS if run[1] == "stock"])
+    build(fewer, folder)
+    assert "figures/error-fine.svg" in contents(page.parent).keys() - contents(folder).keys()
+    fresh = contents(build(fewer, tmp_path / "fresh").parent)
+    assert contents(folder) == {**fresh, "study.toml": b"of the user"}
 
 
 def test_same_results_same_bytes(page: Path, tmp_path: Path) -> None:

@@ -5,21 +5,25 @@ Exit codes: 0 done, 1 a limit was passed, 2 a mistake in what was given, 3 could
 
 from __future__ import annotations
 
-import io
+import errno
 import os
-import signal
 import sys
+from contextlib import suppress
 
 import click
 
 from hcbench.cli.check import check, measure
 from hcbench.cli.convert import convert
+from hcbench.cli.ends import Interrupted, ending_well, leave_streams, take_signals, take_streams
 from hcbench.cli.paper import paper
 from hcbench.cli.report import report
 from hcbench.cli.show import engines, reference
 from hcbench.cli.sweep import sweep
 from hcbench.cli.tune import tune
 from hcbench.errors import HcbenchError, UserError
+
+_INTERRUPTED = "interrupted; nothing was left half-written"
+_LONGEST = 80  # of a file's name in a line
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -32,22 +36,21 @@ def app() -> None:
 
 
 for command in (report, sweep, tune, measure, check, paper, reference, convert, engines):
-    app.add_command(command)
+    app.add_command(ending_well(command))
 
 
 def main() -> None:
     """Run the command line; every way out is an exit code and at most one line."""
-    for name in ("SIGTERM", "SIGHUP"):  # as Ctrl-C: nothing is left half-written
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), _interrupt)
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # α on a terminal that has none
-    sys.exit(run(sys.argv[1:]))
-
-
-def _interrupt(number: int, frame: object) -> None:
-    raise KeyboardInterrupt
+    try:
+        take_signals()
+        take_streams()
+        code = run(sys.argv[1:])
+    except HcbenchError as error:
+        code = _fail(error.exit_code, str(error))
+    except KeyboardInterrupt:
+        code = _fail(130, _INTERRUPTED)
+    leave_streams()
+    sys.exit(code)
 
 
 def run(arguments: list[str]) -> int:
@@ -62,11 +65,16 @@ def run(arguments: list[str]) -> int:
         return UserError.exit_code
     except click.ClickException as error:
         return _fail(UserError.exit_code, error.format_message() + _hint(error))
+    except Interrupted as error:
+        return _fail(130, str(error) or _INTERRUPTED)
     except (KeyboardInterrupt, click.exceptions.Abort):
-        return _fail(130, "interrupted; nothing was left half-written")
+        return _fail(130, _INTERRUPTED)
     except BrokenPipeError:  # the reader of our output went away, as `head` does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:
+        if os.environ.get("HCBENCH_DEBUG"):
+            raise
+        return _fail_on(error)
     except Exception as error:
         if os.environ.get("HCBENCH_DEBUG"):
             raise
@@ -80,6 +88,15 @@ def _hint(error: Exception) -> str:
     return f" Try `{context.command_path} --help`." if context else ""
 
 
+def _fail_on(error: OSError) -> int:
+    """A file that nobody expected to fail."""
+    name = str(error.filename or "a file")
+    short = name if len(name) <= _LONGEST else f"{name[:_LONGEST]}..."
+    mistake = error.errno == errno.ENAMETOOLONG
+    return _fail(UserError.exit_code if mistake else 3, f"{short}: {error.strerror or error}")
+
+
 def _fail(code: int, message: str) -> int:
-    print(f"hcbench: {message}", file=sys.stderr)
+    with suppress(OSError):  # the exit code says it too
+        print(f"hcbench: {message}", file=sys.stderr, flush=True)
     return code

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hcbench.cli.console import as_json, jobs_option, print_json, progress
+from hcbench.cli.ends import path_type
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ _MODELS = "MJCF or URDF files, or setup.py:function with --python."
 
 
 def _file(*names: str, help: str) -> Callable[..., Any]:  # noqa: A002 - Click's own word
-    return click.option(*names, type=click.Path(path_type=Path, dir_okay=False), help=help)
+    return click.option(*names, type=path_type(path_type=Path, dir_okay=False), help=help)
 
 
 def _model_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -69,6 +70,9 @@ def measure(
     if not sources:
         raise UserError("model", "none given", "a file, two URDF files, or --python FILE:FUNCTION")
     alpha, constant, limit = (given.pop(name) for name in ("alpha", "restitution", "limit"))
+    if limit is not None:
+        limit = units.parse(limit, "timestep", "--limit")
+        units.require_positive(limit, "timestep", "--limit")
     wanted = None
     if alpha is not None or constant is not None:
         wanted = Wanted(
@@ -78,7 +82,7 @@ def measure(
     found = measure(
         sources[0] if len(sources) == 1 else sources,
         wanted=wanted,
-        limit=LIMIT_S if limit is None else units.parse(limit, "timestep", "--limit"),
+        limit=LIMIT_S if limit is None else limit,
         **given,
     )
     if page is not None:

@@ -7,11 +7,12 @@ from pathlib import Path
 import click
 
 from hcbench.cli.console import jobs_option, progress
+from hcbench.cli.ends import path_type
 
 
 @click.command()
 @click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("reports/paper"), show_default=True,
+    "--out", type=path_type(path_type=Path), default=Path("reports/paper"), show_default=True,
     help="Folder to write to.",
 )  # fmt: skip
 @click.option("--quick", is_flag=True, help="Fewer parameters in the forced figures: a preview.")

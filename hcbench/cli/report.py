@@ -7,11 +7,12 @@ from pathlib import Path
 import click
 
 from hcbench.cli.console import jobs_option, progress
+from hcbench.cli.ends import path_type
 
 
 @click.command()
 @click.argument("study", default="steel-1lb")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder to write to.  [default: reports/NAME]")
+@click.option("--out", type=path_type(path_type=Path), help="Folder to write to.  [default: reports/NAME]")
 @click.option("--quick", is_flag=True, help="Fewer speeds, phases and steps: a preview.")
 @jobs_option
 def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:

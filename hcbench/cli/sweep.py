@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from hcbench.cli.console import jobs_option
+from hcbench.cli.ends import path_type
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -20,7 +21,11 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("study")
-@click.option("--out", help="Folder to write to: a path, or an URL such as s3://...  [default: sweeps/NAME]")
+@click.option(
+    "--out",
+    type=path_type(),
+    help="Folder to write to: a path, or an URL such as s3://...  [default: sweeps/NAME]",
+)
 @jobs_option
 @click.option(
     "--resume", is_flag=True, help="Go on with what is in the folder; whole parts are not flown again."

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from hcbench.cli.console import as_json, print_json, progress
+from hcbench.cli.ends import path_type
 from hcbench.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
@@ -39,7 +41,7 @@ if TYPE_CHECKING:
 @click.option("--exponent", help="n of the law.  [default: the scene's]")
 @click.option("--max-error", type=float, help="Exit 1 when the largest error of e is above this.")
 @click.option(
-    "--write-scene", type=click.Path(path_type=Path), help="Write a file that runs in the plain engine."
+    "--write-scene", type=path_type(path_type=Path), help="Write a file that runs in the plain engine."
 )
 @as_json
 def tune(engine: str, as_json: bool, write_scene: Path | None, max_error: float | None, **given: Any) -> None:
@@ -47,6 +49,8 @@ def tune(engine: str, as_json: bool, write_scene: Path | None, max_error: float 
     from hcbench.results import write_text
     from hcbench.tune import paste, tuning
 
+    if max_error is not None and not 0 <= max_error <= 1:
+        raise UserError("--max-error", f"{max_error:g}", "0 ... 1, a difference in e")
     scene, target = _asked(given)
     with progress("tuning"):
         tuned = tuning.tune(engine, target, scene, given["recipe"], given["match"], given["integrator"])
@@ -98,11 +102,17 @@ def _asked(given: dict[str, Any]) -> tuple[Scene, Target]:
     return scene, Target(HuntCrossley(k, 0.0, n), mass, timestep, *band, "points", points)
 
 
+def _is_file(text: str) -> bool:
+    with suppress(OSError):  # pairs are no file's name, and may be longer than one can be
+        return Path(text).is_file()
+    return False
+
+
 def _points(text: str) -> tuple[tuple[float, float], ...]:
     """Pairs (v m/s, e) from 'v:e, v:e unit' or from a CSV file with the columns speed and restitution."""
     from hcbench import units
 
-    if Path(text).is_file():
+    if _is_file(text):
         from hcbench.check.pairs import read_pairs
 
         return read_pairs(Path(text))
@@ -114,12 +124,9 @@ def _points(text: str) -> tuple[tuple[float, float], ...]:
             raise UserError(
                 "--points", repr(text), "pairs like '0.1:0.95, 0.5:0.85 m/s' or a CSV file that exists"
             )
-        pairs.append(
-            (
-                units.parse(f"{speed} {unit}".strip(), "speed", "--points"),
-                units.parse(e, "number", "--points"),
-            )
-        )
+        v = units.parse(f"{speed} {unit}".strip(), "speed", "--points")
+        units.require_positive(v, "speed", "--points")
+        pairs.append((v, units.parse(e, "number", "--points")))
     return tuple(pairs)
 
 

@@ -1,0 +1,256 @@
+"""How commands end: output that cannot be written, signals, and mistakes told under the option's own name."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hcbench.cli import run
+from hcbench.results import MANIFEST, filled_folder
+
+HCBENCH = [sys.executable, "-c", "from hcbench.cli import main; main()"]
+REFERENCE = ["reference", "--alpha", "0.1", "--speed", "0.1"]
+STUDY = """scene = "steel-plane"
+alphas = 0.3
+speeds = 0.2
+[[run]]
+engine = "reference"
+recipe = "hunt-crossley"
+timesteps = 1e-6
+"""
+LONG = 300 * "x"
+
+
+def in_a_shell(
+    arguments: list[str], redirection: str, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        ["sh", "-c", f'"$@" {redirection}', "sh", *HCBENCH, *arguments],
+        capture_output=True,
+        text=True,
+        env={**os.environ, **environment},
+        check=False,
+    )
+
+
+# --- standard output ---
+
+needs_full = pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+
+
+@pytest.mark.parametrize("arguments", [REFERENCE, [*REFERENCE, "--json"], ["--help"], ["engines"]])
+@pytest.mark.parametrize(
+    ("redirection", "why"),
+    [
+        (">&-", "closed"),
+        (">&- 2>&- <&-", "closed"),
+        pytest.param(">/dev/full", "No space left on device", marks=needs_full),
+        ("1</dev/null", "Bad file descriptor"),
+    ],
+)
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_output_that_cannot_be_written_is_one_line_and_exit_3(
+    arguments: list[str], redirection: str, why: str, unbuffered: str
+) -> None:
+    done = in_a_shell(arguments, redirection, PYTHONUNBUFFERED=unbuffered)
+    assert done.returncode == 3
+    if "2>&-" in redirection:  # nowhere to say it
+        assert done.stdout == done.stderr == ""
+    else:
+        assert done.stderr == f"hcbench: standard output: {why}; expected one that can be written to\n"
+
+
+@pytest.mark.parametrize("redirection", ["2>&-", "<&-", "<&- 2>&-", "2>/dev/full"])
+def test_other_streams_may_be_closed(redirection: str) -> None:
+    assert in_a_shell(REFERENCE, redirection).returncode == 0
+    assert in_a_shell(["reference"], redirection).returncode == 2
+
+
+def test_a_reader_that_goes_away_is_no_failure() -> None:
+    many = ["reference", "--alpha", "0.1", "--speed", "1:2:3000", "--json"]
+    with subprocess.Popen([*HCBENCH, *many], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.stderr.read() == b""
+        assert process.wait() == 0
+
+
+# --- files and folders ---
+
+
+@pytest.fixture
+def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "study.toml").write_text(STUDY, encoding="utf-8")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["report", "study.toml", "--out", LONG],
+        ["report", "study.toml", "--out", f"new/{LONG}/in"],
+        ["report", LONG],
+        ["sweep", LONG],
+        ["paper", "--quick", "--out", LONG],
+        ["tune", "mujoco", "--restitution", ".5", "--timestep", "1e-3", "--write-scene", LONG],
+        ["tune", "mujoco", "--restitution", ".5", "--timestep", "1e-3", "--scene", LONG],
+        ["check", "study.toml", "--junit", LONG],
+        ["check", LONG, "--pair", "a,b"],
+        ["tune", "mujoco", "--points", LONG, "--timestep", "1e-3"],
+    ],
+)
+def test_a_name_that_no_disk_takes_is_one_line_and_exit_2(
+    study: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> None:
+    assert run(arguments) == 2
+    caught = capsys.readouterr()
+    assert caught.out == ""
+    (line,) = caught.err.splitlines()
+    assert "name too long" in line or "pairs like" in line
+    assert "unexpected" not in line
+    assert there(study) == ["study.toml"]
+
+
+def test_pairs_may_be_longer_than_a_files_name(capsys: pytest.CaptureFixture[str]) -> None:
+    pairs = ", ".join(f"{0.1 + 0.01 * i:.2f}:{0.9 - 0.005 * i:.3f}" for i in range(40))
+    assert len(pairs) > 300
+    assert run(["tune", "mujoco", "--points", pairs, "--timestep", "1e-3", "--recipe", "impulse"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "option"),
+    [
+        (["report", "study.toml", "--out", ""], "--out"),
+        (["sweep", "study.toml", "--out", ""], "--out"),
+        (["paper", "--out", ""], "--out"),
+        (["tune", "mujoco", "--alpha", "1", "--timestep", "1e-3", "--write-scene", ""], "--write-scene"),
+        (["measure", "m.xml", "--page", ""], "--page"),
+        (["check", "m.xml", "--junit", ""], "--junit"),
+        (["check", "m.xml", "--baseline", ""], "--baseline"),
+    ],
+)
+def test_an_empty_path_is_not_the_working_directory(
+    study: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], option: str
+) -> None:
+    assert run(arguments) == 2
+    assert capsys.readouterr().err.startswith(f"hcbench: {option}: an empty path; expected a path")
+    assert there(study) == ["study.toml"]
+
+
+def fill(folder: Path, files: dict[str, str]) -> None:
+    with filled_folder(folder) as scratch:
+        for name, text in files.items():
+            (scratch / name).parent.mkdir(exist_ok=True)
+            (scratch / name).write_text(text, encoding="utf-8")
+
+
+def there(folder: Path) -> list[str]:
+    return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
+
+
+def test_what_an_earlier_report_wrote_and_the_new_one_has_not_goes(tmp_path: Path) -> None:
+    fill(tmp_path, {"index.html": "1", "figures/old.svg": "o", "figures/both.svg": "b", "gone/a.png": "a"})
+    (tmp_path / "figures" / "mine.svg").write_text("of someone else", encoding="utf-8")
+    fill(tmp_path, {"index.html": "2", "figures/both.svg": "c"})
+    assert there(tmp_path) == ["figures/both.svg", "figures/mine.svg", MANIFEST, "index.html"]
+    assert (tmp_path / "index.html").read_text(encoding="utf-8") == "2"
+    assert not (tmp_path / "gone").exists(), "no empty folders"
+
+
+def test_a_file_changed_since_is_its_owners(tmp_path: Path) -> None:
+    fill(tmp_path, {"a.csv": "1", "b.csv": "1"})
+    (tmp_path / "a.csv").write_text("edited", encoding="utf-8")
+    fill(tmp_path, {"c.csv": "2"})
+    assert there(tmp_path) == ["a.csv", "c.csv", MANIFEST]
+
+
+@pytest.mark.parametrize(
+    "manifest",
+    [
+        "not JSON",
+        "[]",
+        "null",
+        '{"files": {"mine.txt": "DIGEST"}}',
+        '{"kind": "hcbench files", "files": ["mine.txt"]}',
+        '{"kind": "hcbench files", "files": {"../mine.txt": "DIGEST"}}',
+        '{"kind": "hcbench files", "files": {"FOLDER/mine.txt": "DIGEST"}}',
+    ],
+)
+def test_a_list_that_is_not_ours_removes_nothing(tmp_path: Path, manifest: str) -> None:
+    import hashlib
+
+    folder, digest = tmp_path / "out", hashlib.sha256(b"precious").hexdigest()
+    folder.mkdir()
+    for place in (tmp_path, folder):
+        (place / "mine.txt").write_bytes(b"precious")
+    text = manifest.replace("DIGEST", digest).replace("FOLDER", str(tmp_path))
+    (folder / MANIFEST).write_text(text, encoding="utf-8")
+    fill(folder, {"index.html": "1"})
+    assert there(tmp_path) == ["mine.txt", f"out/{MANIFEST}", "out/index.html", "out/mine.txt"]
+
+
+def test_a_failed_filling_removes_nothing(tmp_path: Path) -> None:
+    fill(tmp_path, {"old.csv": "1"})
+    with pytest.raises(KeyboardInterrupt), filled_folder(tmp_path) as scratch:
+        (scratch / "new.csv").write_text("2", encoding="utf-8")
+        raise KeyboardInterrupt
+    assert there(tmp_path) == [MANIFEST, "old.csv"]
+
+
+# --- options by name ---
+
+TUNE = ["tune", "mujoco", "--timestep", "1e-3"]
+MEASURE = ["measure", str(Path(__file__).parents[1] / "examples" / "good.xml"), "--pair", "ball,plate"]
+CHECK = ["check", *MEASURE[1:]]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["reference", "--alpha=-0.1", "--speed=1"], "--alpha: -0.1; expected 0 s/m or more"),
+        ([*REFERENCE, "--stiffness=-1"], "--stiffness: -1.0; expected a stiffness above 0"),
+        ([*REFERENCE, "--exponent=.5", "--stiffness=1"], "--exponent: 0.5; expected n within 1 ... 10"),
+        ([*REFERENCE, "--mass=-1"], "--mass: -1 kg; expected a value above 0"),
+        ([*TUNE, "--alpha=-1"], "--alpha: -1.0; expected 0 s/m or more"),
+        ([*TUNE, "--alpha=1", "--stiffness=-1"], "--stiffness: -1.0; expected a stiffness above 0"),
+        ([*TUNE, "--restitution=2"], "--restitution: [2.0]; expected 0 ... 1"),
+        ([*TUNE, "--points=1:2"], "--points: [2.0]; expected 0 ... 1"),
+        ([*TUNE, "--points=-1:0.5"], "--points: -1 m/s; expected a value above 0"),
+        ([*TUNE, "--alpha=.1", "--max-error=-1"], "--max-error: -1; expected 0 ... 1"),
+        ([*TUNE, "--alpha=.1", "--max-error=nan"], "--max-error: nan; expected 0 ... 1"),
+        ([*TUNE, "--alpha=.1", "--recipe=magic"], "--recipe: 'magic' for 'mujoco'; expected one of: auto"),
+        ([*TUNE, "--alpha=.1", "--integrator=magic"], "--integrator: 'magic' with 'staggered'"),
+        ([*TUNE, "--alpha=.1", "--scene=nowhere"], "--scene: 'nowhere' was not found"),
+        ([*MEASURE, "--alpha=-1"], "--alpha: -1.0 s/m; expected 0 s/m or more"),
+        ([*MEASURE, "--restitution=-1"], "--restitution: -1.0; expected 0 ... 1"),
+        ([*MEASURE, "--speeds=-1"], "--speeds: -1 m/s; expected a value above 0"),
+        ([*MEASURE, "--timestep=-1"], "--timestep: -1 s; expected a value above 0"),
+        ([*MEASURE, "--height=-1"], "--height: -1 m; expected a value above 0"),
+        ([*MEASURE, "--limit=-1"], "--limit: -1 s; expected a value above 0"),
+        ([*MEASURE, "--key=nope"], "--key: 'nope'; expected one of"),
+        ([*CHECK, "--alpha=-1"], "--alpha: -1.0 s/m; expected 0 s/m or more"),
+        ([*CHECK, "--restitution=2"], "--restitution: 2.0; expected 0 ... 1"),
+        ([*CHECK, "--restitution=1", "--max-error=-1"], "--max-error: -1; expected 0 ... 1"),
+        ([*CHECK, "--restitution=1", "--limit=-1"], "--limit: -1 s; expected above 0 s"),
+        (["convert", "--alpha=-1"], "--alpha: -1.0; expected 0 s/m or more"),
+        (["convert", "--drake=-1"], "--drake: -1.0; expected 0 s/m or more"),
+        (
+            ["convert", "--alpha=1", "--speed=1", "--contact-time=-1"],
+            "--contact-time: -1.0; expected a finite",
+        ),
+    ],
+)
+def test_a_mistake_in_a_value_names_its_option(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
+) -> None:
+    assert run(arguments) == 2
+    caught = capsys.readouterr()
+    assert caught.out == ""
+    (line,) = caught.err.splitlines()
+    assert line.startswith(f"hcbench: {says}")
