@@ -14,7 +14,7 @@ from hcbench.paper import beyond, case, gaps, impacts
 from hcbench.paper.build import build
 from hcbench.paper.drawings import drawings
 from hcbench.paper.forced import QUICK
-from hcbench.paper.numbers import Printed, digits, printed_numbers
+from hcbench.paper.numbers import Printed, digits, factors, printed_numbers
 from hcbench.reference import exact
 from hcbench.reference.later_laws import LAWS
 from hcbench.report import style
@@ -148,6 +148,14 @@ def test_a_verdict_goes_by_the_printed_digits() -> None:
     assert verdict("600", 608.6, 2) == "rounded"
     assert digits(15153300.0) == "1.515·10⁷"
     assert digits(62004.1) == "62000"
+
+
+def test_the_factor_of_15_is_3_2_whatever_the_exponent_and_the_mass(folder: Path) -> None:
+    text = (folder / "index.html").read_text(encoding="utf-8")
+    for _, row in factors():
+        for value in row:
+            assert value == pytest.approx(1.5, abs=2e-5)
+            assert f"{value:.5f}" in text
 
 
 def test_every_number_is_on_the_page(folder: Path) -> None:

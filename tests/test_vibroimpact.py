@@ -262,6 +262,16 @@ def test_with_flat_contacts_the_loop_is_that_ellipse_exactly_until_a_side_is_los
     assert _misfit(system, 1.2e-5, 5000.0) > 1e-3
 
 
+@pytest.mark.parametrize("exponent", [1.0, 1.25, 1.5, 2.0])
+def test_the_linearized_mass_has_the_slopes_of_16(exponent: float) -> None:
+    """k = 2 n k x0^(n-1) and c = 2 λ x0^n, with λ of eq. (15)."""
+    law, x0 = HuntCrossley(K, ALPHA, exponent), 4e-6
+    linear = linearized(_alike(-2 * x0, law))
+    assert linear.stiffness == pytest.approx(2 * exponent * K * x0 ** (exponent - 1), rel=1e-10)
+    assert linear.damping == pytest.approx(2 * 1.5 * ALPHA * K * x0**exponent, rel=1e-10)
+    assert linear.mass == MASS
+
+
 def test_a_small_forced_swing_is_the_linear_one() -> None:
     squeeze, f = 2e-5, 900.0
     system, linear = _alike(-2 * squeeze), linearized(_alike(-2 * squeeze))
@@ -387,6 +397,22 @@ def test_a_drive_that_is_not_finite_is_named_with_its_time() -> None:
         simulate(_alike(1e-4), 0.0, 0.1, 0.01, lambda t: math.nan if t > 5e-3 else 1.0)
 
 
+@pytest.mark.parametrize(
+    ("value", "named"),
+    [
+        (math.nan, "nan N"),
+        (math.inf, "inf N"),
+        (1e300, "1e\\+300 N"),
+        (None, "None"),
+        ("1 N", "'1 N'"),
+        (1j, "1j"),
+    ],
+)
+def test_a_drive_that_gives_no_force_is_one_line(value: Any, named: str) -> None:
+    with pytest.raises(UserError, match=f"drive: gave {named} at t = 0.0 s; expected a finite force"):
+        simulate(_alike(1e-4), 0.0, 0.1, 0.01, lambda _: value)
+
+
 def test_bad_numbers_are_named() -> None:
     with pytest.raises(UserError, match="mass: 0"):
         VibroImpact(0.0, 1e-3, LAW, LAW)
@@ -398,6 +424,8 @@ def test_bad_numbers_are_named() -> None:
         simulate(_alike(1e-3), 0.0, 0.0, 1.0)
     with pytest.raises(UserError, match="frequency: -1"):
         orbits(_alike(1e-3), Sinusoid(1.0, 1.0), "frequency", np.array([-1.0]), 1, 1)
+    with pytest.raises(UserError, match="over: 'colour'; expected frequency or amplitude or gap"):
+        orbits(_alike(1e-3), Sinusoid(1.0, 1.0), "colour", np.array([1.0]), 2, 1)  # type: ignore[arg-type]
     with pytest.raises(UserError, match="keep: 3"):
         orbits(_alike(1e-3), Sinusoid(1.0, 1.0), "frequency", np.array([1.0]), 2, 3)
     with pytest.raises(UserError, match="gap: 0"):

@@ -10,7 +10,7 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from hcbench.paper.drawings import drawings
 from hcbench.paper.forced import FULL, QUICK
-from hcbench.paper.numbers import digits, printed_numbers
+from hcbench.paper.numbers import FACTOR_MASSES, digits, factors, printed_numbers
 from hcbench.reference.approximations import APPROXIMATIONS
 from hcbench.reference.later_laws import LAWS
 from hcbench.report import style
@@ -87,6 +87,8 @@ def render(figures: list[dict[str, Any]]) -> str:
         numbers=[_number(n) for n in numbers],
         counts=_counts(numbers),
         steps=[_step(a) for a in APPROXIMATIONS],
+        masses=[f"{m:.3g}" for m in FACTOR_MASSES],
+        factors=[(f"{n:g}", [f"{x:.5f}" for x in row]) for n, row in factors()],
         asked=ASKED,
         laws=[_law(name) for name in LAWS],
     )

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Literal
 
 from hcbench.paper import case
 from hcbench.paper.case import INCH, POUND_FORCE, PSI
-from hcbench.reference import exact, hertz
+from hcbench.reference import exact, hertz, simulate
 from hcbench.reference.elliptic import largest_shear
+from hcbench.reference.laws import HuntCrossley
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -133,6 +134,23 @@ def _case() -> Iterator[Printed]:
     yield Printed(
         "3.2", "λ/(α k), eq. (15)", "1.5", _factor(), "", 2, "read off the law at a vanishing speed"
     )
+
+
+FACTOR_EXPONENTS, FACTOR_MASSES = (1.0, 1.25, 1.5, 2.0), (0.01, 0.45359237, 100.0)  # n; kg
+
+
+def factors() -> list[tuple[float, list[float]]]:
+    """λ/(α k) read off simulated impacts, for every n a row of the masses: eq. (15) has no n and no m in it.
+
+    In each λ/k = 1 s/m is put in, and the α of eq. (2) read off e at two speeds, as v goes to 0.
+    """
+
+    def read_off(n: float, mass: float) -> float:
+        law = HuntCrossley(case.STIFFNESS, 2.0 / 3.0, n)
+        slow, slower = ((1.0 - simulate.impact(law, mass, v).restitution) / v for v in (0.004, 0.002))
+        return 1.0 / (2.0 * slower - slow)
+
+    return [(n, [read_off(n, mass) for mass in FACTOR_MASSES]) for n in FACTOR_EXPONENTS]
 
 
 def _factor() -> float:

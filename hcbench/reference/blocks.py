@@ -11,6 +11,7 @@ import numpy as np
 from hcbench.errors import UserError
 from hcbench.reference.flow import APART, CONTACT, SIGNS, SLACK, Blocks
 from hcbench.reference.lanes import Control, Lanes, march
+from hcbench.reference.laws import HuntCrossley
 from hcbench.reference.require import positive, require
 from hcbench.reference.vibroimpact import (
     Drive,
@@ -40,6 +41,9 @@ _KINDS: dict[tuple[int, int], Kind] = {
     (CONTACT, SLACK): "release",
     (SLACK, CONTACT): "press",
 }
+
+
+_STRONGEST = 1e100  # N: the squares of larger ones would overflow
 
 
 def simulate(
@@ -133,16 +137,19 @@ class _Any:
         return np.zeros_like if self.drive is None else self._checked
 
     def _checked(self, time: Floats) -> Floats:
+        return np.array([self._at(float(t)) for t in time])
+
+    def _at(self, time: float) -> float:
         assert self.drive is not None
-        out = np.array([self.drive(float(t)) for t in time])
-        if not np.isfinite(out).all():
-            i = int(np.flatnonzero(~np.isfinite(out))[0])
-            raise UserError(
-                "drive",
-                f"gave {float(out[i])!r} N at t = {float(time[i])!r} s",
-                "a finite force at every time",
-            )
-        return out
+        expected = "a finite force, a number in N, at every time"
+        value: object = self.drive(time)
+        try:
+            force = float(value)  # type: ignore[arg-type]
+        except (TypeError, ValueError):
+            raise UserError("drive", f"gave {value!r} at t = {time!r} s", expected) from None
+        if not abs(force) < _STRONGEST:
+            raise UserError("drive", f"gave {force!r} N at t = {time!r} s", expected)
+        return force
 
 
 def _largest(drive: Drive | None, push: Push, until: float) -> float:
@@ -179,7 +186,13 @@ def size_of(
 
 
 def tangent(law: ForceLaw, depth: float) -> tuple[float, float]:
-    """dF/dx (N/m) and dF/dv (N s/m) at rest at `depth` (m), by central differences of fourth order."""
+    """dF/dx (N/m) and dF/dv (N s/m) at rest at `depth` (m).
+
+    n k x^(n-1) and λ x^n of eq. (16); central differences of fourth order of other laws.
+    """
+    if isinstance(law, HuntCrossley):
+        k, n = law.stiffness, law.exponent
+        return n * k * depth ** (n - 1.0), law.dissipation * k * depth**n
     step = 1e-3 * depth
     dx = [float(law.force(depth + i * step, 0.0)) for i in (-2, -1, 1, 2)]
     # In v every law here is a straight line near 0; the step is the one that a swing of 1e-3 of the depth

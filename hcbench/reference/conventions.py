@@ -120,6 +120,7 @@ def convert(
         found = _plain(alpha, drake, simbody)
     e, linear = None, None
     if speed is not None:
+        require("alpha", found, math.isfinite(found * speed), "α v that is a number: a smaller α or speed")
         e, linear = float(exact.restitution(found, speed)), 1.0 - found * speed
     rows, missing = [*_dissipations(found)], []
     target = linear if reading == "linear" else e

@@ -11,7 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
@@ -88,6 +88,7 @@ def orbits(
     """
     values = np.atleast_1d(np.asarray(values, dtype=float))
     require("values", values.size, values.size >= 1, "at least one value")
+    require("over", over, over in get_args(Over), " or ".join(get_args(Over)))
     require("cycles", cycles, cycles >= 1, "1 cycle or more")
     require("keep", keep, 1 <= keep <= cycles, f"1 ... {cycles} of the cycles")
     require("jobs", jobs, jobs >= 1, "1 process or more")
