@@ -5,9 +5,11 @@ from __future__ import annotations
 import pytest
 
 from hcbench.engines import registry
-from hcbench.errors import SettingError
+from hcbench.errors import SettingError, UserError
+from hcbench.reference.later_laws import LAWS, RestitutionLaw
 from hcbench.reference.laws import HuntCrossley
 from hcbench.scene import load_scene
+from hcbench.tune.constant import minimax_constant
 from hcbench.tune.target import Target
 from hcbench.tune.verdict import Verdict, judge
 
@@ -50,3 +52,27 @@ def test_the_restitution_law_is_exact_at_any_step(engine: str, alpha: float, tim
 def test_a_step_that_does_not_resolve_the_contact_is_refused_before_anything_runs(engine: str) -> None:
     with pytest.raises(SettingError, match="restitution-law"):
         verdict(f"{engine}.hunt-crossley", 0.008, 1e-3)
+
+
+@pytest.mark.parametrize("engine", ["reference", "mujoco", "pybullet"])
+@pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.slug)
+def test_laws_that_came_after_are_asked_for_the_best_constant_of_the_band(
+    engine: str, law: type[RestitutionLaw]
+) -> None:
+    recipe = registry.load("hcbench.recipes", f"{engine}.{law.slug}")
+    target = Target(HuntCrossley(SCENE.stiffness, 0.3), SCENE.mass, 1e-5, 0.0254, 0.508)
+    setting = recipe(target)
+    options = setting.options.get("law", setting.options)
+    assert (setting.engine, setting.name, recipe.engine) == (engine, law.slug, engine)
+    assert options["restitution"] == minimax_constant(target)[0]
+    assert law.formula in recipe.summary
+
+
+@pytest.mark.parametrize(("engine", "instead"), [("mujoco", "impulse"), ("pybullet", "restitution")])
+def test_laws_that_came_after_refuse_what_they_have_no_sense_for(engine: str, instead: str) -> None:
+    recipe = registry.load("hcbench.recipes", f"{engine}.flores")
+    law, mass = HuntCrossley(SCENE.stiffness, 0.0), SCENE.mass
+    with pytest.raises(UserError, match="infinite at e = 0"):
+        recipe(Target(law, mass, 1e-6, 0.1, 0.5, "points", ((0.1, 0.0),)))
+    with pytest.raises(SettingError, match=f"timestep: 0.001 s.*`{instead}`"):
+        recipe(Target(law, mass, 1e-3, 0.1, 0.5, "points", ((0.1, 0.8),)))

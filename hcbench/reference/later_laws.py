@@ -5,11 +5,14 @@ with χ as d, d (1 + e) = ln(1 + d) - ln(1 - d e). So each can be asked what it 
 delivers. As e nears 1 that relation is χ = (3/2)(1 - e): of the laws below Lee-Wang starts at half of it,
 Gonthier at 4/3, Flores at 16/15, the others on it.
 
-The χ are those collected in L. Skrinjar, J. Slavič, M. Boltežar, "A review of continuous contact-force
-models in multibody dynamics", Int. J. Mech. Sci. 145, 2018, 171-187, doi 10.1016/j.ijmecsci.2018.07.010,
-and, for Carvalho-Martins, in the manual of the multibody code EXUDYN. Public implementations disagree on
-Hu-Guo: the published χ is (3/2)(1 - e)/e, some code has half of that, (3/2)(1 - e)/(2 e), which loses half
-the energy asked for at small losses.
+The originals were not all at hand. χ has been held against independent statements: Hunt-Crossley, Herbert-
+McWhannell, Lee-Wang, Lankarani-Nikravesh, Gonthier, Zhiying-Qishao and Flores against the multibody code DyS
+of L. Skrinjar, first author of a review of them (Int. J. Mech. Sci. 145, 2018, 171-187,
+doi 10.1016/j.ijmecsci.2018.07.010); Hunt-Crossley, Gonthier and Carvalho-Martins against the manual of the
+code EXUDYN. DOIs were found again elsewhere but for those of Herbert-McWhannell and Lee-Wang.
+
+Hu-Guo is stated in two forms, (3/2)(1 - e)/e and half of it, (3/2)(1 - e)/(2 e), which DyS has. The first is
+taken: it alone loses the right energy at small losses, as the authors promise; the second loses half of it.
 """
 
 from __future__ import annotations

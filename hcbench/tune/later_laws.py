@@ -56,7 +56,9 @@ class LaterLaw:
         options = {"restitution": e, "stiffness": law.stiffness, "exponent": law.exponent}
         if self.engine == "reference":
             return Setting(self.engine, self.name, target.timestep, options)
-        require_resolved(target, law.at(target.speed_max).hunt_crossley)
+        instead = "impulse" if self.engine == "mujoco" else "restitution"
+        todo = f"Use `{instead}`, which has one restitution at any step"
+        require_resolved(target, law.at(target.speed_max).hunt_crossley, todo)
         return force_setting(self.engine, self.name, target.timestep, {"law": self.name, **options})
 
 

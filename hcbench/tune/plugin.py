@@ -30,7 +30,7 @@ class ForceLaw:
     def __call__(self, target: Target) -> Setting:
         """The setting; SettingError for a target or a step that the force law does not have."""
         _require_law(target)
-        require_resolved(target, target.law)
+        require_resolved(target, target.law, "Use `restitution-law`, which needs no resolved contact")
         law = target.law
         options = {"alpha": law.alpha, "stiffness": law.stiffness, "exponent": law.exponent}
         return force_setting(self.engine, self.name, target.timestep, options)
@@ -55,7 +55,7 @@ class RestitutionLaw:
         return _setting(self.engine, self.name, target.timestep, options)
 
 
-def require_resolved(target: Target, law: HuntCrossley) -> None:
+def require_resolved(target: Target, law: HuntCrossley, todo: str) -> None:
     """Refuse a step that does not resolve the shortest contact of the band: SettingError."""
     steps = float(exact.duration(law, target.mass, target.speed_max)) / target.timestep
     if steps < STEPS_PER_CONTACT:
@@ -63,7 +63,7 @@ def require_resolved(target: Target, law: HuntCrossley) -> None:
             "timestep",
             f"{target.timestep:g} s, {steps:.2g} of which are the law's shortest contact",
             f"{target.timestep * steps / STEPS_PER_CONTACT:.2g} s or less",
-            "Use `restitution-law`, which needs no resolved contact",
+            todo,
         )
 
 
