@@ -8,22 +8,18 @@ from __future__ import annotations
 
 import dataclasses
 import platform
-import sys
+from collections import Counter
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
-from multiprocessing import get_context
-from types import ModuleType
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 import pandas as pd
 
 from hcbench import compare
-from hcbench.engines import isolation, registry
+from hcbench.crew import Crew
+from hcbench.engines import registry
 from hcbench.engines.stretch import columns_of
 from hcbench.impact import Impact, Launch, Status
 from hcbench.reference import exact
@@ -33,7 +29,7 @@ from hcbench.trains import bounce_trains
 from hcbench.tune.target import Target
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from hcbench.scene import Scene
     from hcbench.setting import Setting
@@ -98,9 +94,15 @@ def run_study(study: Study, jobs: int = 1, progress: Callable[[int, int], None] 
     progress: called with (impacts done, impacts in all) as they come in.
     Raises UserError for what the study asks wrongly, and EngineMissing, before anything runs.
     """
-    rows = plan(study)
+    with Crew(jobs) as crew:
+        return run_with(crew, study, progress)
+
+
+def run_with(crew: Crew, study: Study, progress: Callable[[int, int], None] | None = None) -> Results:
+    """The same by processes that have more to do before or after."""
+    rows = plan(study, crew)
     tasks = {row.task.key: row.task for row in rows}
-    return gather(study, rows, fly(list(tasks.values()), jobs, progress))
+    return gather(study, rows, fly(list(tasks.values()), crew, progress))
 
 
 def gather(study: Study, rows: Sequence[Row], impacts: Mapping[TaskKey, Sequence[Impact]]) -> Results:
@@ -148,42 +150,68 @@ def _train_table(study: Study, rows: Sequence[Row]) -> pd.DataFrame:
     )
 
 
-def plan(study: Study) -> list[Row]:
+def plan(study: Study, crew: Crew | None = None) -> list[Row]:
     """A study's settings, each for one α and step. Rows of settings that do not depend on α share a task.
 
-    Raises UserError for what the study asks wrongly, and EngineMissing.
+    crew: makes them, side by side; None: this process does. Raises UserError for what the study asks wrongly,
+    and EngineMissing.
     """
-    return [row for run in study.runs for row in _plan(study, run)]
+    asked = [(i, target) for i, run in enumerate(study.runs) for target in _targets(study, run)]
+    for run in study.runs:
+        registry.load(RECIPES, _recipe(run))
+        registry.engine(run.engine).version()  # a missing engine is said before anything runs
+    orders = [(_recipe(study.runs[i]), target) for i, target in asked]
+    if crew is None:
+        settings = [_made(order) for order in orders]
+    else:
+        # Runs of few rows first: that they are few is mostly because each takes a search.
+        rows_of = Counter(i for i, _ in asked)
+        turn = sorted(range(len(asked)), key=lambda k: rows_of[asked[k][0]])
+        by_turn = dict(zip(turn, crew.all(_made, [orders[k] for k in turn]), strict=True))
+        settings = [by_turn[k] for k in range(len(asked))]
+    return [
+        _row(study, study.runs[i], target, setting)
+        for (i, target), setting in zip(asked, settings, strict=True)
+    ]
 
 
-def _plan(study: Study, run: Run) -> list[Row]:
-    recipe: Recipe = registry.load(RECIPES, f"{run.engine}.{run.recipe}")
-    registry.engine(run.engine).version()  # a missing engine is said before anything runs
-    scene, phases = study.scene, (np.arange(study.phases) + 0.5) / study.phases
+def _recipe(run: Run) -> str:
+    return f"{run.engine}.{run.recipe}"
+
+
+def _targets(study: Study, run: Run) -> list[Target]:
+    scene, low, high = study.scene, min(study.speeds), max(study.speeds)
+    laws = [HuntCrossley(scene.stiffness, alpha, scene.exponent) for alpha in run.alphas]
+    return [Target(law, scene.mass, timestep, low, high) for timestep in run.timesteps for law in laws]
+
+
+def _made(order: tuple[str, Target]) -> Setting:
+    recipe, target = order
+    setting: Setting = registry.load(RECIPES, recipe)(target)
+    return setting
+
+
+def _row(study: Study, run: Run, target: Target, setting: Setting) -> Row:
+    phases = (np.arange(study.phases) + 0.5) / study.phases
     kept = [v for v in study.loop_speeds if run.speeds == study.speeds]
     launches = Launches(tuple(sorted({*run.speeds, *kept})), tuple(phases.tolist()))
     keep = tuple(Launch(v, float(phases[study.phases // 2])) for v in kept)
-    rows = []
-    for timestep in run.timesteps:
-        for alpha in run.alphas:
-            law = HuntCrossley(scene.stiffness, alpha, scene.exponent)
-            target = Target(law, scene.mass, timestep, min(study.speeds), max(study.speeds))
-            rows.append(Row(alpha, recipe, Task(scene, recipe(target), launches, keep)))
-    return rows
+    recipe: Recipe = registry.load(RECIPES, _recipe(run))
+    return Row(target.law.alpha, recipe, Task(study.scene, setting, launches, keep))
 
 
 def fly(
-    tasks: Sequence[Task], jobs: int, progress: Callable[[int, int], None] | None = None
+    tasks: Sequence[Task], crew: Crew, progress: Callable[[int, int], None] | None = None
 ) -> dict[TaskKey, list[Impact]]:
-    """Fly tasks in `jobs` worker processes; impacts by task key.
+    """Fly tasks; impacts by task key.
 
     Tasks left over when a worker died are tried once more, each alone; what dies again is CRASHED.
     """
     total, out = sum(len(task.launches) for task in tasks), {}
 
     def fly_batch(batch: Sequence[Task]) -> None:
-        for key, found in _fly_together(batch, jobs):
-            out[key] = found
+        for i, found in crew.each(_fly_one, batch):
+            out[batch[i].key] = found
             if progress is not None:
                 progress(sum(map(len, out.values())), total)
 
@@ -195,37 +223,6 @@ def fly(
         reason = "the engine's process died on it, twice"
         out[task.key] = [Impact(launch, Status.CRASHED, reason) for launch in task.launches]
     return out
-
-
-def _fly_together(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[TaskKey, list[Impact]]]:
-    """Impacts by task key as they come in; tasks whose worker died are left out."""
-    context = get_context("spawn")
-    with ProcessPoolExecutor(
-        max(1, min(jobs, len(tasks))), mp_context=context, initializer=isolation.enter_worker
-    ) as pool:
-        with _without_main():
-            waiting = {pool.submit(_fly_one, task): task.key for task in tasks}
-        try:
-            for future in as_completed(waiting):
-                with suppress(BrokenProcessPool):
-                    yield waiting[future], future.result()
-        except BaseException:
-            # Nobody waits for what is in flight; a worker may be in it for long.
-            for process in list((pool._processes or {}).values()):
-                process.kill()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-@contextmanager
-def _without_main() -> Iterator[None]:
-    """Processes started in here do not run the user's script again: it needs no main guard for us."""
-    own = sys.modules["__main__"]
-    sys.modules["__main__"] = ModuleType("__main__")
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = own
 
 
 def _fly_one(task: Task) -> list[Impact]:

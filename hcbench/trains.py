@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from hcbench import compare
@@ -40,8 +41,9 @@ def bounce_trains(
     """Rows (α, setting, bounce number, height m, the law's height m), a bounce each; fewer where it rests."""
     heavy = dataclasses.replace(scene, gravity=STANDARD_GRAVITY)
     rows: list[tuple[Any, ...]] = []
+    heights = lru_cache(law_heights)  # settings are many, laws few
     for law, setting in settings:
-        truth = law_heights(law, scene.mass, height)
+        truth = heights(law, scene.mass, height)
         flights = math.sqrt(2 * height / STANDARD_GRAVITY) + sum(
             2 * math.sqrt(2 * h / STANDARD_GRAVITY) for h in truth
         )

@@ -19,7 +19,7 @@ FLOORS = [
     {"errors", "units"},
     {"impact", "setting", "scene", "reference"},
     {"engines", "contact", "compare", "measure"},
-    {"tune", "study", "results", "run", "trains"},
+    {"tune", "study", "results", "crew", "run", "trains"},
     {"sweep", "report", "check", "paper"},
     {"pytest_plugin", "cli"},
 ]

@@ -20,9 +20,10 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
 
     STUDY is a study.toml, its folder, or a built-in name; or the folder of a finished sweep.
     """
+    from hcbench.crew import Crew
     from hcbench.report.build import build
     from hcbench.results import filled_folder
-    from hcbench.run import run_study
+    from hcbench.run import run_with
     from hcbench.study import find_study, load_study
 
     if (Path(study) / "_sweep.json").is_file():
@@ -35,8 +36,8 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
     path = find_study(study)
     plan = load_study(path).quick() if quick else load_study(path)
     folder = out or Path("reports") / (path.parent.name if path.name == "study.toml" else path.stem)
-    with filled_folder(folder) as scratch:
+    with filled_folder(folder) as scratch, Crew(jobs) as crew:
         with progress("impacts") as tick:
-            results = run_study(plan, jobs, tick)
-        build(results, scratch)
+            results = run_with(crew, plan, tick)
+        build(results, scratch, crew)
     print(folder / "index.html")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -16,14 +17,16 @@ from hcbench.results import filled_folder, write_bytes, write_text
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from hcbench.crew import Crew
     from hcbench.results import Results
 
 PAGE = "index.html"
 
 
-def build(results: Results, folder: Path) -> Path:
+def build(results: Results, folder: Path, crew: Crew | None = None) -> Path:
     """Write the report of `results` into `folder` and return its page. All of it appears, or nothing.
 
+    crew: draws the figures, side by side; None: this process does.
     index.html; figures/*.svg, *.png; restitution.csv, loops.csv, scores.csv, summary.json.
     The same results give the same bytes. Raises OutputError where the folder cannot be written.
     """
@@ -31,12 +34,13 @@ def build(results: Results, folder: Path) -> Path:
     with filled_folder(folder) as scratch:
         results.write(scratch)
         (scratch / "figures").mkdir()
-        figures = [_save(drawing, scratch / "figures") for drawing in drawings(view)]
+        save, wanted = partial(_save, scratch / "figures"), drawings(view)
+        figures = list(map(save, wanted)) if crew is None else crew.all(save, wanted)
         write_text(scratch / PAGE, render(view, figures))
     return folder / PAGE
 
 
-def _save(drawing: Drawing, folder: Path) -> dict[str, Any]:
+def _save(folder: Path, drawing: Drawing) -> dict[str, Any]:
     """Draw once, save as SVG and PNG, and hand back what the page needs of it."""
     told = {"section": drawing.section, "name": drawing.name, "title": drawing.title, "why": drawing.why}
     if drawing.draw is None:
