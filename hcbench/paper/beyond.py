@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -69,8 +69,9 @@ def quadratic_figure() -> Figure:
     right.plot(loop.penetration * 1e6, loop.force, color=GREY, linewidth=4.0, alpha=0.6)
     x, force = _quadratic_loop(two, 0.5)
     right.plot(x * 1e6, force, color=BLUE)
-    pulls = force < 0.0
-    right.fill_between(x[pulls] * 1e6, force[pulls], color=BAD, alpha=0.4, linewidth=0)
+    out = slice(None, int(x.argmax()) - 1, -1)  # the way out, x rising
+    pulls: dict[str, Any] = {"where": force[out] < 0.0, "interpolate": True, "linewidth": 0}
+    right.fill_between(x[out] * 1e6, force[out], color=BAD, alpha=0.4, **pulls)
     right.annotate(
         "pulls", (1.5, 0.6 * force.min()), (10.0, 1.1 * force.min()), color=BAD, va="center",
         arrowprops={"arrowstyle": "->", "color": BAD},
