@@ -25,7 +25,7 @@ _ALSO = {"restitution": ("--restitution", "--points"), "lowest speed": ("--speed
 
 
 class Interrupted(Exception):  # noqa: N818 - reads as what happened
-    """Ctrl-C, as something that Click passes on without a word of its own."""
+    """Ctrl-C, as something that Click passes on without a word of its own; with what to say, if anything."""
 
 
 class _Output(io.TextIOWrapper):
@@ -126,8 +126,8 @@ def ending_well(command: click.Command) -> click.Command:
             if (option := _option_of(error.slot, click.get_current_context())) is None:
                 raise
             raise type(error)(option, error.got, error.expected, error.todo) from error
-        except KeyboardInterrupt as error:
-            raise Interrupted(str(error)) from None
+        except KeyboardInterrupt:
+            raise Interrupted from None
         except BrokenPipeError:  # the reader of our output went away, as `head` does; Click would exit with 1
             return 0
 

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hcbench.cli.console import as_json, print_json, progress
-from hcbench.cli.ends import path_type
+from hcbench.cli.ends import Interrupted, path_type
 from hcbench.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
     from hcbench.scene import Scene
+    from hcbench.tune.search import SearchCut
     from hcbench.tune.target import Target
     from hcbench.tune.tuning import Tuned
 
@@ -48,12 +49,18 @@ def tune(engine: str, as_json: bool, write_scene: Path | None, max_error: float 
     """Find what to write in ENGINE (mujoco, pybullet) so that it bounces like your material."""
     from hcbench.results import write_text
     from hcbench.tune import paste, tuning
+    from hcbench.tune.search import SearchCut
 
     if max_error is not None and not 0 <= max_error <= 1:
         raise UserError("--max-error", f"{max_error:g}", "0 ... 1, a difference in e")
     scene, target = _asked(given)
-    with progress("tuning"):
-        tuned = tuning.tune(engine, target, scene, given["recipe"], given["match"], given["integrator"])
+    asked = (given["recipe"], given["match"], given["integrator"])
+    try:
+        with progress("tuning") as tick:
+            tuned = tuning.tune(engine, target, scene, *asked, progress=tick)
+    except SearchCut as cut:
+        _hand_out(cut, scene, as_json)
+        raise Interrupted(f"interrupted: {cut}") from None
     text = paste.paste(tuned.setting, scene.form, scene.relative_radius)
     if write_scene is not None:
         write_text(write_scene, paste.script(tuned.scene, tuned.setting))
@@ -162,6 +169,24 @@ def _print(tuned: Tuned, text: str) -> None:
     print("\nknow:")
     for line in (*tuned.advice, *tuned.recipe.holds):
         print(f"- {line}")
+
+
+def _hand_out(cut: SearchCut, scene: Scene, as_json: bool) -> None:
+    """What a search that was interrupted has found; the engine has not judged it."""
+    from hcbench.tune import paste
+
+    text = paste.paste(cut.best, scene.form, scene.relative_radius)
+    short = {"evaluations": cut.done, "at_most": cut.budget, "max_error_by_model": cut.error}
+    if as_json:
+        head = {"schema": 1, "engine": cut.best.engine, "recipe": cut.best.name, "cut_short": short}
+        own = {"timestep_s": cut.best.timestep, "options": dict(cut.best.options), "paste": text}
+        print_json({**head, **own})
+        return
+    print(f"{'setting':<20}  {cut.best.engine} {cut.best.name}, the best so far: {cut}")
+    print(
+        f"{'largest error of e':<20}  {cut.error:.2g} by the search's own model; the engine has not judged it"
+    )
+    print(f"\npaste:\n\n{text}", flush=True)
 
 
 def _as_json(tuned: Tuned, text: str) -> dict[str, Any]:

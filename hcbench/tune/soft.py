@@ -20,6 +20,7 @@ from hcbench.errors import SettingError
 from hcbench.setting import Setting
 from hcbench.tune.constant import require_integrator
 from hcbench.tune.rows import SOFTEST, STIFFEST, Row
+from hcbench.tune.search import Search, giving
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -29,6 +30,7 @@ _SPEEDS = 12
 _WIDTH = 1500.0  # steps at the highest speed: fewer and the touch's phase shows in e
 _DEEPEST = 0.02  # m
 _SEED = 1975
+_MEMBERS, _GENERATIONS, _TWO, _SIX = 30, 40, 120, 300  # of the search: five members a gene, then two polishes
 # Smallest power that MuJoCo's spline can take without a subnormal number: midpoint^(power - 1).
 _LOG_SMALLEST = -math.log(1e-306)
 # log10 S, log10 D (in widths and highest speeds), log10 d0, log10(1 - dw), midpoint, log10(power/largest).
@@ -101,9 +103,13 @@ def _restitution(genes: Floats, speeds: Floats) -> Floats:
 def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> tuple[Floats, float]:
     """The best genes for e wanted at shares of the highest speed, and their largest error."""
     speeds, e = np.array(shares), np.array(wanted)
+    search = Search(_MEMBERS * (1 + _GENERATIONS) + _TWO + _SIX)
 
     def errors(genes: Floats) -> Floats:
-        return np.asarray(np.abs(_restitution(np.clip(genes, _LOWEST, _HIGHEST), speeds) - e).max(axis=1))
+        inside = np.clip(genes, _LOWEST, _HIGHEST)
+        found = np.asarray(np.abs(_restitution(inside, speeds) - e).max(axis=1))
+        search.saw(inside, found)
+        return found
 
     def error(genes: Floats) -> float:
         return float(errors(genes[None])[0])
@@ -114,25 +120,30 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> tuple[Float
     def population(genes: Floats) -> Any:
         return errors(genes.T)
 
-    found = differential_evolution(
-        population,
-        Bounds(_LOWEST, _HIGHEST),
-        x0=np.clip(start, _LOWEST + 1e-6, _HIGHEST - 1e-6),
-        seed=_SEED,
-        popsize=5,
-        maxiter=40,
-        vectorized=True,
-        updating="deferred",
-        polish=False,
-    )
     # The best step is as high and as sharp as can be: from there S and D alone, from elsewhere all six.
     sharp = np.array([*start[2:4], 0.5, 0.0])
 
     def error_of_sharp(genes: Floats) -> float:
         return error(np.concatenate([genes, sharp]))
 
-    two = minimize(error_of_sharp, start[:2], method="Nelder-Mead", options={"maxfev": 120, "fatol": 1e-7})
-    six = minimize(error, np.asarray(found.x), method="Nelder-Mead", options={"maxfev": 300, "fatol": 1e-7})
+    with search.kept():
+        found = differential_evolution(
+            population,
+            Bounds(_LOWEST, _HIGHEST),
+            x0=np.clip(start, _LOWEST + 1e-6, _HIGHEST - 1e-6),
+            seed=_SEED,
+            popsize=_MEMBERS // len(start),
+            maxiter=_GENERATIONS,
+            vectorized=True,
+            updating="deferred",
+            polish=False,
+        )
+        two = minimize(
+            error_of_sharp, start[:2], method="Nelder-Mead", options={"maxfev": _TWO, "fatol": 1e-7}
+        )
+        six = minimize(
+            error, np.asarray(found.x), method="Nelder-Mead", options={"maxfev": _SIX, "fatol": 1e-7}
+        )
     ways = [np.concatenate([two.x, sharp]), np.asarray(six.x)]
     best = np.clip(min(ways, key=error), _LOWEST, _HIGHEST)
     return best, error(best)
@@ -159,7 +170,7 @@ class Soft:
     )
 
     def __call__(self, target: Target) -> Setting:
-        """The setting; SettingError where the step is too coarse."""
+        """The setting; SettingError where the step is too coarse, SearchCut with the best so far."""
         require_integrator(self.name, self.integrator, self.integrators, "its damping is off by the step")
         width = _WIDTH * target.timestep * target.speed_max
         if width > _DEEPEST:
@@ -172,7 +183,12 @@ class Soft:
             )
         speeds = np.geomspace(target.speed_min, target.speed_max, _SPEEDS)
         shares, wanted = speeds / target.speed_max, target.restitution(speeds)
-        genes, _ = _search(tuple(shares.tolist()), tuple(wanted.tolist()))
+        with giving(lambda genes: self._setting(genes, target)):
+            genes, _ = _search(tuple(shares.tolist()), tuple(wanted.tolist()))
+        return self._setting(genes, target)
+
+    def _setting(self, genes: Floats, target: Target) -> Setting:
+        width = _WIDTH * target.timestep * target.speed_max
         S, D, d0, dw, midpoint, power = (float(number[0, 0]) for number in _numbers(genes[None]))
         rate = target.speed_max / width
         row = Row(S * rate**2, D * rate, (d0, dw, width, midpoint, power))

@@ -10,10 +10,13 @@ from typing import TYPE_CHECKING, Any, Literal
 from hcbench.engines import registry
 from hcbench.errors import SettingError, UserError
 from hcbench.reference import exact
+from hcbench.tune.search import watched
 from hcbench.tune.soften import FEWEST_STEPS
 from hcbench.tune.verdict import Rest, Verdict, judge, settle
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.tune.target import Recipe, Target
@@ -106,12 +109,15 @@ def tune(
     recipe: str = "auto",
     match: Match = "restitution",
     integrator: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Tuned:
     """Make a setting that matches a target and judge it at speeds and phases that no recipe has looked at.
 
     engine: a registered name. recipe: one of `recipes_of(engine)`, or "auto". match: what "auto" aims at.
-    integrator: of an engine that has several; None for the recipe's own.
-    Raises SettingError where no recipe can serve the target, EngineMissing, EngineFailed.
+    integrator: of an engine that has several; None for the recipe's own. progress: told of the evaluations of
+    a search (done, at most).
+    Raises SettingError where no recipe can serve the target, EngineMissing, EngineFailed, and SearchCut with
+    the best so far where an interrupt ends a search.
     """
     registry.engine(engine).version()
     scene = dataclasses.replace(scene, mass=target.mass)
@@ -123,7 +129,8 @@ def tune(
     else:
         raise UserError("recipe", f"{recipe!r} for {engine!r}", f"one of: auto, {', '.join(known)}")
     made = known[recipe] if integrator is None else _with_integrator(known[recipe], integrator)
-    setting = made(target)
+    with watched(progress):
+        setting = made(target)
     verdict = judge(registry.engine(engine), scene, setting, target)
     rest = settle(registry.engine(engine), scene, setting)
     return Tuned(

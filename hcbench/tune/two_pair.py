@@ -20,6 +20,7 @@ from hcbench.reference import exact
 from hcbench.setting import Setting
 from hcbench.tune.constant import require_integrator
 from hcbench.tune.rows import POWER_LAW, SOFTEST, Row, restitution
+from hcbench.tune.search import Search, giving
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -32,6 +33,7 @@ _FEWEST_STEPS = 36.0
 _SPRING = 1e-3  # the spring's impedance
 _UNIT = 1e-4  # of e, one unit of misfit
 _GOOD = 10.0  # units: worse than that another start is tried
+_STEPS_MAX = 30  # of the fit; each evaluates once, and once more for each of six numbers
 
 
 @dataclass(frozen=True)
@@ -103,9 +105,13 @@ class TwoPair:
     )
 
     def __call__(self, target: Target) -> Setting:
-        """The setting; SettingError for a target without loss."""
+        """The setting; SettingError for a target without loss, SearchCut with the best so far."""
         require_integrator(self.name, self.integrator, self.integrators, "its damping is off by the step")
-        rows = self.rows(target)
+        with giving(lambda rows: self._setting(rows, target)):
+            rows = self.rows(target)
+        return self._setting(rows, target)
+
+    def _setting(self, rows: list[Row], target: Target) -> Setting:
         options = {"integrator": self.integrator, "rows": [row.option() for row in rows]}
         return Setting(self.engine, self.name, target.timestep, options)
 
@@ -126,20 +132,31 @@ class TwoPair:
         shape = _Shape(math.pi / duration, target.speed_max, target.mass)
         loss = 1.5 * float(exact.alpha_of(wanted[-1], target.speed_max))
 
+        starts = (shape.start(loss), shape.constant_start(loss))
+        search = Search(len(starts) * _STEPS_MAX * (1 + len(_LOWEST)))
+
         def misfit(genes: Floats) -> Floats:
             e = restitution(shape.rows(genes), step, speeds, _PHASES, longest)
-            return np.asarray((np.nan_to_num(e.mean(axis=1), nan=5.0) - wanted) / _UNIT)
+            off = np.nan_to_num(e.mean(axis=1), nan=5.0) - wanted
+            search.saw(genes[None], np.abs(off).max(keepdims=True))
+            return np.asarray(off / _UNIT)
 
-        best, error = shape.start(loss), np.inf
-        for start in (best, shape.constant_start(loss)):
-            found = least_squares(
-                misfit, start, bounds=(_LOWEST, _HIGHEST), x_scale=_SCALE, max_nfev=30, diff_step=[1e-4] * 6
-            )
-            worst = float(np.abs(found.fun).max())
-            if worst < error:
-                best, error = found.x, worst
-            if error < _GOOD:
-                break
+        best, error = starts[0], np.inf
+        with giving(shape.rows), search.kept():
+            for start in starts:
+                found = least_squares(
+                    misfit,
+                    start,
+                    bounds=(_LOWEST, _HIGHEST),
+                    x_scale=_SCALE,
+                    max_nfev=_STEPS_MAX,
+                    diff_step=[1e-4] * 6,
+                )
+                worst = float(np.abs(found.fun).max())
+                if worst < error:
+                    best, error = found.x, worst
+                if error < _GOOD:
+                    break
         return shape.rows(best)
 
 
