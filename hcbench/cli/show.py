@@ -98,5 +98,6 @@ def engines(as_json: bool) -> None:
     for item in found:
         state = item["version"] or f"not installed: {item['install']}"
         print(f"{item['name']}  {state}")
+        width = max(map(len, item["settings"]), default=0)
         for setting, summary in item["settings"].items():
-            print(f"  {setting:<16} {summary}")
+            print(f"  {setting:<{width}}  {summary}")

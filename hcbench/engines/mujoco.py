@@ -6,8 +6,9 @@ Options of a setting (all optional; none means as authored):
         "solimp": [5 numbers], "onset": depth at which it starts, m, "adhesion": force with which it may
         pull, N}. On a plane each is a <pair>, of coincident geoms where there are several; in a cup each
         is a tendon's limit.
-    law: a plug-in of hcbench.contact in place of MuJoCo's own contact, {"kind": "force", "alpha": s/m,
-        "stiffness": N/m^n, "exponent": n} or {"kind": "restitution", "alpha": s/m}.
+    law: a plug-in of hcbench.contact in place of MuJoCo's own contact, as `hcbench.contact.law.law_of` reads
+        it: {"kind": "force", "alpha": s/m, "stiffness": N/m^n, "exponent": n}, {"kind": "restitution",
+        "alpha": s/m}, or with {"law": a later law's slug, "restitution": e} in place of alpha.
 """
 
 from __future__ import annotations

@@ -28,10 +28,8 @@ if TYPE_CHECKING:
 
 SCHEMA = 1
 _NAMED = re.compile(r'file(?:name)?\s*=\s*"([^"]+)"')  # how MJCF and URDF name meshes and parts
-_IMPACTS, _STEPS = (
-    4096,
-    5_000_000,
-)  # in a part, at most: about a second of work, a fine grain for 10^8 impacts
+# In a part, at most: about a second of work, a fine grain for 10^8 impacts.
+_IMPACTS, _STEPS = 4096, 5_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,9 +130,10 @@ def steps_expected(scene: Scene, timestep: float, speed: float) -> int:
 
 
 def _size(task: Task, scene: Scene) -> int:
-    """Impacts in each part of a task."""
+    """Impacts in each part of a task: as few parts as may be, of one size."""
     steps = steps_expected(scene, task.setting.timestep, min(task.launches.speeds))
-    return max(1, min(_IMPACTS, _STEPS // steps))
+    most, total = max(1, min(_IMPACTS, _STEPS // steps)), len(task.launches)
+    return math.ceil(total / math.ceil(total / most))
 
 
 @lru_cache(maxsize=64)
@@ -142,10 +141,15 @@ def _version(package: str) -> str:
     return version(package)
 
 
+@lru_cache(maxsize=64)
+def _engine_version(name: str) -> str:
+    return registry.engine(name).version()
+
+
 def versions_here(engines: Iterable[str]) -> dict[str, str]:
     """Of everything that the bytes of a part depend on: package or engine, and version."""
     packages = {name: _version(name) for name in ("hcbench", "numpy", "pyarrow", "scipy")}
-    return {**packages, **{name: registry.engine(name).version() for name in sorted(set(engines))}}
+    return {**packages, **{name: _engine_version(name) for name in sorted(set(engines))}}
 
 
 def digests_of(scene: Scene, engine: str) -> dict[str, str]:
