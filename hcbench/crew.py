@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from hcbench.engines import isolation
 from hcbench.errors import CannotRun
+from hcbench.results import undisturbed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -41,7 +42,8 @@ class Crew:
 
     def each(self, work: Callable[[Any], T], items: Sequence[Any]) -> Iterator[tuple[int, T]]:
         """(index, work(item)) as they come in. Items in flight when a process died are left out."""
-        with _without_main():
+        # An interrupt waits: a process that is just being started would outlive us, and complain.
+        with _without_main(), undisturbed():
             pool = self._pool = self._pool or ProcessPoolExecutor(
                 self._jobs, mp_context=get_context("spawn"), initializer=isolation.enter_worker
             )

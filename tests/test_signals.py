@@ -1,0 +1,161 @@
+"""Ctrl-C, TERM and HUP: one line, exit 130, no process left, nothing half-written."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from hcbench.sweep.folder import Folder
+
+PROC = Path("/proc")
+pytestmark = pytest.mark.skipif(not (PROC / "self" / "stat").exists(), reason="no /proc to find processes in")
+
+HCBENCH = [sys.executable, "-c", "from hcbench.cli import main; main()"]
+LONG = """scene = "steel-plane"
+alphas = 0.3
+speeds = "0.05:0.5:2000"
+phases = {phases}
+[[run]]
+engine = "reference"
+recipe = "hunt-crossley"
+timesteps = {timestep}
+"""
+HANGS = "import time\ndef model():\n    time.sleep(600)\n"
+PATIENCE_S = 60.0
+
+
+def session(leader: int) -> list[int]:
+    """The processes of a session that still run."""
+    found = []
+    for folder in PROC.iterdir():
+        if folder.name.isdigit():
+            try:
+                state, _, _, own = (folder / "stat").read_text().rpartition(")")[2].split()[:4]
+            except OSError:
+                continue  # gone
+            if int(own) == leader and state != "Z":
+                found.append(int(folder.name))
+    return found
+
+
+def wait_for(what: str, true: object) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not true():  # type: ignore[operator]
+        assert time.monotonic() < end, f"waited in vain for {what}"
+        time.sleep(0.02)
+
+
+def start(arguments: list[str], folder: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [*HCBENCH, *arguments],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def end(process: subprocess.Popen[str], number: signal.Signals) -> None:
+    """Send a signal as it comes in life: Ctrl-C to all in the terminal, others to the command alone."""
+    (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
+    begin = time.monotonic()
+    out, err = process.communicate(timeout=PATIENCE_S)
+    assert time.monotonic() - begin < 10.0
+    assert process.returncode == 130
+    assert (out, err) == ("", "hcbench: interrupted; nothing was left half-written\n")
+    wait_for("the last process to end", lambda: not session(process.pid))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda n: n.name)
+def test_a_report_that_is_interrupted_leaves_nothing(tmp_path: Path, number: signal.Signals) -> None:
+    (tmp_path / "study.toml").write_text(LONG.format(phases=1000, timestep=1e-8), encoding="utf-8")
+    process = start(["report", "study.toml", "--out", "reports/mine", "--jobs", "2"], tmp_path)
+    wait_for("its workers", lambda: len(session(process.pid)) >= 3)
+    end(process, number)
+    assert [path.name for path in tmp_path.iterdir()] == ["study.toml"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
+def test_a_sweep_that_is_interrupted_leaves_whole_parts(tmp_path: Path, number: signal.Signals) -> None:
+    (tmp_path / "study.toml").write_text(LONG.format(phases=8, timestep=1e-6), encoding="utf-8")
+    process = start(["sweep", "study.toml", "--out", "mine", "--jobs", "2"], tmp_path)
+    wait_for("a part", lambda: list((tmp_path / "mine").glob("part-*")))
+    end(process, number)
+    files = [path.name for path in (tmp_path / "mine").rglob("*") if path.is_file()]
+    assert all(re.match(r"part-|loops-|_sweep\.json|_summary\.csv|_lock", name) for name in files), files
+    parts = list(Folder(str(tmp_path / "mine")).checked())
+    assert parts
+    assert all(shares is not None for _, shares in parts), "none is damaged"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
+@pytest.mark.parametrize("command", ["check", "measure"])
+def test_a_model_that_hangs_is_left_alone_when_interrupted(
+    tmp_path: Path, command: str, number: signal.Signals
+) -> None:
+    (tmp_path / "hangs.py").write_text(HANGS, encoding="utf-8")
+    process = start([command, "--python", "hangs.py:model", "--pair", "ball,plate"], tmp_path)
+    wait_for("its worker", lambda: len(session(process.pid)) >= 2)
+    end(process, number)
+
+
+def test_what_is_ignored_stays_ignored(tmp_path: Path) -> None:
+    """As under nohup: the terminal may go."""
+    (tmp_path / "hangs.py").write_text(HANGS, encoding="utf-8")
+    script = "import signal, runpy; signal.signal(signal.SIGHUP, signal.SIG_IGN);" + HCBENCH[2]
+    arguments = ["check", "--python", "hangs.py:model", "--pair", "ball,plate"]
+    with subprocess.Popen(
+        [sys.executable, "-c", script, *arguments],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        wait_for("its worker", lambda: len(session(process.pid)) >= 2)
+        process.send_signal(signal.SIGHUP)
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(timeout=1.0)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=PATIENCE_S) == 130
+
+
+def test_a_search_has_a_bar_and_its_best_is_printed_on_ctrl_c(tmp_path: Path) -> None:
+    import pty
+
+    arguments = ["tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-6", "--recipe", "soft"]
+    ours, theirs = pty.openpty()
+    with subprocess.Popen(
+        [*HCBENCH, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=theirs,
+        text=True,
+        start_new_session=True,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "100", "NO_COLOR": "1"},
+    ) as process:
+        os.close(theirs)
+        seen = b""
+        while (found := re.search(rb"(\d\d+)/1650", seen)) is None:
+            seen += os.read(ours, 4096)
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.stdout is not None
+        out = process.stdout.read()
+        try:
+            while more := os.read(ours, 4096):
+                seen += more
+        except OSError:
+            pass  # the other end has been closed
+        os.close(ours)
+        assert process.wait(timeout=PATIENCE_S) == 130
+    assert "the best so far" in out
+    assert "solref=" in out
+    told = re.search(rb"hcbench: interrupted: the search was cut short after (\d+) of at most 1650", seen)
+    assert told is not None
+    assert int(told[1]) >= int(found[1])
