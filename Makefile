@@ -7,7 +7,7 @@ LOWEST := .venv-lowest
 COMPILE = $(BIN)/uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 \
 	  --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate --quiet
 
-.PHONY: report test test-lowest check format lock clean
+.PHONY: report test test-lowest bench check format lock clean
 
 report: $(INSTALLED)  ## regenerate the default report into reports/steel-1lb/
 	$(BIN)/hcbench report steel-1lb --out reports/steel-1lb
@@ -17,6 +17,11 @@ test: check  ## lint, types, then every test
 
 test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyproject.toml allows
 	$(LOWEST)/bin/python -m pytest -n 2
+
+bench: $(INSTALLED)  ## every speed claim, side by side with what others do; the table in benchmarks/README.md
+	$(BIN)/python -m pytest benchmarks/bench_reference.py benchmarks/bench_engines.py benchmarks/bench_commands.py \
+	  --benchmark-json=benchmarks/last.json
+	$(BIN)/python benchmarks/table.py benchmarks/last.json
 
 check: $(INSTALLED)
 	$(BIN)/ruff check .
