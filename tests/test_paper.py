@@ -16,7 +16,10 @@ from hcbench.paper.drawings import drawings
 from hcbench.paper.forced import QUICK
 from hcbench.paper.numbers import Printed, digits, factors, printed_numbers
 from hcbench.reference import exact
+from hcbench.reference import kelvin_voigt as kv
 from hcbench.reference.later_laws import LAWS
+from hcbench.reference.laws import HuntCrossley
+from hcbench.reference.simulate import impact
 from hcbench.report import style
 
 if TYPE_CHECKING:
@@ -192,7 +195,7 @@ def test_figure_4_shows_the_closed_form_in_the_papers_units() -> None:
 
 def test_figure_1_pulls_on_the_left_only() -> None:
     with style.drawing():
-        left, right = impacts.figure_1().axes
+        left, right = impacts.figure_1()[0].axes
     assert _lines(left)[0][:, 1].min() < 0.0 < _lines(left)[0][0, 1]
     assert min(line[:, 1].min() for line in _lines(right)) == 0.0
 
@@ -204,6 +207,24 @@ def test_figure_9_lies_on_its_ellipse_and_figure_8_does_not_close_on_one() -> No
     assert np.ptp(loop[:, 1]) == pytest.approx(np.ptp(ellipse[:, 1]), rel=0.02)
     assert np.ptp(loop[:, 0]) == pytest.approx(np.ptp(ellipse[:, 0]), rel=1e-3)
     assert np.ptp(_lines(large)[0][:, 0]) > 2.0 * gaps.SQUEEZE
+
+
+def test_the_other_reading_of_4_is_in_the_caption(folder: Path) -> None:
+    """Found again by the differential equation: no force below 0."""
+    e = float(exact.restitution(0.5, 1.0))
+    time = float(exact.duration(HuntCrossley(1.0, 0.5), 1.0, 1.0))
+    law = kv.matched(e, time, 1.0, kv.Ending.SURFACE)
+    other = impact(law, 1.0, 1.0, ending=kv.Ending.FORCE).restitution
+    assert other > e
+    assert f"makes the restitution of (a) {other:.3f}" in (folder / "index.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.adhesion
+def test_the_page_says_how_far_each_engine_is_from_the_reference(folder: Path) -> None:
+    text = (folder / "index.html").read_text(encoding="utf-8")
+    found = dict(re.findall(r"(MuJoCo plug-in|MuJoCo staggered) [\d.]+ % and ([\d.]+) %", text))
+    assert float(found["MuJoCo plug-in"]) < 10.0  # of a preview's steps, five times as long
+    assert float(found["MuJoCo staggered"]) < 10.0
 
 
 def test_the_loop_of_q_2_encloses_the_loss_that_its_restitution_says() -> None:

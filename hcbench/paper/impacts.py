@@ -22,8 +22,11 @@ SKETCH_ALPHA_SPEED = 0.5  # α v of the sketches: a loss large enough to be seen
 LOOP_COLOURS = (GREEN, BLUE, ORANGE, PURPLE)
 
 
-def figure_1() -> Figure:
-    """(a) the loop of (4), (b) the loop of (16), with the same restitution and contact time."""
+def figure_1() -> tuple[Figure, str]:
+    """(a) the loop of (4), (b) the loop of (16), with the same restitution and contact time.
+
+    With what (4) returns in its other reading, where contact ends as soon as the force does.
+    """
     law, mass = HuntCrossley(1.0, SKETCH_ALPHA_SPEED), 1.0
     e = float(exact.restitution(law.alpha, 1.0))
     time = float(exact.duration(law, mass, 1.0))
@@ -60,7 +63,8 @@ def figure_1() -> Figure:
         axes.axhline(0.0, color=INK, linewidth=0.8)
         span(axes, depth, "xₘ")
         bare(axes, "approach x", "force F")
-    return figure
+    early = float(kv.restitution(kv.damping_ratio(linear, mass), kv.Ending.FORCE))
+    return figure, f" Contact that ends at C, where F = 0, makes the restitution of (a) {early:.3f}."
 
 
 def figure_2() -> Figure:
