@@ -84,6 +84,12 @@ def holds_one_row(model: Any) -> bool:
     return len(_ways(model)) + int(model.ntendon) == 1
 
 
+def no_islands(mujoco: Any) -> int:
+    """The flag that keeps constraints from being solved island by island; 0 where it is not the rule."""
+    flag = getattr(mujoco.mjtDisableBit, "mjDSBL_ISLAND", None)
+    return 0 if flag is None else int(flag)
+
+
 def put_on_axis(ball: ET.Element, height: float) -> None:
     """A body's free joint made a slide along z, whose position is the height of the body's centre."""
     at, joint = next((i, e) for i, e in enumerate(ball) if e.tag in ("freejoint", "joint"))
@@ -102,5 +108,5 @@ def feel_alike(mujoco: Any, model: Any, free: Any) -> None:
         model.tendon_invweight0[:] = np.tile(free.tendon_invweight0, size)
     if holds_one_row(free):
         model.opt.solver, model.opt.iterations = mujoco.mjtSolver.mjSOL_PGS, 1
-        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
+        model.opt.disableflags |= no_islands(mujoco)
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE

@@ -114,7 +114,7 @@ def kind_of(loaded: Loaded) -> Kind:
     mujoco, model = loaded.mujoco, loaded.model
     option = model.opt
     as_usual = (
-        not option.disableflags & mujoco.mjtDisableBit.mjDSBL_ISLAND
+        not option.disableflags & axis.no_islands(mujoco)
         and not option.enableflags
         and option.solver == mujoco.mjtSolver.mjSOL_NEWTON
         and not option.noslip_iterations
