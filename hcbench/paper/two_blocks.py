@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 NAME = "two-blocks"
 RADIUS = 0.0508  # m, of the sphere: the relative radius of section 3.1; no force depends on it
 SIDES = {"left": -1.0, "right": 1.0}  # the geoms, bodies and files of the blocks; where they are along x
-# Both blocks press a squeezed body at once, and all rows share in the highest impedance: 0.05 of five tried
+# Both blocks press a squeezed body at once, and all rows share in the highest impedance: 0.05 of four tried
 # leaves the summed loop the nearest.
 IMPEDANCE = 0.05
 
