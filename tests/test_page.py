@@ -208,6 +208,28 @@ def test_nothing_sticks_out_at_any_width(browser: Browser, width: int) -> None:
     assert browser.value("document.documentElement.scrollWidth") <= width
 
 
+@pytest.mark.parametrize("width", [360, 390])
+def test_on_a_phone_verdicts_and_captions_are_on_the_screen(browser: Browser, width: int) -> None:
+    browser.resize(width)
+    ends = "[...document.querySelectorAll({!r})].map(e => Math.round(e.getBoundingClientRect().right))"
+    for what in (".ranking th, .ranking td:not(:empty)", "caption", "figcaption", "#figure-overview img"):
+        found = browser.value(ends.format(what))
+        assert found, what
+        assert 0 < min(found) <= max(found) <= width, what
+    words = browser.value(
+        "[...document.querySelectorAll('.ranking td:last-child b')].map(e => e.offsetHeight)"
+    )
+    assert min(words) > 10, "every verdict is shown"
+    overlaps = browser.value(
+        "[...document.querySelectorAll('.ranking tr')].some(row => [...row.children].some((a, i) =>"
+        " [...row.children].some((b, j) => {"
+        " const p = a.getBoundingClientRect(), q = b.getBoundingClientRect();"
+        " return i < j && p.right > q.left + 1 && q.right > p.left + 1 && p.bottom > q.top + 1"
+        " && q.bottom > p.top + 1; })))"
+    )
+    assert overlaps is False
+
+
 def test_it_prints(browser: Browser) -> None:
     printed = base64.b64decode(browser.call("Page.printToPDF", printBackground=True)["data"])
     assert printed.startswith(b"%PDF")
