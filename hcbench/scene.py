@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StrictInt, ValidationError
 
 from hcbench import units
 from hcbench.errors import QuantityError, SceneError
@@ -118,7 +118,9 @@ class _Law(_Table):
 class _File(_Table):
     """A scene.toml: its tables and keys. Quantities are read later, as they need units."""
 
-    schema_: Literal[1] = Field(alias="schema", description="1, the version that this hcbench reads")
+    schema_: StrictInt = Field(
+        alias="schema", ge=1, le=1, description="1, the version that this hcbench reads"
+    )
     title: str = Field(default="", description="text")
     form: Literal["cup", "plane"] = Field(description="'cup' or 'plane'")
     gravity: Any = Field(default=0.0, description="an acceleration in m/s^2")
