@@ -62,6 +62,15 @@ def test_a_search_tells_how_far_it_is_and_is_not_changed_by_that(recipe: str) ->
     assert totals[0] / 4 < done[-1] <= totals[0]
 
 
+def test_a_fit_in_stages_tells_them_to_the_end() -> None:
+    told: list[tuple[int, int]] = []
+    searched("staggered-push", lambda done, total: told.append((done, total)))
+    done, totals = np.array(told).T
+    assert (np.diff(done) >= 0).all()
+    assert len(told) > 50
+    assert set(totals) == {done[-1]}
+
+
 @pytest.mark.parametrize("recipe", ["soft", "two-pair"])
 def test_a_search_that_is_interrupted_hands_out_its_best(recipe: str) -> None:
     def interrupt(done: int, total: int) -> None:

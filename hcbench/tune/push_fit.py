@@ -22,9 +22,10 @@ if TYPE_CHECKING:
 
     from hcbench.impact import Floats
     from hcbench.reference.laws import HuntCrossley
+    from hcbench.tune.search import Count
 
 _FORCE_SCALE, _RESTITUTION_SCALE = 1e-3, 2e-5  # one unit of misfit, relative and absolute
-_ITERATIONS, _GIVE_UP = 80, 1e6
+ITERATIONS, _GIVE_UP = 80, 1e6
 _LOG_USUAL = 2.5  # log of highest over lowest penetration where a start has the dampers it says
 Solimp = tuple[float, float, float, float, float]
 
@@ -193,8 +194,11 @@ def _fit_springs(samples: Samples, rows: Pushers, springs: int) -> Pushers:
     return replace(rows, stiffness=stiffness)
 
 
-def refine(samples: Samples, rows: Pushers) -> Pushers:
-    """The same rows with springs and dampers that fit better; keeps the best when it does not converge."""
+def refine(samples: Samples, rows: Pushers, told: Count) -> Pushers:
+    """The same rows with springs and dampers that fit better; keeps the best when it does not converge.
+
+    Counts ITERATIONS, whether it needs them or not.
+    """
     terms = _terms(samples.x, samples.v, rows.onsets, rows.solimps)
     damps, count = rows.damping > 0.0, len(rows.onsets)
 
@@ -210,7 +214,7 @@ def refine(samples: Samples, rows: Pushers) -> Pushers:
 
     S, D, wanted = rows.stiffness, rows.damping, samples.wanted()
     acts, misfit = solve(S, D)
-    caution, left = 0.1, _ITERATIONS
+    caution, left = 0.1, ITERATIONS
     while left and caution < _GIVE_UP:
         columns = np.concatenate([acts * terms.lever, (acts * terms.rate)[:, damps]], axis=1)
         now = np.concatenate([S, D[damps]])
@@ -222,6 +226,7 @@ def refine(samples: Samples, rows: Pushers) -> Pushers:
         right = np.einsum("ni,n->i", jacobian, wanted)
         while left and caution < _GIVE_UP:
             left -= 1
+            told.add(1)
             damping = (caution * misfit) ** 2 / len(now)
             root = np.linalg.cholesky(normal + (damping + 1e-12 * np.trace(normal)) * np.eye(len(now)))
             step, _ = nnls(root.T, np.linalg.solve(root, right + damping * now / unit), maxiter=10_000)
@@ -232,12 +237,15 @@ def refine(samples: Samples, rows: Pushers) -> Pushers:
                 S, D, acts, misfit, caution = new_S, new_D, new_acts, new_misfit, max(caution / 3, 1e-4)
                 break
             caution *= 3
+    told.add(left)
     return Pushers(rows.onsets, rows.solimps, S, D, misfit)
 
 
-def aim(samples: Samples, rows: Pushers, law: HuntCrossley, timestep: float, duration: float) -> Pushers:
+def aim(
+    samples: Samples, rows: Pushers, law: HuntCrossley, timestep: float, duration: float, count: Count
+) -> Pushers:
     """Once more, with the restitution that the rows turn out to have, by the model of the engine's step."""
     phases = 4
     e = restitution(rows.rows(), timestep, samples.speeds, phases, duration).mean(axis=1)
     off = samples.excess + e - exact.restitution(law.alpha, samples.speeds)
-    return refine(replace(samples, excess=off), rows) if np.isfinite(off).all() else rows
+    return refine(replace(samples, excess=off), rows, count) if np.isfinite(off).all() else rows

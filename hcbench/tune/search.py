@@ -50,11 +50,24 @@ def giving(make: Callable[[Any], Any]) -> Iterator[None]:
         raise
 
 
-class Search:
-    """Counts the evaluations of a search and keeps the best of them."""
+class Count:
+    """Counts the evaluations of a search."""
 
     def __init__(self, budget: int) -> None:
         self._budget, self._done = budget, 0
+
+    def add(self, evaluations: int) -> None:
+        """So many more are done, or will not be needed."""
+        self._done += evaluations
+        if (tick := _watcher.get()) is not None:
+            tick(min(self._done, self._budget), self._budget)
+
+
+class Search(Count):
+    """Counts the evaluations of a search and keeps the best of them."""
+
+    def __init__(self, budget: int) -> None:
+        super().__init__(budget)
         self._best: tuple[float, Floats] | None = None
 
     def saw(self, genes: Floats, errors: Floats) -> None:
@@ -63,9 +76,7 @@ class Search:
         i = int(np.argmin(errors))
         if self._best is None or errors[i] < self._best[0]:
             self._best = float(errors[i]), np.array(genes[i])
-        self._done += len(errors)
-        if (tick := _watcher.get()) is not None:
-            tick(min(self._done, self._budget), self._budget)
+        self.add(len(errors))
 
     @contextmanager
     def kept(self) -> Iterator[None]:

@@ -11,7 +11,8 @@ from hcbench.errors import SettingError
 from hcbench.reference import exact
 from hcbench.setting import Setting
 from hcbench.tune.constant import require_integrator
-from hcbench.tune.push_fit import Start, aim, begin, refine, sample
+from hcbench.tune.push_fit import ITERATIONS, Start, aim, begin, refine, sample
+from hcbench.tune.search import Count
 from hcbench.tune.soften import served_law
 from hcbench.tune.staggered import band_of, knots_of
 
@@ -36,6 +37,7 @@ _STARTS = [
 _MISFIT = 0.006  # of the springs' straight lines
 _SPEEDS, _POINTS = 14, 40
 _MOST_LOSS, _LEAST_EXPONENT = 0.6, 1.2
+_BEST = 2  # of the starts, which are fitted to all speeds
 _WORST = 25.0  # units of misfit: beyond it the law is not there
 
 
@@ -85,17 +87,18 @@ class StaggeredPush:
         speeds = np.geomspace(target.speed_min, target.speed_max, 3 * _SPEEDS)
         samples = sample(law, target.mass, speeds[1::3], _POINTS, lag)
         span = (band.low, band.top)
+        count = Count((len(_STARTS) + _BEST + 1) * ITERATIONS)
         starts = (begin(samples, law, target.mass, span, knots, target.speed_max, start) for start in _STARTS)
-        few = sorted((refine(samples, rows) for rows in starts), key=lambda fit: fit.misfit)[:2]
+        few = sorted((refine(samples, rows, count) for rows in starts), key=lambda fit: fit.misfit)[:_BEST]
         # Between those speeds too: only what they leave open is still free.
         samples = sample(law, target.mass, speeds, _POINTS, lag)
-        best = min((refine(samples, rows) for rows in few), key=lambda fit: fit.misfit)
+        best = min((refine(samples, rows, count) for rows in few), key=lambda fit: fit.misfit)
         if best.misfit > _WORST:
             raise _beyond(target)
         ends = np.array([target.speed_min, target.speed_max])
         longest = float(exact.duration(law, target.mass, ends).max())
         step = max(target.timestep, longest / 400)
-        return aim(samples, best, law, step, 1.1 * longest).rows()
+        return aim(samples, best, law, step, 1.1 * longest, count).rows()
 
 
 def _beyond(target: Target) -> SettingError:
