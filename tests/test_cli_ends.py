@@ -97,6 +97,8 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ["report", "study.toml", "--out", f"new/{LONG}/in"],
         ["report", LONG],
         ["sweep", LONG],
+        ["sweep", "study.toml", "--out", LONG],
+        ["measure", LONG, "--pair", "a,b"],
         ["paper", "--quick", "--out", LONG],
         ["tune", "mujoco", "--restitution", ".5", "--timestep", "1e-3", "--write-scene", LONG],
         ["tune", "mujoco", "--restitution", ".5", "--timestep", "1e-3", "--scene", LONG],
@@ -112,7 +114,7 @@ def test_a_name_that_no_disk_takes_is_one_line_and_exit_2(
     caught = capsys.readouterr()
     assert caught.out == ""
     (line,) = caught.err.splitlines()
-    assert "name too long" in line or "pairs like" in line
+    assert "ile name too long" in line or "pairs like" in line
     assert "unexpected" not in line
     assert there(study) == ["study.toml"]
 
@@ -128,6 +130,8 @@ def test_pairs_may_be_longer_than_a_files_name(capsys: pytest.CaptureFixture[str
     [
         (["report", "study.toml", "--out", ""], "--out"),
         (["sweep", "study.toml", "--out", ""], "--out"),
+        (["report", ""], "study"),
+        (["measure", ""], "models"),
         (["paper", "--out", ""], "--out"),
         (["tune", "mujoco", "--alpha", "1", "--timestep", "1e-3", "--write-scene", ""], "--write-scene"),
         (["measure", "m.xml", "--page", ""], "--page"),

@@ -50,7 +50,7 @@ def _sources(models: tuple[str, ...], python: str | None) -> tuple[str, ...]:
 
 
 @click.command()
-@click.argument("models", nargs=-1)
+@click.argument("models", nargs=-1, type=path_type())
 @_model_options
 @click.option("--alpha", help="α to look for causes against.")
 @click.option("--restitution", help="e to look for causes against.")
@@ -96,7 +96,7 @@ def measure(
 
 
 @click.command()
-@click.argument("models", nargs=-1)
+@click.argument("models", nargs=-1, type=path_type())
 @_model_options
 @click.option("--alpha", help="Hold it against the law with this α.")
 @click.option("--target", "reading", type=click.Choice(["law", "linear"]), default="law", show_default=True)

@@ -9,6 +9,7 @@ import signal
 import sys
 import time
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+_LONGEST_NAME = 255  # bytes, on every common file system
 _AGAIN_S = 1.0  # between two signals that count as two
 # A slot that is told of under another option than its own name.
 _ALSO = {"restitution": ("--restitution", "--points"), "lowest speed": ("--speeds",)}
@@ -149,13 +151,15 @@ def _option_of(slot: str, context: click.Context) -> str | None:
 
 
 def path_type(**options: Any) -> click.Path:
-    """A path: "" is none, and not the working directory."""
+    """A path: "" is none, and not the working directory; nor is what no disk takes."""
     return _OutPath(**options)
 
 
 class _OutPath(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        slot = param.opts[0] if param else "path"
         if not str(value):
-            slot = param.opts[0] if param else "path"
             raise UserError(slot, "an empty path", "a path", "Leave the option out for its default")
+        if any(len(os.fsencode(part)) > _LONGEST_NAME for part in Path(value).parts):
+            raise UserError(slot, f"{str(value)[:60]}...: file name too long", "a shorter path")
         return super().convert(value, param, ctx)

@@ -11,7 +11,7 @@ from hcbench.cli.ends import path_type
 
 
 @click.command()
-@click.argument("study", default="steel-1lb")
+@click.argument("study", default="steel-1lb", type=path_type())
 @click.option("--out", type=path_type(path_type=Path), help="Folder to write to.  [default: reports/NAME]")
 @click.option("--quick", is_flag=True, help="Fewer speeds, phases and steps: a preview.")
 @jobs_option

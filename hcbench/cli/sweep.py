@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("study")
+@click.argument("study", type=path_type())
 @click.option(
     "--out",
     type=path_type(),
