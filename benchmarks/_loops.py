@@ -88,8 +88,9 @@ def _library() -> Any:
 def bare(model: Any, launches: Sequence[Launch], timestep: float, steps: int) -> Any:
     """`for (...) mj_step(m, d)` over all of these balls in one model, ready to be run."""
     library, data, whole = _library(), mujoco.MjData(model), mujoco.mjtState.mjSTATE_INTEGRATION
-    data.qpos[2::7] = [model.qpos0[2] + launch.gap(timestep) for launch in launches]
-    data.qvel[2::6] = [-launch.speed for launch in launches]
+    heights, speeds = (slice(2, None, 7), slice(2, None, 6)) if model.nq > model.nv else (slice(None),) * 2
+    data.qpos[heights] = model.qpos0[heights] + [launch.gap(timestep) for launch in launches]
+    data.qvel[speeds] = [-launch.speed for launch in launches]
     start = np.empty(mujoco.mj_stateSize(model, whole))
     mujoco.mj_getState(model, data, start, whole)
 

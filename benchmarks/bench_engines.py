@@ -78,7 +78,7 @@ def test_mujoco_over_a_bare_c_loop(beside: Any, recipe: str, monkeypatch: pytest
     steps = [max(impacts[launch].samples for launch in group) + 5 for group in groups]
     models = [fleet.crowd(len(group)).model for group in groups]
     default = load(SCENE, STEP, read_options(setting.options))
-    together = _mujoco_flight.crowd(mujoco, default.root, 0, 80, default.at).model
+    together = _mujoco_flight.crowd(default, 80, sliding=False).model
     together.opt.jacobian = mujoco.mjtJacobian.mjJAC_AUTO
     eighty = many[::6]
     longest = max(steps)

@@ -82,12 +82,8 @@ def load(scene: Scene, timestep: float, options: Options) -> Loaded:
     Raises SceneError for a model that is not what the scene says, EngineMissing where the installed MuJoCo
     is too old for the setting.
     """
-    return load_edited(scene, timestep, options, edited(scene, timestep, options))
-
-
-def load_edited(scene: Scene, timestep: float, options: Options, root: ET.Element) -> Loaded:
-    """The same from its MJCF, `edited` for this setting."""
-    mujoco, path = backend(), model_path(scene)
+    mujoco = backend()
+    root, path = edited(scene, timestep, options), model_path(scene)
     _require_version(mujoco, options)
     felt = any(option.get("integrator") == "RK4" for option in root.iterfind("option"))
     if felt:

@@ -14,7 +14,6 @@ Options of a setting (all optional; none means as authored):
 from __future__ import annotations
 
 import dataclasses
-import xml.etree.ElementTree as ET
 from contextlib import contextmanager
 from functools import lru_cache
 from importlib import metadata
@@ -22,8 +21,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from hcbench.engines import _mujoco_flight
 from hcbench.engines._mujoco_flight import Fleet
-from hcbench.engines._mujoco_load import INSTALL, load, load_edited
-from hcbench.engines._mujoco_model import as_text, edited
+from hcbench.engines._mujoco_load import INSTALL, load
+from hcbench.engines._mujoco_model import as_text, edited, model_path
 from hcbench.engines._mujoco_options import read_options
 from hcbench.engines.base import Engine
 from hcbench.errors import EngineMissing
@@ -90,16 +89,16 @@ class MujocoEngine(Engine):
 
 def _fleet(scene: Scene, timestep: float, options: Options) -> Fleet:
     """A scene under a setting, compiled; kept for who asks for the same again."""
-    root = edited(scene, timestep, options)
-    of_files = root.find("asset/*[@file]") is not None  # which may change while the text does not
-    return (_kept.__wrapped__ if of_files else _kept)(
-        scene, timestep, options, ET.tostring(root, encoding="unicode")
-    )
+    path = model_path(scene)
+    written = path.read_bytes() if path.is_file() else b""
+    # Another file that it names may change while it does not.
+    make = _kept if written and b"file=" not in written else _kept.__wrapped__
+    return make(scene, timestep, options, written)
 
 
 @lru_cache(maxsize=4)
-def _kept(scene: Scene, timestep: float, options: Options, text: str) -> Fleet:
-    return Fleet.of(load_edited(scene, timestep, options, ET.fromstring(text)))
+def _kept(scene: Scene, timestep: float, options: Options, _: bytes) -> Fleet:
+    return Fleet.of(load(scene, timestep, options))
 
 
 def _named(impact: Impact) -> Impact:
