@@ -105,7 +105,7 @@ def impact_of(launch: Launch, trajectory: Trajectory) -> Impact:
 def impacts_of(
     launches: Sequence[Launch], time: Floats, x: Floats, v: Floats, f: Floats, counts: NDArray[np.intp]
 ) -> list[Impact]:
-    """Read impacts off trajectories that share their times, shape (n,).
+    """Read impacts off trajectories that share their times, shape (n,), even.
 
     x, v, f: penetration, rate and force as in `Trajectory`, shape (b, n); of each, the first `counts` steps
     are its own, shape (b,).
@@ -135,6 +135,7 @@ def impacts_of(
     v_in = v[each, first].tolist()
     v_out = (-v[each, np.minimum(stops, counts - 1)]).tolist()
     h = float(time[1] - time[0]) if len(time) > 1 else 0.0
+    clock = time - time[0]
     found = []
     for i, (launch, start, stop, n) in enumerate(
         zip(launches, first.tolist(), stops.tolist(), counts.tolist(), strict=True)
@@ -156,7 +157,7 @@ def impacts_of(
                 penetration_max=deepest[i],
                 force_max=hardest[i],
                 samples=stop - start,
-                loop=Loop(time[contact] - time[start], x[i, contact], v[i, contact], f[i, contact]),
+                loop=Loop(clock[: stop - start], x[i, contact], v[i, contact], f[i, contact]),
             )
             found.append(impact)
     return found

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import os
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -44,29 +43,22 @@ _SHORT, _CHUNK_BYTES = 8, 2**21  # steps in a chunk: the fewest, and how many fi
 
 def fly(fleet: Fleet, launches: Sequence[Launch]) -> list[Impact]:
     """Each launch until it has parted or rests. Any number at once gives the same bits."""
-    groups = fleet.groups(launches)
-    threads = 1 if isolation.in_worker() else min(_cores(), len(groups))
-    flights = [_Flight(fleet, [launches[i] for i in group]) for group in groups]
-    with guarded(fleet.model.mujoco):
-        if threads > 1:
-            with ThreadPoolExecutor(threads) as pool:
-                found = list(pool.map(_Flight.land, flights))
-        else:
-            found = [flight.land() for flight in flights]
     back: dict[int, Impact] = {}
-    for group, impacts in zip(groups, found, strict=True):
-        back.update(zip(group, impacts, strict=True))
+    with guarded(fleet.model.mujoco):
+        for group in fleet.groups(launches):
+            landed = _Flight(fleet, [launches[i] for i in group]).land()
+            back.update(zip(group, landed, strict=True))
     return [back[i] for i in range(len(launches))]
 
 
 def follow(model: Loaded, launch: Launch, steps: int) -> Trajectory:
     """All of `steps` steps after one launch; NaN from where MuJoCo gave up."""
-    bench = Bench.of(model, Crowd(model.model, 1, model.at, sliding=False), _CHUNK_BYTES)
+    bench = Bench.of(model, Crowd(model.model, 1, model.at, sliding=False), 1, _CHUNK_BYTES)
     states, done = released(model, [launch]), 0
     path = np.full((3, 1, steps), np.nan)
     with guarded(model.mujoco):
         while done < steps:
-            warm = bench.data.qacc_warmstart.copy()  # as one unbroken run has it
+            warm = bench.data[0].qacc_warmstart.copy()  # as one unbroken run has it
             seen = record(model, bench, states, steps - done, warm)
             assert seen is not None
             count = seen[0].shape[2]
@@ -97,11 +89,13 @@ def _watch(model: Loaded, launches: Sequence[Launch]) -> Watch:
 class Fleet:
     """A model, the crowds made of it, and benches of theirs that nobody uses.
 
-    most: balls that pay in one model. seen: steps that the last flight took.
+    most: balls that pay in one model. wide: models that are stepped at once. seen: steps that the last flight
+    took.
     """
 
     model: Loaded
     most: int
+    wide: int
     sliding: bool
     seen: int = 0
     crowds: dict[int, Crowd] = field(default_factory=dict)
@@ -116,7 +110,8 @@ class Fleet:
         if kind == "sliding" and holds_one_row(model.model):
             most = _CROWD_OF_ONE_ROW
         alone = {} if kind == "sliding" else {1: Crowd(model.model, 1, model.at, sliding=False)}
-        return cls(model, most, kind == "sliding", crowds=alone)
+        wide = 1 if isolation.in_worker() else _cores()
+        return cls(model, most, wide, kind == "sliding", crowds=alone)
 
     def crowd(self, size: int) -> Crowd:
         """The model of so many balls."""
@@ -131,7 +126,7 @@ class Fleet:
         try:
             bench = idle.pop()
         except IndexError:
-            bench = Bench.of(self.model, crowd, _CHUNK_BYTES)
+            bench = Bench.of(self.model, crowd, self.wide, _CHUNK_BYTES)
         yield bench
         idle.append(bench)
 
@@ -140,12 +135,16 @@ class Fleet:
         total = len(launches)
         order = sorted(range(total), key=lambda i: (launches[i].height or 0.0, launches[i].speed))
         together = total > 1 and self.pays(total, self.expected(launches))
-        most = self.most if together else _ALONE
-        count = max(1, math.ceil(total / most), min(_cores(), total // _CROWD_OF_ROWS))
-        share = max(1, math.ceil(total / count))
+        share = math.ceil(
+            total / max(1, math.ceil(total / ((self.most if together else _ALONE) * self.wide)))
+        )
         if together:
-            self.crowd(min(share, self.most))
-        return [order[i : i + share] for i in range(0, total, share)]
+            self.crowd(self.shared(share))
+        return [order[i : i + share] for i in range(0, total, max(1, share))]
+
+    def shared(self, balls: int) -> int:
+        """How many of so many balls go into one model, as there are several at once."""
+        return min(self.most, max(math.ceil(balls / self.wide), min(balls, _CROWD_OF_ROWS)))
 
     def pays(self, balls: int, steps: int) -> bool:
         """Whether so many steps of so many balls are worth a crowd."""
@@ -180,7 +179,7 @@ class _Flight:
     def land(self) -> list[Impact]:
         """All of it; one impact for each launch, in order."""
         fleet, count = self._fleet, self._fleet.expected(self._launches)
-        fits = [size for size in list(fleet.crowds) if size >= len(self._launches)]
+        fits = [size for size in list(fleet.crowds) if size >= fleet.shared(len(self._launches))]
         size, together = min(fits, default=1), True
         while self._flying.size:
             crowd = fleet.crowd(size)
@@ -199,11 +198,11 @@ class _Flight:
 
     def _company(self, now: int) -> int:
         """How many balls the model to go on in should have: a few of many are better off alone."""
-        left, most = self._flying.size, self._fleet.most
+        left, most = self._fleet.shared(self._flying.size), self._fleet.most
         if now > 1 and left <= now // 8:
             return 1
         if (now == 1 < left or left <= now // 2) and self._fleet.pays(left, self._watch.steps):
-            return min(1 << (int(left) - 1).bit_length(), most)
+            return min(1 << (left - 1).bit_length(), most)
         return now
 
     def _end(self, seen: Floats) -> None:

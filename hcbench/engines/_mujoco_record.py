@@ -43,16 +43,19 @@ def released(model: Loaded, launches: Sequence[Launch]) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """What a crowd is stepped in: an MjData, and room for states, shape (n,), kept as new room is costly."""
+    """What a crowd is stepped in: an MjData for each thread, and room for states, shape (n,), as new room is
+    costly.
+    """
 
     crowd: Crowd
-    data: Any
+    data: list[Any]
     room: Floats
 
     @classmethod
-    def of(cls, model: Loaded, crowd: Crowd, room: int) -> Bench:
-        """With room for so many bytes of states."""
-        return cls(crowd, model.mujoco.MjData(crowd.model), np.empty(room // 8))
+    def of(cls, model: Loaded, crowd: Crowd, threads: int, room: int) -> Bench:
+        """With room for so many bytes of states, of each thread."""
+        data = [model.mujoco.MjData(crowd.model) for _ in range(threads)]
+        return cls(crowd, data, np.empty(threads * room // 8))
 
 
 def record(
@@ -69,7 +72,7 @@ def record(
     shape = (len(packed), count, packed.shape[1])
     path, sensed = model.mujoco.rollout.rollout(
         crowd.model,
-        bench.data,
+        bench.data[: len(packed)],
         packed,
         nstep=count,
         initial_warmstart=warm,

@@ -62,8 +62,10 @@ class Watch:
             over |= ~np.isfinite(x + v + f)
         if self.deepest < math.inf:
             over |= x > self.deepest
-        over |= step >= self.patience[:, None] - 1
-        over |= self._rests(after & (np.abs(v) <= self.rest_speed[:, None]), step)
+        if step[-1] >= self.patience.min() - 1:
+            over |= step >= self.patience[:, None] - 1
+        slow = self.rest_speed[:, None]
+        over |= self._rests(after & (v <= slow) & (v >= -slow), step)
         self.steps += n
         return np.where(over.any(axis=1), step[0] + over.argmax(axis=1) + 1, 0)
 
