@@ -66,15 +66,15 @@ def swept(impacts: int, recipe: str, timestep: str) -> Any:
 
 
 def test_two_jobs_over_one(beside: Any, tmp_path: Path) -> None:
-    study, number = swept(24_000, "spring-damper", "1e-6 s"), iter(range(99))
+    study, number = swept(240_000, "spring-damper", "1e-6 s"), iter(range(99))
 
     def sweeping(jobs: int) -> None:
         sweep(study, tmp_path / str(next(number)), jobs=jobs)
 
     beside(
-        "a sweep of 24 000 impacts, MuJoCo at 1 µs, per impact",
+        "a sweep of 240 000 impacts, MuJoCo at 1 µs, per impact",
         {"one job": lambda: sweeping(1), "hcbench": lambda: sweeping(2)},
-        per=24_000,
+        per=240_000,
         rounds=1,
         must="1.8",
         aim="1.95",
@@ -83,7 +83,7 @@ def test_two_jobs_over_one(beside: Any, tmp_path: Path) -> None:
 
 def test_memory_of_a_sweep(benchmark: Any, tmp_path: Path) -> None:
     """Peak memory, its processes' together: proportional set size, so that shared pages count once."""
-    impacts = int(os.environ.get("HCBENCH_BENCH_IMPACTS", "100_000"))
+    impacts = int(os.environ.get("HCBENCH_BENCH_IMPACTS", "1_000_000"))
     study, peak = swept(impacts, "impulse", "1e-3 s"), [0]
 
     def run() -> None:

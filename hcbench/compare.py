@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from hcbench.impact import Impact, Loop, Status
 from hcbench.reference import exact
@@ -121,6 +120,7 @@ def energy_exponent(speed_in: Floats, loss: Floats) -> float:
 
 def fit_alpha(speed_in: Floats, restitution: Floats) -> tuple[float, float]:
     """α (s/m) whose e of (16) is nearest to measured pairs by least squares, and what is left (rms)."""
+    from scipy.optimize import minimize_scalar  # here, as who flies and does not score needs none of it
 
     def misfit(log_alpha: float) -> float:
         return float(np.mean((exact.restitution(math.exp(log_alpha), speed_in) - restitution) ** 2))

@@ -22,19 +22,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import pandas as pd
-
 from hcbench.compare import CLAIMS
 from hcbench.errors import HcbenchError, OutputError, UserError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    import pandas as pd
+
 SCHEMA = 1
 MANIFEST = "hcbench-files.json"
 _FILLED = "hcbench files"
-# Before version 3 pandas reads the last digit wrong unless told not to; since then it must not be told.
-_EXACT: dict[str, Any] = {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
 RUN_KEY = ["scene", "engine", "setting", "alpha_s_per_m", "timestep_s"]  # one setting at one step for one α
 
 IMPACT_COLUMNS = [
@@ -58,6 +56,12 @@ TRAIN_COLUMNS = [*RUN_KEY, "bounce", "height_m", "height_law_m"]
 LOOP_COLUMNS = [*RUN_KEY, "speed_m_per_s", "phase", "time_s", "penetration_m", "rate_m_per_s", "force_n"]
 
 
+def _no_trains() -> pd.DataFrame:
+    import pandas as pd  # here, as sweeps and the processes that fly need none of it
+
+    return pd.DataFrame(columns=TRAIN_COLUMNS)
+
+
 @dataclass(frozen=True, slots=True)
 class Results:
     """Everything a report or a check reads.
@@ -72,7 +76,7 @@ class Results:
     impacts: pd.DataFrame
     loops: pd.DataFrame
     scores: pd.DataFrame
-    trains: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=TRAIN_COLUMNS))
+    trains: pd.DataFrame = field(default_factory=_no_trains)
 
     def summary(self) -> dict[str, Any]:
         """The part that is not a table, JSON-able."""
@@ -117,8 +121,14 @@ class Results:
 
 
 def _read_table(path: Path) -> pd.DataFrame:
+    import pandas as pd
+
+    # Before version 3 pandas reads the last digit wrong unless told not to; since then it must not be told.
+    exact: dict[str, Any] = (
+        {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
+    )
     # An empty number is NaN, but an empty reason is an empty text and an empty claim "not resolved".
-    table: pd.DataFrame = pd.read_csv(path, dtype=dict.fromkeys(["reason", *CLAIMS], "object"), **_EXACT)
+    table: pd.DataFrame = pd.read_csv(path, dtype=dict.fromkeys(["reason", *CLAIMS], "object"), **exact)
     if "reason" in table:
         table["reason"] = table["reason"].fillna("")
     for claim in CLAIMS:

@@ -15,7 +15,6 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
-import pandas as pd
 
 from hcbench import compare
 from hcbench.crew import Crew
@@ -25,11 +24,12 @@ from hcbench.impact import Impact, Launch, Status
 from hcbench.reference import exact
 from hcbench.reference.laws import HuntCrossley
 from hcbench.results import IMPACT_COLUMNS, LOOP_COLUMNS, RUN_KEY, TRAIN_COLUMNS, Results
-from hcbench.trains import bounce_trains
 from hcbench.tune.target import Target
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
+
+    import pandas as pd
 
     from hcbench.scene import Scene
     from hcbench.setting import Setting
@@ -107,6 +107,8 @@ def run_with(crew: Crew, study: Study, progress: Callable[[int, int], None] | No
 
 def gather(study: Study, rows: Sequence[Row], impacts: Mapping[TaskKey, Sequence[Impact]]) -> Results:
     """Score the impacts of each row's task, and put all of it into tables."""
+    import pandas as pd  # here, as the processes that fly need none of it
+
     tables: dict[str, list[Any]] = {"impacts": [], "loops": [], "scores": []}
     for row in rows:
         setting, found = row.task.setting, impacts[row.task.key]
@@ -132,6 +134,10 @@ def gather(study: Study, rows: Sequence[Row], impacts: Mapping[TaskKey, Sequence
 
 def _train_table(study: Study, rows: Sequence[Row]) -> pd.DataFrame:
     """Bounce trains of the settings at the study's train step, for its main α."""
+    import pandas as pd
+
+    from hcbench.trains import bounce_trains
+
     law = HuntCrossley(study.scene.stiffness, study.main_alpha, study.scene.exponent)
     settings = {
         row.task.setting.key: row.task.setting
@@ -243,6 +249,8 @@ def impact_columns(key: tuple[Any, ...], columns: Mapping[str, Any], law: HuntCr
 
 def loop_table(key: tuple[Any, ...], impact: Impact) -> pd.DataFrame:
     """LOOP_COLUMNS of one impact, thinned to what a figure can show. key: the values of RUN_KEY."""
+    import pandas as pd
+
     loop = impact.loop
     assert loop is not None
     every = np.unique(

@@ -10,10 +10,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
-
 from hcbench import compare
 from hcbench.errors import UserError
 from hcbench.impact import Impact, Launch, Loop, Status
@@ -24,6 +20,8 @@ from hcbench.sweep.folder import SWEEP, Folder
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
+
+    import pandas as pd
 
 _LAUNCH = ["speed_m_per_s", "phase"]
 
@@ -38,6 +36,8 @@ def read(folder: str | Path) -> Results:
 
     Raises UserError for a folder that holds no sweep, one that is not finished, or a part that is damaged.
     """
+    import pandas as pd  # here, as a sweep itself needs none of it
+
     place = Folder(os.fspath(folder))
     told = place.description()
     if told is None:
@@ -78,6 +78,10 @@ def read(folder: str | Path) -> Results:
 
 def _by_key(files: Iterable[bytes]) -> dict[tuple[Any, ...], pd.DataFrame]:
     """Tables of all files by the values of RUN_KEY, in the files' order."""
+    import pandas as pd
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     tables = [pq.read_table(io.BytesIO(content)) for content in files]
     if not tables:
         return {}

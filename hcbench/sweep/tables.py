@@ -88,12 +88,27 @@ def _table(columns: Mapping[str, Any], schema: Any) -> Any:
     for field in schema:
         values = columns[field.name]
         if field.name in _WORDS:
-            words = [values] * length if isinstance(values, str) else [str(word) for word in values]
-            arrays.append(pa.array(words, type=pa.string()).dictionary_encode())
+            arrays.append(_words([values] * length if isinstance(values, str) else values))
         else:
             numbers = np.full(length, values) if isinstance(values, float) else values
-            arrays.append(pa.array(numbers, type=field.type))
+            arrays.append(_numbers(numbers, field.type))
     return pa.Table.from_arrays(arrays, schema=schema)
+
+
+# From buffers: `pyarrow.array` loads pandas, which takes more memory than all else that a sweep is.
+def _numbers(values: Any, kind: Any) -> Any:
+    plain = np.ascontiguousarray(values, dtype=kind.to_pandas_dtype())
+    return pa.Array.from_buffers(kind, len(plain), [None, pa.py_buffer(plain)])
+
+
+def _words(values: Sequence[Any]) -> Any:
+    """Each word once, in the order in which they come, and which one is where."""
+    known: dict[str, int] = {}
+    places = [known.setdefault(str(word), len(known)) for word in values]
+    texts = [word.encode() for word in known]
+    offsets = np.cumsum([0, *map(len, texts)], dtype=np.int32)
+    once = pa.StringArray.from_buffers(len(texts), pa.py_buffer(offsets), pa.py_buffer(b"".join(texts)))
+    return pa.DictionaryArray.from_arrays(_numbers(places, pa.int32()), once)
 
 
 def _share(columns: Mapping[str, Any]) -> Share:
