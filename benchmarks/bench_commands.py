@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -75,30 +76,40 @@ def test_two_jobs_over_one(beside: Any, tmp_path: Path) -> None:
         "a sweep of 240 000 impacts, MuJoCo at 1 µs, per impact",
         {"one job": lambda: sweeping(1), "hcbench": lambda: sweeping(2)},
         per=240_000,
-        rounds=1,
+        rounds=2,
         must="1.8",
         aim="1.95",
     )
 
 
-def test_memory_of_a_sweep(benchmark: Any, tmp_path: Path) -> None:
+def test_memory_of_a_sweep(benchmark: Any) -> None:
     """Peak memory, its processes' together: proportional set size, so that shared pages count once."""
-    impacts = int(os.environ.get("HCBENCH_BENCH_IMPACTS", "1_000_000"))
-    study, peak = swept(impacts, "impulse", "1e-3 s"), [0]
+    impacts, told = os.environ.get("HCBENCH_BENCH_IMPACTS", "1_000_000"), []
 
     def run() -> None:
-        sweep(study, tmp_path / "sweep", jobs=2, progress=lambda _: peak.append(memory()))
+        alone = subprocess.run(
+            [sys.executable, __file__, impacts], check=True, capture_output=True, text=True
+        )
+        told.append(float(alone.stdout))
 
     benchmark.pedantic(run, rounds=1)
-    seconds = benchmark.stats.stats.min / impacts
+    seconds = benchmark.stats.stats.min / int(impacts)
     benchmark.extra_info.update(
-        what=f"a sweep of {impacts:,} impacts, two jobs",
+        what=f"memory of a sweep of {int(impacts):,} impacts, two jobs",
         unit="MiB",
-        seconds={"hcbench": max(peak)},
+        seconds={"hcbench": max(told)},
         also=f"{seconds * 1e6:.0f} µs an impact",
         must="1024 MiB",
         aim="300 MiB",
     )
+
+
+def peak_of_a_sweep(impacts: int) -> float:
+    """MiB."""
+    study, peak = swept(impacts, "impulse", "1e-3 s"), [0.0]
+    with tempfile.TemporaryDirectory() as folder:
+        sweep(study, f"{folder}/sweep", jobs=2, progress=lambda _: peak.append(memory()))
+    return max(peak)
 
 
 def memory() -> float:
@@ -116,3 +127,7 @@ def parent(entry: Path) -> int:
         return int((entry / "stat").read_text().rpartition(")")[2].split()[1])
     except OSError:
         return 0
+
+
+if __name__ == "__main__":
+    print(peak_of_a_sweep(int(sys.argv[1])))

@@ -13,6 +13,7 @@ from _loops import bare, in_mujoco, in_mujoco_barely, in_pybullet
 
 from hcbench.contact import mujoco as contact
 from hcbench.engines import _mujoco_flight, isolation, registry, stretch
+from hcbench.engines import mujoco as mujoco_engine
 from hcbench.engines._mujoco_load import load
 from hcbench.engines._mujoco_options import read_options
 from hcbench.engines.mujoco import MujocoEngine, model_xml
@@ -44,23 +45,25 @@ def made(recipe: str) -> Setting:
 
 @pytest.mark.parametrize("recipe", ["spring-damper", "staggered"])
 def test_mujoco_over_a_users_loop(beside: Any, recipe: str) -> None:
-    setting, eighty, engine = made(f"mujoco.{recipe}"), launches(80), MujocoEngine()
+    setting, eighty, many, engine = made(f"mujoco.{recipe}"), launches(80), launches(640), MujocoEngine()
     xml = model_xml(SCENE, setting)
     enough = round(
         1.5 * float(exact.duration(HuntCrossley(SCENE.stiffness, 0.0), SCENE.mass, 1 * INCH)) / STEP
     )
+    loops = {
+        "a user's loop, 1.5 Hertz contacts long": lambda: in_mujoco(xml, eighty, STEP, enough),
+        "a user's loop, until the ball has left": lambda: in_mujoco(xml, eighty, STEP),
+        "mj_step in Python, nothing read but when it has left": lambda: in_mujoco_barely(xml, eighty, STEP),
+    }
     beside(
         f"MuJoCo, {recipe}, 80 launches at 1 µs, all cores",
         {
-            "a user's loop, 1.5 Hertz contacts long": lambda: in_mujoco(xml, eighty, STEP, enough),
-            "a user's loop, until the ball has left": lambda: in_mujoco(xml, eighty, STEP),
-            "mj_step in Python, nothing read but when it has left": lambda: in_mujoco_barely(
-                xml, eighty, STEP
-            ),
+            **loops,
+            "hcbench, 640 launches at once": lambda: engine.drop(SCENE, setting, many),
             "hcbench": lambda: engine.drop(SCENE, setting, eighty),
         },
-        per=80,
-        rounds=4,
+        per={**dict.fromkeys((*loops, "hcbench"), 80), "hcbench, 640 launches at once": 640},
+        rounds=5,
         must="15" if recipe == "spring-damper" else "",
         aim="40" if recipe == "spring-damper" else "",
     )
@@ -70,6 +73,7 @@ def test_mujoco_over_a_users_loop(beside: Any, recipe: str) -> None:
 def test_mujoco_over_a_bare_c_loop(beside: Any, recipe: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Per ball-step of one core. The same balls: in the models that hcbench puts them in, and all in one."""
     monkeypatch.setattr(isolation, "_inside", True)  # one thread
+    mujoco_engine._kept.cache_clear()
     setting, many, engine = made(f"mujoco.{recipe}"), launches(480), MujocoEngine()
     loaded = load(SCENE, STEP, read_options(setting.options))
     fleet = _mujoco_flight.Fleet.of(loaded)
@@ -105,6 +109,7 @@ def test_mujoco_over_a_bare_c_loop(beside: Any, recipe: str, monkeypatch: pytest
         must="1/1.2",
         aim="1/1.05",
     )
+    mujoco_engine._kept.cache_clear()
 
 
 def test_pybullet_over_a_users_loop(beside: Any) -> None:
