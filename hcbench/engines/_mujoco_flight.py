@@ -54,7 +54,8 @@ def fly(fleet: Fleet, launches: Sequence[Launch]) -> list[Impact]:
 def follow(model: Loaded, launch: Launch, steps: int) -> Trajectory:
     """All of `steps` steps after one launch; NaN from where MuJoCo gave up."""
     bench = Bench.of(model, Crowd(model.model, 1, model.at, sliding=False), 1, _CHUNK_BYTES)
-    states, done = released(model, [launch]), 0
+    gaps, speeds = np.array([launch.gap(model.timestep)]), np.array([launch.speed])
+    states, done = released(model, gaps, speeds), 0
     path = np.full((3, 1, steps), np.nan)
     with guarded(model.mujoco):
         while done < steps:
@@ -71,18 +72,15 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _watch(model: Loaded, launches: Sequence[Launch]) -> Watch:
+def _watch(model: Loaded, gaps: Floats, speeds: Floats) -> Watch:
     """Raises SettingError for a launch that cannot arrive."""
-    h, patience, rest_speed = model.timestep, [], []
-    for launch in launches:
-        gap = launch.gap(h)
-        speed = math.sqrt(launch.speed**2 + 2.0 * model.scene.gravity * gap)  # at touch
-        if gap and not speed:
-            raise SettingError("speed", "0 m/s without gravity", "a speed above 0, or gravity to fall by")
-        flight = 2.0 * gap / (launch.speed + speed) if gap else 0.0
-        patience.append(min(math.ceil(1.5 * flight / h) + math.ceil(_CONTACT_S / h) + 100, _MOST_STEPS))
-        rest_speed.append(_AT_REST * speed)
-    return Watch.over(patience, rest_speed, _STILL)
+    h = model.timestep
+    at_touch = np.sqrt(speeds**2 + 2.0 * model.scene.gravity * gaps)
+    if ((gaps > 0.0) & (at_touch == 0.0)).any():
+        raise SettingError("speed", "0 m/s without gravity", "a speed above 0, or gravity to fall by")
+    flight = np.divide(2.0 * gaps, speeds + at_touch, out=np.zeros_like(gaps), where=gaps > 0.0)
+    patience = np.ceil(1.5 * flight / h) + math.ceil(_CONTACT_S / h) + 100
+    return Watch.over(np.minimum(patience, _MOST_STEPS), _AT_REST * at_touch, _STILL)
 
 
 @dataclass(slots=True)
@@ -170,8 +168,10 @@ class _Flight:
     def __init__(self, fleet: Fleet, launches: Sequence[Launch]) -> None:
         self._fleet, self._launches = fleet, launches
         self._flying = np.arange(len(launches))
-        self._states = released(fleet.model, launches)
-        self._watch = _watch(fleet.model, launches)
+        gaps = np.array([launch.gap(fleet.model.timestep) for launch in launches])
+        speeds = np.array([launch.speed for launch in launches])
+        self._states = released(fleet.model, gaps, speeds)
+        self._watch = _watch(fleet.model, gaps, speeds)
         self._history: list[Floats] = []
         self._landed: dict[int, Impact] = {}
         self._longest = 0

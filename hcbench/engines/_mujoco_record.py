@@ -16,28 +16,28 @@ import numpy as np
 from hcbench.errors import SettingError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from hcbench.engines._mujoco_crowd import Crowd
     from hcbench.engines._mujoco_load import Loaded
-    from hcbench.impact import Floats, Launch
+    from hcbench.impact import Floats
 
 _ROUND_OFF = 16 * np.finfo(float).eps  # of what a step adds up: a smaller change of velocity is no force
 
 
-def released(model: Loaded, launches: Sequence[Launch]) -> Floats:
-    """The full states at release, shape (b, nstate); SettingError for a height that a cup has no room for."""
-    gaps = [launch.gap(model.timestep) for launch in launches]
-    if model.clearance is not None and (high := max(gaps)) >= model.clearance:
+def released(model: Loaded, gaps: Floats, speeds: Floats) -> Floats:
+    """The full states at release, shape (b, nstate); SettingError for a height that a cup has no room for.
+
+    gaps: clearances, m; speeds: towards the plate, m/s; shape (b,).
+    """
+    if model.clearance is not None and (high := gaps.max()) >= model.clearance:
         raise SettingError(
             "height",
-            f"{high!r} m above the cup",
+            f"{float(high)!r} m above the cup",
             f"below |R2| - R1 = {model.clearance!r} m, where the centres meet",
             "Drop from lower, or in the form 'plane'",
         )
-    states, (position, velocity) = np.tile(model.origin, (len(launches), 1)), model.at
+    states, (position, velocity) = np.tile(model.origin, (len(gaps), 1)), model.at
     states[:, position + 2] += gaps
-    states[:, velocity + 2] = [-launch.speed for launch in launches]
+    states[:, velocity + 2] = -speeds
     return states
 
 

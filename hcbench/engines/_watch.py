@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from hcbench.impact import Floats
 
@@ -38,13 +36,11 @@ class Watch:
     steps: int = 0
 
     @classmethod
-    def over(
-        cls, patience: Sequence[int], rest_speed: Sequence[float], still: int, deepest: float = math.inf
-    ) -> Watch:
+    def over(cls, patience: ArrayLike, rest_speed: ArrayLike, still: int, deepest: float = math.inf) -> Watch:
         """A watch that has not begun."""
-        never = np.full(len(patience), np.iinfo(np.int64).max)
-        moved = np.full(len(patience), -1)
-        return cls(np.array(patience, np.int64), np.array(rest_speed), still, never, moved, deepest)
+        steps, slow = np.array(patience, np.int64), np.array(rest_speed, np.float64)
+        never, moved = np.full(len(steps), np.iinfo(np.int64).max), np.full(len(steps), -1)
+        return cls(steps, slow, still, never, moved, deepest)
 
     def add(self, x: Floats, v: Floats, f: Floats) -> Whole:
         """One more chunk of penetration, rate and force, shape (b, n): how many of all steps to keep.

@@ -89,8 +89,10 @@ class MujocoEngine(Engine):
 
 def _fleet(scene: Scene, timestep: float, options: Options) -> Fleet:
     """A scene under a setting, compiled; kept for who asks for the same again."""
-    path = model_path(scene)
-    written = path.read_bytes() if path.is_file() else b""
+    try:
+        written = model_path(scene).read_bytes()
+    except OSError:  # which loading it will tell
+        written = b""
     # Another file that it names may change while it does not.
     make = _kept if written and b"file=" not in written else _kept.__wrapped__
     return make(scene, timestep, options, written)
