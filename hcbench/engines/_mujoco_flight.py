@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import os
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -35,6 +36,7 @@ _FEW_ROWS, _CROWD, _CROWD_OF_ROWS = 4, 24, 8
 _CROWD_OF_ONE_ROW = 80
 _ALONE = 32  # launches flown side by side, one in a model: bounds memory
 _GAIN_S, _COMPILE_S = 1.5e-6, 5e-3  # what company saves a ball-step, and costs to compile
+_ABREAST = 2  # flights: one is looked at while the other one is stepped
 _MOST_STEPS = 2_000_000  # of one launch, whatever the step
 _CONTACT_S = 0.5  # how long a ball may stay in contact before it counts as resting there
 _AT_REST, _STILL = 1e-6, 32  # of its impact speed, for so many steps: a bounce turns around in far fewer
@@ -43,10 +45,12 @@ _SHORT, _CHUNK_BYTES = 8, 2**21  # steps in a chunk: the fewest, and how many fi
 
 def fly(fleet: Fleet, launches: Sequence[Launch]) -> list[Impact]:
     """Each launch until it has parted or rests. Any number at once gives the same bits."""
+    groups = fleet.groups(launches)
+    flights = [_Flight(fleet, [launches[i] for i in group]) for group in groups]
     back: dict[int, Impact] = {}
-    with guarded(fleet.model.mujoco):
-        for group in fleet.groups(launches):
-            landed = _Flight(fleet, [launches[i] for i in group]).land()
+    with guarded(fleet.model.mujoco), ThreadPoolExecutor(_ABREAST) as pool:
+        each = map if fleet.wide == 1 else pool.map
+        for group, landed in zip(groups, each(_Flight.land, flights), strict=True):
             back.update(zip(group, landed, strict=True))
     return [back[i] for i in range(len(launches))]
 
