@@ -11,7 +11,7 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
@@ -89,6 +89,7 @@ def test_every_state_of_an_impact_tells_its_speed_at_touch(
     chi=st.sampled_from([0.02, 0.4, 8.0]),
     load=st.sampled_from([0.0, 9.81]),
 )
+@example(x=5e-324, v=5e-324, chi=8.0, load=0.0)
 @settings(max_examples=150, deadline=None)
 def test_compiled_and_python_tell_the_same_speed(x: float, v: float, chi: float, load: float) -> None:
     library, motion = build.law_library(), own_motion(KAPPA, chi, 1.5)

@@ -13,7 +13,7 @@ static double own_energy(double chi, double u) { return power_terms(chi * u, 0.3
 static double own_root(double stored, double chi, double e, double v) {
   double one = own_energy(chi, 1), lowest = v >= 0 ? v : fmax(-v / e, -v * chi * (1 + 1e-12));
   double speed = fmax(sqrt(fmax(stored + 0.5 * v * v, 0) / one), lowest);
-  for (int round = 0; round < 60 && speed > 0; round++) {
+  for (int round = 0; round < 60 && speed > 1e-150; round++) {
     double u = v / speed, left = one - own_energy(chi, u), before = speed;
     double step = (speed * speed * left - stored) / (speed * (2 * left + u * u / (1 + chi * u)));
     speed = fmax(speed - step, lowest);

@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 
 _ROUNDS = 60
+_NO_SPEED = 1e-150  # m/s: products of slower ones are 0
 _NODES = (0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970263)  # Gauss-Legendre
 _WEIGHTS = (0.17392742256872692, 0.32607257743127307, 0.32607257743127307, 0.17392742256872692)
 _SPENT = 0.75  # the most of what is stored that a constant load can have brought
@@ -59,7 +60,7 @@ def _speed(stored: float, chi: float, e: float, v: float) -> float:
     one = _energy(chi, 1.0)
     lowest = v if v >= 0.0 else max(-v / e, -v * chi * (1.0 + 1e-12))
     speed = max(math.sqrt(max(stored + 0.5 * v * v, 0.0) / one), lowest)
-    for _ in range(_ROUNDS if speed > 0.0 else 0):
+    for _ in range(_ROUNDS if speed > _NO_SPEED else 0):
         u = v / speed
         left = one - _energy(chi, u)
         step = (speed * speed * left - stored) / (speed * (2.0 * left + u * u / (1.0 + chi * u)))
