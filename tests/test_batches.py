@@ -163,11 +163,10 @@ def test_a_ball_on_the_axis_bounces_on_a_slide_as_it_does_free(
             "a box for a plate",
             ('type="plane" size="0.2 0.2 0.01"', 'type="box" pos="0 0 -.1" size=".2 .2 .1"'),
         ),
-        (
-            "a damper on the joint",
-            ('<freejoint name="ball"/>', '<joint name="ball" type="free" damping="1"/>'),
-        ),
-        ("air", ("<worldbody>", '<option density="1.2"/><worldbody>')),
+        ("a joint that takes defaults", ('<freejoint name="ball"/>', '<joint name="ball" type="free"/>')),
+        ("a solver cut short", ("<worldbody>", '<option iterations="0"/><worldbody>')),
+        ("a solver content early", ("<worldbody>", '<option tolerance="1"/><worldbody>')),
+        ("a masses' sum", ("<worldbody>", '<compiler settotalmass="0.45359237"/><worldbody>')),
     ],
 )
 def test_what_could_leave_the_axis_or_meets_more_than_the_plate_stays_free(
@@ -179,6 +178,38 @@ def test_what_could_leave_the_axis_or_meets_more_than_the_plate_stays_free(
     path.write_text(text.replace(*edit), "utf-8")
     scene = dataclasses.replace(PLANE, models={"mujoco": {"scene": path}})
     assert kind_of(load(scene, 1e-4, read_options({}))) != "sliding", name
+
+
+JOINT = '<freejoint name="ball"/>'
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("<worldbody>", '<default><joint springdamper=".01 1" limited="true"/></default><worldbody>'),
+        ("<worldbody>", '<default><joint damping="5" armature="1" frictionloss="3"/></default><worldbody>'),
+        (JOINT, f"<frame>{JOINT}</frame>"),
+        (JOINT, f'<frame euler="30 40 0">{JOINT}</frame>'),
+        ("</worldbody>", '<site name="ball#1" pos="0 0 1"/></worldbody>'),
+        (
+            "</worldbody>",
+            '<site name="a" pos="0 0 1"/><site name="b" pos="0 0 2"/></worldbody>'
+            '<tendon><spatial><site site="a"/><site site="b"/></spatial></tendon>',
+        ),
+    ],
+)
+def test_what_a_free_ball_does_not_feel_a_ball_in_company_does_not_either(
+    old: str, new: str, tmp_path: Any, sizes: Any
+) -> None:
+    path = tmp_path / "scene.xml"
+    path.write_text(PLANE.models["mujoco"]["scene"].read_text("utf-8").replace(old, new, 1), "utf-8")
+    scene = dataclasses.replace(PLANE, models={"mujoco": {"scene": path}})
+    setting, launches = made("mujoco.spring-damper", PLANE, 2e-5), at_random(4)
+    sizes(_COMPILE_S=0.0)
+    plain, found = (MUJOCO.drop(own, setting, launches) for own in (PLANE, scene))
+    for one, other in zip(found, plain, strict=True):
+        assert one.restitution == pytest.approx(other.restitution, abs=1e-12)
+        assert one.force_max == pytest.approx(other.force_max, rel=1e-12)
 
 
 @NEEDS_CROWDS

@@ -264,6 +264,15 @@ def test_a_mistake_in_the_toml_is_one_clear_line(copied: Path, old: str, new: st
         ('pos="0 0 0.0508"', 'pos="0 0 0.051"', "overlap by"),
         ('<inertial pos="0 0 0"', '<inertial pos="0 0 0.01"', "off its body's origin"),
         ('mass="0.45359237"', 'mass="heavy"', "mass 'heavy'"),
+        # What is not contact but changes the ball's momentum would be taken for it: e = 0, "rested".
+        ("<worldbody>", '<option density="1.2"/><worldbody>', "only gravity to act on it"),
+        ('<freejoint name="ball"/>', '<joint type="free" damping="1"/>', "only gravity to act on it"),
+        ('<freejoint name="ball"/>', '<joint type="free" armature="1"/>', "only gravity to act on it"),
+        (
+            '<freejoint name="ball"/>',
+            '<freejoint/><body pos=".1 0 0"><geom size=".01" mass=".1"/></body>',
+            "only gravity to act on it",
+        ),
     ],
 )
 def test_a_mistake_in_the_mjcf_is_one_clear_line(copied: Path, old: str, new: str, said: str) -> None:

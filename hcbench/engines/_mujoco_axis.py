@@ -10,16 +10,11 @@ balls of a model: one sweep of Gauss and Seidel, the same to rounding, the same 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    import xml.etree.ElementTree as ET
-
 _Z = 2
-# What a default class of the model could give to a joint, as a free one has it.
-_NOTHING = {"damping": "0", "stiffness": "0", "armature": "0", "frictionloss": "0", "limited": "false"}
 
 
 def on_axis(mujoco: Any, model: Any) -> bool:
@@ -39,8 +34,20 @@ def on_axis(mujoco: Any, model: Any) -> bool:
         and (model.geom_type[own] == mujoco.mjtGeom.mjGEOM_SPHERE).all()
         and not model.geom_pos[own].any()
         and not any((model.opt.wind.any(), model.opt.density, model.opt.viscosity))
+        and _solves_well(mujoco, model)
     )
     return bool(plain and _touches_below(mujoco, model) and _pulls_along(mujoco, model))
+
+
+def _solves_well(mujoco: Any, model: Any) -> bool:
+    """Whether the solver may go on until it is done: cut short, a free ball's answer is another."""
+    own, usual = model.opt, mujoco.MjOption()
+    return bool(
+        own.iterations >= usual.iterations
+        and own.ls_iterations >= usual.ls_iterations
+        and own.tolerance <= usual.tolerance
+        and own.ls_tolerance <= usual.ls_tolerance
+    )
 
 
 def _ways(model: Any) -> list[tuple[int, int, int]]:
@@ -72,11 +79,15 @@ def _touches_below(mujoco: Any, model: Any) -> bool:
 
 
 def _pulls_along(mujoco: Any, model: Any) -> bool:
-    """Whether all tendons run along the axis: between sites on it."""
+    """Whether all tendons hold the ball, and run along the axis: between sites on it."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     sites = model.wrap_objid[model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE]
-    return len(sites) == model.nwrap and not data.site_xpos[sites, :_Z].any()
+    if len(sites) != model.nwrap or data.site_xpos[sites, :_Z].any():
+        return False
+    on_ball = model.site_bodyid[sites] == model.jnt_bodyid[0]
+    ends = zip(model.tendon_adr.tolist(), model.tendon_num.tolist(), strict=True)
+    return all(on_ball[start : start + count].any() for start, count in ends)
 
 
 def holds_one_row(model: Any) -> bool:
@@ -90,18 +101,19 @@ def no_islands(mujoco: Any) -> int:
     return 0 if flag is None else int(flag)
 
 
-def put_on_axis(ball: ET.Element, height: float) -> None:
-    """A body's free joint made a slide along z, whose position is the height of the body's centre."""
-    at, joint = next((i, e) for i, e in enumerate(ball) if e.tag in ("freejoint", "joint"))
-    name = {key: value for key, value in joint.attrib.items() if key == "name"}
-    ball.remove(joint)
-    slide = {**name, "type": "slide", "axis": "0 0 1", "ref": repr(height), **_NOTHING}
-    ball.insert(at, joint.makeelement("joint", slide))
+def put_on_axis(mujoco: Any, spec: Any, height: float) -> None:
+    """Free joints made slides along z, whose position is the height of the body's centre.
+
+    Done after reading, as a <freejoint> takes nothing from default classes and a slide would.
+    """
+    for joint in spec.joints:
+        joint.type, joint.axis, joint.ref = mujoco.mjtJoint.mjJNT_SLIDE, [0.0, 0.0, 1.0], height
 
 
 def feel_alike(mujoco: Any, model: Any, free: Any) -> None:
     """Give balls on the axis the inverse masses of a free one, and where it is one row its solver."""
     body, size = int(free.jnt_bodyid[0]), model.njnt
+    model.jnt_axis[:] = 0.0, 0.0, 1.0  # where a <frame> around the joint has turned it
     model.body_invweight0[model.jnt_bodyid] = free.body_invweight0[body]
     model.dof_invweight0[:] = free.dof_invweight0[_Z]
     if free.ntendon:

@@ -36,6 +36,7 @@ _REFERENCES = {
     **dict.fromkeys(("site", "sidesite"), "site"),
     "objname": "body",  # of the one sensor there may be, our own
 }
+_COPY = "#"  # and a number: a copy's name
 _Z = 2  # the number of a position or velocity that is along the axis
 _BITS = 15  # of contype and conaffinity that may be in use: two such numbers fit into one
 _MASK = (1 << _BITS) - 1
@@ -128,10 +129,12 @@ def kind_of(loaded: Loaded) -> Kind:
         and model.nsensor <= 1
         and not any(getattr(model, size) for size in sizes)
         and not any(True for tag in sections for _ in loaded.root.iterfind(tag))
+        and not any("settotalmass" in compiler.attrib for compiler in loaded.root.iterfind("compiler"))
     )
     if not (as_usual and moves_alone and _touches_in_one_way(model)):
         return "alone"
-    sliding = axis.on_axis(mujoco, model)
+    # A <joint type="free"> may bring along what a slide would act on.
+    sliding = any(True for _ in loaded.root.iter("freejoint")) and axis.on_axis(mujoco, model)
     version = tuple(int(part) for part in mujoco.__version__.split(".")[:2])
     if version < _SINCE and not (sliding and axis.holds_one_row(model)):
         return "alone"
@@ -157,10 +160,10 @@ def _touches_in_one_way(model: Any) -> bool:
 def crowd(loaded: Loaded, size: int, sliding: bool) -> Crowd:
     """`size` times the ball of a model that can be, compiled."""
     mujoco, one = loaded.mujoco, loaded.model
-    root = copy.deepcopy(loaded.root)
+    root = _repeated(copy.deepcopy(loaded.root), size)
+    spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
     if sliding:
-        axis.put_on_axis(_ball(root), float(loaded.origin[loaded.at[0] + _Z]))
-    spec = mujoco.MjSpec.from_string(ET.tostring(_repeated(root, size), encoding="unicode"))
+        axis.put_on_axis(mujoco, spec, float(loaded.origin[loaded.at[0] + _Z]))
     _part(spec)
     model = spec.compile()
     model.opt.disableflags = one.opt.disableflags
@@ -181,13 +184,16 @@ def _repeated(root: ET.Element, size: int) -> ET.Element:
         root.remove(keyframe)
     ball = _ball(root)
     names = {tag: {e.get("name") for e in ball.iter(tag)} - {None} for tag in ("body", "geom", "site")}
+    mark = _COPY
+    while any(mark in name for e in root.iter() if (name := e.get("name"))):
+        mark += _COPY
     holders = [next(e for e in root.iter() if ball in list(e))]
     holders += [e for tag in ("contact", "tendon", "sensor") for e in root.findall(tag)]
     for holder in holders:
         own = [e for e in holder if e is ball or any(_refers(part, names) for part in e.iter())]
         for i in range(1, size):
             for element in own:
-                holder.append(_renamed(copy.deepcopy(element), names, f"#{i}"))
+                holder.append(_renamed(copy.deepcopy(element), names, f"{mark}{i}"))
     return root
 
 
@@ -215,7 +221,7 @@ def _part(spec: Any) -> None:
         geom.conaffinity |= geom.contype << _BITS
         geom.contype = 0
     for body in spec.bodies:
-        if body.name == "ball" or body.name.startswith("ball#"):
+        if body.joints:  # a ball
             for geom in body.find_all("geom"):
                 geom.contype = geom.conaffinity >> _BITS | (geom.conaffinity & _MASK) << _BITS
                 geom.conaffinity = 0

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 INSTALL = "pip install mujoco"
 _OVERLAP = 1e-5  # m, at which the model is checked
 _SHAPE_TOLERANCE = 1e-9  # m
+# What a ball in free flight is tried with: height in radii, m/s, m/s², and how well it must obey.
+_CLEAR, _THROWN, _PUSHED, _FREELY = 0.5, 1.0, 1.0, 1e-9
 
 
 def backend() -> Any:
@@ -111,9 +113,34 @@ def load(scene: Scene, timestep: float, options: Options) -> Loaded:
             f"ball and plate overlap by {seen:.6e} m where the scene says {_OVERLAP:g} m",
             "the ball to just touch at qpos0, with the radii of scene.toml",
         )
+    with guarded(mujoco):
+        _check_flight(mujoco, model, joint, scene)
     at = (1 + position, 1 + int(model.nq) + velocity)  # a state is time, positions, velocities, ...
     clearance = -scene.plate_radius - scene.ball_radius if scene.form == "cup" else None
     return Loaded(mujoco, model, root, scene, timestep, origin, at, clearance, felt, options.law is not None)
+
+
+def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
+    """Off the plate only gravity acts on the ball: what else changes its momentum would pass for contact."""
+    path, body, data = str(model_path(scene)), int(model.jnt_bodyid[joint]), mujoco.MjData(model)
+    if model.opt.enableflags & getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", 0):
+        raise SceneError(path, "lets bodies fall asleep", 'no <flag sleep="enable"/>')
+    data.qpos[model.jnt_qposadr[joint] + 2] += _CLEAR * scene.ball_radius
+    dof = int(model.jnt_dofadr[joint])
+    data.qvel[dof + 2] = -_THROWN
+    data.xfrc_applied[body, 2] = pushed = scene.mass * _PUSHED
+    mujoco.mj_forward(model, data)
+    expected = np.array([0.0, 0.0, _PUSHED - scene.gravity, 0.0, 0.0, 0.0])
+    off = np.abs(data.qacc[dof : dof + 6] - expected).max()
+    if not off <= _FREELY * (_PUSHED + scene.gravity):
+        raise SceneError(
+            path,
+            f"off the plate, at {_THROWN:g} m/s and under {pushed:.6g} N, the ball's acceleration is off"
+            f" by {off:.3g}",
+            "only gravity to act on it there",
+            "Look for damping, armature, springs, frictionloss, gravcomp, air, a disabled gravity, or"
+            " bodies fixed to it",
+        )
 
 
 def _require_version(mujoco: Any, options: Options) -> None:
