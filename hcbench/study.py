@@ -133,8 +133,15 @@ def find_study(name: str) -> Path:
     )
 
 
-def load_study(path: Path) -> Study:
+def name_of(path: Path) -> str:
+    """What a study's file is called by: its folder for a study.toml, its own name for any other."""
+    own = path.parent.resolve().name if path.name == "study.toml" else path.stem
+    return own or path.stem
+
+
+def load_study(path: str | Path) -> Study:
     """Read a study.toml; StudyError for anything that is not one, with the line's name."""
+    path = Path(path)
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

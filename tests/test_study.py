@@ -13,7 +13,7 @@ import pytest
 from hcbench.errors import StudyError
 from hcbench.results import RUN_KEY, Results, filled_folder
 from hcbench.run import run_study
-from hcbench.study import Study, find_study, load_study, study_from
+from hcbench.study import Study, find_study, load_study, name_of, study_from
 
 CONTENT = {
     "scene": "steel-plane",
@@ -126,6 +126,28 @@ def test_a_script_without_a_main_guard_can_run_a_study(tmp_path: Path) -> None:
         [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert done.stdout.strip() == "{'parted'}", done.stderr
+
+
+def test_a_study_is_called_by_its_folder_or_by_its_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "balls"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    for path in ("study.toml", "./study.toml", "../balls/study.toml", folder / "study.toml"):
+        assert name_of(Path(path)) == "balls"
+    assert name_of(Path("other.toml")) == "other"
+
+
+def test_a_study_is_loaded_from_a_path_in_text_too(tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_text(
+        'scene = "steel-plane"\nalphas = 0.3\nspeeds = 0.1\n'
+        '[[run]]\nengine = "reference"\nrecipe = "hunt-crossley"\ntimesteps = 1e-5\n',
+        encoding="utf-8",
+    )
+    assert load_study(str(tmp_path / "study.toml")) == load_study(tmp_path / "study.toml")
+    with pytest.raises(StudyError, match="does not exist"):
+        load_study("nowhere.toml")
 
 
 def test_run_keys_identify_a_score(results: Results) -> None:

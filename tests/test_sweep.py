@@ -537,7 +537,8 @@ def test_a_worker_with_something_else_installed_is_one_line(
 def test_the_command_sweeps_resumes_and_reports(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(tmp_path)
+    (tmp_path / "balls").mkdir()
+    monkeypatch.chdir(tmp_path / "balls")
     Path("study.toml").write_text(
         'scene = "steel-plane"\nalphas = 0.3\nspeeds = "1:20 in/s"\nphases = 4\nloop_speeds = "4 in/s"\n'
         '[[run]]\nengine = "reference"\nrecipe = "hunt-crossley"\ntimesteps = 1e-5\n'
@@ -552,6 +553,10 @@ def test_the_command_sweeps_resumes_and_reports(
     assert cli(["report", "swept", "--out", "page"]) == 0
     assert "Restitution" in Path("page/index.html").read_text(encoding="utf-8")
     assert cli(["sweep", "nowhere.toml"]) == 2
+    capsys.readouterr()
+    assert cli(["sweep", "study.toml", "--jobs", "1"]) == 0
+    assert cli(["report", "study.toml", "--quick", "--jobs", "1"]) == 0
+    assert capsys.readouterr().out.split() == ["sweeps/balls", "reports/balls/index.html"]
 
 
 # --- a cluster ---

@@ -24,7 +24,7 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
     from hcbench.report.build import build
     from hcbench.results import filled_folder
     from hcbench.run import run_with
-    from hcbench.study import find_study, load_study
+    from hcbench.study import find_study, load_study, name_of
 
     if (Path(study) / "_sweep.json").is_file():
         from hcbench.sweep import read
@@ -35,7 +35,7 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
         return
     path = find_study(study)
     plan = load_study(path).quick() if quick else load_study(path)
-    folder = out or Path("reports") / (path.parent.name if path.name == "study.toml" else path.stem)
+    folder = out or Path("reports") / name_of(path)
     with filled_folder(folder) as scratch, Crew(jobs) as crew:
         with progress("impacts") as tick:
             results = run_with(crew, plan, tick)

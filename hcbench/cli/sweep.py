@@ -36,12 +36,12 @@ def sweep(study: str, out: str | None, jobs: int, resume: bool, scheduler: str |
 
     STUDY is a study.toml, its folder, or a built-in name. The folder's _summary.csv is kept up to date.
     """
-    from hcbench.study import find_study, load_study
+    from hcbench.study import find_study, load_study, name_of
     from hcbench.sweep import sweep as run
 
     path = find_study(study)
     plan = load_study(path)
-    folder = out or str(Path("sweeps") / (path.parent.name if path.name == "study.toml" else path.stem))
+    folder = out or str(Path("sweeps") / name_of(path))
     with _bar() as tick:
         done = run(plan, folder, jobs=jobs, resume=resume, scheduler=scheduler, progress=tick)
     for number in done.damaged:
