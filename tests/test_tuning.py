@@ -20,7 +20,7 @@ from hcbench.scene import load_scene
 from hcbench.tune.paste import paste, script
 from hcbench.tune.target import Target
 from hcbench.tune.tuning import choose, tune
-from hcbench.tune.verdict import held_out_speeds
+from hcbench.tune.verdict import Rest, faults, held_out_speeds
 
 SCENE = load_scene("steel-plane")
 ALPHA = 0.008 / 0.0254
@@ -235,3 +235,77 @@ def test_a_target_of_measured_pairs_is_read_from_a_csv(
     )
     target_json = json.loads(capsys.readouterr().out)["target"]
     assert np.array(target_json["points"]) == pytest.approx(np.array([[0.1016, 0.97], [0.4064, 0.88]]))
+
+
+PAIRS = "4:0.969, 8:0.94, 12:0.912, 16:0.886 in/s"  # e of (16) for 0.008 s/in, to three digits
+
+
+@pytest.mark.parametrize(
+    ("speeds", "band"),
+    [([], (0.1016, 0.4064)), (["--speeds", "2:20 in/s"], (0.0508, 0.508))],
+)
+def test_pairs_are_judged_over_their_own_span_unless_told_otherwise(
+    capsys: pytest.CaptureFixture[str], speeds: list[str], band: tuple[float, float]
+) -> None:
+    arguments = ["tune", "mujoco", "--points", PAIRS, "--timestep", "1e-4", "--recipe", "impulse", "--json"]
+    assert run([*arguments, *speeds]) == 0
+    asked = json.loads(capsys.readouterr().out)["target"]
+    assert (asked["speed_min"], asked["speed_max"]) == pytest.approx(band)
+
+
+def test_pairs_near_the_law_are_told_its_alpha_and_no_plug_in_that_needs_one(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run(["tune", "mujoco", "--points", PAIRS, "--timestep", "1e-4"]) == 0
+    told = capsys.readouterr().out
+    assert "restitution-law" not in told
+    assert "try --alpha 0.31" in told
+    assert "--recipe two-pair" in told
+    assert run(["tune", "mujoco", "--points", "0.1:0.9, 0.2:0.3 m/s", "--timestep", "1e-4"]) == 0
+    assert "--alpha" not in capsys.readouterr().out  # no α has such a fall
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        (["--points", PAIRS], "--points: 4 pairs of v and e, which 'staggered' does not serve"),
+        (["--points", PAIRS], "Use `two-pair` or `soft` for another restitution. α = 0.31"),
+        (["--restitution", "0.8"], "--restitution: one e for all speeds, which 'staggered'"),
+        (["--alpha", "0.3", "--target", "linear"], "--target: 1 - α v, which 'staggered'"),
+    ],
+)
+def test_what_a_recipe_does_not_serve_is_said_in_the_users_words(
+    capsys: pytest.CaptureFixture[str], given: list[str], says: str
+) -> None:
+    assert run(["tune", "mujoco", *given, "--timestep", "1e-4", "--recipe", "staggered"]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_pairs_have_no_loop(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["tune", "mujoco", "--points", PAIRS, "--timestep", "1e-6", "--match", "loop"]) == 2
+    assert "--points: 4 pairs of v and e, with --match loop" in capsys.readouterr().err
+
+
+@pytest.mark.adhesion
+def test_notes_of_a_softened_contact_do_not_contradict_what_was_measured(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    arguments = ["tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-3", "--recipe", "staggered"]
+    assert run(arguments) == 0
+    told = capsys.readouterr().out
+    assert "mujoco staggered: the recipe asked for" in told
+    assert "99.7 % of the largest force" in told
+    assert "- under gravity it rests 1.0e-03 m deep, 2 % of the radius; --recipe impulse" in told
+    assert "- As stiff as the law it rests without creep" in told
+
+
+def test_what_keeps_a_body_from_resting_is_named_and_nothing_else() -> None:
+    radius = 0.05
+    assert faults(Rest(True, 1e-7, 1e-6, 1e-3, 0.5), radius) == []
+    (sinks,) = faults(Rest(False, 1e-4, 1e-6, 0.0, 0.0), radius)
+    assert sinks == "it sinks at 1.0e-04 m/s and goes on to"
+    (deep,) = faults(Rest(False, 0.0, 1e-3, 1e-3, 0.5), radius)
+    assert "2 % of the radius" in deep
+    (moves,) = faults(Rest(False, 0.0, 1e-6, 1e-3, 1.0), radius)
+    assert "keeps on moving" in moves
+    assert faults(Rest(False, *[float("nan")] * 4), radius) == ["it diverges"]

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from hcbench.tune.target import Target
     from hcbench.tune.tuning import Tuned
 
+_SPEEDS = "1:20 in/s"
+
 
 @click.command()
 @click.argument("engine")
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
     "--points", help="Pairs v:e in place of --alpha, such as '0.1:0.95, 0.5:0.85 m/s', or a CSV file."
 )
 @click.option("--timestep", required=True, help="The engine's step, such as '1e-3' or '1 ms'.")
-@click.option("--speeds", default="1:20 in/s", show_default=True, help="The band of impact speeds.")
+@click.option("--speeds", help="The band of impact speeds.  [default: 1:20 in/s, or that of --points]")
 @click.option("--target", "reading", type=click.Choice(["law", "linear"]), default="law", show_default=True)
 @click.option(
     "--match", type=click.Choice(["restitution", "loop", "both"]), default="restitution", show_default=True
@@ -91,22 +93,28 @@ def _asked(given: dict[str, Any]) -> tuple[Scene, Target]:
         k = units.parse(given["stiffness"], "stiffness", "--stiffness", n)
     elif n != scene.exponent:
         raise UserError("--stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
-    speeds = units.parse_values(given["speeds"], "speed", "--speeds")
-    units.require_positive(speeds, "speed", "--speeds")
     timestep = units.parse(given["timestep"], "timestep", "--timestep")
     units.require_positive(timestep, "timestep", "--timestep")
     mass = units.parse(given["mass"], "mass", "--mass") if given["mass"] else scene.mass
     units.require_positive(mass, "mass", "--mass")
     alpha = units.parse(given["alpha"], "alpha", "--alpha") if given["alpha"] else 0.0
-    band = (float(speeds.min()), float(speeds.max()))
+    pairs = _points(given["points"]) if given["points"] else ()
+    band = _band(given["speeds"], pairs)
     if given["alpha"]:
         return scene, Target(HuntCrossley(k, alpha, n), mass, timestep, *band, reading=given["reading"])
-    points = (
-        _points(given["points"])
-        if given["points"]
-        else ((band[0], units.parse(given["constant"], "number", "--restitution")),)
-    )
+    points = pairs or ((band[0], units.parse(given["constant"], "number", "--restitution")),)
     return scene, Target(HuntCrossley(k, 0.0, n), mass, timestep, *band, "points", points)
+
+
+def _band(asked: str | None, pairs: tuple[tuple[float, float], ...]) -> tuple[float, float]:
+    """Lowest and highest speed, m/s: as asked, or those of several pairs: beyond them nobody knows e."""
+    from hcbench import units
+
+    if asked is None and len(pairs) > 1:
+        return min(v for v, _ in pairs), max(v for v, _ in pairs)
+    speeds = units.parse_values(_SPEEDS if asked is None else asked, "speed", "--speeds")
+    units.require_positive(speeds, "speed", "--speeds")
+    return float(speeds.min()), float(speeds.max())
 
 
 def _is_file(text: str) -> bool:
@@ -155,9 +163,7 @@ def _print(tuned: Tuned, text: str) -> None:
         ("largest force", f"{verdict.force_max:.4g} N"),
     ]
     if not math.isnan(verdict.loop_rms) and target.reading == "law":
-        rows.append(
-            ("force loop", f"{100 * verdict.loop_rms:.2g} % of the largest force from the law's (rms)")
-        )
+        rows.append(("force loop", f"{_percent(verdict.loop_rms)} of the largest force from the law's (rms)"))
     if tuned.rest is not None:
         rows.append(
             ("rests under gravity", f"{'yes' if tuned.rest.rests else 'no'}: {rest_words(tuned.rest)}")
@@ -169,6 +175,11 @@ def _print(tuned: Tuned, text: str) -> None:
     print("\nknow:")
     for line in (*tuned.advice, *tuned.recipe.holds):
         print(f"- {line}")
+
+
+def _percent(share: float) -> str:
+    """Three digits, and no power of ten for what is above 1 %."""
+    return f"{100 * share:.3g} %" if share < 1 else f"{100 * share:.0f} %"
 
 
 def _hand_out(cut: SearchCut, scene: Scene, as_json: bool) -> None:

@@ -9,6 +9,7 @@ from hcbench.contact.law import STEPS_PER_CONTACT
 from hcbench.errors import SettingError
 from hcbench.reference import exact
 from hcbench.setting import Setting
+from hcbench.tune.reading import require_reading
 
 if TYPE_CHECKING:
     from hcbench.reference.laws import HuntCrossley
@@ -29,7 +30,7 @@ class ForceLaw:
 
     def __call__(self, target: Target) -> Setting:
         """The setting; SettingError for a target or a step that the force law does not have."""
-        _require_law(target)
+        require_reading(target, self.name, ("law",), _instead(self.engine))
         require_resolved(target, target.law, "Use `restitution-law`, which needs no resolved contact")
         law = target.law
         options = {"alpha": law.alpha, "stiffness": law.stiffness, "exponent": law.exponent}
@@ -50,7 +51,7 @@ class RestitutionLaw:
 
     def __call__(self, target: Target) -> Setting:
         """The setting; SettingError for a target given as points."""
-        _require_law(target, linear=True)
+        require_reading(target, self.name, ("law", "linear"), _instead(self.engine))
         options = {"kind": "restitution", "alpha": target.law.alpha, "reading": target.reading}
         return _setting(self.engine, self.name, target.timestep, options)
 
@@ -67,6 +68,11 @@ def require_resolved(target: Target, law: HuntCrossley, todo: str) -> None:
         )
 
 
+def _instead(engine: str) -> str:
+    """Recipes for any restitution, as a refusal names them."""
+    return "`two-pair`, `soft` or `impulse`" if engine == "mujoco" else "`restitution`"
+
+
 def force_setting(engine: str, name: str, timestep: float, law: dict[str, Any]) -> Setting:
     """A force law's setting."""
     return _setting(engine, name, timestep, {"kind": "force", **law})
@@ -76,12 +82,6 @@ def _setting(engine: str, name: str, timestep: float, law: dict[str, Any]) -> Se
     # Bullet slows every body in flight; the law is about contact alone.
     flight = {"ball": {"linearDamping": 0.0, "angularDamping": 0.0}} if engine == "pybullet" else {}
     return Setting(engine, name, timestep, {"law": law, **flight})
-
-
-def _require_law(target: Target, linear: bool = False) -> None:
-    known = ("law", "linear") if linear else ("law",)
-    if target.reading not in known:
-        raise SettingError("target", f"the reading {target.reading!r}", f"one of: {', '.join(known)}")
 
 
 MUJOCO_FORCE = ForceLaw("mujoco")

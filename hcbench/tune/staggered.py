@@ -19,6 +19,7 @@ from hcbench.errors import SettingError
 from hcbench.setting import Setting
 from hcbench.tune.constant import require_integrator
 from hcbench.tune.kernel import restitution_kernel
+from hcbench.tune.reading import require_reading
 from hcbench.tune.rows import POWER_LAW, SOFTEST, Row, weight
 from hcbench.tune.soften import served_law
 
@@ -246,7 +247,8 @@ class Staggered:
         "With fewer than 10 steps in the law's shortest contact the spring is softer, for 24 steps:"
         " same e, same shape of loop, larger penetration.",
         "A steady load feels up to twice the stiffness: the dampers' impedance carries half of it.",
-        "Rests without creep, about as deep as the law; oscillations die at the law's own (3/4) α g.",
+        "As stiff as the law it rests without creep, about as deep; oscillations die at the law's (3/4) α g.",
+        "Softened it rests deeper and swings wider.",
         "Pairs are frictionless (condim 1); the dampers need MuJoCo 3.11 or later (pair adhesion).",
     )
 
@@ -255,13 +257,7 @@ class Staggered:
         require_integrator(self.name, self.integrator, self.integrators, "its damping is off by the step")
         if not 10 * SOFTEST <= self.impedance <= 0.5:
             raise SettingError("impedance", f"{self.impedance!r}", f"{10 * SOFTEST:g} ... 0.5")
-        if target.reading != "law":
-            raise SettingError(
-                "target",
-                f"the reading {target.reading!r}",
-                "'law', e of eq. (16)",
-                "Use `two-pair` or `soft` to match another restitution",
-            )
+        require_reading(target, self.name, ("law",), "`two-pair` or `soft`")
         rows = self.rows(target)
         options = {"integrator": self.integrator, "rows": [row.option() for row in rows]}
         return Setting(self.engine, self.name, target.timestep, options)

@@ -12,6 +12,7 @@ from hcbench.reference import exact
 from hcbench.setting import Setting
 from hcbench.tune.constant import require_integrator
 from hcbench.tune.push_fit import ITERATIONS, Start, aim, begin, refine, sample
+from hcbench.tune.reading import require_reading
 from hcbench.tune.search import Count
 from hcbench.tune.soften import served_law
 from hcbench.tune.staggered import band_of, knots_of
@@ -63,13 +64,7 @@ class StaggeredPush:
     def __call__(self, target: Target) -> Setting:
         """The setting; SettingError for a target that such rows cannot have."""
         require_integrator(self.name, self.integrator, self.integrators, "its damping is off by the step")
-        if target.reading != "law":
-            raise SettingError(
-                "target",
-                f"the reading {target.reading!r}",
-                "'law', e of eq. (16)",
-                "Use `soft` to match another restitution",
-            )
+        require_reading(target, self.name, ("law",), "`soft`")
         options = {"integrator": self.integrator, "rows": [row.option() for row in self.rows(target)]}
         return Setting(self.engine, self.name, target.timestep, options)
 

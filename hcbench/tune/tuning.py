@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, Literal
 from hcbench.engines import registry
 from hcbench.errors import SettingError, UserError
 from hcbench.reference import exact
+from hcbench.tune.reading import law_that_fits, named
 from hcbench.tune.search import watched
 from hcbench.tune.soften import FEWEST_STEPS
-from hcbench.tune.verdict import Rest, Verdict, judge, settle
+from hcbench.tune.verdict import Rest, Verdict, faults, judge, settle
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -57,13 +58,17 @@ def steps_a_contact(target: Target) -> float:
     return float(exact.duration(target.law, target.mass, target.speed_max)) / target.timestep
 
 
+def _seen(target: Target) -> str:
+    return f"the law's contact lasts {steps_a_contact(target):.3g} steps of {target.timestep:g} s"
+
+
 def choose(engine: str, target: Target, scene: Scene, match: Match) -> tuple[str, str]:
     """The recipe's name, and why. Raises SettingError when nothing there reaches the wish."""
     steps, known = steps_a_contact(target), recipes_of(engine)
     constant = target.speed_min == target.speed_max or target.law.alpha == 0 or len(target.points) == 1
-    seen = f"the law's contact lasts {steps:.3g} steps of {target.timestep:g} s"
+    seen = _seen(target)
     if match in ("loop", "both"):
-        return _choose_loop(engine, known, target, steps, seen, _STAGGERED[scene.form])
+        return _choose_loop(engine, known, target, match, _STAGGERED[scene.form])
     staggered = _STAGGERED[scene.form]
     if target.reading == "law" and not constant and staggered in known:
         soft = f"{seen}; its springs are softened for 24" if steps < FEWEST_STEPS else seen
@@ -82,8 +87,9 @@ def choose(engine: str, target: Target, scene: Scene, match: Match) -> tuple[str
 
 
 def _choose_loop(
-    engine: str, known: dict[str, Recipe], target: Target, steps: float, seen: str, staggered: str
+    engine: str, known: dict[str, Recipe], target: Target, match: Match, staggered: str
 ) -> tuple[str, str]:
+    steps, seen = steps_a_contact(target), _seen(target)
     if steps < FEWEST_STEPS:
         nearest = target.timestep * steps / FEWEST_STEPS
         raise SettingError(
@@ -94,11 +100,15 @@ def _choose_loop(
         )
     if target.reading == "law" and staggered in known:
         return staggered, f"the only native setting with the law's loop; {seen}"
+    slot, given = named(target)
+    own = target.reading == "law"
     raise SettingError(
-        "match",
-        f"the loop in {engine!r} with reading {target.reading!r}",
-        "a setting whose loop is the law's",
-        "Use the plug-in `hunt-crossley` of hcbench.contact, or --match restitution",
+        "match" if own else slot,
+        f"the loop in {engine!r}" if own else f"{given}, with --match {match}",
+        "a setting whose loop is the law's" if own else "α of eq. (16), by --alpha: only the law has a loop",
+        "Use the plug-in `hunt-crossley` of hcbench.contact, or --match restitution"
+        if own
+        else "Use --match restitution",
     )
 
 
@@ -125,7 +135,7 @@ def tune(
     if recipe == "auto":
         recipe, why = choose(engine, target, scene, match)
     elif recipe in known:
-        why = "named"
+        why = "the recipe asked for"
     else:
         raise UserError("recipe", f"{recipe!r} for {engine!r}", f"one of: auto, {', '.join(known)}")
     made = known[recipe] if integrator is None else _with_integrator(known[recipe], integrator)
@@ -134,7 +144,7 @@ def tune(
     verdict = judge(registry.engine(engine), scene, setting, target)
     rest = settle(registry.engine(engine), scene, setting)
     return Tuned(
-        target, scene, made, setting, verdict, rest, why, _advice(engine, scene, verdict, rest, known)
+        target, scene, made, setting, verdict, rest, why, _advice(engine, target, scene, verdict, rest, known)
     )
 
 
@@ -148,15 +158,15 @@ def _with_integrator(recipe: Any, integrator: str) -> Recipe:
 
 
 def _advice(
-    engine: str, scene: Scene, verdict: Verdict, rest: Rest, known: dict[str, Recipe]
+    engine: str, target: Target, scene: Scene, verdict: Verdict, rest: Rest, known: dict[str, Recipe]
 ) -> tuple[str, ...]:
     found = []
     if verdict.failed:
         found.append(f"{verdict.failed} impacts gave no restitution: {verdict.reason}")
     if not verdict.max_error < 0.9 * verdict.constant_error and verdict.constant_error > 0:
-        plug_in = "restitution-law" if "restitution-law" in known else ""
-        other = f"; the plug-in `{plug_in}` of hcbench.contact follows the law at any step" if plug_in else ""
-        found.append(f"no better than the best constant e = {verdict.constant:.6g}{other}")
+        found.append(
+            f"no better than the best constant e = {verdict.constant:.6g}{_better(target, scene, known)}"
+        )
     if verdict.penetration_max > 0.02 * scene.relative_radius:
         found.append(
             f"the contact is soft: {verdict.penetration_max:.2g} m deep at the highest speed, "
@@ -165,10 +175,20 @@ def _advice(
     if not rest.rests:
         shallow = {"mujoco": "impulse", "pybullet": "restitution"}.get(engine)
         other = f"; --recipe {shallow} rests shallow" if shallow in known else ""
-        found.append(f"under gravity it does not come to rest as it should: {rest_words(rest)}{other}")
+        found.append(f"under gravity {', and '.join(faults(rest, scene.relative_radius))}{other}")
     if not math.isnan(verdict.loop_rms) and verdict.loop_rms > _LOOP_RIGHT:
         found.append("forces are not the law's: only the restitution is")
     return tuple(found)
+
+
+def _better(target: Target, scene: Scene, known: dict[str, Recipe]) -> str:
+    """What follows a falling restitution where a constant e was taken."""
+    if target.reading != "points":
+        plug_in = "; the plug-in `restitution-law` of hcbench.contact follows the law at any step"
+        return plug_in if "restitution-law" in known else ""
+    falling = "; --recipe two-pair has an e that falls with speed, in a softer contact"
+    fit = law_that_fits(target)
+    return (falling if "two-pair" in known and scene.form == "plane" else "") + (f"; {fit}" if fit else "")
 
 
 def rest_words(rest: Rest) -> str:

@@ -126,6 +126,21 @@ def settle(engine: Engine, scene: Scene, setting: Setting, seconds: float = 2.0)
     buzz, earlier = (float(np.sqrt(np.mean((rate - creep) ** 2))) for rate in (v, path.rate[before]))
     decay = buzz / earlier if earlier > 0 else 0.0
     depth = float(x.max())
-    still = buzz < _STILL or decay < _DYING
-    rests = abs(creep) < _CREEP and still and depth < _SHALLOW * scene.relative_radius
+    rests = not faults(Rest(True, creep, depth, buzz, decay), scene.relative_radius)
     return Rest(rests, creep, depth, buzz, decay)
+
+
+def faults(rest: Rest, radius: float) -> list[str]:
+    """What keeps a body from resting as it should, in words; none where it rests. radius: R, m."""
+    if math.isnan(rest.depth):
+        return ["it diverges"]
+    found = []
+    if not abs(rest.creep) < _CREEP:
+        found.append(
+            f"it {'sinks' if rest.creep > 0 else 'rises'} at {abs(rest.creep):.1e} m/s and goes on to"
+        )
+    if not rest.depth < _SHALLOW * radius:
+        found.append(f"it rests {rest.depth:.1e} m deep, {100 * rest.depth / radius:.2g} % of the radius")
+    if not (rest.buzz < _STILL or rest.decay < _DYING):
+        found.append(f"it keeps on moving at {rest.buzz:.1e} m/s (rms)")
+    return found
