@@ -91,7 +91,7 @@ def test_a_sweep_that_is_interrupted_leaves_whole_parts(tmp_path: Path, number: 
     end(process, number)
     files = [path.name for path in (tmp_path / "mine").rglob("*") if path.is_file()]
     assert all(re.match(r"part-|loops-|_sweep\.json|_summary\.csv|_lock", name) for name in files), files
-    parts = list(Folder(str(tmp_path / "mine")).checked())
+    parts = list(Folder(str(tmp_path / "mine")).checked(10**7))
     assert parts
     assert all(shares is not None for _, shares in parts), "none is damaged"
 

@@ -288,6 +288,33 @@ def test_a_damaged_part_is_put_aside_and_flown_again(
     assert len(read(tmp_path).impacts) == 80
 
 
+def test_a_part_under_another_s_number_is_flown_again(tmp_path: Path) -> None:
+    sweep(study_from(small()), tmp_path)
+    before = whole(tmp_path)
+    first, second = sorted(tmp_path.glob("part-*"))[:2]
+    second.write_bytes(first.read_bytes())
+    second.rename(tmp_path / first.name.replace("0000000", "0000001"))
+    with pytest.raises(UserError, match=r"cut short or edited.*--resume"):
+        read(tmp_path)
+    assert sweep(study_from(small()), tmp_path, resume=True).damaged == (1,)
+    assert whole(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    "name", ["part-0000099-{}.parquet", "part-0000000-0123456789abcdef.parquet", "x.parquet"]
+)
+def test_a_table_that_is_no_part_is_named_and_left_alone(tmp_path: Path, name: str) -> None:
+    sweep(study_from(small()), tmp_path)
+    part = min(tmp_path.glob("part-*"))
+    stranger = tmp_path / name.format(part.stem[-16:])
+    stranger.write_bytes(part.read_bytes())
+    before = whole(tmp_path)
+    for go in (lambda: sweep(study_from(small()), tmp_path, resume=True), lambda: read(tmp_path)):
+        with pytest.raises(UserError, match=r"holds 'part-|holds 'x"):
+            go()
+    assert whole(tmp_path) == before
+
+
 def test_a_lost_loop_file_is_flown_again(tmp_path: Path) -> None:
     sweep(study_from(small()), tmp_path)
     before = whole(tmp_path)
@@ -616,9 +643,9 @@ def test_a_dask_cluster_that_loses_a_worker_leaves_the_same_bytes(tmp_path: Path
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
     monkeypatch.setattr(cluster, "_CONNECT_S", 0.5)
-    for address in ("tcp://127.0.0.1:9", "nonsense"):
+    for address in ("tcp://127.0.0.1:9", "nonsense", "tcp://nonsense", "''"):
         with pytest.raises(CannotRun, match=f"{address} does not answer"):
-            sweep(study_from(small()), tmp_path / "out", scheduler=address)
+            sweep(study_from(small()), tmp_path / "out", scheduler=address.strip("'"))
 
 
 def test_without_dask_it_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

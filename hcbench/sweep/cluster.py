@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import contextmanager
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from concurrent.futures import Executor
 
+# As Dask reads them; what it cannot read leaves it a client that cannot even be closed.
+_ADDRESS = re.compile(r"inproc://\S+|(\w+://)?[^\s/]+:\d+")
 _CONNECT_S, _WORKERS_S = 10.0, 60.0
 _INSTALL = "pip install 'hcbench[cluster]'"
 
@@ -28,12 +31,14 @@ def connected(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
     except ImportError:
         raise CannotRun("scheduler", "Dask is not installed", "its package", f"Try: {_INSTALL}") from None
     try:
+        if not _ADDRESS.fullmatch(address):
+            raise ValueError("not an address with a port")
         client = Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise CannotRun(
             "scheduler",
-            f"{address} does not answer: {reason:.100}",
+            f"{address or repr(address)} does not answer: {reason:.100}",
             "the address of a running Dask scheduler, like tcp://host:8786",
         ) from None
     try:

@@ -89,25 +89,35 @@ class Folder:
                 "folder", f"{self.where} holds a sweep already", "a new folder", "Go on with it by --resume"
             )
 
-    def parts(self) -> dict[int, str]:
-        """The names of the parts that are there, by number."""
-        found = {}
+    def parts(self, count: int) -> dict[int, str]:
+        """The names of the parts that are there, by number. UserError for what is none of `count` parts."""
+        found: dict[int, str] = {}
         with self._told("a folder that can be read"):
-            for name in self._files.names():
-                if match := _PART.fullmatch(name):
-                    found[int(match[1])] = name
+            tables = [name for name in self._files.names() if name.endswith(".parquet")]
+        for name in tables:
+            match = _PART.fullmatch(name)
+            number = int(match[1]) if match else count
+            if number >= count or number in found:
+                raise UserError(
+                    "folder",
+                    f"{self.where} holds {name!r}, " + ("twice that part" if number in found else "no part"),
+                    f"each of its {count} parts once and no other table",
+                    "Move it elsewhere: pandas would read it too",
+                )
+            found[number] = name
         return found
 
-    def checked(self) -> Iterator[tuple[int, list[Share] | None]]:
-        """Every part that is there, by number: its share of the summary, or None where it is damaged.
+    def checked(self, count: int) -> Iterator[tuple[int, list[Share] | None]]:
+        """Every part of `count` that is there, by number: its share of the summary, or None if damaged.
 
-        Damaged: cut short or edited, it or its loops. It is put aside, out of the table.
+        Damaged: cut short, edited or under another's number, it or its loops. It is put aside, out of the
+        table.
         """
         loops = set(self._files.names(LOOPS))
-        for number, name in sorted(self.parts().items()):
+        for number, name in sorted(self.parts(count).items()):
             with self._told("a folder that can be read and written to"):
                 content = self._files.read(name)
-                if digest(content) == _digest_in(name):
+                if name == _part_name(number, content):
                     kept, shares = shares_of(content)
                     loop = _loops_name(number, kept)
                     if not kept or (loop in loops and digest(self._files.read(f"{LOOPS}/{loop}")) == kept):
@@ -120,7 +130,7 @@ class Folder:
         """A part, whole or not at all: it is there when its rows are, which come last."""
         if part.loops:
             self.write(f"{LOOPS}/{_loops_name(part.number, digest(part.loops))}", part.loops)
-        self.write(f"part-{part.number:07d}-{digest(part.rows)}.parquet", part.rows)
+        self.write(_part_name(part.number, part.rows), part.rows)
 
     def summarise(self, settings: Sequence[Mapping[str, Any]], shares: Sequence[Share]) -> None:
         """Bring the summary up to date: one line a setting, α and step, in the study's order."""
@@ -139,12 +149,12 @@ class Folder:
         with self._told("room for it in a folder that can be written to"):
             self._files.write(name, content)
 
-    def tables(self) -> Iterator[tuple[bytes, bytes]]:
-        """Rows and kept loops of each part, in order. UserError for one that is damaged."""
-        for number, name in sorted(self.parts().items()):
+    def tables(self, count: int) -> Iterator[tuple[bytes, bytes]]:
+        """Rows and kept loops of each part of `count`, in order. UserError for one that is damaged."""
+        for number, name in sorted(self.parts(count).items()):
             with self._told("a folder that can be read"):
                 content = self._files.read(name)
-                kept = shares_of(content)[0] if digest(content) == _digest_in(name) else None
+                kept = shares_of(content)[0] if name == _part_name(number, content) else None
                 loops = self._files.read(f"{LOOPS}/{_loops_name(number, kept)}") if kept else b""
             if kept is None or (kept and digest(loops) != kept):
                 raise UserError(
@@ -156,10 +166,9 @@ class Folder:
             yield content, loops
 
 
-def _digest_in(name: str) -> str:
-    match = _PART.fullmatch(name)
-    assert match is not None
-    return match[2]
+def _part_name(number: int, rows: bytes) -> str:
+    # The number is in the digest too: a part given another's number is found out.
+    return f"part-{number:07d}-{digest(f'{number}:'.encode() + rows)}.parquet"
 
 
 def _loops_name(number: int, kept: str) -> str:

@@ -42,14 +42,14 @@ def read(folder: str | Path) -> Results:
     told = place.description()
     if told is None:
         raise UserError("folder", f"{folder} holds no sweep", "what `hcbench sweep` wrote")
-    if (there := len(place.parts())) < told["parts"]:
+    if (there := len(place.parts(told["parts"]))) < told["parts"]:
         raise UserError(
             "folder",
             f"{folder} holds {there} of {told['parts']} parts",
             "a finished sweep",
             "Finish it by --resume",
         )
-    pairs = list(place.tables())
+    pairs = list(place.tables(told["parts"]))
     impacts = _by_key(rows for rows, _ in pairs)
     loops = _by_key(loops for _, loops in pairs if loops)
     order = list(dict.fromkeys(tuple(setting[name] for name in RUN_KEY) for setting in told["settings"]))

@@ -119,7 +119,7 @@ class _Run:
         self._done: set[int] = set()
         self._impacts = 0
         damaged = []
-        for number, shares in folder.checked():
+        for number, shares in folder.checked(len(plan)):
             if shares is None:
                 damaged.append(number)
             else:
