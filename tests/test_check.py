@@ -16,6 +16,7 @@ import pytest
 
 from hcbench.check import Ask, Outputs, Report, Verdict, check, plan, run_check
 from hcbench.check.baseline import read_baseline
+from hcbench.check.junit import as_junit
 from hcbench.check.page import measurement_page
 from hcbench.check.pairs import read_pairs
 from hcbench.check.studies import check_study
@@ -510,6 +511,30 @@ def test_the_exit_code_says_how_it_ended(
     told = capsys.readouterr()
     assert "Traceback" not in told.out + told.err
     assert told.err.count("\n") <= 1
+
+
+def test_writing_a_baseline_judges_nothing_and_says_where_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "base.json"
+    arguments = ["check", GOOD, "--pair", "ball,plate", "--speeds", SPEEDS]
+    assert run([*arguments, "--write-baseline", str(file)]) == 0
+    told = capsys.readouterr().out
+    assert "MEASURED good.xml: at 2 speeds, and held against nothing: no verdict" in told
+    assert f"written: {file}" in told
+    assert "PASSED" not in told
+    assert "limit" not in told
+    report = check(ask())
+    assert report.exit_code == 0
+    assert 'failures="0" errors="0"' in as_junit(report)
+    assert "| 📏 |" in as_markdown(report)
+
+
+def test_no_error_is_a_negative_zero() -> None:
+    report = check(ask(restitution=one(check(ask())).rows[0].restitution + 1e-9))
+    assert one(report).worst.error < 0
+    assert "-0.0000" not in as_text(report)
+    assert "+0.0000" in as_text(report)
 
 
 def test_a_crash_exits_with_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

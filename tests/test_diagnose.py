@@ -342,3 +342,24 @@ def test_the_calls_of_a_fix_cure_it(name: str, tmp_path: Path) -> None:
                 merged[target] = {**merged[target], **values}
     cured = measure(world(tmp_path, **merged), speeds=SPEEDS)
     assert off(cured, goal) < 1e-3, [c.fix for c in found.causes]
+
+
+FALLING = ((0.1, 0.99), (0.5, 0.9), (1.0, 0.8))
+
+
+@pytest.mark.parametrize(("timestep", "why"), [(".002", "takes one step and has"), ("2e-5", "contact has")])
+def test_one_e_for_all_speeds_is_told_where_several_are_wanted(timestep: str, why: str) -> None:
+    pairs = IMPULSE if timestep == ".002" else f'solref="-4e6 -98" {STIFF}'
+    planted = Planted(pairs, pairs, f'{STILL} timestep="{timestep}"')
+    model = mujoco.MjModel.from_xml_string(planted.text())
+    speeds = [v for v, _ in FALLING]
+    found = measure(model, pair="sphere,plate", speeds=speeds, wanted=Wanted(points=FALLING))
+    assert "No cause was found" not in found.remedy
+    assert f"{why} one e for all speeds, 0.9" in found.remedy
+    assert "No constant comes nearer than 0.095" in found.remedy
+
+
+def test_a_contact_that_is_off_by_a_constant_is_not_told_that_it_has_one_e() -> None:
+    model = mujoco.MjModel.from_xml_string(Planted(IMPULSE, IMPULSE).text())
+    found = measure(model, pair="sphere,plate", speeds=[0.1, 1.0], wanted=Wanted(constant=0.7))
+    assert "for all speeds" not in found.remedy

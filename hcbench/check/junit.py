@@ -27,7 +27,7 @@ def as_junit(report: Report) -> str:
         )
         if outcome.verdict is Verdict.FAILED:
             body = ET.SubElement(case, "failure", {"message": plain(outcome.message)})
-        elif outcome.verdict is Verdict.PASSED:
+        elif outcome.verdict in (Verdict.PASSED, Verdict.MEASURED):
             body = ET.SubElement(case, "system-out")
         else:
             body = ET.SubElement(

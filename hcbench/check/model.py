@@ -23,6 +23,7 @@ class Verdict(StrEnum):
     """How a check ended."""
 
     PASSED = "passed"
+    MEASURED = "measured"  # and held against nothing
     FAILED = "failed"  # a limit was passed
     MISTAKE = "mistake"  # something to correct in what was asked
     COULD_NOT_RUN = "could not run"
@@ -30,6 +31,7 @@ class Verdict(StrEnum):
 
 EXIT_CODES = {
     Verdict.PASSED: 0,
+    Verdict.MEASURED: 0,
     Verdict.FAILED: LimitPassed.exit_code,
     Verdict.MISTAKE: UserError.exit_code,
     Verdict.COULD_NOT_RUN: CannotRun.exit_code,

@@ -38,12 +38,12 @@ def run_check(check: Check) -> Outcome:
     try:
         return judge(check, _measured(check))
     except UserError as error:
-        return Outcome(check.name, Verdict.MISTAKE, plain(error), _against(check), check.max_error)
+        return Outcome(check.name, Verdict.MISTAKE, plain(error), _against(check), _limit(check))
     except HcbenchError as error:
-        return Outcome(check.name, Verdict.COULD_NOT_RUN, plain(error), _against(check), check.max_error)
+        return Outcome(check.name, Verdict.COULD_NOT_RUN, plain(error), _against(check), _limit(check))
     except Exception as error:
         words = f"unexpected {type(error).__name__}: {plain(error)}"
-        return Outcome(check.name, Verdict.COULD_NOT_RUN, words, _against(check), check.max_error)
+        return Outcome(check.name, Verdict.COULD_NOT_RUN, words, _against(check), _limit(check))
 
 
 def _measured(check: Check) -> Measurement:
@@ -63,13 +63,18 @@ def judge(check: Check, found: Measurement) -> Outcome:
     rows = tuple(_row(found, speed, expected) for speed in found.request.speeds)
     worst = max(rows, key=lambda row: -1.0 if math.isnan(row.error) else abs(row.error), default=None)
     verdict, message = _verdict(check, found, rows, worst)
-    return Outcome(check.name, verdict, message, _against(check), check.max_error, rows, worst, found)
+    return Outcome(check.name, verdict, message, _against(check), _limit(check), rows, worst, found)
 
 
 def _against(check: Check) -> str:
     if check.baseline is not None:
         return f"the baseline of {check.baseline.engine} {check.baseline.version}"
     return check.wanted.words if check.wanted is not None else "nothing: measured only"
+
+
+def _limit(check: Check) -> float:
+    """Largest error allowed; NaN where there is nothing to err against."""
+    return math.nan if check.wanted is None and check.baseline is None else check.max_error
 
 
 def _expectation(check: Check, found: Measurement) -> Callable[[Impact], float]:
@@ -114,7 +119,7 @@ def _verdict(check: Check, found: Measurement, rows: Sequence[Row], worst: Row |
         return Verdict.FAILED, lost
     if worst is None or math.isnan(worst.error):
         if check.wanted is None and check.baseline is None:
-            return Verdict.PASSED, f"measured at {len(rows)} speeds, held against nothing"
+            return Verdict.MEASURED, f"at {len(rows)} speeds, and held against nothing: no verdict"
         return Verdict.FAILED, "nothing was measured that could be held against it"
     where = f"largest error {worst.error:+.3g} at {worst.speed_in:.4g} m/s"
     if abs(worst.error) > check.max_error:

@@ -15,7 +15,13 @@ if TYPE_CHECKING:
     from hcbench.check.model import Outcome, Report, Row
 
 SCHEMA = 1
-_MARKS = {Verdict.PASSED: "✅", Verdict.FAILED: "❌", Verdict.MISTAKE: "⚠️", Verdict.COULD_NOT_RUN: "💥"}
+_MARKS = {
+    Verdict.PASSED: "✅",
+    Verdict.MEASURED: "📏",
+    Verdict.FAILED: "❌",
+    Verdict.MISTAKE: "⚠️",
+    Verdict.COULD_NOT_RUN: "💥",
+}
 _HEADER = ("launched m/s", "at touch m/s", "e", "lowest", "highest", "wanted", "error")
 
 
@@ -56,7 +62,7 @@ def _cells(row: Row) -> tuple[str, ...]:
         number(row.lowest),
         number(row.highest),
         number(row.wanted),
-        number(row.error, "+.4f"),
+        number(row.error, "+z.4f"),
     )
 
 
@@ -91,7 +97,7 @@ def as_markdown(report: Report) -> str:
         cells = (_MARKS[o.verdict], f"**{_safe(o.name)}**", _safe(o.against), _safe(o.message))
         lines.append(f"| {' | '.join(cells)} |")
     for outcome in report.outcomes:
-        if outcome.verdict is Verdict.PASSED or outcome.found is None:
+        if outcome.verdict in (Verdict.PASSED, Verdict.MEASURED) or outcome.found is None:
             continue
         lines += ["", f"<details><summary>{_safe(outcome.name)}: the curve and the cause</summary>", ""]
         lines += [f"| {' | '.join(_HEADER)} |", "|" + "---:|" * len(_HEADER)]

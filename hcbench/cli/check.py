@@ -128,4 +128,6 @@ def check(models: tuple[str, ...], python: str | None, as_json: bool, jobs: int,
         print_json(as_record_of(report))
     else:
         print(as_text(report), end="")
+        if outputs.baseline is not None:
+            print(f"written: {outputs.baseline}, to hold later versions against with --baseline")
     return report.exit_code

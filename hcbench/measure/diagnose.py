@@ -25,6 +25,7 @@ _SHIFT = 0.5  # of the error: how much of it a fix must take away, where that is
 _PROBE_PHASES = 4
 _PROBE_STEPS = 20_000  # in contact, for all probes of one trial: slow contacts get fewer probes
 _GRADES = 4  # of strength: among equals the order is that of the suspects
+_FLAT = 0.1  # of the span of e that is wanted: contacts whose own e spans less have one for all speeds
 _SHARE = 0.05  # of what the strongest cause moves: less is not worth a reader's time
 
 
@@ -73,7 +74,9 @@ def diagnose(
         _cause(c) for c in suspects if c.apply is None and c.static
     ]
     named = [c for c in triable if c.code in {cause.code for cause in causes}]
-    return tuple(causes), _remedy(causes, trial.off([]), trial.off(named), trial.mean(named), tolerance)
+    remedy = _remedy(causes, trial.off([]), trial.off(named), trial.mean(named), tolerance)
+    one = _one_for_all(impacts, held, tolerance) if trial.off(named) > tolerance else ""
+    return tuple(causes), one if one and not causes else f"{remedy} {one}".rstrip()
 
 
 def _convicted(triable: Sequence[Candidate], trial: _Trial, tolerance: float) -> list[Cause]:
@@ -173,6 +176,23 @@ class _Trial:
 
 def _cause(candidate: Candidate, alone: float = math.nan, without: float = math.nan) -> Cause:
     return Cause(candidate.code, candidate.title, candidate.evidence, candidate.fix, alone, without)
+
+
+def _one_for_all(impacts: Sequence[Impact], goal: Callable[[float], float], tolerance: float) -> str:
+    """That this contact has one e and several are wanted; "" where that is not what is wrong."""
+    parted = [i for i in impacts if i.status is Status.PARTED]
+    e, wanted = [i.restitution for i in parted], [goal(i.speed_in) for i in parted]
+    if not parted or any(map(math.isnan, wanted)):
+        return ""
+    span = max(wanted) - min(wanted)
+    if span <= 2 * tolerance or max(e) - min(e) > _FLAT * span:
+        return ""
+    one = "takes one step and " if max(i.samples for i in parted) <= 1 else ""
+    return (
+        f"This contact {one}has one e for all speeds, {float(np.mean(e)):.4g}, and wanted are"
+        f" {max(wanted):.4g} ... {min(wanted):.4g}. No constant comes nearer than {span / 2:.2g};"
+        " `hcbench tune` makes contacts whose e falls with speed."
+    )
 
 
 def _remedy(causes: Sequence[Cause], before: float, after: float, mean: float, tolerance: float) -> str:
