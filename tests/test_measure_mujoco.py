@@ -9,10 +9,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from hcbench.check.page import measurement_page
 from hcbench.errors import SceneError, UserError
 from hcbench.impact import Impact, Status
 from hcbench.measure import Measurement, measure
 from hcbench.measure.promise import ContactLaw
+from hcbench.measure.show import as_text
 
 SPRING = 'solref="-40000 -12" solimp=".9999 .9999 .001 .5 2"'
 IMPULSE = 'solref="0 -950" solimp=".9999 .9999 .001 .5 2"'
@@ -316,6 +318,16 @@ def test_a_state_that_mujoco_resets_is_diverged_and_no_file_is_left(
     assert not list(tmp_path.iterdir())
 
 
+def test_failures_have_a_column_where_there_are_any() -> None:
+    wild = mujoco.MjModel.from_xml_string(world(option='timestep=".01" gravity="0 0 -1e12"'))
+    for model, failed in ((wild, True), (world(), False)):
+        found = measure(model, ("ball", "plate"), speeds=[2.0], phases=1, diagnose=False)
+        assert bool(found.failed) == failed
+        assert ("failed\n" in as_text(found)) == failed
+        assert ("<th>failed</th>" in measurement_page(found)) == failed
+        assert "<th>steps in contact</th>" in measurement_page(found)
+
+
 FREE = "<freejoint/>"
 NO_TOUCH = 'contype="0" conaffinity="0"'
 
@@ -383,6 +395,7 @@ def test_a_file_that_is_not_there() -> None:
         ({"phases": 0}, "phases"),
         ({"phases": [1.5]}, "below 1"),
         ({"gravity": "1,2"}, "three"),
+        ({"gravity": "-1"}, "gravity: -1 m/s.2; expected 0 or more"),
         ({"timestep": 0}, "above 0"),
         ({"key": "nope"}, "qpos0"),
         ({"engine": "physx"}, "mujoco or pybullet"),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from hcbench.check.figure import curve_svg, loops_svg
 from hcbench.measure.show import effective_mass, law_of, score_of
-from hcbench.measure.words import number, plain
+from hcbench.measure.words import number, plain, without_empty
 
 if TYPE_CHECKING:
     from hcbench.measure.model import Measurement
@@ -45,8 +45,7 @@ code { background: #f2f4f6; padding: .1rem .3rem; overflow-wrap: anywhere; } .ca
 <figure><img src="{{ figure }}" alt="Restitution over impact speed: measured, asked by the model, wanted.">
 </figure>
 <h2>The curve</h2>
-<table><tr><th>launched m/s</th><th>at touch m/s</th><th>e</th><th>spread</th><th>asked</th><th>wanted</th>
-<th>steps in contact</th><th>failed</th></tr>
+<table><tr>{% for name in header %}<th>{{ name }}</th>{% endfor %}</tr>
 {% for row in rows %}<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>
 {% endfor %}</table>
 {% if loops %}<h2>The loops</h2>
@@ -68,6 +67,9 @@ Found: {{ cause.evidence }}.<br>Fix: <code>{{ cause.fix }}</code></div>{% endfor
 </body>
 </html>
 """
+_HEADER = (
+    "launched m/s", "at touch m/s", "e", "spread", "asked", "wanted", "steps in contact", "failed",
+)  # fmt: skip
 
 
 def measurement_page(found: Measurement) -> str:
@@ -77,13 +79,15 @@ def measurement_page(found: Measurement) -> str:
     template = Environment(autoescape=True).from_string(_TEMPLATE)
     facts = found.facts
     loops = loops_svg(found)
+    header, rows = without_empty(_HEADER, _rows(found), "failed")
     return template.render(
         model=plain(facts.model),
         pair=[plain(name) for name in facts.pair],
         summary=_summary(found),
         figure=_embedded(curve_svg(found)),
         loops=None if loops is None else _embedded(loops),
-        rows=_rows(found),
+        header=header,
+        rows=rows,
         failures=[
             f"{i.status.value} at {i.launch.speed:.4g} m/s: {plain(i.reason)}" for i in found.failed[:5]
         ],

@@ -74,7 +74,12 @@ def _gravity(gravity: Any) -> Vector | None:
     if isinstance(gravity, str) and "," in gravity:
         gravity = gravity.split(",")
     if isinstance(gravity, str | int | float):
-        return 0.0, 0.0, -units.parse(gravity, "acceleration", "gravity") + 0.0
+        down = units.parse(gravity, "acceleration", "gravity")
+        if not down >= 0:
+            raise QuantityError(
+                "gravity", f"{down:g} m/s^2", "0 or more, along -z", "Give three for any other way: 0,0,1"
+            )
+        return 0.0, 0.0, -down + 0.0
     values = [units.parse(part, "acceleration", "gravity") for part in gravity]
     if len(values) != 3:
         raise QuantityError(

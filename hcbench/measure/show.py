@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.impact import Status
-from hcbench.measure.words import number, plain, table
+from hcbench.measure.words import number, plain, table, without_empty
 from hcbench.reference import exact
 from hcbench.reference.laws import HuntCrossley
 
@@ -193,7 +193,7 @@ def as_text(found: Measurement) -> str:
         for p, a in zip(found.curve, asked, strict=True)
     ]
     header = ("launched m/s", "at touch m/s", "e", "spread", "asked", "steps", "failed")
-    lines += ["", *table(header, rows), ""]
+    lines += ["", *table(*without_empty(header, rows, "failed")), ""]
     for impact in found.failed[:3]:
         where = f"{impact.launch.speed:.4g} m/s, phase {impact.launch.phase:.3g}"
         lines.append(f"{impact.status.value} at {where}: {plain(impact.reason)}")

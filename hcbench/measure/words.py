@@ -25,6 +25,16 @@ def table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]
     return ["  ".join(c.rjust(w) for c, w in zip(line, widths, strict=True)) for line in [header, *rows]]
 
 
+def without_empty(
+    header: tuple[str, ...], rows: Sequence[tuple[str, ...]], name: str
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """A table without the column `name`, where no row has anything in it."""
+    at = header.index(name)
+    if any(row[at] for row in rows):
+        return header, list(rows)
+    return header[:at] + header[at + 1 :], [row[:at] + row[at + 1 :] for row in rows]
+
+
 def number(value: float, digits: str = ".4f") -> str:
     """A number in fixed form, an em dash for none."""
     return "—" if math.isnan(value) else f"{value:{digits}}"
