@@ -413,6 +413,13 @@ def test_a_drive_that_gives_no_force_is_one_line(value: Any, named: str) -> None
         simulate(_alike(1e-4), 0.0, 0.1, 0.01, lambda _: value)
 
 
+def test_what_a_drive_raises_is_told_with_its_time() -> None:
+    said = r"drive: raised ZeroDivisionError: .* at t = 0\.00\d+ s; expected a finite force"
+    with pytest.raises(UserError, match=said) as caught:
+        simulate(_alike(1e-4), 0.0, 0.1, 0.01, lambda t: 1.0 / float(t < 5e-3))
+    assert isinstance(caught.value.__cause__, ZeroDivisionError)
+
+
 def test_bad_numbers_are_named() -> None:
     with pytest.raises(UserError, match="mass: 0"):
         VibroImpact(0.0, 1e-3, LAW, LAW)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.errors import UserError
+from hcbench.errors import HcbenchError, UserError
 from hcbench.reference.flow import APART, CONTACT, SIGNS, SLACK, Blocks
 from hcbench.reference.lanes import Control, Lanes, march
 from hcbench.reference.laws import HuntCrossley
@@ -142,7 +142,13 @@ class _Any:
     def _at(self, time: float) -> float:
         assert self.drive is not None
         expected = "a finite force, a number in N, at every time"
-        value: object = self.drive(time)
+        try:
+            value: object = self.drive(time)
+        except HcbenchError:
+            raise
+        except Exception as error:
+            what = " ".join(f"{type(error).__name__}: {error}".split())
+            raise UserError("drive", f"raised {what:.200} at t = {time!r} s", expected) from error
         try:
             force = float(value)  # type: ignore[arg-type]
         except (TypeError, ValueError):
