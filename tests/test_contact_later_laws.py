@@ -280,6 +280,19 @@ def test_pybullet_gives_every_impact_one_restitution(client: int) -> None:
             assert bounce_in_bullet(client, ball, attached, 1e-3, speed, 0.3) == pytest.approx(0.7, abs=1e-12)
 
 
+COARSE = r"For coarser steps attach ConstantRestitution\(law\.delivered\) instead"
+
+
+def test_a_step_too_coarse_names_what_has_its_restitution_at_any_step(client: int) -> None:
+    law = OwnSpeedLaw(Flores, STIFFNESS, 0.5)
+    with pytest.raises(SettingError, match=COARSE):
+        contact.attach(ball(1e-3), ("ball", "plate"), law)
+    with pytest.raises(SettingError, match=COARSE):
+        bullet_contact.attach([bodies(client, 1e-3)], law, client=client)
+    with pytest.raises(SettingError, match=r"attach Restitution\(alpha\) instead"):
+        contact.attach(ball(1e-3), ("ball", "plate"), HuntCrossley(STIFFNESS, 0.3))
+
+
 # As options, and as text to paste
 
 FORCE = {"kind": "force", "law": "flores", "restitution": 0.8, "stiffness": 3e10}

@@ -118,6 +118,12 @@ def is_force(law: Law) -> TypeGuard[ForceLaw]:
     return isinstance(law, (HuntCrossley, OwnSpeedLaw))
 
 
+def unresolved(law: Law) -> str:
+    """What gives the restitution of a force law at steps that do not resolve its contact, as written."""
+    own = isinstance(law, OwnSpeedLaw)
+    return "ConstantRestitution(law.delivered)" if own else "Restitution(alpha)"
+
+
 def require_law(law: object) -> None:
     """Raise SettingError for what is no law of a plug-in."""
     known = "HuntCrossley, OwnSpeedLaw, Restitution or ConstantRestitution"
