@@ -16,9 +16,9 @@ from hcbench.contact.law import (
     Friction,
     Law,
     Restitution,
+    coarse,
     contact_time,
     is_force,
-    unresolved,
 )
 from hcbench.errors import SettingError
 from hcbench.reference import hertz
@@ -255,7 +255,7 @@ def check_step(model: Any, law: Law, keys: Iterable[tuple[int, int, int, int]], 
             f"too coarse for the force law: {named(model, quickest)} touch for {lasts:.2g} s"
             f" at {speed:g} m/s",
             f"a step of {lasts / 20:.1g} s (at most {lasts / STEPS_PER_CONTACT:.1g} s)",
-            f"For coarser steps attach {unresolved(law)} instead",
+            f"For coarser steps attach {coarse(law)} instead",
         )
 
 

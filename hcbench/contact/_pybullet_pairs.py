@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hcbench.contact._pybullet_bodies import Body
-from hcbench.contact.law import STEPS_PER_CONTACT, Law, contact_time, is_force, unresolved
+from hcbench.contact.law import STEPS_PER_CONTACT, Law, coarse, contact_time, is_force
 from hcbench.errors import SettingError
 
 
@@ -86,5 +86,5 @@ def check_step(bullet: Any, client: int, pair: Pair, law: Law, speed: float) -> 
             f"timestep {step:g} s",
             f"too coarse for the force law: this contact lasts {lasts:.2g} s at {speed:g} m/s",
             f"a step of {lasts / 20:.1g} s (at most {lasts / STEPS_PER_CONTACT:.1g} s)",
-            f"For coarser steps attach {unresolved(law)} instead",
+            f"For coarser steps attach {coarse(law)} instead",
         )

@@ -118,7 +118,7 @@ def is_force(law: Law) -> TypeGuard[ForceLaw]:
     return isinstance(law, (HuntCrossley, OwnSpeedLaw))
 
 
-def unresolved(law: Law) -> str:
+def coarse(law: Law) -> str:
     """What gives the restitution of a force law at steps that do not resolve its contact, as written."""
     own = isinstance(law, OwnSpeedLaw)
     return "ConstantRestitution(law.delivered)" if own else "Restitution(alpha)"

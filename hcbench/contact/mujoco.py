@@ -58,15 +58,7 @@ from hcbench.contact._pairs import (
     spec,
     warn_of_shapes,
 )
-from hcbench.contact.law import (
-    ConstantRestitution,
-    Friction,
-    Law,
-    Restitution,
-    is_force,
-    require_law,
-    unresolved,
-)
+from hcbench.contact.law import ConstantRestitution, Friction, Law, Restitution, coarse, is_force, require_law
 from hcbench.errors import CannotRun, EngineFailed, SettingError
 from hcbench.reference.later_laws import OwnSpeedLaw
 from hcbench.reference.laws import HuntCrossley
@@ -176,7 +168,7 @@ class Contact:
                 f"contact {where}",
                 f"{too_coarse} times a penetration too fast for the step",
                 f"a step well below {self.model.opt.timestep:g} s",
-                f"Or attach {unresolved(self.law)}, which needs no resolved contact",
+                f"Or attach {coarse(self.law)}, which needs no resolved contact",
             )
         return None
 

@@ -31,15 +31,7 @@ from hcbench.contact._pybullet_bodies import Body, product
 from hcbench.contact._pybullet_pairs import Pair, check_step, make_pair, pairs_between
 from hcbench.contact._pybullet_solve import Touch
 from hcbench.contact._vectors import Vector, along, dot, turned, vector
-from hcbench.contact.law import (
-    ConstantRestitution,
-    Friction,
-    Law,
-    Restitution,
-    is_force,
-    require_law,
-    unresolved,
-)
+from hcbench.contact.law import ConstantRestitution, Friction, Law, Restitution, coarse, is_force, require_law
 from hcbench.errors import EngineFailed, SettingError
 from hcbench.reference.later_laws import OwnSpeedLaw
 from hcbench.reference.laws import HuntCrossley
@@ -149,7 +141,7 @@ class Contact:
                 "contact",
                 f"{self._too_coarse} times a penetration too fast for the step",
                 "a smaller timestep",
-                f"Or attach {unresolved(self.law)}, which needs no resolved contact",
+                f"Or attach {coarse(self.law)}, which needs no resolved contact",
             )
 
     def detach(self) -> None:
