@@ -57,6 +57,13 @@ def test_reference_takes_ranges_and_warns_where_the_paper_ends(capsys: pytest.Ca
     assert any("speed" in warning for warning in rows[-1]["warnings"])
 
 
+def test_every_commands_summary_fits_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["--help"]) == 0
+    lines = capsys.readouterr().out.partition("Commands:\n")[2].splitlines()
+    assert len(lines) == 9
+    assert all(len(line) <= 80 and line.endswith(".") and not line.endswith("...") for line in lines)
+
+
 def test_reference_prints_a_table_for_people(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["reference", "--alpha", "0.315", "--speed", "0.1:0.4:4"]) == 0
     lines = capsys.readouterr().out.splitlines()

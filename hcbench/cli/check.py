@@ -59,7 +59,10 @@ def _sources(models: tuple[str, ...], python: str | None) -> tuple[str, ...]:
 def measure(
     models: tuple[str, ...], python: str | None, page: Path | None, as_json: bool, **given: Any
 ) -> None:
-    """Measure restitution and loops of a pair in your own model, as you have it."""
+    """Measure how a pair bounces in your own model.
+
+    Restitution, loops, and why it is not as asked, of the model as you have it.
+    """
     from hcbench import units
     from hcbench.measure.measure import LIMIT_S, measure
     from hcbench.measure.model import Wanted
@@ -111,8 +114,9 @@ def measure(
 @as_json
 @jobs_option
 def check(models: tuple[str, ...], python: str | None, as_json: bool, jobs: int, **given: Any) -> int:
-    """Fail when restitution is off: a model, a study, or the [tool.hcbench] table of a TOML file.
+    """Fail when restitution is off, for your CI.
 
+    MODELS are a model, a study, or a TOML file with a [tool.hcbench] table.
     Exit 0 within limits, 1 a limit passed, 2 a mistake, 3 could not run.
     """
     from hcbench.check.command import check

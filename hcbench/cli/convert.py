@@ -22,7 +22,10 @@ from hcbench.errors import UserError
 @click.option("--target", "reading", type=click.Choice(["law", "linear"]), default="law", show_default=True)
 @as_json
 def convert(as_json: bool, reading: Any, solref: str | None, **given: str | None) -> None:
-    """Translate between α, Drake, Simbody, MuJoCo, PyBullet, Chrono, LAMMPS and an e at a speed."""
+    """Translate one contact between libraries.
+
+    Between α, Drake, Simbody, MuJoCo, PyBullet, Chrono, LAMMPS and an e at a speed.
+    """
     from hcbench import units
     from hcbench.reference.conventions import convert
 

@@ -18,7 +18,10 @@ from hcbench.cli.ends import path_type
 @click.option("--quick", is_flag=True, help="Fewer parameters in the forced figures: a preview.")
 @jobs_option
 def paper(out: Path, quick: bool, jobs: int) -> None:
-    """Redraw every figure of Hunt and Crossley 1975, and check every number it prints."""
+    """Redraw and check Hunt and Crossley 1975.
+
+    Every figure is redrawn, and every number that it prints is computed again.
+    """
     from hcbench.paper.build import build
 
     with progress("figures") as tick:

@@ -16,7 +16,9 @@ from hcbench.cli.ends import path_type
 @click.option("--quick", is_flag=True, help="Fewer speeds, phases and steps: a preview.")
 @jobs_option
 def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
-    """Run a study and write its page, tables and figures.
+    """Run a study and write its page.
+
+    With tables and figures beside it.
 
     STUDY is a study.toml, its folder, or a built-in name; or the folder of a finished sweep.
     """

@@ -35,7 +35,10 @@ def reference(
     exponent: str,
     as_json: bool,
 ) -> None:
-    """Say what the law says of an impact: restitution, depth, force, duration, loss, stress."""
+    """Say what the law says of an impact.
+
+    Restitution, depth, force, duration, loss and stress.
+    """
     import dataclasses
 
     import numpy as np
@@ -77,7 +80,10 @@ def reference(
 @click.command()
 @as_json
 def engines(as_json: bool) -> None:
-    """List the engines there are, their versions and settings, and how to install a missing one."""
+    """List the engines and their settings.
+
+    With their versions, and how to install a missing one.
+    """
     from hcbench.engines import registry
     from hcbench.errors import EngineMissing
     from hcbench.run import RECIPES

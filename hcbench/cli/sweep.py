@@ -32,7 +32,9 @@ if TYPE_CHECKING:
 )
 @click.option("--scheduler", help="Address of a Dask scheduler, tcp://HOST:8786, to fly on its workers.")
 def sweep(study: str, out: str | None, jobs: int, resume: bool, scheduler: str | None) -> None:
-    """Run a study of any size, in parts that outlive any end; one table for pandas and `hcbench report`.
+    """Run a study of any size, in parts.
+
+    Parts that are whole outlive any end; together they are one table for pandas and `hcbench report`.
 
     STUDY is a study.toml, its folder, or a built-in name. The folder's _summary.csv is kept up to date.
     """

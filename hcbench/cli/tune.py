@@ -48,7 +48,10 @@ _SPEEDS = "1:20 in/s"
 )
 @as_json
 def tune(engine: str, as_json: bool, write_scene: Path | None, max_error: float | None, **given: Any) -> None:
-    """Find what to write in ENGINE (mujoco, pybullet) so that it bounces like your material."""
+    """Find settings that bounce like your material.
+
+    Prints what to write in ENGINE (mujoco, pybullet), and how wrong it is.
+    """
     from hcbench.results import write_text
     from hcbench.tune import paste, tuning
     from hcbench.tune.search import SearchCut
