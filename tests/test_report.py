@@ -20,7 +20,7 @@ from small_results import ALPHAS, RUNS, SCENE, SPEEDS, small_results
 
 from hcbench.errors import OutputError
 from hcbench.reference import exact
-from hcbench.report import answers, curves, findings, style, tables, trains, words
+from hcbench.report import answers, curves, findings, loops, style, tables, trains, words
 from hcbench.report.build import build
 from hcbench.report.figures import drawings
 from hcbench.report.view import Run, View
@@ -114,6 +114,25 @@ def test_the_headline_names_what_follows_the_law_and_what_does_not(view: View) -
     assert "In single set impulse at 1 ms: the best one e for all speeds" in said
     assert "In explicit set law at 1 µs: the bounce follows the law" in said
     assert "spring-damper" not in said
+
+
+@pytest.mark.parametrize(
+    ("gravity", "ends"), [(0.0, "law, without gravity and in a far softer contact."), (9.81, "law, in a far")]
+)
+def test_a_bounce_in_a_soft_contact_is_promised_without_gravity(
+    results: Results, gravity: float, ends: str
+) -> None:
+    scores = results.scores.copy()
+    scores.loc[scores["setting"] == "law", "penetration_ratio"] = 30.0
+    study = {**results.study, "gravity": gravity}
+    said = answers.headline(View(dataclasses.replace(results, scores=scores, study=study)))
+    assert f"the bounce follows the {ends}" in said[-1] + said[-2]
+
+
+@pytest.mark.parametrize("count", range(1, 13))
+def test_no_panel_stands_alone_in_the_last_row(count: int) -> None:
+    columns = loops._columns(count)
+    assert count == columns or count % columns != 1
 
 
 def test_a_plug_in_is_told_apart_from_what_can_be_set(results: Results) -> None:

@@ -73,7 +73,7 @@ def _advice(view: View, engine: str) -> str:
     picked = [run for step in _steps(mine) for run in best(view, [r for r in mine if r.timestep == step])]
     promises: dict[str, dict[str, list[Run]]] = {}
     for run in picked:
-        softer = ", in a far softer contact" if depth(view, run) > _SOFT else ""
+        softer = _softer(view) if depth(view, run) > _SOFT else ""
         promise = _PROMISES[verdict(view, run).restitution] + softer
         promises.setdefault(promise, {}).setdefault(run.setting, []).append(run)
     clauses = []
@@ -81,6 +81,12 @@ def _advice(view: View, engine: str) -> str:
         where = [f"{setting} at {steps_named(runs)}" for setting, runs in settings.items()]
         clauses.append(f"{words.listed(where, 'or')}: {promise}")
     return f"In {words.engine_name(engine)} set {'; '.join(clauses)}." if clauses else ""
+
+
+def _softer(view: View) -> str:
+    """Of a contact that gravity presses in far deeper than the law's: what was measured goes without it."""
+    weightless = not float(view.study["gravity"])
+    return f",{' without gravity and' if weightless else ''} in a far softer contact"
 
 
 def depth(view: View, run: Run) -> float:

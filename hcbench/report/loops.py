@@ -118,14 +118,17 @@ def shapes_figure(view: View, runs: list[Run]) -> Figure:
 
 
 def _columns(count: int) -> int:
-    """Panels a row: three, or two where that leaves no gap."""
-    return 2 if count in (2, 4) else min(count, 3)
+    """Panels a row: three, or two or four where three would leave one alone in the last row."""
+    if count in (2, 4):
+        return 2
+    return 4 if count > 4 and count % 3 == 1 and count % 4 != 1 else min(count, 3)
 
 
 def _panels(count: int) -> tuple[Figure, list[Axes]]:
     columns = _columns(count)
     rows = -(-count // columns)
-    figure = style.new_figure(0.5 + 3.55 * max(columns, 2), 0.6 + 3.1 * rows)
+    width = 3.55 if columns < 4 else 2.85
+    figure = style.new_figure(0.5 + width * max(columns, 2), 0.6 + 3.1 * rows)
     grid = [figure.add_subplot(rows, columns, i + 1) for i in range(count)]
     return figure, grid
 
