@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hcbench.errors import OutputError
-from hcbench.paper import beyond, case, gaps, impacts
+from hcbench.paper import beyond, case, gaps, impacts, pens
 from hcbench.paper.build import build
 from hcbench.paper.drawings import drawings
 from hcbench.paper.forced import QUICK
@@ -23,9 +23,11 @@ from hcbench.reference.simulate import impact
 from hcbench.report import style
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 INCH, POUND = 0.0254, 4.4482216152605
 NUMBERS = {(n.where, n.what): n for n in printed_numbers()}
@@ -207,6 +209,29 @@ def test_figure_9_lies_on_its_ellipse_and_figure_8_does_not_close_on_one() -> No
     assert np.ptp(loop[:, 1]) == pytest.approx(np.ptp(ellipse[:, 1]), rel=0.02)
     assert np.ptp(loop[:, 0]) == pytest.approx(np.ptp(ellipse[:, 0]), rel=1e-3)
     assert np.ptp(_lines(large)[0][:, 0]) > 2.0 * gaps.SQUEEZE
+
+
+LIKE_HUES = ((0, 4), (0, 7), (4, 7), (3, 7), (1, 8), (6, 9))  # blues, purples, browns, greys
+
+
+def test_inks_of_like_hue_differ_in_their_dashes() -> None:
+    assert len(pens.DASHES) == len(pens.INKS)
+    for one, other in LIKE_HUES:
+        assert pens.numbered(one)["linestyle"] != pens.numbered(other)["linestyle"]
+
+
+@pytest.mark.parametrize("draw", [beyond.approximations_figure, beyond.later_laws_figure])
+def test_lines_that_lie_on_one_another_differ_in_their_dashes(draw: Callable[[], Figure]) -> None:
+    lines = [line for line in draw().axes[0].lines if np.size(line.get_xdata()) > 2]
+    assert len(lines) >= 7
+    for i, under in enumerate(lines):
+        for over in lines[i + 1 :]:
+            first, second = (np.asarray(line.get_ydata(), dtype=float) for line in (under, over))
+            near = np.abs(first - second) < 0.05 * np.maximum(first, second)
+            if near.mean() > 0.5:  # over half of the figure
+                dashes = [pens.DASHES[pens.INKS.index(str(line.get_color()))] for line in (under, over)]
+                widths = sorted(line.get_linewidth() for line in (under, over))
+                assert dashes[0] != dashes[1] or widths[1] > 1.5 * widths[0]
 
 
 def test_the_other_reading_of_4_is_in_the_caption(folder: Path) -> None:

@@ -14,12 +14,17 @@ BLUE, ORANGE, GREEN, PURPLE, SKY, GREY, BAD = (
     "#0072B2", "#C98500", "#00805E", "#8B3F75", "#3A9BD0", "#8b949c", "#B23A00",
 )  # fmt: skip
 INKS = (BLUE, ORANGE, GREEN, PURPLE, SKY, BAD, "#5b6670", "#3d3d9e", "#9a8a1f", INK)
-DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
+# One for each ink: inks of like hue differ in it, and where two lines of a figure run along each other the
+# later one leaves the earlier one to be seen.
+DASHES = (
+    "-", (0, (5, 1.5)), "-", (0, (9, 2)), (0, (1.5, 1.2)),
+    (0, (6, 1.5, 1.2, 1.5)), (0, (5, 1.5, 1.2, 1.5, 1.2, 1.5)), (0, (2.5, 1.2)), "-", "-",
+)  # fmt: skip
 
 
 def numbered(i: int) -> dict[str, Any]:
     """Colour and dashes of the i-th line of a figure."""
-    return {"color": INKS[i], "linestyle": DASHES[i % len(DASHES)]}
+    return {"color": INKS[i], "linestyle": DASHES[i]}
 
 
 def bare(axes: Axes, x: str, y: str, ticks: bool = False) -> None:
