@@ -227,7 +227,7 @@ def test_lines_that_lie_on_one_another_differ_in_their_dashes(draw: Callable[[],
     for i, under in enumerate(lines):
         for over in lines[i + 1 :]:
             first, second = (np.asarray(line.get_ydata(), dtype=float) for line in (under, over))
-            near = np.abs(first - second) < 0.05 * np.maximum(first, second)
+            near = np.abs(first - second) < 0.1 * np.maximum(first, second)
             if near.mean() > 0.5:  # over half of the figure
                 dashes = [pens.DASHES[pens.INKS.index(str(line.get_color()))] for line in (under, over)]
                 widths = sorted(line.get_linewidth() for line in (under, over))
