@@ -291,6 +291,11 @@ def test_launches_that_cannot_arrive_are_refused() -> None:
         ENGINE.drop(PLANE, spring_damper(), [Launch(0.0, height=0.01)])
     with pytest.raises(SettingError, match=r"height: 0.03 m above the cup.*0.0254"):
         ENGINE.drop(CUP, spring_damper(), [Launch(0.1, height=0.03)])
+    with pytest.raises(SettingError, match=r"height: -0.001 m; expected 0 m or more"):
+        ENGINE.drop(PLANE, spring_damper(), [Launch(0.1, height=-1e-3)])
+    for launch in (Launch(math.nan), Launch(math.inf), Launch(0.1, math.nan), Launch(0.1, height=math.nan)):
+        with pytest.raises(SettingError, match=r"launch: .*; expected finite numbers"):
+            ENGINE.drop(PLANE, spring_damper(), [launch])
 
 
 # --- the same bits, always ---

@@ -394,3 +394,12 @@ def test_a_ball_set_down_rests_on_the_spring_that_carries_it() -> None:
     path = ENGINE.follow(steel("plane", g), setting, Launch(0.0, height=1e-9), 0.5)
     assert path.penetration[-1] == pytest.approx(MASS * g / k, rel=1e-6)
     assert path.force[-1] == pytest.approx(MASS * g, rel=1e-6)
+
+
+def test_a_contact_of_more_steps_than_usual_is_no_rest() -> None:
+    """A heavy ball stays 0.036 s on the plate, 36 000 steps of 1 µs, and then leaves."""
+    heavy = replace(steel("plane"), mass=2e5)
+    law = {"kind": "force", "alpha": 0.3, "stiffness": heavy.stiffness}
+    (impact,) = ENGINE.drop(heavy, Setting("pybullet", "law", 1e-6, {"law": law}), [Launch(0.3)])
+    assert impact.status is Status.PARTED, impact.reason
+    assert impact.samples > 20_000

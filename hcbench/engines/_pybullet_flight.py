@@ -16,6 +16,8 @@ import numpy as np
 
 from hcbench.engines._watch import Watch
 from hcbench.impact import Impact, Status, Trajectory, impacts_of
+from hcbench.reference import exact
+from hcbench.reference.laws import HuntCrossley
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 # How long a body may stay in contact before it counts as resting there.
 _CONTACT_S = 0.25
 _CONTACT_STEPS_MIN, _CONTACT_STEPS = 500, 20_000
+_LONGEST = 8.0  # times the elastic contact of the scene's law
 # Or sooner, after so many steps below this part of its speed: a bounce turns around in fewer.
 _STILL_STEPS, _AT_REST = 50, 1e-4
 _SHORT = 8  # steps in the shortest stretch
@@ -203,11 +206,15 @@ def touching_height(scene: Scene) -> float:
 
 def _watch(launches: Sequence[Launch], scene: Scene, timestep: float) -> Watch:
     """With patience for the flight and any sensible contact."""
-    contact = max(_CONTACT_STEPS_MIN, min(math.ceil(_CONTACT_S / timestep), _CONTACT_STEPS))
+    shortest = max(_CONTACT_STEPS_MIN, min(math.ceil(_CONTACT_S / timestep), _CONTACT_STEPS))
+    elastic = HuntCrossley(scene.stiffness, 0.0, scene.exponent)
     patience, rest_speed = [], []
     for launch in launches:
         gap = launch.gap(timestep)
         speed = math.sqrt(launch.speed**2 + 2.0 * scene.gravity * gap)  # at touch
+        # However heavy and soft the scene is: a contact that is cut off would count as rest.
+        lasts = _LONGEST * float(exact.duration(elastic, scene.mass, speed))
+        contact = max(shortest, math.ceil(lasts / timestep))
         patience.append(math.ceil(1.5 * 2.0 * gap / (launch.speed + speed) / timestep) + contact)
         rest_speed.append(_AT_REST * speed)
     return Watch.over(patience, rest_speed, _STILL_STEPS, deepest=touching_height(scene))

@@ -6,6 +6,7 @@ the engine's own types leaves it. Engines import their backend when used, never 
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, ClassVar, final
 
@@ -55,6 +56,11 @@ class Engine(ABC):
         if not setting.timestep > 0:
             raise SettingError("timestep", f"{setting.timestep!r} s", "a step above 0 s")
         for launch in launches:
+            height = launch.height or 0.0
+            if not math.isfinite(launch.speed + launch.phase + height):
+                raise SettingError("launch", f"{launch!r}", "finite numbers")
+            if height < 0:
+                raise SettingError("height", f"{height!r} m", "0 m or more over the plate")
             if launch.speed < 0 or (launch.speed == 0 and not launch.height):
                 raise SettingError(
                     "speed", f"{launch.speed!r} m/s", "a speed above 0, or a height to fall from"
