@@ -253,15 +253,25 @@ def test_pairs_are_judged_over_their_own_span_unless_told_otherwise(
     assert (asked["speed_min"], asked["speed_max"]) == pytest.approx(band)
 
 
+@pytest.mark.adhesion
+def test_measured_pairs_get_an_e_that_falls_as_theirs_at_a_coarse_step_too(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    asked = ["tune", "mujoco", "--points", PAIRS, "--timestep", "1e-4", "--max-error", "0.002", "--json"]
+    assert run(asked) == 0
+    assert json.loads(capsys.readouterr().out)["recipe"] == "two-pair"
+
+
 def test_pairs_near_the_law_are_told_its_alpha_and_no_plug_in_that_needs_one(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert run(["tune", "mujoco", "--points", PAIRS, "--timestep", "1e-4"]) == 0
+    asked = ["tune", "mujoco", "--timestep", "1e-4", "--recipe", "impulse", "--points"]
+    assert run([*asked, PAIRS]) == 0
     told = capsys.readouterr().out
     assert "restitution-law" not in told
     assert "try --alpha 0.31" in told
     assert "--recipe two-pair" in told
-    assert run(["tune", "mujoco", "--points", "0.1:0.9, 0.2:0.3 m/s", "--timestep", "1e-4"]) == 0
+    assert run([*asked, "0.1:0.9, 0.2:0.3 m/s"]) == 0
     assert "--alpha" not in capsys.readouterr().out  # no α has such a fall
 
 

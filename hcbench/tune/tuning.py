@@ -65,19 +65,20 @@ def _seen(target: Target) -> str:
 def choose(engine: str, target: Target, scene: Scene, match: Match) -> tuple[str, str]:
     """The recipe's name, and why. Raises SettingError when nothing there reaches the wish."""
     steps, known = steps_a_contact(target), recipes_of(engine)
-    constant = target.speed_min == target.speed_max or target.law.alpha == 0 or len(target.points) == 1
+    one = len({e for _, e in target.points}) == 1 if target.points else target.law.alpha == 0
+    constant = one or target.speed_min == target.speed_max
     seen = _seen(target)
     if match in ("loop", "both"):
         return _choose_loop(engine, known, target, match, _STAGGERED[scene.form])
     staggered = _STAGGERED[scene.form]
+    soft = f"{seen}; its springs are softened for more" if steps < FEWEST_STEPS else seen
     if target.reading == "law" and not constant and staggered in known:
-        soft = f"{seen}; its springs are softened for 24" if steps < FEWEST_STEPS else seen
         return staggered, f"restitution that falls with speed as the law's does; {soft}"
     if not constant:
         # A restitution that falls with speed, but is not the law's, or not on a plane.
-        for name in ("two-pair", "soft") if steps >= FEWEST_STEPS else ():
+        for name in ("two-pair", "soft") if steps >= FEWEST_STEPS else ("two-pair",):
             if name in known and (name != "two-pair" or scene.form == "plane"):
-                return name, f"restitution that falls with speed; {seen}"
+                return name, f"restitution that falls with speed; {soft}"
     one_step = {"mujoco": "impulse", "pybullet": "restitution"}.get(engine)
     if one_step in known:
         return one_step, f"one restitution for all speeds, exact at any step; {seen}"
