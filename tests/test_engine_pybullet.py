@@ -345,6 +345,11 @@ def test_a_word_that_bullet_does_not_have_is_named(options: dict[str, Any], mess
     assert error.value.exit_code == 2
 
 
+def test_a_launch_that_cannot_arrive_is_refused() -> None:
+    with pytest.raises(SettingError, match="0 m/s without gravity"):
+        fly("plane", 1e-3, {}, [Launch(0.0, height=0.01)])
+
+
 def _ask_for_a_file_that_is_not_there() -> Iterator[None]:
     with _pybullet_world._world(steel("plane"), 1e-3, read_options({}), 0.2) as world:
         yield world.bullet.loadURDF("nowhere.urdf")
