@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import pytest
+
+from hcbench.engines import mujoco as mujoco_engine
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -18,3 +25,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         reason = f"needs adhesion: MuJoCo 3.11 or later, here is {mujoco.__version__}"
         for item in asking:
             item.add_marker(pytest.mark.skip(reason=reason))
+
+
+@pytest.fixture
+def nothing_kept() -> Iterator[None]:
+    """No compiled scene is there from an earlier test, and none is left for a later one."""
+    mujoco_engine._kept.cache_clear()
+    yield
+    mujoco_engine._kept.cache_clear()

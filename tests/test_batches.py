@@ -68,7 +68,7 @@ def same(one: Sequence[Impact], other: Sequence[Impact]) -> bool:
 
 
 @pytest.fixture
-def sizes(monkeypatch: pytest.MonkeyPatch) -> Any:
+def sizes(monkeypatch: pytest.MonkeyPatch, nothing_kept: None) -> Any:
     """Sets the knobs of how launches are put together."""
 
     def put(**knobs: Any) -> None:
@@ -76,8 +76,7 @@ def sizes(monkeypatch: pytest.MonkeyPatch) -> Any:
             monkeypatch.setattr(_mujoco_flight, name, value)
         mujoco_engine._kept.cache_clear()
 
-    yield put
-    mujoco_engine._kept.cache_clear()
+    return put
 
 
 INTEGRATORS = ["Euler", "implicit", "implicitfast", "RK4"]
@@ -128,7 +127,12 @@ def test_one_balls_end_is_not_another_s(sizes: Any) -> None:
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize(("recipe", "timestep"), [*NATIVE, ("two rows", 2e-5)])
 def test_a_ball_on_the_axis_bounces_on_a_slide_as_it_does_free(
-    form: Scene, integrator: str, recipe: str, timestep: float, monkeypatch: pytest.MonkeyPatch
+    form: Scene,
+    integrator: str,
+    recipe: str,
+    timestep: float,
+    monkeypatch: pytest.MonkeyPatch,
+    nothing_kept: None,
 ) -> None:
     if (form, recipe) == (CUP, "staggered"):
         pytest.skip("a tendon's limit cannot pull")
@@ -145,7 +149,6 @@ def test_a_ball_on_the_axis_bounces_on_a_slide_as_it_does_free(
     monkeypatch.setattr(_mujoco_flight, "kind_of", lambda _: "alone")
     mujoco_engine._kept.cache_clear()
     free = MUJOCO.drop(scene, setting, launches)
-    mujoco_engine._kept.cache_clear()
     assert [i.status for i in on_a_slide] == [i.status for i in free]
     for one, other in zip(on_a_slide, free, strict=True):
         assert one.samples == other.samples
@@ -214,7 +217,9 @@ def test_what_a_free_ball_does_not_feel_a_ball_in_company_does_not_either(
 
 @NEEDS_CROWDS
 @FORMS
-def test_models_that_pay_fly_in_crowds(form: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_models_that_pay_fly_in_crowds(
+    form: Scene, monkeypatch: pytest.MonkeyPatch, nothing_kept: None
+) -> None:
     made_of: list[int] = []
     real = _mujoco_crowd.crowd
 

@@ -448,6 +448,7 @@ def test_mujocos_own_errors_come_out_as_ours(tmp_path: Path) -> None:
         ENGINE.drop(scene, spring_damper(integrator="discrete"), [Launch(0.2)])
 
 
+@pytest.mark.usefixtures("nothing_kept")
 def test_a_missing_mujoco_is_told_with_the_way_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     def nothing(name: str) -> str:
         raise metadata.PackageNotFoundError(name)
@@ -460,6 +461,7 @@ def test_a_missing_mujoco_is_told_with_the_way_to_get_it(monkeypatch: pytest.Mon
         ENGINE.drop(PLANE, spring_damper(), [Launch(0.2)])
 
 
+@pytest.mark.usefixtures("nothing_kept")
 @pytest.mark.parametrize(
     ("own", "said"),
     [
