@@ -102,6 +102,13 @@ def impact_of(launch: Launch, trajectory: Trajectory) -> Impact:
     return impacts_of([launch], t, x[None], v[None], f[None], np.array([len(x)]))[0]
 
 
+def not_finite(x: Floats, v: Floats, f: Floats) -> NDArray[np.bool_]:
+    """Where any of three arrays of one shape is not finite; of shape () where all of it is."""
+    if np.isfinite(x.sum() + v.sum() + f.sum()):  # as nearly always, and told in a tenth of the time
+        return np.zeros((), bool)
+    return ~np.isfinite(x + v + f)
+
+
 def impacts_of(
     launches: Sequence[Launch], time: Floats, x: Floats, v: Floats, f: Floats, counts: NDArray[np.intp]
 ) -> list[Impact]:
@@ -117,10 +124,7 @@ def impacts_of(
     counts = counts.astype(np.int32)
     own = step < counts[:, None]
     with np.errstate(all="ignore"):
-        if np.isfinite(x.sum() + v.sum() + f.sum()):  # as nearly always, and told in a tenth of the time
-            broken = np.zeros(len(x), bool)
-        else:
-            broken = np.any(~np.isfinite(x + v + f) & own, axis=1)
+        broken = np.any(not_finite(x, v, f) & own, axis=1)
         acting = (f != 0.0) & own
         touched, first = acting.any(axis=1), acting.argmax(axis=1).astype(np.int32)
         apart = (x <= 0.0) & (v < 0.0) & ~acting & own & (step >= first[:, None])

@@ -27,12 +27,12 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
     from hcbench.results import filled_folder
     from hcbench.run import run_with
     from hcbench.study import find_study, load_study, name_of
+    from hcbench.sweep import is_sweep, read
 
-    if (Path(study) / "_sweep.json").is_file():
-        from hcbench.sweep import read
-
+    if is_sweep(study):
         folder = out or Path("reports") / Path(study).resolve().name
-        build(read(study), folder)
+        with Crew(jobs) as crew:
+            build(read(study), folder, crew)
         print(folder / "index.html")
         return
     path = find_study(study)

@@ -10,26 +10,27 @@ balls of a model: one sweep of Gauss and Seidel, the same to rounding, the same 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-_Z = 2
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Z = 2  # the number of a position or velocity that is along the axis
 
 
 def on_axis(mujoco: Any, model: Any) -> bool:
     """Whether the ball of a model, which at qpos0 just touches, can leave the vertical in no way.
 
-    For a model with one joint, the ball's free one, that can touch in the ways which its pairs and limits
+    For a model with one joint, the ball's <freejoint>, that can touch in the ways which its pairs and limits
     say, or else by one pair of geoms.
     """
     joint = model.jnt_bodyid[0]
     own = np.flatnonzero(model.geom_bodyid == joint)
-    free = (model.dof_damping, model.dof_armature, model.dof_frictionloss, model.jnt_stiffness)
     plain = (
         model.body_parentid[joint] == 0
         and np.array_equal(model.body_quat[joint], [1.0, 0.0, 0.0, 0.0])
-        and not any(values.any() for values in free)
         and not model.body_gravcomp[joint]
         and (model.geom_type[own] == mujoco.mjtGeom.mjGEOM_SPHERE).all()
         and not model.geom_pos[own].any()
@@ -58,12 +59,18 @@ def _ways(model: Any) -> list[tuple[int, int, int]]:
             model.pair_geom1.tolist(), model.pair_geom2.tolist(), model.pair_dim.tolist(), strict=True
         )
         return [(a, b, dim) if ball[a] else (b, a, dim) for a, b, dim in pairs]
-    kinds, partners, dims = model.geom_contype, model.geom_conaffinity, model.geom_condim
+    dims = model.geom_condim
+    return [(b, o, int(max(dims[b], dims[o]))) for b, o in may_meet(model, ball)]
+
+
+def may_meet(model: Any, moving: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Geoms of these, and of the others, whose contype and conaffinity let them collide."""
+    kinds, partners = model.geom_contype, model.geom_conaffinity
     return [
-        (int(b), int(o), int(max(dims[b], dims[o])))
-        for b in np.flatnonzero(ball)
-        for o in np.flatnonzero(~ball)
-        if kinds[b] & partners[o] or kinds[o] & partners[b]
+        (int(one), int(other))
+        for one in np.flatnonzero(moving)
+        for other in np.flatnonzero(~moving)
+        if kinds[one] & partners[other] or kinds[other] & partners[one]
     ]
 
 
@@ -83,7 +90,7 @@ def _pulls_along(mujoco: Any, model: Any) -> bool:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     sites = model.wrap_objid[model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE]
-    if len(sites) != model.nwrap or data.site_xpos[sites, :_Z].any():
+    if len(sites) != model.nwrap or data.site_xpos[sites, :Z].any():
         return False
     on_ball = model.site_bodyid[sites] == model.jnt_bodyid[0]
     ends = zip(model.tendon_adr.tolist(), model.tendon_num.tolist(), strict=True)
@@ -115,7 +122,7 @@ def feel_alike(mujoco: Any, model: Any, free: Any) -> None:
     body, size = int(free.jnt_bodyid[0]), model.njnt
     model.jnt_axis[:] = 0.0, 0.0, 1.0  # where a <frame> around the joint has turned it
     model.body_invweight0[model.jnt_bodyid] = free.body_invweight0[body]
-    model.dof_invweight0[:] = free.dof_invweight0[_Z]
+    model.dof_invweight0[:] = free.dof_invweight0[Z]
     if free.ntendon:
         model.tendon_invweight0[:] = np.tile(free.tendon_invweight0, size)
     if holds_one_row(free):

@@ -37,7 +37,6 @@ _REFERENCES = {
     "objname": "body",  # of the one sensor there may be, our own
 }
 _COPY = "#"  # and a number: a copy's name
-_Z = 2  # the number of a position or velocity that is along the axis
 _BITS = 15  # of contype and conaffinity that may be in use: two such numbers fit into one
 _MASK = (1 << _BITS) - 1
 
@@ -88,7 +87,7 @@ class Crowd:
         kind, i = component
         if self.whole:
             return path[:, :, self.at[kind] + i]
-        if self.sliding and i != _Z:
+        if self.sliding and i != axis.Z:
             return None
         start, width, _ = self._spans()[kind]
         picked = path[:, :, start + (0 if self.sliding else i) : start + width * self.size : width]
@@ -106,7 +105,7 @@ class Crowd:
     def _spans(self) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
         """Of positions and of velocities: where in a packed state, how many a ball, where in one's state."""
         nq, nv = self._widths
-        inner = _Z if self.sliding else 0
+        inner = axis.Z if self.sliding else 0
         return (1, nq, self.at[0] + inner), (1 + nq * self.size, nv, self.at[1] + inner)
 
 
@@ -143,16 +142,10 @@ def kind_of(loaded: Loaded) -> Kind:
 
 def _touches_in_one_way(model: Any) -> bool:
     """Whether the ball can touch by pairs that are written out, or else by one pair of geoms at most."""
-    contype, conaffinity = model.geom_contype, model.geom_conaffinity
-    if ((contype | conaffinity) & ~_MASK).any():
+    if ((model.geom_contype | model.geom_conaffinity) & ~_MASK).any():
         return False
     moving = model.body_weldid[model.geom_bodyid] != 0
-    found = {
-        frozenset((int(b), int(o)))
-        for b in np.flatnonzero(moving)
-        for o in np.flatnonzero(~moving)
-        if contype[b] & conaffinity[o] or contype[o] & conaffinity[b]
-    }
+    found = {frozenset(pair) for pair in axis.may_meet(model, moving)}
     written = {frozenset((int(a), int(b))) for a, b in zip(model.pair_geom1, model.pair_geom2, strict=True)}
     return not found - written if written else len(found) <= 1
 
@@ -163,7 +156,7 @@ def crowd(loaded: Loaded, size: int, sliding: bool) -> Crowd:
     root = _repeated(copy.deepcopy(loaded.root), size)
     spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
     if sliding:
-        axis.put_on_axis(mujoco, spec, float(loaded.origin[loaded.at[0] + _Z]))
+        axis.put_on_axis(mujoco, spec, float(loaded.origin[loaded.at[0] + axis.Z]))
     _part(spec)
     model = spec.compile()
     model.opt.disableflags = one.opt.disableflags

@@ -23,7 +23,6 @@ from hcbench.engines._watch import Watch
 from hcbench.errors import SettingError
 from hcbench.impact import Trajectory, impacts_of
 from hcbench.reference import exact
-from hcbench.reference.laws import HuntCrossley
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -161,8 +160,7 @@ class Fleet:
         speed = math.sqrt(slowest.speed**2 + 2.0 * scene.gravity * gap)
         if not speed:
             return _SHORT
-        law = HuntCrossley(scene.stiffness, 0.0, scene.exponent)
-        contact = float(exact.duration(law, scene.mass, speed))
+        contact = exact.elastic_duration(scene.stiffness, scene.exponent, scene.mass, speed)
         return math.ceil((contact + 2.0 * gap / (slowest.speed + speed)) / h) + _SHORT
 
 

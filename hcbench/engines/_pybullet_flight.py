@@ -10,7 +10,6 @@ they do to the momentum, Bullet's own to rounding, where nothing else slows a ba
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from hcbench.engines._watch import Watch
 from hcbench.errors import SettingError
 from hcbench.impact import Impact, Status, Trajectory, impacts_of
 from hcbench.reference import exact
-from hcbench.reference.laws import HuntCrossley
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -206,17 +204,9 @@ def touching_height(scene: Scene) -> float:
     return scene.ball_radius if scene.form == "cup" else scene.relative_radius
 
 
-@lru_cache(maxsize=16)
-def _elastic_contact(stiffness: float, mass: float, exponent: float) -> tuple[float, float]:
-    """Contact time at 1 m/s, s, and the power of the speed that it goes by: eq. (8) without loss."""
-    law = HuntCrossley(stiffness, 0.0, exponent)
-    return float(exact.duration(law, mass, 1.0)), (1.0 - exponent) / (1.0 + exponent)
-
-
 def _watch(launches: Sequence[Launch], scene: Scene, timestep: float) -> Watch:
     """With patience for the flight and any sensible contact."""
     shortest = max(_CONTACT_STEPS_MIN, min(math.ceil(_CONTACT_S / timestep), _CONTACT_STEPS))
-    at_one, slowing = _elastic_contact(scene.stiffness, scene.mass, scene.exponent)
     patience, rest_speed = [], []
     for launch in launches:
         gap = launch.gap(timestep)
@@ -224,8 +214,8 @@ def _watch(launches: Sequence[Launch], scene: Scene, timestep: float) -> Watch:
         if speed == 0.0:
             raise SettingError("speed", "0 m/s without gravity", "a speed above 0, or gravity to fall by")
         # However heavy and soft the scene is: a contact that is cut off would count as rest.
-        lasts = _LONGEST * at_one * speed**slowing
-        contact = max(shortest, math.ceil(lasts / timestep))
+        elastic = exact.elastic_duration(scene.stiffness, scene.exponent, scene.mass, speed)
+        contact = max(shortest, math.ceil(_LONGEST * elastic / timestep))
         patience.append(math.ceil(1.5 * 2.0 * gap / (launch.speed + speed) / timestep) + contact)
         rest_speed.append(_AT_REST * speed)
     return Watch.over(patience, rest_speed, _STILL_STEPS, deepest=touching_height(scene))

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench.impact import not_finite
+
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
@@ -54,8 +56,7 @@ class Watch:
         self.touch[new] = self.steps + acting[new].argmax(axis=1)
         after = step >= self.touch[:, None]
         over = after & (x <= 0.0) & (v < 0.0) & ~acting  # parted, as impact_of has it
-        if not np.isfinite(x.sum() + v.sum() + f.sum()):  # hardly ever, and told in a tenth of the time
-            over |= ~np.isfinite(x + v + f)
+        over |= not_finite(x, v, f)
         if self.deepest < math.inf:
             over |= x > self.deepest
         if step[-1] >= self.patience.min() - 1:

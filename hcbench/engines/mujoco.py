@@ -63,20 +63,20 @@ class MujocoEngine(Engine):
             fleet = _fleet(scene, setting.timestep, options)
             return [_named(impact) for impact in _mujoco_flight.fly(fleet, launches)]
         fastest = max((launch.speed for launch in launches), default=0.0)
-        with self._ready(scene, setting, fastest) as model:
+        with self._ready(scene, setting.timestep, options, fastest) as model:
             return [_named(impact) for impact in _mujoco_flight.fly(Fleet.of(model), launches)]
 
     def follow(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
         """Every step of `duration` s after release; NaN from where MuJoCo gave up."""
-        with self._ready(scene, setting, launch.speed) as model:
+        options = read_options(setting.options)
+        with self._ready(scene, setting.timestep, options, launch.speed) as model:
             return _mujoco_flight.follow(model, launch, max(1, round(duration / setting.timestep)))
 
     @staticmethod
     @contextmanager
-    def _ready(scene: Scene, setting: Setting, speed: float) -> Iterator[Loaded]:
-        """The scene under the setting, with its plug-in attached, for impacts at up to `speed` m/s."""
-        options = read_options(setting.options)
-        model = load(scene, setting.timestep, options)
+    def _ready(scene: Scene, timestep: float, options: Options, speed: float) -> Iterator[Loaded]:
+        """The scene under a setting, with its plug-in attached, for impacts at up to `speed` m/s."""
+        model = load(scene, timestep, options)
         if options.law is None:
             yield model
             return

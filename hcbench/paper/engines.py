@@ -67,19 +67,20 @@ def track(
     law = system.right
     alike = isinstance(law, HuntCrossley) and law == system.left
     require("laws", (system.right, system.left), alike, "the same law (16) on both sides")
+    assert isinstance(law, HuntCrossley)
     positive("timestep", timestep, "s")
     positive("until", until, "s")
     if native_at is not None:
         positive("native_at", native_at, "m/s")
     engine(where).version()  # raises EngineMissing
     kicks = _Kicks(system.mass, drive, timestep)
-    given = (where, system, position, velocity, until, kicks, native_at)
-    return isolation.collect(_run, *given, limit=LIMIT)[0]
+    case = _Case(system, law, position, velocity, math.ceil(until / timestep) + 1, kicks, native_at)
+    return isolation.collect(_run, where, case, limit=LIMIT)[0]
 
 
-def _run(where: Where, *arguments: Any) -> Iterator[Track]:
+def _run(where: Where, case: _Case) -> Iterator[Track]:
     """In the worker."""
-    yield (_in_mujoco if where == "mujoco" else _in_pybullet)(*arguments)
+    yield (_in_mujoco if where == "mujoco" else _in_pybullet)(case)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,28 +114,35 @@ class _Kicks:
         )
 
 
-def _in_mujoco(
-    system: VibroImpact,
-    position: float,
-    velocity: float,
-    until: float,
-    kicks: _Kicks,
-    native_at: float | None,
-) -> Track:
+@dataclass(frozen=True, slots=True)
+class _Case:
+    """What `track` was asked for; law: of both blocks. steps: to take."""
+
+    system: VibroImpact
+    law: HuntCrossley
+    position: float
+    velocity: float
+    steps: int
+    kicks: _Kicks
+    native_at: float | None
+
+
+def _in_mujoco(case: _Case) -> Track:
     import mujoco
 
     from hcbench.contact import mujoco as contact
 
-    if native_at is not None:
+    kicks = case.kicks
+    if case.native_at is not None:
         two_blocks.require_adhesion(mujoco)
-    model = mujoco.MjModel.from_xml_string(two_blocks.mjcf(system, kicks.step, native_at))
+    model = mujoco.MjModel.from_xml_string(two_blocks.mjcf(case.system, kicks.step, case.native_at))
     pairs = [("ball", "left"), ("ball", "right")]
-    attached = contact.attach(model, pairs, _law(system)) if native_at is None else nullcontext()
+    attached = contact.attach(model, pairs, case.law) if case.native_at is None else nullcontext()
     data = mujoco.MjData(model)
-    data.qpos[0], data.qvel[0] = position, kicks.start(velocity)
+    data.qpos[0], data.qvel[0] = case.position, kicks.start(case.velocity)
     q, v = [float(data.qpos[0])], [float(data.qvel[0])]
     with attached:
-        for i in range(math.ceil(until / kicks.step) + 1):
+        for i in range(case.steps):
             data.ctrl[0] = kicks(i)
             mujoco.mj_step(model, data)
             q.append(float(data.qpos[0]))
@@ -142,51 +150,36 @@ def _in_mujoco(
     return kicks.track(np.array(q), np.array(v))
 
 
-def _in_pybullet(
-    system: VibroImpact,
-    position: float,
-    velocity: float,
-    until: float,
-    kicks: _Kicks,
-    native_at: float | None,
-) -> Track:
+def _in_pybullet(case: _Case) -> Track:
     import pybullet as bullet
 
     client = bullet.connect(bullet.DIRECT)
     try:
-        return _bullet_track(bullet, client, system, position, velocity, until, kicks, native_at)
+        return _bullet_track(bullet, client, case)
     finally:
         bullet.disconnect(client)
 
 
-def _bullet_track(
-    bullet: Any,
-    client: int,
-    system: VibroImpact,
-    position: float,
-    velocity: float,
-    until: float,
-    kicks: _Kicks,
-    native_at: float | None,
-) -> Track:
+def _bullet_track(bullet: Any, client: int, case: _Case) -> Track:
     from hcbench.contact import pybullet as contact
     from hcbench.tune.pybullet_restitution import BALL, WORLD
 
+    system, kicks, native_at = case.system, case.kicks, case.native_at
     own = {} if native_at is None else two_blocks.bullet_options(system, kicks.step, native_at)
     world = own.get("world", WORLD)
     bullet.setPhysicsEngineParameter(fixedTimeStep=kicks.step, **world, physicsClientId=client)
     blocks = [_load(bullet, client, side, two_blocks.place(system, side)) for side in two_blocks.SIDES]
-    ball = _load(bullet, client, "ball", position)
+    ball = _load(bullet, client, "ball", case.position)
     bullet.changeDynamics(ball, -1, mass=system.mass, **own.get("ball", BALL), physicsClientId=client)
     for block in blocks:
         bullet.changeDynamics(block, -1, **own.get("plate", {}), physicsClientId=client)
-    bullet.resetBaseVelocity(ball, [kicks.start(velocity), 0, 0], physicsClientId=client)
+    bullet.resetBaseVelocity(ball, [kicks.start(case.velocity), 0, 0], physicsClientId=client)
     attached: Any = nullcontext()
     if native_at is None:
-        attached = contact.attach([(ball, block) for block in blocks], _law(system), client=client)
-    q, v = [position], [kicks.start(velocity)]
+        attached = contact.attach([(ball, block) for block in blocks], case.law, client=client)
+    q, v = [case.position], [kicks.start(case.velocity)]
     with attached as law:
-        for i in range(math.ceil(until / kicks.step) + 1):
+        for i in range(case.steps):
             place = bullet.getBasePositionAndOrientation(ball, physicsClientId=client)[0]
             bullet.applyExternalForce(
                 ball, -1, [kicks(i), 0, 0], place, bullet.WORLD_FRAME, physicsClientId=client
@@ -203,8 +196,3 @@ def _load(bullet: Any, client: int, name: str, x: float) -> int:
     """A body of the scene, at x (m)."""
     file, flags = str(two_blocks.folder() / f"{name}.urdf"), bullet.URDF_USE_INERTIA_FROM_FILE
     return int(bullet.loadURDF(file, [x, 0, 0], flags=flags, physicsClientId=client))
-
-
-def _law(system: VibroImpact) -> HuntCrossley:
-    assert isinstance(system.right, HuntCrossley)
-    return system.right

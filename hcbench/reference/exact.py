@@ -22,11 +22,11 @@ import numpy as np
 from hcbench.errors import UserError
 from hcbench.impact import Loop
 from hcbench.reference.bounce import argument_of, restitution_of, shortfall_of
+from hcbench.reference.laws import HuntCrossley
 from hcbench.reference.path import g_ratio, largest_force_rate, rate_ratio
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
-    from hcbench.reference.laws import HuntCrossley
 
 _PANEL_NODES = 10
 
@@ -130,6 +130,18 @@ def duration(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
     cosine, weight = _jacobi(count, end, end)
     total = (weight / rate_ratio(width[..., None] * cosine)).sum(axis=-1)
     return np.asarray(_time_scale(law, mass, v) * total)
+
+
+def elastic_duration(stiffness: float, exponent: float, mass: float, speed: float) -> float:
+    """Time of contact in s where nothing is lost, k in N/m^n: it goes by v^((1-n)/(1+n)), as eq. (8) says."""
+    v = float(_checked("speed", speed, "m/s", zero=False))
+    slowing = (1.0 - exponent) / (1.0 + exponent)
+    return float(_elastic_at_one(stiffness, exponent, mass) * v**slowing)
+
+
+@lru_cache(maxsize=64)
+def _elastic_at_one(stiffness: float, exponent: float, mass: float) -> float:
+    return float(duration(HuntCrossley(stiffness, 0.0, exponent), mass, 1.0))
 
 
 def _time_scale(law: HuntCrossley, mass: float, speed: Floats) -> Floats:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench.engines import registry
 from hcbench.reference import exact
-from hcbench.reference.laws import HuntCrossley
 from hcbench.run import plan, setting_record
 
 if TYPE_CHECKING:
@@ -123,15 +122,11 @@ def _shared(rows: list[Row]) -> list[tuple[Task, tuple[float, ...]]]:
     return [(task, tuple(dict.fromkeys(alphas))) for task, alphas in found.values()]
 
 
-def steps_expected(scene: Scene, timestep: float, speed: float) -> int:
-    """Steps of an impact by elastic contact of the scene's stiffness: a scale, no more."""
-    law = HuntCrossley(scene.stiffness, 0.0, scene.exponent)
-    return math.ceil(float(exact.duration(law, scene.mass, speed)) / timestep) + 8
-
-
 def _size(task: Task, scene: Scene) -> int:
     """Impacts in each part of a task: as few parts as may be, of one size."""
-    steps = steps_expected(scene, task.setting.timestep, min(task.launches.speeds))
+    slowest = min(task.launches.speeds)
+    elastic = exact.elastic_duration(scene.stiffness, scene.exponent, scene.mass, slowest)
+    steps = math.ceil(elastic / task.setting.timestep) + 8  # a scale, no more
     most, total = max(1, min(_IMPACTS, _STEPS // steps)), len(task.launches)
     return math.ceil(total / math.ceil(total / most))
 
