@@ -16,11 +16,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from hcbench.engines import _pybullet_flight, _pybullet_world, isolation
-from hcbench.engines._pybullet_options import read_options
+from hcbench.engines.pybullet import simulate, world
+from hcbench.engines.pybullet.options import read_options
 from hcbench.impact import Launch
 from hcbench.scene import Scene
 from hcbench.setting import Setting
+from hcbench.workers import process
 
 Record = list[tuple[float, float, float]]
 
@@ -103,10 +104,10 @@ def bare(model: Any, launches: Sequence[Launch], timestep: float, steps: int) ->
 
 def in_pybullet(scene: Scene, setting: Setting, launches: Sequence[Launch]) -> int:
     """Depth, rate and force of each step of each launch, until it has parted; how many steps that is."""
-    isolation.enter_worker()  # this process is the benchmark's own
-    bullet = _pybullet_world._client()
-    ball, plate = _pybullet_world._set_up(bullet, scene, setting.timestep, read_options(setting.options))
-    radius, steps = _pybullet_flight.touching_height(scene), 0
+    process.enter_worker()  # this process is the benchmark's own
+    bullet = world._client()
+    ball, plate = world._set_up(bullet, scene, setting.timestep, read_options(setting.options))
+    radius, steps = simulate.touching_height(scene), 0
     for launch in launches:
         bullet.resetBasePositionAndOrientation(
             ball, [0, 0, radius + launch.gap(setting.timestep)], [0, 0, 0, 1]

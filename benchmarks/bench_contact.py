@@ -23,9 +23,9 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
-from hcbench.contact import mujoco as contact
-from hcbench.contact.mujoco import HuntCrossley, Restitution
-from hcbench.reference import exact
+from hcbench.engines.mujoco.plugin import attach as contact
+from hcbench.engines.mujoco.plugin.attach import HuntCrossley, Restitution
+from hcbench.laws import closed_form
 from hcbench.scene import load_scene
 
 INCH = 0.0254
@@ -71,7 +71,7 @@ def in_pybullet(scene: Any, law: Any, h: float, _: str) -> Iterator[Fly]:
     """Flights of a ball in PyBullet, the law attached."""
     import pybullet as bullet
 
-    from hcbench.contact import pybullet as plug_in
+    from hcbench.engines.pybullet.plugin import attach as plug_in
 
     client = bullet.connect(bullet.DIRECT)
     bullet.setTimeStep(h)
@@ -108,7 +108,7 @@ def worst(engine: str, kind: str, h: float, speeds: list[float], integrator: str
             law = HuntCrossley(STIFFNESS, alpha) if kind == "force" else Restitution(alpha)
             with ENGINES[engine](scene, law, h, integrator) as fly:
                 for speed in speeds:
-                    truth = float(exact.restitution(alpha, speed))
+                    truth = float(closed_form.restitution(alpha, speed))
                     error = max(error, *(abs(-fly(speed, phase)[-1][1] / speed - truth) for phase in PHASES))
     return error
 
@@ -123,11 +123,11 @@ def loop(engine: str, h: float) -> float:
                 x, force = record[:, 0], record[:, 2]
                 rising = np.append(np.diff(x) > 0, False)
                 ways = ("approach", "rebound")
-                rates = [exact.rate_at(LAW, MASS, speed, np.maximum(x, 0.0), way) for way in ways]  # type: ignore[arg-type]
+                rates = [closed_form.rate_at(LAW, MASS, speed, np.maximum(x, 0.0), way) for way in ways]  # type: ignore[arg-type]
                 rate = np.where(rising, *rates)
                 use = (x > 0) & np.isfinite(rate)
                 off = force[use] - LAW.force(x[use], rate[use])
-                found.append(np.sqrt(np.mean(off**2)) / float(exact.force_max(LAW, MASS, speed)))
+                found.append(np.sqrt(np.mean(off**2)) / float(closed_form.force_max(LAW, MASS, speed)))
     return max(found)
 
 

@@ -11,19 +11,22 @@ import numpy as np
 import pytest
 from _loops import bare, in_mujoco, in_mujoco_barely, in_pybullet
 
-from hcbench.contact import mujoco as contact
-from hcbench.engines import _mujoco_crowd, _mujoco_flight, isolation, registry, stretch
-from hcbench.engines import mujoco as mujoco_engine
-from hcbench.engines._mujoco_load import load
-from hcbench.engines._mujoco_options import read_options
-from hcbench.engines.mujoco import MujocoEngine, model_xml
-from hcbench.engines.stretch import Stretch
+from hcbench.benchmark import batch as batches
+from hcbench.benchmark.batch import Stretch
+from hcbench.engines.mujoco import batch, simulate
+from hcbench.engines.mujoco import engine as mujoco_engine
+from hcbench.engines.mujoco.engine import MujocoEngine, model_xml
+from hcbench.engines.mujoco.options import read_options
+from hcbench.engines.mujoco.plugin import attach as contact
+from hcbench.engines.mujoco.world import load
 from hcbench.impact import Launch
-from hcbench.reference import exact
-from hcbench.reference.laws import HuntCrossley
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
 from hcbench.scene import load_scene
 from hcbench.setting import Setting
+from hcbench.sim import registry
 from hcbench.tune.target import Target
+from hcbench.workers import process
 
 SCENE = load_scene("steel-plane")
 LAW = HuntCrossley(SCENE.stiffness, 0.008 / 0.0254)
@@ -48,7 +51,7 @@ def test_mujoco_over_a_users_loop(beside: Any, recipe: str) -> None:
     setting, eighty, many, engine = made(f"mujoco.{recipe}"), launches(80), launches(640), MujocoEngine()
     xml = model_xml(SCENE, setting)
     enough = round(
-        1.5 * float(exact.duration(HuntCrossley(SCENE.stiffness, 0.0), SCENE.mass, 1 * INCH)) / STEP
+        1.5 * float(closed_form.duration(HuntCrossley(SCENE.stiffness, 0.0), SCENE.mass, 1 * INCH)) / STEP
     )
 
     def ten_times() -> None:
@@ -77,17 +80,17 @@ def test_mujoco_over_a_users_loop(beside: Any, recipe: str) -> None:
 @pytest.mark.parametrize("recipe", ["spring-damper", "staggered"])
 def test_mujoco_over_a_bare_c_loop(beside: Any, recipe: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Per ball-step of one core. The same balls: in the models that hcbench puts them in, and all in one."""
-    monkeypatch.setattr(isolation, "_inside", True)  # one thread
+    monkeypatch.setattr(process, "_inside", True)  # one thread
     mujoco_engine._kept.cache_clear()
     setting, many, engine = made(f"mujoco.{recipe}"), launches(480), MujocoEngine()
     loaded = load(SCENE, STEP, read_options(setting.options))
-    fleet = _mujoco_flight.Fleet.of(loaded)
+    fleet = simulate.Fleet.of(loaded)
     groups = [[many[i] for i in group] for group in fleet.groups(many)]
     impacts = {i.launch: i for i in engine.drop(SCENE, setting, many)}
     steps = [max(impacts[launch].samples for launch in group) + 5 for group in groups]
     models = [fleet.crowd(len(group)).model for group in groups]
     default = load(SCENE, STEP, read_options(setting.options))
-    together = _mujoco_crowd.crowd(default, 80, sliding=False).model
+    together = batch.crowd(default, 80, sliding=False).model
     together.opt.jacobian = mujoco.mjtJacobian.mjJAC_AUTO
     eighty = many[::6]
     longest = max(steps)
@@ -122,10 +125,10 @@ def test_pybullet_over_a_users_loop(beside: Any) -> None:
     many = Stretch(SCENE, setting, [(launch.speed, launch.phase) for launch in launches(320)], ())
 
     def fly(_: int) -> None:
-        isolation.take_own_worker()
-        isolation.collect(stretch.together, many, limit=600)
+        process.take_own_worker()
+        process.collect(batches.together, many, limit=600)
 
-    isolation._inside = False
+    process._inside = False
     with ThreadPoolExecutor(2) as two:
 
         def ours() -> None:
@@ -142,14 +145,14 @@ def test_pybullet_over_a_users_loop(beside: Any) -> None:
             must="3",
             aim="5",
         )
-        isolation.end_workers()
+        process.end_workers()
 
 
 def in_pybullet_alone(setting: Setting, eighty: list[Launch]) -> None:
     try:
         in_pybullet(SCENE, setting, eighty)
     finally:
-        isolation._inside = False
+        process._inside = False
 
 
 def test_the_plug_in_over_native_contact(beside: Any) -> None:

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.special import lambertw
 
-from hcbench.reference import exact
-from hcbench.reference.laws import HuntCrossley
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
 
 ALPHA, MASS, INCH = 0.008 / 0.0254, 0.45359237, 0.0254
 LAW = HuntCrossley(3.4064e10, ALPHA)
@@ -33,7 +33,9 @@ def by_ode(speed: float, points: int | None = None) -> Any:
         return float(state[0]) if t > 1e-6 else 1.0
 
     parted.terminal = True  # type: ignore[attr-defined]
-    times = None if points is None else np.linspace(0.0, float(exact.duration(LAW, MASS, speed)), points)
+    times = (
+        None if points is None else np.linspace(0.0, float(closed_form.duration(LAW, MASS, speed)), points)
+    )
     return solve_ivp(
         motion, (0.0, 1e-2), (0.0, speed), "DOP853", times, events=parted, rtol=1e-12, atol=(1e-18, 1e-13)
     )
@@ -44,12 +46,12 @@ def test_restitution_of_a_million_speeds_over_lambertw(beside: Any) -> None:
         "e(v) of 10⁶ speeds",
         {
             "scipy.special.lambertw": lambda: by_lambertw(ALPHA, SPEEDS),
-            "hcbench.reference.exact": lambda: exact.restitution(ALPHA, SPEEDS),
+            "hcbench.laws.closed_form": lambda: closed_form.restitution(ALPHA, SPEEDS),
         },
         must="1",
         aim="3",
     )
-    off = np.abs(by_lambertw(ALPHA, SPEEDS) / exact.restitution(ALPHA, SPEEDS) - 1).max()
+    off = np.abs(by_lambertw(ALPHA, SPEEDS) / closed_form.restitution(ALPHA, SPEEDS) - 1).max()
     assert off < 1e-7, "the same e, as far as lambertw has it"
 
 
@@ -59,14 +61,14 @@ def test_restitution_of_a_speed_over_solve_ivp(beside: Any) -> None:
         "e(v), per speed",
         {
             "scipy.integrate.solve_ivp": lambda: [by_ode(speed) for speed in speeds],
-            "hcbench.reference.exact": lambda: exact.restitution(ALPHA, SPEEDS),
+            "hcbench.laws.closed_form": lambda: closed_form.restitution(ALPHA, SPEEDS),
         },
-        per={"scipy.integrate.solve_ivp": len(speeds), "hcbench.reference.exact": len(SPEEDS)},
+        per={"scipy.integrate.solve_ivp": len(speeds), "hcbench.laws.closed_form": len(SPEEDS)},
         must="10⁴",
         aim="10⁵",
     )
     e = -by_ode(0.3).y[1, -1] / 0.3
-    assert abs(e - float(exact.restitution(ALPHA, 0.3))) < 1e-9
+    assert abs(e - float(closed_form.restitution(ALPHA, 0.3))) < 1e-9
 
 
 def test_a_loop_over_its_ode(beside: Any) -> None:
@@ -74,6 +76,6 @@ def test_a_loop_over_its_ode(beside: Any) -> None:
         "a loop of 401 points",
         {
             "scipy.integrate.solve_ivp": lambda: by_ode(0.3, 401),
-            "hcbench.reference.exact": lambda: exact.loop(LAW, MASS, 0.3, 401),
+            "hcbench.laws.closed_form": lambda: closed_form.loop(LAW, MASS, 0.3, 401),
         },
     )

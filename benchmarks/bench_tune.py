@@ -19,21 +19,21 @@ import mujoco
 import numpy as np
 from scipy.optimize import differential_evolution
 
-from hcbench.engines import registry
-from hcbench.reference import exact
-from hcbench.reference.laws import HuntCrossley
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
 from hcbench.scene import load_scene
 from hcbench.setting import Setting
+from hcbench.sim import registry
+from hcbench.tune.evaluate import judge
 from hcbench.tune.target import Target
-from hcbench.tune.tuning import recipes_of
-from hcbench.tune.verdict import judge
+from hcbench.tune.tune import recipes_of
 
 SCENE = load_scene("steel-plane")
 LAW = HuntCrossley(SCENE.stiffness, 0.008 / 0.0254, SCENE.exponent)
 STEP = 1e-5
 TARGET = Target(LAW, SCENE.mass, STEP, 0.0254, 0.508)
 SPEEDS = np.linspace(0.0254, 0.508, 6)
-WANTED = exact.restitution(LAW.alpha, SPEEDS)
+WANTED = closed_form.restitution(LAW.alpha, SPEEDS)
 XML = """
 <mujoco><option timestep="1e-5" gravity="0 0 0"/><worldbody>
   <geom name="plate" type="plane" size="1 1 .1" condim="1"/>

@@ -53,7 +53,7 @@ def beside(benchmark: Any) -> Beside:
 
 
 def pytest_benchmark_update_machine_info(config: Any, machine_info: dict[str, Any]) -> None:
-    from hcbench.engines import registry
+    from hcbench.sim import registry
 
     machine_info["cores"] = len(os.sched_getaffinity(0))
     machine_info["load"] = os.getloadavg()[0]

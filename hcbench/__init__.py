@@ -9,41 +9,41 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hcbench.compare import Score, score
-    from hcbench.engines.registry import engine
+    from hcbench.benchmark.results import Results
+    from hcbench.benchmark.run import run_study
+    from hcbench.benchmark.study import Study, load_study
     from hcbench.errors import HcbenchError
     from hcbench.impact import Impact, Launch, Loop, Status
+    from hcbench.laws.force import HuntCrossley, KelvinVoigt
     from hcbench.measure import Measurement, Wanted
-    from hcbench.reference.laws import HuntCrossley, KelvinVoigt
-    from hcbench.results import Results
-    from hcbench.run import run_study
     from hcbench.scene import Scene, load_scene
+    from hcbench.scoring import Score, score
     from hcbench.setting import Setting
-    from hcbench.study import Study, load_study
+    from hcbench.sim.registry import engine
     from hcbench.tune.target import Target
 
 _HOMES = {
     "HcbenchError": "errors",
-    "HuntCrossley": "reference.laws",
+    "HuntCrossley": "laws.force",
     "Impact": "impact",
-    "KelvinVoigt": "reference.laws",
+    "KelvinVoigt": "laws.force",
     "Launch": "impact",
     "Loop": "impact",
-    "Measurement": "measure.model",
-    "Results": "results",
+    "Measurement": "measure.measurement",
+    "Results": "benchmark.results",
     "Scene": "scene",
-    "Score": "compare",
+    "Score": "scoring",
     "Setting": "setting",
     "Status": "impact",
-    "Study": "study",
+    "Study": "benchmark.study",
     "Target": "tune.target",
-    "Wanted": "measure.model",
-    "engine": "engines.registry",
+    "Wanted": "measure.measurement",
+    "engine": "sim.registry",
     "load_scene": "scene",
-    "load_study": "study",
+    "load_study": "benchmark.study",
     "measure": "measure",
-    "run_study": "run",
-    "score": "compare",
+    "run_study": "benchmark.run",
+    "score": "scoring",
 }
 
 __all__ = [

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from hcbench.check.model import Outcome
-    from hcbench.measure.model import Measurement
+    from hcbench.measure.measurement import Measurement
 
 _INI = {
     "restitution_max_error": "largest |e - wanted| that restitution tests allow (default 0.02)",

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from hcbench.engines import mujoco as mujoco_engine
+from hcbench.engines.mujoco import engine as mujoco_engine
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from hcbench import compare
+from hcbench import scoring
+from hcbench.benchmark.results import IMPACT_COLUMNS, LOOP_COLUMNS, RUN_KEY, Results
 from hcbench.impact import Impact, Launch, Status, Trajectory, impact_of
-from hcbench.reference import exact
-from hcbench.reference.laws import HuntCrossley
-from hcbench.results import IMPACT_COLUMNS, LOOP_COLUMNS, RUN_KEY, Results
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -63,7 +63,7 @@ def turn_around(restitution: float, step: float) -> Force:
 
 def flights(engine: str, setting: str, alpha: float, step: float, speeds: Sequence[float]) -> list[Impact]:
     """Impacts over speeds and phases."""
-    constant, _ = compare.best_constant(alpha, np.array(SPEEDS))
+    constant, _ = scoring.best_constant(alpha, np.array(SPEEDS))
     forces = {
         "law": hunt_crossley(alpha),
         "spring-damper": spring_damper(alpha),
@@ -96,7 +96,7 @@ def small_results(runs: Sequence[tuple[Any, ...]] = RUNS, title: str = "A steel 
             key = (SCENE, engine, setting, alpha, step)
             found = flights(engine, setting, alpha, step, speeds)
             law = HuntCrossley(STIFFNESS, alpha)
-            scores.append((*key, *dataclasses.astuple(compare.score(found, law, MASS))))
+            scores.append((*key, *dataclasses.astuple(scoring.score(found, law, MASS))))
             impacts += [(*key, *_row(impact, alpha)) for impact in found]
             kept = [
                 i for i in found if i.loop is not None and i.launch.phase == PHASES[0] and len(speeds) > 1
@@ -111,14 +111,14 @@ def small_results(runs: Sequence[tuple[Any, ...]] = RUNS, title: str = "A steel 
         versions={"hcbench": "0", "explicit": "1.0"},
         impacts=pd.DataFrame(impacts, columns=IMPACT_COLUMNS),
         loops=pd.concat(loops, ignore_index=True),
-        scores=pd.DataFrame(scores, columns=[*RUN_KEY, *compare.SCORE_FIELDS]),
+        scores=pd.DataFrame(scores, columns=[*RUN_KEY, *scoring.SCORE_FIELDS]),
     )
 
 
 def _row(impact: Impact, alpha: float) -> tuple[Any, ...]:
     speed = impact.speed_in
     known = np.isfinite(speed)
-    e = float(exact.restitution(alpha, speed)) if known else np.nan
+    e = float(closed_form.restitution(alpha, speed)) if known else np.nan
     start = (impact.launch.speed, impact.launch.phase, impact.status.value, impact.reason, speed)
     bounce = (impact.speed_out, impact.restitution, e, 1 - alpha * speed)
     return (*start, *bounce, impact.duration, impact.penetration_max, impact.force_max, impact.samples)

@@ -13,11 +13,11 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from hcbench.engines import registry
-from hcbench.engines.base import Engine
-from hcbench.engines.reference import ReferenceEngine
+from hcbench.engines.reference.engine import ReferenceEngine
+from hcbench.engines.reference.recipes import HUNT_CROSSLEY
 from hcbench.setting import Setting
-from hcbench.tune.reference import HUNT_CROSSLEY
+from hcbench.sim import registry
+from hcbench.sim.engine import Engine
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

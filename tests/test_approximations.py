@@ -10,9 +10,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hcbench.errors import UserError
-from hcbench.reference import approximations as ap
-from hcbench.reference import exact
-from hcbench.reference.laws import HuntCrossley
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
+from hcbench.paper import approximations as ap
 
 K, MASS = 3.4064e10, 0.45359237
 BY_NAME = {a.name: a for a in ap.APPROXIMATIONS}
@@ -119,7 +119,7 @@ def test_the_errors_agree_with_a_simulated_loop(u: float, exponent: float) -> No
     law = HuntCrossley(K, alpha, exponent)
     e, inward, outward = _bounce(law, MASS, speed)
     whole = inward + outward
-    depth = float(exact.penetration_max(law, MASS, speed))
+    depth = float(closed_form.penetration_max(law, MASS, speed))
     measured = {
         "restitution": (1 - u) / e,
         "loss": float(ap.loss(alpha, MASS, speed)) / whole,
@@ -135,11 +135,11 @@ def test_the_errors_agree_with_a_simulated_loop(u: float, exponent: float) -> No
 
 def test_10_is_worst_where_contact_starts_and_ends() -> None:
     law = HuntCrossley(K, 0.5)
-    depth = float(exact.penetration_max(law, MASS, 0.6))
+    depth = float(closed_form.penetration_max(law, MASS, 0.6))
     x = np.linspace(0.0, 0.999 * depth, 200)
     approximate = ap.speed_at(K, MASS, 1.5, depth, x)
-    inward = approximate / exact.rate_at(law, MASS, 0.6, x, "approach") - 1.0
-    outward = approximate / -exact.rate_at(law, MASS, 0.6, x, "rebound") - 1.0
+    inward = approximate / closed_form.rate_at(law, MASS, 0.6, x, "approach") - 1.0
+    outward = approximate / -closed_form.rate_at(law, MASS, 0.6, x, "rebound") - 1.0
     assert inward.min() == inward[0] == pytest.approx(float(BY_NAME["speed in"].error(0.3)), rel=1e-9)
     assert outward.max() == outward[0] == pytest.approx(float(BY_NAME["speed out"].error(0.3)), rel=1e-9)
 

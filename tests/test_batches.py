@@ -11,19 +11,22 @@ import mujoco
 import numpy as np
 import pytest
 
-from hcbench.engines import _mujoco_crowd, _mujoco_flight, _pybullet_world, isolation, registry
-from hcbench.engines import mujoco as mujoco_engine
-from hcbench.engines._mujoco_crowd import Crowd, kind_of
-from hcbench.engines._mujoco_load import load
-from hcbench.engines._mujoco_options import read_options
-from hcbench.engines._pybullet_options import read_options as pybullet_options
-from hcbench.engines.mujoco import MujocoEngine
-from hcbench.engines.pybullet import PybulletEngine
+from hcbench.engines.mujoco import batch, simulate
+from hcbench.engines.mujoco import engine as mujoco_engine
+from hcbench.engines.mujoco.batch import Crowd, kind_of
+from hcbench.engines.mujoco.engine import MujocoEngine
+from hcbench.engines.mujoco.options import read_options
+from hcbench.engines.mujoco.world import load
+from hcbench.engines.pybullet import world as _pybullet_world
+from hcbench.engines.pybullet.engine import PybulletEngine
+from hcbench.engines.pybullet.options import read_options as pybullet_options
 from hcbench.impact import Impact, Launch, Status
-from hcbench.reference.laws import HuntCrossley
+from hcbench.laws.force import HuntCrossley
 from hcbench.scene import Scene, load_scene
 from hcbench.setting import Setting
+from hcbench.sim import registry
 from hcbench.tune.target import Target
+from hcbench.workers import process
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -73,7 +76,7 @@ def sizes(monkeypatch: pytest.MonkeyPatch, nothing_kept: None) -> Any:
 
     def put(**knobs: Any) -> None:
         for name, value in knobs.items():
-            monkeypatch.setattr(_mujoco_flight, name, value)
+            monkeypatch.setattr(simulate, name, value)
         mujoco_engine._kept.cache_clear()
 
     return put
@@ -146,7 +149,7 @@ def test_a_ball_on_the_axis_bounces_on_a_slide_as_it_does_free(
     rows = len(setting.options.get("rows", [1]))
     assert kind_of(model) == ("sliding" if CROWDS or rows == 1 else "alone")
     on_a_slide = MUJOCO.drop(scene, setting, launches)
-    monkeypatch.setattr(_mujoco_flight, "kind_of", lambda _: "alone")
+    monkeypatch.setattr(simulate, "kind_of", lambda _: "alone")
     mujoco_engine._kept.cache_clear()
     free = MUJOCO.drop(scene, setting, launches)
     assert [i.status for i in on_a_slide] == [i.status for i in free]
@@ -221,14 +224,14 @@ def test_models_that_pay_fly_in_crowds(
     form: Scene, monkeypatch: pytest.MonkeyPatch, nothing_kept: None
 ) -> None:
     made_of: list[int] = []
-    real = _mujoco_crowd.crowd
+    real = batch.crowd
 
     def crowd(*of: Any) -> Crowd:
         made_of.append(of[1])
         return real(*of)
 
-    monkeypatch.setattr(_mujoco_flight, "crowd", crowd)
-    monkeypatch.setattr(_mujoco_flight, "_cores", lambda: 1)
+    monkeypatch.setattr(simulate, "crowd", crowd)
+    monkeypatch.setattr(simulate, "_cores", lambda: 1)
     MUJOCO.drop(form, made("mujoco.spring-damper", form, 1e-6), at_random(48))
     assert made_of == [48]
     MUJOCO.drop(form, made("mujoco.impulse", form, 1e-3), at_random(24))
@@ -347,7 +350,7 @@ def _told_and_worked_out(
 @pytest.mark.parametrize(("recipe", "timestep"), [("spring-damper", 1e-5), ("restitution", 1e-3)])
 def test_momentum_tells_the_force_that_bullet_tells(scene: Scene, recipe: str, timestep: float) -> None:
     setting = made(f"pybullet.{recipe}", scene, timestep)
-    ((told, worked_out),) = isolation.collect(_told_and_worked_out, scene, setting, at_random(4), limit=60)
+    ((told, worked_out),) = process.collect(_told_and_worked_out, scene, setting, at_random(4), limit=60)
     assert (told.max(axis=0) > 0).all()
     assert np.abs(worked_out - told).max() < 1e-12 * told.max()
 

@@ -24,8 +24,8 @@ from hcbench.check.words import as_markdown, as_record_of, as_text
 from hcbench.cli import run
 from hcbench.errors import OutputError, UserError
 from hcbench.measure import Wanted, measure
-from hcbench.measure.show import as_record
-from hcbench.measure.show import as_text as measurement_text
+from hcbench.measure.text import as_record
+from hcbench.measure.text import as_text as measurement_text
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 GOOD, BROKEN = str(EXAMPLES / "good.xml"), str(EXAMPLES / "broken.xml")

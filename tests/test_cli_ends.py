@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from hcbench._files import MANIFEST, filled_folder
 from hcbench.cli import run
-from hcbench.results import MANIFEST, filled_folder
 
 HCBENCH = [sys.executable, "-c", "from hcbench.cli import main; main()"]
 REFERENCE = ["reference", "--alpha", "0.1", "--speed", "0.1"]

@@ -8,15 +8,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from hcbench.compare import loop_area
-from hcbench.engines import registry
 from hcbench.errors import EngineMissing, SettingError
 from hcbench.impact import Impact, Launch, Status
-from hcbench.reference import exact
-from hcbench.reference.later_laws import LAWS, RestitutionLaw
-from hcbench.reference.laws import HuntCrossley
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
+from hcbench.laws.published import LAWS, RestitutionLaw
 from hcbench.scene import Scene, load_scene, scene_names
+from hcbench.scoring import loop_area
 from hcbench.setting import Setting
+from hcbench.sim import registry
 from hcbench.tune.target import Recipe, Target
 
 RECIPES = registry.names("hcbench.recipes")
@@ -129,7 +129,7 @@ def test_a_drop_under_gravity_touches_at_the_speed_of_its_fall(recipe: str) -> N
 
 @pytest.mark.parametrize("recipe", ["mujoco.impulse", "pybullet.restitution"])
 def test_one_step_settings_give_the_e_that_was_set_at_every_phase(recipe: str) -> None:
-    target = exact.restitution(0.008 / 0.0254, np.array([0.0254, 0.508])).mean()
+    target = closed_form.restitution(0.008 / 0.0254, np.array([0.0254, 0.508])).mean()
     for impact in impacts_of(recipe, "steel-plane"):
         assert abs(impact.restitution - target) < 1e-12
 
@@ -138,7 +138,7 @@ def test_one_step_settings_give_the_e_that_was_set_at_every_phase(recipe: str) -
 @pytest.mark.parametrize("scene", SCENES)
 def test_plug_ins_give_the_laws_own_restitution(recipe: str, scene: str) -> None:
     for impact in impacts_of(recipe, scene):
-        assert abs(impact.restitution - exact.restitution(0.008 / 0.0254, impact.speed_in)) < 1e-7
+        assert abs(impact.restitution - closed_form.restitution(0.008 / 0.0254, impact.speed_in)) < 1e-7
 
 
 @pytest.mark.parametrize("recipe", ["mujoco.spring-damper", "pybullet.spring-damper"])
@@ -146,7 +146,7 @@ def test_spring_dampers_give_the_e_that_was_asked(recipe: str) -> None:
     case = scene_of("steel-plane")
     law = HuntCrossley(case.stiffness, 0.008 / 0.0254)
     setting = registry.load("hcbench.recipes", recipe)(Target(law, case.mass, 1e-6, 0.0254, 0.508))
-    target = exact.restitution(law.alpha, np.array([0.0254, 0.508])).mean()
+    target = closed_form.restitution(law.alpha, np.array([0.0254, 0.508])).mean()
     e = [i.restitution for i in registry.engine(setting.engine).drop(case, setting, LAUNCHES)]
     assert abs(float(np.mean(e)) - target) < 2e-4
     assert max(abs(v - target) for v in e) < 5e-4

@@ -15,18 +15,19 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from hcbench.contact import _pybullet_solve, build
-from hcbench.contact import mujoco as contact
-from hcbench.contact import pybullet as bullet_contact
-from hcbench.contact.law import ConstantRestitution, law_of
-from hcbench.contact.own_speed import touch_speed
-from hcbench.contact.stepping import Motion, kick, own_motion
+from hcbench import _compile
+from hcbench.engines.mujoco.plugin import attach as contact
+from hcbench.engines.pybullet.plugin import attach as bullet_contact
+from hcbench.engines.pybullet.plugin import solve
 from hcbench.errors import SettingError, UserError
-from hcbench.reference import simulate
-from hcbench.reference.later_laws import LAWS, Exact, Flores, LankaraniNikravesh, OwnSpeedLaw, RestitutionLaw
-from hcbench.reference.laws import HuntCrossley
+from hcbench.laws import ode
+from hcbench.laws.exact_step import Motion, kick, own_motion
+from hcbench.laws.force import HuntCrossley
+from hcbench.laws.published import LAWS, Exact, Flores, LankaraniNikravesh, OwnSpeedLaw, RestitutionLaw
+from hcbench.laws.restitution import ConstantRestitution, law_of
+from hcbench.laws.touch_speed import touch_speed
 from hcbench.setting import Setting
-from hcbench.tune.paste import paste
+from hcbench.tune.snippet import paste
 
 try:
     import pybullet as bullet
@@ -92,7 +93,7 @@ def test_every_state_of_an_impact_tells_its_speed_at_touch(
 @example(x=5e-324, v=5e-324, chi=8.0, load=0.0)
 @settings(max_examples=150, deadline=None)
 def test_compiled_and_python_tell_the_same_speed(x: float, v: float, chi: float, load: float) -> None:
-    library, motion = build.law_library(), own_motion(KAPPA, chi, 1.5)
+    library, motion = _compile.law_library(), own_motion(KAPPA, chi, 1.5)
     library.hcb_touch_speed.restype = ctypes.c_double
     values = (KAPPA, 1.5, chi, motion.e, load, x, v)
     got = library.hcb_touch_speed(*map(ctypes.c_double, values))
@@ -118,7 +119,7 @@ def test_gravity_is_reckoned_with(
             v -= h * (force - b)
             x += h * v
         out = math.sqrt((v + b * h / 2) ** 2 - 2 * b * x) / start
-        return abs(out - simulate.impact(law, MASS, start, gravity=b).restitution)
+        return abs(out - ode.impact(law, MASS, start, gravity=b).restitution)
 
     assert error(b) < off
     assert error(0.0) > without
@@ -263,7 +264,7 @@ def test_pybullet_at_a_fine_step_and_in_python(
     client: int, compiled: bool, h: float, error: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not compiled:
-        monkeypatch.setattr(_pybullet_solve, "_compiled_kick", lambda: None)
+        monkeypatch.setattr(solve, "_compiled_kick", lambda: None)
     ball, plate = bodies(client, h)
     law = OwnSpeedLaw(Flores, STIFFNESS, 0.5)
     with bullet_contact.attach([(ball, plate)], law, client=client) as attached:

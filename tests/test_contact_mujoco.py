@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hcbench.contact import mujoco as contact
-from hcbench.contact.mujoco import Friction, HuntCrossley, Restitution
-from hcbench.reference import exact
+from hcbench.engines.mujoco.plugin import attach as contact
+from hcbench.engines.mujoco.plugin.attach import Friction, HuntCrossley, Restitution
+from hcbench.laws import closed_form
 
 MASS, STIFFNESS, ALPHA, RADIUS = 0.45359237, 3.4064e10, 0.008 / 0.0254, 0.0508
 LAW = HuntCrossley(STIFFNESS, ALPHA)
@@ -99,7 +99,7 @@ def test_force_law_bounces_as_the_law_at_every_phase(integrator: str, h: float, 
         for speed in (0.0254, 0.2032, 0.508):
             for phase in PHASES:
                 _, out = drop(model, speed, phase, ready)
-                assert out / speed == pytest.approx(float(exact.restitution(ALPHA, speed)), abs=5e-6)
+                assert out / speed == pytest.approx(float(closed_form.restitution(ALPHA, speed)), abs=5e-6)
 
 
 @BACKENDS
@@ -111,7 +111,7 @@ def test_force_law_at_a_fine_step_and_in_python(integrator: str, compiled: bool)
         assert law.compiled == compiled
         for phase in PHASES[::3]:
             _, out = drop(model, 0.2032, phase, RADIUS)
-            assert out / 0.2032 == pytest.approx(float(exact.restitution(ALPHA, 0.2032)), abs=error)
+            assert out / 0.2032 == pytest.approx(float(closed_form.restitution(ALPHA, 0.2032)), abs=error)
 
 
 @BACKENDS
@@ -132,9 +132,9 @@ def test_two_free_balls_of_unequal_mass(compiled: bool) -> None:
         assert law.touches(data) == []
     assert momentum(model, data) == pytest.approx(start, abs=1e-12 * start[0])
     assert (data.qvel[6] - data.qvel[0]) / 0.4 == pytest.approx(
-        float(exact.restitution(ALPHA, 0.4)), abs=1e-6
+        float(closed_form.restitution(ALPHA, 0.4)), abs=1e-6
     )
-    assert deepest == pytest.approx(float(exact.penetration_max(LAW, effective, 0.4)), rel=1e-2)
+    assert deepest == pytest.approx(float(closed_form.penetration_max(LAW, effective, 0.4)), rel=1e-2)
 
 
 def test_a_ball_on_a_plate_that_moves() -> None:
@@ -150,7 +150,7 @@ def test_a_ball_on_a_plate_that_moves() -> None:
         )
     assert MASS * data.qvel[2] + 3 * data.qvel[6] == pytest.approx(3 * 0.15 - MASS * 0.25, abs=1e-12)
     assert (data.qvel[2] - data.qvel[6]) / 0.4 == pytest.approx(
-        float(exact.restitution(ALPHA, 0.4)), abs=1e-6
+        float(closed_form.restitution(ALPHA, 0.4)), abs=1e-6
     )
 
 
@@ -163,7 +163,7 @@ def test_a_chain_of_three_one_impact_after_the_other() -> None:
     speeds = np.array([v, 0.0, 0.0])
     for i, j, mi, mj in ((0, 1, 0.3, 0.5), (1, 2, 0.5, 0.4)):
         closing = speeds[i] - speeds[j]
-        push = (1 + float(exact.restitution(ALPHA, closing))) * closing * mi * mj / (mi + mj)
+        push = (1 + float(closed_form.restitution(ALPHA, closing))) * closing * mi * mj / (mi + mj)
         speeds[i], speeds[j] = speeds[i] - push / mi, speeds[j] + push / mj
     assert data.qvel[::6] == pytest.approx(speeds, abs=2e-6)
     assert np.dot([0.3, 0.5, 0.4], data.qvel[::6]) == pytest.approx(0.3 * v, abs=1e-12)
@@ -198,7 +198,7 @@ def test_an_oblique_hit_without_friction_keeps_its_tangential_speed() -> None:
         run(model, data, lambda: data.qvel[2] > 0 and data.qpos[2] > RADIUS + 1e-5)
     assert data.qvel[:2] == pytest.approx([0.31, -0.17], abs=1e-12)
     assert data.qvel[3:6] == pytest.approx(np.zeros(3), abs=1e-12)
-    assert data.qvel[2] / 0.4 == pytest.approx(float(exact.restitution(ALPHA, 0.4)), abs=1e-6)
+    assert data.qvel[2] / 0.4 == pytest.approx(float(closed_form.restitution(ALPHA, 0.4)), abs=1e-6)
 
 
 def test_an_off_axis_hit_in_the_cup() -> None:
@@ -218,7 +218,7 @@ def test_an_off_axis_hit_in_the_cup() -> None:
     out = (data.qpos[:3] - centre) / np.linalg.norm(data.qpos[:3] - centre)
     assert np.cross(data.qpos[:3] - centre, data.qvel[:3]) == pytest.approx(start, abs=1e-14)
     # The wall turns away under the sliding ball at v_t²/R: 1e-3 of the force's acceleration, not in the law.
-    assert -(out @ data.qvel[:3]) / 0.3 == pytest.approx(float(exact.restitution(ALPHA, 0.3)), abs=2e-3)
+    assert -(out @ data.qvel[:3]) / 0.3 == pytest.approx(float(closed_form.restitution(ALPHA, 0.3)), abs=2e-3)
 
 
 @BACKENDS
@@ -283,11 +283,11 @@ def test_a_pendulum_hits_with_the_effective_mass_of_its_joint() -> None:
             return bool(data.qvel[0] > 0 and not law.touches(data))
 
         run(model, data, over)
-    assert data.qvel[0] / 0.6 == pytest.approx(float(exact.restitution(ALPHA, speed)), abs=5e-4)
+    assert data.qvel[0] / 0.6 == pytest.approx(float(closed_form.restitution(ALPHA, speed)), abs=5e-4)
     deepest, mass = max(depth)
     inertia = model.body_inertia[1, 1] + 0.3 * 0.25**2 + model.body_inertia[2, 1] + 0.4 * 0.5**2
     assert mass == pytest.approx(inertia / 0.5**2, rel=1e-2)
-    assert deepest == pytest.approx(float(exact.penetration_max(LAW, mass, speed)), rel=1e-2)
+    assert deepest == pytest.approx(float(closed_form.penetration_max(LAW, mass, speed)), rel=1e-2)
 
 
 def test_a_hundred_balls_bounce_each_as_if_alone() -> None:
@@ -307,7 +307,7 @@ def test_a_hundred_balls_bounce_each_as_if_alone() -> None:
     with contact.attach(model, everything, LAW):
         for _ in range(60):
             mujoco.mj_step(model, data)
-    assert data.qvel[2::6] / speeds == pytest.approx(exact.restitution(ALPHA, speeds), abs=2e-6)
+    assert data.qvel[2::6] / speeds == pytest.approx(closed_form.restitution(ALPHA, speeds), abs=2e-6)
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
@@ -324,12 +324,12 @@ def test_a_box_falls_flat_on_four_contacts(integrator: str) -> None:
         with contact.attach(model, ("box", "plate"), HuntCrossley(STIFFNESS / 4, ALPHA)):
             for speed in (0.05, 0.5):
                 _, out = drop(model, speed, 0.4, 0.05)
-                assert out / speed == pytest.approx(float(exact.restitution(ALPHA, speed)), abs=error)
+                assert out / speed == pytest.approx(float(closed_form.restitution(ALPHA, speed)), abs=error)
     model = box(1e-3)
     with contact.attach(model, ("box", "plate"), Restitution(ALPHA)):
         before, out = drop(model, 0.3, 0.4, 0.05)
         error = 1e-6 if integrator == "implicitfast" else 1e-9
-        assert out / before == pytest.approx(float(exact.restitution(ALPHA, 0.3)), abs=error)
+        assert out / before == pytest.approx(float(closed_form.restitution(ALPHA, 0.3)), abs=error)
 
 
 def test_a_force_law_bounces_to_the_heights_of_the_law() -> None:
@@ -354,7 +354,7 @@ def test_a_force_law_bounces_to_the_heights_of_the_law() -> None:
         speed = np.sqrt(2 * 9.81 * before)
         # Gravity acts during contact too and is not in (16): 9.81 m/s² over some 1e-4 s.
         assert np.sqrt(2 * 9.81 * after) / speed == pytest.approx(
-            float(exact.restitution(ALPHA, speed)), abs=4e-3
+            float(closed_form.restitution(ALPHA, speed)), abs=4e-3
         )
 
 
@@ -383,7 +383,7 @@ def _one_bounce(model: Any, speed: float, phase: float, ready: float) -> float:
         before = -float(data.qvel[2])
         mujoco.mj_step(model, data)
         if data.qvel[2] > 0:
-            return abs(float(data.qvel[2]) / before - float(exact.restitution(ALPHA, before)))
+            return abs(float(data.qvel[2]) / before - float(closed_form.restitution(ALPHA, before)))
     raise AssertionError("no bounce")
 
 

@@ -10,11 +10,12 @@ import mujoco.rollout
 import numpy as np
 import pytest
 
-from hcbench.contact import _native, build
-from hcbench.contact import mujoco as contact
-from hcbench.contact.mujoco import Friction, HuntCrossley, Restitution
+from hcbench import _compile
+from hcbench.engines.mujoco.plugin import attach as contact
+from hcbench.engines.mujoco.plugin import native
+from hcbench.engines.mujoco.plugin.attach import Friction, HuntCrossley, Restitution
 from hcbench.errors import CannotRun, EngineFailed, SettingError
-from hcbench.reference import exact
+from hcbench.laws import closed_form
 from hcbench.scene import Material
 
 LAW = HuntCrossley(3.4064e10, 0.008 / 0.0254)
@@ -149,7 +150,7 @@ def test_rollout_takes_the_law_and_models_of_its_own() -> None:
         )
         for _ in range(steps):
             mujoco.mj_step(models[2], data)
-    assert states[:, -1, -4] / 0.3 == pytest.approx(exact.restitution(alphas, 0.3), abs=1e-6)
+    assert states[:, -1, -4] / 0.3 == pytest.approx(closed_form.restitution(alphas, 0.3), abs=1e-6)
     assert np.array_equal(states[2, -1, 1:8], data.qpos)
 
 
@@ -170,9 +171,9 @@ def test_batch_takes_the_law_with_parameters_of_each_simulation() -> None:
             many.step()
             deepest = np.maximum(deepest, 0.0508 - many.qpos[:, 2])
         out = many.qvel[:, 2].copy()
-    assert out / 0.3 == pytest.approx(exact.restitution(alphas, 0.3), abs=1e-6)
+    assert out / 0.3 == pytest.approx(closed_form.restitution(alphas, 0.3), abs=1e-6)
     truth = [
-        float(exact.penetration_max(HuntCrossley(k, a), 0.45359237, 0.3))
+        float(closed_form.penetration_max(HuntCrossley(k, a), 0.45359237, 0.3))
         for k, a in zip(stiffness, alphas, strict=True)
     ]
     assert deepest == pytest.approx(truth, rel=5e-3)
@@ -191,7 +192,7 @@ def test_batch_refuses_python_callbacks_and_takes_restitution() -> None:
         law.vary(many, alpha=alphas)
         many.qvel[:, 2] = -0.3
         many.step(nstep=4)
-        assert many.qvel[:, 2] / 0.3 == pytest.approx(exact.restitution(alphas, 0.3), abs=1e-12)
+        assert many.qvel[:, 2] / 0.3 == pytest.approx(closed_form.restitution(alphas, 0.3), abs=1e-12)
 
 
 @BACKENDS
@@ -213,7 +214,7 @@ def test_callbacks_of_the_users_are_called_too(compiled: bool) -> None:
             data = launched(model)
             for _ in range(50):
                 mujoco.mj_step(model, data)
-        assert data.qvel[2] / 0.3 == pytest.approx(float(exact.restitution(LAW.alpha, 0.3)), abs=1e-6)
+        assert data.qvel[2] / 0.3 == pytest.approx(float(closed_form.restitution(LAW.alpha, 0.3)), abs=1e-6)
         assert data.qvel[6] == pytest.approx(2.0 / model.body_mass[2] * 50e-5)
         assert {"passive", "filter"} == set(calls)
         assert mujoco.get_mjcb_passive() is passive
@@ -313,7 +314,7 @@ def test_a_pair_that_has_a_law_is_refused_and_the_first_stays() -> None:
         data = launched(model)
         for _ in range(50):
             mujoco.mj_step(model, data)
-        assert data.qvel[2] / 0.3 == pytest.approx(float(exact.restitution(LAW.alpha, 0.3)), abs=1e-6)
+        assert data.qvel[2] / 0.3 == pytest.approx(float(closed_form.restitution(LAW.alpha, 0.3)), abs=1e-6)
     assert image(model) == before
 
 
@@ -405,7 +406,7 @@ def test_shapes_that_mujoco_sees_too_coarsely_are_warned_of_with_the_size() -> N
 
 def test_without_a_compiler_python_takes_over_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HCBENCH_COMPILED", "0")
-    monkeypatch.setattr(_native, "callbacks", _native.callbacks.__wrapped__)
+    monkeypatch.setattr(native, "callbacks", native.callbacks.__wrapped__)
     model = ball()
     with (
         pytest.warns(contact.PythonContactWarning, match="HCBENCH_COMPILED=0"),
@@ -419,17 +420,17 @@ def test_without_a_compiler_python_takes_over_and_says_so(monkeypatch: pytest.Mo
 def test_a_compiler_that_fails_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
     monkeypatch.setenv("HCBENCH_CACHE", str(tmp_path))
     monkeypatch.setenv("CC", "false")
-    with pytest.raises(build.NotCompiled, match="false failed"):
-        build.library("_law.c")
+    with pytest.raises(_compile.NotCompiled, match="false failed"):
+        _compile.library("_law.c")
     monkeypatch.setenv("CC", "no-such-compiler")
-    with pytest.raises(build.NotCompiled, match="no-such-compiler"):
-        build.library("_law.c")
+    with pytest.raises(_compile.NotCompiled, match="no-such-compiler"):
+        _compile.library("_law.c")
     assert not list(tmp_path.rglob("*.so"))
 
 
 def test_headers_that_do_not_fit_the_library_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = _native.callbacks()
-    layout = _native._expected
-    monkeypatch.setattr(_native, "_expected", lambda m, d: [*layout(m, d)[:-1], 0.5])
-    with pytest.raises(build.NotCompiled, match="do not describe"):
-        _native._check_layout(made)
+    made = native.callbacks()
+    layout = native._expected
+    monkeypatch.setattr(native, "_expected", lambda m, d: [*layout(m, d)[:-1], 0.5])
+    with pytest.raises(_compile.NotCompiled, match="do not describe"):
+        native._check_layout(made)

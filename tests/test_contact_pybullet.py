@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hcbench.contact import _pybullet_solve
-from hcbench.contact import pybullet as contact
-from hcbench.contact.pybullet import Friction, HuntCrossley, Restitution
+from hcbench.engines.pybullet.plugin import attach as contact
+from hcbench.engines.pybullet.plugin import solve
+from hcbench.engines.pybullet.plugin.attach import Friction, HuntCrossley, Restitution
 from hcbench.errors import EngineFailed, SettingError
-from hcbench.reference import exact
+from hcbench.laws import closed_form
 
 bullet = pytest.importorskip("pybullet", reason="no PyBullet for this Python")
 
@@ -97,7 +97,7 @@ def test_force_law_bounces_as_the_law_at_every_phase(world: World, maximal: bool
         for speed in (0.0254, 0.2032, 0.508):
             for phase in PHASES[:: 2 if speed < 0.1 else 1]:
                 e = bounce(world, law, ball, h, speed, phase, RADIUS)
-                assert e == pytest.approx(float(exact.restitution(ALPHA, speed)), abs=5e-6)
+                assert e == pytest.approx(float(closed_form.restitution(ALPHA, speed)), abs=5e-6)
 
 
 @pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "python"])
@@ -105,14 +105,14 @@ def test_force_law_at_a_fine_step_and_in_python(
     world: World, compiled: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not compiled:
-        monkeypatch.setattr(_pybullet_solve, "_compiled_kick", lambda: None)
+        monkeypatch.setattr(solve, "_compiled_kick", lambda: None)
     h = 1e-6
     world.set(h)
     ball, plate = world.ball(MASS), world.plate()
     with contact.attach([(ball, plate)], LAW, client=world.client) as law:
         for phase in (0.1, 0.6):
             e = bounce(world, law, ball, h, 0.2032, phase, RADIUS)
-            assert e == pytest.approx(float(exact.restitution(ALPHA, 0.2032)), abs=1e-9)
+            assert e == pytest.approx(float(closed_form.restitution(ALPHA, 0.2032)), abs=1e-9)
 
 
 @pytest.mark.parametrize("gap", ["analytic", "distance field"])
@@ -129,7 +129,7 @@ def test_force_law_in_the_cup(world: World, gap: str) -> None:
         for speed in (0.0254, 0.2032, 0.508):
             for phase in PHASES[::2]:
                 e = bounce(world, law, ball, 1e-5, speed, phase, 0.0254)
-                assert e == pytest.approx(float(exact.restitution(ALPHA, speed)), abs=5e-6)
+                assert e == pytest.approx(float(closed_form.restitution(ALPHA, speed)), abs=5e-6)
 
 
 def test_an_off_axis_hit_in_the_cup_keeps_its_angular_momentum(world: World) -> None:
@@ -150,7 +150,7 @@ def test_an_off_axis_hit_in_the_cup_keeps_its_angular_momentum(world: World) -> 
     out = (world.position(ball) - centre) / np.linalg.norm(world.position(ball) - centre)
     assert np.cross(world.position(ball) - centre, world.velocity(ball)) == pytest.approx(start, abs=1e-14)
     assert -(out @ world.velocity(ball)) / 0.3 == pytest.approx(
-        float(exact.restitution(ALPHA, 0.3)), abs=2e-3
+        float(closed_form.restitution(ALPHA, 0.3)), abs=2e-3
     )
 
 
@@ -167,8 +167,8 @@ def test_two_free_balls_of_unequal_mass(world: World, maximal: bool) -> None:
                 assert 1 / touch.inverse_mass == pytest.approx(0.2 * 0.7 / 0.9)
     v1, v2 = world.velocity(one), world.velocity(two)
     assert 0.2 * v1 + 0.7 * v2 == pytest.approx(np.array([0.08, 0, 0]), abs=1e-13)
-    assert (v2 - v1)[0] / 0.4 == pytest.approx(float(exact.restitution(ALPHA, 0.4)), abs=1e-6)
-    assert deepest == pytest.approx(float(exact.penetration_max(LAW, 0.14 / 0.9, 0.4)), rel=1e-2)
+    assert (v2 - v1)[0] / 0.4 == pytest.approx(float(closed_form.restitution(ALPHA, 0.4)), abs=1e-6)
+    assert deepest == pytest.approx(float(closed_form.penetration_max(LAW, 0.14 / 0.9, 0.4)), rel=1e-2)
 
 
 def test_a_chain_of_three(world: World) -> None:
@@ -181,7 +181,7 @@ def test_a_chain_of_three(world: World) -> None:
     speeds = [0.5, 0.0, 0.0]
     for i, j in ((0, 1), (1, 2)):
         mi, mj, closing = masses[i], masses[j], speeds[i] - speeds[j]
-        push = (1 + float(exact.restitution(ALPHA, closing))) * closing * mi * mj / (mi + mj)
+        push = (1 + float(closed_form.restitution(ALPHA, closing))) * closing * mi * mj / (mi + mj)
         speeds[i], speeds[j] = speeds[i] - push / mi, speeds[j] + push / mj
     got = [float(world.velocity(ball)[0]) for ball in balls]
     assert np.dot(masses, got) == pytest.approx(0.15, abs=1e-13)
@@ -250,7 +250,7 @@ def test_a_robots_link_hits_with_the_effective_mass_of_its_joints(world: World) 
             point = world.position(ball) - [0, 0, RADIUS]
             surface = np.array(state[6]) + np.cross(state[7], point - np.array(state[0]))
             parting = world.velocity(ball)[2] - surface[2]
-        assert parting / 0.3 == pytest.approx(float(exact.restitution(ALPHA, 0.3)), abs=1e-4)
+        assert parting / 0.3 == pytest.approx(float(closed_form.restitution(ALPHA, 0.3)), abs=1e-4)
 
 
 @MAXIMAL
@@ -268,7 +268,7 @@ def test_restitution_law_gives_each_impact_its_own(world: World, gravity: float,
                         before = -float(world.velocity(ball)[2])
                         law.step()
                     e = float(world.velocity(ball)[2]) / before
-                    assert e == pytest.approx(float(exact.restitution(ALPHA, before)), abs=1e-12)
+                    assert e == pytest.approx(float(closed_form.restitution(ALPHA, before)), abs=1e-12)
 
 
 def test_a_bounce_train_loses_energy_in_every_impact_and_comes_to_rest(world: World) -> None:
@@ -319,7 +319,7 @@ def test_twenty_balls_at_once(world: World) -> None:
         for _ in range(60):
             law.step()
     got = np.array([world.velocity(ball)[2] for ball in balls]) / speeds
-    assert got == pytest.approx(exact.restitution(ALPHA, speeds), abs=5e-6)
+    assert got == pytest.approx(closed_form.restitution(ALPHA, speeds), abs=5e-6)
 
 
 def test_what_is_not_attached_moves_bit_for_bit_as_before() -> None:

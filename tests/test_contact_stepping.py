@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hcbench.contact import build
-from hcbench.contact.law import Friction, Restitution, law_of
-from hcbench.contact.stepping import Motion, flow, kick, own_motion, stages
+from hcbench import _compile
 from hcbench.errors import SettingError
-from hcbench.reference import exact
-from hcbench.reference.laws import HuntCrossley
+from hcbench.laws import closed_form
+from hcbench.laws.exact_step import Motion, flow, kick, own_motion, stages
+from hcbench.laws.force import HuntCrossley
+from hcbench.laws.restitution import Friction, Restitution, law_of
 
 MASS, STIFFNESS = 0.45359237, 3.4064e10
 ALPHA = 0.016 / 0.0254  # s/m: the paper's stretch case, the hardest
@@ -61,12 +61,12 @@ def test_restitution_is_the_laws_own_at_every_phase(
     for speed in (0.0254, 0.2032, 0.508) if h > 1e-6 else (0.2032,):
         for phase in PHASES if h > 1e-6 else PHASES[::4]:
             got = bounce(motion_of(law), h, speed, phase)
-            assert got == pytest.approx(float(exact.restitution(ALPHA, speed)), abs=error)
+            assert got == pytest.approx(float(closed_form.restitution(ALPHA, speed)), abs=error)
 
 
 def test_restitution_converges_with_at_least_the_documented_order() -> None:
     law, speed = HuntCrossley(STIFFNESS, ALPHA), 0.2032
-    truth = float(exact.restitution(ALPHA, speed))
+    truth = float(closed_form.restitution(ALPHA, speed))
 
     def worst(h: float) -> float:
         return max(abs(bounce_euler(motion_of(law), h, speed, phase)[0] - truth) for phase in PHASES[::2])
@@ -82,11 +82,13 @@ def test_the_loop_is_the_laws_own(h: float, share: float) -> None:
     x, force = record[:, 0], record[:, 2] * MASS
     inside = x > 0
     rising = np.append(np.diff(x) > 0, False)
-    branches = [exact.rate_at(law, MASS, speed, np.maximum(x, 0.0), way) for way in ("approach", "rebound")]
+    branches = [
+        closed_form.rate_at(law, MASS, speed, np.maximum(x, 0.0), way) for way in ("approach", "rebound")
+    ]
     rate = np.where(rising, *branches)
     use = inside & np.isfinite(rate)
     truth = law.force(x[use], rate[use])
-    rms = np.sqrt(np.mean((force[use] - truth) ** 2)) / float(exact.force_max(law, MASS, speed))
+    rms = np.sqrt(np.mean((force[use] - truth) ** 2)) / float(closed_form.force_max(law, MASS, speed))
     assert rms < share
 
 
@@ -142,7 +144,7 @@ def test_compiled_and_python_agree_and_never_pull(
 ) -> None:
     kappa = STIFFNESS / MASS * 1e-5 ** (1.5 - n)
     motion = own_motion(kappa, chi, n, b) if chi else Motion(kappa, 1.5 * ALPHA, n, b)
-    library = build.law_library()
+    library = _compile.law_library()
     library.hcb_kick.restype = ctypes.c_double
     law = (ctypes.c_double * 8)(*dataclasses.astuple(motion))
     compiled = library.hcb_kick(law, ctypes.c_double(h), ctypes.c_double(x), ctypes.c_double(v))
@@ -159,10 +161,10 @@ def test_compiled_and_python_agree_and_never_pull(
 @given(d=st.floats(1e-12, 1e3))
 @settings(max_examples=200, deadline=None)
 def test_compiled_restitution_is_the_references(d: float) -> None:
-    library = build.law_library()
+    library = _compile.law_library()
     library.hcb_restitution.restype = ctypes.c_double
     got = library.hcb_restitution(ctypes.c_double(d))
-    assert got == pytest.approx(float(exact.restitution(1 / 1.5, d)), rel=1e-14)
+    assert got == pytest.approx(float(closed_form.restitution(1 / 1.5, d)), rel=1e-14)
 
 
 def test_friction_rises_to_static_and_falls_to_dynamic() -> None:

@@ -10,12 +10,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hcbench.errors import UserError
-from hcbench.reference import exact
-from hcbench.reference.conventions import Conversion, Row, convert
-from hcbench.reference.later_laws import Flores
+from hcbench.laws import closed_form
+from hcbench.laws.conventions import Conversion, Row, convert
+from hcbench.laws.published import Flores
 
 ALPHA, SPEED = 0.315, 0.4064
-E = float(exact.restitution(ALPHA, SPEED))
+E = float(closed_form.restitution(ALPHA, SPEED))
 
 
 def _row(found: Conversion, system: str, parameter: str, nth: int = 0) -> Row:

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import dblquad
 
 from hcbench.errors import UserError
-from hcbench.reference.elliptic import (
+from hcbench.laws.hertz_elliptic import (
     PRESSURE_LIMIT,
     EllipticContact,
     Surface,

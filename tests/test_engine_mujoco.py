@@ -14,8 +14,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from hcbench.engines import _mujoco_load
-from hcbench.engines.mujoco import MujocoEngine, model_xml
+from hcbench.engines.mujoco import world
+from hcbench.engines.mujoco.engine import MujocoEngine, model_xml
 from hcbench.errors import EngineFailed, EngineMissing, SettingError
 from hcbench.impact import Impact, Launch, Status
 from hcbench.scene import Scene, load_scene
@@ -473,7 +473,7 @@ def test_a_mujoco_too_old_for_a_setting_is_told(
     own: Setting, said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     old = SimpleNamespace(MjModel=object, mjtIntegrator=object, __version__="3.3.0")
-    monkeypatch.setattr(_mujoco_load, "backend", lambda: old)
+    monkeypatch.setattr(world, "backend", lambda: old)
     with pytest.raises(EngineMissing, match=said):
         ENGINE.drop(PLANE, own, [Launch(0.2)])
 

@@ -16,13 +16,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import pytest
 
-from hcbench.engines import _pybullet_world, isolation
-from hcbench.engines._pybullet_options import read_options
-from hcbench.engines.pybullet import PybulletEngine
+from hcbench.engines.pybullet import world as _pybullet_world
+from hcbench.engines.pybullet.engine import PybulletEngine
+from hcbench.engines.pybullet.options import read_options
 from hcbench.errors import EngineFailed, EngineMissing, SceneError, SettingError
 from hcbench.impact import Impact, Launch, Status
 from hcbench.scene import Material, Scene
 from hcbench.setting import Setting
+from hcbench.workers import process
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -357,7 +358,7 @@ def _ask_for_a_file_that_is_not_there() -> Iterator[None]:
 
 def test_what_pybullet_refuses_comes_as_our_own_error() -> None:
     with pytest.raises(EngineFailed, match=r"pybullet: Cannot load URDF file\."):
-        isolation.collect(_ask_for_a_file_that_is_not_there, limit=60)
+        process.collect(_ask_for_a_file_that_is_not_there, limit=60)
 
 
 def test_a_missing_pybullet_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from hcbench.engines import registry
 from hcbench.errors import SettingError, UserError
 from hcbench.impact import Impact, Launch, Status
-from hcbench.reference import exact, kelvin_voigt, simulate
-from hcbench.reference.later_laws import LAWS, Flores, OwnSpeedLaw, RestitutionLaw
-from hcbench.reference.laws import HuntCrossley, KelvinVoigt
+from hcbench.laws import closed_form, kelvin_voigt, ode
+from hcbench.laws.force import HuntCrossley, KelvinVoigt
+from hcbench.laws.published import LAWS, Flores, OwnSpeedLaw, RestitutionLaw
 from hcbench.scene import Material, Scene
 from hcbench.setting import Setting
+from hcbench.sim import registry
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -47,10 +47,10 @@ def test_reference_is_the_closed_form_at_every_phase() -> None:
         v = impact.launch.speed
         assert impact.status is Status.PARTED
         assert impact.speed_in == v
-        assert impact.restitution == pytest.approx(float(exact.restitution(ALPHA, v)), rel=1e-15)
-        assert impact.force_max == exact.force_max(law, SCENE.mass, v)
-        assert impact.penetration_max == exact.penetration_max(law, SCENE.mass, v)
-        assert impact.duration == exact.duration(law, SCENE.mass, v)
+        assert impact.restitution == pytest.approx(float(closed_form.restitution(ALPHA, v)), rel=1e-15)
+        assert impact.force_max == closed_form.force_max(law, SCENE.mass, v)
+        assert impact.penetration_max == closed_form.penetration_max(law, SCENE.mass, v)
+        assert impact.duration == closed_form.duration(law, SCENE.mass, v)
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.slug)
@@ -68,7 +68,7 @@ def test_laws_that_came_after_know_gravity() -> None:
     heavy = replace(SCENE, gravity=9.81)
     (impact,) = drop(Setting("reference", "flores", 1e-6, {"restitution": 0.7}), Launch(0.05), scene=heavy)
     law = OwnSpeedLaw(Flores, SCENE.stiffness, 0.7)
-    truth = simulate.impact(law, SCENE.mass, impact.speed_in, gravity=9.81)
+    truth = ode.impact(law, SCENE.mass, impact.speed_in, gravity=9.81)
     assert impact.restitution == pytest.approx(truth.restitution, rel=1e-12)
     assert impact.restitution < law.delivered
 
@@ -105,10 +105,10 @@ def test_gravity_adds_the_fall_and_presses_through_the_contact() -> None:
     scene = replace(SCENE, gravity=9.81)
     (impact,) = drop(law_setting(), Launch(0.0, height=0.005), scene=scene)
     speed = math.sqrt(2 * 9.81 * 0.005)
-    truth = simulate.impact(HuntCrossley(SCENE.stiffness, ALPHA), SCENE.mass, speed, gravity=9.81)
+    truth = ode.impact(HuntCrossley(SCENE.stiffness, ALPHA), SCENE.mass, speed, gravity=9.81)
     assert impact.speed_in == pytest.approx(speed, rel=1e-15)
     assert impact.restitution == pytest.approx(truth.restitution, rel=1e-12)
-    assert impact.restitution < exact.restitution(ALPHA, speed)
+    assert impact.restitution < closed_form.restitution(ALPHA, speed)
 
 
 def test_a_body_left_alone_in_free_space_never_touches() -> None:
@@ -179,7 +179,7 @@ HEADER = "time_s,penetration_m,rate_m_per_s,force_n"
 def record(folder: Path, speed: float = 0.4, name: str = "drop.csv") -> Path:
     """A trajectory with free flight on either side of the law's impact, even in time."""
     law, h = HuntCrossley(SCENE.stiffness, ALPHA), 1e-6
-    loop = exact.loop(law, SCENE.mass, speed, 2001)
+    loop = closed_form.loop(law, SCENE.mass, speed, 2001)
     inside = np.arange(0.0, loop.time[-1], h)
     before, after = np.arange(-5, 0) * h, loop.time[-1] + np.arange(1, 6) * h
     time = np.concatenate([before, inside, inside[-1] + h * np.arange(1, 6)])
@@ -205,9 +205,9 @@ def test_a_recorded_impact_comes_back_as_it_was(tmp_path: Path) -> None:
     assert impact.status is Status.PARTED
     assert impact.launch == Launch(0.1)
     assert impact.speed_in == pytest.approx(0.4)  # what was recorded, not what was asked for
-    assert impact.restitution == pytest.approx(float(exact.restitution(ALPHA, 0.4)), rel=1e-9)
-    assert impact.force_max == pytest.approx(float(exact.force_max(law, SCENE.mass, 0.4)), rel=1e-4)
-    assert impact.duration == pytest.approx(float(exact.duration(law, SCENE.mass, 0.4)), abs=1.1e-6)
+    assert impact.restitution == pytest.approx(float(closed_form.restitution(ALPHA, 0.4)), rel=1e-9)
+    assert impact.force_max == pytest.approx(float(closed_form.force_max(law, SCENE.mass, 0.4)), rel=1e-4)
+    assert impact.duration == pytest.approx(float(closed_form.duration(law, SCENE.mass, 0.4)), abs=1.1e-6)
 
 
 def test_one_file_for_each_launch(tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from hcbench.engines import isolation
 from hcbench.errors import EngineFailed, SettingError
+from hcbench.workers import process
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -75,38 +75,38 @@ def lost(item: int, reason: str) -> float | str:
 
 
 def inside_a_pool() -> tuple[bool, int, int]:
-    return isolation.in_worker(), os.getpid(), isolation.collect(process_id, limit=60)[0]
+    return process.in_worker(), os.getpid(), process.collect(process_id, limit=60)[0]
 
 
 def test_values_cross_in_order() -> None:
-    assert isolation.collect(squares, 5, limit=60) == [0, 1, 4, 9, 16]
+    assert process.collect(squares, 5, limit=60) == [0, 1, 4, 9, 16]
 
 
 def test_the_worker_is_another_process_and_is_kept() -> None:
-    first, second = (isolation.collect(process_id, limit=60)[0] for _ in range(2))
+    first, second = (process.collect(process_id, limit=60)[0] for _ in range(2))
     assert first == second != os.getpid()
-    assert not isolation.in_worker()
+    assert not process.in_worker()
 
 
 def test_own_errors_arrive_whole_and_the_worker_goes_on() -> None:
-    before = isolation.collect(process_id, limit=60)
+    before = process.collect(process_id, limit=60)
     with pytest.raises(SettingError, match="stiffness: x; expected y"):
-        isolation.collect(refuse, "stiffness", limit=60)
+        process.collect(refuse, "stiffness", limit=60)
     with pytest.raises(FileNotFoundError, match=r"model\.xml") as error:
-        isolation.collect(break_down, limit=60)
+        process.collect(break_down, limit=60)
     assert "break_down" in error.value.__notes__[0]  # the worker's traceback
     with pytest.raises(EngineFailed, match="Stubborn: 1"):
-        isolation.collect(break_down_in_its_own_words, limit=60)
-    assert isolation.collect(process_id, limit=60) == before
+        process.collect(break_down_in_its_own_words, limit=60)
+    assert process.collect(process_id, limit=60) == before
 
 
 def test_nothing_that_an_engine_prints_gets_out(capfd: pytest.CaptureFixture[str]) -> None:
-    assert isolation.collect(print_much, limit=60) == ["kept"]
+    assert process.collect(print_much, limit=60) == ["kept"]
     assert capfd.readouterr() == ("", "")
 
 
 def test_quiet_silences_c_code_and_gives_the_streams_back(capfd: pytest.CaptureFixture[str]) -> None:
-    with isolation.quiet():
+    with process.quiet():
         ctypes.CDLL(None).puts(b"from C, kept in its buffer")
         os.write(2, b"to stderr\n")
     ctypes.CDLL(None).fflush(None)
@@ -115,26 +115,26 @@ def test_quiet_silences_c_code_and_gives_the_streams_back(capfd: pytest.CaptureF
 
 
 def test_a_crash_costs_the_item_it_happened_on() -> None:
-    found = isolation.survive(halve, range(6), (0, 3), lost=lost, limit=60)
+    found = process.survive(halve, range(6), (0, 3), lost=lost, limit=60)
     assert found == ["0: crashed with SIGSEGV", 0.5, 1.0, "3: crashed with SIGSEGV", 2.0, 2.5]
 
 
 def test_a_hang_costs_the_item_it_happened_on() -> None:
     began = time.monotonic()
-    found = isolation.survive(halve, [1, *range(2, 50)], (), (1,), lost=lost, limit=1.5)
+    found = process.survive(halve, [1, *range(2, 50)], (), (1,), lost=lost, limit=1.5)
     assert found == ["1: no answer within 1.5 s", *(i / 2 for i in range(2, 50))]
     assert time.monotonic() - began < 20, "each item has its own limit, however many there are"
 
 
 def test_what_always_crashes_is_given_up() -> None:
-    found = isolation.survive(halve, range(8), tuple(range(8)), lost=lost, limit=60)
+    found = process.survive(halve, range(8), tuple(range(8)), lost=lost, limit=60)
     assert found[:3] == [f"{i}: crashed with SIGSEGV" for i in range(3)]
     assert all("not tried: the engine died on the 3 before it" in str(reason) for reason in found[3:])
     assert len(found) == 8
 
 
 def test_a_pool_worker_works_in_place() -> None:
-    with ProcessPoolExecutor(1, get_context("spawn"), isolation.enter_worker) as pool:
+    with ProcessPoolExecutor(1, get_context("spawn"), process.enter_worker) as pool:
         inside, pool_worker, worker = pool.submit(inside_a_pool).result(timeout=60)
     assert inside
     assert pool_worker == worker != os.getpid()
@@ -142,29 +142,29 @@ def test_a_pool_worker_works_in_place() -> None:
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 def test_a_forked_child_gets_a_worker_of_its_own() -> None:
-    ours = isolation.collect(process_id, limit=60)[0]
+    ours = process.collect(process_id, limit=60)[0]
     read, write = os.pipe()
     child = os.fork()
     if child == 0:
         try:
-            os.write(write, str(isolation.collect(process_id, limit=60)[0]).encode())
+            os.write(write, str(process.collect(process_id, limit=60)[0]).encode())
         finally:
-            isolation._shared.close()
+            process._shared.close()
             os._exit(0)
     os.close(write)
     with os.fdopen(read) as pipe:
         theirs = int(pipe.read())
     os.waitpid(child, 0)
     assert theirs not in (ours, os.getpid())
-    assert isolation.collect(process_id, limit=60) == [ours]
+    assert process.collect(process_id, limit=60) == [ours]
 
 
 SCRIPT = """
 import os, sys, time
-from hcbench.engines import isolation
+from hcbench.workers import process
 sys.path.insert(0, {tests!r})
 import test_isolation
-print(isolation.collect(test_isolation.process_id, limit=60)[0], flush=True)
+print(process.collect(test_isolation.process_id, limit=60)[0], flush=True)
 {then}
 """
 
@@ -187,7 +187,7 @@ def _gone(process_id: int) -> bool:
 
 
 @pytest.mark.parametrize(
-    "then", ["", "isolation.collect(test_isolation.halve, [1], (), (1,), limit=60)"], ids=["idle", "busy"]
+    "then", ["", "process.collect(test_isolation.halve, [1], (), (1,), limit=60)"], ids=["idle", "busy"]
 )
 def test_an_interrupt_ends_script_and_worker(then: str) -> None:
     with _script(then or "time.sleep(60)") as script:

@@ -10,7 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hcbench.errors import UserError
-from hcbench.reference.kelvin_voigt import (
+from hcbench.laws.force import KelvinVoigt
+from hcbench.laws.kelvin_voigt import (
     Ending,
     bounce,
     damping_ratio,
@@ -20,7 +21,6 @@ from hcbench.reference.kelvin_voigt import (
     restitution,
     state,
 )
-from hcbench.reference.laws import KelvinVoigt
 
 MASS, SPEED = 0.45359237, 0.4064
 ZETAS = (1e-9, 1e-4, 0.02, 0.3, 0.5, 0.9, 0.9999, 0.999999, 1.0, 1.000001, 1.2, 3.0, 50.0)

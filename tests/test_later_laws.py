@@ -12,17 +12,9 @@ from scipy.integrate import solve_ivp
 
 from hcbench.errors import UserError
 from hcbench.impact import Status
-from hcbench.reference import exact
-from hcbench.reference.later_laws import (
-    LAWS,
-    Exact,
-    Flores,
-    HuGuo,
-    OwnSpeedLaw,
-    RestitutionLaw,
-    law_named,
-)
-from hcbench.reference.simulate import impact
+from hcbench.laws import closed_form
+from hcbench.laws.ode import impact
+from hcbench.laws.published import LAWS, Exact, Flores, HuGuo, OwnSpeedLaw, RestitutionLaw, law_named
 
 ALL = list(LAWS.values())
 ASKED = np.array([0.05, 0.2, 0.4, 0.6, 0.8, 0.9, 0.99, 1.0])
@@ -93,7 +85,7 @@ def test_with_v_i_of_each_impact_all_speeds_have_one_restitution(
         bounced = impact(own, 0.45, speed)
         assert bounced.restitution == pytest.approx(own.delivered, abs=1e-10)
         assert bounced.penetration_max == pytest.approx(
-            float(exact.penetration_max(own.at(speed).hunt_crossley, 0.45, speed)), rel=1e-10
+            float(closed_form.penetration_max(own.at(speed).hunt_crossley, 0.45, speed)), rel=1e-10
         )
 
 
@@ -153,7 +145,7 @@ def test_how_far_the_promises_are_kept() -> None:
 
 def test_hu_guo_as_published_keeps_its_promise_and_the_halved_one_does_not() -> None:
     """Some public code divides χ by a further 2; that χ at e is the published one of (1 + e)/2's loss."""
-    from hcbench.reference.bounce import restitution_of
+    from hcbench.laws._series import restitution_of
 
     e = np.array([0.8, 0.9, 0.99])
     halved = restitution_of(HuGuo.chi_of(e) / 2.0)

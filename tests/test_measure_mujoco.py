@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from hcbench.check.page import measurement_page
+from hcbench.engines.mujoco.soft_constraint import ContactLaw
 from hcbench.errors import SceneError, UserError
 from hcbench.impact import Impact, Status
 from hcbench.measure import Measurement, measure
-from hcbench.measure.promise import ContactLaw
-from hcbench.measure.show import as_text
+from hcbench.measure.text import as_text
 
 SPRING = 'solref="-40000 -12" solimp=".9999 .9999 .001 .5 2"'
 IMPULSE = 'solref="0 -950" solimp=".9999 .9999 .001 .5 2"'

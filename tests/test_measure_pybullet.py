@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from hcbench.engines import isolation
 from hcbench.errors import SceneError, UserError
 from hcbench.impact import Status
 from hcbench.measure import measure
+from hcbench.workers import process
 
 pytest.importorskip("pybullet")
 
@@ -110,7 +110,7 @@ def bounce_by_hand(
 def test_e_as_loaded_is_that_of_a_loop_written_by_hand(
     files: tuple[Path, Path], gravity: float, speed: float, phase: float
 ) -> None:
-    ((into, out),) = isolation.collect(
+    ((into, out),) = process.collect(
         bounce_by_hand, str(files[0]), str(files[1]), H, gravity, speed, phase, limit=30
     )
     found = measure(files, speeds=[speed], phases=[phase], gravity=gravity, diagnose=False)
@@ -194,7 +194,7 @@ def measured_live(ball: str, plate: str) -> Iterator[dict[str, Any]]:
     """A live client, before and after; in the worker."""
     import pybullet as p
 
-    from hcbench.measure.pybullet import World
+    from hcbench.engines.pybullet.measured import World
 
     c = p.connect(p.DIRECT)
     p.setPhysicsEngineParameter(fixedTimeStep=1e-3, numSubSteps=0, physicsClientId=c)
@@ -222,7 +222,7 @@ def measured_live(ball: str, plate: str) -> Iterator[dict[str, Any]]:
 
 
 def test_a_live_client_is_left_as_it_was(files: tuple[Path, Path]) -> None:
-    (told,) = isolation.collect(measured_live, str(files[0]), str(files[1]), limit=30)
+    (told,) = process.collect(measured_live, str(files[0]), str(files[1]), limit=30)
     assert told["after"] == told["before"]
     assert told["e"] == told["named"]
     assert "erp" in told["causes"]

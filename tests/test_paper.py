@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from hcbench.errors import OutputError
-from hcbench.paper import beyond, case, gaps, impacts, pens
+from hcbench.laws import closed_form
+from hcbench.laws import kelvin_voigt as kv
+from hcbench.laws.force import HuntCrossley
+from hcbench.laws.ode import impact
+from hcbench.laws.published import LAWS
+from hcbench.paper import constants, impacts, later_figures, pens, vibroimpact_figures
 from hcbench.paper.build import build
 from hcbench.paper.drawings import drawings
 from hcbench.paper.forced import QUICK
 from hcbench.paper.numbers import Printed, digits, factors, printed_numbers
-from hcbench.reference import exact
-from hcbench.reference import kelvin_voigt as kv
-from hcbench.reference.later_laws import LAWS
-from hcbench.reference.laws import HuntCrossley
-from hcbench.reference.simulate import impact
 from hcbench.report import style
 
 if TYPE_CHECKING:
@@ -183,13 +183,13 @@ def _lines(axes: Axes) -> list[np.ndarray]:
 def test_figure_4_shows_the_closed_form_in_the_papers_units() -> None:
     with style.drawing():
         panels = impacts.figure_4().axes[:4]
-    for axes, alpha in zip(panels, case.ALPHAS, strict=True):
-        for line, speed in zip(_lines(axes), case.SPEEDS, strict=False):
-            law = case.law(alpha)
+    for axes, alpha in zip(panels, constants.ALPHAS, strict=True):
+        for line, speed in zip(_lines(axes), constants.SPEEDS, strict=False):
+            law = constants.law(alpha)
             assert line[:, 0].max() * INCH / 1e3 == pytest.approx(
-                exact.penetration_max(law, case.MASS, speed)
+                closed_form.penetration_max(law, constants.MASS, speed)
             )
-            top = float(exact.force_max(law, case.MASS, speed)) / POUND
+            top = float(closed_form.force_max(law, constants.MASS, speed)) / POUND
             assert line[:, 1].max() == pytest.approx(top, rel=1e-4)
             assert line[:, 1].max() < 1000.0  # the paper's frame
             assert line[:, 0].max() < 1.0
@@ -204,11 +204,11 @@ def test_figure_1_pulls_on_the_left_only() -> None:
 
 def test_figure_9_lies_on_its_ellipse_and_figure_8_does_not_close_on_one() -> None:
     with style.drawing():
-        small, large = gaps.figure_9()[0].axes[1], gaps.figure_8().axes[1]
+        small, large = vibroimpact_figures.figure_9()[0].axes[1], vibroimpact_figures.figure_8().axes[1]
     loop, ellipse = _lines(small)[:2]
     assert np.ptp(loop[:, 1]) == pytest.approx(np.ptp(ellipse[:, 1]), rel=0.02)
     assert np.ptp(loop[:, 0]) == pytest.approx(np.ptp(ellipse[:, 0]), rel=1e-3)
-    assert np.ptp(_lines(large)[0][:, 0]) > 2.0 * gaps.SQUEEZE
+    assert np.ptp(_lines(large)[0][:, 0]) > 2.0 * vibroimpact_figures.SQUEEZE
 
 
 LIKE_HUES = ((0, 4), (0, 7), (4, 7), (3, 7), (1, 8), (6, 9))  # blues, purples, browns, greys
@@ -220,7 +220,7 @@ def test_inks_of_like_hue_differ_in_their_dashes() -> None:
         assert pens.numbered(one)["linestyle"] != pens.numbered(other)["linestyle"]
 
 
-@pytest.mark.parametrize("draw", [beyond.approximations_figure, beyond.later_laws_figure])
+@pytest.mark.parametrize("draw", [later_figures.approximations_figure, later_figures.later_laws_figure])
 def test_lines_that_lie_on_one_another_differ_in_their_dashes(draw: Callable[[], Figure]) -> None:
     lines = [line for line in draw().axes[0].lines if np.size(line.get_xdata()) > 2]
     assert len(lines) >= 7
@@ -236,8 +236,8 @@ def test_lines_that_lie_on_one_another_differ_in_their_dashes(draw: Callable[[],
 
 def test_the_other_reading_of_4_is_in_the_caption(folder: Path) -> None:
     """Found again by the differential equation: no force below 0."""
-    e = float(exact.restitution(0.5, 1.0))
-    time = float(exact.duration(HuntCrossley(1.0, 0.5), 1.0, 1.0))
+    e = float(closed_form.restitution(0.5, 1.0))
+    time = float(closed_form.duration(HuntCrossley(1.0, 0.5), 1.0, 1.0))
     law = kv.matched(e, time, 1.0, kv.Ending.SURFACE)
     other = impact(law, 1.0, 1.0, ending=kv.Ending.FORCE).restitution
     assert other > e
@@ -253,9 +253,9 @@ def test_the_page_says_how_far_each_engine_is_from_the_reference(folder: Path) -
 
 
 def test_the_loop_of_q_2_encloses_the_loss_that_its_restitution_says() -> None:
-    from hcbench.reference import quadratic
+    from hcbench.laws import quadratic
 
-    law = quadratic.QuadraticDamping(case.STIFFNESS, 1.0, case.MASS)
-    x, force = beyond._quadratic_loop(law, 0.5)
+    law = quadratic.QuadraticDamping(constants.STIFFNESS, 1.0, constants.MASS)
+    x, force = later_figures._quadratic_loop(law, 0.5)
     e = float(quadratic.restitution(1.0, 0.5))
-    assert np.trapezoid(force, x) == pytest.approx(0.5 * case.MASS * 0.25 * (1.0 - e**2), rel=1e-3)
+    assert np.trapezoid(force, x) == pytest.approx(0.5 * constants.MASS * 0.25 * (1.0 - e**2), rel=1e-3)

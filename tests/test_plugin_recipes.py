@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from hcbench.engines import registry
 from hcbench.errors import SettingError, UserError
-from hcbench.reference.later_laws import LAWS, RestitutionLaw
-from hcbench.reference.laws import HuntCrossley
+from hcbench.laws.force import HuntCrossley
+from hcbench.laws.published import LAWS, RestitutionLaw
 from hcbench.scene import load_scene
+from hcbench.sim import registry
 from hcbench.tune.constant import minimax_constant
+from hcbench.tune.evaluate import Verdict, judge
 from hcbench.tune.target import Target
-from hcbench.tune.verdict import Verdict, judge
 
 SCENE = load_scene("steel-plane")
 ALPHAS = (0.002, 0.016)

@@ -10,17 +10,11 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from hcbench.errors import UserError
-from hcbench.reference import approximations as ap
-from hcbench.reference import exact
-from hcbench.reference.kelvin_voigt import Ending
-from hcbench.reference.quadratic import (
-    QuadraticDamping,
-    damping_factor,
-    damping_power,
-    restitution,
-    turning_point,
-)
-from hcbench.reference.simulate import impact
+from hcbench.laws import closed_form
+from hcbench.laws.kelvin_voigt import Ending
+from hcbench.laws.ode import impact
+from hcbench.laws.quadratic import QuadraticDamping, damping_factor, damping_power, restitution, turning_point
+from hcbench.paper import approximations as ap
 
 K, MASS, ALPHA = 3.4064e10, 0.45359237, 0.3
 
@@ -120,9 +114,9 @@ def test_the_simulation_of_any_law_agrees_in_both_readings(ending: Ending) -> No
 def test_it_bounces_almost_as_16_does() -> None:
     """Both readings of q = 2 against (16): within 1e-4 up to α v = 0.1 where x is 0 again."""
     u = np.linspace(0.0, 0.1, 50)
-    apart = restitution(1.0, u) - exact.restitution(1.0, u)
+    apart = restitution(1.0, u) - closed_form.restitution(1.0, u)
     assert 0 < apart.max() < 1e-4
-    assert float(restitution(1.0, 1.0) - exact.restitution(1.0, 1.0)) == pytest.approx(0.0115, abs=1e-4)
+    assert float(restitution(1.0, 1.0) - closed_form.restitution(1.0, 1.0)) == pytest.approx(0.0115, abs=1e-4)
     assert np.all(restitution(1.0, u, Ending.FORCE) >= restitution(1.0, u))
 
 

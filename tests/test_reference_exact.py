@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from scipy.special import lambertw
 
 from hcbench.errors import UserError
-from hcbench.reference import bounce, exact, path
-from hcbench.reference.laws import HuntCrossley
+from hcbench.laws import _phase_path, _series, closed_form
+from hcbench.laws.force import HuntCrossley
 
 INCH, POUND, LBF = 0.0254, 0.45359237, 4.4482216152605
 K3 = 3.1e7 * LBF / INCH**1.5  # of section 3.1
@@ -99,42 +99,42 @@ def law_of(d: float, speed: float = 1.0, exponent: float = 1.5, stiffness: float
 def test_restitution_agrees_with_50_digits_over_sixteen_decades() -> None:
     d = np.concatenate([np.logspace(-12, 4, 400), np.linspace(0.01, 6, 60), np.linspace(38, 46, 40)])
     truth = [true_restitution(x) for x in d.tolist()]
-    assert relative_errors(bounce.restitution_of(d), truth).max() < 1e-15
+    assert relative_errors(_series.restitution_of(d), truth).max() < 1e-15
     # α = d, v = 2/3 or d = 1.5 α v with its own rounding: the contract is 4e-15.
-    assert relative_errors(exact.restitution(d / 1.5, 1.0), truth).max() < 4e-15
-    assert relative_errors(bounce.shortfall_of(d), [1 - e for e in truth]).max() < 1e-15
+    assert relative_errors(closed_form.restitution(d / 1.5, 1.0), truth).max() < 4e-15
+    assert relative_errors(_series.shortfall_of(d), [1 - e for e in truth]).max() < 1e-15
 
 
 def test_no_dissipation_returns_all_of_the_speed() -> None:
-    assert exact.restitution(0.0, 3.0) == 1.0
-    assert exact.restitution(0.3, 0.0) == 1.0
-    assert exact.energy_loss(HuntCrossley(K3, 0.0), 1.0, 2.0) == 0.0
+    assert closed_form.restitution(0.0, 3.0) == 1.0
+    assert closed_form.restitution(0.3, 0.0) == 1.0
+    assert closed_form.energy_loss(HuntCrossley(K3, 0.0), 1.0, 2.0) == 0.0
 
 
 def test_coefficients_are_those_of_the_function() -> None:
     """Makes the Chebyshev series of bounce.py again."""
     count = 64
     with mpmath.workdps(60):
-        top = mpmath.mpf(bounce.TOP) / (bounce.TOP + bounce.SHIFT)
+        top = mpmath.mpf(_series.TOP) / (_series.TOP + _series.SHIFT)
         angles = [mpmath.pi * (k + mpmath.mpf(1) / 2) / count for k in range(count)]
         samples = []
         for angle in angles:
             t = top * (1 + mpmath.cos(angle)) / 2
-            d = bounce.SHIFT * t / (1 - t)
+            d = _series.SHIFT * t / (1 - t)
             samples.append(((1 + d) * true_restitution(d) - 1) / t)
         made = [
             (2 if j else 1) * sum(s * mpmath.cos(j * a) for s, a in zip(samples, angles, strict=True)) / count
             for j in range(count)
         ]
     last = max(j for j, c in enumerate(made) if abs(c) > 1e-17)
-    assert tuple(float(c) for c in made[: last + 1]) == bounce.SERIES
+    assert tuple(float(c) for c in made[: last + 1]) == _series.SERIES
 
 
 def test_restitution_broadcasts_alpha_over_speed() -> None:
     alpha, speed = np.array([[0.08], [0.32]]), np.linspace(0.1, 0.5, 7)
-    table = exact.restitution(alpha, speed)
+    table = closed_form.restitution(alpha, speed)
     assert table.shape == (2, 7)
-    assert table[1, 3] == exact.restitution(0.32, speed[3])
+    assert table[1, 3] == closed_form.restitution(0.32, speed[3])
 
 
 def test_a_million_speeds_take_less_time_than_lambert_w() -> None:
@@ -149,7 +149,7 @@ def test_a_million_speeds_take_less_time_than_lambert_w() -> None:
         return min(spans)
 
     d = 1.5 * speed
-    assert shortest(lambda: exact.restitution(1.0, speed)) < shortest(
+    assert shortest(lambda: closed_form.restitution(1.0, speed)) < shortest(
         lambda: lambertw(-(1 + d) * np.exp(-(1 + d)), 0)
     )
 
@@ -158,7 +158,7 @@ def test_a_million_speeds_take_less_time_than_lambert_w() -> None:
 def test_restitution_solves_the_separated_equation(alpha: float, speed: float) -> None:
     """d (1 + e) = ln(1 + d) - ln(1 - d e), well conditioned where neither side is small nor 1 - d e is."""
     d = 1.5 * alpha * speed
-    e = float(exact.restitution(alpha, speed))
+    e = float(closed_form.restitution(alpha, speed))
     assert 0 < e <= 1
     if 0.1 < d < 5:
         assert np.log1p(d) - np.log1p(-d * e) == pytest.approx(d * (1 + e), rel=1e-12)
@@ -166,21 +166,21 @@ def test_restitution_solves_the_separated_equation(alpha: float, speed: float) -
 
 @given(alphas, speeds, st.floats(1e-3, 10.0))
 def test_restitution_falls_with_impact_speed(alpha: float, speed: float, more: float) -> None:
-    slow, fast = exact.restitution(alpha, np.array([speed, speed * (1 + more)]))
+    slow, fast = closed_form.restitution(alpha, np.array([speed, speed * (1 + more)]))
     assert fast < slow or alpha * speed < 1e-12
 
 
 @given(st.floats(1e-4, 1.0), speeds)
 def test_alpha_comes_back_from_its_restitution(restitution: float, speed: float) -> None:
-    alpha = exact.alpha_of(restitution, speed)
-    assert exact.restitution(alpha, speed) == pytest.approx(restitution, rel=2e-15)
+    alpha = closed_form.alpha_of(restitution, speed)
+    assert closed_form.restitution(alpha, speed) == pytest.approx(restitution, rel=2e-15)
 
 
 def test_alpha_agrees_with_50_digits() -> None:
     e = np.concatenate(
         [1 - np.logspace(-12, -0.31, 25), np.linspace(0.01, 0.99, 25), np.logspace(-4, -1.7, 10)]
     )
-    d = exact.alpha_of(e, 1.0) * 1.5
+    d = closed_form.alpha_of(e, 1.0) * 1.5
     # Newton's step from the answer in exact arithmetic is its error.
     with mpmath.workdps(50):
         for value, guess in zip(e.tolist(), d.tolist(), strict=True):
@@ -192,7 +192,7 @@ def test_alpha_agrees_with_50_digits() -> None:
 @given(st.floats(1e-6, 0.1))
 def test_the_empirical_law_is_the_first_order_of_the_exact_one(share: float) -> None:
     """(2) drops α² v²: e - (1 - α v) = α² v² + O(α³ v³)."""
-    e, linear = exact.restitution(share, 1.0), exact.restitution_linear(share, 1.0)
+    e, linear = closed_form.restitution(share, 1.0), closed_form.restitution_linear(share, 1.0)
     assert linear == 1.0 - share
     assert abs(e - linear - share**2) <= 1.2 * share**3 + 1e-15
 
@@ -204,15 +204,15 @@ def test_the_empirical_law_is_the_first_order_of_the_exact_one(share: float) -> 
     ("share", "e"), [(0.05, 0.952), (0.1, 0.909), (0.2, 0.833), (0.3, 0.768), (0.5, 0.663), (1.0, 0.488)]
 )
 def test_restitution_over_alpha_v(share: float, e: float) -> None:
-    assert round(float(exact.restitution(share, 1.0)), 3) == e
+    assert round(float(closed_form.restitution(share, 1.0)), 3) == e
 
 
 @pytest.mark.parametrize(("alpha", "speed", "e", "depth", "force"), PAPER_CASE)
 def test_case_of_section_3_1(alpha: float, speed: float, e: str, depth: str, force: str) -> None:
     law, v = HuntCrossley(K3, alpha / INCH), speed * INCH
-    assert f"{exact.restitution(law.alpha, v):.10f}" == e
-    assert f"{exact.penetration_max(law, POUND, v) / INCH:.4e}" == depth
-    assert f"{exact.force_max(law, POUND, v) / LBF:.2f}" == force
+    assert f"{closed_form.restitution(law.alpha, v):.10f}" == e
+    assert f"{closed_form.penetration_max(law, POUND, v) / INCH:.4e}" == depth
+    assert f"{closed_form.force_max(law, POUND, v) / LBF:.2f}" == force
     true_depth, true_force = true_extremes(law, POUND, v)
     assert f"{true_depth / INCH:.4e}" == depth
     assert f"{true_force / LBF:.2f}" == force
@@ -220,14 +220,14 @@ def test_case_of_section_3_1(alpha: float, speed: float, e: str, depth: str, for
 
 def test_contact_time_of_section_3_1() -> None:
     law = HuntCrossley(K3, 0.008 / INCH)
-    assert f"{exact.duration(law, POUND, 16 * INCH) * 1e3:.2f}" == "0.17"
-    assert f"{exact.duration(law, POUND, 4 * INCH) * 1e3:.2f}" == "0.23"
+    assert f"{closed_form.duration(law, POUND, 16 * INCH) * 1e3:.2f}" == "0.17"
+    assert f"{closed_form.duration(law, POUND, 4 * INCH) * 1e3:.2f}" == "0.23"
 
 
 def test_energy_loss_goes_with_the_cube_of_speed() -> None:
     """(3): ΔE ≈ α m v_i³ at low α v_i, without losing digits to 1 - e²."""
     law, v = HuntCrossley(K3, 0.3), np.array([1e-9, 1e-6, 1e-3])
-    loss = exact.energy_loss(law, POUND, v)
+    loss = closed_form.energy_loss(law, POUND, v)
     # Next order: ΔE = α m v³ (1 - (3/2) α v ...).
     assert loss == pytest.approx(0.3 * POUND * v**3 * (1 - 1.5 * 0.3 * v), rel=1e-6)
     with mpmath.workdps(50):
@@ -247,20 +247,20 @@ def test_energy_loss_goes_with_the_cube_of_speed() -> None:
 def test_extremes_and_duration_agree_with_many_digits(d: float, n: float) -> None:
     law = law_of(d, speed=0.4, exponent=n)
     depth, force = true_extremes(law, POUND, 0.4)
-    assert exact.penetration_max(law, POUND, 0.4) == pytest.approx(depth, rel=2e-15)
-    assert exact.force_max(law, POUND, 0.4) == pytest.approx(force, rel=4e-15)
-    assert exact.duration(law, POUND, 0.4) == pytest.approx(true_duration(law, POUND, 0.4), rel=1e-12)
+    assert closed_form.penetration_max(law, POUND, 0.4) == pytest.approx(depth, rel=2e-15)
+    assert closed_form.force_max(law, POUND, 0.4) == pytest.approx(force, rel=4e-15)
+    assert closed_form.duration(law, POUND, 0.4) == pytest.approx(true_duration(law, POUND, 0.4), rel=1e-12)
 
 
 def test_without_dissipation_the_spring_is_left() -> None:
     """n = 1, α = 0: half a period of the linear oscillator; (8) for any n."""
     law = HuntCrossley(1e6, 0.0, 1.0)
-    assert exact.duration(law, 4.0, 1.0) == pytest.approx(np.pi * np.sqrt(4.0 / 1e6), rel=1e-14)
+    assert closed_form.duration(law, 4.0, 1.0) == pytest.approx(np.pi * np.sqrt(4.0 / 1e6), rel=1e-14)
     for n in (1.0, 1.5, 3.0):
         law = HuntCrossley(1e6, 0.0, n)
-        x = exact.penetration_max(law, 4.0, 0.7)
+        x = closed_form.penetration_max(law, 4.0, 0.7)
         assert 1e6 * x ** (n + 1) / (n + 1) == pytest.approx(0.5 * 4.0 * 0.7**2, rel=1e-14)
-        assert exact.force_max(law, 4.0, 0.7) == pytest.approx(1e6 * x**n, rel=1e-14)
+        assert closed_form.force_max(law, 4.0, 0.7) == pytest.approx(1e6 * x**n, rel=1e-14)
 
 
 @settings(deadline=None, max_examples=50)
@@ -268,25 +268,25 @@ def test_without_dissipation_the_spring_is_left() -> None:
 def test_every_stiffness_mass_and_exponent_rebounds_alike(d: float, n: float, k: float, m: float) -> None:
     """e depends on α v_i alone: the loop, which knows them all, ends in the rate -e v_i."""
     law = law_of(d, exponent=n, stiffness=1e8 * k)
-    loop = exact.loop(law, m, 1.0, 101)
-    assert -loop.rate[-1] == pytest.approx(float(exact.restitution(law.alpha, 1.0)), rel=1e-12)
+    loop = closed_form.loop(law, m, 1.0, 101)
+    assert -loop.rate[-1] == pytest.approx(float(closed_form.restitution(law.alpha, 1.0)), rel=1e-12)
 
 
 @settings(deadline=None, max_examples=30)
 @given(st.floats(0.01, 30.0), exponents)
 def test_area_of_the_loop_is_the_energy_lost(d: float, n: float) -> None:
     law = law_of(d, exponent=n)
-    coarse, fine = (exact.loop(law, POUND, 1.0, count) for count in (1001, 2001))
+    coarse, fine = (closed_form.loop(law, POUND, 1.0, count) for count in (1001, 2001))
     areas = [float(np.sum((p.force[1:] + p.force[:-1]) / 2 * np.diff(p.penetration))) for p in (coarse, fine)]
     limit = areas[1] + (areas[1] - areas[0]) / 3  # the trapezoidal rule is of second order
-    assert limit == pytest.approx(float(exact.energy_loss(law, POUND, 1.0)), rel=2e-5)
+    assert limit == pytest.approx(float(closed_form.energy_loss(law, POUND, 1.0)), rel=2e-5)
 
 
 @settings(deadline=None, max_examples=30)
 @given(st.floats(0.0, 100.0), exponents, st.integers(3, 400))
 def test_loop_is_whole(d: float, n: float, count: int) -> None:
     law = law_of(d, exponent=n)
-    loop = exact.loop(law, POUND, 1.0, count)
+    loop = closed_form.loop(law, POUND, 1.0, count)
     assert loop.time.shape == loop.penetration.shape == loop.rate.shape == loop.force.shape == (count,)
     assert loop.penetration[[0, -1]].tolist() == loop.force[[0, -1]].tolist() == [0.0, 0.0]
     assert loop.rate[0] == pytest.approx(1.0, rel=1e-13)
@@ -296,10 +296,10 @@ def test_loop_is_whole(d: float, n: float, count: int) -> None:
     assert loop.force == pytest.approx(
         law.force(loop.penetration, loop.rate), rel=1e-9, abs=1e-9 * loop.force.max()
     )
-    assert loop.time[-1] == pytest.approx(float(exact.duration(law, POUND, 1.0)), rel=1e-10)
-    top = float(exact.penetration_max(law, POUND, 1.0))
+    assert loop.time[-1] == pytest.approx(float(closed_form.duration(law, POUND, 1.0)), rel=1e-10)
+    top = float(closed_form.penetration_max(law, POUND, 1.0))
     assert loop.penetration.max() <= top * (1 + 1e-15)
-    assert loop.force.max() <= float(exact.force_max(law, POUND, 1.0)) * (1 + 1e-14)
+    assert loop.force.max() <= float(closed_form.force_max(law, POUND, 1.0)) * (1 + 1e-14)
     if count % 2:
         assert loop.penetration[count // 2] == top
         assert loop.rate[count // 2] == 0.0
@@ -307,7 +307,7 @@ def test_loop_is_whole(d: float, n: float, count: int) -> None:
 
 def test_times_along_the_loop_are_those_of_the_motion() -> None:
     """dx/dt = v between samples, by Simpson's rule on three of them away from touch and parting."""
-    loop = exact.loop(law_of(0.5), POUND, 1.0, 2001)
+    loop = closed_form.loop(law_of(0.5), POUND, 1.0, 2001)
     inner = slice(200, 1800)
     speed = np.gradient(loop.penetration[inner], loop.time[inner], edge_order=2)[1:-1]
     assert speed == pytest.approx(loop.rate[inner][1:-1], abs=2e-5)
@@ -315,22 +315,22 @@ def test_times_along_the_loop_are_those_of_the_motion() -> None:
 
 def test_rate_at_a_depth_is_on_the_loop() -> None:
     law = law_of(0.5)
-    loop = exact.loop(law, POUND, 1.0, 21)
-    going_in = exact.rate_at(law, POUND, 1.0, loop.penetration[:9], "approach")
-    coming_out = exact.rate_at(law, POUND, 1.0, loop.penetration[12:], "rebound")
+    loop = closed_form.loop(law, POUND, 1.0, 21)
+    going_in = closed_form.rate_at(law, POUND, 1.0, loop.penetration[:9], "approach")
+    coming_out = closed_form.rate_at(law, POUND, 1.0, loop.penetration[12:], "rebound")
     assert going_in == pytest.approx(loop.rate[:9], rel=1e-12)
     assert coming_out == pytest.approx(loop.rate[12:], rel=1e-12)
-    assert np.isnan(exact.rate_at(law, POUND, 1.0, 1.01 * loop.penetration.max(), "approach"))
+    assert np.isnan(closed_form.rate_at(law, POUND, 1.0, 1.01 * loop.penetration.max(), "approach"))
 
 
 @settings(deadline=None)
 @given(st.floats(-30.0, 100.0))
 def test_straightened_rate_is_undone(q: float) -> None:
     """q²/2 = g(y): the inverse that the loop stands on."""
-    y = q * float(path.rate_ratio(np.asarray(q)))
+    y = q * float(_phase_path.rate_ratio(np.asarray(q)))
     assert y > -1 or q < -8
     if q > -4:
-        assert y * np.sqrt(path.g_ratio(np.asarray(y))) == pytest.approx(q, rel=1e-10)
+        assert y * np.sqrt(_phase_path.g_ratio(np.asarray(y))) == pytest.approx(q, rel=1e-10)
 
 
 # --- what is refused -----------------------------------------------------------------------------------
@@ -339,13 +339,13 @@ def test_straightened_rate_is_undone(q: float) -> None:
 @pytest.mark.parametrize(
     ("call", "slot"),
     [
-        (lambda: exact.restitution(-0.1, 1.0), "alpha"),
-        (lambda: exact.restitution(0.1, np.array([1.0, -2.0])), "speed"),
-        (lambda: exact.penetration_max(law_of(0.1), -1.0, 1.0), "mass"),
-        (lambda: exact.duration(law_of(0.1), 1.0, 0.0), "speed"),
-        (lambda: exact.loop(law_of(0.1), 1.0, 1.0, 2), "count"),
-        (lambda: exact.alpha_of(0.0, 1.0), "restitution"),
-        (lambda: exact.alpha_of(1.01, 1.0), "restitution"),
+        (lambda: closed_form.restitution(-0.1, 1.0), "alpha"),
+        (lambda: closed_form.restitution(0.1, np.array([1.0, -2.0])), "speed"),
+        (lambda: closed_form.penetration_max(law_of(0.1), -1.0, 1.0), "mass"),
+        (lambda: closed_form.duration(law_of(0.1), 1.0, 0.0), "speed"),
+        (lambda: closed_form.loop(law_of(0.1), 1.0, 1.0, 2), "count"),
+        (lambda: closed_form.alpha_of(0.0, 1.0), "restitution"),
+        (lambda: closed_form.alpha_of(1.01, 1.0), "restitution"),
         (lambda: HuntCrossley(K3, 0.1, 0.9), "exponent"),
         (lambda: HuntCrossley(0.0, 0.1), "stiffness"),
     ],

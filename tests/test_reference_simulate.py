@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from hcbench.errors import UserError
 from hcbench.impact import Impact, Loop, Status
-from hcbench.reference import exact, kelvin_voigt, simulate
-from hcbench.reference.laws import HuntCrossley, KelvinVoigt
-from hcbench.reference.simulate import Ending, Solver
+from hcbench.laws import closed_form, kelvin_voigt, ode
+from hcbench.laws.force import HuntCrossley, KelvinVoigt
+from hcbench.laws.ode import Ending, Solver
 
 MASS, SPEED, K3 = 0.45359237, 0.4064, 3.4064e10
 TEN_DIGITS = 1e-10
@@ -32,14 +32,16 @@ def energy_lost(impact: Impact) -> float:
 @pytest.mark.parametrize("d", [0.0, 1e-6, 0.05, 0.2, 1.0, 5.0, 30.0])
 def test_agrees_with_the_closed_forms(d: float, exponent: float) -> None:
     law = HuntCrossley(K3, d / 1.5 / SPEED, exponent)
-    impact = simulate.impact(law, MASS, SPEED)
+    impact = ode.impact(law, MASS, SPEED)
     assert impact.status is Status.PARTED
-    assert impact.restitution == pytest.approx(float(exact.restitution(law.alpha, SPEED)), rel=TEN_DIGITS)
-    assert impact.penetration_max == pytest.approx(
-        float(exact.penetration_max(law, MASS, SPEED)), rel=TEN_DIGITS
+    assert impact.restitution == pytest.approx(
+        float(closed_form.restitution(law.alpha, SPEED)), rel=TEN_DIGITS
     )
-    assert impact.force_max == pytest.approx(float(exact.force_max(law, MASS, SPEED)), rel=TEN_DIGITS)
-    assert impact.duration == pytest.approx(float(exact.duration(law, MASS, SPEED)), rel=TEN_DIGITS)
+    assert impact.penetration_max == pytest.approx(
+        float(closed_form.penetration_max(law, MASS, SPEED)), rel=TEN_DIGITS
+    )
+    assert impact.force_max == pytest.approx(float(closed_form.force_max(law, MASS, SPEED)), rel=TEN_DIGITS)
+    assert impact.duration == pytest.approx(float(closed_form.duration(law, MASS, SPEED)), rel=TEN_DIGITS)
 
 
 @settings(deadline=None, max_examples=15)
@@ -47,24 +49,26 @@ def test_agrees_with_the_closed_forms(d: float, exponent: float) -> None:
 def test_agrees_for_rubber_as_for_steel(share: float, stiffness: float, mass: float, speed: float) -> None:
     """The ODE is solved in its own units: tolerances mean the same at any stiffness, mass and speed."""
     law = HuntCrossley(stiffness, share / speed)
-    impact = simulate.impact(law, mass, speed)
-    assert impact.restitution == pytest.approx(float(exact.restitution(law.alpha, speed)), rel=TEN_DIGITS)
-    assert impact.penetration_max == pytest.approx(
-        float(exact.penetration_max(law, mass, speed)), rel=TEN_DIGITS
+    impact = ode.impact(law, mass, speed)
+    assert impact.restitution == pytest.approx(
+        float(closed_form.restitution(law.alpha, speed)), rel=TEN_DIGITS
     )
-    assert impact.duration == pytest.approx(float(exact.duration(law, mass, speed)), rel=TEN_DIGITS)
+    assert impact.penetration_max == pytest.approx(
+        float(closed_form.penetration_max(law, mass, speed)), rel=TEN_DIGITS
+    )
+    assert impact.duration == pytest.approx(float(closed_form.duration(law, mass, speed)), rel=TEN_DIGITS)
 
 
 def test_loop_lies_on_the_exact_one() -> None:
     law = HuntCrossley(K3, 0.63)
-    loop = simulate.impact(law, MASS, SPEED, count=101).loop
+    loop = ode.impact(law, MASS, SPEED, count=101).loop
     assert loop is not None
-    top = float(exact.penetration_max(law, MASS, SPEED))
+    top = float(closed_form.penetration_max(law, MASS, SPEED))
     going_in = loop.rate > 0.01 * SPEED
-    rate = exact.rate_at(law, MASS, SPEED, loop.penetration[going_in], "approach")
+    rate = closed_form.rate_at(law, MASS, SPEED, loop.penetration[going_in], "approach")
     assert loop.rate[going_in] == pytest.approx(rate, rel=1e-9)
     coming_out = loop.rate < -0.01 * SPEED
-    rate = exact.rate_at(law, MASS, SPEED, loop.penetration[coming_out], "rebound")
+    rate = closed_form.rate_at(law, MASS, SPEED, loop.penetration[coming_out], "rebound")
     assert loop.rate[coming_out] == pytest.approx(rate, rel=1e-9)
     assert loop.penetration.max() == pytest.approx(top, rel=1e-3)
     assert loop.penetration[[0, -1]].tolist() == loop.force[[0, -1]].tolist() == [0.0, 0.0]
@@ -77,7 +81,7 @@ def test_loop_lies_on_the_exact_one() -> None:
 @pytest.mark.parametrize("zeta", [0.0, 0.01, 0.3, 0.7, 0.9])
 def test_agrees_with_the_damped_sine(zeta: float, ending: Ending) -> None:
     law = KelvinVoigt(1e8, 2 * zeta * math.sqrt(1e8 * MASS))
-    impact = simulate.impact(law, MASS, SPEED, ending=ending)
+    impact = ode.impact(law, MASS, SPEED, ending=ending)
     truth = kelvin_voigt.bounce(law, MASS, SPEED, ending)
     # e falls to 1.5e-3 at ζ = 0.9 and x = 0: what is absolute there is relative to the speed in.
     assert impact.restitution == pytest.approx(truth.restitution, abs=TEN_DIGITS)
@@ -89,7 +93,7 @@ def test_agrees_with_the_damped_sine(zeta: float, ending: Ending) -> None:
 def test_a_linear_damper_pulls_before_it_parts_at_the_surface() -> None:
     """The faults of eq. (4) in Fig. 1: force at touch, tension at the end; none of the second at F = 0."""
     law = KelvinVoigt(1e8, 2 * 0.2 * math.sqrt(1e8 * MASS))
-    surface, force = (simulate.impact(law, MASS, SPEED, ending=ending).loop for ending in Ending)
+    surface, force = (ode.impact(law, MASS, SPEED, ending=ending).loop for ending in Ending)
     assert surface is not None
     assert force is not None
     assert surface.force[0] == pytest.approx(law.damping * SPEED)
@@ -100,7 +104,7 @@ def test_a_linear_damper_pulls_before_it_parts_at_the_surface() -> None:
 
 def test_an_overdamped_contact_never_parts_at_the_surface() -> None:
     law = KelvinVoigt(1e8, 3.0 * math.sqrt(1e8 * MASS))
-    impact = simulate.impact(law, MASS, SPEED)
+    impact = ode.impact(law, MASS, SPEED)
     assert impact.status is Status.RESTED
     assert impact.restitution == 0.0
     assert impact.reason
@@ -112,21 +116,21 @@ def test_an_overdamped_contact_never_parts_at_the_surface() -> None:
 @pytest.mark.parametrize("speed", [1e-3, 0.01, 0.1, 0.4])
 def test_under_gravity_the_loop_still_closes_the_energy_balance(speed: float) -> None:
     """Gravity does no work from touch to parting, both at x = 0: ΔE is the loop's area."""
-    impact = simulate.impact(HuntCrossley(K3, 0.63), MASS, speed, gravity=9.81, count=2001)
+    impact = ode.impact(HuntCrossley(K3, 0.63), MASS, speed, gravity=9.81, count=2001)
     assert impact.loop is not None
     assert area(impact.loop) == pytest.approx(energy_lost(impact), rel=1e-5)
 
 
 def test_under_gravity_a_spring_alone_still_returns_everything() -> None:
     for speed in (1e-4, 0.01, 0.4):
-        impact = simulate.impact(HuntCrossley(K3, 0.0), MASS, speed, gravity=9.81)
+        impact = ode.impact(HuntCrossley(K3, 0.0), MASS, speed, gravity=9.81)
         assert impact.restitution == pytest.approx(1.0, rel=TEN_DIGITS)
 
 
 def test_gravity_presses_deeper_and_takes_more_the_slower_the_impact() -> None:
     law, extra = HuntCrossley(K3, 0.32), []
     for speed in (0.4, 0.1, 0.02, 0.005):
-        free, heavy = (simulate.impact(law, MASS, speed, gravity=g) for g in (0.0, 9.81))
+        free, heavy = (ode.impact(law, MASS, speed, gravity=g) for g in (0.0, 9.81))
         assert heavy.penetration_max > free.penetration_max
         assert heavy.duration > free.duration
         extra.append(free.restitution - heavy.restitution)
@@ -136,7 +140,7 @@ def test_gravity_presses_deeper_and_takes_more_the_slower_the_impact() -> None:
 
 def test_under_gravity_a_slow_body_stays() -> None:
     """Slower than its losses allow, the body cannot get back to the surface: v_o² would be negative."""
-    impact = simulate.impact(HuntCrossley(K3, 0.3), MASS, 1e-4, gravity=9.81)
+    impact = ode.impact(HuntCrossley(K3, 0.3), MASS, 1e-4, gravity=9.81)
     assert impact.status is Status.RESTED
     assert impact.restitution == 0.0
 
@@ -145,7 +149,7 @@ def test_gravity_on_a_linear_spring_is_a_shifted_sine() -> None:
     """n = 1, α = 0: x = x_s + sqrt(x_s² + (v/ω)²) sin(...), x_s = m g/k, so x_m is known."""
     k, v, g = 1e4, 0.3, 9.81
     rest, swing = MASS * g / k, v / math.sqrt(k / MASS)
-    impact = simulate.impact(HuntCrossley(k, 0.0, 1.0), MASS, v, gravity=g)
+    impact = ode.impact(HuntCrossley(k, 0.0, 1.0), MASS, v, gravity=g)
     assert impact.penetration_max == pytest.approx(rest + math.hypot(rest, swing), rel=TEN_DIGITS)
     touch = math.pi + 2 * math.atan2(rest, swing)
     assert impact.duration == pytest.approx(touch / math.sqrt(k / MASS), rel=TEN_DIGITS)
@@ -156,8 +160,8 @@ def test_gravity_on_a_linear_spring_is_a_shifted_sine() -> None:
 
 def depth_errors(exponent: float, steps: list[float]) -> Any:
     law = HuntCrossley(1e8, 0.6, exponent)
-    truth = float(exact.penetration_max(law, MASS, SPEED))
-    runs = [simulate.impact(law, MASS, SPEED, solver=Solver(math.inf, step)) for step in steps]
+    truth = float(closed_form.penetration_max(law, MASS, SPEED))
+    runs = [ode.impact(law, MASS, SPEED, solver=Solver(math.inf, step)) for step in steps]
     return np.abs(np.array([run.penetration_max for run in runs]) / truth - 1)
 
 
@@ -176,9 +180,9 @@ def test_touch_costs_a_fixed_step_its_order() -> None:
 
 def test_error_follows_the_tolerance() -> None:
     law = HuntCrossley(K3, 0.6)
-    e = float(exact.restitution(law.alpha, SPEED))
+    e = float(closed_form.restitution(law.alpha, SPEED))
     for tolerance in (1e-4, 1e-6, 1e-8, 1e-10, 1e-12):
-        error = abs(simulate.impact(law, MASS, SPEED, solver=Solver(tolerance)).restitution - e)
+        error = abs(ode.impact(law, MASS, SPEED, solver=Solver(tolerance)).restitution - e)
         assert error < 20 * tolerance
 
 
@@ -195,11 +199,11 @@ class Fluid:
 @pytest.mark.parametrize(
     ("call", "slot"),
     [
-        (lambda law: simulate.impact(law, 0.0, 1.0), "mass"),
-        (lambda law: simulate.impact(law, 1.0, -1.0), "speed"),
-        (lambda law: simulate.impact(law, 1.0, 1.0, gravity=-9.81), "gravity"),
-        (lambda law: simulate.impact(law, 1.0, 1.0, count=2), "count"),
-        (lambda _: simulate.impact(Fluid(), 1.0, 1.0), "law"),
+        (lambda law: ode.impact(law, 0.0, 1.0), "mass"),
+        (lambda law: ode.impact(law, 1.0, -1.0), "speed"),
+        (lambda law: ode.impact(law, 1.0, 1.0, gravity=-9.81), "gravity"),
+        (lambda law: ode.impact(law, 1.0, 1.0, count=2), "count"),
+        (lambda _: ode.impact(Fluid(), 1.0, 1.0), "law"),
     ],
 )
 def test_nonsense_is_refused_by_name(call: Any, slot: str) -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from hcbench.reference import exact
-from hcbench.reference.laws import HuntCrossley
-from hcbench.reference.table import PAPER_RELATIVE_RADIUS, describe
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
+from hcbench.laws.summary import PAPER_RELATIVE_RADIUS, describe
 
 INCH, POUND, LBF = 0.0254, 0.45359237, 4.4482216152605
 K3 = 3.1e7 * LBF / INCH**1.5  # of section 3.1
@@ -29,7 +29,7 @@ def test_a_row_warns_where_the_papers_limits_are_passed() -> None:
 def test_a_row_is_the_closed_forms() -> None:
     law = HuntCrossley(K3, 0.3)
     row = describe(law, POUND, 0.2, PAPER_RELATIVE_RADIUS)
-    assert row.restitution == exact.restitution(0.3, 0.2)
+    assert row.restitution == closed_form.restitution(0.3, 0.2)
     assert row.restitution_linear == 1 - 0.3 * 0.2
     assert row.energy_loss_j == pytest.approx(0.5 * POUND * 0.2**2 * (1 - row.restitution**2), rel=1e-13)
     assert row.shear_stress_max_pa is not None

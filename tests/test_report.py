@@ -18,15 +18,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_results import ALPHAS, RUNS, SCENE, SPEEDS, small_results
 
+from hcbench.benchmark.results import TRAIN_COLUMNS, Results
 from hcbench.errors import OutputError
-from hcbench.reference import exact
-from hcbench.report import answers, curves, findings, loops, style, tables, trains, words
+from hcbench.laws import closed_form
+from hcbench.report import answers, bounces, curves, findings, loops, style, tables, wording
 from hcbench.report.build import build
 from hcbench.report.figures import drawings
 from hcbench.report.view import Run, View
-from hcbench.results import TRAIN_COLUMNS, Results
 from hcbench.setting import Setting
-from hcbench.tune.paste import paste
+from hcbench.tune.snippet import paste
 
 LAW = Run("explicit", "law", 1e-6)
 SPRING = Run("explicit", "spring-damper", 1e-6)
@@ -109,7 +109,7 @@ def test_nothing_is_left_behind_where_nothing_can_be_written(results: Results, t
 
 
 def test_the_headline_names_what_follows_the_law_and_what_does_not(view: View) -> None:
-    said = " ".join(answers.headline(view)).replace(words.NBSP, " ")
+    said = " ".join(answers.headline(view)).replace(wording.NBSP, " ")
     assert "single does not bounce like the law" in said
     assert "In single set impulse at 1 ms: the best one e for all speeds" in said
     assert "In explicit set law at 1 µs: the bounce follows the law" in said
@@ -140,13 +140,13 @@ def test_a_plug_in_is_told_apart_from_what_can_be_set(results: Results) -> None:
         {**s, "options": {"law": {"alpha": 1.0}}} if s["setting"] == "law" else s for s in results.settings
     ]
     view = View(dataclasses.replace(results, settings=settings))
-    said = " ".join(answers.headline(view)).replace(words.NBSP, " ")
+    said = " ".join(answers.headline(view)).replace(wording.NBSP, " ")
     assert "In explicit set spring-damper at 1 µs: still worse than the best constant e." in said
-    assert answers.plugin_sentence(view).replace(words.NBSP, " ") == (
+    assert answers.plugin_sentence(view).replace(wording.NBSP, " ") == (
         "The plug-in law at 1 µs (in explicit) follows the law."
     )
     titles = {card.question: [answer.title for answer in card.answers] for card in answers.cards(view)}
-    assert [t.replace(words.NBSP, " ") for t in titles["A plug-in in your own simulation"]] == [
+    assert [t.replace(wording.NBSP, " ") for t in titles["A plug-in in your own simulation"]] == [
         "explicit law, 1 µs"
     ]
 
@@ -247,12 +247,12 @@ def test_curves_show_the_measured_restitution(view: View) -> None:
     figure = curves.restitution_figure(view, fine=True)
     panel = figure.axes[1]  # the only fine engine's row, the second α
     law, linear, *engines = [np.asarray(line.get_xydata()) for line in panel.get_lines()]
-    np.testing.assert_allclose(law[:, 1], exact.restitution(ALPHAS[1], law[:, 0]))
+    np.testing.assert_allclose(law[:, 1], closed_form.restitution(ALPHAS[1], law[:, 0]))
     np.testing.assert_allclose(linear[:, 1], 1 - ALPHAS[1] * linear[:, 0])
     curve = view.curve(LAW, ALPHAS[1])
     assert curve is not None
     np.testing.assert_array_equal(engines[0], np.column_stack([curve.speed, curve.middle]))
-    np.testing.assert_allclose(curve.middle, exact.restitution(ALPHAS[1], curve.speed), atol=1e-3)
+    np.testing.assert_allclose(curve.middle, closed_form.restitution(ALPHAS[1], curve.speed), atol=1e-3)
 
 
 def test_what_lies_below_the_frame_is_named(view: View) -> None:
@@ -276,7 +276,7 @@ def test_a_bounce_train_is_drawn_over_the_laws(results: Results) -> None:
     rows = [(SCENE, *IMPULSE[:2], ALPHAS[1], 1e-3, i, h, 0.01 * 0.8**i) for i, h in enumerate(heights, 1)]
     study = {**results.study, "train_height": 0.01}
     dropped = dataclasses.replace(results, study=study, trains=pd.DataFrame(rows, columns=TRAIN_COLUMNS))
-    left, right = trains.trains_figure(View(dropped)).axes
+    left, right = bounces.trains_figure(View(dropped)).axes
     law, train = (np.asarray(line.get_xydata()) for line in left.get_lines())
     np.testing.assert_allclose(law[:, 1], 10 * 0.8 ** np.arange(6))
     np.testing.assert_allclose(np.diff(np.log(train[:, 1])), 2 * np.log(0.9))
@@ -405,11 +405,11 @@ def test_options_of_an_unknown_engine_are_shown_as_they_are() -> None:
     ],
 )
 def test_small_numbers_in_words(value: float, text: str) -> None:
-    assert words.small(value) == text
+    assert wording.small(value) == text
 
 
 @pytest.mark.parametrize(
     ("seconds", "text"), [(1e-6, "1 µs"), (5e-5, "50 µs"), (1e-3, "1 ms"), (1 / 240, "4.17 ms"), (2.0, "2 s")]
 )
 def test_times_in_words(seconds: float, text: str) -> None:
-    assert words.time(seconds).replace(words.NBSP, " ") == text
+    assert wording.time(seconds).replace(wording.NBSP, " ") == text

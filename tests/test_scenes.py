@@ -14,14 +14,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from hcbench.engines.base import Engine
-from hcbench.engines.mujoco import MujocoEngine
-from hcbench.engines.pybullet import PybulletEngine
+from hcbench.engines.mujoco.engine import MujocoEngine
+from hcbench.engines.pybullet.engine import PybulletEngine
 from hcbench.errors import SceneError
 from hcbench.impact import Launch
-from hcbench.reference.hertz import spheres
+from hcbench.laws.hertz import spheres
 from hcbench.scene import Scene, load_scene, read_scene, scene_names
 from hcbench.setting import Setting
+from hcbench.sim.engine import Engine
 
 INCH, POUND = 0.0254, 0.45359237
 STOCK = Setting("mujoco", "stock", 2e-3)

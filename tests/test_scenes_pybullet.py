@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from hcbench.engines import isolation
+from hcbench.workers import process
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -38,7 +38,7 @@ def _depths(form: str, places: Sequence[tuple[float, float, float]]) -> Iterator
 def test_the_plane_sees_the_penetration_of_the_equivalent_sphere() -> None:
     overlaps = np.geomspace(1e-9, 2.5e-5, 20)
     places = [(0.003, -0.01, R2 - overlap) for overlap in overlaps]
-    np.testing.assert_allclose(isolation.collect(_depths, "plane", places, limit=60), overlaps, atol=1e-16)
+    np.testing.assert_allclose(process.collect(_depths, "plane", places, limit=60), overlaps, atol=1e-16)
 
 
 def test_the_cup_sees_its_penetration_on_the_axis_and_off_it() -> None:
@@ -48,7 +48,7 @@ def test_the_cup_sees_its_penetration_on_the_axis_and_off_it() -> None:
     turns = rng.uniform(0.0, 2 * math.pi, 300)
     heights = R2 - np.sqrt((R2 - R1 + overlaps) ** 2 - offsets**2)
     places = np.column_stack([offsets * np.cos(turns), offsets * np.sin(turns), heights])
-    seen = isolation.collect(_depths, "cup", [tuple(place) for place in places.tolist()], limit=60)
+    seen = process.collect(_depths, "cup", [tuple(place) for place in places.tolist()], limit=60)
     np.testing.assert_allclose(seen, overlaps, rtol=0, atol=1e-8)
 
 

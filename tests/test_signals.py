@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from hcbench.sweep.folder import Folder
+from hcbench.benchmark.folder import Folder
 
 PROC = Path("/proc")
 pytestmark = pytest.mark.skipif(not (PROC / "self" / "stat").exists(), reason="no /proc to find processes in")

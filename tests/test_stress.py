@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from hcbench.errors import UserError
-from hcbench.reference import exact, hertz
-from hcbench.reference.elliptic import PRESSURE_LIMIT, Surface, contact, sphere
-from hcbench.reference.laws import HuntCrossley
-from hcbench.reference.stress import speed_at_force, speed_at_pressure, speed_at_shear
+from hcbench.laws import closed_form, hertz
+from hcbench.laws.force import HuntCrossley
+from hcbench.laws.hertz_elliptic import PRESSURE_LIMIT, Surface, contact, sphere
+from hcbench.laws.stress import speed_at_force, speed_at_pressure, speed_at_shear
 from hcbench.scene import Material
 
 INCH, POUND_MASS, POUND = 0.0254, 0.45359237, 4.4482216152605
@@ -22,7 +22,7 @@ PAIR = hertz.spheres(INCH, -2 * INCH, STEEL, STEEL)
 def test_the_speed_for_a_force_is_the_one_whose_impact_reaches_it(exponent: float, alpha: float) -> None:
     law = HuntCrossley(3.4e10, alpha, exponent)
     for speed in (0.01, 0.4, 30.0):
-        force = float(exact.force_max(law, POUND_MASS, speed))
+        force = float(closed_form.force_max(law, POUND_MASS, speed))
         assert speed_at_force(law, POUND_MASS, force) == pytest.approx(speed, rel=1e-12)
 
 
@@ -42,7 +42,7 @@ def test_at_16_in_per_s_the_limit_is_passed_by_not_more_than_about_15_percent() 
     for alpha, share in ((0.002, 1.13), (0.008, 1.117), (0.016, 1.106)):
         law = HuntCrossley(3.1e7 * POUND / INCH**1.5, alpha / INCH)
         pair = hertz.from_stiffness(law.stiffness, 2 * INCH)
-        over = pair.shear_max(float(exact.force_max(law, POUND_MASS, 16 * INCH))) / hertz.SHEAR_LIMIT
+        over = pair.shear_max(float(closed_form.force_max(law, POUND_MASS, 16 * INCH))) / hertz.SHEAR_LIMIT
         assert over == pytest.approx(share, abs=0.01)
         assert over < 1.15
 

@@ -10,10 +10,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from hcbench._files import filled_folder
+from hcbench.benchmark.results import RUN_KEY, Results
+from hcbench.benchmark.run import run_study
+from hcbench.benchmark.study import Study, find_study, load_study, name_of, study_from
 from hcbench.errors import StudyError
-from hcbench.results import RUN_KEY, Results, filled_folder
-from hcbench.run import run_study
-from hcbench.study import Study, find_study, load_study, name_of, study_from
 
 CONTENT = {
     "scene": "steel-plane",

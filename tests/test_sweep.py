@@ -20,13 +20,15 @@ import pandas as pd
 import pytest
 from sweep_engine import installed, note
 
+from hcbench.benchmark import cluster, shards, store
+from hcbench.benchmark.folder import Folder
+from hcbench.benchmark.read import is_sweep, read
+from hcbench.benchmark.run import run_study
+from hcbench.benchmark.study import study_from
+from hcbench.benchmark.sweep import Progress, sweep
+from hcbench.benchmark.worker import Patience
 from hcbench.cli import run as cli
 from hcbench.errors import CannotRun, OutputError, SettingError, UserError
-from hcbench.run import run_study
-from hcbench.study import study_from
-from hcbench.sweep import Progress, cluster, files, is_sweep, parts, read, sweep
-from hcbench.sweep.folder import Folder
-from hcbench.sweep.work import Patience
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -61,7 +63,7 @@ def small(
 
 @pytest.fixture(autouse=True)
 def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parts, "_IMPACTS", 16)
+    monkeypatch.setattr(shards, "_IMPACTS", 16)
 
 
 def whole(folder: Path) -> dict[str, bytes]:
@@ -78,7 +80,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, 
     """Folders of sweeps that nothing happened to, by name."""
     folder = tmp_path_factory.mktemp("undisturbed")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(parts, "_IMPACTS", 16)
+        patch.setattr(shards, "_IMPACTS", 16)
         sweep(study_from(ENGINES), folder / "engines", jobs=2)
         sweep(study_from(small()), folder / "small")
     yield {name: folder / name for name in ("engines", "small")}
@@ -172,10 +174,11 @@ KILLED = """
 import sys
 sys.path.insert(0, {tests!r})
 sys.path.insert(0, {package!r})
-from hcbench.sweep import parts, sweep
-from hcbench.study import study_from
+from hcbench.benchmark import shards
+from hcbench.benchmark.sweep import sweep
+from hcbench.benchmark.study import study_from
 from test_sweep import small
-parts._IMPACTS = 16
+shards._IMPACTS = 16
 sweep(study_from(small("tripping", "law")), {folder!r}, jobs=2, resume=True)
 """
 
@@ -344,8 +347,8 @@ def test_another_study_does_not_get_mixed_in(tmp_path: Path) -> None:
 
 def test_another_version_does_not_get_mixed_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sweep(study_from(small()), tmp_path)
-    real = parts.versions_here
-    monkeypatch.setattr(parts, "versions_here", lambda engines: {**real(engines), "numpy": "9.9"})
+    real = shards.versions_here
+    monkeypatch.setattr(shards, "versions_here", lambda engines: {**real(engines), "numpy": "9.9"})
     with pytest.raises(UserError, match=rf"numpy {np.__version__} instead of 9\.9"):
         sweep(study_from(small()), tmp_path, resume=True)
 
@@ -395,19 +398,19 @@ def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
 def test_a_full_disk_loses_nothing(
     tmp_path: Path, code: int, monkeypatch: pytest.MonkeyPatch, undisturbed: dict[str, Path]
 ) -> None:
-    real, left = files.Local.write, [4]
+    real, left = store.Local.write, [4]
 
-    def write(self: files.Local, name: str, content: bytes) -> None:
+    def write(self: store.Local, name: str, content: bytes) -> None:
         left[0] -= 1
         if left[0] < 0:
             raise OSError(code, os.strerror(code))
         real(self, name, content)
 
-    monkeypatch.setattr(files.Local, "write", write)
+    monkeypatch.setattr(store.Local, "write", write)
     with pytest.raises(OutputError, match=rf"{os.strerror(code)}.*--resume"):
         sweep(study_from(small()), tmp_path)
     monkeypatch.undo()
-    monkeypatch.setattr(parts, "_IMPACTS", 16)
+    monkeypatch.setattr(shards, "_IMPACTS", 16)
     end = sweep(study_from(small()), tmp_path, resume=True)
     assert 0 < end.found < 5
     assert whole(tmp_path) == whole(undisturbed["small"])
@@ -421,7 +424,7 @@ def test_a_file_that_cannot_be_written_whole_is_not_there(
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="No space left"):
-        files.Local(tmp_path).write("x", b"content")
+        store.Local(tmp_path).write("x", b"content")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -551,9 +554,11 @@ def test_an_executor_that_keeps_failing_is_one_line(tmp_path: Path) -> None:
 def test_a_worker_with_something_else_installed_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from hcbench.sweep import work
+    from hcbench.benchmark import worker
 
-    monkeypatch.setattr(work, "versions_here", lambda engines: {"hcbench": "0.0.1", "numpy": np.__version__})
+    monkeypatch.setattr(
+        worker, "versions_here", lambda engines: {"hcbench": "0.0.1", "numpy": np.__version__}
+    )
     with pytest.raises(CannotRun, match=r"worker: has hcbench 0\.0\.1; expected hcbench .*same everywhere"):
         sweep(study_from(small()), tmp_path)
 
@@ -595,13 +600,14 @@ sys.path.insert(0, {package!r})
 import hcbench
 from distributed import Client, LocalCluster
 from hcbench.errors import CannotRun
-from hcbench.study import study_from
-from hcbench.sweep import parts, sweep
+from hcbench.benchmark.study import study_from
+from hcbench.benchmark import shards
+from hcbench.benchmark.sweep import sweep
 from test_sweep import small
 
 if __name__ == "__main__":
     logging.disable(logging.WARNING)
-    parts._IMPACTS = 16
+    shards._IMPACTS = 16
     study = study_from(small("tripping", "law"))
     with LocalCluster(2, threads_per_worker=1, protocol="tcp://", dashboard_address=None) as workers:
         address = workers.scheduler_address

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, fly, pasted
 
+from hcbench.engines.mujoco.recipes.impulse import Impulse
+from hcbench.engines.mujoco.recipes.spring_damper import SpringDamper
+from hcbench.engines.pybullet.recipes.restitution import Restitution
+from hcbench.engines.pybullet.recipes.spring_damper import BulletSpringDamper
 from hcbench.errors import SettingError
-from hcbench.reference.laws import HuntCrossley
+from hcbench.laws.force import HuntCrossley
 from hcbench.tune.constant import contact_time, minimax_constant, spring_damper
-from hcbench.tune.impulse import Impulse
-from hcbench.tune.pybullet_restitution import Restitution
-from hcbench.tune.pybullet_spring_damper import BulletSpringDamper
-from hcbench.tune.spring_damper import SpringDamper
 from hcbench.tune.target import Target
 
 SPEEDS = np.array([1.0, 1.9, 4.7, 11.0, 20.0]) * INCH

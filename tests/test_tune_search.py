@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from hcbench.cli import run
-from hcbench.engines import registry
-from hcbench.engines.mujoco import MujocoEngine
+from hcbench.engines.mujoco.engine import MujocoEngine
+from hcbench.engines.mujoco.recipes import soft, two_pair
 from hcbench.impact import Launch
-from hcbench.reference import exact
-from hcbench.reference.laws import HuntCrossley
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
 from hcbench.scene import load_scene
 from hcbench.setting import Setting
-from hcbench.tune import soft, two_pair
+from hcbench.sim import registry
 from hcbench.tune.search import Search, SearchCut, watched
 from hcbench.tune.target import Target
 
@@ -86,7 +86,7 @@ def test_a_search_that_is_interrupted_hands_out_its_best(recipe: str) -> None:
     if recipe == "soft":  # what it says of itself is what the engine does with it
         v = [0.05, 0.2, 0.45]
         impacts = MujocoEngine().drop(SCENE, cut.best, [Launch(speed) for speed in v])
-        off = [abs(i.restitution - exact.restitution(ALPHA, i.speed_in)) for i in impacts]
+        off = [abs(i.restitution - closed_form.restitution(ALPHA, i.speed_in)) for i in impacts]
         assert max(off) < cut.error + 1e-3
         assert cut.error < 0.06, "no worse than the best constant e"
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, fly, pasted
 
+from hcbench.engines.mujoco.constraint_row import impedance
+from hcbench.engines.mujoco.recipes.soft import Soft, largest_power
 from hcbench.errors import SettingError
-from hcbench.reference.laws import HuntCrossley
+from hcbench.laws.force import HuntCrossley
 from hcbench.tune.constant import minimax_constant
-from hcbench.tune.rows import impedance
-from hcbench.tune.soft import Soft, largest_power
 from hcbench.tune.target import Target
 
 HELD_OUT = np.array([1.0, 1.37, 3.3, 8.0, 20.0]) * INCH

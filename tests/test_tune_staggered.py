@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, Flight, fly, pasted
 
+from hcbench.engines.mujoco.recipes.staggered import Staggered
 from hcbench.errors import SettingError
-from hcbench.reference import exact
-from hcbench.reference.laws import HuntCrossley
-from hcbench.tune.soften import SOFTENED_STEPS, served_law
-from hcbench.tune.staggered import Staggered
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
+from hcbench.tune.softening import SOFTENED_STEPS, served_law
 from hcbench.tune.target import Target
 
 HELD_OUT = np.array([1.0, 1.37, 2.1, 3.3, 5.2, 8.0, 12.3, 16.0, 20.0]) * INCH
@@ -36,7 +36,7 @@ def target_of(
 def measured(target: Target, speeds: np.ndarray, integrator: str = "Euler", phases: int = 8) -> Flight:
     setting = Staggered(integrator)(target)
     law = served_law(target)
-    longest = float(exact.duration(law, target.mass, speeds[[0, -1]]).max())
+    longest = float(closed_form.duration(law, target.mass, speeds[[0, -1]]).max())
     xml = pasted(dict(setting.options), target.timestep, target.mass)
     return fly(xml, target.timestep, speeds, 1.1 * longest + 4 * target.timestep, phases)
 
@@ -49,7 +49,7 @@ def loop_error(flight: Flight, target: Target, speeds: np.ndarray) -> float:
     """Worst root mean square distance in force at equal penetration and branch, over the law's largest."""
     law, worst = served_law(target), 0.0
     for i, speed in enumerate(speeds):
-        truth = exact.loop(law, target.mass, float(speed), 2001)
+        truth = closed_form.loop(law, target.mass, float(speed), 2001)
         top = len(truth.time) // 2
         for depth, rate in zip(flight.x[i], flight.v[i], strict=True):
             inside = np.flatnonzero(depth[:-1] > 0)
@@ -59,7 +59,7 @@ def loop_error(flight: Flight, target: Target, speeds: np.ndarray) -> float:
             off = force - np.where(np.arange(len(x)) <= x.argmax(), going_in, coming_out)
             path = np.abs(np.gradient(x))
             rms = float(np.sqrt((off**2 * path).sum() / path.sum()))
-            worst = max(worst, rms / float(exact.force_max(law, target.mass, float(speed))))
+            worst = max(worst, rms / float(closed_form.force_max(law, target.mass, float(speed))))
     return worst
 
 
@@ -110,7 +110,7 @@ def test_coarse_steps_soften_the_spring_and_keep_the_restitution(alpha: float, t
 
 def test_a_softened_contact_lasts_as_many_steps_as_asked() -> None:
     target = target_of(0.008, 1e-3)
-    shortest = exact.duration(served_law(target), STEEL_MASS, target.speed_max)
+    shortest = closed_form.duration(served_law(target), STEEL_MASS, target.speed_max)
     assert shortest / target.timestep == pytest.approx(SOFTENED_STEPS)
     assert served_law(target_of(0.008, 1e-6)) == target.law
 
@@ -128,7 +128,7 @@ def test_other_integrators_that_hold(integrator: str) -> None:
 )
 @pytest.mark.parametrize("alpha", [0.0005, 0.02])
 def test_any_mass_and_any_band(alpha: float, mass: float, band: tuple[float, float]) -> None:
-    contact = exact.duration(target_of(alpha, 1.0).law, mass, band[1] * INCH)
+    contact = closed_form.duration(target_of(alpha, 1.0).law, mass, band[1] * INCH)
     target = target_of(alpha, float(contact) / 160, mass=mass, band=band)
     speeds = np.geomspace(*band, 7) * INCH
     flight = measured(target, speeds, phases=4)

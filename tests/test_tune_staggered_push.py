@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, fly, pasted
 
+from hcbench.engines.mujoco.recipes.staggered_push import StaggeredPush
 from hcbench.errors import SettingError
-from hcbench.reference import exact
-from hcbench.reference.laws import HuntCrossley
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
 from hcbench.setting import Setting
-from hcbench.tune.staggered_push import StaggeredPush
 from hcbench.tune.target import Target
 
 HELD_OUT = np.array([1.0, 1.37, 3.3, 8.0, 20.0]) * INCH
@@ -76,7 +76,7 @@ def test_in_a_true_cup_on_and_off_the_axis(angle: float) -> None:
     e = -float(data.qvel[:3] @ away) / speed
     assert e == pytest.approx(float(target.restitution(speed)), abs=1e-4)
     assert np.abs(np.cross(data.qvel[:3], away)).max() < 1e-9 * speed
-    truth = exact.loop(target.law, STEEL_MASS, speed, 2001)
+    truth = closed_form.loop(target.law, STEEL_MASS, speed, 2001)
     top, deep = len(truth.time) // 2, int(np.argmax(x))
     inside = np.flatnonzero(np.array(x) > 0)
     going_in = np.interp(np.array(x)[inside], truth.penetration[: top + 1], truth.force[: top + 1])

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, fly, pasted
 
+from hcbench.engines.mujoco.constraint_row import Row, acceleration, restitution
+from hcbench.engines.mujoco.recipes.two_pair import TwoPair, contact_duration
 from hcbench.errors import SettingError
-from hcbench.reference.laws import HuntCrossley
-from hcbench.tune.rows import Row, acceleration, restitution
+from hcbench.laws.force import HuntCrossley
 from hcbench.tune.target import Target
-from hcbench.tune.two_pair import TwoPair, contact_duration
 
 HELD_OUT = np.array([1.0, 1.37, 2.1, 3.3, 5.2, 8.0, 12.3, 16.0, 20.0]) * INCH
 

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from hcbench.cli import run
-from hcbench.engines import registry
 from hcbench.errors import SettingError, UserError
-from hcbench.reference import exact
-from hcbench.reference.laws import HuntCrossley
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
 from hcbench.scene import load_scene
-from hcbench.tune.paste import paste, script
+from hcbench.sim import registry
+from hcbench.tune.evaluate import Rest, faults, held_out_speeds
+from hcbench.tune.snippet import paste, script
 from hcbench.tune.target import Target
-from hcbench.tune.tuning import choose, tune
-from hcbench.tune.verdict import Rest, faults, held_out_speeds
+from hcbench.tune.tune import choose, tune
 
 SCENE = load_scene("steel-plane")
 ALPHA = 0.008 / 0.0254
@@ -135,7 +135,7 @@ def test_the_written_scene_does_in_plain_mujoco_what_tune_says(
         [sys.executable, "-c", PLAIN_MUJOCO, str(scene)], capture_output=True, text=True, check=True
     )
     v, e = np.array([line.split() for line in done.stdout.splitlines()], dtype=float).T
-    error = np.abs(e - exact.restitution(ALPHA, v)).max()
+    error = np.abs(e - closed_form.restitution(ALPHA, v)).max()
     assert error <= said["verdict"]["max_error"] * 1.2 + 1e-9
     if within is not None:
         assert error < within
@@ -154,7 +154,7 @@ def test_the_written_script_does_in_plain_pybullet_what_tune_says(tmp_path: Path
 
 @pytest.mark.parametrize("recipe", ["hunt-crossley", "restitution-law"])
 def test_a_plug_in_pastes_as_the_lines_that_attach_it(recipe: str) -> None:
-    from hcbench.engines.mujoco import model_xml
+    from hcbench.engines.mujoco.engine import model_xml
     from hcbench.setting import Setting
 
     wanted = target(1e-6 if recipe == "hunt-crossley" else 1e-3)
@@ -170,7 +170,7 @@ def test_a_plug_in_pastes_as_the_lines_that_attach_it(recipe: str) -> None:
     while not (data.qvel[2] > 0 and data.qpos[2] > start):
         mujoco.mj_step(model, data)
     names["law"].detach()  # type: ignore[attr-defined]
-    assert data.qvel[2] / 0.3 == pytest.approx(float(exact.restitution(ALPHA, 0.3)), abs=1e-7)
+    assert data.qvel[2] / 0.3 == pytest.approx(float(closed_form.restitution(ALPHA, 0.3)), abs=1e-7)
 
 
 @pytest.mark.parametrize("recipe", ["auto", "staggered", "two-pair"])

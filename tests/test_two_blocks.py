@@ -10,16 +10,16 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
+from hcbench.engines.mujoco.recipes.staggered import Staggered
 from hcbench.errors import EngineMissing, SettingError
-from hcbench.paper import case, forced, two_blocks
+from hcbench.laws import closed_form
+from hcbench.paper import constants, forced, two_blocks
 from hcbench.paper.engines import track
-from hcbench.reference import exact
-from hcbench.reference.vibroimpact import VibroImpact
+from hcbench.paper.vibroimpact.system import VibroImpact
 from hcbench.scene import scene_names
-from hcbench.tune.staggered import Staggered
 from hcbench.tune.target import Target
 
-FOLDER, LAW = two_blocks.folder(), case.law(case.ALPHAS[-1])
+FOLDER, LAW = two_blocks.folder(), constants.law(constants.ALPHAS[-1])
 
 
 def _numbers(text: str) -> list[float]:
@@ -33,14 +33,14 @@ def test_it_is_no_scene_of_a_ball_on_a_plate() -> None:
 def test_the_mjcf_says_the_case_and_the_gap_of_the_page() -> None:
     mujoco = pytest.importorskip("mujoco")
     model = mujoco.MjModel.from_xml_path(str(FOLDER / "scene.xml"))
-    assert model.body("ball").mass[0] == case.MASS
+    assert model.body("ball").mass[0] == constants.MASS
     assert model.opt.gravity.tolist() == [0.0, 0.0, 0.0]
     gap = model.geom("right").pos[0] - model.geom("left").pos[0] - 2 * model.geom("ball").size[0]
     assert gap == pytest.approx(forced.LOOSE.gap, rel=1e-12)
     data = mujoco.MjData(model)
     data.ctrl[0] = 150.0
     mujoco.mj_step(model, data)
-    assert data.qvel[0] / model.opt.timestep * case.MASS == pytest.approx(150.0, rel=1e-12)
+    assert data.qvel[0] / model.opt.timestep * constants.MASS == pytest.approx(150.0, rel=1e-12)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     assert data.qvel[0] == forced.START
 
@@ -59,7 +59,7 @@ def test_the_urdfs_put_a_plane_on_either_side() -> None:
         [sys.executable, "-c", code, str(FOLDER)], capture_output=True, text=True, check=True
     )
     mass, left, right = map(float, done.stdout.split("\n")[-2].split())
-    assert mass == case.MASS
+    assert mass == constants.MASS
     assert left == pytest.approx(7.5e-4, abs=1e-12)
     assert right == pytest.approx(7.5e-4, abs=1e-12)
 
@@ -91,7 +91,7 @@ def test_the_tuned_file_runs_in_plain_mujoco_and_loses_what_the_law_loses() -> N
         if abs(data.qpos[0]) < 5e-4 and (not speeds or data.qvel[0] * speeds[-1] < 0.0):
             speeds.append(float(data.qvel[0]))
     for before, after in itertools.pairwise(speeds):
-        e = float(exact.restitution(LAW.alpha, abs(before)))
+        e = float(closed_form.restitution(LAW.alpha, abs(before)))
         assert -after / before == pytest.approx(e, abs=1e-3)
 
 
@@ -103,11 +103,11 @@ def test_the_mass_and_the_gap_are_the_systems() -> None:
     inertial = next(root.iter("inertial"))
     assert float(inertial.attrib["mass"]) == 2.0
     own = _numbers(inertial.attrib["diaginertia"])[0]
-    assert own / 1.1705586137168e-4 == pytest.approx(2.0 / case.MASS, rel=1e-12)
+    assert own / 1.1705586137168e-4 == pytest.approx(2.0 / constants.MASS, rel=1e-12)
 
 
 def test_a_lower_impedance_asked_of_staggered_is_the_highest_there_is() -> None:
-    target = Target(LAW, case.MASS, 1e-6, 0.02, 0.6)
+    target = Target(LAW, constants.MASS, 1e-6, 0.02, 0.6)
     for impedance in (0.05, 0.5):
         rows = Staggered(impedance=impedance).rows(target)
         assert max(row.solimp[1] for row in rows) == impedance

@@ -13,13 +13,13 @@ from scipy.integrate import quad, solve_ivp
 from scipy.special import gamma
 
 from hcbench.errors import UserError
-from hcbench.reference import exact
-from hcbench.reference.blocks import simulate
-from hcbench.reference.elliptic import contact, sphere
-from hcbench.reference.forced import _extreme, kelvin_voigt_blocks, linearized, orbits
-from hcbench.reference.later_laws import Flores
-from hcbench.reference.laws import HuntCrossley, KelvinVoigt
-from hcbench.reference.vibroimpact import Run, Sinusoid, VibroImpact, between, stored
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley, KelvinVoigt
+from hcbench.laws.hertz_elliptic import contact, sphere
+from hcbench.laws.published import Flores
+from hcbench.paper.vibroimpact.response import _extreme, kelvin_voigt_blocks, linearized, orbits
+from hcbench.paper.vibroimpact.simulate import simulate
+from hcbench.paper.vibroimpact.system import Run, Sinusoid, VibroImpact, between, stored
 from hcbench.scene import Material
 
 K, MASS, ALPHA = 3.4064e10, 0.45359237, 0.3
@@ -41,9 +41,9 @@ def test_free_impacts_come_when_the_closed_forms_say_to_1e_12_s() -> None:
     time, wanted = 0.5 * gap / speed, []
     while time < until:
         wanted.append(time)
-        time += float(exact.duration(LAW, MASS, speed))
+        time += float(closed_form.duration(LAW, MASS, speed))
         wanted.append(time)
-        speed *= float(exact.restitution(ALPHA, speed))
+        speed *= float(closed_form.restitution(ALPHA, speed))
         time += gap / speed
     got = np.array([e.time for e in run.events])
     assert len(got) > 12

@@ -8,23 +8,23 @@ import numpy as np
 import pytest
 
 from hcbench.errors import UserError
-from hcbench.paper import case
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley, KelvinVoigt
+from hcbench.paper import constants
 from hcbench.paper.engines import Track, track
-from hcbench.reference import exact
-from hcbench.reference.blocks import simulate
-from hcbench.reference.laws import HuntCrossley, KelvinVoigt
-from hcbench.reference.vibroimpact import Sinusoid, VibroImpact
+from hcbench.paper.vibroimpact.simulate import simulate
+from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
 
 if TYPE_CHECKING:
     from hcbench.paper.engines import Where
 
-LAW = case.law(case.ALPHAS[-1])
+LAW = constants.law(constants.ALPHAS[-1])
 BOTH = pytest.mark.parametrize("where", ["mujoco", "pybullet"])
 TUNED = pytest.mark.parametrize("where", [pytest.param("mujoco", marks=pytest.mark.adhesion), "pybullet"])
 
 
 def _system(gap: float, law: Any = LAW) -> VibroImpact:
-    return VibroImpact(case.MASS, gap, law, law)
+    return VibroImpact(constants.MASS, gap, law, law)
 
 
 def _apart(
@@ -86,7 +86,7 @@ def test_native_contact_is_right_at_the_first_impact(where: Where) -> None:
     found = track(where, system, 0.0, 0.4, 0.02, timestep=2e-6, native_at=0.4)
     free = np.abs(found.resultant) < 1e-6 * np.abs(found.resultant).max()
     after = found.velocity[free & (found.velocity < 0.0)][2]
-    assert -after / 0.4 == pytest.approx(float(exact.restitution(LAW.alpha, 0.4)), abs=2e-3)
+    assert -after / 0.4 == pytest.approx(float(closed_form.restitution(LAW.alpha, 0.4)), abs=2e-3)
 
 
 @TUNED

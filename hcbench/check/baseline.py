@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from hcbench.measure.model import Measurement
+    from hcbench.measure.measurement import Measurement
 
 SCHEMA = 1
 KIND = "hcbench baseline"
@@ -37,7 +37,7 @@ class Baseline:
 
 def write_baseline(path: Path, measured: Mapping[str, Measurement]) -> None:
     """Write what was measured, by the names of the checks, whole or not at all."""
-    from hcbench.results import json_text, write_text  # pandas comes with it: only when something is written
+    from hcbench._files import json_text, write_text
 
     content = {
         "schema": SCHEMA,

@@ -13,7 +13,7 @@ from hcbench.check.plan import Ask, plan
 from hcbench.check.run import run_checks
 from hcbench.check.table import checks_of, find_table
 from hcbench.errors import OutputError, UserError
-from hcbench.measure.words import plain
+from hcbench.measure.sanitized import plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -70,9 +70,9 @@ def _listed(path: Path, ask: Ask) -> list[Check]:
 
 
 def _study(path: Path, ask: Ask, jobs: int, progress: Progress) -> Report:
+    from hcbench.benchmark.results import Results
+    from hcbench.benchmark.study import find_study
     from hcbench.check.studies import check_results, check_study
-    from hcbench.results import Results
-    from hcbench.study import find_study
 
     if any(value is not None for value in (ask.restitution, ask.pairs, ask.baseline, ask.alpha, ask.pair)):
         raise UserError(
@@ -100,9 +100,9 @@ def write_outputs(report: Report, outputs: Outputs) -> None:
     """
     if outputs == Outputs():
         return
+    from hcbench._files import write_bytes, write_text
     from hcbench.check.junit import as_junit
     from hcbench.check.words import as_markdown
-    from hcbench.results import write_bytes, write_text
 
     if outputs.junit is not None:
         write_text(outputs.junit, as_junit(report))

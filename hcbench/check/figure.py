@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.measure.show import kept_loops
-from hcbench.measure.words import plain
+from hcbench.measure.sanitized import plain
+from hcbench.measure.text import kept_loops
 from hcbench.report.style import INK, LAW, drawing, new_figure, png_bytes, speed_axis, svg_bytes
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from hcbench.check.model import Outcome, Report
-    from hcbench.measure.model import Measurement
+    from hcbench.measure.measurement import Measurement
 
 _MEASURED = "#0072B2"
 _LIMIT = "#D55E00"

@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 
 from hcbench.check.model import Verdict
 from hcbench.check.words import outcome_text
-from hcbench.measure.words import plain
+from hcbench.measure.sanitized import plain
 
 if TYPE_CHECKING:
     from hcbench.check.model import Report

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from hcbench.check.baseline import Baseline
-    from hcbench.measure.model import Measurement, Request, Wanted
+    from hcbench.measure.measurement import Measurement, Request, Wanted
 
 MAX_ERROR = 0.02
 MAX_DRIFT = 1e-4  # of e from a baseline: far above rounding, far below what anybody sees

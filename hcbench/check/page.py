@@ -11,11 +11,11 @@ import math
 from typing import TYPE_CHECKING
 
 from hcbench.check.figure import curve_svg, loops_svg
-from hcbench.measure.show import effective_mass, law_of, score_of
-from hcbench.measure.words import number, plain, without_empty
+from hcbench.measure.sanitized import number, plain, without_empty
+from hcbench.measure.text import effective_mass, law_of, score_of
 
 if TYPE_CHECKING:
-    from hcbench.measure.model import Measurement
+    from hcbench.measure.measurement import Measurement
 
 _TEMPLATE = """<!DOCTYPE html>
 <html lang="en">

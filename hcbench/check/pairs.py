@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from hcbench import units
 from hcbench.errors import QuantityError, UserError
-from hcbench.measure.words import plain
+from hcbench.measure.sanitized import plain
 
 if TYPE_CHECKING:
     from pathlib import Path

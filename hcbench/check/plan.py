@@ -12,9 +12,9 @@ from hcbench.check.model import MAX_DRIFT, MAX_ERROR, Check
 from hcbench.check.pairs import read_pairs
 from hcbench.errors import QuantityError, UserError
 from hcbench.measure.measure import LIMIT_S
-from hcbench.measure.model import Wanted
+from hcbench.measure.measurement import Wanted
 from hcbench.measure.request import make_request
-from hcbench.measure.words import plain
+from hcbench.measure.sanitized import plain
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

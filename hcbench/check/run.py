@@ -10,14 +10,14 @@ from hcbench.check.model import Check, Outcome, Report, Row, Verdict
 from hcbench.errors import HcbenchError, UserError
 from hcbench.impact import Status
 from hcbench.measure.measure import Job, measure_job
-from hcbench.measure.model import TOLERANCE, Wanted
-from hcbench.measure.words import plain
+from hcbench.measure.measurement import TOLERANCE, Wanted
+from hcbench.measure.sanitized import plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from hcbench.impact import Impact
-    from hcbench.measure.model import Measurement
+    from hcbench.measure.measurement import Measurement
 
 
 def run_checks(checks: Sequence[Check], progress: Callable[[int, int], None] | None = None) -> Report:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from hcbench.benchmark.results import RUN_KEY, Results
+from hcbench.benchmark.run import run_study
+from hcbench.benchmark.study import load_study
 from hcbench.check.model import MAX_ERROR, Outcome, Report, Row, Verdict
 from hcbench.impact import Status
-from hcbench.results import RUN_KEY, Results
-from hcbench.run import run_study
-from hcbench.study import load_study
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from hcbench.check.plan import Ask, plan
 from hcbench.errors import UserError
-from hcbench.measure.words import plain
+from hcbench.measure.sanitized import plain
 
 if TYPE_CHECKING:
     from hcbench.check.model import Check

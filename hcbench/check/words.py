@@ -8,8 +8,8 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from hcbench.check.model import Verdict
-from hcbench.measure.show import as_record, cause_lines, headline
-from hcbench.measure.words import number, plain, table
+from hcbench.measure.sanitized import number, plain, table
+from hcbench.measure.text import as_record, cause_lines, headline
 
 if TYPE_CHECKING:
     from hcbench.check.model import Outcome, Report, Row

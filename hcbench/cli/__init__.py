@@ -12,9 +12,9 @@ from contextlib import suppress
 
 import click
 
+from hcbench.cli._process import Interrupted, ending_well, leave_streams, take_signals, take_streams
 from hcbench.cli.check import check, measure
 from hcbench.cli.convert import convert
-from hcbench.cli.ends import Interrupted, ending_well, leave_streams, take_signals, take_streams
 from hcbench.cli.paper import paper
 from hcbench.cli.report import report
 from hcbench.cli.show import engines, reference

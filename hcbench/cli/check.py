@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from hcbench.cli._process import path_type
 from hcbench.cli.console import as_json, jobs_option, print_json, progress
-from hcbench.cli.ends import path_type
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
@@ -64,10 +64,10 @@ def measure(
     Restitution, loops, and why it is not as asked, of the model as you have it.
     """
     from hcbench import units
+    from hcbench._files import write_text
     from hcbench.measure.measure import LIMIT_S, measure
-    from hcbench.measure.model import Wanted
-    from hcbench.measure.show import as_record, as_text
-    from hcbench.results import write_text
+    from hcbench.measure.measurement import Wanted
+    from hcbench.measure.text import as_record, as_text
 
     sources = _sources(models, python)
     if not sources:

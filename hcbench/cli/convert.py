@@ -27,7 +27,7 @@ def convert(as_json: bool, reading: Any, solref: str | None, **given: str | None
     Between α, Drake, Simbody, MuJoCo, PyBullet, Chrono, LAMMPS and an e at a speed.
     """
     from hcbench import units
-    from hcbench.reference.conventions import convert
+    from hcbench.laws.conventions import convert
 
     kinds = {"drake": "alpha", "simbody": "alpha", "restitution": "number", "contact_time": "timestep"}
     values: dict[str, Any] = {

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
+from hcbench.cli._process import path_type
 from hcbench.cli.console import jobs_option, progress
-from hcbench.cli.ends import path_type
 
 
 @click.command()

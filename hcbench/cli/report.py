@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
+from hcbench.cli._process import path_type
 from hcbench.cli.console import jobs_option, progress
-from hcbench.cli.ends import path_type
 
 
 @click.command()
@@ -22,12 +22,12 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
 
     STUDY is a study.toml, its folder, or a built-in name; or the folder of a finished sweep.
     """
-    from hcbench.crew import Crew
+    from hcbench._files import filled_folder
+    from hcbench.benchmark.read import is_sweep, read
+    from hcbench.benchmark.run import run_with
+    from hcbench.benchmark.study import find_study, load_study, name_of
     from hcbench.report.build import build
-    from hcbench.results import filled_folder
-    from hcbench.run import run_with
-    from hcbench.study import find_study, load_study, name_of
-    from hcbench.sweep import is_sweep, read
+    from hcbench.workers.pool import Crew
 
     if is_sweep(study):
         folder = out or Path("reports") / Path(study).resolve().name

@@ -44,8 +44,8 @@ def reference(
     import numpy as np
 
     from hcbench import units
-    from hcbench.reference.laws import HuntCrossley
-    from hcbench.reference.table import PAPER_RELATIVE_RADIUS, describe
+    from hcbench.laws.force import HuntCrossley
+    from hcbench.laws.summary import PAPER_RELATIVE_RADIUS, describe
 
     alphas = np.concatenate([units.parse_values(a, "alpha", "--alpha") for a in alpha])
     speeds = np.concatenate([units.parse_values(v, "speed", "--speed") for v in speed])
@@ -84,9 +84,9 @@ def engines(as_json: bool) -> None:
 
     With their versions, and how to install a missing one.
     """
-    from hcbench.engines import registry
+    from hcbench.benchmark.run import RECIPES
     from hcbench.errors import EngineMissing
-    from hcbench.run import RECIPES
+    from hcbench.sim import registry
 
     found: list[dict[str, Any]] = []
     for name in registry.names():

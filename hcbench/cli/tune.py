@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from hcbench.cli._process import Interrupted, path_type
 from hcbench.cli.console import as_json, print_json, progress
-from hcbench.cli.ends import Interrupted, path_type
 from hcbench.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
     from hcbench.scene import Scene
     from hcbench.tune.search import SearchCut
     from hcbench.tune.target import Target
-    from hcbench.tune.tuning import Tuned
+    from hcbench.tune.tune import Tuned
 
 _SPEEDS = "1:20 in/s"
 
@@ -52,8 +52,9 @@ def tune(engine: str, as_json: bool, write_scene: Path | None, max_error: float 
 
     Prints what to write in ENGINE (mujoco, pybullet), and how wrong it is.
     """
-    from hcbench.results import write_text
-    from hcbench.tune import paste, tuning
+    from hcbench._files import write_text
+    from hcbench.tune import snippet
+    from hcbench.tune import tune as tuning
     from hcbench.tune.search import SearchCut
 
     if max_error is not None and not 0 <= max_error <= 1:
@@ -66,9 +67,9 @@ def tune(engine: str, as_json: bool, write_scene: Path | None, max_error: float 
     except SearchCut as cut:
         _hand_out(cut, scene, as_json)
         raise Interrupted(f"interrupted: {cut}") from None
-    text = paste.paste(tuned.setting, scene.form, scene.relative_radius)
+    text = snippet.paste(tuned.setting, scene.form, scene.relative_radius)
     if write_scene is not None:
-        write_text(write_scene, paste.script(tuned.scene, tuned.setting))
+        write_text(write_scene, snippet.script(tuned.scene, tuned.setting))
     if as_json:
         print_json(_as_json(tuned, text))
     else:
@@ -81,7 +82,7 @@ def tune(engine: str, as_json: bool, write_scene: Path | None, max_error: float 
 
 def _asked(given: dict[str, Any]) -> tuple[Scene, Target]:
     from hcbench import units
-    from hcbench.reference.laws import HuntCrossley
+    from hcbench.laws.force import HuntCrossley
     from hcbench.scene import load_scene
     from hcbench.tune.target import Target
 
@@ -149,7 +150,7 @@ def _points(text: str) -> tuple[tuple[float, float], ...]:
 
 
 def _print(tuned: Tuned, text: str) -> None:
-    from hcbench.tune.tuning import rest_words
+    from hcbench.tune.tune import rest_words
 
     verdict, target = tuned.verdict, tuned.target
     truth = {"law": "e of (16)", "linear": "1 - α v", "points": "the e asked for"}[target.reading]
@@ -187,9 +188,9 @@ def _percent(share: float) -> str:
 
 def _hand_out(cut: SearchCut, scene: Scene, as_json: bool) -> None:
     """What a search that was interrupted has found; the engine has not judged it."""
-    from hcbench.tune import paste
+    from hcbench.tune import snippet
 
-    text = paste.paste(cut.best, scene.form, scene.relative_radius)
+    text = snippet.paste(cut.best, scene.form, scene.relative_radius)
     short = {"evaluations": cut.done, "at_most": cut.budget, "max_error_by_model": cut.error}
     if as_json:
         head = {"schema": 1, "engine": cut.best.engine, "recipe": cut.best.name, "cut_short": short}

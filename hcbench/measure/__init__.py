@@ -6,7 +6,7 @@ import sys
 from types import ModuleType
 
 from hcbench.measure.measure import measure
-from hcbench.measure.model import Cause, Measurement, Request, Wanted
+from hcbench.measure.measurement import Cause, Measurement, Request, Wanted
 
 __all__ = ["Cause", "Measurement", "Request", "Wanted", "measure"]
 

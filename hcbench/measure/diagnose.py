@@ -13,13 +13,13 @@ import numpy as np
 
 from hcbench.errors import HcbenchError
 from hcbench.impact import Status
-from hcbench.measure.model import NOTABLE_GAIN, TOLERANCE, Candidate, Cause
+from hcbench.measure.measurement import NOTABLE_GAIN, TOLERANCE, Candidate, Cause
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from hcbench.impact import Impact, Launch
-    from hcbench.measure.model import Subject, Wanted
+    from hcbench.measure.measurement import Subject, Wanted
 
 _SHIFT = 0.5  # of the error: how much of it a fix must take away, where that is less than the tolerance
 _PROBE_PHASES = 4

@@ -12,18 +12,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hcbench.engines import isolation
 from hcbench.errors import EngineFailed, HcbenchError, UserError
 from hcbench.measure.diagnose import diagnose, goal_of
-from hcbench.measure.model import (
-    TOLERANCE,
-    Measurement,
-    Request,
-    Subject,
-    Wanted,
-)
+from hcbench.measure.measurement import TOLERANCE, Measurement, Request, Subject, Wanted
 from hcbench.measure.request import make_request
-from hcbench.measure.words import plain
+from hcbench.measure.sanitized import plain
+from hcbench.workers import process
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -94,8 +88,8 @@ def measure_job(job: Job, limit: float = LIMIT_S) -> Measurement:
         return _measured(subject, job.request, job.wanted, job.tolerance, job.diagnose)
     job = dataclasses.replace(job, source=source)
     try:
-        (found,) = isolation.collect(_in_worker, job, limit=limit)
-    except isolation.WorkerDied as death:
+        (found,) = process.collect(_in_worker, job, limit=limit)
+    except process.WorkerDied as death:
         raise EngineFailed(
             "model",
             f"{_label(source)}: the engine's process was lost: {death.got}",
@@ -172,7 +166,7 @@ def _subject(source: Any, engine: str | None, request: Request) -> Subject:
         source = again()
     name = engine or _engine_of(source)
     if name == "mujoco":
-        from hcbench.measure.mujoco import subject as mujoco_subject
+        from hcbench.engines.mujoco.measured import subject as mujoco_subject
 
         if isinstance(source, list | tuple):
             if len(source) != 1:
@@ -182,7 +176,7 @@ def _subject(source: Any, engine: str | None, request: Request) -> Subject:
             source = source[0]
         return mujoco_subject(source, request)
     if name == "pybullet":
-        from hcbench.measure.pybullet import subject as pybullet_subject
+        from hcbench.engines.pybullet.measured import subject as pybullet_subject
 
         return pybullet_subject(source, request, again)
     raise UserError("engine", repr(name), "mujoco or pybullet")

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
+from hcbench._files import filled_folder, write_bytes, write_text
+from hcbench.laws.published import LAWS
+from hcbench.paper.approximations import APPROXIMATIONS
 from hcbench.paper.drawings import drawings
 from hcbench.paper.forced import FULL, QUICK
 from hcbench.paper.numbers import FACTOR_MASSES, digits, factors, printed_numbers
-from hcbench.reference.approximations import APPROXIMATIONS
-from hcbench.reference.later_laws import LAWS
 from hcbench.report import style
-from hcbench.results import filled_folder, write_bytes, write_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable

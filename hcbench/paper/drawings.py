@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Literal
 
-from hcbench.paper import beyond, forced, gaps, impacts
+from hcbench.paper import forced, impacts, later_figures, vibroimpact_figures
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -95,7 +95,7 @@ def _gap() -> list[Drawing]:
             "(a) with clearance, (b) with none, (c) fastened to a spring: (b) and (c) have the same law"
             " of force but only (c) can pull.",
             "Force over position: flat in the middle of a gap, one straight line without a gap.",
-            gaps.figure_5,
+            vibroimpact_figures.figure_5,
         ),
         Drawing(
             "gap",
@@ -103,7 +103,7 @@ def _gap() -> list[Drawing]:
             "Fig. 6. The fastened mass, damped as eq. (4) has it",
             "Free vibration in closed form, ζ = 0.04: thin ellipses that shrink exponentially.",
             "A spiral of thin ellipses along a straight line.",
-            gaps.figure_6,
+            vibroimpact_figures.figure_6,
         ),
         Drawing(
             "gap",
@@ -112,7 +112,7 @@ def _gap() -> list[Drawing]:
             "One cycle of free motion by eq. (16) on both sides; the second half is smaller by what the"
             " first has lost. The paper draws flat contacts (left); spheres (right) are ours.",
             "Two loops, one above and one below, that meet at the origin with a sharp point.",
-            gaps.figure_7,
+            vibroimpact_figures.figure_7,
         ),
         Drawing(
             "gap",
@@ -122,7 +122,7 @@ def _gap() -> list[Drawing]:
             " (dotted), so each block is left and met again. Computed, where the paper sketches.",
             "Left: two overlapping loops, the right block's above and the left block's below. Right:"
             " their sum, one slanted loop.",
-            gaps.figure_8,
+            vibroimpact_figures.figure_8,
         ),
         Drawing(
             "gap",
@@ -131,7 +131,7 @@ def _gap() -> list[Drawing]:
             "The same at a smaller swing: no block is left. Dashed: the ellipse of the linearised law, for"
             " the same swing and frequency; the two differ with the square of the swing.",
             "Left: two slim loops apart from each other. Right: their sum, which lies on an ellipse.",
-            gaps.figure_9,
+            vibroimpact_figures.figure_9,
         ),
     ]
 
@@ -146,7 +146,7 @@ def _steps() -> list[Drawing]:
             " enters, and n only for the depth (8), here 3/2. Dots: where it errs by 1 % and by 10 %, the"
             " numbers of the table. Grey: the α v of the loops in Fig. 4.",
             "Seven rising lines, log-log. Loss (3) is the least exact, loss from depth (11) the most.",
-            beyond.approximations_figure,
+            later_figures.approximations_figure,
         ),
         Drawing(
             "steps",
@@ -157,7 +157,7 @@ def _steps() -> list[Drawing]:
             " and pulls, the very fault of (4).",
             "Left: restitution over α v, the curves of q = 1 and q = 2 nearly alike. Right: the loop of q"
             " = 2 falls below zero before parting.",
-            beyond.quadratic_figure,
+            later_figures.quadratic_figure,
         ),
     ]
 
@@ -172,7 +172,7 @@ def _later() -> list[Drawing]:
             " whatever k, n and m are; no simulation.",
             "Restitution delivered over asked for ten laws. Exact lies on the diagonal, Carvalho-Martins"
             " and Hu-Guo near it, Lee-Wang farthest above.",
-            beyond.later_laws_figure,
+            later_figures.later_laws_figure,
         ),
     ]
 

@@ -14,17 +14,17 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from hcbench.engines import isolation
-from hcbench.engines.registry import engine
+from hcbench.laws.force import HuntCrossley
+from hcbench.laws.require import positive, require
 from hcbench.paper import two_blocks
-from hcbench.reference.laws import HuntCrossley
-from hcbench.reference.require import positive, require
+from hcbench.sim.registry import engine
+from hcbench.workers import process
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from hcbench.impact import Floats
-    from hcbench.reference.vibroimpact import Sinusoid, VibroImpact
+    from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
 
 Where = Literal["mujoco", "pybullet"]
 LIMIT = 120.0  # s of wall time for one run
@@ -75,7 +75,7 @@ def track(
     engine(where).version()  # raises EngineMissing
     kicks = _Kicks(system.mass, drive, timestep)
     case = _Case(system, law, position, velocity, math.ceil(until / timestep) + 1, kicks, native_at)
-    return isolation.collect(_run, where, case, limit=LIMIT)[0]
+    return process.collect(_run, where, case, limit=LIMIT)[0]
 
 
 def _run(where: Where, case: _Case) -> Iterator[Track]:
@@ -130,7 +130,7 @@ class _Case:
 def _in_mujoco(case: _Case) -> Track:
     import mujoco
 
-    from hcbench.contact import mujoco as contact
+    from hcbench.engines.mujoco.plugin import attach as contact
 
     kicks = case.kicks
     if case.native_at is not None:
@@ -161,8 +161,8 @@ def _in_pybullet(case: _Case) -> Track:
 
 
 def _bullet_track(bullet: Any, client: int, case: _Case) -> Track:
-    from hcbench.contact import pybullet as contact
-    from hcbench.tune.pybullet_restitution import BALL, WORLD
+    from hcbench.engines.pybullet.plugin import attach as contact
+    from hcbench.engines.pybullet.recipes.restitution import BALL, WORLD
 
     system, kicks, native_at = case.system, case.kicks, case.native_at
     own = {} if native_at is None else two_blocks.bullet_options(system, kicks.step, native_at)

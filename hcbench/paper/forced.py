@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.errors import EngineMissing
-from hcbench.paper import case
+from hcbench.paper import constants
 from hcbench.paper.engines import track
 from hcbench.paper.pens import BLUE, GREY, ORANGE, numbered
-from hcbench.reference.blocks import simulate
-from hcbench.reference.forced import kelvin_voigt_blocks, linearized, orbits
-from hcbench.reference.vibroimpact import Sinusoid, VibroImpact
+from hcbench.paper.vibroimpact.response import kelvin_voigt_blocks, linearized, orbits
+from hcbench.paper.vibroimpact.simulate import simulate
+from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
 from hcbench.report.style import legend_below, new_figure
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from hcbench.impact import Floats
     from hcbench.paper.engines import Track, Where
-    from hcbench.reference.vibroimpact import Run
+    from hcbench.paper.vibroimpact.system import Run
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +47,8 @@ QUICK = Effort(values=6, cycles=6, kept=3, response=6, timestep=2e-5)
 
 
 def _steel(gap: float) -> VibroImpact:
-    law = case.law(case.ALPHAS[-1])
-    return VibroImpact(case.MASS, gap, law, law)
+    law = constants.law(constants.ALPHAS[-1])
+    return VibroImpact(constants.MASS, gap, law, law)
 
 
 SQUEEZED, FORCES = _steel(-1e-5), (4.0, 120.0, 400.0)

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.paper import case
-from hcbench.paper.case import INCH, POUND_FORCE
+from hcbench.laws import closed_form
+from hcbench.laws import kelvin_voigt as kv
+from hcbench.laws.force import HuntCrossley
+from hcbench.paper import approximations, constants
+from hcbench.paper.constants import INCH, POUND_FORCE
 from hcbench.paper.pens import BAD, BLUE, GREEN, GREY, ORANGE, PURPLE, bare, mark, span
-from hcbench.reference import approximations, exact
-from hcbench.reference import kelvin_voigt as kv
-from hcbench.reference.laws import HuntCrossley
 from hcbench.report.style import INK, inch_axis, legend_below, new_figure
 
 if TYPE_CHECKING:
@@ -28,10 +28,10 @@ def figure_1() -> tuple[Figure, str]:
     With what (4) returns in its other reading, where contact ends as soon as the force does.
     """
     law, mass = HuntCrossley(1.0, SKETCH_ALPHA_SPEED), 1.0
-    e = float(exact.restitution(law.alpha, 1.0))
-    time = float(exact.duration(law, mass, 1.0))
+    e = float(closed_form.restitution(law.alpha, 1.0))
+    time = float(closed_form.duration(law, mass, 1.0))
     linear = kv.matched(e, time, mass, kv.Ending.SURFACE)
-    a, b = kv.loop(linear, mass, 1.0, kv.Ending.SURFACE), exact.loop(law, mass, 1.0)
+    a, b = kv.loop(linear, mass, 1.0, kv.Ending.SURFACE), closed_form.loop(law, mass, 1.0)
     figure = new_figure(8.4, 3.5)
     left, right = figure.subplots(1, 2, sharey=True)
     left.plot(a.penetration, a.force, color=ORANGE)
@@ -93,7 +93,7 @@ def figure_2() -> Figure:
 def figure_3() -> Figure:
     """The loop of (16) with its loss, the elastic law, and the two halves that (12) takes as equal."""
     law = HuntCrossley(1.0, SKETCH_ALPHA_SPEED)
-    loop = exact.loop(law, 1.0, 1.0)
+    loop = closed_form.loop(law, 1.0, 1.0)
     depth = loop.penetration.max()
     middle = loop.penetration**1.5
     figure = new_figure(6.4, 3.4)
@@ -130,10 +130,10 @@ def figure_4() -> Figure:
     figure = new_figure(8.6, 7.2)
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
     limit = 600.0
-    for axes, alpha in zip(panels.flat, case.ALPHAS, strict=True):
+    for axes, alpha in zip(panels.flat, constants.ALPHAS, strict=True):
         handles = []
-        for speed, colour in zip(case.SPEEDS, LOOP_COLOURS, strict=True):
-            loop = exact.loop(case.law(alpha), case.MASS, speed)
+        for speed, colour in zip(constants.SPEEDS, LOOP_COLOURS, strict=True):
+            loop = closed_form.loop(constants.law(alpha), constants.MASS, speed)
             x, force = loop.penetration / INCH * 1e3, loop.force / POUND_FORCE
             handles += axes.plot(x, force, color=colour, linewidth=1.4, label=f"{speed / INCH:.0f} in/s")
         axes.axhline(limit, color=BAD, linewidth=0.9, linestyle=(0, (4, 2)))

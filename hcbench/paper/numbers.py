@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from hcbench.paper import case
-from hcbench.paper.case import INCH, POUND_FORCE, PSI
-from hcbench.reference import exact, hertz, simulate
-from hcbench.reference.elliptic import largest_shear
-from hcbench.reference.laws import HuntCrossley
+from hcbench.laws import closed_form, hertz, ode
+from hcbench.laws.force import HuntCrossley
+from hcbench.laws.hertz_elliptic import largest_shear
+from hcbench.paper import constants
+from hcbench.paper.constants import INCH, POUND_FORCE, PSI
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -81,7 +81,7 @@ def _first_sections() -> Iterator[Printed]:
 
 
 def _constants() -> Iterator[Printed]:
-    pair = case.pair()
+    pair = constants.pair()
     k1 = pair.K1 / PSI
     metric = pair.K1 * 1e-4
     slip = 2.19e7 * POUND_FORCE / 25.4
@@ -108,10 +108,10 @@ def _stresses() -> Iterator[Printed]:
 
 
 def _case() -> Iterator[Printed]:
-    pair = case.pair()
+    pair = constants.pair()
     k3 = pair.stiffness * INCH**1.5 / POUND_FORCE
     yield Printed("3.1", "weight of one pound", "4.448", POUND_FORCE, "N", 4)
-    ball = 4.0 / 3.0 * math.pi * INCH**3 * STEEL_DENSITY / case.POUND_MASS
+    ball = 4.0 / 3.0 * math.pi * INCH**3 * STEEL_DENSITY / constants.POUND_MASS
     note = "of a full ball with R1 = 1 in; the body has 1 lb, its shape away from the contact is free"
     yield Printed("3.1", "weight of the steel body", "1", ball, "lb", 2, note)
     yield Printed("3.1", "K3", "3.1e7", k3, "lb/in^1.5", 2)
@@ -121,9 +121,9 @@ def _case() -> Iterator[Printed]:
     note = "600 lb are 2669 N; 2690 N would be 605 lb"
     yield Printed("3.1", "600 lb in metric units", "2690", 600 * POUND_FORCE, "N", 3, note)
     yield Printed("3.1", "impact speed, 16 in/s", "40", 16 * INCH * 100, "cm/s", 2)
-    law = case.law(case.ALPHAS[2])
+    law = constants.law(constants.ALPHAS[2])
     used = hertz.from_stiffness(law.stiffness, 2 * INCH)
-    over = used.shear_max(float(exact.force_max(law, case.MASS, 16 * INCH))) / hertz.SHEAR_LIMIT
+    over = used.shear_max(float(closed_form.force_max(law, constants.MASS, 16 * INCH))) / hertz.SHEAR_LIMIT
     note = (
         f'of the limit at 16 in/s, α = 0.008 s/in: {100 * (over - 1):.1f} %; "not more than about 15 percent"'
     )
@@ -146,8 +146,8 @@ def factors() -> list[tuple[float, list[float]]]:
     """
 
     def read_off(n: float, mass: float) -> float:
-        law = HuntCrossley(case.STIFFNESS, 2.0 / 3.0, n)
-        slow, slower = ((1.0 - simulate.impact(law, mass, v).restitution) / v for v in (0.004, 0.002))
+        law = HuntCrossley(constants.STIFFNESS, 2.0 / 3.0, n)
+        slow, slower = ((1.0 - ode.impact(law, mass, v).restitution) / v for v in (0.004, 0.002))
         return 1.0 / (2.0 * slower - slow)
 
     return [(n, [read_off(n, mass) for mass in FACTOR_MASSES]) for n in FACTOR_EXPONENTS]
@@ -156,5 +156,5 @@ def factors() -> list[tuple[float, list[float]]]:
 def _factor() -> float:
     """λ/(α k) that makes eq. (2) true for small speeds, from the exact restitution alone."""
     d = 1e-7
-    e = float(exact.restitution(d / 1.5, 1.0))
+    e = float(closed_form.restitution(d / 1.5, 1.0))
     return d / (1.0 - e)

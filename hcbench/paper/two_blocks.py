@@ -10,19 +10,19 @@ import copy
 import xml.etree.ElementTree as ET
 from typing import TYPE_CHECKING, Any
 
+from hcbench.engines.mujoco.recipes.staggered import Staggered
+from hcbench.engines.pybullet.recipes.restitution import PYBULLET as RESTITUTION
+from hcbench.engines.pybullet.recipes.spring_damper import PYBULLET as SPRING_DAMPER
 from hcbench.errors import EngineMissing
-from hcbench.reference.laws import HuntCrossley
+from hcbench.laws.force import HuntCrossley
 from hcbench.scene import load_scene
-from hcbench.tune.pybullet_restitution import PYBULLET as RESTITUTION
-from hcbench.tune.pybullet_spring_damper import PYBULLET as SPRING_DAMPER
-from hcbench.tune.staggered import Staggered
 from hcbench.tune.target import Target
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from hcbench.reference.vibroimpact import VibroImpact
+    from hcbench.paper.vibroimpact.system import VibroImpact
 
 NAME = "two-blocks"
 RADIUS = 0.0508  # m, of the sphere: the relative radius of section 3.1; no force depends on it

@@ -1,1 +1,1 @@
-"""The truth: Hertz contact and the law of Hunt and Crossley. Knows no engine."""
+"""Earlier name of `hcbench.laws`."""

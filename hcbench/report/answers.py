@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hcbench.report import words
+from hcbench.report import wording
 from hcbench.report.findings import TIE, band, best, best_loops, loop_words, ratio, stock_runs, verdict
 
 if TYPE_CHECKING:
@@ -59,12 +59,12 @@ def headline(view: View) -> list[str]:
 
 def _stock_sentence(view: View) -> str:
     bad = list(dict.fromkeys(r.engine for r in stock_runs(view) if ratio(view, r) > 1 + TIE))
-    named = [words.engine_name(engine) for engine in bad]
+    named = [wording.engine_name(engine) for engine in bad]
     if not named:
         return ""
     if len(named) == 1:
         return f"Out of the box {named[0]} does not bounce like the law."
-    return f"Out of the box neither {words.listed(named, 'nor')} bounces like the law."
+    return f"Out of the box neither {wording.listed(named, 'nor')} bounces like the law."
 
 
 def _advice(view: View, engine: str) -> str:
@@ -79,8 +79,8 @@ def _advice(view: View, engine: str) -> str:
     clauses = []
     for promise, settings in promises.items():
         where = [f"{setting} at {steps_named(runs)}" for setting, runs in settings.items()]
-        clauses.append(f"{words.listed(where, 'or')}: {promise}")
-    return f"In {words.engine_name(engine)} set {'; '.join(clauses)}." if clauses else ""
+        clauses.append(f"{wording.listed(where, 'or')}: {promise}")
+    return f"In {wording.engine_name(engine)} set {'; '.join(clauses)}." if clauses else ""
 
 
 def _softer(view: View) -> str:
@@ -120,10 +120,10 @@ def plugin_sentence(view: View) -> str:
         settings.setdefault(run.setting, []).append(run)
     where = []
     for name, runs in settings.items():
-        engines = words.listed([words.engine_name(e) for e in dict.fromkeys(run.engine for run in runs)])
+        engines = wording.listed([wording.engine_name(e) for e in dict.fromkeys(run.engine for run in runs)])
         where.append(f"{name} at {steps_named(runs)} (in {engines})")
     many = len(where) > 1
-    return f"The plug-in{'s' * many} {words.listed(where)} follow{'s' * (not many)} the law."
+    return f"The plug-in{'s' * many} {wording.listed(where)} follow{'s' * (not many)} the law."
 
 
 def _steps(runs: Sequence[Run]) -> list[float]:
@@ -132,13 +132,13 @@ def _steps(runs: Sequence[Run]) -> list[float]:
 
 def steps_named(runs: Sequence[Run]) -> str:
     """ "1 ms"; "1 ms or 2 ms"; "1 µs … 2 ms" for more."""
-    steps = [words.time(h) for h in _steps(runs)]
-    return words.listed(steps, "or") if len(steps) < 3 else f"{steps[0]} … {steps[-1]}"
+    steps = [wording.time(h) for h in _steps(runs)]
+    return wording.listed(steps, "or") if len(steps) < 3 else f"{steps[0]} … {steps[-1]}"
 
 
 def cards(view: View) -> list[Card]:
     """The page's answers; a question that nothing in this study answers is left out."""
-    inside = words.about(view.contact_time)
+    inside = wording.about(view.contact_time)
     asked = [
         _bounce_card(view, f"Long steps, blind to a contact of {inside}", fine=False),
         _bounce_card(view, f"Short steps, which see the contact of {inside}", fine=True),
@@ -150,8 +150,8 @@ def cards(view: View) -> list[Card]:
 
 
 def _title(runs: Sequence[Run]) -> str:
-    settings = words.listed(list(dict.fromkeys(run.setting for run in runs)), "or")
-    return f"{words.engine_name(runs[0].engine)} {settings}, {steps_named(runs)}"
+    settings = wording.listed(list(dict.fromkeys(run.setting for run in runs)), "or")
+    return f"{wording.engine_name(runs[0].engine)} {settings}, {steps_named(runs)}"
 
 
 def _bounce_card(view: View, question: str, fine: bool) -> Card:
@@ -162,15 +162,15 @@ def _bounce_card(view: View, question: str, fine: bool) -> Card:
         if scores:
             line = scores[0]["constant_error_law"]
             answers.append(_bounce_answer(view, runs))
-    at = f"{words.alpha_short(view.main_alpha)}, {band(view)}"
-    return Card(question, answers, f"At {at}. The best constant e is off by {words.small(line)}.")
+    at = f"{wording.alpha_short(view.main_alpha)}, {band(view)}"
+    return Card(question, answers, f"At {at}. The best constant e is off by {wording.small(line)}.")
 
 
 def _bounce_answer(view: View, runs: Sequence[Run]) -> Answer:
     scores = [s for s in (view.score(run, view.main_alpha) for run in runs) if s is not None]
-    error = words.small(max(s["max_error_law"] for s in scores)).lstrip("<")
+    error = wording.small(max(s["max_error_law"] for s in scores)).lstrip("<")
     spread = max(s["phase_spread"] for s in scores)
-    moved = f", {words.small(spread)} between phases" if spread > 0.001 else ""
+    moved = f", {wording.small(spread)} between phases" if spread > 0.001 else ""
     said = verdict(view, runs[0]).restitution
     deep = [depth(view, run) for run in runs if depth(view, run) > _SOFT]
     span = (
@@ -200,7 +200,7 @@ def _loop_card(view: View) -> Card:
         runs = best_loops(view, _settable(view, engine))
         score = view.score(runs[0], view.main_alpha) if runs else None
         if score is not None:
-            off = f"Force off by {words.percent(score['loop_rms'])} of its largest (rms)."
+            off = f"Force off by {wording.percent(score['loop_rms'])} of its largest (rms)."
             answers.append(Answer(runs, _title(runs), f"{off} {_LOOP_MEANING[loop_words(view, runs[0])]}"))
     return Card("The force matters, not only the bounce", answers)
 
@@ -210,10 +210,10 @@ def _stock_answer(view: View, run: Run) -> Answer:
     if curve is None:
         return Answer([run], _title([run]), "No impact came back.")
     low, high = curve.low.min(), curve.high.max()
-    span = f"{low:.2f}" if high - low < 0.005 else f"{low:.2f}{words.NBSP}…{words.NBSP}{high:.2f}"
+    span = f"{low:.2f}" if high - low < 0.005 else f"{low:.2f}{wording.NBSP}…{wording.NBSP}{high:.2f}"
     return Answer([run], _title([run]), f"e = {span}.")
 
 
 def _law_note(view: View) -> str:
     slow, fast = view.truth(view.main_alpha, view.band)
-    return f"The law: e = {slow:.2f}{words.NBSP}…{words.NBSP}{fast:.2f}."
+    return f"The law: e = {slow:.2f}{wording.NBSP}…{wording.NBSP}{fast:.2f}."

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from hcbench.compare import CLAIMS
-from hcbench.report import answers, findings, style, tables, words
+from hcbench._files import filled_folder, write_bytes, write_text
+from hcbench.report import answers, findings, style, tables, wording
 from hcbench.report.figures import Drawing, drawings
 from hcbench.report.view import View
-from hcbench.results import filled_folder, write_bytes, write_text
+from hcbench.scoring import CLAIMS
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from hcbench.crew import Crew
-    from hcbench.results import Results
+    from hcbench.benchmark.results import Results
+    from hcbench.workers.pool import Crew
 
 PAGE = "index.html"
 
@@ -86,16 +86,16 @@ def render(view: View, figures: list[dict[str, Any]]) -> str:
         headline=answers.headline(view),
         plugins=answers.plugin_sentence(view),
         band=findings.band(view),
-        main_alpha=words.alpha(view.main_alpha),
-        contact_time=words.about(view.contact_time),
+        main_alpha=wording.alpha(view.main_alpha),
+        contact_time=wording.about(view.contact_time),
         cards=cards,
         figures=figures,
-        alphas=[words.alpha_short(alpha) for alpha in view.alphas],
+        alphas=[wording.alpha_short(alpha) for alpha in view.alphas],
         ranking=tables.ranking(view),
         lines_to_beat=tables.lines_to_beat(view),
-        follows=words.percent(findings.FOLLOWS),
-        loop_right=words.percent(findings.LOOP_RIGHT),
-        loop_near=words.percent(findings.LOOP_NEAR),
+        follows=wording.percent(findings.FOLLOWS),
+        loop_right=wording.percent(findings.LOOP_RIGHT),
+        loop_near=wording.percent(findings.LOOP_NEAR),
         claims=CLAIMS,
         claim_rows=tables.claims(view),
         scores=tables.scores(view),
@@ -103,5 +103,5 @@ def render(view: View, figures: list[dict[str, Any]]) -> str:
         lost=tables.lost(view),
         impacts=len(view.results.impacts),
         provenance=tables.provenance(view),
-        versions=[(words.engine_name(k), v) for k, v in view.results.versions.items()],
+        versions=[(wording.engine_name(k), v) for k, v in view.results.versions.items()],
     )

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from hcbench import compare
-from hcbench.reference import exact
-from hcbench.report import style, words
+from hcbench import scoring
+from hcbench.laws import closed_form
+from hcbench.report import style, wording
 from hcbench.report.view import REFERENCE, Curve, Run, View
 
 if TYPE_CHECKING:
@@ -30,9 +30,9 @@ def law_handles(linear: bool = True) -> list[Line2D]:
 
 def run_label(view: View, run: Run, group: list[Run], engine: bool = True) -> str:
     """The setting's name, with its step where the group does not share one."""
-    name = words.setting_name(run.engine, run.setting) if engine else run.setting
+    name = wording.setting_name(run.engine, run.setting) if engine else run.setting
     shared = len({other.timestep for other in group if other.engine != REFERENCE}) == 1
-    return name if shared or run.engine == REFERENCE else f"{name} ({words.time(run.timestep)})"
+    return name if shared or run.engine == REFERENCE else f"{name} ({wording.time(run.timestep)})"
 
 
 def run_handles(view: View, runs: list[Run]) -> list[Line2D]:
@@ -45,7 +45,9 @@ def run_handles(view: View, runs: list[Run]) -> list[Line2D]:
 def draw_law(axes: Axes, view: View, alpha: float) -> None:
     """e of (16) as a broad pale band, 1 - αv dashed."""
     v = view.speeds
-    axes.plot(v, exact.restitution(alpha, v), color=style.LAW, linewidth=6, solid_capstyle="butt", zorder=1)
+    axes.plot(
+        v, closed_form.restitution(alpha, v), color=style.LAW, linewidth=6, solid_capstyle="butt", zorder=1
+    )
     axes.plot(v, 1 - alpha * v, color=style.LINEAR, linewidth=1.0, linestyle=(0, (2, 2)), zorder=2)
 
 
@@ -120,9 +122,9 @@ def _name_missed(axes: Axes, view: View, missed: list[tuple[Run, Curve]]) -> Non
 def _label_panel(axes: Axes, view: View, row: int, column: int, rows: int, engine: str, alpha: float) -> None:
     style.speed_axis(axes, label=row == rows - 1, inches=row == 0)
     if row == 0:
-        axes.set_title(words.alpha_short(alpha), pad=8)
+        axes.set_title(wording.alpha_short(alpha), pad=8)
     if column == 0:
-        axes.set_ylabel(f"{words.engine_name(engine)}\nrestitution e")
+        axes.set_ylabel(f"{wording.engine_name(engine)}\nrestitution e")
 
 
 def error_figure(view: View, fine: bool) -> Figure:
@@ -135,7 +137,7 @@ def error_figure(view: View, fine: bool) -> Figure:
     for row, engine in enumerate(engines):
         for column, alpha in enumerate(view.alphas):
             axes: Axes = grid[row, column]
-            _, line = compare.best_constant(alpha, np.array(view.study["speeds"]))
+            _, line = scoring.best_constant(alpha, np.array(view.study["speeds"]))
             axes.axhline(line, zorder=2, **_CONSTANT)
             for nth, run in enumerate(r for r in runs if r.engine in (engine, REFERENCE)):
                 curve = view.curve(run, alpha)
@@ -164,7 +166,7 @@ def overview_figure(view: View, runs: list[Run]) -> Figure:
     draw_law(axes, view, alpha)
     v_end = view.speeds[-1]
     labels = [
-        (float(exact.restitution(alpha, v_end)), "the law, eq. (16)", style.LINEAR, "bold"),
+        (float(closed_form.restitution(alpha, v_end)), "the law, eq. (16)", style.LINEAR, "bold"),
         (1 - alpha * v_end, "1 − αv, eq. (2)", style.LINEAR, "normal"),
     ]
     for nth, run in enumerate(runs):
@@ -172,7 +174,7 @@ def overview_figure(view: View, runs: list[Run]) -> Figure:
         if curve is None:
             continue
         draw_curve(axes, view, run, curve, nth)
-        text = f"{words.setting_name(run.engine, run.setting)}, {words.time(run.timestep)}"
+        text = f"{wording.setting_name(run.engine, run.setting)}, {wording.time(run.timestep)}"
         labels.append((float(curve.middle[-1]), text, view.look(run).colour, "normal"))
     ends = [end for end, *_ in labels]
     shown = [curve for curve in (view.curve(run, alpha) for run in runs) if curve is not None]

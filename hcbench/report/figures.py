@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from hcbench.report import curves, findings, loops, trains, trends, words
+from hcbench.report import bounces, curves, findings, loops, trends, wording
 from hcbench.report.view import INSIDE, REFERENCE
 
 if TYPE_CHECKING:
@@ -49,14 +49,14 @@ def drawings(view: View) -> list[Drawing]:
 
 def class_heading(view: View, fine: bool) -> str:
     """Which steps a class holds."""
-    limit, contact = words.about(view.contact_time / INSIDE), words.about(view.contact_time)
+    limit, contact = wording.about(view.contact_time / INSIDE), wording.about(view.contact_time)
     ends = f"up to {limit}" if fine else f"above {limit}"
     return f"Steps {ends}; the law's contact lasts {contact}"
 
 
 def _overview(view: View) -> Drawing:
     runs = findings.overview_runs(view)
-    at = f"{words.alpha(view.main_alpha)}, {findings.band(view)}"
+    at = f"{wording.alpha(view.main_alpha)}, {findings.band(view)}"
     return Drawing(
         "overview",
         "overview",
@@ -74,7 +74,7 @@ def _class(view: View, fine: bool) -> tuple[list[Run], str, str, str]:
     """Runs of a class, its name for files, for headings, and why it may be empty."""
     runs = [run for run in view.of_class(fine) if run.engine != REFERENCE]
     heading = class_heading(view, fine)
-    limit = words.about(view.contact_time / INSIDE)
+    limit = wording.about(view.contact_time / INSIDE)
     why = f"no setting of this study ran over its band at a step {'up to' if fine else 'above'} {limit}"
     return runs, "fine" if fine else "coarse", heading, why
 
@@ -113,8 +113,8 @@ def _loops(view: View) -> list[Drawing]:
     runs = loops.drawable(view)
     near = [run for run in runs if loops.on_law_scale(view, run)]
     far = [run for run in runs if run not in near]
-    speeds = words.listed([f"{float(v) / words.INCH:.3g}" for v in sorted(view.study["loop_speeds"])])
-    at = f"{speeds} in/s, {words.alpha_short(view.main_alpha)}"
+    speeds = wording.listed([f"{float(v) / wording.INCH:.3g}" for v in sorted(view.study["loop_speeds"])])
+    at = f"{speeds} in/s, {wording.alpha_short(view.main_alpha)}"
     return [
         Drawing(
             "loops",
@@ -148,11 +148,11 @@ def _energy(view: View) -> Drawing:
         "energy",
         "energy",
         "Energy lost over impact speed",
-        f"Log-log, at {words.alpha(view.main_alpha)}; p is the slope, from ΔE ∝ vᵖ. The paper asks for 3,"
+        f"Log-log, at {wording.alpha(view.main_alpha)}; p is the slope, from ΔE ∝ vᵖ. The paper asks for 3,"
         f" eq. (3); every constant e gives 2.{own}",
         "Energy lost over impact speed, log-log. "
         + " ".join(
-            f"{words.setting_name(r.engine, r.setting)}: p = {s['energy_exponent']:.2f}."
+            f"{wording.setting_name(r.engine, r.setting)}: p = {s['energy_exponent']:.2f}."
             for r, s in ((run, view.score(run, view.main_alpha)) for run in view.band_runs)
             if s is not None and math.isfinite(s["energy_exponent"])
         ),
@@ -163,16 +163,16 @@ def _energy(view: View) -> Drawing:
 
 def _steps(view: View) -> Drawing:
     tables = {key: table for key, table in view.step_curves().items() if len(table) > 1}
-    at = f"{words.inches_per_second(view.study['step_speed'])}, {words.alpha_short(view.main_alpha)}"
+    at = f"{wording.inches_per_second(view.study['step_speed'])}, {wording.alpha_short(view.main_alpha)}"
     return Drawing(
         "steps",
         "steps",
         "Restitution over the time step",
         f"At {at}. Left: median e, and shaded the band that the phases span; right: largest error over"
-        f" the phases. Tinted: steps longer than the law's contact of {words.about(view.contact_time)}.",
+        f" the phases. Tinted: steps longer than the law's contact of {wording.about(view.contact_time)}.",
         f"Restitution over the time step at {at}. "
         + " ".join(
-            f"{words.setting_name(*key)}: e from {table['low'].min():.3f} to {table['high'].max():.3f}."
+            f"{wording.setting_name(*key)}: e from {table['low'].min():.3f} to {table['high'].max():.3f}."
             for key, table in tables.items()
         ),
         partial(trends.steps_figure, view) if tables else None,
@@ -181,16 +181,16 @@ def _steps(view: View) -> Drawing:
 
 
 def _trains(view: View) -> Drawing:
-    found = trains.drawn_trains(view)
+    found = bounces.drawn_trains(view)
     height = view.study.get("train_height")
-    drop = f"from {1e3 * float(height):.3g}{words.NBSP}mm" if height else ""
+    drop = f"from {1e3 * float(height):.3g}{wording.NBSP}mm" if height else ""
     told = []
     for run, table in found.items():
         last = table.iloc[-1]
-        name = f"{words.setting_name(run.engine, run.setting)} at {words.time(run.timestep)}"
+        name = f"{wording.setting_name(run.engine, run.setting)} at {wording.time(run.timestep)}"
         ratio = float(last["height_m"]) / float(last["height_law_m"])
         told.append(f"{name}: {ratio:.2f} of the law's height after bounce {int(last['bounce'])}.")
-    at = words.alpha_short(view.main_alpha)
+    at = wording.alpha_short(view.main_alpha)
     return Drawing(
         "trains",
         "trains",
@@ -199,7 +199,7 @@ def _trains(view: View) -> Drawing:
         " law's height. By the law a ball loses ever less as it slows; one e for all speeds goes down a"
         " straight line. A line ends where its ball rests or its time is up.",
         f"Heights of a bounce train under gravity. {' '.join(told)}",
-        partial(trains.trains_figure, view) if found else None,
+        partial(bounces.trains_figure, view) if found else None,
         "the study asks for no drop under gravity, or nothing bounced",
     )
 
@@ -210,8 +210,8 @@ def _alt_restitution(view: View, runs: Sequence[Run]) -> str:
     for run in runs:
         score = view.score(run, view.main_alpha)
         if score is not None:
-            name = f"{words.setting_name(run.engine, run.setting)} at {words.time(run.timestep)}"
-            said.append(f"{name}: off the law by up to {words.small(score['max_error_law'])}.")
+            name = f"{wording.setting_name(run.engine, run.setting)} at {wording.time(run.timestep)}"
+            said.append(f"{name}: off the law by up to {wording.small(score['max_error_law'])}.")
     return " ".join(said)
 
 
@@ -219,9 +219,9 @@ def _alt_loops(view: View, runs: Sequence[Run]) -> str:
     said = []
     for run in runs:
         score = view.score(run, view.main_alpha)
-        name = words.setting_name(run.engine, run.setting)
+        name = wording.setting_name(run.engine, run.setting)
         if score is not None and score["loops"]:
-            said.append(f"{name}: {words.percent(score['loop_rms'])} off in force (rms).")
+            said.append(f"{name}: {wording.percent(score['loop_rms'])} off in force (rms).")
         else:
             said.append(f"{name}: too few samples for a score.")
     return " ".join(said)

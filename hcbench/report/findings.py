@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from hcbench.report import words
+from hcbench.report import wording
 from hcbench.report.view import REFERENCE, Run, View
 
 if TYPE_CHECKING:
@@ -112,10 +112,10 @@ def stock_runs(view: View) -> list[Run]:
 
 def band(view: View) -> str:
     """ "1 … 20 in/s"."""
-    speeds = [float(v) / words.INCH for v in view.study["speeds"]]
+    speeds = [float(v) / wording.INCH for v in view.study["speeds"]]
     if min(speeds) == max(speeds):
-        return f"{speeds[0]:.3g}{words.NBSP}in/s"
-    return f"{min(speeds):.3g}{words.NBSP}…{words.NBSP}{max(speeds):.3g}{words.NBSP}in/s"
+        return f"{speeds[0]:.3g}{wording.NBSP}in/s"
+    return f"{min(speeds):.3g}{wording.NBSP}…{wording.NBSP}{max(speeds):.3g}{wording.NBSP}in/s"
 
 
 def overview_runs(view: View) -> list[Run]:

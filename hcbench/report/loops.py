@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from hcbench.reference import exact
-from hcbench.report import style, words
+from hcbench.laws import closed_form
+from hcbench.report import style, wording
 from hcbench.report.view import REFERENCE, TRUTH, Run, View
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def drawable(view: View) -> list[Run]:
 
 def law_loop(view: View, speed: float) -> Loop:
     """The law's loop for the main α."""
-    return exact.loop(view.law(view.main_alpha), float(view.study["mass_kg"]), speed, _LAW_POINTS)
+    return closed_form.loop(view.law(view.main_alpha), float(view.study["mass_kg"]), speed, _LAW_POINTS)
 
 
 def on_law_scale(view: View, run: Run) -> bool:
@@ -72,11 +72,11 @@ def loops_figure(view: View, runs: list[Run]) -> Figure:
         axes.set_title(_title(run), color=view.look(run).colour)
         first_row, first_column = number < columns, number % columns == 0
         if first_row:
-            style.inch_axis(axes, "top", "penetration, 10⁻⁴ in", words.INCH * 1e-4 * 1e6)
+            style.inch_axis(axes, "top", "penetration, 10⁻⁴ in", wording.INCH * 1e-4 * 1e6)
         if first_column:
             axes.set_ylabel("contact force F, N")
         if number % columns == columns - 1 or number == len(runs) - 1:
-            style.inch_axis(axes, "right", "lbf", words.POUND_FORCE)
+            style.inch_axis(axes, "right", "lbf", wording.POUND_FORCE)
         if number >= len(runs) - columns:
             axes.set_xlabel("penetration x, µm")
     _legend(figure)
@@ -104,7 +104,7 @@ def shapes_figure(view: View, runs: list[Run]) -> Figure:
         deeper, harder = depth / truth.penetration.max(), force / truth.force.max()
         axes.set_title(_title(run), color=view.look(run).colour, pad=20)
         axes.annotate(
-            f"{words.times(deeper)} the law's depth, {words.times(harder)} its force",
+            f"{wording.times(deeper)} the law's depth, {wording.times(harder)} its force",
             (0.5, 1.03),
             xycoords="axes fraction",
             ha="center",
@@ -134,7 +134,7 @@ def _panels(count: int) -> tuple[Figure, list[Axes]]:
 
 
 def _title(run: Run) -> str:
-    return f"{words.setting_name(run.engine, run.setting)}, {words.time(run.timestep)}"
+    return f"{wording.setting_name(run.engine, run.setting)}, {wording.time(run.timestep)}"
 
 
 def _draw_law_loop(axes: Axes, x: Floats, force: Floats) -> None:
@@ -164,7 +164,7 @@ def _draw_loop(axes: Axes, view: View, run: Run, loop: pd.DataFrame, depth: floa
 def _name_speed(axes: Axes, truth: Loop, speed: float) -> None:
     top = int(truth.force.argmax())
     axes.annotate(
-        words.inches_per_second(speed),
+        wording.inches_per_second(speed),
         (truth.penetration[top] * 1e6, truth.force[top]),
         (-5, 1),
         textcoords="offset points",

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 from scipy.optimize import isotonic_regression
 
-from hcbench.report.words import INCH, power_of_ten
+from hcbench.report.wording import INCH, power_of_ten
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

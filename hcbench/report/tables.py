@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, cast
 
-from hcbench.compare import CLAIMS, RESOLVED
-from hcbench.report import findings, words
+from hcbench.report import findings, wording
 from hcbench.report.figures import class_heading
 from hcbench.report.view import REFERENCE, Run, View
+from hcbench.scoring import CLAIMS, RESOLVED
 from hcbench.setting import Setting
-from hcbench.tune.paste import paste
+from hcbench.tune.snippet import paste
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -29,9 +29,9 @@ def run_cell(view: View, run: Run) -> Row:
     """A run as the template names it: with the look that it has in the figures."""
     look = view.look(run)
     return {
-        "engine": words.engine_name(run.engine),
+        "engine": wording.engine_name(run.engine),
         "setting": run.setting,
-        "step": words.time(run.timestep),
+        "step": wording.time(run.timestep),
         "colour": look.colour,
         "dashes": " ".join(f"{d:g}" for d in look.dashes),
     }
@@ -56,8 +56,8 @@ def _ranking_row(view: View, run: Run) -> Row:
     return {
         "run": run_cell(view, run),
         "errors": [_error_cell(view.score(run, alpha)) for alpha in view.alphas],
-        "loop": words.percent(main["loop_rms"]) if main.get("loops") else "–",
-        "spread": words.small(main.get("phase_spread", math.nan)),
+        "loop": wording.percent(main["loop_rms"]) if main.get("loops") else "–",
+        "spread": wording.small(main.get("phase_spread", math.nan)),
         "steps": main.get("samples_min", "–"),
         "grade": said.grade,
         "verdict": said.restitution,
@@ -71,7 +71,7 @@ def _error_cell(score: Mapping[str, Any] | None) -> Row:
     grade = findings.grade(findings.over_line(score))
     meaning = {"good": "better than", "even": "as good as", "bad": "worse than"}[grade]
     return {
-        "text": words.small(score["max_error_law"]),
+        "text": wording.small(score["max_error_law"]),
         "grade": grade,
         "mark": _GRADES[grade],
         "words": f"{meaning} the best constant",
@@ -84,7 +84,7 @@ def lines_to_beat(view: View) -> list[str]:
     for alpha in view.alphas:
         found = (view.score(run, alpha) for run in view.band_runs)
         score = next((s for s in found if s is not None), None)
-        out.append(words.small(score["constant_error_law"]) if score is not None else "–")
+        out.append(wording.small(score["constant_error_law"]) if score is not None else "–")
     return out
 
 
@@ -154,7 +154,7 @@ def scores(view: View) -> list[Row]:
                 if score is not None
             ]
             tables.append({"caption": caption, "columns": list(columns.values()), "rows": rows})
-        out.append({"alpha": words.alpha(alpha), "tables": tables})
+        out.append({"alpha": wording.alpha(alpha), "tables": tables})
     return out
 
 
@@ -165,10 +165,10 @@ def _score_cell(score: Mapping[str, Any], column: str) -> str:
     if column in ("samples_min", "loops"):
         return str(value)
     if column == "alpha_fit":
-        value = value * words.INCH
+        value = value * wording.INCH
     if column.startswith("loop_") or column in ("touch_force", "tension_share"):
-        return words.percent(value)
-    return f"{value:.2f}" if column == "energy_exponent" and math.isfinite(value) else words.small(value)
+        return wording.percent(value)
+    return f"{value:.2f}" if column == "energy_exponent" and math.isfinite(value) else wording.small(value)
 
 
 def settings(view: View) -> list[Row]:
@@ -199,9 +199,9 @@ def settings(view: View) -> list[Row]:
 
 def _text(view: View, timestep: float, text: str, alphas: list[float]) -> Row:
     every = len(alphas) == len(view.alphas) > 1
-    named = "every α" if every else words.listed([words.alpha_short(a) for a in alphas])
+    named = "every α" if every else wording.listed([wording.alpha_short(a) for a in alphas])
     main = any(math.isclose(a, view.main_alpha, rel_tol=1e-9) for a in alphas)
-    return {"text": text, "title": f"step {words.time(timestep)}, {named}", "main": main}
+    return {"text": text, "title": f"step {wording.time(timestep)}, {named}", "main": main}
 
 
 def lost(view: View) -> list[Row]:
@@ -213,7 +213,7 @@ def lost(view: View) -> list[Row]:
         steps = sorted({float(h) for h in rows["timestep_s"]})
         run = run_cell(view, Run(engine, setting, steps[0]))
         if len(steps) > 1:
-            run["step"] = f"{len(steps)} steps, {words.time(steps[0])} … {words.time(steps[-1])}"
+            run["step"] = f"{len(steps)} steps, {wording.time(steps[0])} … {wording.time(steps[-1])}"
         reasons = list(dict.fromkeys(str(reason or "") for reason in rows["reason"]))
         more = f"; and {len(reasons) - 1} more like it" if len(reasons) > 1 else ""
         what = _STATUS.get(status, status)
@@ -229,11 +229,11 @@ def provenance(view: View) -> list[tuple[str, str]]:
     return [
         ("scene", f"{study['scene']} ({study['form']})"),
         ("mass", f"{mass:.6g} kg ({mass / 0.45359237:.3g} lb)"),
-        ("relative radius", f"{1e3 * radius:.4g} mm ({radius / words.INCH:.3g} in)"),
+        ("relative radius", f"{1e3 * radius:.4g} mm ({radius / wording.INCH:.3g} in)"),
         ("stiffness k", f"{float(study['stiffness']):.5g} N/m^{float(study['exponent']):g}"),
         ("exponent n", f"{float(study['exponent']):g}"),
         ("gravity", f"{gravity:g} m/s²" if gravity else "off: free flight at the plate"),
-        ("α", "; ".join(f"{a * words.INCH:.3g} s/in ({a:.3g} s/m)" for a in view.alphas)),
+        ("α", "; ".join(f"{a * wording.INCH:.3g} s/in ({a:.3g} s/m)" for a in view.alphas)),
         ("impact speeds", f"{len(study['speeds'])} from {findings.band(view)}"),
         ("phases", f"{study['phases']} places in a time step for the touch to fall"),
         ("impacts", str(len(view.results.impacts))),

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from hcbench.reference import exact
-from hcbench.report import style, words
+from hcbench.laws import closed_form
+from hcbench.report import style, wording
 from hcbench.report.curves import law_handles, run_label
 from hcbench.report.view import REFERENCE, Run, View
 
@@ -39,7 +39,7 @@ def energy_figure(view: View) -> Figure:
     figure = style.new_figure(5.6 * max(columns, 1.4), 5.9 * rows)
     panels = [figure.add_subplot(rows, columns, i + 1) for i in range(len(engines))]
     v = np.geomspace(min(view.study["speeds"]) * 0.999, max(view.study["speeds"]) * 1.001, 60)
-    loss = exact.energy_loss(view.law(view.main_alpha), float(view.study["mass_kg"]), v)
+    loss = closed_form.energy_loss(view.law(view.main_alpha), float(view.study["mass_kg"]), v)
     for axes, engine in zip(panels, engines, strict=True):
         style.log_axis(axes, "x")
         style.log_axis(axes, "y")
@@ -47,7 +47,7 @@ def energy_figure(view: View) -> Figure:
             axes.plot(v, loss, color=style.LAW, linewidth=6, solid_capstyle="butt", zorder=1)
         runs = [run for run in shown if run.engine in (engine, REFERENCE)]
         handles = [_draw_loss(axes, view, run, runs, nth) for nth, run in enumerate(runs)]
-        axes.set_title(words.engine_name(engine))
+        axes.set_title(wording.engine_name(engine))
         _speed_ticks(axes, v)
         labels = [str(h.get_label()) for h in handles]
         place: dict[str, Any] = {
@@ -97,7 +97,7 @@ def _speed_ticks(axes: Axes, v: Floats) -> None:
     axes.set_xlabel("impact speed v, m/s")
     style.inch_axis(axes, "top", "in/s")
     top = axes.child_axes[-1].xaxis
-    ticks = [s for s in (1, 2, 5, 10, 20, 50, 100) if v[0] * 0.99 <= s * words.INCH <= v[-1] * 1.01]
+    ticks = [s for s in (1, 2, 5, 10, 20, 50, 100) if v[0] * 0.99 <= s * wording.INCH <= v[-1] * 1.01]
     top.set_major_locator(FixedLocator(ticks))
     top.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     top.set_minor_locator(NullLocator())
@@ -109,7 +109,7 @@ def steps_figure(view: View) -> Figure:
     engines = list(dict.fromkeys(engine for engine, _ in curves))
     figure = style.new_figure(11.2, 1.1 + 2.9 * len(engines))
     grid = figure.subplots(len(engines), 2, sharex=True, sharey="col", squeeze=False)
-    truth = float(exact.restitution(view.main_alpha, float(view.study["step_speed"])))
+    truth = float(closed_form.restitution(view.main_alpha, float(view.study["step_speed"])))
     spans = [table["timestep"] for table in curves.values()]
     ends = min(map(min, spans)) / 1.25, max(map(max, spans)) * 1.25
     handles: dict[str, Line2D] = {}
@@ -123,7 +123,7 @@ def steps_figure(view: View) -> Figure:
             size = max(4.5, 7.5 - nth)  # where lines coincide, the ones below show as rings
             handles[f"{engine} {setting}"] = _draw_steps(left, view, engine, setting, table, size)
             least.append(_draw_step_error(right, view, engine, setting, table, truth, size))
-        left.set_ylabel(f"{words.engine_name(engine)}\nrestitution e")
+        left.set_ylabel(f"{wording.engine_name(engine)}\nrestitution e")
         right.set_ylabel("error of e")
         style.log_axis(right, "y")
     grid[0, 0].set_ylim(-0.04, _TOP)
@@ -147,10 +147,10 @@ def _draw_steps(
     axes.fill_between(h, *band, color=look.colour, alpha=0.18, linewidth=0)
     axes.plot(h, middle, zorder=3, **look.line(linewidth=1.4, markersize=size))
     over = top > _TOP
-    label = words.setting_name(engine, setting)
+    label = wording.setting_name(engine, setting)
     if over.any():
         axes.plot(h[over], np.full(over.sum(), _TOP - 0.03), "^", color=look.colour, markersize=7, zorder=4)
-        label += f" (▲ up to e = {words.small(float(top.max()))})"
+        label += f" (▲ up to e = {wording.small(float(top.max()))})"
     return Line2D([], [], label=label, **look.line(linewidth=1.4))
 
 
@@ -169,5 +169,5 @@ def _draw_step_error(
 def _time_ticks(axes: Axes, low: float, high: float) -> None:
     ticks = [10.0**k for k in range(-9, 1) if low <= 10.0**k <= high]
     axes.xaxis.set_major_locator(FixedLocator(ticks))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: words.time(value)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: wording.time(value)))
     axes.xaxis.set_minor_locator(NullLocator())

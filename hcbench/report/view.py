@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 import pandas as pd
 
-from hcbench.reference import exact
-from hcbench.reference.laws import HuntCrossley
+from hcbench.benchmark.results import RUN_KEY
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
 from hcbench.report.style import Look, looks
-from hcbench.results import RUN_KEY
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping
 
+    from hcbench.benchmark.results import Results
     from hcbench.impact import Floats
-    from hcbench.results import Results
 
 REFERENCE = "reference"
 TRUTH = "hunt-crossley"  # the reference's setting that is the law itself
@@ -84,13 +84,13 @@ class View:
 
     def truth(self, alpha: float, speed: Floats) -> Floats:
         """e of (16)."""
-        return np.asarray(exact.restitution(alpha, speed))
+        return np.asarray(closed_form.restitution(alpha, speed))
 
     @cached_property
     def contact_time(self) -> float:
         """How long the law's contact lasts at the study's speed for steps, s."""
         speed = float(self.study["step_speed"])
-        return float(exact.duration(self.law(self.main_alpha), float(self.study["mass_kg"]), speed))
+        return float(closed_form.duration(self.law(self.main_alpha), float(self.study["mass_kg"]), speed))
 
     @cached_property
     def speeds(self) -> Floats:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.errors import SettingError
-from hcbench.reference import exact
+from hcbench.laws import closed_form
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,7 +36,7 @@ def contact_time(target: Target) -> float:
     Not under 20 steps, so that a coarse step still sees a contact: the spring is softer than the law then.
     """
     speed = math.sqrt(target.speed_min * target.speed_max)
-    own = float(exact.duration(target.law, target.mass, speed))
+    own = float(closed_form.duration(target.law, target.mass, speed))
     return max(own, STEPS_A_CONTACT * target.timestep)
 
 

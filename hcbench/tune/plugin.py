@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from hcbench.contact.law import STEPS_PER_CONTACT
 from hcbench.errors import SettingError
-from hcbench.reference import exact
+from hcbench.laws import closed_form
+from hcbench.laws.restitution import STEPS_PER_CONTACT
 from hcbench.setting import Setting
-from hcbench.tune.reading import require_reading
+from hcbench.tune.target_kind import require_reading
 
 if TYPE_CHECKING:
-    from hcbench.reference.laws import HuntCrossley
+    from hcbench.laws.force import HuntCrossley
     from hcbench.tune.target import Target
 
 
@@ -58,7 +58,7 @@ class RestitutionLaw:
 
 def require_resolved(target: Target, law: HuntCrossley, todo: str) -> None:
     """Refuse a step that does not resolve the shortest contact of the band: SettingError."""
-    steps = float(exact.duration(law, target.mass, target.speed_max)) / target.timestep
+    steps = float(closed_form.duration(law, target.mass, target.speed_max)) / target.timestep
     if steps < STEPS_PER_CONTACT:
         raise SettingError(
             "timestep",

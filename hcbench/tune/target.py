@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 
 from hcbench.errors import SettingError
-from hcbench.reference import exact
+from hcbench.laws import closed_form
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
-    from hcbench.reference.laws import HuntCrossley
+    from hcbench.laws.force import HuntCrossley
     from hcbench.setting import Setting
 
 Reading = Literal["law", "linear", "points"]
@@ -83,7 +83,7 @@ class Target:
             return np.asarray(np.interp(speed, speeds, values))
         if self.reading == "linear":
             return np.asarray(1.0 - self.law.alpha * np.asarray(speed, dtype=float))
-        return exact.restitution(self.law.alpha, speed)
+        return closed_form.restitution(self.law.alpha, speed)
 
 
 class Recipe(Protocol):

@@ -1,0 +1,135 @@
+"""What a study found: tidy tables, the settings used, versions and provenance. Written whole or not at all.
+
+restitution.csv  one row an impact           loops.csv     one row a sample of a kept loop
+scores.csv       one row a setting, α, step  summary.json  schema, study, settings, versions
+hcbench-files.json: what of a folder was written, so that the next time clears up after this one.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hcbench._files import json_text, write_text
+from hcbench.errors import UserError
+from hcbench.scoring import CLAIMS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import pandas as pd
+
+SCHEMA = 1
+RUN_KEY = ["scene", "engine", "setting", "alpha_s_per_m", "timestep_s"]  # one setting at one step for one α
+
+IMPACT_COLUMNS = [
+    *RUN_KEY,
+    "speed_m_per_s",
+    "phase",
+    "status",
+    "reason",
+    "speed_in_m_per_s",
+    "speed_out_m_per_s",
+    "restitution",
+    "restitution_law",
+    "restitution_linear",
+    "duration_s",
+    "penetration_max_m",
+    "force_max_n",
+    "samples",
+]
+TABLES = ("restitution", "loops", "scores", "trains")
+TRAIN_COLUMNS = [*RUN_KEY, "bounce", "height_m", "height_law_m"]
+LOOP_COLUMNS = [*RUN_KEY, "speed_m_per_s", "phase", "time_s", "penetration_m", "rate_m_per_s", "force_n"]
+
+
+def _no_trains() -> pd.DataFrame:
+    import pandas as pd  # here, as sweeps and the processes that fly need none of it
+
+    return pd.DataFrame(columns=TRAIN_COLUMNS)
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """Everything a report or a check reads.
+
+    study: the study file's content with its defaults filled in. settings: one record a run key.
+    versions: package -> version. impacts, loops, scores: tables, columns as above.
+    """
+
+    study: Mapping[str, Any]
+    settings: Sequence[Mapping[str, Any]]
+    versions: Mapping[str, str]
+    impacts: pd.DataFrame
+    loops: pd.DataFrame
+    scores: pd.DataFrame
+    trains: pd.DataFrame = field(default_factory=_no_trains)
+
+    def summary(self) -> dict[str, Any]:
+        """The part that is not a table, JSON-able."""
+        return {
+            "schema": SCHEMA,
+            "kind": "hcbench results",
+            "study": self.study,
+            "versions": self.versions,
+            "settings": list(self.settings),
+            "impacts": len(self.impacts),
+            "scores": json.loads(self.scores.to_json(orient="records", double_precision=15)),
+        }
+
+    def write(self, folder: Path) -> None:
+        """Write the files into an existing folder."""
+        tables = {
+            "restitution": self.impacts,
+            "loops": self.loops,
+            "scores": self.scores,
+            "trains": self.trains,
+        }
+        for name, table in tables.items():
+            write_text(folder / f"{name}.csv", csv_text(table))
+        write_text(folder / "summary.json", json_text(self.summary()))
+
+    @classmethod
+    def read(cls, folder: Path) -> Results:
+        """Read what `write` wrote; UserError for a folder that is not one, or of another schema."""
+        try:
+            summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+            tables = [_read_table(folder / f"{name}.csv") for name in TABLES]
+        except (OSError, ValueError) as error:
+            raise UserError("results", f"{folder}: {error}", "a folder that `hcbench report` wrote") from None
+        if summary.get("schema") != SCHEMA:
+            raise UserError(
+                "results",
+                f"{folder} has schema {summary.get('schema')!r}",
+                f"schema {SCHEMA}",
+                "Run the study again with this version of hcbench",
+            )
+        return cls(summary["study"], summary["settings"], summary["versions"], *tables)
+
+
+def _read_table(path: Path) -> pd.DataFrame:
+    import pandas as pd
+
+    # Before version 3 pandas reads the last digit wrong unless told not to; since then it must not be told.
+    exact: dict[str, Any] = (
+        {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
+    )
+    # An empty number is NaN, but an empty reason is an empty text and an empty claim "not resolved".
+    table: pd.DataFrame = pd.read_csv(path, dtype=dict.fromkeys(["reason", *CLAIMS], "object"), **exact)
+    if "reason" in table:
+        table["reason"] = table["reason"].fillna("")
+    for claim in CLAIMS:
+        if claim in table:
+            table[claim] = table[claim].map({"True": True, "False": False}).astype("object")
+            table.loc[table[claim].isna(), claim] = None
+    return table
+
+
+def csv_text(table: pd.DataFrame) -> str:
+    """CSV with every float in the fewest digits that read back the same."""
+    buffer = io.StringIO()
+    table.to_csv(buffer, index=False, lineterminator="\n")
+    return buffer.getvalue()

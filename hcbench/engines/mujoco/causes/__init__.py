@@ -1,0 +1,1 @@
+"""What keeps a pair in a MuJoCo model from bouncing, with fixes."""

@@ -1,0 +1,19 @@
+"""MuJoCo: what may keep a pair from bouncing as asked, found in the model and in the impacts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hcbench.engines.mujoco.causes.contact import damped, impedance, mixing, refsafe
+from hcbench.engines.mujoco.causes.motion import gravity, integrator, losses, margin, resolution
+
+if TYPE_CHECKING:
+    from hcbench.engines.mujoco.causes.context import Situation
+    from hcbench.measure.measurement import Candidate
+
+_LOOKS = (mixing, refsafe, damped, integrator, impedance, resolution, gravity, losses, margin)
+
+
+def find_candidates(s: Situation) -> list[Candidate]:
+    """Everything that may matter here, likeliest first."""
+    return [c for look in _LOOKS for c in look(s)]

@@ -1,0 +1,136 @@
+"""MuJoCo: any model as a subject, measured as its author has it."""
+
+from __future__ import annotations
+
+import copy
+from typing import TYPE_CHECKING, Any
+
+from hcbench.engines.mujoco.causes.checks import find_candidates
+from hcbench.engines.mujoco.causes.context import Situation, asked_law, delivered_law
+from hcbench.engines.mujoco.measured_run import Flight
+from hcbench.engines.mujoco.pair import find_sides, geom_name
+from hcbench.engines.mujoco.place import place
+from hcbench.engines.mujoco.user_model import backend, listening, load, start
+from hcbench.measure.measurement import Candidate, Facts, Request, Wanted
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.impact import Impact, Launch
+
+
+class MujocoSubject:
+    """A MuJoCo model with a pair in it.
+
+    model: an MjModel that is ours to keep. label: what to call it.
+    Raises UserError or SceneError with the reason where the pair cannot be measured.
+    """
+
+    def __init__(self, model: Any, label: str, request: Request) -> None:
+        self.model, self.label, self.request = model, label, request
+        with listening():
+            self.start, self.start_name = start(model, request.key)
+            first, second = find_sides(model, request.pair)
+            self.place = place(model, start(model, request.key)[0], first, second)
+        self.flight = Flight(model, self.start, self.place)
+
+    def fly(self, launches: Sequence[Launch]) -> list[Impact]:
+        """One impact for each launch, in order."""
+        return [self.flight.fly(launch) for launch in launches]
+
+    @property
+    def weight(self) -> float:
+        """Grows with degrees of freedom and geoms."""
+        return 1.0 + float(self.model.nv + self.model.ngeom) / 10
+
+    def facts(self) -> Facts:
+        """What the model says of itself and of the pair."""
+        model, place, mujoco = self.model, self.place, backend()
+        law, words = asked_law(model, place)
+        solref, solimp, geoms = place.contact.rows[0]
+        settings = {
+            "integrator": mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_").lower(),
+            "solref": list(solref),
+            "solimp": list(solimp),
+            "points of contact": len(place.contact.rows),
+            "acts from (m)": place.contact.onset,
+            "start": self.start_name,
+        }
+        return Facts(
+            engine="mujoco",
+            version=mujoco.__version__,
+            model=self.label,
+            pair=(_shown(model, place.first, geoms), _shown(model, place.second, geoms)),
+            moved=place.carrier.words,
+            timestep=float(model.opt.timestep),
+            gravity=tuple(float(g) for g in self._gravity()),  # type: ignore[arg-type]
+            effective_mass=place.effective_mass,
+            normal=tuple(float(x) for x in place.contact.normal),  # type: ignore[arg-type]
+            settings=settings,
+            asked=law.curve(self.request.speeds) if law is not None else (),
+            asked_words=words,
+            notes=tuple(self._notes()),
+        )
+
+    def _gravity(self) -> Sequence[float]:
+        off = self.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_GRAVITY
+        return (0.0, 0.0, 0.0) if off else self.model.opt.gravity
+
+    def _notes(self) -> list[str]:
+        notes = []
+        if self.place.overlap > 0:
+            notes.append(f"The two overlap by {self.place.overlap:.3g} m at the start: moved apart to touch.")
+        if self.flight.others:
+            notes.append(f"Other contacts acted during the impact: {self._others()}.")
+        return notes
+
+    def candidates(self, impacts: Sequence[Impact], wanted: Wanted | None) -> list[Candidate]:
+        """What may keep this pair from bouncing as asked."""
+        law, _ = asked_law(self.model, self.place)
+        situation = Situation(
+            model=self.model,
+            place=self.place,
+            asked=law,
+            delivered=delivered_law(self.model, self.place),
+            impacts=impacts,
+            wanted=wanted,
+            gravity=tuple(self._gravity()),
+        )
+        found = find_candidates(situation)
+        if self.flight.others:
+            found.append(
+                Candidate(
+                    "other-contacts",
+                    "Other things touch the two at the same time: e is not that of the pair alone.",
+                    self._others(),
+                    "a pair that meets before anything else, or a model of the two alone",
+                    static=True,
+                )
+            )
+        return found
+
+    def _others(self) -> str:
+        return ", ".join(sorted(geom_name(self.model, g) for g in self.flight.others))
+
+    def changed(self, candidates: Sequence[Candidate]) -> MujocoSubject:
+        """The same pair with some fixes made."""
+        model = copy.copy(self.model)
+        for candidate in sorted(candidates, key=lambda c: c.last):
+            if candidate.apply is not None:
+                candidate.apply(model)
+        return MujocoSubject(model, self.label, self.request)
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def _shown(model: Any, side: Any, geoms: tuple[int, int]) -> str:
+    if not side.name.startswith(("body:", "geom:")):
+        return str(side.name)
+    mine = next(g for g in geoms if g in side.geoms)
+    return geom_name(model, mine)
+
+
+def subject(source: Any, request: Request) -> MujocoSubject:
+    """A model from a path, MjModel, MjSpec or MJCF text."""
+    return MujocoSubject(*load(source, request), request)

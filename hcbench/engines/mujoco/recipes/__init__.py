@@ -1,0 +1,1 @@
+"""Settings of MuJoCo's own contact."""

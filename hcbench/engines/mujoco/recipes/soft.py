@@ -1,0 +1,199 @@
+"""MuJoCo, a single contact: solref and all five numbers of solimp searched.
+
+One row gives a = d (S d/dw² r + D/dw v). The best that its numbers can do is a step: an impedance that stays
+at its floor until half its width and jumps to its top there holds the ball up with a nearly constant force
+F (1 + a v), and the restitution of that is the restitution of eq. (16), whatever the exponent. How sharp the
+step can be is set by MuJoCo's arithmetic, which underflows beyond a power of about 1020 (at midpoint 0.5).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from scipy.optimize import Bounds, differential_evolution, minimize
+
+from hcbench.engines.mujoco.constraint_row import SOFTEST, STIFFEST, Row
+from hcbench.errors import SettingError
+from hcbench.setting import Setting
+from hcbench.tune.constant import require_integrator
+from hcbench.tune.search import Search, giving
+
+if TYPE_CHECKING:
+    from hcbench.impact import Floats
+    from hcbench.tune.target import Target
+
+_SPEEDS = 12
+_WIDTH = 1500.0  # steps at the highest speed: fewer and the touch's phase shows in e
+_DEEPEST = 0.02  # m
+_SEED = 1975
+_MEMBERS, _GENERATIONS, _TWO, _SIX = 30, 40, 120, 300  # of the search: five members a gene, then two polishes
+# Smallest power that MuJoCo's spline can take without a subnormal number: midpoint^(power - 1).
+_LOG_SMALLEST = -math.log(1e-306)
+# log10 S, log10 D (in widths and highest speeds), log10 d0, log10(1 - dw), midpoint, log10(power/largest).
+_LOWEST = np.array([-1.5, -3.0, math.log10(SOFTEST), math.log10(1 - STIFFEST), 0.35, -0.8])
+_HIGHEST = np.array([2.5, 2.0, -2.0, -0.0005, 0.65, 0.0])
+
+
+def largest_power(midpoint: Floats) -> Floats:
+    """The power beyond which MuJoCo's impedance is not a number; same shape."""
+    return np.asarray(1.0 + _LOG_SMALLEST / np.maximum(-np.log(midpoint), -np.log1p(-midpoint)))
+
+
+def _numbers(genes: Floats) -> tuple[Floats, ...]:
+    """S, D, d0, dw, midpoint, power of genes of shape (population, 6); each (population, 1)."""
+    s, d, floor, gap, midpoint, share = genes.T[..., None]
+    power = np.maximum(1.0, largest_power(midpoint) * 10.0**share)
+    return 10.0**s, 10.0**d, 10.0**floor, 1.0 - 10.0**gap, midpoint, power
+
+
+def _stretches(genes: Floats) -> tuple[Floats, Floats]:
+    """Elastic work and damping over stretches of depth, fine around the step; (population, stretches)."""
+    S, D, d0, dw, midpoint, power = _numbers(genes)
+    step = midpoint * np.maximum(0.0, 1.0 + np.linspace(-10.0, 10.0, 121) / power)
+    before = step[:, :1] * np.linspace(0.0, 1.0, 21)[None, :-1]
+    after = step[:, -1:] + (np.geomspace(1.0, 3e3, 60)[None, 1:] - 1.0) * midpoint / power
+    edges = np.concatenate([before, step, after], axis=1)
+    depth, length = (edges[:, 1:] + edges[:, :-1]) / 2, np.diff(edges, axis=1)
+    low = midpoint * (np.minimum(depth, midpoint) / midpoint) ** power
+    high = 1 - (1 - midpoint) * ((1 - np.clip(depth, midpoint, 1.0)) / (1 - midpoint)) ** power
+    d = d0 + (dw - d0) * np.where(depth <= midpoint, low, high)
+    return S * (d / dw) ** 2 * depth * length, D * d / dw * length
+
+
+def _mean(v: Floats, w: Floats) -> Floats:
+    """Mean speed along a stretch under a constant force, from v at one end to w at the other."""
+    return np.asarray((2 / 3) * (v * v + v * w + w * w) / np.maximum(v + w, 1e-300))
+
+
+def _restitution(genes: Floats, speeds: Floats) -> Floats:
+    """e of one contact at speeds over the highest; (population, speeds); 0 where it would go too deep.
+
+    By energy along the depth: v²/2 falls by ΔP + ΔG v on the way in, and grows by ΔP - ΔG v on the way out as
+    long as the contact pushes, v being the stretch's mean: first that of its ends, then better.
+    """
+    work, damping = _stretches(genes)
+    v = np.broadcast_to(speeds, (len(genes), len(speeds))).copy()
+    last, part = np.full(v.shape, -1), np.zeros(v.shape)
+    for i in range(work.shape[1]):
+        P, G = work[:, i, None], damping[:, i, None]
+        rough = np.sqrt(np.maximum(G**2 / 4 - 2 * P - G * v + v**2, 0.0)) - G / 2
+        left = v**2 - 2 * (P + G * _mean(v, np.maximum(rough, 0.0)))
+        stops = (last < 0) & (left <= 0.0)
+        part = np.where(stops, np.clip(v**2 / 2 / np.maximum(P + G * v * 2 / 3, 1e-300), 0.0, 1.0), part)
+        last = np.where(stops, i, last)
+        if (last >= 0).all():
+            break
+        v = np.where(last < 0, np.sqrt(np.maximum(left, 0.0)), v)
+    s = np.zeros(v.shape)
+    for i in range(int(last.max()), -1, -1):
+        share = np.where(last == i, part, np.where(last > i, 1.0, 0.0))
+        P, G = work[:, i, None] * share, damping[:, i, None] * share
+        push = P - G * s
+        rough = np.sqrt(np.maximum(G**2 / 4 + 2 * push + G * s + s**2, 0.0)) - G / 2
+        gained = s**2 + 2 * (P - G * _mean(s, np.maximum(rough, 0.0)))
+        s = np.where(push > 0, np.sqrt(np.maximum(gained, 0.0)), s)
+    return np.where(last < 0, 0.0, s / speeds)
+
+
+@lru_cache(maxsize=64)
+def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> tuple[Floats, float]:
+    """The best genes for e wanted at shares of the highest speed, and their largest error."""
+    speeds, e = np.array(shares), np.array(wanted)
+    search = Search(_MEMBERS * (1 + _GENERATIONS) + _TWO + _SIX)
+
+    def errors(genes: Floats) -> Floats:
+        inside = np.clip(genes, _LOWEST, _HIGHEST)
+        found = np.asarray(np.abs(_restitution(inside, speeds) - e).max(axis=1))
+        search.saw(inside, found)
+        return found
+
+    def error(genes: Floats) -> float:
+        return float(errors(genes[None])[0])
+
+    loss = max(1e-4, 1 - wanted[-1])
+    start = np.array([0.45, math.log10(2.5 * loss), _LOWEST[2], _LOWEST[3], 0.5, 0.0])
+
+    def population(genes: Floats) -> Any:
+        return errors(genes.T)
+
+    # The best step is as high and as sharp as can be: from there S and D alone, from elsewhere all six.
+    sharp = np.array([*start[2:4], 0.5, 0.0])
+
+    def error_of_sharp(genes: Floats) -> float:
+        return error(np.concatenate([genes, sharp]))
+
+    with search.kept():
+        found = differential_evolution(
+            population,
+            Bounds(_LOWEST, _HIGHEST),
+            x0=np.clip(start, _LOWEST + 1e-6, _HIGHEST - 1e-6),
+            seed=_SEED,
+            popsize=_MEMBERS // len(start),
+            maxiter=_GENERATIONS,
+            vectorized=True,
+            updating="deferred",
+            polish=False,
+        )
+        two = minimize(
+            error_of_sharp, start[:2], method="Nelder-Mead", options={"maxfev": _TWO, "fatol": 1e-7}
+        )
+        six = minimize(
+            error, np.asarray(found.x), method="Nelder-Mead", options={"maxfev": _SIX, "fatol": 1e-7}
+        )
+    ways = [np.concatenate([two.x, sharp]), np.asarray(six.x)]
+    best = np.clip(min(ways, key=error), _LOWEST, _HIGHEST)
+    return best, error(best)
+
+
+@dataclass(frozen=True)
+class Soft:
+    """One contact that follows e(v) as nearly as one contact can."""
+
+    integrator: str = "Euler"
+    engine: ClassVar[str] = "mujoco"
+    name: ClassVar[str] = "soft"
+    integrators: ClassVar[tuple[str, ...]] = ("Euler", "implicit", "implicitfast", "RK4")
+    summary: ClassVar[str] = (
+        "One contact, solref and all five solimp numbers searched: e falls with speed nearly as wanted."
+    )
+    holds: ClassVar[tuple[str, ...]] = (
+        "Euler, implicit, implicitfast and RK4, at steps up to about 2.6e-5 s in the band 1 ... 20 in/s.",
+        "Numbers are per unit effective mass: the same for any mass.",
+        "The loop is not the law's: a nearly constant force, and a contact time that grows with speed.",
+        "At rest the body sits half of solimp's width deep.",
+        "Do not raise the power: beyond about 1020 at midpoint 0.5 MuJoCo's impedance is not a number.",
+        "Set solref and solimp on both geoms or in a <pair>: MuJoCo averages the solimp of the two geoms.",
+    )
+
+    def __call__(self, target: Target) -> Setting:
+        """The setting; SettingError where the step is too coarse, SearchCut with the best so far."""
+        require_integrator(self.name, self.integrator, self.integrators, "its damping is off by the step")
+        width = _WIDTH * target.timestep * target.speed_max
+        if width > _DEEPEST:
+            limit = _DEEPEST / (_WIDTH * target.speed_max)
+            raise SettingError(
+                "timestep",
+                f"{target.timestep:.4g} s, which takes a contact {width:.3g} m deep",
+                f"{limit:.3g} s or less for speeds up to {target.speed_max:.4g} m/s",
+                "Use `staggered`, `two-pair` or `impulse`",
+            )
+        speeds = np.geomspace(target.speed_min, target.speed_max, _SPEEDS)
+        shares, wanted = speeds / target.speed_max, target.restitution(speeds)
+        with giving(lambda genes: self._setting(genes, target)):
+            genes, _ = _search(tuple(shares.tolist()), tuple(wanted.tolist()))
+        return self._setting(genes, target)
+
+    def _setting(self, genes: Floats, target: Target) -> Setting:
+        width = _WIDTH * target.timestep * target.speed_max
+        S, D, d0, dw, midpoint, power = (float(number[0, 0]) for number in _numbers(genes[None]))
+        rate = target.speed_max / width
+        row = Row(S * rate**2, D * rate, (d0, dw, width, midpoint, power))
+        options = {"integrator": self.integrator, "rows": [row.option()]}
+        return Setting(self.engine, self.name, target.timestep, options)
+
+
+MUJOCO = Soft()

@@ -1,0 +1,279 @@
+"""MuJoCo: the whole of eq. (16), loop included, in plain MJCF.
+
+Springs that start at staggered depths add up to the law's elastic force k x^n; dampers whose impedance grows
+as x^n are its damping a k x^n v. Rows of contact act on one another: with weights w = d/(1 - d) the
+acceleration is a = Σ w a_ref / (1 + Σ w), so what the springs have to add up to is k x^n (1 + Σ w). The
+restitution depends on the ratio of damping to elastic force alone, and how it answers to that ratio is known
+(`kernel`): springs and dampers come out of one linear problem, a non-negative least-squares fit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from scipy.optimize import nnls
+
+from hcbench.engines.mujoco.constraint_row import POWER_LAW, SOFTEST, Row, weight
+from hcbench.engines.mujoco.recipes.sensitivity import restitution_kernel
+from hcbench.errors import SettingError
+from hcbench.setting import Setting
+from hcbench.tune.constant import require_integrator
+from hcbench.tune.softening import served_law
+from hcbench.tune.target_kind import require_reading
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.impact import Floats
+    from hcbench.laws.force import HuntCrossley
+    from hcbench.tune.target import Target
+
+_GRID = 1200
+_SPEEDS = 50
+_HEADROOM = 1.02  # of the largest penetration without loss
+_FORCE_SCALE, _RESTITUTION_SCALE = 1e-3, 2e-6  # what counts as one unit of misfit, relative and absolute
+_SPRING_WEIGHT = SOFTEST / (1.0 - SOFTEST)
+
+
+@dataclass(frozen=True)
+class Damper:
+    """Where a damper starts, m, and its solimp."""
+
+    onset: float
+    solimp: tuple[float, float, float, float, float]
+
+    def weight(self, x: Floats) -> Floats:
+        """d/(1 - d) at penetrations (m), same shape."""
+        return weight(self.solimp, x - self.onset)
+
+
+@dataclass(frozen=True)
+class Band:
+    """What is to be served: the law per unit mass at penetrations from `low` to `top` (m)."""
+
+    law: HuntCrossley
+    mass: float
+    speeds: Floats
+    low: float
+    top: float
+    lag: float  # s: half a step where the engine's rates lag the positions by it, else 0
+
+    def elastic(self, x: Floats) -> Floats:
+        """f(x), m/s², so that f (1 + a v) is the law at the rate v that the engine uses.
+
+        An Euler step x+ = x + h v+ knows the rate of half a step ago, v + (h/2) f (1 + a v): hence the
+        denominator. The ratio of damping to elastic force, and with it e, stays as it is.
+        """
+        f = self.law.stiffness / self.mass * np.power(x, self.law.exponent)
+        return np.asarray(f / (1.0 + self.law.dissipation * self.lag * f))
+
+    def grid(self) -> Floats:
+        """Penetrations to fit at, m: 0 and evenly in log up to the top."""
+        return np.concatenate([[0.0], np.geomspace(self.low * 1e-3, self.top, _GRID)])
+
+
+def band_of(target: Target, law: HuntCrossley, lag: float) -> Band:
+    """The band of penetrations of a target's speeds under a law without its loss."""
+
+    def deepest(speed: float) -> float:
+        n = law.exponent
+        return float(((n + 1) * target.mass * speed**2 / (2 * law.stiffness)) ** (1 / (n + 1)))
+
+    return Band(
+        law=law,
+        mass=target.mass,
+        speeds=np.geomspace(target.speed_min, target.speed_max, _SPEEDS),
+        low=0.9 * deepest(target.speed_min),
+        top=_HEADROOM * deepest(target.speed_max),
+        lag=lag,
+    )
+
+
+def _rising(base: float, end: float, power: float, highest: float, start: float) -> Damper:
+    """A damper from `base` to `end` (m) that starts a multiple of the depth where its floor matters later.
+
+    No impedance is below SOFTEST, so a damper is felt at once when it starts: as much as at that depth.
+    """
+    floor = start * (SOFTEST / highest) ** (1.0 / max(power, 1.0)) * (end - base)
+    onset = base + floor
+    return Damper(onset, (SOFTEST, highest, end - onset, POWER_LAW, power))
+
+
+def _layouts(band: Band, highest: float) -> list[list[Damper]]:
+    """Sets of dampers to choose from: one stretch from touch to top, or two for wide bands of speed.
+
+    highest: of their impedances. Onsets and powers are what makes the fit good over n = 1 ... 2, any a and
+    band; all else is fitted.
+    """
+    if band.law.dissipation == 0.0:
+        return [[]]
+    n, top = band.law.exponent, band.top
+    late = 2.0 * (SOFTEST / highest) ** (1.0 / n)
+    one = [_rising(0.0, top, 1.003 * n, highest, 0.45), _straight(late * top, top, 0.01)]
+    if highest < 0.5:  # two stretches weigh as much as both together
+        return [one]
+    split = float(np.sqrt(band.low * top))
+    late_low = 2.0 * (SOFTEST / 0.2) ** (1.0 / n)
+    two = [
+        _rising(0.0, split, 1.003 * n, 0.2, 0.45),
+        _straight(late_low * split, split, 0.005),
+        _straight(split, top, 0.1),
+        _rising(split, top, 1.003 * n, highest, 0.45),
+    ]
+    return [one, two]
+
+
+def _straight(onset: float, end: float, highest: float) -> Damper:
+    return Damper(onset, (SOFTEST, highest, end - onset, 0.5, 1.0))
+
+
+def knots_of(band: Band, dampers: Sequence[Damper], misfit: float) -> Floats:
+    """Where springs start, m: close enough for straight lines to be within `misfit` of the curve.
+
+    Relative to the curve, and below the band's lowest penetration to the curve there.
+    """
+    edges = np.geomspace(band.low * 1e-3, band.top * (1.0 - 1e-6), 3001)
+    x = np.sqrt(edges[1:] * edges[:-1])
+
+    def curve(at: Floats) -> Floats:
+        return np.asarray(band.elastic(at) * (1.0 + sum(d.weight(at) for d in dampers)))
+
+    nudge = 1e-3
+    bend = (curve(x * (1 + nudge)) - 2 * curve(x) + curve(x * (1 - nudge))) / (nudge * x) ** 2
+    density = np.sqrt(np.abs(bend) / (8 * misfit * curve(np.maximum(x, band.low))))
+    count = np.concatenate([[0.0], np.cumsum(density * np.diff(edges))])
+    knots = max(1, int(np.ceil(count[-1])))
+    return np.asarray(np.concatenate([[0.0], np.interp(np.arange(1, knots), count, edges)]))
+
+
+@dataclass(frozen=True)
+class _Fit:
+    springs: Floats  # S of each knot, 1/s²
+    dampers: Floats  # D of each damper, 1/s
+    misfit: float
+
+
+def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, kernel: Floats) -> _Fit:
+    """Springs and dampers together: the force near the law's everywhere, the restitution nearer still."""
+    x = band.grid()
+    a, f = band.law.dissipation, band.elastic(x)
+    behind = x[:, None] > knots
+    weights = np.array([d.weight(x) for d in dampers]).reshape(len(dampers), len(x)).T
+    share = 1.0 / (1.0 + weights.sum(axis=1) + _SPRING_WEIGHT * behind.sum(axis=1))
+    # A spring starts to act when it wants more than the others give: its line starts from there, see _rows.
+    already = _SPRING_WEIGHT * (behind * band.elastic(knots)).sum(axis=1) * share
+    springs = _SPRING_WEIGHT / SOFTEST * np.maximum(0.0, x[:, None] - knots) * share[:, None]
+    tops = np.array([d.solimp[1] for d in dampers])
+    damping = weights / tops * share[:, None]
+    scale = np.maximum(f, band.elastic(np.asarray(band.low)))
+    span = max(np.log(band.top / band.low), 0.5)
+    force = (np.sqrt(np.gradient(x) / np.maximum(x, band.low) / span) / scale / _FORCE_SCALE)[:, None]
+    rate = force * min(band.speeds[-1], 1.0 / a) if a else force
+    answer = kernel * band.mass / _RESTITUTION_SCALE / np.sqrt(len(kernel))
+    left = np.block(
+        [
+            [springs * force, np.zeros((len(x), len(dampers)))],
+            [np.zeros((len(x), len(knots))), damping * rate],
+            [-a * answer @ springs, answer @ damping],
+        ]
+    )
+    right = np.concatenate([(f - already) * force[:, 0], a * f * rate[:, 0], a * answer @ already])
+    norms = np.linalg.norm(left, axis=0)
+    solution, misfit = nnls(left / norms, right, maxiter=100 * left.shape[1])
+    solution = solution / norms
+    return _Fit(solution[: len(knots)], solution[len(knots) :], float(misfit))
+
+
+def _best(
+    band: Band, dampers: Sequence[Damper], misfit: float, kernel: Floats
+) -> tuple[list[Damper], Floats, _Fit]:
+    """Fit, leaving out what the fit has no use for: an idle row would still weigh on the others."""
+    kept = list(dampers)
+    knots = knots_of(band, kept, misfit)
+    while True:
+        fit = _fit(band, kept, knots, kernel)
+        late = (
+            band.elastic(knots) * SOFTEST > 0.5 * fit.springs * np.gradient(np.append(knots, band.top))[:-1]
+        )
+        late[0] = False
+        if fit.dampers.all() and not late.any():
+            return kept, knots, fit
+        kept = [damper for damper, D in zip(kept, fit.dampers, strict=True) if D > 0.0]
+        knots = knots[~late]
+
+
+def _rows(band: Band, dampers: Sequence[Damper], knots: Floats, fit: _Fit) -> list[Row]:
+    """A spring acts from where it wants as much as the others give: it starts that much before its knot."""
+    rows = [
+        Row(S, 0.0, (SOFTEST, SOFTEST, 1.0, 0.5, 1.0), onset=float(y - early))
+        for y, S in zip(knots, fit.springs, strict=True)
+        if S > 0.0
+        for early in [float(band.elastic(y)) * SOFTEST / S]
+    ]
+    fastest = float(band.speeds[-1])
+    a, f = band.law.dissipation, float(band.elastic(np.asarray(band.top)))
+    for damper, D in zip(dampers, fit.dampers, strict=True):
+        highest = damper.solimp[1]
+        # Twice the largest pull of this row on the way out.
+        pull = highest / (1 - highest) * (D / highest * fastest + f * (1 + a * fastest))
+        rows.append(Row(0.0, D, damper.solimp, damper.onset, adhesion=2 * band.mass * pull))
+    return rows
+
+
+@dataclass(frozen=True)
+class Staggered:
+    """Eq. (16) as staggered springs and dampers, in closed form.
+
+    integrator: MuJoCo's. misfit: how far the springs' straight lines may be off k x^n, relative; fewer pairs
+    for more. impedance: the highest of the dampers; lower, such as 0.05, for a body that several others
+    press at once, as all rows share in it, at the price of a little more damping at touch.
+    """
+
+    integrator: str = "Euler"
+    misfit: float = 0.004
+    impedance: float = 0.5
+    engine: ClassVar[str] = "mujoco"
+    name: ClassVar[str] = "staggered"
+    integrators: ClassVar[tuple[str, ...]] = ("Euler", "implicit", "implicitfast", "RK4")
+    summary: ClassVar[str] = (
+        "Coincident pairs, springs that start at staggered depths and a damper: eq. (16), loop included."
+    )
+    holds: ClassVar[tuple[str, ...]] = (
+        "Euler, implicit, implicitfast and RK4; discrete is refused.",
+        "Numbers are per unit effective mass of the two bodies: k and the band of speeds were divided by it.",
+        "Impacts beyond the band's highest speed leave the law: the damper has no more to give.",
+        "With fewer than 10 steps in the law's shortest contact the spring is softer, for 24 steps:"
+        " same e, same shape of loop, larger penetration.",
+        "A steady load feels up to twice the stiffness: the dampers' impedance carries half of it.",
+        "As stiff as the law it rests without creep, about as deep; oscillations die at the law's (3/4) α g.",
+        "Softened it rests deeper and swings wider.",
+        "Pairs are frictionless (condim 1); the dampers need MuJoCo 3.11 or later (pair adhesion).",
+    )
+
+    def __call__(self, target: Target) -> Setting:
+        """The setting; SettingError for a target that is not the law's own restitution."""
+        require_integrator(self.name, self.integrator, self.integrators, "its damping is off by the step")
+        if not 10 * SOFTEST <= self.impedance <= 0.5:
+            raise SettingError("impedance", f"{self.impedance!r}", f"{10 * SOFTEST:g} ... 0.5")
+        require_reading(target, self.name, ("law",), "`two-pair` or `soft`")
+        rows = self.rows(target)
+        options = {"integrator": self.integrator, "rows": [row.option() for row in rows]}
+        return Setting(self.engine, self.name, target.timestep, options)
+
+    def rows(self, target: Target) -> list[Row]:
+        """The pairs: springs from the shallowest on, then dampers."""
+        law = served_law(target)
+        band = band_of(target, law, 0.0 if self.integrator == "RK4" else target.timestep / 2)
+        # A second stretch of dampers costs pairs: it has to pay.
+        kernel = np.zeros((0, _GRID + 1))
+        if law.dissipation > 0.0:
+            x = band.grid()
+            kernel = np.array([restitution_kernel(law, band.mass, float(v), x) for v in band.speeds])
+        fits = [_best(band, dampers, self.misfit, kernel) for dampers in _layouts(band, self.impedance)]
+        best = min(fits, key=lambda fit: fit[2].misfit * (1.5 if len(fit[0]) > 2 else 1.0))
+        return _rows(band, *best)
+
+
+MUJOCO = Staggered()

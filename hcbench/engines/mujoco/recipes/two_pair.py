@@ -1,0 +1,163 @@
+"""MuJoCo: one spring pair and one damper pair at the same spot.
+
+With a linear spring, eq. (16) with n = 1 wants a damper that grows in proportion to depth: the damper's
+impedance does that, starting from its floor. The spring's impedance is small, so that the two hardly act on
+each other. Five numbers of the damper are fitted to the restitution wanted, on a model of the two rows that
+equals the engine's step to round-off; the start is the closed form for n = 1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from hcbench.engines.mujoco.constraint_row import POWER_LAW, SOFTEST, Row, restitution
+from hcbench.errors import SettingError
+from hcbench.laws import closed_form
+from hcbench.setting import Setting
+from hcbench.tune.constant import require_integrator
+from hcbench.tune.search import Search, giving
+
+if TYPE_CHECKING:
+    from hcbench.impact import Floats
+    from hcbench.tune.target import Target
+
+_SPEEDS, _PHASES = 12, 2
+_STEPS = 200  # of the model in a contact, where the engine's own are more
+# A linear spring found closed between two steps scatters e by (π/steps)²/8: 36 keep that below .001.
+_FEWEST_STEPS = 36.0
+_SPRING = 1e-3  # the spring's impedance
+_UNIT = 1e-4  # of e, one unit of misfit
+_GOOD = 10.0  # units: worse than that another start is tried
+_STEPS_MAX = 30  # of the fit; each evaluates once, and once more for each of six numbers
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """What is fitted around: frequency of the spring ω, 1/s; depth and speed at the top of the band; mass."""
+
+    omega: float
+    speed: float
+    mass: float
+
+    @property
+    def top(self) -> float:
+        return self.speed / self.omega
+
+    def start(self, loss: float) -> Floats:
+        """log D, log of width over top, logit of dw, power, midpoint, onset over top."""
+        logit = -2.67
+        highest = 1 / (1 + math.exp(-logit))
+        weight = highest / (1 - highest)
+        damping = loss * self.omega**2 * self.top / weight * highest
+        return np.array([math.log(1.22 * damping), 0.2, logit, 1.1, 0.015, 1e-4])
+
+    def constant_start(self, loss: float) -> Floats:
+        """The same for an e that hardly falls with speed: a damper at its top almost from touch on."""
+        genes = self.start(loss)
+        genes[0] += math.log(0.5)
+        genes[1], genes[3] = -3.0, 1.5
+        return genes
+
+    def rows(self, genes: Floats) -> list[Row]:
+        log_damping, log_width, logit, power, midpoint, onset = (float(gene) for gene in genes)
+        highest = 1 / (1 + math.exp(-logit))
+        D = math.exp(log_damping)
+        solimp = (SOFTEST, highest, self.top * math.exp(log_width), midpoint, power)
+        # w S/d = ω²: what the spring weighs and wants.
+        spring = Row(self.omega**2 * (1 - _SPRING), 0.0, (_SPRING, _SPRING, 1.0, 0.5, 1.0))
+        pull = highest / (1 - highest) * (D / highest + self.omega) * self.speed
+        return [spring, Row(0.0, D, solimp, onset * self.top, adhesion=2 * self.mass * pull)]
+
+
+_LOWEST = [-np.inf, -4.0, -6.0, 1.0, 1e-3, 0.0]
+_HIGHEST = [np.inf, 4.0, 3.0, 6.0, POWER_LAW, 0.05]
+_SCALE = [0.1, 0.1, 0.3, 0.1, 0.01, 1e-3]
+
+
+def contact_duration(target: Target) -> float:
+    """How long the spring's contact lasts, s: as the law's at the geometric mean speed, or 36 steps."""
+    speed = math.sqrt(target.speed_min * target.speed_max)
+    return max(float(closed_form.duration(target.law, target.mass, speed)), _FEWEST_STEPS * target.timestep)
+
+
+@dataclass(frozen=True)
+class TwoPair:
+    """A spring pair and a damper pair with any restitution that falls with speed."""
+
+    integrator: str = "Euler"
+    engine: ClassVar[str] = "mujoco"
+    name: ClassVar[str] = "two-pair"
+    integrators: ClassVar[tuple[str, ...]] = ("Euler", "implicit", "implicitfast", "RK4")
+    summary: ClassVar[str] = (
+        "A linear spring pair and a damper pair that grows with depth: e(v) as wanted, a smooth loop."
+    )
+    holds: ClassVar[tuple[str, ...]] = (
+        "Euler, implicit, implicitfast and RK4; discrete is refused.",
+        "Stiffness and damping are per unit effective mass: the same numbers give the same e for any mass.",
+        "The loop starts and ends at the origin, but its spring is linear: not the law's loop unless n = 1.",
+        "At least 36 steps a contact: the spring is softer where the law has fewer.",
+        "The damper needs MuJoCo 3.11 or later (pair adhesion). Pairs are frictionless (condim 1).",
+    )
+
+    def __call__(self, target: Target) -> Setting:
+        """The setting; SettingError for a target without loss, SearchCut with the best so far."""
+        require_integrator(self.name, self.integrator, self.integrators, "its damping is off by the step")
+        with giving(lambda rows: self._setting(rows, target)):
+            rows = self.rows(target)
+        return self._setting(rows, target)
+
+    def _setting(self, rows: list[Row], target: Target) -> Setting:
+        options = {"integrator": self.integrator, "rows": [row.option() for row in rows]}
+        return Setting(self.engine, self.name, target.timestep, options)
+
+    def rows(self, target: Target) -> list[Row]:
+        """The spring and the damper."""
+        speeds = np.geomspace(target.speed_min, target.speed_max, _SPEEDS)
+        wanted = target.restitution(speeds)
+        if not 0 < wanted[-1] < 1:
+            raise SettingError(
+                "restitution",
+                f"{wanted[-1]:.4g} at {target.speed_max:.4g} m/s",
+                "a bounce with a loss, 0 < e < 1",
+                "Use `staggered` for a contact without loss, `impulse` for one without bounce",
+            )
+        duration = contact_duration(target)
+        step = max(target.timestep, duration / _STEPS)
+        longest = (1.3 if wanted[-1] > 0.5 else 3.0) * duration
+        shape = _Shape(math.pi / duration, target.speed_max, target.mass)
+        loss = 1.5 * float(closed_form.alpha_of(wanted[-1], target.speed_max))
+
+        starts = (shape.start(loss), shape.constant_start(loss))
+        search = Search(len(starts) * _STEPS_MAX * (1 + len(_LOWEST)))
+
+        def misfit(genes: Floats) -> Floats:
+            e = restitution(shape.rows(genes), step, speeds, _PHASES, longest)
+            off = np.nan_to_num(e.mean(axis=1), nan=5.0) - wanted
+            search.saw(genes[None], np.abs(off).max(keepdims=True))
+            return np.asarray(off / _UNIT)
+
+        best, error = starts[0], np.inf
+        with giving(shape.rows), search.kept():
+            for start in starts:
+                found = least_squares(
+                    misfit,
+                    start,
+                    bounds=(_LOWEST, _HIGHEST),
+                    x_scale=_SCALE,
+                    max_nfev=_STEPS_MAX,
+                    diff_step=[1e-4] * 6,
+                )
+                worst = float(np.abs(found.fun).max())
+                if worst < error:
+                    best, error = found.x, worst
+                if error < _GOOD:
+                    break
+        return shape.rows(best)
+
+
+MUJOCO = TwoPair()

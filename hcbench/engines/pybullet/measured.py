@@ -1,0 +1,187 @@
+"""PyBullet: files or a live client as a subject, measured as loaded.
+
+Bullet keeps settings in globals of its process. Files are therefore loaded in a process of hcbench's own; a
+live client is measured where it is, and left in the state and with the settings it had.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.engines.pybullet.causes import Situation, find_candidates, restitutions
+from hcbench.engines.pybullet.measured_run import Flight
+from hcbench.engines.pybullet.place import place
+from hcbench.engines.pybullet.user_model import Bullet, Loaded, World, find_sides, load_files, version
+from hcbench.errors import UserError
+from hcbench.measure.measurement import Candidate, Facts, Request, Wanted
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from hcbench.impact import Impact, Launch
+
+_UNTOLD = "restitutions that PyBullet does not tell of bodies with maximal coordinates"
+
+__all__ = ["PybulletSubject", "World", "subject"]
+
+
+class PybulletSubject:
+    """A PyBullet world with a pair in it.
+
+    build: makes the world anew, for trials; None for a live client, on which nothing is tried.
+    """
+
+    def __init__(
+        self,
+        loaded: Loaded,
+        world: World | None,
+        request: Request,
+        build: Callable[[], tuple[Loaded, World | None]] | None,
+        fixes: Sequence[Candidate] = (),
+    ) -> None:
+        self.loaded, self.world, self.request, self.build = loaded, world, request, build
+        self.bullet = loaded.bullet
+        self.was = self.bullet.getPhysicsEngineParameters()
+        try:
+            self._apply_request()
+            first, second = find_sides(loaded, request.pair, world)
+            for fix in fixes:
+                if fix.apply is not None:
+                    fix.apply(self.bullet)
+            start = self.bullet.saveState()
+            try:
+                self.place = place(loaded, first, second)
+            finally:
+                self.bullet.restoreState(start)
+                self.bullet.removeState(start)
+        except BaseException:
+            self._put_back()
+            raise
+
+    def _apply_request(self) -> None:
+        if self.request.key is not None:
+            raise UserError("key", repr(self.request.key), "no keyframe: PyBullet has none")
+        if self.request.timestep is not None:
+            self.bullet.setPhysicsEngineParameter(fixedTimeStep=self.request.timestep)
+        if self.request.gravity is not None:
+            self.bullet.setGravity(*self.request.gravity)
+
+    def _put_back(self) -> None:
+        """A live client gets back what the request changed; a world of our own is closed."""
+        if self.loaded.own:
+            self.bullet.disconnect()
+            return
+        self.bullet.setPhysicsEngineParameter(fixedTimeStep=self.was["fixedTimeStep"])
+        self.bullet.setGravity(*(self.was[f"gravityAcceleration{axis}"] for axis in "XYZ"))
+
+    @property
+    def timestep(self) -> float:
+        """s."""
+        return float(self.bullet.getPhysicsEngineParameters()["fixedTimeStep"])
+
+    @property
+    def gravity(self) -> tuple[float, float, float]:
+        """m/s^2."""
+        found = self.bullet.getPhysicsEngineParameters()
+        x, y, z = (float(found[f"gravityAcceleration{axis}"]) for axis in "XYZ")
+        return x, y, z
+
+    def fly(self, launches: Sequence[Launch]) -> list[Impact]:
+        """One impact for each launch, in order."""
+        flight = Flight(self.bullet, self.place, self.timestep, np.array(self.gravity))
+        try:
+            return [flight.fly(launch) for launch in launches]
+        finally:
+            flight.close()
+
+    @property
+    def weight(self) -> float:
+        """Grows with bodies and joints."""
+        bullet = self.bullet
+        bodies = [bullet.getBodyUniqueId(i) for i in range(bullet.getNumBodies())]
+        return 1.0 + sum(1 + int(bullet.getNumJoints(body)) for body in bodies) / 5
+
+    def facts(self) -> Facts:
+        """What the world says of itself and of the pair."""
+        first, second = restitutions(self.bullet, self.place)
+        known = not math.isnan(first * second)
+        found = self.bullet.getPhysicsEngineParameters()
+        notes = []
+        if self.place.lift > 0:
+            notes.append("Both files stand at the origin: the moving one was raised above the other first.")
+        if self.place.overlap > 0:
+            notes.append(f"The two overlap by {self.place.overlap:.3g} m at the start: moved apart to touch.")
+        return Facts(
+            engine="pybullet",
+            version=version(),
+            model=self.loaded.label,
+            pair=(self.place.first.name, self.place.second.name),
+            moved=self.place.mover.words,
+            timestep=self.timestep,
+            gravity=self.gravity,
+            effective_mass=self.place.effective_mass,
+            normal=tuple(float(x) for x in self.place.normal),  # type: ignore[arg-type]
+            settings={
+                "restitution": [first, second] if known else "not told",
+                "numSubSteps": int(found["numSubSteps"]),
+                "numSolverIterations": int(found["numSolverIterations"]),
+            },
+            asked=(first * second,) * len(self.request.speeds) if known else (),
+            asked_words=f"restitution {first:g} x {second:g}" if known else _UNTOLD,
+            notes=tuple(notes),
+        )
+
+    def candidates(self, impacts: Sequence[Impact], wanted: Wanted | None) -> list[Candidate]:
+        """What may keep this pair from bouncing as asked."""
+        situation = Situation(
+            self.bullet, self.place, impacts, wanted, self.timestep, self.gravity, self.loaded.foreign
+        )
+        found = find_candidates(situation)
+        return found if self.build else [dataclasses.replace(c, apply=None) for c in found]
+
+    def changed(self, candidates: Sequence[Candidate]) -> PybulletSubject:
+        """The same world made anew, with some fixes made; a live client is not touched."""
+        if self.build is None:
+            raise UserError("model", "a live client cannot be made anew", "files, or a function for it")
+        loaded, world = self.build()
+        return PybulletSubject(loaded, world, self.request, self.build, candidates)
+
+    def close(self) -> None:
+        """End what is ours and put back what is not."""
+        self._put_back()
+
+
+def subject(source: Any, request: Request, again: Callable[[], Any] | None = None) -> PybulletSubject:
+    """A world from files (paths), from a `World`, or from a client id.
+
+    again: makes the `World` or client anew, where a function built it.
+    """
+    if isinstance(source, str | list | tuple) or hasattr(source, "__fspath__"):
+        paths: Sequence[str | Path] = source if isinstance(source, list | tuple) else [source]
+        files = [str(path) for path in paths]
+
+        def build() -> tuple[Loaded, World | None]:
+            return load_files(files), None
+
+        return PybulletSubject(*build(), request, build)
+    if again is None:
+        return PybulletSubject(*_live(source, own=False), request, None)
+    return PybulletSubject(*_live(source, own=True), request, lambda: _live(again(), own=True))
+
+
+def _live(source: Any, own: bool) -> tuple[Loaded, World]:
+    world = World(source) if isinstance(source, int) else source
+    if not isinstance(world, World) and hasattr(world, "_client"):  # a BulletClient of pybullet_utils
+        world = World(world._client)
+    if not isinstance(world, World):
+        what = "a path, an MjModel, an MjSpec, or a PyBullet World"
+        raise UserError("model", f"a {type(source).__name__}", what)
+    bullet = Bullet(world.client)
+    if not bullet.module.isConnected(world.client):
+        raise UserError("model", f"PyBullet client {world.client} is not connected", "a live client")
+    return Loaded(bullet, {}, "PyBullet world", own), world

@@ -1,0 +1,1 @@
+"""Settings of PyBullet's own contact."""

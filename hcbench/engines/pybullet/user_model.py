@@ -1,0 +1,258 @@
+"""PyBullet: from files or a live client to two sides in a world, or one line that says why not."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from contextlib import chdir, suppress
+from dataclasses import dataclass, field
+from functools import partial
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree as ET
+
+from hcbench.errors import EngineMissing, SceneError, UserError
+from hcbench.measure.sanitized import plain
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+# These outlive resetSimulation and the client: a world from files starts with Bullet's own.
+_DEFAULTS = {
+    "contactBreakingThreshold": 0.02,
+    "numSubSteps": 0,
+    "fixedTimeStep": 1.0 / 240.0,
+    "enableFileCaching": 0,
+}
+_PRISMATIC = 1  # pybullet.JOINT_PRISMATIC
+
+
+class Bullet:
+    """The pybullet module with every call bound to one client."""
+
+    def __init__(self, client: int) -> None:
+        try:
+            import pybullet
+        except ImportError as error:
+            todo = "pip install 'pybullet>=3.2.5'  # wheels for CPython up to 3.11"
+            raise EngineMissing("engine", f"pybullet cannot be imported: {error}", "", todo) from None
+        self.module, self.client = pybullet, client
+        self.error: type[Exception] = pybullet.error
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        bound = partial(getattr(self.module, name), physicsClientId=self.client)
+        setattr(self, name, bound)
+        return bound
+
+    @classmethod
+    def direct(cls) -> Bullet:
+        """A new client without a window."""
+        made = cls(0)
+        made.client = made.module.connect(made.module.DIRECT)
+        if made.client < 0:
+            raise EngineMissing("engine", "pybullet gave no client", "", "Close some others")
+        return made
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """A PyBullet world of the user's own, live.
+
+    client: physics client id. first, second: what shall meet, the moving one first, each a body id or a
+    (body id, link index); None where the request's pair names them.
+    """
+
+    client: int
+    first: int | tuple[int, int] | None = None
+    second: int | tuple[int, int] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """One of the two. link: -1 is the base; None means whichever link touches."""
+
+    name: str
+    body: int
+    link: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """A world with what is in it.
+
+    names: body id -> file it came from; empty for a world that was not made of files. own: ours to end.
+    foreign: body id -> (tag, e) of a restitution that its file has in a place where PyBullet does not look.
+    """
+
+    bullet: Bullet
+    names: dict[int, str]
+    label: str
+    own: bool
+    foreign: dict[int, tuple[str, float]] = field(default_factory=dict)
+
+
+def version() -> str:
+    """The wheel's version."""
+    with suppress(metadata.PackageNotFoundError):
+        return metadata.version("pybullet")
+    return "unknown"
+
+
+def load_files(paths: Sequence[str]) -> Loaded:
+    """A new world with the files loaded in it, as PyBullet loads them by default."""
+    files = [Path(path) for path in paths]
+    foreign_in = {path: _check_file(path) for path in files}
+    bullet = Bullet.direct()
+    bullet.resetSimulation()
+    bullet.setPhysicsEngineParameter(**_DEFAULTS)
+    names: dict[int, str] = {}
+    foreign: dict[int, tuple[str, float]] = {}
+    for path in files:
+        for body in _load(bullet, path):
+            names[body] = path.name
+            if (found := foreign_in[path]) is not None:
+                foreign[body] = found
+    return Loaded(bullet, names, " + ".join(path.name for path in files), True, foreign)
+
+
+def _load(bullet: Bullet, path: Path) -> Sequence[int]:
+    loaders = {".urdf": bullet.loadURDF, ".sdf": bullet.loadSDF}
+    load = loaders.get(path.suffix.lower(), bullet.loadMJCF)
+    try:
+        with chdir(path.resolve().parent):  # meshes are looked for here first
+            found = load(path.name)
+    except bullet.error as error:
+        raise SceneError("model", f"{path}: {error}", "a file that PyBullet loads") from None
+    return [found] if isinstance(found, int) else list(found)
+
+
+def _check_file(path: Path) -> tuple[str, float] | None:
+    """Refuse what PyBullet would only print about; return a restitution that it would overlook."""
+    if not path.is_file():
+        what = "is a folder" if path.is_dir() else "is not there"
+        raise SceneError("model", f"{path} {what}", "a URDF, SDF or MJCF file")
+    try:
+        root = ET.parse(path).getroot()
+    except (ET.ParseError, UnicodeDecodeError, ValueError) as error:
+        raise SceneError("model", f"{path} is not XML: {error}", "a URDF, SDF or MJCF file") from None
+    expected = {".urdf": "robot", ".sdf": "sdf"}.get(path.suffix.lower())
+    if expected and root.tag != expected:
+        raise SceneError("model", f"{path} begins with <{root.tag[:40]}>", f"<{expected}>")
+    for mass in root.iter("mass"):
+        text = mass.get("value") or (mass.text or "")
+        try:
+            value = float(text)
+        except ValueError:
+            raise SceneError("model", f"{path}: mass {text[:40]!r}", "a number of kg") from None
+        if not 0 <= value < math.inf:
+            raise SceneError("model", f"{path}: mass {text[:40]!r} kg", "0 kg (fixed) or more")
+    for mesh in root.iter("mesh"):
+        name = mesh.get("filename")
+        if name and "://" not in name and not (path.parent / name).is_file() and not Path(name).is_absolute():
+            raise SceneError("model", f"{path}: mesh {name[:200]!r} is not there", "a file beside the URDF")
+    return _foreign_restitution(root)
+
+
+def _foreign_restitution(root: ET.Element) -> tuple[str, float] | None:
+    """(tag, e) of the first restitution outside <link><contact>, where other simulators have theirs."""
+    own = {id(e) for e in root.iterfind(".//link/contact/restitution")}
+    for element in root.iter():
+        tag = str(element.tag).rpartition("}")[2]
+        if "restitution" not in tag.lower() or id(element) in own:
+            continue
+        text = element.get("value") or element.text or ""
+        with suppress(ValueError):
+            if 0 <= float(text) <= 1:
+                return plain(tag), float(text)
+    return None
+
+
+def find_sides(loaded: Loaded, pair: tuple[str, str] | None, world: World | None) -> tuple[Side, Side]:
+    """The two that the names mean: a file, a body, or a link ("body/link" where links share a name)."""
+    if world is not None and world.first is not None and world.second is not None:
+        first, second = (_numbered(loaded.bullet, part) for part in (world.first, world.second))
+        return first, second
+    known = _known(loaded)
+    if pair is None:
+        bodies = [side for name, side in known.items() if name == f"body:{side.body}"]
+        if len(bodies) != 2:
+            raise UserError(
+                "pair",
+                f"none given, and the world has {len(bodies)} bodies",
+                "two names",
+                f"Known: {', '.join(list(known)[:12])}",
+            )
+        return _labelled(loaded, bodies[0]), _labelled(loaded, bodies[1])
+    found = []
+    for name in pair:
+        side = known.get(name) or known.get(Path(name).name)
+        if side is None:
+            close = difflib.get_close_matches(name, list(known), 1)
+            todo = f"Did you mean {close[0]!r}?" if close else ""
+            names = ", ".join(list(known)[:12])
+            raise UserError("pair", f"no body or link {name!r}", f"one of: {names}", todo)
+        found.append(Side(name, side.body, side.link))
+    links = [side.link for side in found]
+    if found[0].body == found[1].body and (links[0] == links[1] or None in links):
+        raise UserError("pair", f"{pair[0]!r} and {pair[1]!r} are the same body", "two that can meet")
+    return found[0], found[1]
+
+
+def _labelled(loaded: Loaded, side: Side) -> Side:
+    return Side(loaded.names.get(side.body, side.name), side.body, side.link)
+
+
+def _numbered(bullet: Bullet, part: int | tuple[int, int]) -> Side:
+    body, link = (part, None) if isinstance(part, int) else part
+    try:
+        name = plain(bullet.getBodyInfo(body)[1].decode(errors="replace"))
+    except bullet.error:
+        raise UserError("pair", f"no body {body} in this client", "a body id that loadURDF gave") from None
+    words = f"body {body}" if link is None else f"body {body}, link {link}"
+    return Side(f"{name} ({words})" if name else words, body, link)
+
+
+def _known(loaded: Loaded) -> dict[str, Side]:
+    """Every name that means one thing; a name that means several means none."""
+    bullet = loaded.bullet
+    found: dict[str, Side] = {}
+    twice: set[str] = set()
+
+    def put(name: str, side: Side) -> None:
+        if name in found and found[name] != side:
+            twice.add(name)
+        found.setdefault(name, side)
+
+    for i in range(bullet.getNumBodies()):
+        body = bullet.getBodyUniqueId(i)
+        base, robot = (plain(part.decode(errors="replace")) for part in bullet.getBodyInfo(body))
+        whole = Side(f"body:{body}", body, None)
+        file = loaded.names.get(body, "")
+        for name in (f"body:{body}", file, Path(file).stem, robot):
+            if name:
+                put(name, whole)
+        joints = range(bullet.getNumJoints(body))
+        links = [(base, -1)]
+        links += [(plain(bullet.getJointInfo(body, j)[12].decode(errors="replace")), j) for j in joints]
+        for name, link in links:
+            side = Side(name, body, link)
+            for prefix in (f"body:{body}/", f"{Path(file).stem}/" if file else ""):
+                put(f"{prefix}{name}", side)
+            put(name, side)
+    for name in twice:
+        # A robot and its only link often share a name: then it is the body.
+        if not any(s.name == f"body:{s.body}" for s in [found[name]]):
+            del found[name]
+    return found
+
+
+def prismatic_above(bullet: Bullet, body: int, link: int) -> list[int]:
+    """Prismatic joints that carry a link, nearest first."""
+    found = []
+    while link >= 0:
+        info = bullet.getJointInfo(body, link)
+        if info[2] == _PRISMATIC:
+            found.append(link)
+        link = info[16]
+    return found

@@ -1,0 +1,155 @@
+"""The truth as an engine: the laws of the paper, by closed form or ODE, through the door that engines use."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+import hcbench
+from hcbench.errors import SettingError
+from hcbench.impact import Impact, Launch, Status
+from hcbench.laws import closed_form, kelvin_voigt, ode
+from hcbench.laws.bounces import bounce_train
+from hcbench.laws.force import HuntCrossley, KelvinVoigt
+from hcbench.laws.published import LAWS, OwnSpeedLaw, law_named
+from hcbench.sim.engine import Engine
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from typing import Any
+
+    from hcbench.impact import Trajectory
+    from hcbench.scene import Scene
+    from hcbench.setting import Setting
+
+Law = HuntCrossley | KelvinVoigt | OwnSpeedLaw
+
+# Points of a loop: one a time step, within what draws a smooth curve and what a file can carry.
+_POINTS_MIN, _POINTS_MAX = 201, 2001
+
+
+class ReferenceEngine(Engine):
+    """Knows nothing of steps or phases: the time step only says how densely a loop is sampled.
+
+    Settings: "hunt-crossley", options alpha (s/m), and stiffness (N/m^n) and exponent where they differ from
+    the scene's; "kelvin-voigt", options stiffness (N/m) and damping (N s/m), contact ending at x = 0; the
+    laws of `reference.later_laws` by their slugs, such as "flores", options restitution (the e asked for),
+    and stiffness and exponent: v_i is the speed at touch of each impact. Without gravity by closed form,
+    with gravity by ODE.
+    """
+
+    name: ClassVar[str] = "reference"
+    install: ClassVar[str] = ""
+
+    def version(self) -> str:
+        """The version of hcbench."""
+        return str(hcbench.__version__)
+
+    def fly(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
+        """One impact for each launch, in order."""
+        law = law_of(setting, scene)
+        return [self._one(law, scene, setting.timestep, launch) for launch in launches]
+
+    def follow(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
+        """Flights and impacts in turn, sampled at the step."""
+        law, h = law_of(setting, scene), setting.timestep
+        times = h * np.arange(max(2, round(duration / h) + 1), dtype=np.float64)
+
+        def impact_at(speed: float) -> Impact:
+            return _impact(law, scene.mass, speed, scene.gravity, h)
+
+        return bounce_train(impact_at, scene.gravity, launch.gap(h), launch.speed, times)
+
+    @staticmethod
+    def _one(law: Law, scene: Scene, timestep: float, launch: Launch) -> Impact:
+        speed = math.sqrt(launch.speed**2 + 2.0 * scene.gravity * launch.gap(timestep))
+        if speed == 0.0:
+            return Impact(launch, Status.NO_TOUCH, "released at rest and without gravity")
+        return replace(_impact(law, scene.mass, speed, scene.gravity, timestep), launch=launch)
+
+
+def law_of(setting: Setting, scene: Scene) -> Law:
+    """The law that a setting of the reference names. Raises SettingError for anything else."""
+    if setting.name == "hunt-crossley":
+        defaults = {"stiffness": scene.stiffness, "exponent": scene.exponent}
+        return HuntCrossley(**_numbers(setting, defaults, required=("alpha",)))
+    if setting.name == "kelvin-voigt":
+        return KelvinVoigt(**_numbers(setting, {}, required=("stiffness", "damping")))
+    slugs = [law.slug for law in LAWS.values()]
+    if setting.name in slugs:
+        defaults = {"stiffness": scene.stiffness, "exponent": scene.exponent}
+        return OwnSpeedLaw(law_named(setting.name), **_numbers(setting, defaults, required=("restitution",)))
+    known = ", ".join(map(repr, ["hunt-crossley", "kelvin-voigt", *slugs]))
+    raise SettingError("setting", f"{setting.name!r} of the reference", f"one of: {known}")
+
+
+def _numbers(setting: Setting, defaults: Mapping[str, float], required: Sequence[str]) -> dict[str, float]:
+    options: Mapping[str, Any] = {**defaults, **setting.options}
+    names = (*required, *defaults)
+    for name in options:
+        if name not in names:
+            raise SettingError(f"{setting.name} option", repr(name), f"one of: {', '.join(names)}")
+    for name in names:
+        value = options.get(name)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            got = "missing" if value is None else repr(value)
+            raise SettingError(f"{setting.name} option {name!r}", got, "a number, SI")
+    return {name: float(options[name]) for name in names}
+
+
+@lru_cache(maxsize=512)  # a study asks for every speed at several phases, which the truth does not depend on
+def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float) -> Impact:
+    if isinstance(law, OwnSpeedLaw):
+        law = law.at(speed).hunt_crossley
+    if gravity == 0.0 and isinstance(law, HuntCrossley):
+        found = _closed_hunt_crossley(law, mass, speed, timestep)
+    elif gravity == 0.0 and kelvin_voigt.damping_ratio(law, mass) < 1.0:  # type: ignore[arg-type]
+        found = _closed_kelvin_voigt(law, mass, speed, timestep)  # type: ignore[arg-type]
+    else:
+        found = ode.impact(law, mass, speed, gravity=gravity, count=2 * _POINTS_MIN - 1)
+    if found.loop is not None:
+        for array in (found.loop.time, found.loop.penetration, found.loop.rate, found.loop.force):
+            array.flags.writeable = False  # shared by every impact that asks for the same
+    return found
+
+
+def _points(duration: float, timestep: float) -> int:
+    """An odd count, so that the turning point is one of them."""
+    return int(min(max(duration / timestep, _POINTS_MIN), _POINTS_MAX)) // 2 * 2 + 1
+
+
+def _closed_hunt_crossley(law: HuntCrossley, mass: float, speed: float, timestep: float) -> Impact:
+    duration = float(closed_form.duration(law, mass, speed))
+    count = _points(duration, timestep)
+    return Impact(
+        launch=Launch(speed),
+        status=Status.PARTED,
+        speed_in=speed,
+        speed_out=float(closed_form.restitution(law.alpha, speed)) * speed,
+        duration=duration,
+        penetration_max=float(closed_form.penetration_max(law, mass, speed)),
+        force_max=float(closed_form.force_max(law, mass, speed)),
+        samples=count,
+        loop=closed_form.loop(law, mass, speed, count),
+    )
+
+
+def _closed_kelvin_voigt(law: KelvinVoigt, mass: float, speed: float, timestep: float) -> Impact:
+    ending = kelvin_voigt.Ending.SURFACE
+    bounce = kelvin_voigt.bounce(law, mass, speed, ending)
+    count = _points(bounce.duration, timestep)
+    return Impact(
+        launch=Launch(speed),
+        status=Status.PARTED,
+        speed_in=speed,
+        speed_out=bounce.restitution * speed,
+        duration=bounce.duration,
+        penetration_max=bounce.penetration_max,
+        force_max=bounce.force_max,
+        samples=count,
+        loop=kelvin_voigt.loop(law, mass, speed, ending, count),
+    )

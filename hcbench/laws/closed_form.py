@@ -1,0 +1,200 @@
+"""Closed forms that follow from eq. (16) of Hunt & Crossley 1975; no ODE.
+
+With a = (3/2) α, y = a v and g(y) = y - ln(1 + y), one impact runs along
+
+    k x^(n+1)/(n+1) = (m/a²) (g(a v_i) - g(a v)).
+
+The signed root q = ±sqrt(2 g(y)) falls from Q to -Q as the body goes in and out again: q = Q cos θ with
+θ from 0 (touch) to π (parting) makes x = x_m sin(θ)^(2/(n+1)), and the time a quadrature whose ends are
+integrable. v_i is the speed in, v_o the speed out, m the effective mass. Restitution depends on α v_i alone.
+
+Everything is vectorised over speeds; a law with α = 0 is served by the same formulas. UserError refuses
+speeds below 0 (and 0 where an impact is needed) and a mass that is not above 0.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from hcbench.errors import UserError
+from hcbench.impact import Loop
+from hcbench.laws._phase_path import g_ratio, largest_force_rate, rate_ratio
+from hcbench.laws._series import argument_of, restitution_of, shortfall_of
+from hcbench.laws.force import HuntCrossley
+
+if TYPE_CHECKING:
+    from hcbench.impact import Floats
+
+_PANEL_NODES = 10
+
+
+def _checked(slot: str, value: Floats | float, unit: str, *, zero: bool) -> Floats:
+    values = np.asarray(value, dtype=np.float64)
+    wrong = values < 0 if zero else ~(values > 0)
+    if wrong.any():
+        expected = f"0 {unit} or more" if zero else f"above 0 {unit}"
+        raise UserError(slot, f"{float(values[wrong].flat[0])!r} {unit}", expected)
+    return values
+
+
+def restitution(alpha: Floats | float, speed: Floats | float) -> Floats:
+    """e of (16); alpha in s/m and speed in m/s broadcast. Relative error below 4e-15; 1 at d = 0."""
+    a = 1.5 * _checked("alpha", alpha, "s/m", zero=True)
+    return restitution_of(np.asarray(a * _checked("speed", speed, "m/s", zero=True)))
+
+
+def restitution_linear(alpha: Floats | float, speed: Floats | float) -> Floats:
+    """e = 1 - α v_i, eq. (2); alpha in s/m and speed in m/s broadcast. Negative above v_i = 1/α."""
+    return np.asarray(1.0 - np.asarray(alpha, dtype=np.float64) * np.asarray(speed, dtype=np.float64))
+
+
+def alpha_of(restitution: Floats | float, speed: Floats | float) -> Floats:
+    """α in s/m of the law that rebounds with this e (0 < e <= 1) at this speed (m/s); both broadcast."""
+    e = _checked("restitution", restitution, "", zero=False)
+    if (e > 1).any():
+        raise UserError(
+            "restitution",
+            f"{float(e.max())!r}",
+            "0 < e <= 1",
+            "A passive contact returns no more than it got",
+        )
+    return np.asarray(argument_of(e) / (1.5 * _checked("speed", speed, "m/s", zero=False)))
+
+
+def energy_loss(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
+    """ΔE = ½ m v_i² (1 - e²) in J, the area of the loop; no digits are lost as e nears 1."""
+    m, v = _checked("mass", mass, "kg", zero=False), _checked("speed", speed, "m/s", zero=True)
+    shortfall = shortfall_of(np.asarray(law.dissipation * v))
+    return np.asarray(0.5 * m * v**2 * shortfall * (2.0 - shortfall))
+
+
+def penetration_max(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
+    """x_m in m, where v = 0; shape of `speed` (m/s)."""
+    m, v = _checked("mass", mass, "kg", zero=False), _checked("speed", speed, "m/s", zero=True)
+    n = law.exponent
+    work = (n + 1.0) * m * v**2 * g_ratio(np.asarray(law.dissipation * v)) / (2.0 * law.stiffness)
+    return np.asarray(work ** (1.0 / (n + 1.0)))
+
+
+def force_max(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
+    """Largest F over the loop in N, on the way in before x_m; shape of `speed` (m/s).
+
+    dF/dt = 0 is n m v = a k x^(n+1), which on the path is n y + (n + 1) g(y) = (n + 1) g(a v_i).
+    """
+    m, v = _checked("mass", mass, "kg", zero=False), _checked("speed", speed, "m/s", zero=True)
+    n, k = law.exponent, law.stiffness
+    d = np.asarray(law.dissipation * v)
+    share = largest_force_rate(d, n)  # y / d²
+    x = (n * m * v**2 * share / k) ** (1.0 / (n + 1.0))
+    return np.asarray(k * x**n * (1.0 + d**2 * share))
+
+
+def rate_at(
+    law: HuntCrossley,
+    mass: float,
+    speed: float,
+    penetration: Floats | float,
+    branch: Literal["approach", "rebound"],
+) -> Floats:
+    """v in m/s at penetrations (m) on the way in (> 0) or out (< 0), same shape; NaN beyond x_m."""
+    x = np.asarray(penetration, dtype=np.float64)
+    left = 1.0 - (x / penetration_max(law, mass, speed)) ** (law.exponent + 1.0)
+    cosine = np.sqrt(np.where((x >= 0) & (left >= 0), left, np.nan))
+    return _rate(law, speed, cosine if branch == "approach" else -cosine)[0]
+
+
+def _rate(law: HuntCrossley, speed: float, cosine: Floats) -> tuple[Floats, Floats]:
+    """v, and 1 + a v, where q = Q cos θ: v = v_i sqrt(G) cos θ y/q, with Q = d sqrt(G)."""
+    d = law.dissipation * speed
+    root = float(np.sqrt(g_ratio(np.asarray(d))))
+    q = d * root * cosine
+    ratio = rate_ratio(q)
+    # ln(1 + y) = y - g(y): keeps its digits where the body leaves at nearly the limit -1/a.
+    return speed * root * cosine * ratio, np.exp(q * ratio - q * q / 2.0)
+
+
+def duration(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
+    """Time of contact in s, touch to parting; shape of `speed` (m/s).
+
+    Gauss-Jacobi over cos θ with the ends' weight (1 - cos²θ)^(-n/(n+1)): dt = T0 weight (q/y) d cos θ.
+    """
+    v = _checked("speed", speed, "m/s", zero=False)
+    d = np.asarray(law.dissipation * v)
+    width = d * np.sqrt(g_ratio(d))
+    # q/y is smooth at the scale of the nearest branch points |q| = sqrt(4π): wider impacts need more nodes.
+    count = 32 * (1 + int(width.max(initial=0.0) / 4.0))
+    end = -law.exponent / (law.exponent + 1.0)
+    cosine, weight = _jacobi(count, end, end)
+    total = (weight / rate_ratio(width[..., None] * cosine)).sum(axis=-1)
+    return np.asarray(_time_scale(law, mass, v) * total)
+
+
+def elastic_duration(stiffness: float, exponent: float, mass: float, speed: float) -> float:
+    """Time of contact in s where nothing is lost, k in N/m^n: it goes by v^((1-n)/(1+n)), as eq. (8) says."""
+    v = float(_checked("speed", speed, "m/s", zero=False))
+    slowing = (1.0 - exponent) / (1.0 + exponent)
+    return float(_elastic_at_one(stiffness, exponent, mass) * v**slowing)
+
+
+@lru_cache(maxsize=64)
+def _elastic_at_one(stiffness: float, exponent: float, mass: float) -> float:
+    return float(duration(HuntCrossley(stiffness, 0.0, exponent), mass, 1.0))
+
+
+def _time_scale(law: HuntCrossley, mass: float, speed: Floats) -> Floats:
+    """T0 = 2 x_m / ((n + 1) v_i sqrt(G)), s."""
+    root = np.sqrt(g_ratio(np.asarray(law.dissipation * speed)))
+    return np.asarray(2.0 * penetration_max(law, mass, speed) / ((law.exponent + 1.0) * speed * root))
+
+
+@lru_cache(maxsize=64)
+def _jacobi(count: int, a: float, b: float) -> tuple[Floats, Floats]:
+    from scipy.special import roots_jacobi
+
+    nodes, weights = roots_jacobi(count, a, b)
+    return np.asarray(nodes), np.asarray(weights)
+
+
+def loop(law: HuntCrossley, mass: float, speed: float, count: int = 401) -> Loop:
+    """One loop from touch to parting: arrays of shape (count,), nearly even in time, dense in x.
+
+    An odd count has the turning point x_m in its middle. Times are from touch.
+    """
+    v = _checked("speed", speed, "m/s", zero=False)
+    if count < 3:
+        raise UserError("count", f"{count!r}", "3 points or more")
+    n = law.exponent
+    theta = np.linspace(0.0, np.pi, count)
+    cosine, sine = np.cos(theta), np.sin(theta)
+    cosine[[0, -1]], sine[[0, -1]] = [1.0, -1.0], 0.0
+    if count % 2:
+        cosine[count // 2] = 0.0
+    x = penetration_max(law, mass, speed) * sine ** (2.0 / (n + 1.0))
+    rate, push = _rate(law, float(v), cosine)
+    time = _time_scale(law, mass, v) * _elapsed(law, float(v), count)
+    return Loop(time=time, penetration=x, rate=rate, force=law.stiffness * x**n * push)
+
+
+def _elapsed(law: HuntCrossley, speed: float, count: int) -> Floats:
+    """∫ sin(θ)^-p (q/y) dθ from 0 to each of `count` even θ in 0 ... π, p = (n-1)/(n+1); shape (count,).
+
+    Gauss-Legendre panel by panel; the first and the last panel take the end's θ^-p as a Jacobi weight.
+    """
+    p = (law.exponent - 1.0) / (law.exponent + 1.0)
+    d = law.dissipation * speed
+    width = d * float(np.sqrt(g_ratio(np.asarray(d))))
+    finer = -int(-(16.0 + 8.0 * width) // (count - 1))
+    edges = np.linspace(0.0, np.pi, finer * (count - 1) + 1)
+    half = edges[1] / 2.0
+    nodes, weights = _jacobi(_PANEL_NODES, 0.0, 0.0)
+    theta = edges[:-1, None] + half * (1.0 + nodes)
+    panels = (half * weights * np.sin(theta) ** -p / rate_ratio(width * np.cos(theta))).sum(axis=1)
+    nodes, weights = _jacobi(_PANEL_NODES, 0.0, -p)
+    theta = half * (1.0 + nodes)
+    regular = half ** (1.0 - p) * weights * (theta / np.sin(theta)) ** p
+    for panel, sign in ((0, 1.0), (-1, -1.0)):
+        panels[panel] = (regular / rate_ratio(sign * width * np.cos(theta))).sum()
+    return np.concatenate([[0.0], np.cumsum(panels)[finer - 1 :: finer]])

@@ -1,0 +1,233 @@
+"""One contact, many names: α here, d in Drake, c in Simbody, solref in MuJoCo, restitution elsewhere.
+
+The law's factor of v is a = λ/k = (3/2) α: F = k x^n (1 + a v). Drake's `hunt_crossley_dissipation` d is a,
+Simbody's `dissipation` c is α, so the same letter "dissipation" differs by 3/2 between two libraries of one
+family. Engines that know a constant restitution, or a spring and damper, can match the law at one speed
+only.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+from hcbench.errors import UserError
+from hcbench.laws import closed_form
+from hcbench.laws import kelvin_voigt as kv
+from hcbench.laws.require import positive, require
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+Reading = Literal["law", "linear"]
+
+TRAPS = (
+    "Drake's d is 1.5 α, Simbody's c is α: the number copied from one to the other is off by half.",
+    "Simbody raises x to 3/2, Drake's point contact to 1; e is the same: it depends on α v, not on k or n.",
+    "An e is of one speed: by the law it falls as v grows, in MuJoCo, PyBullet, Chrono and LAMMPS it stays.",
+    "e = 1 - α v, eq. (2), is not what the law does: 0.80 against 0.833 at α v = 0.2. Say which is meant.",
+    "MuJoCo's default solimp varies along the contact: these numbers want a constant one, .9999 .9999 .001.",
+    "MuJoCo mixes solref and solimp of the two geoms: set both, or a <pair>.",
+    "PyBullet multiplies the restitutions of both bodies; its velocity threshold, slop and ERP must be 0.",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What to write in one system. value: one number or, for solref, two."""
+
+    system: str
+    parameter: str
+    value: tuple[float, ...]
+    unit: str
+    note: str
+
+    @property
+    def text(self) -> str:
+        """The value as it is written."""
+        return " ".join(f"{v:.10g}" for v in self.value)
+
+
+@dataclass(frozen=True, slots=True)
+class Conversion:
+    """One contact in all conventions.
+
+    alpha: α, s/m. speed: where the restitution holds, m/s, or None. restitution: e of the law there,
+    restitution_linear: 1 - α v. missing: what could not be said, and why, a sentence each.
+    """
+
+    alpha: float
+    speed: float | None
+    restitution: float | None
+    restitution_linear: float | None
+    rows: tuple[Row, ...]
+    missing: tuple[str, ...]
+    traps: tuple[str, ...] = TRAPS
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON; units are in the keys."""
+        return {
+            "alpha_s_per_m": self.alpha,
+            "speed_m_per_s": self.speed,
+            "restitution": self.restitution,
+            "restitution_linear": self.restitution_linear,
+            "rows": [asdict(row) | {"value": list(row.value)} for row in self.rows],
+            "missing": list(self.missing),
+            "traps": list(self.traps),
+        }
+
+
+def convert(
+    *,
+    alpha: float | None = None,
+    drake: float | None = None,
+    simbody: float | None = None,
+    restitution: float | None = None,
+    solref: tuple[float, float] | None = None,
+    speed: float | None = None,
+    contact_time: float | None = None,
+    timestep: float | None = None,
+    reading: Reading = "law",
+) -> Conversion:
+    """Say one contact in every convention. Give exactly one of the first five.
+
+    alpha: α, s/m. drake: hunt_crossley_dissipation, s/m. simbody: dissipation, s/m. restitution: e at
+    `speed`. solref: MuJoCo's two numbers (constant impedance assumed); with a 0 in front the one-step
+    setting at `timestep`. speed (m/s): where engines with a constant e should match. contact_time (s): of
+    MuJoCo's spring. timestep (s): of MuJoCo's one-step bounce. reading: which e the engines get, that of
+    (16) or 1 - α v. Raises UserError for numbers without meaning and for none or several of the first five.
+    """
+    given = {
+        "alpha": alpha, "drake": drake, "simbody": simbody, "restitution": restitution, "solref": solref,
+    }  # fmt: skip
+    names = [name for name, value in given.items() if value is not None]
+    if len(names) != 1:
+        raise UserError(
+            "convert", f"got {' and '.join(names) or 'nothing'}", f"exactly one of {', '.join(given)}"
+        )
+    require("reading", reading, reading in ("law", "linear"), "law or linear")
+    for slot, value, unit in (
+        ("speed", speed, "m/s"), ("contact_time", contact_time, "s"), ("timestep", timestep, "s"),
+    ):  # fmt: skip
+        if value is not None:
+            positive(slot, value, unit)
+    if solref is not None:
+        restitution = _restitution_of_solref(solref, timestep)
+    if restitution is not None:
+        found = _alpha_of(restitution, speed, reading)
+    else:
+        found = _plain(alpha, drake, simbody)
+    e, linear = None, None
+    if speed is not None:
+        require("alpha", found, math.isfinite(found * speed), "α v that is a number: a smaller α or speed")
+        e, linear = float(closed_form.restitution(found, speed)), 1.0 - found * speed
+    rows, missing = [*_dissipations(found)], []
+    target = linear if reading == "linear" else e
+    if target is None:
+        missing.append("Restitutions and solref: they need the speed at which they should hold.")
+    elif target <= 0.0:
+        missing.append(
+            f"Restitutions and solref: 1 - α v is {target:.4g} at {speed:g} m/s, below what any has."
+        )
+    else:
+        rows += [
+            *_restitutions(target, found, speed or 0.0),
+            *_mujoco(target, contact_time, timestep, missing),
+        ]
+    return Conversion(found, speed, e, linear, tuple(rows), tuple(missing))
+
+
+def _plain(alpha: float | None, drake: float | None, simbody: float | None) -> float:
+    """α of whichever of the three is given."""
+    for slot, value, share in (("alpha", alpha, 1.0), ("drake", drake, 1.5), ("simbody", simbody, 1.0)):
+        if value is not None:
+            require(slot, value, 0.0 <= value < math.inf, "0 s/m or more")
+            return value / share
+    raise AssertionError  # the caller has checked
+
+
+def _alpha_of(e: float, speed: float | None, reading: Reading) -> float:
+    if speed is None:
+        raise UserError("speed", "none", "the speed at which that restitution is meant", "e alone fixes no α")
+    require("restitution", e, 0.0 < e <= 1.0, "0 < e <= 1")
+    return (1.0 - e) / speed if reading == "linear" else float(closed_form.alpha_of(e, speed))
+
+
+def _restitution_of_solref(solref: tuple[float, float], timestep: float | None) -> float:
+    """e of MuJoCo's contact, which ends at F = 0 as it cannot pull; constant impedance, small steps."""
+    first, second = solref
+    require("solref", solref, all(map(math.isfinite, solref)), "two finite numbers")
+    if first == 0.0 and second < 0.0:
+        if timestep is None:
+            raise UserError("timestep", "none", "the step: solref '0 -D' bounces in one step, e = D h - 1")
+        e = -second * timestep - 1.0
+        require("solref", solref, 0.0 < e <= 1.0, f"D between 1/h and 2/h: e = D h - 1 is {e:.4g}")
+        return e
+    if first < 0.0 and second <= 0.0:
+        return float(kv.restitution(-second / (2.0 * math.sqrt(-first)), kv.Ending.FORCE))
+    want = "'-stiffness -damping', 'timeconst dampratio' or '0 -damping'"
+    require("solref", solref, first > 0.0 and second >= 0.0, want)
+    return float(kv.restitution(second, kv.Ending.FORCE))
+
+
+def _dissipations(alpha: float) -> Iterator[Row]:
+    yield Row("paper", "α", (alpha,), "s/m", "e = 1 - α v for small α v, eq. (2)")
+    yield Row("paper", "λ/k", (1.5 * alpha,), "s/m", "F = k x^n (1 + (λ/k) v), eqs. (15), (16)")
+    yield Row(
+        "Drake", "hunt_crossley_dissipation", (1.5 * alpha,), "s/m", "d = 1.5 α; continuous plants only"
+    )
+    yield Row("Simbody", "dissipation", (alpha,), "s/m", "c = α: its force has the 3/2 written out")
+
+
+def _restitutions(e: float, alpha: float, speed: float) -> Iterator[Row]:
+    at = f"matches at {speed:.6g} m/s only"
+    yield Row("PyBullet", "restitution", (e,), "", f"{at}; on one body, 1 on the other")
+    yield Row("Chrono", "restitution", (e,), "", f"{at}; NSC, or SMC with the Hooke or Hertz model")
+    flores = _flores_for(alpha * speed)
+    note = "SMC with the Flores model at that impact speed: what it must be asked to deliver this e"
+    yield Row("Chrono", "restitution (Flores)", (flores,), "", note)
+    yield Row("LAMMPS", "damping coeff_restitution", (e,), "", f"{at}; hertz and hooke")
+    note = f"{at}; before the release of 2 September 2026 it delivered {_old_tsuji(e):.4g} for this e"
+    yield Row("LAMMPS", "damping tsuji", (e,), "", note)
+
+
+def _flores_for(alpha_speed: float) -> float:
+    """The e to ask Flores for: χ = 8 (1 - e)/(5 e) of `later_laws` has to be (3/2) α v."""
+    return 8.0 / (8.0 + 5.0 * 1.5 * alpha_speed)
+
+
+def _old_tsuji(e: float) -> float:
+    """What LAMMPS' tsuji damping delivered while it lacked a factor √2, over the e asked for.
+
+    F = k x^(3/2) + A √(m k) x^(1/4) v is a damped linear spring in x^(5/4) with ζ = A/√5 (D. Antypov, J. A.
+    Elliott, "On an analytical solution for the damped Hertzian spring", EPL 94, 2011, 50004, doi
+    10.1209/0295-5075/94/50004). The polynomial for A is that of the manual; A/√2 was taken for A.
+    """
+    a = 1.2728 + e * (-4.2783 + e * (11.087 + e * (-22.348 + e * (27.467 + e * (-18.022 + e * 4.8218)))))
+    return float(kv.restitution(max(a, 0.0) / math.sqrt(5.0), kv.Ending.SURFACE))
+
+
+def _mujoco(
+    e: float, contact_time: float | None, timestep: float | None, missing: list[str]
+) -> Iterator[Row]:
+    if timestep is None:
+        missing.append("MuJoCo's one-step bounce: it needs the timestep.")
+    else:
+        note = "bounces in one step, Euler or implicitfast; solimp .9999 .9999 .001"
+        yield Row("MuJoCo", "solref", (0.0, -(1.0 + e) / timestep), "", note)
+    if contact_time is None:
+        missing.append("MuJoCo's spring and damper: it needs the contact time.")
+        return
+    law = kv.matched(e, contact_time, 1.0, kv.Ending.FORCE)
+    zeta = kv.damping_ratio(law, 1.0)
+    note = "spring and damper per unit effective mass; constant solimp, at least 20 steps a contact"
+    yield Row("MuJoCo", "solref", (-law.stiffness, -law.damping), "1/s², 1/s", note)
+    if zeta == 0.0:
+        missing.append("MuJoCo's timeconst: without damping it is infinite.")
+        return
+    timeconst = 2.0 / law.damping
+    note = "the same as timeconst, dampratio"
+    if timestep is not None and timeconst < 2.0 * timestep:
+        note += "; refsafe would raise timeconst to twice the step and change e"
+    yield Row("MuJoCo", "solref", (timeconst, zeta), "s, 1", note)

@@ -1,0 +1,78 @@
+"""Force laws F(x, v): normal force over penetration and its rate.
+
+x is the penetration (m, > 0 in contact), v its rate (m/s, > 0 on approach), F the force on the bodies (N,
+> 0 apart). Equation numbers are those of K. H. Hunt, F. R. E. Crossley, "Coefficient of Restitution
+Interpreted as Damping in Vibroimpact", J. Appl. Mech. 42(2), 1975, doi 10.1115/1.3423596.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from hcbench.errors import UserError
+
+if TYPE_CHECKING:
+    from hcbench.impact import Floats
+
+
+class ForceLaw(Protocol):
+    """Anything that gives a normal force at x > 0; x <= 0 is not its business."""
+
+    def force(self, x: Floats | float, v: Floats | float) -> Floats:
+        """F(x, v) in N; x and v broadcast."""
+        ...
+
+
+def _require(slot: str, value: float, good: bool, expected: str) -> None:
+    if not good:
+        raise UserError(slot, f"{value!r}", expected)
+
+
+@dataclass(frozen=True, slots=True)
+class HuntCrossley:
+    """F = k x^n (1 + (3/2) α v), eq. (16).
+
+    stiffness: k, N/m^n. alpha: α of e ≈ 1 - α v_i, s/m. exponent: n >= 1.
+    """
+
+    stiffness: float
+    alpha: float
+    exponent: float = 1.5
+
+    def __post_init__(self) -> None:
+        _require("stiffness", self.stiffness, 0 < self.stiffness < np.inf, "a stiffness above 0 N/m^n")
+        _require("alpha", self.alpha, 0 <= self.alpha < np.inf, "0 s/m or more")
+        _require("exponent", self.exponent, 1 <= self.exponent <= 10, "n within 1 ... 10")
+
+    @property
+    def dissipation(self) -> float:
+        """a = (3/2) α = λ / k, s/m; what Drake calls `hunt_crossley_dissipation`."""
+        return 1.5 * self.alpha
+
+    def force(self, x: Floats | float, v: Floats | float) -> Floats:
+        """F(x, v) in N, eq. (16)."""
+        return np.asarray(
+            self.stiffness * np.power(x, self.exponent) * (1.0 + self.dissipation * np.asarray(v))
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class KelvinVoigt:
+    """F = k x + c v, eq. (4): jumps to c v_i at touch, pulls before parting.
+
+    stiffness: k, N/m. damping: c, N s/m.
+    """
+
+    stiffness: float
+    damping: float
+
+    def __post_init__(self) -> None:
+        _require("stiffness", self.stiffness, 0 < self.stiffness < np.inf, "a stiffness above 0 N/m")
+        _require("damping", self.damping, 0 <= self.damping < np.inf, "0 N s/m or more")
+
+    def force(self, x: Floats | float, v: Floats | float) -> Floats:
+        """F(x, v) in N, eq. (4)."""
+        return np.asarray(self.stiffness * np.asarray(x) + self.damping * np.asarray(v))

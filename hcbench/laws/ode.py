@@ -1,0 +1,174 @@
+"""One impact of any force law as an ODE, m x'' = -F(x, x') + m g, with touch and parting located.
+
+The truth for laws and loads that have no closed form: under gravity above all. It is solved in its own
+units, so that tolerances mean the same for steel and for rubber: rates over v_i, penetrations over the X at
+which the elastic force F(X, 0) times X is m v_i², times over X/v_i. Integrator: DOP853, order 8 (E. Hairer,
+S. P. Norsett, G. Wanner, "Solving Ordinary Differential Equations I", Springer 1993, section II.5), with its
+interpolant of order 7 for everything that lies between steps.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq, minimize_scalar
+
+from hcbench.errors import EngineFailed, UserError
+from hcbench.impact import Impact, Launch, Loop, Status
+from hcbench.laws.kelvin_voigt import Ending
+from hcbench.laws.published import OwnSpeedLaw
+from hcbench.laws.require import positive, require
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hcbench.impact import Floats
+    from hcbench.laws.force import ForceLaw
+
+__all__ = ["Ending", "Solver", "impact"]
+
+LONGEST = 1e4  # units of time X/v_i after which contact counts as never ending; a lossless one lasts about 3
+
+
+@dataclass(frozen=True, slots=True)
+class Solver:
+    """How finely to integrate.
+
+    tolerance: relative error wanted of a step; absolute a tenth of it, in units of v_i and X.
+    step_max: largest step in units of X/v_i; with a tolerance of inf it is the fixed step.
+    """
+
+    tolerance: float = 1e-13
+    step_max: float = math.inf
+
+
+DEFAULT_SOLVER = Solver()
+
+
+def impact(
+    law: ForceLaw | OwnSpeedLaw,
+    mass: float,
+    speed: float,
+    *,
+    gravity: float = 0.0,
+    ending: Ending = Ending.SURFACE,
+    count: int = 401,
+    solver: Solver = DEFAULT_SOLVER,
+) -> Impact:
+    """One impact from touch to parting.
+
+    law: one that takes v_i from each impact gets this one's. mass kg; speed v_i m/s at touch; gravity m/s²
+    towards the plate, acting through the contact too.
+    ending: parting where x = 0, or already where F = 0 (matters to laws that pull). count: points of the
+    loop, even in time. A body that turns back towards the plate before it has parted lacks the energy for
+    it: RESTED. Raises UserError for mass or speed that are not above 0, gravity below 0, fewer than 3 points.
+    """
+    positive("mass", mass, "kg")
+    positive("speed", speed, "m/s")
+    require("gravity", gravity, 0 <= gravity < math.inf, "0 m/s^2 or more, towards the plate")
+    require("count", count, count >= 3, "3 points or more")
+    own = law.at(speed) if isinstance(law, OwnSpeedLaw) else law
+    depth = _depth_scale(own, mass, speed)
+
+    def force(xi: Floats | float, eta: Floats | float) -> Floats:
+        # A trial step may look past parting, where the law is not defined: x = 0 continues it.
+        return own.force(np.maximum(xi, 0.0) * depth, np.asarray(eta) * speed)
+
+    path = _solve(force, depth / (mass * speed**2), gravity * depth / speed**2, ending, solver)
+    end = float(path.t[-1])
+    parted = bool(path.t_events[0].size or path.t_events[1].size)
+    tau = np.linspace(0.0, end, count)
+    xi, eta = path.sol(tau)
+    xi[0], eta[0] = 0.0, 1.0
+    if path.t_events[0].size:
+        xi[-1] = 0.0
+    turning = float(path.sol(path.t_events[2][0])[0]) if path.t_events[2].size else float(xi.max())
+    loop = Loop(tau * depth / speed, xi * depth, eta * speed, force(xi, eta))
+    return Impact(
+        launch=Launch(speed),
+        status=Status.PARTED if parted else Status.RESTED,
+        reason="" if parted else "lost too much energy in contact to part",
+        speed_in=speed,
+        speed_out=float(-eta[-1] * speed) if parted else 0.0,
+        duration=end * depth / speed,
+        penetration_max=turning * depth,
+        force_max=_largest(lambda t: float(force(*path.sol(t))), tau, loop.force),
+        samples=count,
+        loop=loop,
+    )
+
+
+def _depth_scale(law: ForceLaw, mass: float, speed: float) -> float:
+    """X with F(X, 0) X = m v_i², m."""
+    energy = mass * speed**2
+
+    def excess(log_x: float) -> float:
+        work = float(law.force(math.exp(log_x), 0.0)) * math.exp(log_x)
+        return math.log(work / energy) if work > 0 else -math.inf
+
+    low, high = math.log(1e-15), math.log(1e3)
+    if not excess(low) < 0 < excess(high):
+        raise UserError(
+            "law",
+            f"{law!r} stores {energy:.3g} J nowhere between 1e-15 and 1e3 m",
+            "a law that pushes back at rest, F(x, 0) > 0",
+        )
+    return math.exp(float(brentq(excess, low, high, rtol=1e-12)))
+
+
+def _solve(
+    force: Callable[[Floats | float, Floats | float], Floats],
+    inertia: float,
+    weight: float,
+    ending: Ending,
+    solver: Solver,
+) -> Any:
+    """dξ/dτ = η, dη/dτ = -F inertia + weight from (0, 1). Events: x = 0, F = 0, turning, turning back."""
+
+    def rates(_: float, state: Floats) -> list[float]:
+        return [float(state[1]), float(weight - force(state[0], state[1]) * inertia)]
+
+    def surface(_: float, state: Floats) -> float:
+        return float(state[0])
+
+    def pushing(_: float, state: Floats) -> float:
+        return float(force(state[0], state[1]) * inertia) if ending is Ending.FORCE else 1.0
+
+    def rate(_: float, state: Floats) -> float:
+        return float(state[1])
+
+    def back(_: float, state: Floats) -> float:
+        return float(state[1])
+
+    events: list[Any] = [surface, pushing, rate, back]
+    for event, terminal, direction in zip(events, (1, 1, 0, 1), (-1, -1, -1, 1), strict=True):
+        event.terminal, event.direction = bool(terminal), direction
+    path = solve_ivp(
+        rates,
+        (0.0, LONGEST),
+        [0.0, 1.0],
+        method="DOP853",
+        events=events,
+        dense_output=True,
+        rtol=solver.tolerance,
+        atol=solver.tolerance / 10.0,
+        max_step=solver.step_max,
+        first_step=min(solver.step_max, 1e-3) if math.isfinite(solver.tolerance) else solver.step_max,
+    )
+    if path.status < 0:
+        raise EngineFailed("simulation", path.message, "a law that is finite and smooth for x > 0")
+    return path
+
+
+def _largest(force: Callable[[float], float], tau: Floats, sampled: Floats) -> float:
+    """Largest force between samples: the best one, polished between its neighbours."""
+    top = int(sampled.argmax())
+    low, high = tau[max(top - 1, 0)], tau[min(top + 1, len(tau) - 1)]
+    found = minimize_scalar(
+        lambda t: -force(t), bounds=(low, high), method="bounded", options={"xatol": 1e-9}
+    )
+    return max(float(sampled[top]), -float(found.fun))

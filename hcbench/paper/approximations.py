@@ -1,0 +1,188 @@
+"""The paper's approximations (2), (3), (8) ... (15), as functions, and how far each is from what (16) does.
+
+Every measure depends on u = α v_i alone, not on k, m or (but for the depth (8)) on n. With d = (3/2) u,
+G = 2 (d - ln(1 + d))/d² and e of (16): the elastic energy at the turning point is ½ m v_i² G, and the loop
+takes ½ m v_i² (1 - G) on the way in and ½ m v_i² (G - e²) on the way out. Derived from the path of (16);
+equation numbers are those of Hunt & Crossley 1975, doi 10.1115/1.3423596.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+from hcbench.laws._phase_path import g_ratio
+from hcbench.laws._series import restitution_of, shortfall_of
+from hcbench.laws.require import require, within
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hcbench.impact import Floats
+
+
+def depth_without_loss(stiffness: float, mass: float, exponent: float, speed: Floats | float) -> Floats:
+    """x_m of eq. (8), ½ m v_i² = k x_m^(n+1)/(n+1); speed in m/s, result in m."""
+    v = np.asarray(speed, dtype=float)
+    return np.asarray(((exponent + 1.0) * mass * v**2 / (2.0 * stiffness)) ** (1.0 / (exponent + 1.0)))
+
+
+def speed_for_depth(stiffness: float, mass: float, exponent: float, depth: Floats | float) -> Floats:
+    """v_i of eq. (9), the inverse of (8); depth in m, result in m/s."""
+    return speed_at(stiffness, mass, exponent, depth, 0.0)
+
+
+def speed_at(
+    stiffness: float, mass: float, exponent: float, depth: Floats | float, penetration: Floats | float
+) -> Floats:
+    """|v| of eq. (10) at `penetration` (m) of an impact that turns at `depth` (m); they broadcast."""
+    n1 = exponent + 1.0
+    left = np.asarray(depth, dtype=float) ** n1 - np.asarray(penetration, dtype=float) ** n1
+    return np.asarray(np.sqrt(2.0 * stiffness / (mass * n1) * left))
+
+
+def loss(alpha: float, mass: float, speed: Floats | float) -> Floats:
+    """ΔE = α m v_i³ of eq. (3), J."""
+    return np.asarray(alpha * mass * np.asarray(speed, dtype=float) ** 3)
+
+
+def loss_for_depth(
+    stiffness: float, alpha: float, mass: float, exponent: float, depth: Floats | float
+) -> Floats:
+    """ΔE of eq. (11), J: (3) at the speed that (9) gives for the depth (m). It is (14) with (15), too."""
+    return loss(alpha, mass, speed_for_depth(stiffness, mass, exponent, depth))
+
+
+def loop_loss(
+    stiffness: float, mass: float, exponent: float, depth: float, coefficient: Callable[[float], float]
+) -> float:
+    """ΔE of eq. (12), 2 ∫ c(x) v dx up to `depth` (m), J, with v of (10) and any damping c(x), N s/m."""
+
+    # x = depth (1 - s²) takes the square root out of the turning point, where v = 0.
+    def slice_of(s: float) -> float:
+        x = depth * (1.0 - s * s)
+        return coefficient(x) * float(speed_at(stiffness, mass, exponent, depth, x)) * 2.0 * depth * s
+
+    value, _ = quad(slice_of, 0.0, 1.0, epsabs=0.0, epsrel=1e-12, limit=200)
+    return 2.0 * value
+
+
+def damping_coefficient(factor: float, exponent: float, penetration: Floats | float) -> Floats:
+    """c = λ x^n of eq. (13), N s/m; factor λ in N s/m^(n+1), penetration in m."""
+    return np.asarray(factor * np.asarray(penetration, dtype=float) ** exponent)
+
+
+def loop_loss_power(
+    stiffness: float, factor: float, mass: float, exponent: float, depth: Floats | float
+) -> Floats:
+    """ΔE of eq. (14), (4/3) λ/(n+1) √(2k/(m(n+1))) x_m^(3(n+1)/2), J: (12) integrated with (13)."""
+    n1 = exponent + 1.0
+    speed = speed_for_depth(stiffness, mass, exponent, depth)
+    return np.asarray(4.0 / 3.0 * factor / n1 * speed * np.asarray(depth, dtype=float) ** n1)
+
+
+def damping_factor(stiffness: float, alpha: float) -> float:
+    """λ = (3/2) α k of eq. (15), N s/m^(n+1): neither n nor m enters."""
+    return 1.5 * alpha * stiffness
+
+
+def inward_share(u: Floats | float) -> Floats:
+    """Share of the loop's area that the way in takes, over u = α v_i > 0; 1/2 as u goes to 0."""
+    d = 1.5 * within("u", u, 0.0, np.inf, "α v_i of 0 or more")
+    s = shortfall_of(d)
+    # 1 - G = 2 d (1/3 - d/4 + d²/5 ...): by its series where the difference would lose digits.
+    terms = np.polynomial.polynomial.polyval(-np.minimum(d, 0.05), [2.0 / (i + 3) for i in range(13)])
+    area = s * (2.0 - s)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.where(d < 0.05, d * terms, 1.0 - g_ratio(d)) / area
+    return np.where(d == 0.0, 0.5, share)
+
+
+@dataclass(frozen=True, slots=True)
+class Approximation:
+    """One step that the paper takes, against what eq. (16) does.
+
+    ratio: (u, n) -> approximate over exact value, over u = α v_i; 1 where the step is exact.
+    """
+
+    name: str
+    equation: str
+    statement: str
+    ratio: Callable[[Floats, float], Floats]
+
+    def error(self, u: Floats | float, exponent: float = 1.5) -> Floats:
+        """Relative error over u = α v_i, signed; same shape."""
+        values = within("u", u, 0.0, np.inf, "α v_i of 0 or more")
+        return np.asarray(self.ratio(values, exponent) - 1.0)
+
+    def reaches(self, error: float, exponent: float = 1.5) -> float:
+        """The α v_i where it errs by `error` (0.01: one per cent), either way; inf if that is beyond 100."""
+        require("error", error, 0.0 < error < 1.0, "an error between 0 and 1, such as 0.01")
+
+        def excess(u: float) -> float:
+            return abs(float(self.error(u, exponent))) - error
+
+        grid = np.geomspace(1e-8, 100.0, 400)
+        over = np.flatnonzero([excess(float(u)) >= 0.0 for u in grid])
+        if not over.size:
+            return np.inf
+        i = int(over[0])
+        low = float(grid[i - 1]) if i else 0.0
+        return float(brentq(excess, low, float(grid[i]), xtol=1e-16, rtol=1e-13))
+
+
+def _area(u: Floats) -> Floats:
+    s = shortfall_of(1.5 * u)
+    return np.asarray(s * (2.0 - s))
+
+
+def _per_area(u: Floats, numerator: Floats) -> Floats:
+    """numerator / (1 - e²), 1 in the limit u = 0."""
+    return np.divide(numerator, _area(u), out=np.ones_like(u), where=u > 0.0)
+
+
+APPROXIMATIONS = (
+    Approximation(
+        "restitution",
+        "(2)",
+        "e = 1 - α v_i, against e of (16)",
+        lambda u, n: (1.0 - u) / restitution_of(1.5 * u),
+    ),
+    Approximation(
+        "loss", "(3)", "ΔE = α m v_i³, against the loss of (16)", lambda u, n: _per_area(u, 2.0 * u)
+    ),
+    Approximation(
+        "depth",
+        "(8)",
+        "largest penetration as if nothing were lost, against x_m of (16)",
+        lambda u, n: g_ratio(1.5 * u) ** (-1.0 / (n + 1.0)),
+    ),
+    Approximation(
+        "speed in",
+        "(10)",
+        "speed from the depth as if nothing were lost, against v_i: where (10) is worst on the way in",
+        lambda u, n: np.sqrt(g_ratio(1.5 * u)),
+    ),
+    Approximation(
+        "speed out",
+        "(10)",
+        "the same against v_o: where (10) is worst on the way out",
+        lambda u, n: np.sqrt(g_ratio(1.5 * u)) / restitution_of(1.5 * u),
+    ),
+    Approximation(
+        "loss from depth",
+        "(11)",
+        "ΔE from x_m, against the loss of (16) at that x_m",
+        lambda u, n: _per_area(u, 2.0 * u * g_ratio(1.5 * u) ** 1.5),
+    ),
+    Approximation(
+        "equal halves",
+        "(12)",
+        "twice the area of the way in, against the whole loop of (16)",
+        lambda u, n: 2.0 * inward_share(u),
+    ),
+)

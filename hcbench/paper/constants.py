@@ -1,0 +1,34 @@
+"""The case of section 3.1 and the paper's units."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hcbench.laws import hertz
+from hcbench.laws.force import HuntCrossley
+from hcbench.scene import Material
+
+if TYPE_CHECKING:
+    from hcbench.laws.hertz import HertzContact
+
+INCH = 0.0254  # m
+POUND_FORCE = 4.4482216152605  # N
+POUND_MASS = 0.45359237  # kg
+PSI = 6894.757293168361  # Pa
+
+MASS = POUND_MASS
+STIFFNESS = 3.1e7 * POUND_FORCE / INCH**1.5  # K3 as printed, N/m^1.5
+ALPHAS = tuple(a / INCH for a in (0.002, 0.004, 0.008, 0.016))  # s/m, section 3.2
+SPEEDS = tuple(v * INCH for v in (4.0, 8.0, 12.0, 16.0))  # m/s, Fig. 4
+STEEL = Material(30e6 * PSI, 0.30)  # section 1.9
+RADIUS_1, RADIUS_2 = 1.0 * INCH, -2.0 * INCH
+
+
+def pair() -> HertzContact:
+    """The two steel surfaces of section 3.1, from their radii and elastic constants."""
+    return hertz.spheres(RADIUS_1, RADIUS_2, STEEL, STEEL)
+
+
+def law(alpha: float) -> HuntCrossley:
+    """Eq. (16) with the printed K3; α in s/m."""
+    return HuntCrossley(STIFFNESS, alpha)

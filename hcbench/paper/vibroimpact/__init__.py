@@ -1,0 +1,1 @@
+"""The paper's vibro-impact system: a body between two contacts, driven."""

@@ -1,0 +1,251 @@
+"""The forced mass between two blocks: response over frequency, bifurcation pictures, and linear stand-ins.
+
+Section 3.1: "in some instances the response is significantly at variance with that of an equivalent
+linearized model". Every parameter is a lane of its own, all integrated side by side (see `lanes`).
+"""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from multiprocessing import get_context
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
+from hcbench.laws.kelvin_voigt import Ending, matched
+from hcbench.laws.require import positive, require
+from hcbench.paper.vibroimpact.batched_ode import Control, Lanes, march
+from hcbench.paper.vibroimpact.dynamics import Blocks
+from hcbench.paper.vibroimpact.simulate import size_of, tangent
+from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hcbench.impact import Floats
+    from hcbench.paper.vibroimpact.batched_ode import Indices, Modes
+
+Over = Literal["frequency", "amplitude", "gap"]
+
+
+@dataclass(frozen=True, slots=True)
+class Orbits:
+    """What a parameter does to the motion, each from the same start; arrays of shape (values, kept cycles).
+
+    values: of the parameter, SI, shape (values,). position (m), velocity (m/s): at the end of each cycle.
+    highest, lowest: the largest and smallest q within each cycle, m. touches: impacts in each cycle.
+    """
+
+    over: Over
+    values: Floats
+    position: Floats
+    velocity: Floats
+    highest: Floats
+    lowest: Floats
+    touches: Floats
+
+    @property
+    def amplitude(self) -> Floats:
+        """Half the distance between the furthest points over the kept cycles, m, shape (values,)."""
+        return np.asarray(0.5 * (self.highest.max(axis=1) - self.lowest.min(axis=1)))
+
+    def periods(self, tolerance: float = 1e-4) -> Floats:
+        """Cycles after which the motion repeats, shape (values,); 0: not within half of those kept.
+
+        tolerance: largest distance of a repeat, over the amplitude.
+        """
+        count = self.position.shape[1]
+        out = np.zeros(len(self.values))
+        for period in range(count // 2, 0, -1):
+            apart = np.abs(self.position[:, period:] - self.position[:, :-period]).max(axis=1)
+            out = np.where(apart <= tolerance * self.amplitude, period, out)
+        return out
+
+
+def orbits(
+    system: VibroImpact,
+    drive: Sinusoid,
+    over: Over,
+    values: Floats,
+    cycles: int = 200,
+    keep: int = 60,
+    *,
+    position: float = 0.0,
+    velocity: float = 0.0,
+    tolerance: float = 1e-7,
+    jobs: int = 1,
+) -> Orbits:
+    """Run every value of the parameter for `cycles` periods of the drive and keep the last `keep`.
+
+    values: frequencies (Hz), amplitudes (N) or gaps (m). tolerance: error of a step over the size of the
+    motion. jobs: processes that share the values; the answer is the same to the last bit. Raises UserError
+    for values the system or the drive refuses.
+    """
+    values = np.atleast_1d(np.asarray(values, dtype=float))
+    require("values", values.size, values.size >= 1, "at least one value")
+    require("over", over, over in get_args(Over), " or ".join(get_args(Over)))
+    require("cycles", cycles, cycles >= 1, "1 cycle or more")
+    require("keep", keep, 1 <= keep <= cycles, f"1 ... {cycles} of the cycles")
+    require("jobs", jobs, jobs >= 1, "1 process or more")
+    cases = [
+        (replace(system, gap=float(x)), drive)
+        if over == "gap"
+        else (system, replace(drive, **{over: float(x)}))
+        for x in values
+    ]
+    task = partial(_run, cycles=cycles, keep=keep, position=position, velocity=velocity, tolerance=tolerance)
+    # Neighbours take alike many steps: dealt out like cards, every process has as much to do.
+    shares = [cases[i::jobs] for i in range(min(jobs, len(cases)))]
+    if len(shares) == 1:
+        parts = [task(shares[0])]
+    else:
+        with ProcessPoolExecutor(len(shares), mp_context=get_context("spawn")) as pool:
+            parts = list(pool.map(task, shares))
+    kept = np.empty((5, values.size, keep))
+    for i, part in enumerate(parts):
+        kept[:, i :: len(parts)] = part
+    return Orbits(over, values, *kept)
+
+
+def _run(
+    cases: list[tuple[VibroImpact, Sinusoid]],
+    cycles: int,
+    keep: int,
+    position: float,
+    velocity: float,
+    tolerance: float,
+) -> Floats:
+    """What `Orbits` keeps of these systems and drives, side by side, shape (5, cases, keep)."""
+    system = cases[0][0]
+    wave = _Wave(
+        np.array([d.amplitude for _, d in cases]),
+        2.0 * np.pi * np.array([d.frequency for _, d in cases]),
+        np.array([d.phase for _, d in cases]),
+    )
+    size = np.array([size_of(s, position, velocity, abs(d.amplitude), d) for s, d in cases]).T
+    half = np.array([s.gap for s, _ in cases]) / 2.0
+    blocks = Blocks((system.right, system.left), system.mass, half, wave, size[0], size[1], tolerance)
+    count = len(cases)
+    start, lane = np.zeros(count), np.arange(count)
+    y = np.array([np.full(count, position), np.full(count, velocity)])
+    lanes = Lanes(start, y, blocks.modes(y, lane, wave.of(lane)(start)))
+    period = 2.0 * np.pi / wave.omega
+    tally = _Tally(lanes, cycles, keep)
+    march(blocks, lanes, np.arange(1, cycles + 1)[:, None] * period, Control(tolerance, 0.1 * period), tally)
+    return tally.kept
+
+
+class _Tally:
+    """State, extremes of q and impacts of every lane, cycle by cycle; see `lanes.Watch`."""
+
+    def __init__(self, lanes: Lanes, cycles: int, keep: int) -> None:
+        self.first = cycles - keep
+        self.kept = np.empty((5, lanes.t.size, keep))
+        self.t, self.q, self.v = lanes.t.copy(), lanes.y[0].copy(), lanes.y[1].copy()
+        self.highest, self.lowest, self.touches = self.q.copy(), self.q.copy(), np.zeros(self.q.size)
+
+    def step(self, lane: Indices, t: Floats, y: Floats, before: Modes, after: Modes) -> None:
+        """Take in one step of these lanes."""
+        q, v = y[0], y[1]
+        high, low = np.maximum(self.highest[lane], q), np.minimum(self.lowest[lane], q)
+        turned = np.flatnonzero((self.v[lane] * v < 0.0) & (t > self.t[lane]))
+        if turned.size:
+            old = lane[turned]
+            at = _extreme(t[turned] - self.t[old], self.q[old], q[turned], self.v[old], v[turned])
+            high[turned], low[turned] = np.maximum(high[turned], at), np.minimum(low[turned], at)
+        self.highest[lane], self.lowest[lane] = high, low
+        touched = np.flatnonzero(((before == 0) & (after != 0)).any(axis=0))
+        if touched.size:
+            self.touches[lane[touched]] += 1.0
+        self.t[lane], self.q[lane], self.v[lane] = t, q, v
+
+    def stop(self, lane: Indices, index: Indices, y: Floats) -> None:
+        """Close a cycle of these lanes and begin the next."""
+        late = index >= self.first
+        which, column = lane[late], index[late] - self.first
+        self.kept[0:2, which, column] = y[:, late]
+        self.kept[2:, which, column] = self.highest[which], self.lowest[which], self.touches[which]
+        self.highest[lane] = self.lowest[lane] = y[0]
+        self.touches[lane] = 0.0
+
+
+def _extreme(h: Floats, q0: Floats, q1: Floats, v0: Floats, v1: Floats) -> Floats:
+    """Where the cubic through both ends of a step turns; v0 and v1 differ in sign."""
+    # The cubic's velocity is a parabola in s of 0 ... 1: v0 + b s + c s².
+    c = 3.0 * (v0 + v1 - 2.0 * (q1 - q0) / h)
+    b = v1 - v0 - c
+    root = np.sqrt(np.maximum(b * b - 4.0 * c * v0, 0.0))
+    double = b + np.copysign(root, b)
+    one, other = -2.0 * v0 / double, -0.5 * double / np.where(c == 0.0, np.inf, c)
+    # Where the turn is at an end, rounding can put both roots outside: the nearer one is meant.
+    at_one, at_other = np.clip(one, 0.0, 1.0), np.clip(other, 0.0, 1.0)
+    s = np.where(np.abs(one - at_one) <= np.abs(other - at_other), at_one, at_other)
+    return np.asarray(q0 + h * s * (v0 + s * (b / 2.0 + s * c / 3.0)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Wave:
+    """A sin(ω t + φ) of every lane."""
+
+    amplitude: Floats
+    omega: Floats
+    phase: Floats
+
+    def of(self, lane: Indices) -> Callable[[Floats], Floats]:
+        """See `blocks.Push`."""
+        amplitude, omega, phase = self.amplitude[lane], self.omega[lane], self.phase[lane]
+        return lambda time: amplitude * np.sin(omega * time + phase)
+
+
+@dataclass(frozen=True, slots=True)
+class Linear:
+    """m q'' + c q' + k q = P: stiffness k (N/m), damping c (N s/m), mass m (kg)."""
+
+    stiffness: float
+    damping: float
+    mass: float
+
+    def amplitude(self, force: float, frequency: Floats | float) -> Floats:
+        """Steady amplitude (m) under a sinusoid of `force` N at frequencies (Hz), same shape."""
+        omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)
+        return np.asarray(force / np.hypot(self.stiffness - self.mass * omega**2, self.damping * omega))
+
+    @property
+    def resonance(self) -> float:
+        """√(k/m)/(2π), Hz."""
+        return math.sqrt(self.stiffness / self.mass) / (2.0 * math.pi)
+
+
+def linearized(system: VibroImpact) -> Linear:
+    """The squeezed mass for small swings: the slopes of both laws at rest, summed.
+
+    For eq. (16) with x0 = |g|/2: k = 2 n k x0^(n-1), c = 2 λ x0^n. It is the Kelvin-Voigt model that the
+    appendix arrives at. Raises UserError for g >= 0, where no slope describes the contact.
+    """
+    expected = "a gap below 0 m: with clearance there is no spring in the middle to linearise"
+    require("gap", system.gap, system.gap < 0.0, expected, "See `kelvin_voigt_blocks`")
+    slopes = [tangent(law, system.squeeze) for law in (system.right, system.left)]
+    return Linear(sum(k for k, _ in slopes), sum(c for _, c in slopes), system.mass)
+
+
+def kelvin_voigt_blocks(system: VibroImpact, speed: float) -> VibroImpact:
+    """The same gap with springs and dampers (4) for blocks, as Dubowsky and Freudenstein model it.
+
+    Each has the contact time and the restitution of its law (16) at `speed` (m/s), its contact ending at F
+    = 0. It is what "equivalent linearized model" can mean with clearance (reference [3] of the paper).
+    """
+    positive("speed", speed, "m/s")
+
+    def stand_in(law: object) -> object:
+        require("law", law, isinstance(law, HuntCrossley), "a law of eq. (16) on both sides")
+        assert isinstance(law, HuntCrossley)
+        e = float(closed_form.restitution(law.alpha, speed))
+        return matched(e, float(closed_form.duration(law, system.mass, speed)), system.mass, Ending.FORCE)
+
+    right, left = stand_in(system.right), stand_in(system.left)
+    return replace(system, right=right, left=left)  # type: ignore[arg-type]

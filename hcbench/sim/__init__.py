@@ -1,0 +1,1 @@
+"""How every engine is driven: the contract, the registry, the stop rule. Knows no engine."""

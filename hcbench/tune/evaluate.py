@@ -1,0 +1,146 @@
+"""How good a setting is, by the engine itself, at speeds and phases that no recipe has looked at."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench import scoring
+from hcbench.impact import Launch, Status
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.impact import Floats, Impact
+    from hcbench.scene import Scene
+    from hcbench.setting import Setting
+    from hcbench.sim.engine import Engine
+    from hcbench.tune.target import Target
+
+HELD_OUT = 13
+PHASES = 8
+_GOLDEN = (math.sqrt(5) - 1) / 2
+_STANDARD_GRAVITY = 9.80665
+_REST_STEPS_MIN, _REST_STEPS_MAX = 200, 400_000
+_CREEP, _SHALLOW, _STILL, _DYING = 1e-5, 1e-3, 1e-4, 0.95  # m/s, of R, m/s, of the quarter before
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What the engine did with a setting.
+
+    max_error: largest |e - target|; at_speed: where, m/s. constant, constant_error: the best constant e.
+    steps_min, steps_max: steps in contact. penetration_max: m. force_max: N.
+    loop_rms: distance of the loops from the law's over its largest force; NaN where no loop is resolved.
+    failed: impacts that gave no restitution, with the first reason.
+    """
+
+    max_error: float
+    at_speed: float
+    constant: float
+    constant_error: float
+    phase_spread: float
+    steps_min: int
+    steps_max: int
+    penetration_max: float
+    force_max: float
+    loop_rms: float
+    failed: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """What became of a body let down on the plate under gravity, over the last quarter of the time watched.
+
+    creep: m/s, > 0 sinks. depth: m. buzz: rms rate about the creep, m/s. decay: buzz over that of the quarter
+    before. The law itself damps small motion about rest by exp(-(3/4) α g t) only: seconds, for steel.
+    """
+
+    rests: bool
+    creep: float
+    depth: float
+    buzz: float
+    decay: float
+
+
+def held_out_speeds(target: Target, count: int = HELD_OUT) -> Floats:
+    """Both ends of the band and the golden-ratio points between: shape (count,), m/s."""
+    inside = np.sort((np.arange(1, count - 1) * _GOLDEN) % 1.0)
+    spread = np.concatenate([[0.0], inside, [1.0]])
+    return target.speed_min + (target.speed_max - target.speed_min) * spread
+
+
+def judge(engine: Engine, scene: Scene, setting: Setting, target: Target) -> Verdict:
+    """Drop at held-out speeds, each at 8 phases of the step, and compare with the target."""
+    # Phases off any grid that a search or a study uses.
+    phases = (np.arange(PHASES) + _GOLDEN) / PHASES
+    launches = [Launch(float(v), float(p)) for v in held_out_speeds(target) for p in phases]
+    return verdict_on(engine.drop(scene, setting, launches), target)
+
+
+def verdict_on(impacts: Sequence[Impact], target: Target) -> Verdict:
+    """The verdict on impacts that have been flown."""
+    good = [i for i in impacts if i.status in (Status.PARTED, Status.RESTED)]
+    bad = [i for i in impacts if i.status not in (Status.PARTED, Status.RESTED)]
+    speed = np.array([i.speed_in for i in good])
+    off = np.abs(np.array([i.restitution for i in good]) - target.restitution(speed))
+    ends = target.restitution(np.array([target.speed_min, target.speed_max]))
+    one_each = [i for i in good if i.launch.phase == impacts[0].launch.phase]
+    loops = [s for s in (scoring.score_loop(i, target.law, target.mass) for i in one_each) if s is not None]
+    return Verdict(
+        max_error=float(off.max()) if good else math.nan,
+        at_speed=float(speed[off.argmax()]) if good else math.nan,
+        constant=float(ends.mean()),
+        constant_error=float(np.ptp(ends) / 2),
+        phase_spread=scoring.phase_spread(good),
+        steps_min=min((i.samples for i in good), default=0),
+        steps_max=max((i.samples for i in good), default=0),
+        penetration_max=max((i.penetration_max for i in good), default=math.nan),
+        force_max=max((i.force_max for i in good), default=math.nan),
+        loop_rms=max((s.rms for s in loops), default=math.nan),
+        failed=len(bad),
+        reason=bad[0].reason if bad else "",
+    )
+
+
+def settle(engine: Engine, scene: Scene, setting: Setting, seconds: float = 2.0) -> Rest:
+    """Let the body down on the plate under gravity, from next to no height, and watch.
+
+    It rests when it sinks slower than 1e-5 m/s, is less than 1e-3 R deep, and its buzz is below 1e-4 m/s or
+    dying away.
+    """
+    steps = min(max(seconds / setting.timestep, _REST_STEPS_MIN), _REST_STEPS_MAX)
+    heavy = dataclasses.replace(scene, gravity=_STANDARD_GRAVITY)
+    path = engine.follow(heavy, setting, Launch(0.0, height=1e-9), steps * setting.timestep)
+    quarter = len(path.time) // 4
+    before, last = slice(2 * quarter, 3 * quarter), slice(3 * quarter, None)
+    time, x, v = path.time[last], path.penetration[last], path.rate[last]
+    if not np.isfinite(path.penetration).all():
+        return Rest(False, math.nan, math.nan, math.nan, math.nan)
+    creep = float((x[-1] - x[0]) / (time[-1] - time[0]))
+    buzz, earlier = (float(np.sqrt(np.mean((rate - creep) ** 2))) for rate in (v, path.rate[before]))
+    decay = buzz / earlier if earlier > 0 else 0.0
+    depth = float(x.max())
+    rests = not faults(Rest(True, creep, depth, buzz, decay), scene.relative_radius)
+    return Rest(rests, creep, depth, buzz, decay)
+
+
+def faults(rest: Rest, radius: float) -> list[str]:
+    """What keeps a body from resting as it should, in words; none where it rests. radius: R, m."""
+    if math.isnan(rest.depth):
+        return ["it diverges"]
+    found = []
+    if not abs(rest.creep) < _CREEP:
+        found.append(
+            f"it {'sinks' if rest.creep > 0 else 'rises'} at {abs(rest.creep):.1e} m/s and goes on to"
+        )
+    if not rest.depth < _SHALLOW * radius:
+        found.append(f"it rests {rest.depth:.1e} m deep, {100 * rest.depth / radius:.2g} % of the radius")
+    if not (rest.buzz < _STILL or rest.decay < _DYING):
+        found.append(f"it keeps on moving at {rest.buzz:.1e} m/s (rms)")
+    return found
