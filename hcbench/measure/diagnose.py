@@ -13,7 +13,7 @@ import numpy as np
 
 from hcbench.errors import HcbenchError
 from hcbench.impact import Status
-from hcbench.measure.measurement import NOTABLE_GAIN, TOLERANCE, Candidate, Cause
+from hcbench.measure.measurement import NOTABLE_GAIN, TOLERANCE, Cause, Suspect
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -53,10 +53,10 @@ def diagnose(
 
     goal: e over approach speed that the bounce is held against.
     """
-    suspects = subject.candidates(impacts, wanted)
-    aim = next((c.aim for c in suspects if c.aim is not None), None)
+    suspects = subject.suspects(impacts, wanted)
+    aim = next((c.assumed_e for c in suspects if c.assumed_e is not None), None)
     held: Callable[[float], float] = goal if aim is None else (lambda _: aim)
-    certain = [c for c in suspects if c.static]
+    certain = [c for c in suspects if c.always_reported]
     if not _wrong(impacts, held, tolerance):
         return tuple(_cause(c) for c in certain), ""
     trial = _Trial(subject, _probes(impacts, held, subject.weight), held)
@@ -65,13 +65,13 @@ def diagnose(
         return tuple(_cause(c) for c in suspects), "None of these could be tried on this model."
     if triable and trial.off(triable) > tolerance:  # a fix may bring out what it hid
         known = {c.code for c in suspects}
-        fixed = subject.changed(triable)
-        more = [c for c in fixed.candidates(trial.fly(triable), wanted) if c.code not in known]
+        fixed = subject.fixed(triable)
+        more = [c for c in fixed.suspects(trial.fly(triable), wanted) if c.code not in known]
         fixed.close()
         suspects += more
         triable += [c for c in more if c.apply is not None]
     causes = _convicted(triable, trial, tolerance) + [
-        _cause(c) for c in suspects if c.apply is None and c.static
+        _cause(c) for c in suspects if c.apply is None and c.always_reported
     ]
     named = [c for c in triable if c.code in {cause.code for cause in causes}]
     remedy = _remedy(causes, trial.off([]), trial.off(named), trial.mean(named), tolerance)
@@ -79,7 +79,7 @@ def diagnose(
     return tuple(causes), one if one and not causes else f"{remedy} {one}".rstrip()
 
 
-def _convicted(triable: Sequence[Candidate], trial: _Trial, tolerance: float) -> list[Cause]:
+def _convicted(triable: Sequence[Suspect], trial: _Trial, tolerance: float) -> list[Cause]:
     """The fewest fixes that cure as well as all of them do, the strongest first; of two that cure the same
     the likelier stays. Where all together cure nothing, those that help alone.
     """
@@ -87,13 +87,13 @@ def _convicted(triable: Sequence[Candidate], trial: _Trial, tolerance: float) ->
     least = max(min(tolerance, _SHIFT * before), _SHARE * before)
     if after > before - least:
         kept = [c for c in triable if before - trial.off([c]) > least]
-        return [_cause(c, trial.off([c])) for c in triable if c in kept or c.static]
+        return [_cause(c, trial.off([c])) for c in triable if c in kept or c.always_reported]
     kept = list(triable)
-    for candidate in reversed(triable):
-        rest = [c for c in kept if c is not candidate]
+    for suspect in reversed(triable):
+        rest = [c for c in kept if c is not suspect]
         if trial.off(rest) - after <= least:
             kept = rest
-    named = [c for c in triable if c in kept or c.static]
+    named = [c for c in triable if c in kept or c.always_reported]
     left_out = {c.code: trial.off([k for k in named if k is not c]) for c in named}
     strongest = max(left_out.values(), default=0.0) or 1.0
     named.sort(key=lambda c: -round(_GRADES * left_out[c.code] / strongest))  # stable: likeliest first
@@ -143,11 +143,11 @@ class _Trial:
         self.subject, self.launches, self.goal = subject, launches, goal
         self.known: dict[tuple[str, ...], list[Impact]] = {}
 
-    def fly(self, fixes: Sequence[Candidate]) -> list[Impact]:
+    def fly(self, fixes: Sequence[Suspect]) -> list[Impact]:
         key = tuple(sorted(c.code for c in fixes))
         if key not in self.known:
             try:
-                changed = self.subject.changed(fixes)
+                changed = self.subject.fixed(fixes)
                 try:
                     self.known[key] = changed.fly(self.launches)
                 finally:
@@ -156,11 +156,11 @@ class _Trial:
                 self.known[key] = []
         return self.known[key]
 
-    def mean(self, fixes: Sequence[Candidate]) -> float:
+    def mean(self, fixes: Sequence[Suspect]) -> float:
         good = [i.restitution for i in self.fly(fixes) if math.isfinite(i.restitution)]
         return float(np.mean(good)) if good else math.nan
 
-    def off(self, fixes: Sequence[Candidate]) -> float:
+    def off(self, fixes: Sequence[Suspect]) -> float:
         """The largest |e - goal|; a failed impact counts 1, and without a goal what is above 1 counts."""
         impacts = self.fly(fixes)
         out = []
@@ -174,8 +174,8 @@ class _Trial:
         return max(out, default=1.0)
 
 
-def _cause(candidate: Candidate, alone: float = math.nan, without: float = math.nan) -> Cause:
-    return Cause(candidate.code, candidate.title, candidate.evidence, candidate.fix, alone, without)
+def _cause(suspect: Suspect, alone: float = math.nan, without: float = math.nan) -> Cause:
+    return Cause(suspect.code, suspect.title, suspect.evidence, suspect.fix, alone, without)
 
 
 def _one_for_all(impacts: Sequence[Impact], goal: Callable[[float], float], tolerance: float) -> str:

@@ -108,14 +108,14 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class Suspect:
     """Something in a model that may keep it from bouncing as asked.
 
     code: short and stable. title: the sentence that names it. evidence: numbers found. fix: text to paste.
     apply: makes the fix in a copy of the subject's own state; None where it cannot be tried.
-    static: said even when e is as asked, as it speaks of what the model asks for.
-    aim: e that the fix is written for, where nobody said which e is wanted; it is then held against that.
-    last: its fix depends on the step and integrator, so it is made after those that change them.
+    always_reported: even where the measured e is as asked, as it speaks of what the model asks for.
+    assumed_e: e that the fix is written for, where nobody said which e is wanted; e is then compared with it.
+    apply_last: its fix depends on the step and integrator, so it is made after those that change them.
     """
 
     code: str
@@ -123,14 +123,14 @@ class Candidate:
     evidence: str
     fix: str
     apply: Callable[[Any], None] | None = None
-    static: bool = False
-    aim: float | None = None
-    last: bool = False
+    always_reported: bool = False
+    assumed_e: float | None = None
+    apply_last: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """A candidate that was found to matter.
+    """A suspect that was found to matter.
 
     alone: largest |e - goal| at the launches that were tried, with this one fixed and nothing else. without:
     the same with the other causes fixed and not this one. NaN where that was not tried.
@@ -160,12 +160,12 @@ class Subject(Protocol):
         """One impact for each launch, in order."""
         ...
 
-    def candidates(self, impacts: Sequence[Impact], wanted: Wanted | None) -> list[Candidate]:
+    def suspects(self, impacts: Sequence[Impact], wanted: Wanted | None) -> list[Suspect]:
         """What may be wrong with it, likeliest first."""
         ...
 
-    def changed(self, candidates: Sequence[Candidate]) -> Subject:
-        """The same with the fixes of `candidates` made, in a copy."""
+    def fixed(self, suspects: Sequence[Suspect]) -> Subject:
+        """The same with the fixes of `suspects` made, in a copy."""
         ...
 
     def close(self) -> None:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import copy
 from typing import TYPE_CHECKING, Any
 
-from hcbench.engines.mujoco.causes.checks import find_candidates
-from hcbench.engines.mujoco.causes.context import Situation, asked_law, delivered_law
+from hcbench.engines.mujoco.causes.checks import find_suspects
+from hcbench.engines.mujoco.causes.context import Context, asked_law, delivered_law
 from hcbench.engines.mujoco.measured_run import Flight
 from hcbench.engines.mujoco.pair import find_sides, geom_name
 from hcbench.engines.mujoco.place import place
 from hcbench.engines.mujoco.user_model import backend, listening, load, start
-from hcbench.measure.measurement import Candidate, Facts, Request, Wanted
+from hcbench.measure.causes import other_contacts
+from hcbench.measure.measurement import Facts, Request, Suspect, Wanted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -81,13 +82,13 @@ class MujocoSubject:
         if self.place.overlap > 0:
             notes.append(f"The two overlap by {self.place.overlap:.3g} m at the start: moved apart to touch.")
         if self.flight.others:
-            notes.append(f"Other contacts acted during the impact: {self._others()}.")
+            notes.append(f"Other contacts acted during the impact: {', '.join(self._others())}.")
         return notes
 
-    def candidates(self, impacts: Sequence[Impact], wanted: Wanted | None) -> list[Candidate]:
+    def suspects(self, impacts: Sequence[Impact], wanted: Wanted | None) -> list[Suspect]:
         """What may keep this pair from bouncing as asked."""
         law, _ = asked_law(self.model, self.place)
-        situation = Situation(
+        context = Context(
             model=self.model,
             place=self.place,
             asked=law,
@@ -96,28 +97,17 @@ class MujocoSubject:
             wanted=wanted,
             gravity=tuple(self._gravity()),
         )
-        found = find_candidates(situation)
-        if self.flight.others:
-            found.append(
-                Candidate(
-                    "other-contacts",
-                    "Other things touch the two at the same time: e is not that of the pair alone.",
-                    self._others(),
-                    "a pair that meets before anything else, or a model of the two alone",
-                    static=True,
-                )
-            )
-        return found
+        return [*find_suspects(context), *other_contacts(self._others())]
 
-    def _others(self) -> str:
-        return ", ".join(sorted(geom_name(self.model, g) for g in self.flight.others))
+    def _others(self) -> list[str]:
+        return sorted(geom_name(self.model, g) for g in self.flight.others)
 
-    def changed(self, candidates: Sequence[Candidate]) -> MujocoSubject:
+    def fixed(self, suspects: Sequence[Suspect]) -> MujocoSubject:
         """The same pair with some fixes made."""
         model = copy.copy(self.model)
-        for candidate in sorted(candidates, key=lambda c: c.last):
-            if candidate.apply is not None:
-                candidate.apply(model)
+        for suspect in sorted(suspects, key=lambda c: c.apply_last):
+            if suspect.apply is not None:
+                suspect.apply(model)
         return MujocoSubject(model, self.label, self.request)
 
     def close(self) -> None:

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.engines.pybullet.causes import Situation, find_candidates, restitutions
+from hcbench.engines.pybullet.causes import Context, find_suspects, restitutions
 from hcbench.engines.pybullet.measured_run import Flight
 from hcbench.engines.pybullet.place import place
 from hcbench.engines.pybullet.user_model import Bullet, Loaded, World, find_sides, load_files, version
 from hcbench.errors import UserError
-from hcbench.measure.measurement import Candidate, Facts, Request, Wanted
+from hcbench.measure.measurement import Facts, Request, Suspect, Wanted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -42,7 +42,7 @@ class PybulletSubject:
         world: World | None,
         request: Request,
         build: Callable[[], tuple[Loaded, World | None]] | None,
-        fixes: Sequence[Candidate] = (),
+        fixes: Sequence[Suspect] = (),
     ) -> None:
         self.loaded, self.world, self.request, self.build = loaded, world, request, build
         self.bullet = loaded.bullet
@@ -136,20 +136,20 @@ class PybulletSubject:
             notes=tuple(notes),
         )
 
-    def candidates(self, impacts: Sequence[Impact], wanted: Wanted | None) -> list[Candidate]:
+    def suspects(self, impacts: Sequence[Impact], wanted: Wanted | None) -> list[Suspect]:
         """What may keep this pair from bouncing as asked."""
-        situation = Situation(
+        context = Context(
             self.bullet, self.place, impacts, wanted, self.timestep, self.gravity, self.loaded.foreign
         )
-        found = find_candidates(situation)
+        found = find_suspects(context)
         return found if self.build else [dataclasses.replace(c, apply=None) for c in found]
 
-    def changed(self, candidates: Sequence[Candidate]) -> PybulletSubject:
+    def fixed(self, suspects: Sequence[Suspect]) -> PybulletSubject:
         """The same world made anew, with some fixes made; a live client is not touched."""
         if self.build is None:
             raise UserError("model", "a live client cannot be made anew", "files, or a function for it")
         loaded, world = self.build()
-        return PybulletSubject(loaded, world, self.request, self.build, candidates)
+        return PybulletSubject(loaded, world, self.request, self.build, suspects)
 
     def close(self) -> None:
         """End what is ours and put back what is not."""

@@ -8,12 +8,12 @@ from hcbench.engines.mujoco.causes.contact import damped, impedance, mixing, ref
 from hcbench.engines.mujoco.causes.motion import gravity, integrator, losses, margin, resolution
 
 if TYPE_CHECKING:
-    from hcbench.engines.mujoco.causes.context import Situation
-    from hcbench.measure.measurement import Candidate
+    from hcbench.engines.mujoco.causes.context import Context
+    from hcbench.measure.measurement import Suspect
 
-_LOOKS = (mixing, refsafe, damped, integrator, impedance, resolution, gravity, losses, margin)
+CHECKS = (mixing, refsafe, damped, integrator, impedance, resolution, gravity, losses, margin)
 
 
-def find_candidates(s: Situation) -> list[Candidate]:
+def find_suspects(s: Context) -> list[Suspect]:
     """Everything that may matter here, likeliest first."""
-    return [c for look in _LOOKS for c in look(s)]
+    return [c for check in CHECKS for c in check(s)]

@@ -13,15 +13,15 @@ from hcbench.engines.mujoco.causes.context import DEFAULT_SOLREF, FLOOR_SHIFT, e
 from hcbench.engines.mujoco.pair import geom_name
 from hcbench.engines.mujoco.soft_constraint import HIGHEST_POWER, MAX_IMPEDANCE, MIN_IMPEDANCE, ContactLaw
 from hcbench.engines.mujoco.user_model import backend
-from hcbench.measure.measurement import Candidate
+from hcbench.measure.measurement import Suspect
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from hcbench.engines.mujoco.causes.context import Situation
+    from hcbench.engines.mujoco.causes.context import Context
 
 
-def mixing(s: Situation) -> Iterator[Candidate]:
+def mixing(s: Context) -> Iterator[Suspect]:
     """The geoms' parameters do not arrive as written."""
     if s.asked is None or (explicit_pair(s.model, s.geoms) >= 0 and not overridden(s.model)):
         return
@@ -29,7 +29,7 @@ def mixing(s: Situation) -> Iterator[Candidate]:
     names = [geom_name(s.model, g) for g in s.geoms]
     apply = partial(fixes.set_contact, geoms=s.all_geoms, solref=s.asked.solref, solimp=s.asked.solimp)
     if overridden(s.model):
-        yield Candidate(
+        yield Suspect(
             "override",
             "The override flag replaces every contact's solref and solimp.",
             f"o_solref {fixes.numbers(solref)}, o_solimp {fixes.numbers(solimp)}",
@@ -41,7 +41,7 @@ def mixing(s: Situation) -> Iterator[Candidate]:
     lost = not (same(solref, s.asked.solref) and same(solimp, s.asked.solimp))
     if lost and ranks[0] != ranks[1]:
         winner = int(ranks[1] > ranks[0])
-        yield Candidate(
+        yield Suspect(
             "priority",
             f"Geom {names[winner]!r} has priority: the parameters of {names[1 - winner]!r} are not used.",
             f"priority {ranks[winner]} over {ranks[1 - winner]}; solref is now {fixes.numbers(solref)}",
@@ -50,7 +50,7 @@ def mixing(s: Situation) -> Iterator[Candidate]:
         )
         return
     if not same(solref, s.asked.solref):
-        yield Candidate(
+        yield Suspect(
             "solref-mixing",
             "MuJoCo mixes the solref of the two geoms: the contact does not have the one written.",
             f"written {fixes.numbers(s.asked.solref)}, in the contact {fixes.numbers(solref)}",
@@ -58,7 +58,7 @@ def mixing(s: Situation) -> Iterator[Candidate]:
             apply,
         )
     if not same(solimp, s.asked.solimp):
-        yield Candidate(
+        yield Suspect(
             "solimp-mixing",
             "MuJoCo averages the solimp of the two geoms: the contact does not have the one written.",
             f"written {fixes.numbers(s.asked.solimp)}, in the contact {fixes.numbers(solimp)}",
@@ -67,7 +67,7 @@ def mixing(s: Situation) -> Iterator[Candidate]:
         )
 
 
-def refsafe(s: Situation) -> Iterator[Candidate]:
+def refsafe(s: Context) -> Iterator[Suspect]:
     """A time constant below two steps is not honoured."""
     solref = s.place.contact.rows[0][0]
     mujoco = backend()
@@ -78,7 +78,7 @@ def refsafe(s: Situation) -> Iterator[Candidate]:
     if constant >= (s.timestep if discrete else 2 * s.timestep):
         return
     step = constant * min(0.1, math.pi * solref[1] / 40)  # some 40 steps a contact
-    yield Candidate(
+    yield Suspect(
         "refsafe",
         "The time constant is too short for the step: refsafe replaces it by a longer, softer one.",
         f"solref {fixes.numbers(solref)} at a step of {s.timestep:g} s: "
@@ -88,7 +88,7 @@ def refsafe(s: Situation) -> Iterator[Candidate]:
     )
 
 
-def damped(s: Situation) -> Iterator[Candidate]:
+def damped(s: Context) -> Iterator[Suspect]:
     """The contact is asked for, as written, less bounce than is wanted."""
     if s.asked is None:
         return
@@ -109,38 +109,38 @@ def damped(s: Situation) -> Iterator[Candidate]:
         code, title = "no-push", "solref asks for neither a spring nor a damper: nothing pushes back."
     elif promised > goal:
         code, title = "lively-solref", "solref asks for less damping than the wanted bounce has."
-    yield Candidate(
+    yield Suspect(
         code,
         title,
         f"solref {fixes.numbers(s.asked.solref)} promises e = {promised:.3g}",
         f'{s.names}: solref="{fixes.numbers(solref)}" solimp="{fixes.numbers(solimp)}"'
         f" (e = {goal:.3g}{more})",
         partial(fixes.set_bouncy, geoms=s.all_geoms, e=goal),
-        static=certain,
-        last=True,
-        aim=None if s.wanted is not None else goal,
+        always_reported=certain,
+        apply_last=True,
+        assumed_e=None if s.wanted is not None else goal,
     )
 
 
-def impedance(s: Situation) -> Iterator[Candidate]:
+def impedance(s: Context) -> Iterator[Suspect]:
     """solimp takes a share off spring and damper, or is clamped."""
     law = s.delivered
     if law is None or s.asked is None:
         return
     if s.asked.overflows:
-        yield Candidate(
+        yield Suspect(
             "solimp-power",
             "The power of solimp is too high: MuJoCo's sigmoid underflows and gives not-a-number.",
             f"solimp {fixes.numbers(s.asked.solimp)}",
             f"{s.names}: a power below {HIGHEST_POWER:g} in solimp",
-            static=True,
+            always_reported=True,
         )
         return
     d0, dw = s.asked.impedance(0.0), s.asked.impedance(math.inf)
     stiff = (MAX_IMPEDANCE, MAX_IMPEDANCE, 0.001, 0.5, 2.0)
     apply = partial(fixes.set_contact, geoms=s.all_geoms, solref=None, solimp=stiff)
     if law.solref[0] <= 0 and d0 < dw:
-        yield Candidate(
+        yield Suspect(
             "impedance",
             "solimp starts below its final value: at touch the contact has but a share of its strength.",
             f"impedance {d0:.4g} at touch, {dw:.4g} at depth",
@@ -157,7 +157,7 @@ def impedance(s: Situation) -> Iterator[Candidate]:
     if abs(loose[worst] - held[worst]) > FLOOR_SHIFT:
         goal = float(np.mean(loose))
         solref, solimp, more = fixes.bouncy(goal, s.timestep, s.integrator)
-        yield Candidate(
+        yield Suspect(
             "impedance-floor",
             f"solimp is not used as written: impedances are held to {MIN_IMPEDANCE:g} ... {MAX_IMPEDANCE:g}.",
             f"solimp {fixes.numbers(s.asked.solimp)}: at {speeds[worst]:.3g} m/s e = {held[worst]:.3g} "
@@ -165,6 +165,6 @@ def impedance(s: Situation) -> Iterator[Candidate]:
             f'{s.names}: solref="{fixes.numbers(solref)}" solimp="{fixes.numbers(solimp)}"'
             f" (e = {goal:.3g}{more})",
             partial(fixes.set_bouncy, geoms=s.all_geoms, e=goal),
-            static=True,
-            last=True,
+            always_reported=True,
+            apply_last=True,
         )

@@ -11,7 +11,7 @@ from hcbench.engines.mujoco.causes import fixes
 from hcbench.engines.mujoco.pair import geom_name
 from hcbench.engines.mujoco.soft_constraint import ContactLaw
 from hcbench.engines.mujoco.user_model import backend
-from hcbench.impact import Status
+from hcbench.measure.causes import BOUNCY, constant_e
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,11 +23,10 @@ if TYPE_CHECKING:
 DEFAULT_SOLREF = (0.02, 1.0)
 DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
 FLOOR_SHIFT = 0.01  # of e, that clamping impedances must make to be named
-_BOUNCY = 0.9  # what a fix is written for where nobody said which e is wanted
 
 
 @dataclass(frozen=True, slots=True)
-class Situation:
+class Context:
     """All that the search for causes looks at."""
 
     model: Any
@@ -65,21 +64,13 @@ class Situation:
         """s."""
         return float(self.model.opt.timestep)
 
-    @property
-    def touched(self) -> list[Impact]:
-        """Impacts that have an e."""
-        return [i for i in self.impacts if i.status in (Status.PARTED, Status.RESTED)]
-
     def goal(self) -> float:
         """The one e that a pasted constant setting should have."""
-        if self.wanted is not None:
-            speeds = [i.launch.speed for i in self.impacts]
-            ends = self.wanted.restitution(np.array([min(speeds), max(speeds)]))
-            return float(np.clip(ends.mean(), 0.0, 1.0))
-        if self.asked is not None:
+        e = constant_e(self.impacts, self.wanted)
+        if e is None and self.asked is not None:
             e = self.asked.restitution(float(np.median([i.launch.speed for i in self.impacts])))
-            return e if e > 0.5 else _BOUNCY
-        return _BOUNCY
+            e = e if e > 0.5 else None
+        return BOUNCY if e is None else e
 
 
 def in_order(place: Placement, geoms: tuple[int, int]) -> tuple[int, int]:
