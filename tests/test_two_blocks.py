@@ -10,6 +10,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
+from hcbench.engines.mujoco.backend import require_feature
 from hcbench.engines.mujoco.recipes.staggered import Staggered
 from hcbench.errors import EngineMissing, SettingError
 from hcbench.laws import closed_form
@@ -116,13 +117,13 @@ def test_a_lower_impedance_asked_of_staggered_is_the_highest_there_is() -> None:
             Staggered(impedance=wrong)(target)
 
 
-def test_a_mujoco_without_adhesion_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mujoco_without_adhesion_is_named() -> None:
     class Old:
         __version__ = "3.3.0"
         MjModel = object
 
     with pytest.raises(EngineMissing, match=r"3\.3\.0.*no adhesion.*3\.11"):
-        two_blocks.require_adhesion(Old)
+        require_feature(Old, "adhesion")
 
 
 def test_track_reads_the_scenes_own_files() -> None:

@@ -130,11 +130,12 @@ class _Case:
 def _in_mujoco(case: _Case) -> Track:
     import mujoco
 
+    from hcbench.engines.mujoco.backend import require_feature
     from hcbench.engines.mujoco.plugin import attach as contact
 
     kicks = case.kicks
     if case.native_at is not None:
-        two_blocks.require_adhesion(mujoco)
+        require_feature(mujoco, "adhesion")
     model = mujoco.MjModel.from_xml_string(two_blocks.mjcf(case.system, kicks.step, case.native_at))
     pairs = [("ball", "left"), ("ball", "right")]
     attached = contact.attach(model, pairs, case.law) if case.native_at is None else nullcontext()

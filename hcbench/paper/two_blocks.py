@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from hcbench.engines.mujoco.recipes.staggered import Staggered
 from hcbench.engines.pybullet.recipes.restitution import PYBULLET as RESTITUTION
 from hcbench.engines.pybullet.recipes.spring_damper import PYBULLET as SPRING_DAMPER
-from hcbench.errors import EngineMissing
 from hcbench.laws.force import HuntCrossley
 from hcbench.scene import load_scene
 from hcbench.tune.target import Target
@@ -67,12 +66,6 @@ def mjcf(system: VibroImpact, timestep: float, native_at: float | None = None) -
         _write_pairs(root, setting.options["rows"])
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
-
-
-def require_adhesion(mujoco: Any) -> None:
-    """Raises EngineMissing for a MuJoCo without the pairs' adhesion, which `staggered` needs."""
-    if not hasattr(mujoco.MjModel, "pair_adhesion"):
-        raise EngineMissing(f"mujoco {mujoco.__version__}", "has no adhesion", "3.11 or later")
 
 
 def bullet_options(system: VibroImpact, timestep: float, native_at: float) -> Mapping[str, Any]:

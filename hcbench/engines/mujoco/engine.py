@@ -21,10 +21,11 @@ from importlib import metadata
 from typing import TYPE_CHECKING, ClassVar
 
 from hcbench.engines.mujoco import simulate
+from hcbench.engines.mujoco.backend import INSTALL
 from hcbench.engines.mujoco.mjcf import as_text, edited, model_path
 from hcbench.engines.mujoco.options import read_options
 from hcbench.engines.mujoco.simulate import Fleet
-from hcbench.engines.mujoco.world import INSTALL, load
+from hcbench.engines.mujoco.world import load
 from hcbench.errors import EngineMissing
 from hcbench.impact import Status
 from hcbench.sim.engine import Engine

@@ -5,12 +5,13 @@ from __future__ import annotations
 import copy
 from typing import TYPE_CHECKING, Any
 
+from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.causes.checks import find_suspects
 from hcbench.engines.mujoco.causes.context import Context, asked_law, delivered_law
 from hcbench.engines.mujoco.measured_run import Flight
 from hcbench.engines.mujoco.pair import find_sides, geom_name
 from hcbench.engines.mujoco.place import place
-from hcbench.engines.mujoco.user_model import backend, listening, load, start
+from hcbench.engines.mujoco.user_model import load, start
 from hcbench.measure.causes import other_contacts
 from hcbench.measure.measurement import Facts, Request, Suspect, Wanted
 
@@ -29,7 +30,7 @@ class MujocoSubject:
 
     def __init__(self, model: Any, label: str, request: Request) -> None:
         self.model, self.label, self.request = model, label, request
-        with listening():
+        with captured_warnings():
             self.start, self.start_name = start(model, request.key)
             first, second = find_sides(model, request.pair)
             self.place = place(model, start(model, request.key)[0], first, second)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.pair import geom_name
 from hcbench.engines.mujoco.touch import approach_row, side_table
-from hcbench.engines.mujoco.user_model import backend, listening
 from hcbench.impact import Impact, Launch, Status
 from hcbench.sim.recorder import MAX_STEPS, Track, patience
 
@@ -36,7 +36,7 @@ class Flight:
 
     def fly(self, launch: Launch) -> Impact:
         """One impact, as the engine makes it."""
-        with listening():
+        with captured_warnings():
             track = self._run(launch)
         return self._told(track.impact(launch))
 

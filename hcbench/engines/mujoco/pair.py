@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.engines.mujoco.user_model import backend
+from hcbench.engines.mujoco.backend import backend
 from hcbench.errors import UserError
 from hcbench.measure.sanitized import plain
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.pair import (
     Carrier,
     Side,
@@ -18,7 +19,6 @@ from hcbench.engines.mujoco.pair import (
     why_no_contact,
 )
 from hcbench.engines.mujoco.touch import Approach, Contact, approach_row, read_contact, side_table
-from hcbench.engines.mujoco.user_model import backend
 from hcbench.errors import SceneError, UserError
 
 if TYPE_CHECKING:

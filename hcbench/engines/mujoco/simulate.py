@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench.engines.mujoco.backend import captured_warnings
 from hcbench.engines.mujoco.batch import Crowd, crowd, kind_of
 from hcbench.engines.mujoco.record import Bench, record, released
 from hcbench.engines.mujoco.slide_joint import holds_one_row
-from hcbench.engines.mujoco.world import guarded
 from hcbench.errors import SettingError
 from hcbench.impact import Trajectory, impacts_of
 from hcbench.laws import closed_form
@@ -47,7 +47,7 @@ def fly(fleet: Fleet, launches: Sequence[Launch]) -> list[Impact]:
     groups = fleet.groups(launches)
     flights = [_Flight(fleet, [launches[i] for i in group]) for group in groups]
     back: dict[int, Impact] = {}
-    with guarded(fleet.model.mujoco), ThreadPoolExecutor(_ABREAST) as pool:
+    with captured_warnings(), ThreadPoolExecutor(_ABREAST) as pool:
         each = map if fleet.wide == 1 else pool.map
         for group, landed in zip(groups, each(_Flight.land, flights), strict=True):
             back.update(zip(group, landed, strict=True))
@@ -60,7 +60,7 @@ def follow(model: Loaded, launch: Launch, steps: int) -> Trajectory:
     gaps, speeds = np.array([launch.gap(model.timestep)]), np.array([launch.speed])
     states, done = released(model, gaps, speeds), 0
     path = np.full((3, 1, steps), np.nan)
-    with guarded(model.mujoco):
+    with captured_warnings():
         while done < steps:
             warm = bench.data[0].qacc_warmstart.copy()  # as one unbroken run has it
             seen = record(model, bench, states, steps - done, warm)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.pair import Side, height_field, normal_between
-from hcbench.engines.mujoco.user_model import backend
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats

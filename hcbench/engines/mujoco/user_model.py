@@ -2,45 +2,19 @@
 
 from __future__ import annotations
 
-import contextlib
 import copy
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.errors import EngineFailed, EngineMissing, SceneError, UserError
+from hcbench.engines.mujoco.backend import backend, captured_warnings
+from hcbench.errors import EngineFailed, SceneError, UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from hcbench.measure.measurement import Request
 
 SUFFIXES = (".xml", ".mjcf", ".urdf", ".mjb", ".mjz")
-
-
-def backend() -> Any:
-    """The mujoco package; EngineMissing where it cannot be imported."""
-    try:
-        import mujoco
-    except ImportError as error:
-        raise EngineMissing(
-            "engine", f"mujoco cannot be imported: {error}", "", "pip install mujoco"
-        ) from None
-    return mujoco
-
-
-@contextlib.contextmanager
-def listening() -> Iterator[list[str]]:
-    """Collect the engine's warnings, which it would print and append to a file in the working folder."""
-    mujoco = backend()
-    heard: list[str] = []
-    before = getattr(mujoco, "get_mju_user_warning", lambda: None)()
-    mujoco.set_mju_user_warning(heard.append)
-    try:
-        yield heard
-    finally:
-        mujoco.set_mju_user_warning(before)
 
 
 def load(source: Any, request: Request) -> tuple[Any, str]:
@@ -49,7 +23,7 @@ def load(source: Any, request: Request) -> tuple[Any, str]:
     source: a path, an MjModel, an MjSpec, or MJCF text. Raises SceneError for what does not compile.
     """
     mujoco = backend()
-    with listening() as heard:
+    with captured_warnings() as warnings:
         if isinstance(source, mujoco.MjModel):
             model, label = copy.copy(source), "MjModel"
         elif isinstance(source, mujoco.MjSpec):
@@ -58,7 +32,7 @@ def load(source: Any, request: Request) -> tuple[Any, str]:
             model, label = _compiled(lambda: mujoco.MjModel.from_xml_string(source), "MJCF text"), "MJCF text"
         else:
             model, label = _from_file(mujoco, Path(source)), Path(source).name
-    if any("NaN" in line for line in heard):
+    if any("NaN" in line for line in warnings):
         raise SceneError("model", f"{label} has a NaN in it", "numbers", "Look for 'nan' in the file")
     _require_sound(model, label)
     if request.timestep is not None:

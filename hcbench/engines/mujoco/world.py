@@ -3,58 +3,26 @@
 from __future__ import annotations
 
 import math
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.mujoco.backend import backend, captured_warnings, require_feature
 from hcbench.engines.mujoco.mjcf import as_text, edited, feel_acceleration, model_path
-from hcbench.errors import EngineFailed, EngineMissing, SceneError
+from hcbench.errors import SceneError
 
 if TYPE_CHECKING:
     import xml.etree.ElementTree as ET
-    from collections.abc import Iterator
 
     from hcbench.engines.mujoco.options import Options
     from hcbench.impact import Floats
     from hcbench.scene import Scene
 
-INSTALL = "pip install mujoco"
 _OVERLAP = 1e-5  # m, at which the model is checked
 _SHAPE_TOLERANCE = 1e-9  # m
 # What a ball in free flight is tried with: height in radii, m/s, m/s², and how well it must obey.
 _CLEAR, _THROWN, _PUSHED, _FREELY = 0.5, 1.0, 1.0, 1e-9
-
-
-def backend() -> Any:
-    """The mujoco module. Raises EngineMissing, and EngineFailed where it is there but does not load."""
-    try:
-        import mujoco
-        import mujoco.rollout
-    except ImportError as error:
-        raise EngineMissing(
-            "engine 'mujoco'", f"cannot be imported: {error}", "", f"Try: {INSTALL}"
-        ) from None
-    except Exception as error:  # its graphics library, named by MUJOCO_GL, may be missing
-        raise EngineFailed("engine 'mujoco'", f"cannot be imported: {error}", "") from error
-    return mujoco
-
-
-@contextmanager
-def guarded(mujoco: Any) -> Iterator[None]:
-    """No warnings on stderr or in MUJOCO_LOG.TXT, and MuJoCo's errors as ours.
-
-    The user's own handler of warnings is back afterwards.
-    """
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda _: None)
-    try:
-        yield
-    except mujoco.FatalError as error:
-        raise EngineFailed("mujoco", " ".join(str(error).split()), "") from error
-    finally:
-        mujoco.set_mju_user_warning(before)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,11 +54,14 @@ def load(scene: Scene, timestep: float, options: Options) -> Loaded:
     """
     mujoco = backend()
     root, path = edited(scene, timestep, options), model_path(scene)
-    _require_version(mujoco, options)
+    if any(row.adhesion for row in options.rows):
+        require_feature(mujoco, "adhesion")
+    if options.integrator == "discrete":
+        require_feature(mujoco, "integrator 'discrete'")
     felt = any(option.get("integrator") == "RK4" for option in root.iterfind("option"))
     if felt:
         feel_acceleration(root)
-    with guarded(mujoco):
+    with captured_warnings():
         try:
             model = mujoco.MjModel.from_xml_string(as_text(root))
         except ValueError as error:
@@ -113,7 +84,7 @@ def load(scene: Scene, timestep: float, options: Options) -> Loaded:
             f"ball and plate overlap by {seen:.6e} m where the scene says {_OVERLAP:g} m",
             "the ball to just touch at qpos0, with the radii of scene.toml",
         )
-    with guarded(mujoco):
+    with captured_warnings():
         _check_flight(mujoco, model, joint, scene)
     at = (1 + position, 1 + int(model.nq) + velocity)  # a state is time, positions, velocities, ...
     clearance = -scene.plate_radius - scene.ball_radius if scene.form == "cup" else None
@@ -141,26 +112,6 @@ def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
             "Look for damping, armature, springs, frictionloss, gravcomp, air, a disabled gravity, or"
             " bodies fixed to it",
         )
-
-
-def _require_version(mujoco: Any, options: Options) -> None:
-    adhesion = any(row.adhesion for row in options.rows)
-    for what, asked, there, since in (
-        ("adhesion", adhesion, hasattr(mujoco.MjModel, "pair_adhesion"), "3.11"),
-        (
-            "integrator 'discrete'",
-            options.integrator == "discrete",
-            hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"),
-            "3.13",
-        ),
-    ):
-        if asked and not there:
-            raise EngineMissing(
-                f"mujoco {mujoco.__version__}",
-                f"has no {what}",
-                f"{since} or later",
-                f"Try: {INSTALL} --upgrade",
-            )
 
 
 def _find_ball(mujoco: Any, model: Any, scene: Scene) -> int:

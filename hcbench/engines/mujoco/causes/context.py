@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.causes import fixes
 from hcbench.engines.mujoco.pair import geom_name
 from hcbench.engines.mujoco.soft_constraint import ContactLaw
-from hcbench.engines.mujoco.user_model import backend
 from hcbench.measure.causes import BOUNCY, constant_e
 
 if TYPE_CHECKING:

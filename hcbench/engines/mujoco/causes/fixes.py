@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.soft_constraint import MAX_IMPEDANCE, spring_damper
-from hcbench.engines.mujoco.user_model import backend
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

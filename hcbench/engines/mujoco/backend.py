@@ -1,0 +1,61 @@
+"""The mujoco package: importing it, what an older version lacks, its warnings and its fatal errors."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING, Any
+
+from hcbench.errors import EngineFailed, EngineMissing
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+INSTALL = "pip install mujoco"
+# What older versions lack: the class and the attribute that show it, and the first version that has it.
+_FEATURES = {
+    "adhesion": ("MjModel", "pair_adhesion", "3.11"),
+    "integrator 'discrete'": ("mjtIntegrator", "mjINT_DISCRETE", "3.13"),
+}
+
+
+def backend() -> Any:
+    """The mujoco module. Raises EngineMissing, and EngineFailed where it is there but does not load."""
+    try:
+        import mujoco
+        import mujoco.rollout
+    except ImportError as error:
+        raise EngineMissing(
+            "engine 'mujoco'", f"cannot be imported: {error}", "", f"Try: {INSTALL}"
+        ) from None
+    except Exception as error:  # its graphics library, named by MUJOCO_GL, may be missing
+        raise EngineFailed("engine 'mujoco'", f"cannot be imported: {error}", "") from error
+    return mujoco
+
+
+def require_feature(mujoco: Any, feature: str) -> None:
+    """Raises EngineMissing for a MuJoCo that is too old for "adhesion" or "integrator 'discrete'"."""
+    owner, attribute, since = _FEATURES[feature]
+    if not hasattr(getattr(mujoco, owner), attribute):
+        raise EngineMissing(
+            f"mujoco {mujoco.__version__}",
+            f"has no {feature}",
+            f"{since} or later",
+            f"Try: {INSTALL} --upgrade",
+        )
+
+
+@contextlib.contextmanager
+def captured_warnings() -> Iterator[list[str]]:
+    """Collect MuJoCo's warnings, which it would print and write to MUJOCO_LOG.TXT; the user's own handler is
+    back afterwards. Raises EngineFailed for a fatal error of MuJoCo's.
+    """
+    mujoco = backend()
+    collected: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(collected.append)
+    try:
+        yield collected
+    except mujoco.FatalError as error:
+        raise EngineFailed("mujoco", " ".join(str(error).split()), "") from error
+    finally:
+        mujoco.set_mju_user_warning(before)
