@@ -21,10 +21,11 @@ from hcbench.engines.pybullet.plugin import attach as bullet_contact
 from hcbench.engines.pybullet.plugin import solve
 from hcbench.errors import SettingError, UserError
 from hcbench.laws import ode
+from hcbench.laws.contact_law import law_of
 from hcbench.laws.exact_step import Motion, kick, own_motion
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import LAWS, Exact, Flores, LankaraniNikravesh, OwnSpeedLaw, RestitutionLaw
-from hcbench.laws.restitution import ConstantRestitution, law_of
+from hcbench.laws.restitution import ConstantRestitution
 from hcbench.laws.touch_speed import touch_speed
 from hcbench.setting import Setting
 from hcbench.tune.snippet import paste

@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from hcbench import _compile
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
+from hcbench.laws.contact_law import Friction, law_of
 from hcbench.laws.exact_step import Motion, flow, kick, own_motion, stages
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.restitution import Friction, Restitution, law_of
+from hcbench.laws.restitution import Restitution
 
 MASS, STIFFNESS = 0.45359237, 3.4064e10
 ALPHA = 0.016 / 0.0254  # s/m: the paper's stretch case, the hardest

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from hcbench.errors import UserError
 from hcbench.laws import closed_form
@@ -20,7 +20,7 @@ from hcbench.laws.require import positive, require
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-Reading = Literal["law", "linear"]
+    from hcbench.laws.restitution import Reading
 
 TRAPS = (
     "Drake's d is 1.5 α, Simbody's c is α: the number copied from one to the other is off by half.",

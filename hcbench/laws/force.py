@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from hcbench.errors import UserError
+from hcbench.laws.require import require
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -24,11 +24,6 @@ class ForceLaw(Protocol):
     def force(self, x: Floats | float, v: Floats | float) -> Floats:
         """F(x, v) in N; x and v broadcast."""
         ...
-
-
-def _require(slot: str, value: float, good: bool, expected: str) -> None:
-    if not good:
-        raise UserError(slot, f"{value!r}", expected)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +38,9 @@ class HuntCrossley:
     exponent: float = 1.5
 
     def __post_init__(self) -> None:
-        _require("stiffness", self.stiffness, 0 < self.stiffness < np.inf, "a stiffness above 0 N/m^n")
-        _require("alpha", self.alpha, 0 <= self.alpha < np.inf, "0 s/m or more")
-        _require("exponent", self.exponent, 1 <= self.exponent <= 10, "n within 1 ... 10")
+        require("stiffness", self.stiffness, 0 < self.stiffness < np.inf, "a stiffness above 0 N/m^n")
+        require("alpha", self.alpha, 0 <= self.alpha < np.inf, "0 s/m or more")
+        require("exponent", self.exponent, 1 <= self.exponent <= 10, "n within 1 ... 10")
 
     @property
     def dissipation(self) -> float:
@@ -70,8 +65,8 @@ class KelvinVoigt:
     damping: float
 
     def __post_init__(self) -> None:
-        _require("stiffness", self.stiffness, 0 < self.stiffness < np.inf, "a stiffness above 0 N/m")
-        _require("damping", self.damping, 0 <= self.damping < np.inf, "0 N s/m or more")
+        require("stiffness", self.stiffness, 0 < self.stiffness < np.inf, "a stiffness above 0 N/m")
+        require("damping", self.damping, 0 <= self.damping < np.inf, "0 N s/m or more")
 
     def force(self, x: Floats | float, v: Floats | float) -> Floats:
         """F(x, v) in N, eq. (4)."""

@@ -13,10 +13,18 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
 
 
-def require(slot: str, value: object, good: bool, expected: str, todo: str = "") -> None:
-    """Raise UserError unless `good`."""
+def require(
+    slot: str,
+    value: object,
+    good: bool,
+    expected: str,
+    todo: str = "",
+    *,
+    error: type[UserError] = UserError,
+) -> None:
+    """Raise `error` unless `good`."""
     if not good:
-        raise UserError(slot, f"{value!r}", expected, todo)
+        raise error(slot, f"{value!r}", expected, todo)
 
 
 def positive(slot: str, value: float, unit: str) -> None:

@@ -1,165 +1,126 @@
-"""What a plug-in makes of a contact: the law, its kind, its friction.
-
-The force law is `hcbench.laws.force.HuntCrossley` itself, F = k x^n (1 + (3/2) α x'), for steps that
-resolve the contact (a tenth of it or less), or `OwnSpeedLaw`, one of the laws that came after, whose α falls
-as 1/v_i from impact to impact. `Restitution` and `ConstantRestitution` are what they do to the speed of one
-impact, for steps that do not.
-"""
+"""Restitution over impact speed, e(v): as wanted of a contact, or as a plug-in gives it to each impact."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeGuard, get_args
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
 
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
-from hcbench.laws.force import HuntCrossley
-from hcbench.laws.published import OwnSpeedLaw, law_named
+from hcbench.laws.require import require
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from hcbench.impact import Floats
 
-Reading = Literal["law", "linear"]
-STEPS_PER_CONTACT = 4.0  # fewer, and the force over a step is no longer well defined
+Reading = Literal["law", "linear"]  # which e an α stands for: that of eq. (16), or 1 - α v of eq. (2)
 
 
-def require(slot: str, value: object, good: bool, expected: str, todo: str = "") -> None:
-    """Raise SettingError for `slot` unless `good`."""
-    if not good:
-        raise SettingError(slot, f"{value!r}", expected, todo)
+class RestitutionCurve(ABC):
+    """e as a function of the impact speed."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def at(self, speed: Floats | float) -> Floats:
+        """e at impact speeds (m/s), same shape."""
+
+    @property
+    @abstractmethod
+    def description(self) -> str:
+        """What a report calls it."""
 
 
 @dataclass(frozen=True, slots=True)
-class Restitution:
-    """Each impact leaves with e(v) of its own approach speed, within the step that it happens in.
+class Restitution(RestitutionCurve):
+    """e of a contact with the parameter α: it falls as the impact speed grows.
 
-    alpha: α, s/m. reading: "law" for e of (16), "linear" for e = 1 - α v of (2).
+    alpha: α, s/m. reading: "law" for e of eq. (16), "linear" for e = 1 - α v of eq. (2), below 0 from v = 1/α
+    on. Raises SettingError for an α below 0 or not finite.
     """
 
     alpha: float
     reading: Reading = "law"
 
     def __post_init__(self) -> None:
-        require("alpha", self.alpha, 0 <= self.alpha < math.inf, "0 s/m or more")
-        require("reading", self.reading, self.reading in get_args(Reading), "'law' or 'linear'")
+        good = 0 <= self.alpha < math.inf
+        require("alpha", self.alpha, good, "0 s/m or more", error=SettingError)
+        good = self.reading in get_args(Reading)
+        require("reading", self.reading, good, "'law' or 'linear'", error=SettingError)
 
-    def at(self, speed: float) -> float:
-        """E at an approach speed in m/s."""
+    def at(self, speed: Floats | float) -> Floats:
+        """e at impact speeds (m/s), same shape."""
         if self.reading == "linear":
-            return max(0.0, 1.0 - self.alpha * speed)
-        return float(closed_form.restitution(self.alpha, speed))
+            return closed_form.restitution_linear(self.alpha, speed)
+        return closed_form.restitution(self.alpha, speed)
+
+    @property
+    def description(self) -> str:
+        """What a report calls it."""
+        return f"α = {self.alpha:.4g} s/m by {'eq. (16)' if self.reading == 'law' else '1 - α v'}"
 
 
 @dataclass(frozen=True, slots=True)
-class ConstantRestitution:
-    """Each impact leaves with the same e, within the step that it happens in.
+class ConstantRestitution(RestitutionCurve):
+    """The same e at all impact speeds.
 
-    restitution: e, 0 ... 1. `Flores.delivered(0.8)` is what the law of that name makes of an e of 0.8.
+    restitution: e; SettingError outside 0 ... 1. `Flores.delivered(0.8)` is what the law of that name
+    makes of an e of 0.8.
     """
 
     restitution: float
 
     def __post_init__(self) -> None:
-        require("restitution", self.restitution, 0 <= self.restitution <= 1, "0 ... 1")
+        _require_e(self.restitution)
         object.__setattr__(self, "restitution", float(self.restitution))
 
-    def at(self, speed: float) -> float:
-        """E at any approach speed."""
-        return self.restitution
+    def at(self, speed: Floats | float) -> Floats:
+        """e at impact speeds (m/s), same shape."""
+        return np.full(np.shape(speed), self.restitution)
+
+    @property
+    def description(self) -> str:
+        """What a report calls it."""
+        return f"constant e = {self.restitution:g}"
 
 
 @dataclass(frozen=True, slots=True)
-class Friction:
-    """Coulomb friction regularised around rest, as continuous multibody plants do it.
+class MeasuredRestitution(RestitutionCurve):
+    """e measured at some impact speeds: straight lines between the points, constant beyond them.
 
-    The coefficient rises as a quintic of slip/slip_speed to `static` at 1 and falls to `dynamic` at 3: the
-    Stribeck curve of Drake's MultibodyPlant (`set_stiction_tolerance`); Simbody's transition speed is alike.
-
-    static, dynamic: coefficients, static >= dynamic >= 0. slip_speed: m/s; sticking contacts creep below it.
+    points: pairs (v m/s, e) in any order. Raises SettingError for none and for an e outside 0 ... 1.
     """
 
-    static: float
-    dynamic: float
-    slip_speed: float = 1e-3
+    points: tuple[tuple[float, float], ...]
 
     def __post_init__(self) -> None:
-        require("dynamic friction", self.dynamic, 0 <= self.dynamic < math.inf, "0 or more")
-        require("static friction", self.static, self.dynamic <= self.static < math.inf, "dynamic or more")
-        require("slip_speed", self.slip_speed, 0 < self.slip_speed < math.inf, "a speed above 0 m/s")
+        if not self.points:
+            raise SettingError("restitution", "no points", "at least one pair of v and e")
+        for _, e in self.points:
+            _require_e(e)
 
-    def coefficient(self, slip: float) -> float:
-        """μ at a slip speed in m/s."""
-        s = slip / self.slip_speed
-        if s >= 3.0:
-            return self.dynamic
-        if s >= 1.0:
-            return self.static - (self.static - self.dynamic) * _quintic((s - 1.0) / 2.0)
-        return self.static * _quintic(s)
+    @property
+    def speeds(self) -> Floats:
+        """Impact speeds of the points, m/s, rising."""
+        return np.array(sorted(self.points))[:, 0]
 
+    @property
+    def values(self) -> Floats:
+        """e of the points, in the order of `speeds`."""
+        return np.array(sorted(self.points))[:, 1]
 
-def _quintic(s: float) -> float:
-    return s * s * s * (10.0 + s * (6.0 * s - 15.0))
+    def at(self, speed: Floats | float) -> Floats:
+        """e at impact speeds (m/s), same shape."""
+        return np.asarray(np.interp(speed, self.speeds, self.values))
 
-
-ForceLaw = HuntCrossley | OwnSpeedLaw
-Law = ForceLaw | Restitution | ConstantRestitution
-_KINDS: dict[tuple[str, bool], tuple[type[Law], tuple[str, ...], tuple[str, ...]]] = {
-    # kind and whether it names a law: what it makes, what that needs, and what it may have
-    ("force", False): (HuntCrossley, ("alpha", "stiffness"), ("exponent",)),
-    ("force", True): (OwnSpeedLaw, ("law", "restitution", "stiffness"), ("exponent",)),
-    ("restitution", False): (Restitution, ("alpha",), ("reading",)),
-    ("restitution", True): (ConstantRestitution, ("law", "restitution"), ()),
-}
+    @property
+    def description(self) -> str:
+        """What a report calls it."""
+        return f"{len(self.points)} measured pairs"
 
 
-def is_force(law: Law) -> TypeGuard[ForceLaw]:
-    """Whether a law needs steps that resolve the contact."""
-    return isinstance(law, (HuntCrossley, OwnSpeedLaw))
-
-
-def coarse(law: Law) -> str:
-    """What gives the restitution of a force law at steps that do not resolve its contact, as written."""
-    own = isinstance(law, OwnSpeedLaw)
-    return "ConstantRestitution(law.delivered)" if own else "Restitution(alpha)"
-
-
-def require_law(law: object) -> None:
-    """Raise SettingError for what is no law of a plug-in."""
-    known = "HuntCrossley, OwnSpeedLaw, Restitution or ConstantRestitution"
-    require("law", law, isinstance(law, Law), known)
-
-
-def law_of(options: Mapping[str, Any]) -> Law:
-    """The law that a setting's options name under "law"; UserError says which word is wrong.
-
-    {"kind": "force", "alpha": s/m, "stiffness": N/m^n, "exponent": 1.5} and
-    {"kind": "restitution", "alpha": s/m, "reading": "law"} are eq. (16);
-    {"kind": "force", "law": "flores", "restitution": e, "stiffness": N/m^n, "exponent": 1.5} and
-    {"kind": "restitution", "law": "flores", "restitution": e} a law of `reference.later_laws`, asked for e.
-    """
-    given = dict(options)
-    kind = given.pop("kind", None)
-    require("option 'law.kind'", kind, kind in ("force", "restitution"), "'force' or 'restitution'")
-    make, needs, may = _KINDS[kind, "law" in given]
-    for name, value in given.items():
-        require(
-            f"option 'law.{name}'", value, name in needs + may, f"only: {', '.join(('kind', *needs, *may))}"
-        )
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        require(f"option 'law.{name}'", value, number or name in ("law", "reading"), "a number")
-    for name in needs:
-        require(f"option 'law.{name}'", None, name in given, f"a number: the {kind} law needs it")
-    if "law" in given:
-        family = law_named(given.pop("law"))
-        if make is ConstantRestitution:
-            return ConstantRestitution(OwnSpeedLaw(family, 1.0, **given).delivered)
-        return OwnSpeedLaw(family, **given)
-    made: Law = make(**given)
-    return made
-
-
-def contact_time(law: ForceLaw, mass: float, speed: float) -> float:
-    """Duration of a contact in s at effective mass (kg) and approach speed (m/s)."""
-    one = law if isinstance(law, HuntCrossley) else law.at(speed).hunt_crossley
-    return float(closed_form.duration(one, mass, speed))
+def _require_e(e: float) -> None:
+    require("restitution", e, 0 <= e <= 1, "0 ... 1", error=SettingError)

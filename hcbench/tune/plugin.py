@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
-from hcbench.laws.restitution import STEPS_PER_CONTACT
+from hcbench.laws.contact_law import STEPS_PER_CONTACT
 from hcbench.setting import Setting
 from hcbench.tune.target_kind import require_reading
 

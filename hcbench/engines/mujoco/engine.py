@@ -7,7 +7,7 @@ Options of a setting (all optional; none means as authored):
         pull, N}. On a plane each is a <pair>, of coincident geoms where there are several; in a cup each
         is a tendon's limit.
     law: a plug-in of hcbench.contact in place of MuJoCo's own contact, as
-        `hcbench.laws.restitution.law_of` reads it: {"kind": "force", "alpha": s/m, "stiffness": N/m^n,
+        `hcbench.laws.contact_law.law_of` reads it: {"kind": "force", "alpha": s/m, "stiffness": N/m^n,
         "exponent": n}, {"kind": "restitution", "alpha": s/m}, or with {"law": a later law's slug,
         "restitution": e} in place of alpha.
 """

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from hcbench.errors import SettingError
-from hcbench.laws.restitution import law_of
+from hcbench.laws.contact_law import law_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from hcbench.laws.restitution import Law
+    from hcbench.laws.contact_law import Law
 
 INTEGRATORS = ("Euler", "implicit", "implicitfast", "RK4", "discrete")
 _KEYS = ("integrator", "rows", "law")

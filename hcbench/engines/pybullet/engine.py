@@ -3,7 +3,7 @@
 Options of a setting (all optional; none means as loaded):
     world: keywords of setPhysicsEngineParameter. ball, plate: keywords of changeDynamics.
     law: a plug-in of hcbench.contact in place of Bullet's own contact, as
-        `hcbench.laws.restitution.law_of` reads it: {"kind": "force", "alpha": s/m, "stiffness": N/m^n,
+        `hcbench.laws.contact_law.law_of` reads it: {"kind": "force", "alpha": s/m, "stiffness": N/m^n,
         "exponent": n}, {"kind": "restitution", "alpha": s/m}, or with {"law": a later law's slug,
         "restitution": e} in place of alpha.
     maximal_coordinates: true for rigid bodies proper instead of Bullet's default, multibodies.

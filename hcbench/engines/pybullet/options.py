@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from hcbench.errors import SettingError
-from hcbench.laws.restitution import law_of
+from hcbench.laws.contact_law import law_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from hcbench.laws.restitution import Law
+    from hcbench.laws.contact_law import Law
 
 # Keywords of setPhysicsEngineParameter and of changeDynamics, by the type that PyBullet asks for.
 _WORLD: dict[str, type] = {

@@ -59,17 +59,10 @@ from hcbench.engines.mujoco.plugin.pairs import (
     warn_of_shapes,
 )
 from hcbench.errors import CannotRun, EngineFailed, SettingError
+from hcbench.laws.contact_law import Friction, Law, coarse, is_force, require_law
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import OwnSpeedLaw
-from hcbench.laws.restitution import (
-    ConstantRestitution,
-    Friction,
-    Law,
-    Restitution,
-    coarse,
-    is_force,
-    require_law,
-)
+from hcbench.laws.restitution import ConstantRestitution, Restitution
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -13,8 +13,8 @@ import numpy as np
 
 from hcbench.engines.mujoco.plugin import native
 from hcbench.engines.mujoco.plugin.pairs import FORCE, FREE, PairSpec
+from hcbench.laws.contact_law import Friction
 from hcbench.laws.exact_step import Motion, kick, own_motion, stages
-from hcbench.laws.restitution import Friction
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -89,7 +89,8 @@ def _parting(model: Any, pair: PairSpec, approach: float, gravity: float) -> flo
     alpha = parameters(model, pair)[1]
     if pair.reading == CONSTANT:
         return approach * alpha
-    return approach * Restitution(alpha, "linear" if pair.reading == LINEAR else "law").at(approach)
+    curve = Restitution(alpha, "linear" if pair.reading == LINEAR else "law")
+    return approach * max(0.0, float(curve.at(approach)))
 
 
 def _targets(model: Any, data: Any, table: Table, pair: PairSpec, contact: Any) -> _Rows:

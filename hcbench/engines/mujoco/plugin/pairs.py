@@ -12,17 +12,9 @@ import numpy as np
 
 from hcbench.errors import SettingError
 from hcbench.laws import hertz
+from hcbench.laws.contact_law import STEPS_PER_CONTACT, Friction, Law, coarse, contact_time, is_force
 from hcbench.laws.published import OwnSpeedLaw
-from hcbench.laws.restitution import (
-    STEPS_PER_CONTACT,
-    ConstantRestitution,
-    Friction,
-    Law,
-    Restitution,
-    coarse,
-    contact_time,
-    is_force,
-)
+from hcbench.laws.restitution import ConstantRestitution, Restitution
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

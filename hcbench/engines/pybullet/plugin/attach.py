@@ -32,17 +32,10 @@ from hcbench.engines.pybullet.plugin.pairs import Pair, check_step, make_pair, p
 from hcbench.engines.pybullet.plugin.solve import Touch
 from hcbench.engines.pybullet.plugin.vectors import Vector, along, dot, turned, vector
 from hcbench.errors import EngineFailed, SettingError
+from hcbench.laws.contact_law import Friction, Law, coarse, is_force, require_law
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import OwnSpeedLaw
-from hcbench.laws.restitution import (
-    ConstantRestitution,
-    Friction,
-    Law,
-    Restitution,
-    coarse,
-    is_force,
-    require_law,
-)
+from hcbench.laws.restitution import ConstantRestitution, Restitution
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

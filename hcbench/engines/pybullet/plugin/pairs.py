@@ -7,7 +7,7 @@ from typing import Any
 
 from hcbench.engines.pybullet.plugin.bodies import Body
 from hcbench.errors import SettingError
-from hcbench.laws.restitution import STEPS_PER_CONTACT, Law, coarse, contact_time, is_force
+from hcbench.laws.contact_law import STEPS_PER_CONTACT, Law, coarse, contact_time, is_force
 
 
 @dataclass(frozen=True, slots=True)

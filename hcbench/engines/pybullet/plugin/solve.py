@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from hcbench import _compile
 from hcbench.engines.pybullet.plugin.bodies import Body, Row, product
+from hcbench.laws.contact_law import ForceLaw
 from hcbench.laws.exact_step import Motion, flow, kick, own_motion, through
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import OwnSpeedLaw
-from hcbench.laws.restitution import ForceLaw
 
 if TYPE_CHECKING:
     from hcbench.engines.pybullet.plugin.vectors import Vector
-    from hcbench.laws.restitution import ConstantRestitution, Law, Restitution
+    from hcbench.laws.contact_law import Law
+    from hcbench.laws.restitution import ConstantRestitution, Restitution
 
 _SWEEPS = 1000
 _RELATIVE = 1e-15
@@ -187,7 +188,7 @@ class RestitutionSolver:
                 load += touch.rate / h
             bounces = touch.rate > still
             pulls.append(touch.pull + (load or 0.0) * (not bounces))
-            aims.append(touch.rate * self.law.at(touch.rate) if bounces else 0.0)
+            aims.append(touch.rate * max(0.0, float(self.law.at(touch.rate))) if bounces else 0.0)
             if not bounces:
                 resting[touch.key] = load or 0.0
         self._sweep(active, pulls, aims, h)

@@ -1,0 +1,122 @@
+"""The laws and the friction that the plug-ins of `hcbench.contact` give to a contact.
+
+Force laws are for steps that resolve the contact: `HuntCrossley`, eq. (16), or `OwnSpeedLaw`, one of the laws
+published later, whose α falls as 1/v_i from impact to impact. `Restitution` and `ConstantRestitution` set the
+speed after each impact instead, for steps of any length.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeGuard
+
+from hcbench.errors import SettingError
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
+from hcbench.laws.published import OwnSpeedLaw, law_named
+from hcbench.laws.require import require as require_that
+from hcbench.laws.restitution import ConstantRestitution, Restitution
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+require = partial(require_that, error=SettingError)
+STEPS_PER_CONTACT = 4.0  # fewer, and the force over a step is no longer well defined
+
+
+@dataclass(frozen=True, slots=True)
+class Friction:
+    """Coulomb friction regularised around rest, as continuous multibody plants do it.
+
+    The coefficient rises as a quintic of slip/slip_speed to `static` at 1 and falls to `dynamic` at 3: the
+    Stribeck curve of Drake's MultibodyPlant (`set_stiction_tolerance`); Simbody's transition speed is alike.
+
+    static, dynamic: coefficients, static >= dynamic >= 0. slip_speed: m/s; sticking contacts creep below it.
+    """
+
+    static: float
+    dynamic: float
+    slip_speed: float = 1e-3
+
+    def __post_init__(self) -> None:
+        require("dynamic friction", self.dynamic, 0 <= self.dynamic < math.inf, "0 or more")
+        require("static friction", self.static, self.dynamic <= self.static < math.inf, "dynamic or more")
+        require("slip_speed", self.slip_speed, 0 < self.slip_speed < math.inf, "a speed above 0 m/s")
+
+    def coefficient(self, slip: float) -> float:
+        """μ at a slip speed in m/s."""
+        s = slip / self.slip_speed
+        if s >= 3.0:
+            return self.dynamic
+        if s >= 1.0:
+            return self.static - (self.static - self.dynamic) * _quintic((s - 1.0) / 2.0)
+        return self.static * _quintic(s)
+
+
+def _quintic(s: float) -> float:
+    return s * s * s * (10.0 + s * (6.0 * s - 15.0))
+
+
+ForceLaw = HuntCrossley | OwnSpeedLaw
+Law = ForceLaw | Restitution | ConstantRestitution
+_KINDS: dict[tuple[str, bool], tuple[type[Law], tuple[str, ...], tuple[str, ...]]] = {
+    # kind and whether it names a law: what it makes, what that needs, and what it may have
+    ("force", False): (HuntCrossley, ("alpha", "stiffness"), ("exponent",)),
+    ("force", True): (OwnSpeedLaw, ("law", "restitution", "stiffness"), ("exponent",)),
+    ("restitution", False): (Restitution, ("alpha",), ("reading",)),
+    ("restitution", True): (ConstantRestitution, ("law", "restitution"), ()),
+}
+
+
+def is_force(law: Law) -> TypeGuard[ForceLaw]:
+    """Whether a law needs steps that resolve the contact."""
+    return isinstance(law, (HuntCrossley, OwnSpeedLaw))
+
+
+def coarse(law: Law) -> str:
+    """What gives the restitution of a force law at steps that do not resolve its contact, as written."""
+    own = isinstance(law, OwnSpeedLaw)
+    return "ConstantRestitution(law.delivered)" if own else "Restitution(alpha)"
+
+
+def require_law(law: object) -> None:
+    """Raise SettingError for what is no law of a plug-in."""
+    known = "HuntCrossley, OwnSpeedLaw, Restitution or ConstantRestitution"
+    require("law", law, isinstance(law, Law), known)
+
+
+def law_of(options: Mapping[str, Any]) -> Law:
+    """The law that a setting's options name under "law"; UserError says which word is wrong.
+
+    {"kind": "force", "alpha": s/m, "stiffness": N/m^n, "exponent": 1.5} and
+    {"kind": "restitution", "alpha": s/m, "reading": "law"} are eq. (16);
+    {"kind": "force", "law": "flores", "restitution": e, "stiffness": N/m^n, "exponent": 1.5} and
+    {"kind": "restitution", "law": "flores", "restitution": e} a law of `reference.later_laws`, asked for e.
+    """
+    given = dict(options)
+    kind = given.pop("kind", None)
+    require("option 'law.kind'", kind, kind in ("force", "restitution"), "'force' or 'restitution'")
+    make, needs, may = _KINDS[kind, "law" in given]
+    for name, value in given.items():
+        require(
+            f"option 'law.{name}'", value, name in needs + may, f"only: {', '.join(('kind', *needs, *may))}"
+        )
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        require(f"option 'law.{name}'", value, number or name in ("law", "reading"), "a number")
+    for name in needs:
+        require(f"option 'law.{name}'", None, name in given, f"a number: the {kind} law needs it")
+    if "law" in given:
+        family = law_named(given.pop("law"))
+        if make is ConstantRestitution:
+            return ConstantRestitution(OwnSpeedLaw(family, 1.0, **given).delivered)
+        return OwnSpeedLaw(family, **given)
+    made: Law = make(**given)
+    return made
+
+
+def contact_time(law: ForceLaw, mass: float, speed: float) -> float:
+    """Duration of a contact in s at effective mass (kg) and approach speed (m/s)."""
+    one = law if isinstance(law, HuntCrossley) else law.at(speed).hunt_crossley
+    return float(closed_form.duration(one, mass, speed))
