@@ -9,7 +9,8 @@ from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.causes.checks import find_suspects
 from hcbench.engines.mujoco.causes.context import Context, asked_law, delivered_law
 from hcbench.engines.mujoco.measured_run import Flight
-from hcbench.engines.mujoco.pair import find_sides, geom_name
+from hcbench.engines.mujoco.model import geom_name
+from hcbench.engines.mujoco.pair import find_sides
 from hcbench.engines.mujoco.place import place
 from hcbench.engines.mujoco.user_model import load, start
 from hcbench.measure.causes import other_contacts

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
-from hcbench.engines.mujoco.pair import geom_name
-from hcbench.engines.mujoco.touch import approach_row, side_table
+from hcbench.engines.mujoco.model import approach_row, geom_name
+from hcbench.engines.mujoco.touch import side_table
 from hcbench.impact import Impact, Launch, Status
 from hcbench.sim.recorder import MAX_STEPS, Track, patience
 

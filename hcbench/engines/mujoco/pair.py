@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model import body_name, collision_filter, geom_name, geoms_of
 from hcbench.errors import UserError
-from hcbench.measure.sanitized import plain
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,20 +34,6 @@ class Carrier:
     body: int
     dofs: tuple[int, ...]
     words: str
-
-
-def geom_name(model: Any, geom: int) -> str:
-    """The geom's name, or what `find_sides` takes in its place."""
-    return plain(model.geom(geom).name) or f"geom:{geom}"
-
-
-def body_name(model: Any, body: int) -> str:
-    """The body's name, or what `find_sides` takes in its place."""
-    return "world" if body == 0 else plain(model.body(body).name) or f"body:{body}"
-
-
-def _geoms_of(model: Any, body: int) -> tuple[int, ...]:
-    return tuple(int(g) for g in np.flatnonzero(model.geom_bodyid == body))
 
 
 def _collides(model: Any, geom: int) -> bool:
@@ -77,7 +63,7 @@ def _side(model: Any, name: str) -> Side:
         if at is None and rest.isdigit() and int(rest) < len(known):
             at = int(rest)
         found = (kind, at)
-    elif name in bodies and (_geoms_of(model, bodies[name]) or name not in geoms):
+    elif name in bodies and (geoms_of(model, bodies[name]) or name not in geoms):
         found = ("body", bodies[name])
     else:
         found = ("geom", geoms.get(name))
@@ -85,7 +71,7 @@ def _side(model: Any, name: str) -> Side:
         raise UserError("pair", f"no body or geom {name!r}", *_near(name, bodies, geoms))
     if found[0] == "geom":
         return Side(name, int(model.geom_bodyid[found[1]]), (found[1],))
-    all_geoms = _geoms_of(model, found[1])
+    all_geoms = geoms_of(model, found[1])
     solid = tuple(g for g in all_geoms if _collides(model, g)) or all_geoms
     if not solid:
         raise UserError("pair", f"body {name!r} has no geoms", "a body that can touch something")
@@ -100,7 +86,7 @@ def _near(name: str, bodies: dict[str, int], geoms: dict[str, int]) -> tuple[str
 
 
 def _only_pair(model: Any) -> tuple[Side, Side]:
-    movers = [b for b in range(1, model.nbody) if _geoms_of(model, b) and _joints(model, b)]
+    movers = [b for b in range(1, model.nbody) if geoms_of(model, b) and _joints(model, b)]
     others = [g for g in range(model.ngeom) if model.geom_bodyid[g] == 0 and _collides(model, g)]
     if len(movers) == 1 and len(others) == 1:
         return _side(model, f"body:{movers[0]}"), _side(model, f"geom:{others[0]}")
@@ -170,28 +156,17 @@ def why_no_contact(model: Any, first: Side, second: Side) -> UserError:
     disabled = model.opt.disableflags & (
         mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     )
-    signature = {(min(a, b) << 16) + max(a, b) for a, b in [(first.body, second.body)]}
-    excluded = {int(s) for s in model.exclude_signature}
     a, b = first.geoms[0], second.geoms[0]
-    bits = (model.geom_contype[a] & model.geom_conaffinity[b]) | (
-        model.geom_contype[b] & model.geom_conaffinity[a]
-    )
-    weld = model.body_weldid
-    related = weld[first.body] == weld[second.body] or (
-        first.body in (0, second.body) or second.body == first.body
-    )
-    parents = {(weld[first.body], weld[model.body_parentid[weld[second.body]]])} | {
-        (weld[second.body], weld[model.body_parentid[weld[first.body]]])
-    }
+    reason = collision_filter(model, a, b)
     if disabled:
         return UserError(
             "pair", f"{names} never touch: contacts are disabled", 'no <flag contact="disable"/>'
         )
-    if signature & excluded:
+    if reason == "exclude":
         return UserError(
             "pair", f"{names} never touch: <exclude> names their bodies", "no <exclude> for them"
         )
-    if not bits:
+    if reason == "masks":
         words = [
             f"{geom_name(model, g)} has {model.geom_contype[g]}/{model.geom_conaffinity[g]}" for g in (a, b)
         ]
@@ -201,11 +176,11 @@ def why_no_contact(model: Any, first: Side, second: Side) -> UserError:
             "contype of one to share a bit with conaffinity of the other",
             'Remove them, or write contype="1" conaffinity="1" on both',
         )
-    if related and weld[first.body] == weld[second.body]:
+    if reason == "welded":
         return UserError(
             "pair", f"{names} never touch: they are one rigid body", "two bodies that can move apart"
         )
-    if any(x == y and x != 0 for x, y in parents):
+    if reason == "parent":
         return UserError(
             "pair", f"{names} never touch: parent and child are filtered", "a <pair> of the two in <contact>"
         )

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model import approach_row, effective_mass, geom_name
 from hcbench.engines.mujoco.pair import (
     Carrier,
     Side,
     carriers,
-    geom_name,
     height_field,
     normal_between,
     why_immobile,
     why_no_contact,
 )
-from hcbench.engines.mujoco.touch import Approach, Contact, approach_row, read_contact, side_table
+from hcbench.engines.mujoco.touch import Approach, Contact, read_contact, side_table
 from hcbench.errors import SceneError, UserError
 
 if TYPE_CHECKING:
@@ -126,24 +126,21 @@ def _finished(
     contact: Contact,
     distance: float,
 ) -> Placement:
-    mujoco = backend()
     moving, other = sides
     row = approach_row(model, data, moving.body, other.body, contact.point, contact.normal)
     normal = contact.normal
     if float(row @ move) < 0:  # the contact was read with the roles the other way round
         row, normal = -row, -normal
     direction = _direction(row, carrier)
-    mass = np.zeros((1, model.nv))
-    mujoco.mj_solveM(model, data, mass, row.reshape(1, -1))
-    mobility = float(row @ mass[0])
-    if direction is None or not mobility > 0:
+    mass = effective_mass(model, data, row)
+    if direction is None or not np.isfinite(mass):
         raise UserError(
             "pair", f"{moving.name!r} cannot move along the contact normal", "a joint that lets it"
         )
     _require_room(model, data, moving, other)
     turned = Contact(normal, contact.point, contact.onset, contact.distance, contact.rows)
     overlap = max(0.0, -distance) if height_field(model, moving, other) < 0 else 0.0
-    return Placement(moving, other, carrier, qpos, direction, turned, 1.0 / mobility, overlap)
+    return Placement(moving, other, carrier, qpos, direction, turned, mass, overlap)
 
 
 def _require_room(model: Any, data: Any, moving: Side, other: Side) -> None:

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.mujoco.model import masks_match
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -65,12 +67,11 @@ def _ways(model: Any) -> list[tuple[int, int, int]]:
 
 def may_meet(model: Any, moving: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Geoms of these, and of the others, whose contype and conaffinity let them collide."""
-    kinds, partners = model.geom_contype, model.geom_conaffinity
     return [
-        (int(one), int(other))
-        for one in np.flatnonzero(moving)
-        for other in np.flatnonzero(~moving)
-        if kinds[one] & partners[other] or kinds[other] & partners[one]
+        (one, other)
+        for one in np.flatnonzero(moving).tolist()
+        for other in np.flatnonzero(~moving).tolist()
+        if masks_match(model, one, other)
     ]
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model import approach_row
 from hcbench.engines.mujoco.pair import Side, height_field, normal_between
 
 if TYPE_CHECKING:
@@ -40,18 +41,6 @@ def side_table(model: Any, first: Side, second: Side) -> Any:
     table = np.zeros(model.ngeom + 1, dtype=np.int8)
     table[list(first.geoms)], table[list(second.geoms)] = 1, 2
     return table
-
-
-def approach_row(model: Any, data: Any, first: int, second: int, point: Floats, normal: Floats) -> Floats:
-    """(nv,) J: the approach rate of the two bodies' points at `point` along `normal` is J @ qvel."""
-    mujoco = backend()
-    row = np.zeros(model.nv)
-    jac = np.zeros((3, model.nv))
-    for body, sign in ((first, 1.0), (second, -1.0)):
-        if body:
-            mujoco.mj_jac(model, data, jac, None, point, body)
-            row += sign * (normal @ jac)
-    return row
 
 
 def read_contact(model: Any, data: Any, table: Any) -> Contact | None:

@@ -11,7 +11,7 @@ import numpy as np
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.causes import fixes
 from hcbench.engines.mujoco.causes.context import DEFAULT_SOLREF, FLOOR_SHIFT, explicit_pair, overridden, same
-from hcbench.engines.mujoco.pair import geom_name
+from hcbench.engines.mujoco.model import geom_name
 from hcbench.engines.mujoco.soft_constraint import HIGHEST_POWER, MAX_IMPEDANCE, MIN_IMPEDANCE, ContactLaw
 from hcbench.measure.measurement import Suspect
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.causes import fixes
-from hcbench.engines.mujoco.pair import geom_name
+from hcbench.engines.mujoco.model import geom_name
 from hcbench.engines.mujoco.soft_constraint import ContactLaw
 from hcbench.measure.causes import BOUNCY, constant_e
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.causes import fixes
 from hcbench.engines.mujoco.causes.context import Context
-from hcbench.engines.mujoco.pair import body_name
+from hcbench.engines.mujoco.model import body_name
 from hcbench.impact import Status
 from hcbench.measure import causes
 from hcbench.measure.measurement import Suspect

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.mujoco.model import collision_filter, geoms_of
 from hcbench.errors import SettingError
 from hcbench.laws import hertz
 from hcbench.laws.contact_law import STEPS_PER_CONTACT, Friction, Law, coarse, contact_time, is_force
@@ -138,33 +139,18 @@ def body_kinds(model: Any) -> list[int]:
     return kinds
 
 
-def collide_natively(model: Any, geom1: int, geom2: int) -> bool:
-    """Whether the model itself lets these two geoms touch, by its masks, bodies and exclusions."""
-    b1, b2 = int(model.geom_bodyid[geom1]), int(model.geom_bodyid[geom2])
-    w1, w2 = int(model.body_weldid[b1]), int(model.body_weldid[b2])
-    p1, p2 = (int(model.body_weldid[model.body_parentid[w]]) for w in (w1, w2))
-    masks = (model.geom_contype[geom1] & model.geom_conaffinity[geom2]) | (
-        model.geom_contype[geom2] & model.geom_conaffinity[geom1]
-    )
-    signature = (min(b1, b2) << 16) + max(b1, b2)
-    related = bool(w1 and w2 and (w1 == p2 or w2 == p1))
-    return bool(masks) and w1 != w2 and not related and signature not in model.exclude_signature
-
-
 def pairs_between(model: Any, body1: str | int, body2: str | int) -> list[tuple[int, int]]:
     """All pairs of geoms of two bodies (names or ids) that the model lets collide."""
-    first, second = (_geoms(model, identify(model, "body", body)) for body in (body1, body2))
-    return [(g1, g2) for g1 in first for g2 in second if collide_natively(model, g1, g2)]
+    first, second = (geoms_of(model, identify(model, "body", body)) for body in (body1, body2))
+    return [(g1, g2) for g1 in first for g2 in second if not collision_filter(model, g1, g2)]
 
 
 def pairs_of(model: Any, body: str | int) -> list[tuple[int, int]]:
     """All pairs of one body's geoms (name or id) with all others that the model lets them collide with."""
-    own = _geoms(model, identify(model, "body", body))
-    return [(g, o) for g in own for o in range(model.ngeom) if o not in own and collide_natively(model, g, o)]
-
-
-def _geoms(model: Any, body: int) -> list[int]:
-    return [int(geom) for geom in np.flatnonzero(model.geom_bodyid == body)]
+    own = geoms_of(model, identify(model, "body", body))
+    return [
+        (g, o) for g in own for o in range(model.ngeom) if o not in own and not collision_filter(model, g, o)
+    ]
 
 
 def hertz_stiffness(

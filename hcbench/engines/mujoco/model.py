@@ -1,0 +1,74 @@
+"""Geoms and bodies of a compiled MuJoCo model: names, who may collide, Jacobians, effective mass."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.measure.sanitized import plain
+
+if TYPE_CHECKING:
+    from hcbench.impact import Floats
+
+    CollisionFilter = Literal["", "exclude", "masks", "welded", "parent"]
+
+
+def geom_name(model: Any, geom: int) -> str:
+    """The geom's name, or geom:NUMBER for one without."""
+    return plain(model.geom(geom).name) or f"geom:{geom}"
+
+
+def body_name(model: Any, body: int) -> str:
+    """The body's name, or body:NUMBER for one without."""
+    return "world" if body == 0 else plain(model.body(body).name) or f"body:{body}"
+
+
+def geoms_of(model: Any, body: int) -> tuple[int, ...]:
+    """All geoms of a body."""
+    return tuple(np.flatnonzero(model.geom_bodyid == body).tolist())
+
+
+def masks_match(model: Any, geom1: int, geom2: int) -> bool:
+    """Whether contype and conaffinity of two geoms let them collide."""
+    kinds, partners = model.geom_contype, model.geom_conaffinity
+    return bool(kinds[geom1] & partners[geom2] or kinds[geom2] & partners[geom1])
+
+
+def collision_filter(model: Any, geom1: int, geom2: int) -> CollisionFilter:
+    """Which of MuJoCo's filters keeps two geoms apart, "" where they may collide.
+
+    "exclude": an <exclude>. "masks": contype and conaffinity. "welded", "parent": their bodies are one rigid
+    body, or parent and child.
+    """
+    body1, body2 = sorted((int(model.geom_bodyid[geom1]), int(model.geom_bodyid[geom2])))
+    weld1, weld2 = (int(model.body_weldid[body]) for body in (body1, body2))
+    above1, above2 = (int(model.body_weldid[model.body_parentid[weld]]) for weld in (weld1, weld2))
+    if (body1 << 16) + body2 in model.exclude_signature:
+        return "exclude"
+    if not masks_match(model, geom1, geom2):
+        return "masks"
+    if weld1 == weld2:
+        return "welded"
+    return "parent" if weld1 and weld2 and (weld1 == above2 or weld2 == above1) else ""
+
+
+def approach_row(model: Any, data: Any, first: int, second: int, point: Floats, normal: Floats) -> Floats:
+    """(nv,) J: the approach rate of two bodies' material points at `point` along `normal` is J @ qvel."""
+    mujoco = backend()
+    row, jacobian = np.zeros(model.nv), np.zeros((3, model.nv))
+    for body, sign in ((first, 1.0), (second, -1.0)):
+        if body:
+            mujoco.mj_jac(model, data, jacobian, None, point, body)
+            row += sign * (normal @ jacobian)
+    return row
+
+
+def effective_mass(model: Any, data: Any, row: Floats) -> float:
+    """1/(J M^-1 J^T) of a row J of the Jacobian, kg; inf where nothing can move along it."""
+    solved = np.zeros((1, model.nv))
+    backend().mj_solveM(model, data, solved, row.reshape(1, -1))
+    mobility = float(row @ solved[0])
+    return 1.0 / mobility if mobility > 0 else math.inf
