@@ -23,11 +23,12 @@ if TYPE_CHECKING:
 class Engine(ABC):
     """A physics engine, or anything else that can drop a body on a plate.
 
-    name: as registered, and as settings name it.
+    name: as registered, and as settings name it. title: as reports print it; "" for the name.
     install: the command that installs the backend; "" for one that needs none.
     """
 
     name: ClassVar[str]
+    title: ClassVar[str] = ""
     install: ClassVar[str] = ""
 
     @abstractmethod

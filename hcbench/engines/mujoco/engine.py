@@ -47,6 +47,7 @@ class MujocoEngine(Engine):
     """MuJoCo behind its Python bindings, 3.3 and later."""
 
     name: ClassVar[str] = "mujoco"
+    title: ClassVar[str] = "MuJoCo"
     install: ClassVar[str] = INSTALL
 
     def version(self) -> str:

@@ -39,6 +39,7 @@ class PybulletEngine(Engine):
     """Bullet 3 behind its Python module."""
 
     name: ClassVar[str] = "pybullet"
+    title: ClassVar[str] = "PyBullet"
     install: ClassVar[str] = "pip install 'pybullet>=3.2.7'  # wheels for CPython up to 3.11"
 
     def version(self) -> str:

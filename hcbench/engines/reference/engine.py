@@ -43,6 +43,7 @@ class ReferenceEngine(Engine):
     """
 
     name: ClassVar[str] = "reference"
+    title: ClassVar[str] = "Reference"
     install: ClassVar[str] = ""
 
     def version(self) -> str:
