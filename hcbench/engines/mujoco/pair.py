@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +10,7 @@ import numpy as np
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model import body_name, collision_filter, geom_name, geoms_of
 from hcbench.errors import UserError
+from hcbench.sim.names import find_part
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,35 +54,17 @@ def find_sides(model: Any, pair: tuple[str, str] | None) -> tuple[Side, Side]:
 
 
 def _side(model: Any, name: str) -> Side:
-    kind, _, rest = name.partition(":")
-    bodies = {body_name(model, b): b for b in range(model.nbody)}
-    geoms = {geom_name(model, g): g for g in range(model.ngeom)}
-    if kind in ("body", "geom") and rest:
-        known = bodies if kind == "body" else geoms
-        at = known.get(rest, known.get(name))
-        if at is None and rest.isdigit() and int(rest) < len(known):
-            at = int(rest)
-        found = (kind, at)
-    elif name in bodies and (geoms_of(model, bodies[name]) or name not in geoms):
-        found = ("body", bodies[name])
-    else:
-        found = ("geom", geoms.get(name))
-    if found[1] is None:
-        raise UserError("pair", f"no body or geom {name!r}", *_near(name, bodies, geoms))
-    if found[0] == "geom":
-        return Side(name, int(model.geom_bodyid[found[1]]), (found[1],))
-    all_geoms = geoms_of(model, found[1])
+    parts = [("body", body_name(model, b), b) for b in range(model.nbody)]
+    parts += [("geom", geom_name(model, g), g) for g in range(model.ngeom)]
+    parts.sort(key=lambda part: part[0] == "body" and not model.body_geomnum[part[2]])  # else its geom
+    kind, number = find_part(parts, name)
+    if kind == "geom":
+        return Side(name, int(model.geom_bodyid[number]), (number,))
+    all_geoms = geoms_of(model, number)
     solid = tuple(g for g in all_geoms if _collides(model, g)) or all_geoms
     if not solid:
         raise UserError("pair", f"body {name!r} has no geoms", "a body that can touch something")
-    return Side(name, found[1], solid)
-
-
-def _near(name: str, bodies: dict[str, int], geoms: dict[str, int]) -> tuple[str, str]:
-    known = list(dict.fromkeys([*bodies, *geoms]))
-    close = difflib.get_close_matches(name, known, 3)
-    shown = known if len(known) <= 12 else [*known[:12], "..."]
-    return f"one of: {', '.join(shown)}", f"Did you mean {close[0]!r}?" if close else ""
+    return Side(name, number, solid)
 
 
 def _only_pair(model: Any) -> tuple[Side, Side]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
 import math
+from collections import Counter
 from contextlib import chdir, suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -14,6 +14,7 @@ from xml.etree import ElementTree as ET
 
 from hcbench.errors import EngineMissing, SceneError, UserError
 from hcbench.measure.sanitized import plain
+from hcbench.sim.names import find_part
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -25,6 +26,7 @@ _DEFAULTS = {
     "fixedTimeStep": 1.0 / 240.0,
     "enableFileCaching": 0,
 }
+_Part = tuple[str, str, tuple[int, int | None]]  # kind, name, (body, link or None for any)
 _PRISMATIC = 1  # pybullet.JOINT_PRISMATIC
 
 
@@ -173,34 +175,24 @@ def find_sides(loaded: Loaded, pair: tuple[str, str] | None, world: World | None
     if world is not None and world.first is not None and world.second is not None:
         first, second = (_numbered(loaded.bullet, part) for part in (world.first, world.second))
         return first, second
-    known = _known(loaded)
+    parts = _parts(loaded)
+    known = [name for _, name, _ in parts]
     if pair is None:
-        bodies = [side for name, side in known.items() if name == f"body:{side.body}"]
-        if len(bodies) != 2:
+        numbers = [loaded.bullet.getBodyUniqueId(i) for i in range(loaded.bullet.getNumBodies())]
+        if len(numbers) != 2:
             raise UserError(
                 "pair",
-                f"none given, and the world has {len(bodies)} bodies",
+                f"none given, and the world has {len(numbers)} bodies",
                 "two names",
-                f"Known: {', '.join(list(known)[:12])}",
+                f"Known: {', '.join(list(dict.fromkeys(known))[:12])}",
             )
-        return _labelled(loaded, bodies[0]), _labelled(loaded, bodies[1])
-    found = []
-    for name in pair:
-        side = known.get(name) or known.get(Path(name).name)
-        if side is None:
-            close = difflib.get_close_matches(name, list(known), 1)
-            todo = f"Did you mean {close[0]!r}?" if close else ""
-            names = ", ".join(list(known)[:12])
-            raise UserError("pair", f"no body or link {name!r}", f"one of: {names}", todo)
-        found.append(Side(name, side.body, side.link))
-    links = [side.link for side in found]
-    if found[0].body == found[1].body and (links[0] == links[1] or None in links):
+        first, second = (Side(loaded.names.get(body, f"body:{body}"), body, None) for body in numbers)
+        return first, second
+    found = [(name, find_part(parts, name if name in known else Path(name).name)[1]) for name in pair]
+    first, second = (Side(name, body, link) for name, (body, link) in found)
+    if first.body == second.body and (first.link == second.link or None in (first.link, second.link)):
         raise UserError("pair", f"{pair[0]!r} and {pair[1]!r} are the same body", "two that can meet")
-    return found[0], found[1]
-
-
-def _labelled(loaded: Loaded, side: Side) -> Side:
-    return Side(loaded.names.get(side.body, side.name), side.body, side.link)
+    return first, second
 
 
 def _numbered(bullet: Bullet, part: int | tuple[int, int]) -> Side:
@@ -213,38 +205,26 @@ def _numbered(bullet: Bullet, part: int | tuple[int, int]) -> Side:
     return Side(f"{name} ({words})" if name else words, body, link)
 
 
-def _known(loaded: Loaded) -> dict[str, Side]:
-    """Every name that means one thing; a name that means several means none."""
+def _parts(loaded: Loaded) -> list[_Part]:
+    """Every name with the (body, link) that it means, bodies first; not those that several links share."""
     bullet = loaded.bullet
-    found: dict[str, Side] = {}
-    twice: set[str] = set()
-
-    def put(name: str, side: Side) -> None:
-        if name in found and found[name] != side:
-            twice.add(name)
-        found.setdefault(name, side)
-
+    bodies: list[_Part] = []
+    links: list[_Part] = []
     for i in range(bullet.getNumBodies()):
         body = bullet.getBodyUniqueId(i)
         base, robot = (plain(part.decode(errors="replace")) for part in bullet.getBodyInfo(body))
-        whole = Side(f"body:{body}", body, None)
         file = loaded.names.get(body, "")
-        for name in (f"body:{body}", file, Path(file).stem, robot):
-            if name:
-                put(name, whole)
-        joints = range(bullet.getNumJoints(body))
-        links = [(base, -1)]
-        links += [(plain(bullet.getJointInfo(body, j)[12].decode(errors="replace")), j) for j in joints]
-        for name, link in links:
-            side = Side(name, body, link)
-            for prefix in (f"body:{body}/", f"{Path(file).stem}/" if file else ""):
-                put(f"{prefix}{name}", side)
-            put(name, side)
-    for name in twice:
-        # A robot and its only link often share a name: then it is the body.
-        if not any(s.name == f"body:{s.body}" for s in [found[name]]):
-            del found[name]
-    return found
+        bodies += [("body", name, (body, None)) for name in (f"body:{body}", file, Path(file).stem, robot)]
+        joints = [bullet.getJointInfo(body, j) for j in range(bullet.getNumJoints(body))]
+        link_names = [base, *(plain(joint[12].decode(errors="replace")) for joint in joints)]
+        prefixes = dict.fromkeys(["", f"body:{body}/", f"{Path(file).stem}/" if file else ""])
+        links += [
+            ("link", prefix + name, (body, link))
+            for link, name in enumerate(link_names, start=-1)
+            for prefix in prefixes
+        ]
+    uses = Counter(name for _, name, _ in links)
+    return [part for part in bodies + [link for link in links if uses[link[1]] == 1] if part[1]]
 
 
 def prismatic_above(bullet: Bullet, body: int, link: int) -> list[int]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import warnings
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from hcbench.laws import hertz
 from hcbench.laws.contact_law import STEPS_PER_CONTACT, Friction, Law, coarse, contact_time, is_force
 from hcbench.laws.published import OwnSpeedLaw
 from hcbench.laws.restitution import ConstantRestitution, Restitution
+from hcbench.sim.names import suggest_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -99,14 +99,9 @@ def identify(model: Any, kind: str, what: str | int) -> int:
     found = _id_of(model, kind, what) if isinstance(what, str) else -1
     if found >= 0:
         return found
-    named = [name for name in (getattr(model, kind)(i).name for i in range(count)) if name]
-    close = difflib.get_close_matches(str(what), named, n=3) or named[:8]
-    raise SettingError(
-        f"{kind} {what!r}",
-        "not in the model",
-        f"one of: {', '.join(close) or 'none has a name'}",
-        f"Unnamed ones go by id, 0 to {count - 1}",
-    )
+    expected, nearest = suggest_names(str(what), (getattr(model, kind)(i).name for i in range(count)))
+    todo = f"{nearest} Unnamed ones go by id, 0 to {count - 1}".lstrip()
+    raise SettingError(f"{kind} {what!r}", "not in the model", expected, todo)
 
 
 def _id_of(model: Any, kind: str, name: str) -> int:
