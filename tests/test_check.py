@@ -23,6 +23,7 @@ from hcbench.check.studies import check_study
 from hcbench.check.words import as_markdown, as_record_of, as_text
 from hcbench.cli import run
 from hcbench.errors import OutputError, UserError
+from hcbench.laws.restitution import Reading
 from hcbench.measure import Wanted, measure
 from hcbench.measure.text import as_record
 from hcbench.measure.text import as_text as measurement_text
@@ -62,11 +63,11 @@ def test_the_limit_is_the_limit() -> None:
 
 
 @pytest.mark.parametrize("reading", ["law", "linear"])
-def test_the_law_and_its_linear_reading_are_told_apart(reading: str) -> None:
+def test_the_law_and_its_linear_reading_are_told_apart(reading: Reading) -> None:
     outcome = one(check(ask(alpha="0.016 s/in", reading=reading, speeds="0.5 m/s", max_error=1)))
     wanted = Wanted(alpha=0.016 / 0.0254, reading=reading)
     (row,) = outcome.rows
-    assert row.wanted == pytest.approx(float(wanted.restitution(row.speed_in)), abs=1e-3)
+    assert row.wanted == pytest.approx(float(wanted.at(row.speed_in)), abs=1e-3)
     assert ("eq. (16)" in outcome.against) == (reading == "law")
 
 

@@ -65,7 +65,7 @@ def curve_svg(found: Measurement) -> bytes:
         if found.wanted is not None:
             axes.plot(
                 speeds,
-                found.wanted.restitution(np.array(speeds)),
+                found.wanted.at(np.array(speeds)),
                 color=_LIMIT,
                 linestyle=(0, (4, 2)),
                 label="wanted",

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from hcbench.check.baseline import Baseline
-    from hcbench.measure.measurement import Measurement, Request, Wanted
+    from hcbench.laws.restitution import RestitutionCurve
+    from hcbench.measure.measurement import Measurement, Request
 
 MAX_ERROR = 0.02
 MAX_DRIFT = 1e-4  # of e from a baseline: far above rounding, far below what anybody sees
@@ -49,7 +50,7 @@ class Check:
     name: str
     source: Any
     request: Request
-    wanted: Wanted | None = None
+    wanted: RestitutionCurve | None = None
     baseline: Baseline | None = None
     max_error: float = MAX_ERROR
     engine: str | None = None

@@ -121,7 +121,7 @@ def _rows(found: Measurement) -> list[tuple[str, ...]]:
     out: list[tuple[str, ...]] = []
     for p, a in zip(found.curve, asked, strict=True):
         known = found.wanted is not None and not math.isnan(p.speed_in)
-        want = float(found.wanted.restitution(p.speed_in)) if found.wanted and known else math.nan
+        want = float(found.wanted.at(p.speed_in)) if found.wanted and known else math.nan
         out.append(
             (
                 f"{p.speed:.4g}",

@@ -11,8 +11,8 @@ from hcbench.check.baseline import read_baseline
 from hcbench.check.model import MAX_DRIFT, MAX_ERROR, Check
 from hcbench.check.pairs import read_pairs
 from hcbench.errors import QuantityError, UserError
+from hcbench.laws.restitution import ConstantRestitution, MeasuredRestitution, Restitution
 from hcbench.measure.measure import LIMIT_S
-from hcbench.measure.measurement import Wanted
 from hcbench.measure.request import make_request
 from hcbench.measure.sanitized import plain
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.impact import Floats
+    from hcbench.laws.restitution import Reading, RestitutionCurve
 
 _LONGEST = 1e6  # s
 
@@ -36,7 +37,7 @@ class Ask:
     name: str | None = None
     pair: str | Sequence[str] | None = None
     alpha: Any = None
-    reading: str = "law"
+    reading: Reading = "law"
     restitution: Any = None
     pairs: Path | None = None
     baseline: Path | None = None
@@ -60,10 +61,11 @@ def plan(ask: Ask) -> Check:
     wanted = _wanted(ask)
     baseline = None if ask.baseline is None else read_baseline(ask.baseline, name)
     speeds = ask.speeds
-    if speeds is None and ask.pairs is not None and wanted is not None:
-        speeds = [speed for speed, _ in wanted.points]
-    if wanted is not None and wanted.points and ask.speeds is not None:
-        _require_inside(units.parse_values(ask.speeds, "speed", "speeds"), wanted)
+    if isinstance(wanted, MeasuredRestitution):
+        if speeds is None:
+            speeds = wanted.speeds.tolist()
+        else:
+            _require_inside(units.parse_values(speeds, "speed", "speeds"), wanted)
     phases = ask.phases
     if baseline is not None:
         phases = list(dict.fromkeys(launch.phase for launch, _, _ in baseline.impacts))
@@ -79,18 +81,18 @@ def plan(ask: Ask) -> Check:
     return Check(name, source, request, wanted, baseline, max_error, ask.engine, limit)
 
 
-def _wanted(ask: Ask) -> Wanted | None:
+def _wanted(ask: Ask) -> RestitutionCurve | None:
     if ask.alpha is not None:
-        return Wanted(alpha=units.parse(ask.alpha, "alpha", "alpha"), reading=ask.reading)
+        return Restitution(units.parse(ask.alpha, "alpha", "alpha"), ask.reading)
     if ask.restitution is not None:
-        return Wanted(constant=units.parse(ask.restitution, "number", "restitution"))
+        return ConstantRestitution(units.parse(ask.restitution, "number", "restitution"))
     if ask.pairs is not None:
-        return Wanted(points=read_pairs(ask.pairs))
+        return MeasuredRestitution(read_pairs(ask.pairs))
     return None
 
 
-def _require_inside(speeds: Floats, wanted: Wanted) -> None:
-    low, high = wanted.points[0][0], wanted.points[-1][0]
+def _require_inside(speeds: Floats, pairs: MeasuredRestitution) -> None:
+    low, high = pairs.speeds[0], pairs.speeds[-1]
     outside = [v for v in speeds.tolist() if not low <= v <= high]
     if outside:
         raise UserError(

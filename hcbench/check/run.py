@@ -10,13 +10,14 @@ from hcbench.check.model import Check, Outcome, Report, Row, Verdict
 from hcbench.errors import HcbenchError, UserError
 from hcbench.impact import Status
 from hcbench.measure.measure import Job, measure_job
-from hcbench.measure.measurement import TOLERANCE, Wanted
+from hcbench.measure.measurement import TOLERANCE
 from hcbench.measure.sanitized import plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from hcbench.impact import Impact
+    from hcbench.laws.restitution import RestitutionCurve
     from hcbench.measure.measurement import Measurement
 
 
@@ -69,7 +70,7 @@ def judge(check: Check, found: Measurement) -> Outcome:
 def _against(check: Check) -> str:
     if check.baseline is not None:
         return f"the baseline of {check.baseline.engine} {check.baseline.version}"
-    return check.wanted.words if check.wanted is not None else "nothing: measured only"
+    return check.wanted.description if check.wanted is not None else "nothing: measured only"
 
 
 def _limit(check: Check) -> float:
@@ -82,8 +83,8 @@ def _expectation(check: Check, found: Measurement) -> Callable[[Impact], float]:
         return _of_baseline(check, found)
     if check.wanted is None:
         return lambda _: math.nan
-    wanted: Wanted = check.wanted
-    return lambda impact: float(wanted.restitution(impact.speed_in))
+    wanted: RestitutionCurve = check.wanted
+    return lambda impact: float(wanted.at(impact.speed_in))
 
 
 def _of_baseline(check: Check, found: Measurement) -> Callable[[Impact], float]:

@@ -10,6 +10,7 @@ from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import load_study
 from hcbench.check.model import MAX_ERROR, Outcome, Report, Row, Verdict
 from hcbench.impact import Status
+from hcbench.laws.restitution import Restitution
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,13 +18,15 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
+    from hcbench.laws.restitution import Reading
+
 _GOOD = (Status.PARTED.value, Status.RESTED.value)
 
 
 def check_study(
     path: Path,
     max_error: float = MAX_ERROR,
-    reading: str = "law",
+    reading: Reading = "law",
     jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Report:
@@ -31,16 +34,16 @@ def check_study(
     return check_results(run_study(load_study(path), jobs, progress), max_error, reading)
 
 
-def check_results(results: Results, max_error: float = MAX_ERROR, reading: str = "law") -> Report:
+def check_results(results: Results, max_error: float = MAX_ERROR, reading: Reading = "law") -> Report:
     """Hold what a study found to a limit. reading: "law" for e of eq. (16), "linear" for 1 - α v."""
     groups = results.impacts.groupby(RUN_KEY, sort=False)
     return Report(tuple(_outcome(key, group, max_error, reading) for key, group in groups))
 
 
-def _outcome(key: Any, impacts: pd.DataFrame, max_error: float, reading: str) -> Outcome:
+def _outcome(key: Any, impacts: pd.DataFrame, max_error: float, reading: Reading) -> Outcome:
     scene, engine, setting, alpha, timestep = key
     name = f"{scene} {engine} {setting} α = {alpha:.4g} s/m, step {timestep:g} s"
-    against = f"α = {alpha:.4g} s/m by {'eq. (16)' if reading == 'law' else '1 - α v'}"
+    against = Restitution(alpha, reading).description
     rows = tuple(
         _row(float(str(speed)), group, reading)
         for speed, group in impacts.groupby("speed_m_per_s", sort=False)
@@ -56,7 +59,7 @@ def _outcome(key: Any, impacts: pd.DataFrame, max_error: float, reading: str) ->
     return Outcome(name, verdict, words, against, max_error, rows, worst)
 
 
-def _row(speed: float, impacts: pd.DataFrame, reading: str) -> Row:
+def _row(speed: float, impacts: pd.DataFrame, reading: Reading) -> Row:
     good = impacts[impacts["status"].isin(_GOOD)]
     if good.empty:
         nan = math.nan

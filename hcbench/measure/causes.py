@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from hcbench.impact import Impact
-    from hcbench.measure.measurement import Wanted
+    from hcbench.laws.restitution import RestitutionCurve
 
 FEW_STEPS = 12  # in contact, up to which the phase of the touch decides about e
 NOTABLE_GRAVITY = TOLERANCE  # of the impact speed, gained in a step or a contact: e then shifts by as much
@@ -40,14 +40,14 @@ class StepFix:
         return self.text.format(f"{timestep:.6g}"), partial(self.apply, timestep=timestep)
 
 
-def constant_e(impacts: Sequence[Impact], wanted: Wanted | None) -> float | None:
+def constant_e(impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> float | None:
     """The one e for a fix that is constant in speed: the mean of what is wanted at the lowest and the highest
     launch speed. None where nobody said what is wanted.
     """
     if wanted is None:
         return None
     speeds = [i.launch.speed for i in impacts]
-    ends = wanted.restitution(np.array([min(speeds), max(speeds)]))
+    ends = wanted.at(np.array([min(speeds), max(speeds)]))
     return float(np.clip(ends.mean(), 0.0, 1.0))
 
 

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from hcbench.impact import Impact, Launch
-    from hcbench.measure.measurement import Subject, Wanted
+    from hcbench.laws.restitution import RestitutionCurve
+    from hcbench.measure.measurement import Subject
 
 _SHIFT = 0.5  # of the error: how much of it a fix must take away, where that is less than the tolerance
 _PROBE_PHASES = 4
@@ -30,11 +31,11 @@ _SHARE = 0.05  # of what the strongest cause moves: less is not worth a reader's
 
 
 def goal_of(
-    asked: Sequence[float], speeds: Sequence[float], wanted: Wanted | None
+    asked: Sequence[float], speeds: Sequence[float], wanted: RestitutionCurve | None
 ) -> Callable[[float], float]:
     """e that a bounce at an approach speed should have; NaN where nobody said."""
     if wanted is not None:
-        return lambda v: float(wanted.restitution(v))
+        return lambda v: float(wanted.at(v))
     if not len(asked):
         return lambda _: math.nan
     order = np.argsort(speeds)
@@ -46,7 +47,7 @@ def diagnose(
     subject: Subject,
     impacts: Sequence[Impact],
     goal: Callable[[float], float],
-    wanted: Wanted | None = None,
+    wanted: RestitutionCurve | None = None,
     tolerance: float = TOLERANCE,
 ) -> tuple[tuple[Cause, ...], str]:
     """(causes, the strongest first; one sentence on what is left when all of them are fixed).

@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hcbench.errors import EngineFailed, HcbenchError, UserError
+from hcbench.laws.restitution import ConstantRestitution
 from hcbench.measure.diagnose import diagnose, goal_of
-from hcbench.measure.measurement import TOLERANCE, Measurement, Request, Subject, Wanted
+from hcbench.measure.measurement import TOLERANCE, Measurement, Request, Subject
 from hcbench.measure.request import make_request
 from hcbench.measure.sanitized import plain
 from hcbench.workers import process
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from hcbench.impact import Impact
+    from hcbench.laws.restitution import RestitutionCurve
 
 LIMIT_S = 60.0  # for one model, on a machine under load too: it takes a second or two
 LEAST_MEMORY = 4 << 30  # bytes that any model may take
@@ -39,7 +41,7 @@ class Job:
     source: Any
     engine: str | None
     request: Request
-    wanted: Wanted | None
+    wanted: RestitutionCurve | None
     tolerance: float
     diagnose: bool
 
@@ -55,7 +57,7 @@ def measure(
     key: str | None = None,
     height: Any = None,
     engine: str | None = None,
-    wanted: Wanted | float | None = None,
+    wanted: RestitutionCurve | float | None = None,
     tolerance: float = TOLERANCE,
     diagnose: bool = True,
     limit: float = LIMIT_S,
@@ -76,7 +78,7 @@ def measure(
     that crashed or hung on it.
     """
     request = make_request(pair, speeds, phases, timestep, gravity, key, height)
-    goal = Wanted(constant=float(wanted)) if isinstance(wanted, int | float) else wanted
+    goal = ConstantRestitution(wanted) if isinstance(wanted, int | float) else wanted
     return measure_job(Job(model, engine, request, goal, tolerance, diagnose), limit)
 
 
@@ -231,7 +233,7 @@ def _flown(subject: Subject, request: Request) -> list[Impact]:
 
 
 def _measured(
-    subject: Subject, request: Request, wanted: Wanted | None, tolerance: float, why: bool
+    subject: Subject, request: Request, wanted: RestitutionCurve | None, tolerance: float, why: bool
 ) -> Measurement:
     try:
         impacts = _flown(subject, request)

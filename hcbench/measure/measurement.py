@@ -14,11 +14,13 @@ import numpy as np
 
 from hcbench.errors import QuantityError
 from hcbench.impact import Launch, Status
+from hcbench.laws.restitution import ConstantRestitution, MeasuredRestitution, Restitution
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from hcbench.impact import Floats, Impact
+    from hcbench.impact import Impact
+    from hcbench.laws.restitution import Reading, RestitutionCurve
 
 DEFAULT_SPEEDS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0)
 DEFAULT_PHASES = 4
@@ -30,54 +32,23 @@ NOTABLE_GAIN = 1e-3  # from which the causes of it are looked for
 Vector = tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class Wanted:
-    """The restitution that is wanted: exactly one of the three is given.
+def Wanted(
+    alpha: float | None = None,
+    constant: float | None = None,
+    points: tuple[tuple[float, float], ...] = (),
+    reading: Reading = "law",
+) -> RestitutionCurve:
+    """The restitution that is wanted: exactly one of alpha, constant and points is given.
 
     alpha: s/m, of eq. (16) (`reading` "law") or of e = 1 - α v (`reading` "linear").
     constant: one e for all speeds. points: pairs (v m/s, e), straight between, constant beyond.
     """
-
-    alpha: float | None = None
-    constant: float | None = None
-    points: tuple[tuple[float, float], ...] = ()
-    reading: str = "law"
-
-    def __post_init__(self) -> None:
-        given = (self.alpha is not None) + (self.constant is not None) + bool(self.points)
-        if given != 1:
-            raise QuantityError("wanted restitution", f"{given} given", "one of alpha, constant, points")
-        if self.reading not in ("law", "linear"):
-            raise QuantityError("reading", repr(self.reading), "'law' or 'linear'")
-        if self.alpha is not None and not 0 <= self.alpha < math.inf:
-            raise QuantityError("alpha", f"{self.alpha!r} s/m", "0 s/m or more")
-        for e in [self.constant, *(e for _, e in self.points)]:
-            if e is not None and not 0 <= e <= 1:
-                raise QuantityError("restitution", f"{e!r}", "0 ... 1")
-
-    def restitution(self, speed: Floats | float) -> Floats:
-        """e wanted at impact speeds (m/s), same shape."""
-        v = np.asarray(speed, dtype=float)
-        if self.constant is not None:
-            return np.full_like(v, self.constant)
-        if self.points:
-            at, e = np.array(sorted(self.points)).T
-            return np.asarray(np.interp(v, at, e))
-        assert self.alpha is not None
-        if self.reading == "linear":
-            return np.asarray(1.0 - self.alpha * v)
-        from hcbench.laws import closed_form
-
-        return np.asarray(closed_form.restitution(self.alpha, v))
-
-    @property
-    def words(self) -> str:
-        """What a report calls it."""
-        if self.constant is not None:
-            return f"constant e = {self.constant:g}"
-        if self.points:
-            return f"{len(self.points)} measured pairs"
-        return f"α = {self.alpha:.4g} s/m by {'eq. (16)' if self.reading == 'law' else '1 - α v'}"
+    given = (alpha is not None) + (constant is not None) + bool(points)
+    if given != 1:
+        raise QuantityError("wanted restitution", f"{given} given", "one of alpha, constant, points")
+    if alpha is not None:
+        return Restitution(alpha, reading)
+    return ConstantRestitution(constant) if constant is not None else MeasuredRestitution(points)
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +131,7 @@ class Subject(Protocol):
         """One impact for each launch, in order."""
         ...
 
-    def suspects(self, impacts: Sequence[Impact], wanted: Wanted | None) -> list[Suspect]:
+    def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """What may be wrong with it, likeliest first."""
         ...
 
@@ -222,7 +193,7 @@ class Measurement:
     facts: Facts
     request: Request
     impacts: tuple[Impact, ...]
-    wanted: Wanted | None = None
+    wanted: RestitutionCurve | None = None
     causes: tuple[Cause, ...] = ()
     remedy: str = ""  # what is left when all that was found is fixed
 
@@ -254,9 +225,9 @@ class Measurement:
         """Whether any impact left faster than it came, beyond round-off."""
         return any(i.restitution > 1 + GAIN for i in self.measured)
 
-    def errors(self, wanted: Wanted) -> list[tuple[Impact, float]]:
+    def errors(self, wanted: RestitutionCurve) -> list[tuple[Impact, float]]:
         """(impact, e - e wanted at its approach speed) of every impact that has an e."""
-        return [(i, i.restitution - float(wanted.restitution(i.speed_in))) for i in self.measured]
+        return [(i, i.restitution - float(wanted.at(i.speed_in))) for i in self.measured]
 
 
 def _point(speed: float, impacts: list[Impact]) -> CurvePoint:

@@ -11,6 +11,7 @@ import numpy as np
 from hcbench.impact import Status
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.laws.restitution import Restitution
 from hcbench.measure.sanitized import number, plain, table, without_empty
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def law_of(found: Measurement) -> HuntCrossley | None:
     from hcbench import scoring
 
     good = found.measured
-    if found.wanted is not None and found.wanted.alpha is not None:
+    if isinstance(found.wanted, Restitution):
         alpha = found.wanted.alpha
     elif len(good) > 1:
         speeds, e = np.array([i.speed_in for i in good]), np.array([i.restitution for i in good])
@@ -74,7 +75,7 @@ def score_of(found: Measurement) -> scoring.Score | None:
 def as_record(found: Measurement) -> dict[str, Any]:
     """JSON-able; NaN stands for nothing to say."""
     facts, score, law = found.facts, score_of(found), law_of(found)
-    fitted = found.wanted is None or found.wanted.alpha is None
+    fitted = not isinstance(found.wanted, Restitution)
     return {
         "schema": SCHEMA,
         "kind": "hcbench measurement",
@@ -89,7 +90,7 @@ def as_record(found: Measurement) -> dict[str, Any]:
         "normal": list(facts.normal),
         "settings": dict(facts.settings),
         "asked": {"restitution": list(facts.asked), "words": facts.asked_words},
-        "wanted": found.wanted.words if found.wanted else None,
+        "wanted": found.wanted.description if found.wanted else None,
         "curve": [
             {
                 "speed_m_per_s": p.speed,

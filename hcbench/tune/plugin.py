@@ -9,7 +9,7 @@ from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.contact_law import STEPS_PER_CONTACT
 from hcbench.setting import Setting
-from hcbench.tune.target_kind import require_reading
+from hcbench.tune.target_kind import require_kind
 
 if TYPE_CHECKING:
     from hcbench.laws.force import HuntCrossley
@@ -30,7 +30,7 @@ class ForceLaw:
 
     def __call__(self, target: Target) -> Setting:
         """The setting; SettingError for a target or a step that the force law does not have."""
-        require_reading(target, self.name, ("law",), _instead(self.engine))
+        require_kind(target, self.name, ("law",), _instead(self.engine))
         require_resolved(target, target.law, "Use `restitution-law`, which needs no resolved contact")
         law = target.law
         options = {"alpha": law.alpha, "stiffness": law.stiffness, "exponent": law.exponent}
@@ -51,7 +51,7 @@ class RestitutionLaw:
 
     def __call__(self, target: Target) -> Setting:
         """The setting; SettingError for a target given as points."""
-        require_reading(target, self.name, ("law", "linear"), _instead(self.engine))
+        require_kind(target, self.name, ("law", "linear"), _instead(self.engine))
         options = {"kind": "restitution", "alpha": target.law.alpha, "reading": target.reading}
         return _setting(self.engine, self.name, target.timestep, options)
 

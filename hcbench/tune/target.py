@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 
 from hcbench.errors import SettingError
-from hcbench.laws import closed_form
+from hcbench.laws.restitution import MeasuredRestitution, Restitution
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
     from hcbench.laws.force import HuntCrossley
+    from hcbench.laws.restitution import RestitutionCurve
     from hcbench.setting import Setting
 
-Reading = Literal["law", "linear", "points"]
+TargetKind = Literal["law", "linear", "points"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +36,7 @@ class Target:
     timestep: float
     speed_min: float
     speed_max: float
-    reading: Reading = "law"
+    reading: TargetKind = "law"
     points: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
@@ -50,8 +51,8 @@ class Target:
             raise SettingError(
                 "speeds", f"{self.speed_min!r} ... {self.speed_max!r} m/s", "the lower speed first"
             )
-        if self.reading == "points":
-            self._check_points()
+        if isinstance(self.curve, MeasuredRestitution):
+            _require_falling(self.curve)
         elif self.reading == "linear" and (fastest := self.law.alpha * self.speed_max) > 1:
             raise SettingError(
                 "speeds",
@@ -60,30 +61,28 @@ class Target:
                 f"Keep below {1 / self.law.alpha:.4g} m/s or take the reading 'law'",
             )
 
-    def _check_points(self) -> None:
-        if not self.points:
-            raise SettingError("restitution", "no points", "at least one pair of v and e")
-        speeds, values = np.array(sorted(self.points)).T
-        if not ((values >= 0) & (values <= 1)).all():
-            raise SettingError("restitution", f"{values.tolist()}", "0 ... 1")
-        rises = np.flatnonzero((np.diff(values) > 0) | (np.diff(speeds) <= 0))
-        if rises.size:
-            i = int(rises[0])
-            first, then = (f"{values[j]:.4g} at {speeds[j]:.4g} m/s" for j in (i, i + 1))
-            raise SettingError(
-                "restitution",
-                f"e goes from {first} to {then}",
-                "one e a speed, falling or constant as v grows",
-            )
+    @property
+    def curve(self) -> RestitutionCurve:
+        """e wanted over the impact speed."""
+        if self.reading == "points":
+            return MeasuredRestitution(self.points)
+        return Restitution(self.law.alpha, self.reading)
 
     def restitution(self, speed: Floats | float) -> Floats:
         """e wanted at impact speeds (m/s), same shape."""
-        if self.reading == "points":
-            speeds, values = np.array(sorted(self.points)).T
-            return np.asarray(np.interp(speed, speeds, values))
-        if self.reading == "linear":
-            return np.asarray(1.0 - self.law.alpha * np.asarray(speed, dtype=float))
-        return closed_form.restitution(self.law.alpha, speed)
+        return self.curve.at(speed)
+
+
+def _require_falling(measured: MeasuredRestitution) -> None:
+    """Refuse points with two e at one speed or an e that rises with the speed: SettingError."""
+    speeds, values = measured.speeds, measured.values
+    rises = np.flatnonzero((np.diff(values) > 0) | (np.diff(speeds) <= 0))
+    if rises.size:
+        i = int(rises[0])
+        first, then = (f"{values[j]:.4g} at {speeds[j]:.4g} m/s" for j in (i, i + 1))
+        raise SettingError(
+            "restitution", f"e goes from {first} to {then}", "one e a speed, falling or constant as v grows"
+        )
 
 
 class Recipe(Protocol):

@@ -1,4 +1,4 @@
-"""Targets that are not the law's own restitution, in the words of who gave them."""
+"""Describes the kind of a target (law, linear or points), and refuses those that a recipe does not serve."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ import numpy as np
 
 from hcbench import scoring
 from hcbench.errors import SettingError
+from hcbench.laws.restitution import MeasuredRestitution
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.tune.target import Reading, Target
+    from hcbench.tune.target import Target, TargetKind
 
 _FITS = 0.25  # of what one e for all speeds is off by: what the law may be off by to be worth a try
 _WORDS = {"law": "α of eq. (16), by --alpha", "linear": "1 - α v, by --alpha and --target linear"}
@@ -22,14 +23,15 @@ def law_that_fits(target: Target) -> str:
     """The law that a target's pairs lie near, in words; "" where they are one, or near no law."""
     if len(target.points) < 2:
         return ""
-    speeds, e = np.array(sorted(target.points)).T
+    measured = MeasuredRestitution(target.points)
+    speeds, e = measured.speeds, measured.values
     alpha, rms = scoring.fit_alpha(speeds, e)
     if rms > _FITS * float(np.ptp(e)) / 2:
         return ""
     return f"α = {alpha:.4g} s/m fits these pairs with rms {rms:.1g}: try --alpha {alpha:.4g}"
 
 
-def named(target: Target) -> tuple[str, str]:
+def describe(target: Target) -> tuple[str, str]:
     """What a target asks for as a user says it: the slot it came by, and the thing."""
     if target.reading == "points":
         pairs = f"{len(target.points)} pairs of v and e"
@@ -37,12 +39,12 @@ def named(target: Target) -> tuple[str, str]:
     return "target", _WORDS[target.reading].partition(",")[0]
 
 
-def require_reading(target: Target, name: str, known: Sequence[Reading], instead: str) -> None:
+def require_kind(target: Target, name: str, kinds: Sequence[TargetKind], instead: str) -> None:
     """Refuse what the recipe `name` does not serve: SettingError, with the recipes to use `instead`."""
-    if target.reading in known:
+    if target.reading in kinds:
         return
-    slot, given = named(target)
-    expected = " or ".join(_WORDS[reading] for reading in known)
+    slot, given = describe(target)
+    expected = " or ".join(_WORDS[kind] for kind in kinds)
     fit = law_that_fits(target)
     todo = f"Use {instead} for another restitution" + (f". {fit}" if fit else "")
     raise SettingError(slot, f"{given}, which {name!r} does not serve", expected, todo)

@@ -13,7 +13,7 @@ from hcbench.sim import registry
 from hcbench.tune.evaluate import Rest, Verdict, faults, judge, settle
 from hcbench.tune.search import watched
 from hcbench.tune.softening import FEWEST_STEPS
-from hcbench.tune.target_kind import law_that_fits, named
+from hcbench.tune.target_kind import describe, law_that_fits
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -101,7 +101,7 @@ def _choose_loop(
         )
     if target.reading == "law" and staggered in known:
         return staggered, f"the only native setting with the law's loop; {seen}"
-    slot, given = named(target)
+    slot, given = describe(target)
     own = target.reading == "law"
     raise SettingError(
         "match" if own else slot,

@@ -14,12 +14,13 @@ from hcbench.engines.mujoco.pair import find_sides
 from hcbench.engines.mujoco.place import place
 from hcbench.engines.mujoco.user_model import load, start
 from hcbench.measure.causes import other_contacts
-from hcbench.measure.measurement import Facts, Request, Suspect, Wanted
+from hcbench.measure.measurement import Facts, Request, Suspect
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.impact import Impact, Launch
+    from hcbench.laws.restitution import RestitutionCurve
 
 
 class MujocoSubject:
@@ -87,7 +88,7 @@ class MujocoSubject:
             notes.append(f"Other contacts acted during the impact: {', '.join(self._others())}.")
         return notes
 
-    def suspects(self, impacts: Sequence[Impact], wanted: Wanted | None) -> list[Suspect]:
+    def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """What may keep this pair from bouncing as asked."""
         law, _ = asked_law(self.model, self.place)
         context = Context(

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from hcbench.engines.pybullet.place import Placement
     from hcbench.engines.pybullet.user_model import Bullet, Side
     from hcbench.impact import Impact
-    from hcbench.measure.measurement import Wanted
+    from hcbench.laws.restitution import RestitutionCurve
 
 RESTITUTION, STIFFNESS, KIND = 5, 9, 10  # places in getDynamicsInfo
 _RIGID = 1  # kind of a body with maximal coordinates
@@ -33,7 +33,7 @@ class Context:
     bullet: Bullet
     place: Placement
     impacts: Sequence[Impact]
-    wanted: Wanted | None
+    wanted: RestitutionCurve | None
     timestep: float
     gravity: tuple[float, ...]
     foreign: Mapping[int, tuple[str, float]]

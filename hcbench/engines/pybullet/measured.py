@@ -17,13 +17,14 @@ from hcbench.engines.pybullet.measured_run import Flight
 from hcbench.engines.pybullet.place import place
 from hcbench.engines.pybullet.user_model import Bullet, Loaded, World, find_sides, load_files, version
 from hcbench.errors import UserError
-from hcbench.measure.measurement import Facts, Request, Suspect, Wanted
+from hcbench.measure.measurement import Facts, Request, Suspect
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from hcbench.impact import Impact, Launch
+    from hcbench.laws.restitution import RestitutionCurve
 
 _UNTOLD = "restitutions that PyBullet does not tell of bodies with maximal coordinates"
 
@@ -136,7 +137,7 @@ class PybulletSubject:
             notes=tuple(notes),
         )
 
-    def suspects(self, impacts: Sequence[Impact], wanted: Wanted | None) -> list[Suspect]:
+    def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """What may keep this pair from bouncing as asked."""
         context = Context(
             self.bullet, self.place, impacts, wanted, self.timestep, self.gravity, self.loaded.foreign

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from hcbench.engines.mujoco.place import Placement
     from hcbench.impact import Impact
-    from hcbench.measure.measurement import Wanted
+    from hcbench.laws.restitution import RestitutionCurve
 
 DEFAULT_SOLREF = (0.02, 1.0)
 DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
@@ -34,7 +34,7 @@ class Context:
     asked: ContactLaw | None
     delivered: ContactLaw | None
     impacts: Sequence[Impact]
-    wanted: Wanted | None
+    wanted: RestitutionCurve | None
     gravity: tuple[float, ...]
 
     @property

@@ -21,7 +21,7 @@ from hcbench.errors import SettingError
 from hcbench.setting import Setting
 from hcbench.tune.constant import require_integrator
 from hcbench.tune.softening import served_law
-from hcbench.tune.target_kind import require_reading
+from hcbench.tune.target_kind import require_kind
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -257,7 +257,7 @@ class Staggered:
         require_integrator(self.name, self.integrator, self.integrators, "its damping is off by the step")
         if not 10 * SOFTEST <= self.impedance <= 0.5:
             raise SettingError("impedance", f"{self.impedance!r}", f"{10 * SOFTEST:g} ... 0.5")
-        require_reading(target, self.name, ("law",), "`two-pair` or `soft`")
+        require_kind(target, self.name, ("law",), "`two-pair` or `soft`")
         rows = self.rows(target)
         options = {"integrator": self.integrator, "rows": [row.option() for row in rows]}
         return Setting(self.engine, self.name, target.timestep, options)

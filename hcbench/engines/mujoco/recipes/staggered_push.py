@@ -15,7 +15,7 @@ from hcbench.setting import Setting
 from hcbench.tune.constant import require_integrator
 from hcbench.tune.search import Count
 from hcbench.tune.softening import served_law
-from hcbench.tune.target_kind import require_reading
+from hcbench.tune.target_kind import require_kind
 
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.constraint_row import Row
@@ -64,7 +64,7 @@ class StaggeredPush:
     def __call__(self, target: Target) -> Setting:
         """The setting; SettingError for a target that such rows cannot have."""
         require_integrator(self.name, self.integrator, self.integrators, "its damping is off by the step")
-        require_reading(target, self.name, ("law",), "`soft`")
+        require_kind(target, self.name, ("law",), "`soft`")
         options = {"integrator": self.integrator, "rows": [row.option() for row in self.rows(target)]}
         return Setting(self.engine, self.name, target.timestep, options)
 
