@@ -9,6 +9,7 @@ import numpy as np
 
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
+from hcbench.laws.kelvin_voigt import Ending, damping_ratio_for
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -43,8 +44,8 @@ def contact_time(target: Target) -> float:
 def spring_damper(restitution: float, duration: float) -> tuple[float, float]:
     """β and ω, 1/s, of the contact x'' + 2 β x' + (ω² + β²) x = 0 that has this e and duration (s).
 
-    The contact pushes only, so it ends where the force is 0, before x is. With β = ω tan ψ that is at
-    ω t = π - 2 ψ, and e = exp(-β t). Raises SettingError for an e that only an overdamped contact has.
+    The contact pushes only, so it ends where the force is 0, before x is: with the damping ratio sin ψ
+    at ω t = π - 2 ψ, with β = ω tan ψ. Raises SettingError for an e that only an overdamped contact has.
     """
     if not LOWEST_UNDERDAMPED < restitution <= 1.0:
         raise SettingError(
@@ -53,10 +54,7 @@ def spring_damper(restitution: float, duration: float) -> tuple[float, float]:
             f"e within {LOWEST_UNDERDAMPED:.4f} ... 1 for a spring and damper",
             "Use `impulse` (MuJoCo) or `restitution` (PyBullet), which have any e",
         )
-    wanted = -math.log(restitution)
-    low, high = 0.0, math.pi / 2
-    while (psi := (low + high) / 2) not in (low, high):
-        low, high = (psi, high) if math.tan(psi) * (math.pi - 2 * psi) < wanted else (low, psi)
+    psi = math.asin(damping_ratio_for(restitution, Ending.FORCE))
     omega = (math.pi - 2 * psi) / duration
     return omega * math.tan(psi), omega
 

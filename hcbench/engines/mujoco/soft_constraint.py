@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from hcbench.laws.kelvin_voigt import Ending, damping_ratio_for
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -145,13 +147,8 @@ class ContactLaw:
 def spring_damper(e: float, timestep: float, steps: int = 40) -> tuple[float, float]:
     """(stiffness, damping) of a contact that lasts `steps` steps and gives e, per unit effective mass.
 
-    The body parts where its force ends, as MuJoCo clips it: e = exp(-2 ζ acos ζ / sqrt(1 - ζ²)), solved for
-    the damping ratio ζ. e from 0.14 (critical damping) to 1.
+    The body parts where its force ends, as MuJoCo clips it. e from 0.14 (critical damping) to 1.
     """
-    low, high = 0.0, 0.999
-    for _ in range(60):
-        ratio = 0.5 * (low + high)
-        given = math.exp(-2 * ratio * math.acos(ratio) / math.sqrt(1 - ratio**2))
-        low, high = (ratio, high) if given > e else (low, ratio)
-    omega = math.pi / (steps * timestep * math.sqrt(1 - low**2))
-    return omega**2, 2 * low * omega
+    zeta = min(damping_ratio_for(min(max(e, 0.1), 1.0), Ending.FORCE), 0.999)
+    omega = math.pi / (steps * timestep * math.sqrt(1 - zeta**2))
+    return omega**2, 2 * zeta * omega
