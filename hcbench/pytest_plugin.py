@@ -77,8 +77,8 @@ class Restitution:
     def __call__(self, model: Any, pair: Any = None, **more: Any) -> Bounce:
         """A model to be held against something.
 
-        model: a path (looked for in the test's own folder first), two paths, or an MjModel, MjSpec or
-        PyBullet World. pair: names, the moving one first. more: speeds, phases, timestep, gravity, key,
+        model: a path (looked for in the test's own folder first), two paths, or an engine's
+        own model object. pair: names, the moving one first. more: speeds, phases, timestep, gravity, key,
         height, engine, max_error, timeout.
         """
         unknown = sorted(set(more) - set(_KEYS))

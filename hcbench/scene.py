@@ -137,6 +137,11 @@ def scene_names() -> list[str]:
     return sorted({file.parent.name for folder in _BUILT_IN for file in folder.glob(f"*/{FILE}")})
 
 
+def built_in_folder(name: str) -> Path:
+    """The folder of that name among the built-in scenes."""
+    return next(path for folder in _BUILT_IN if (path := folder / name).is_dir())
+
+
 def load_scene(name_or_path: str | Path, folder: Path | None = None) -> Scene:
     """The scene in a folder (or of its scene.toml), else the built-in one of that name.
 

@@ -3,14 +3,16 @@
     python scenes/make_two_blocks.py
 
 For the steel body of section 3.1 and α = 0.016 s/in, about 0.4 m/s. Other masses, gaps, laws and speeds:
-`hcbench.paper.two_blocks.mjcf`.
+`hcbench.engines.mujoco.two_blocks.mjcf`.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from hcbench.paper import forced, two_blocks
+from hcbench.engines.mujoco.two_blocks import mjcf
+from hcbench.paper import forced
+from hcbench.sim.two_blocks import NAME, TwoBlocks
 
 HEAD = """<!-- scene.xml, contact tuned to eq. (16): pairs of the ball with either block whose springs start
      at staggered depths, and dampers with the law's own shape, for k = 3.1e7 lb/in^1.5, alpha = 0.016 s/in,
@@ -20,8 +22,9 @@ HEAD = """<!-- scene.xml, contact tuned to eq. (16): pairs of the ball with eith
 
 def main() -> None:
     """Write the file."""
-    text = two_blocks.mjcf(forced.LOOSE, forced.FULL.timestep, forced.STAND_IN_SPEED)
-    (Path(__file__).parent / two_blocks.NAME / "tuned.xml").write_text(HEAD + text, encoding="utf-8")
+    system = forced.LOOSE
+    blocks = TwoBlocks(system.mass, system.gap, forced.LAW, forced.FULL.timestep, forced.STAND_IN_SPEED)
+    (Path(__file__).parent / NAME / "tuned.xml").write_text(HEAD + mjcf(blocks), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -293,15 +293,21 @@ def test_every_figure_has_a_text_for_who_cannot_see_it(view: View) -> None:
 
 
 def test_no_two_settings_of_an_engine_look_alike() -> None:
-    known = list(style.looks([("mujoco", name) for name in style._RECIPES if name != "restitution"]).values())
-    new = list(style.looks([("mujoco", f"new {i}") for i in range(5)]).values())
+    known = list(
+        style.looks(
+            [("mujoco", name) for name in style._RECIPES if name != "restitution"], "reference"
+        ).values()
+    )
+    new = list(style.looks([("mujoco", f"new {i}") for i in range(5)], "reference").values())
     assert len({look.colour for look in known + new}) == len(known + new)
     assert len({look.marker for look in known + new}) == len(known + new)
 
 
 def test_a_setting_looks_the_same_in_every_study() -> None:
-    alone = style.looks([("mujoco", "impulse")])
-    among = style.looks([("mujoco", "impulse"), ("mujoco", "aaa"), ("drake", "impulse"), ("pybullet", "x")])
+    alone = style.looks([("mujoco", "impulse")], "reference")
+    among = style.looks(
+        [("mujoco", "impulse"), ("mujoco", "aaa"), ("drake", "impulse"), ("pybullet", "x")], "reference"
+    )
     assert alone["mujoco", "impulse"] == among["mujoco", "impulse"]
     assert among["drake", "impulse"].dashes != among["mujoco", "impulse"].dashes
 

@@ -12,12 +12,14 @@ import pytest
 
 from hcbench.engines.mujoco.backend import require_feature
 from hcbench.engines.mujoco.recipes.staggered import Staggered
+from hcbench.engines.mujoco.two_blocks import mjcf
 from hcbench.errors import EngineMissing, SettingError
 from hcbench.laws import closed_form
-from hcbench.paper import constants, forced, two_blocks
-from hcbench.paper.engines import track
-from hcbench.paper.vibroimpact.system import VibroImpact
+from hcbench.paper import constants, forced
+from hcbench.paper.engines import simulate_in_engine
 from hcbench.scene import scene_names
+from hcbench.sim import two_blocks
+from hcbench.sim.two_blocks import TwoBlocks
 from hcbench.tune.target import Target
 
 FOLDER, LAW = two_blocks.folder(), constants.law(constants.ALPHAS[-1])
@@ -68,7 +70,8 @@ def test_the_urdfs_put_a_plane_on_either_side() -> None:
 def test_the_tuned_file_is_what_the_recipe_writes() -> None:
     """`python scenes/make_two_blocks.py` writes it again."""
     written = ET.parse(FOLDER / "tuned.xml").getroot()
-    made = ET.fromstring(two_blocks.mjcf(forced.LOOSE, forced.FULL.timestep, forced.STAND_IN_SPEED))
+    blocks = TwoBlocks(forced.LOOSE.mass, forced.LOOSE.gap, LAW, forced.FULL.timestep, forced.STAND_IN_SPEED)
+    made = ET.fromstring(mjcf(blocks))
     pairs = list(zip(written.iter(), made.iter(), strict=True))
     assert sum(element.tag == "pair" for element, _ in pairs) > 20
     for one, other in pairs:
@@ -97,8 +100,7 @@ def test_the_tuned_file_runs_in_plain_mujoco_and_loses_what_the_law_loses() -> N
 
 
 def test_the_mass_and_the_gap_are_the_systems() -> None:
-    system = VibroImpact(2.0, -1e-5, LAW, LAW)
-    root = ET.fromstring(two_blocks.mjcf(system, 1e-6))
+    root = ET.fromstring(mjcf(TwoBlocks(2.0, -1e-5, LAW, 1e-6)))
     places = {g.get("name"): _numbers(g.get("pos", "0"))[0] for g in root.iter("geom")}
     assert places["right"] - places["left"] - 2 * two_blocks.RADIUS == pytest.approx(-1e-5, rel=1e-9)
     inertial = next(root.iter("inertial"))
@@ -126,9 +128,9 @@ def test_a_mujoco_without_adhesion_is_named() -> None:
         require_feature(Old, "adhesion")
 
 
-def test_track_reads_the_scenes_own_files() -> None:
+def test_the_engine_reads_the_scenes_own_files() -> None:
     pytest.importorskip("mujoco")
-    found = track("mujoco", forced.LOOSE, 0.0, 0.1, 1e-3, timestep=1e-5)
+    found = simulate_in_engine("mujoco", forced.LOOSE, 0.0, 0.1, 1e-3, timestep=1e-5)
     assert found.position[-1] == pytest.approx(0.1 * found.time[-1], rel=1e-9)
     late = found.since(5e-4)
     assert late.time[0] >= 5e-4

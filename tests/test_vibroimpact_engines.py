@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,12 +11,9 @@ from hcbench.errors import UserError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.paper import constants
-from hcbench.paper.engines import Track, track
+from hcbench.paper.engines import EngineTrajectory, simulate_in_engine
 from hcbench.paper.vibroimpact.simulate import simulate
 from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
-
-if TYPE_CHECKING:
-    from hcbench.paper.engines import Where
 
 LAW = constants.law(constants.ALPHAS[-1])
 BOTH = pytest.mark.parametrize("where", ["mujoco", "pybullet"])
@@ -28,7 +25,7 @@ def _system(gap: float, law: Any = LAW) -> VibroImpact:
 
 
 def _apart(
-    found: Track, system: VibroImpact, position: float, velocity: float, drive: Sinusoid | None
+    found: EngineTrajectory, system: VibroImpact, position: float, velocity: float, drive: Sinusoid | None
 ) -> float:
     """Largest distance from the reference, over its amplitude; its fine steps are interpolated."""
     truth = simulate(system, position, velocity, float(found.time[-1]), drive, step_max=5e-6)
@@ -43,9 +40,9 @@ def _installed(request: pytest.FixtureRequest) -> None:
 
 
 @BOTH
-def test_a_free_mass_bounces_between_the_blocks_as_the_reference_does(where: Where) -> None:
+def test_a_free_mass_bounces_between_the_blocks_as_the_reference_does(where: str) -> None:
     system = _system(1.5e-3)
-    found = track(where, system, 0.0, 0.4, 0.02, timestep=1e-5)
+    found = simulate_in_engine(where, system, 0.0, 0.4, 0.02, timestep=1e-5)
     assert _apart(found, system, 0.0, 0.4, None) < 2e-4
 
 
@@ -60,12 +57,14 @@ def test_a_free_mass_bounces_between_the_blocks_as_the_reference_does(where: Whe
     ids=["clear", "no gap", "squeezed"],
 )
 def test_a_forced_mass_follows_the_reference_and_closer_at_finer_steps(
-    where: Where, gap: float, drive: Sinusoid, until: float, limit: float
+    where: str, gap: float, drive: Sinusoid, until: float, limit: float
 ) -> None:
     system = _system(gap)
     start = 0.1 if gap >= 0.0 else 0.0
     errors = [
-        _apart(track(where, system, 0.0, start, until, drive, timestep=h), system, 0.0, start, drive)
+        _apart(
+            simulate_in_engine(where, system, 0.0, start, until, drive, timestep=h), system, 0.0, start, drive
+        )
         for h in (8e-6, 2e-6)
     ]
     assert errors[1] < limit
@@ -73,26 +72,26 @@ def test_a_forced_mass_follows_the_reference_and_closer_at_finer_steps(
 
 
 @BOTH
-def test_both_blocks_press_at_once_on_a_squeezed_mass(where: Where) -> None:
+def test_both_blocks_press_at_once_on_a_squeezed_mass(where: str) -> None:
     system = _system(-1e-5)
-    found = track(where, system, 0.0, 0.0, 2e-3, Sinusoid(400.0, 3000.0), timestep=1e-6)
+    found = simulate_in_engine(where, system, 0.0, 0.0, 2e-3, Sinusoid(400.0, 3000.0), timestep=1e-6)
     wanted = system.resultant(found.position, found.velocity)
     assert np.abs(found.resultant - wanted).max() < 0.02 * np.abs(wanted).max()
 
 
 @TUNED
-def test_native_contact_is_right_at_the_first_impact(where: Where) -> None:
+def test_native_contact_is_right_at_the_first_impact(where: str) -> None:
     system = _system(1.5e-3)
-    found = track(where, system, 0.0, 0.4, 0.02, timestep=2e-6, native_at=0.4)
+    found = simulate_in_engine(where, system, 0.0, 0.4, 0.02, timestep=2e-6, tuned_at=0.4)
     free = np.abs(found.resultant) < 1e-6 * np.abs(found.resultant).max()
     after = found.velocity[free & (found.velocity < 0.0)][2]
     assert -after / 0.4 == pytest.approx(float(closed_form.restitution(LAW.alpha, 0.4)), abs=2e-3)
 
 
 @TUNED
-def test_staggered_pairs_stay_with_the_law_and_a_constant_restitution_parts_from_it(where: Where) -> None:
+def test_staggered_pairs_stay_with_the_law_and_a_constant_restitution_parts_from_it(where: str) -> None:
     system, drive = _system(1.5e-3), Sinusoid(150.0, 90.0)
-    found = track(where, system, 0.0, 0.1, 0.03, drive, timestep=4e-6, native_at=0.4)
+    found = simulate_in_engine(where, system, 0.0, 0.1, 0.03, drive, timestep=4e-6, tuned_at=0.4)
     apart = _apart(found, system, 0.0, 0.1, drive)
     assert apart < 0.015 if where == "mujoco" else apart > 0.3
 
@@ -102,7 +101,7 @@ def test_staggered_pairs_of_both_blocks_add_up_to_the_summed_loop() -> None:
     """Rows share in the highest impedance: of the recipe's own 0.5 the two sides would disturb each other."""
     system = _system(-1e-5)
     drive = Sinusoid(1200.0, 3e3)
-    found = track("mujoco", system, 0.0, 0.0, 1e-3, drive, timestep=1e-6, native_at=0.4)
+    found = simulate_in_engine("mujoco", system, 0.0, 0.0, 1e-3, drive, timestep=1e-6, tuned_at=0.4)
     wanted = system.resultant(found.position, found.velocity)
     assert np.abs(found.resultant - wanted).max() < 0.006 * np.abs(wanted).max()
 
@@ -111,8 +110,10 @@ def test_a_spring_damper_jumps_where_it_meets_a_block_and_the_law_does_not() -> 
     pytest.importorskip("pybullet")
     system, drive = _system(-1e-5), Sinusoid(1200.0, 3e3)
     largest = []
-    for native_at in (None, 0.4):
-        found = track("pybullet", system, 0.0, 0.0, 2e-3, drive, timestep=1e-6, native_at=native_at)
+    for tuned_at in (None, 0.4):
+        found = simulate_in_engine(
+            "pybullet", system, 0.0, 0.0, 2e-3, drive, timestep=1e-6, tuned_at=tuned_at
+        )
         jump = np.abs(np.diff(found.resultant)).max()
         largest.append(float(jump / np.abs(found.resultant).max()))
     assert largest[0] < 0.05
@@ -121,10 +122,10 @@ def test_a_spring_damper_jumps_where_it_meets_a_block_and_the_law_does_not() -> 
 
 def test_systems_that_an_engine_cannot_have_are_refused() -> None:
     with pytest.raises(UserError, match="the same law"):
-        track("mujoco", VibroImpact(1.0, 1e-3, LAW, HuntCrossley(1e9, 0.1)), 0.0, 0.1, 0.01)
+        simulate_in_engine("mujoco", VibroImpact(1.0, 1e-3, LAW, HuntCrossley(1e9, 0.1)), 0.0, 0.1, 0.01)
     with pytest.raises(UserError, match="the same law"):
-        track("mujoco", _system(1e-3, KelvinVoigt(1e6, 1.0)), 0.0, 0.1, 0.01)
+        simulate_in_engine("mujoco", _system(1e-3, KelvinVoigt(1e6, 1.0)), 0.0, 0.1, 0.01)
     with pytest.raises(UserError, match="timestep: 0"):
-        track("mujoco", _system(1e-3), 0.0, 0.1, 0.01, timestep=0.0)
-    with pytest.raises(UserError, match="native_at: -1"):
-        track("mujoco", _system(1e-3), 0.0, 0.1, 0.01, native_at=-1.0)
+        simulate_in_engine("mujoco", _system(1e-3), 0.0, 0.1, 0.01, timestep=0.0)
+    with pytest.raises(UserError, match="tuned_at: -1"):
+        simulate_in_engine("mujoco", _system(1e-3), 0.0, 0.1, 0.01, tuned_at=-1.0)

@@ -33,9 +33,7 @@ def _model_options(command: Callable[..., Any]) -> Callable[..., Any]:
             click.option("--gravity", help="In place of the model's own; 0 for none."),
             click.option("--key", help="Keyframe to start from."),
             click.option("--height", help="Clearance to launch from."),
-            click.option(
-                "--engine", type=click.Choice(["mujoco", "pybullet"]), help="For files of both kinds."
-            ),
+            click.option("--engine", metavar="NAME", help="For files of both kinds."),
             click.option("--limit", help="Time after which a model counts as hung, such as '60 s'."),
         )
     ):

@@ -7,6 +7,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 from hcbench.paper import forced, impacts, later_figures, vibroimpact_figures
+from hcbench.paper.engines import engines_with_two_blocks
+from hcbench.report.wording import engine_name, listed
+from hcbench.sim import registry
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -178,6 +181,9 @@ def _later() -> list[Drawing]:
 
 
 def _forced(effort: Effort) -> list[Drawing]:
+    names = engines_with_two_blocks()
+    own = (registry.submodule(name, "two_blocks").REMARK for name in names)
+    remarks = " ".join(["The plug-ins lie on the reference.", *own])
     return [
         Drawing(
             "forced",
@@ -205,15 +211,11 @@ def _forced(effort: Effort) -> list[Drawing]:
         Drawing(
             "forced",
             "engines",
-            "The same mass in MuJoCo and PyBullet",
+            f"The same mass in {listed([engine_name(name) for name in names])}",
             "The scene two-blocks. Left: in a gap of 1.5 mm under 150 N at 90 Hz. Right: squeezed by 5 µm,"
-            " the summed loop of its twelfth cycle under 1200 N at 3 kHz. The plug-ins and MuJoCo's staggered"
-            " pairs lie on the reference; PyBullet's own contact is right at one speed, here 0.4 m/s, and"
-            " parts from it after the first impacts; squeezed, it jumps by c v at every touch. Largest"
-            " distance from the reference, of position (left) and force (right), over its largest value:",
-            "Left: position over time; the two plug-ins and MuJoCo's staggered pairs cover the reference,"
-            " PyBullet's restitution leaves it. Right: force over position; three cover the reference loop,"
-            " PyBullet's spring-damper is twice as large and has steps.",
+            f" the summed loop of its twelfth cycle under 1200 N at 3 kHz. {remarks} Largest distance from"
+            " the reference, of position (left) and force (right), over its largest value:",
+            f"Left: position over time. Right: force over position. {remarks}",
             partial(forced.engines_figure, effort),
         ),
     ]

@@ -4,25 +4,28 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hcbench.errors import EngineMissing
 from hcbench.paper import constants
-from hcbench.paper.engines import track
+from hcbench.paper.engines import engines_with_two_blocks, simulate_in_engine
 from hcbench.paper.pens import BLUE, GREY, ORANGE, numbered
 from hcbench.paper.vibroimpact.response import kelvin_voigt_blocks, linearized, orbits
 from hcbench.paper.vibroimpact.simulate import simulate
 from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
 from hcbench.report.style import legend_below, new_figure
+from hcbench.report.wording import engine_name
+from hcbench.sim import registry
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from hcbench.impact import Floats
-    from hcbench.paper.engines import Track, Where
+    from hcbench.paper.engines import EngineTrajectory
     from hcbench.paper.vibroimpact.system import Run
 
 
@@ -46,13 +49,9 @@ FULL = Effort(values=240, cycles=100, kept=36, response=84, timestep=4e-6)
 QUICK = Effort(values=6, cycles=6, kept=3, response=6, timestep=2e-5)
 
 
-def _steel(gap: float) -> VibroImpact:
-    law = constants.law(constants.ALPHAS[-1])
-    return VibroImpact(constants.MASS, gap, law, law)
-
-
-SQUEEZED, FORCES = _steel(-1e-5), (4.0, 120.0, 400.0)
-LOOSE, PUSH = _steel(1.5e-3), 150.0
+LAW = constants.law(constants.ALPHAS[-1])
+SQUEEZED, FORCES = VibroImpact(constants.MASS, -1e-5, LAW, LAW), (4.0, 120.0, 400.0)
+LOOSE, PUSH = VibroImpact(constants.MASS, 1.5e-3, LAW, LAW), 150.0
 STAND_IN_SPEED = 0.4
 
 
@@ -80,38 +79,31 @@ def response_figure(effort: Effort) -> Figure:
     return figure
 
 
-@dataclass(frozen=True, slots=True)
-class _Own:
-    """What an engine does: by its plug-in, or (`native_at`) by its own contact, tuned at that speed, m/s."""
-
-    where: Where
-    native_at: float | None
-    clear: str  # its name where the mass flies
-    squeezed: str
-
-    def track(
-        self, system: VibroImpact, velocity: float, until: float, drive: Sinusoid, step: float
-    ) -> Track:
-        return track(self.where, system, 0.0, velocity, until, drive, timestep=step, native_at=self.native_at)
-
-
-_OWN = (
-    _Own("mujoco", None, "MuJoCo plug-in", "MuJoCo plug-in"),
-    _Own("pybullet", None, "PyBullet plug-in", "PyBullet plug-in"),
-    _Own("mujoco", STAND_IN_SPEED, "MuJoCo staggered", "MuJoCo staggered"),
-    _Own("pybullet", STAND_IN_SPEED, "PyBullet restitution", "PyBullet spring-damper"),
-)
-_PENS = (0, 1, 5, 4)  # ever more gaps: these lines lie on one another
 CLEAR, CLEAR_FOR, START = Sinusoid(PUSH, 90.0), 0.03, 0.1  # N at Hz; s; m/s
 HARD, HARD_CYCLES = Sinusoid(1200.0, 3e3), 12
+_OVERLAID = (0, 1, 5, 4)  # line styles with ever more gaps: these lines lie on one another
 
 
-def _tracks(own: _Own, effort: Effort) -> tuple[Track, Track]:
+def _in_engine(
+    name: str, tuned_at: float | None, effort: Effort
+) -> tuple[EngineTrajectory, EngineTrajectory]:
     """With a gap all of it, squeezed the last cycle; EngineMissing where the engine is not there."""
-    clear = own.track(LOOSE, START, CLEAR_FOR, CLEAR, effort.timestep)
+    clear = simulate_in_engine(
+        name, LOOSE, 0.0, START, CLEAR_FOR, CLEAR, timestep=effort.timestep, tuned_at=tuned_at
+    )
     end = HARD_CYCLES / HARD.frequency
-    squeezed = own.track(SQUEEZED, 0.0, end, HARD, 0.25 * effort.timestep)
+    squeezed = simulate_in_engine(
+        name, SQUEEZED, 0.0, 0.0, end, HARD, timestep=0.25 * effort.timestep, tuned_at=tuned_at
+    )
     return clear, squeezed.since(end - 1.0 / HARD.frequency)
+
+
+def _contact_names(name: str, tuned_at: float | None) -> list[str]:
+    """What the contact of a clear and of a squeezed mass is called; one name where they are the same."""
+    if tuned_at is None:
+        return ["plug-in"]
+    own_contact = registry.submodule(name, "two_blocks").own_contact
+    return list(dict.fromkeys(own_contact(squeezed) for squeezed in (False, True)))
 
 
 def engines_figure(effort: Effort) -> tuple[Figure, str]:
@@ -121,24 +113,26 @@ def engines_figure(effort: Effort) -> tuple[Figure, str]:
     """
     figure = new_figure(8.6, 4.4)
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
-    end, cycle = HARD_CYCLES / HARD.frequency, 1.0 / HARD.frequency
+    end, period = HARD_CYCLES / HARD.frequency, 1.0 / HARD.frequency
     clear = simulate(LOOSE, 0.0, START, CLEAR_FOR, CLEAR, step_max=4e-5)
-    squeezed = simulate(SQUEEZED, 0.0, 0.0, end, HARD, step_max=0.01 * cycle).during(end - cycle, end)
+    squeezed = simulate(SQUEEZED, 0.0, 0.0, end, HARD, step_max=0.01 * period).during(end - period, end)
     broad: dict[str, Any] = {"color": GREY, "linewidth": 4.5, "alpha": 0.55, "label": "reference, eq. (16)"}
     handles = left.plot(clear.time * 1e3, clear.position * 1e3, **broad)
     right.plot(squeezed.position * 1e6, squeezed.resultant, **broad)
     apart = []
-    for i, own in zip(_PENS, _OWN, strict=True):
+    cases = [(name, tuned_at) for tuned_at in (None, STAND_IN_SPEED) for name in engines_with_two_blocks()]
+    for i, (name, tuned_at) in zip(cycle(_OVERLAID), cases, strict=False):
         with suppress(EngineMissing):
-            flying, pressed = _tracks(own, effort)
-            pen: dict[str, Any] = {**numbered(i), "linewidth": 1.2}
-            name = own.clear if own.clear == own.squeezed else f"{own.clear}; right: spring-damper"
-            handles += left.plot(flying.time * 1e3, flying.position * 1e3, **pen, label=name)
-            right.plot(pressed.position * 1e6, pressed.resultant, **pen)
-            off = _off(flying.time, flying.position, clear, clear.position)
+            free, pressed = _in_engine(name, tuned_at, effort)
+            line: dict[str, Any] = {**numbered(i), "linewidth": 1.2}
+            title, contacts = engine_name(name), _contact_names(name, tuned_at)
+            label = f"{title} {'; right: '.join(contacts)}"
+            handles += left.plot(free.time * 1e3, free.position * 1e3, **line, label=label)
+            right.plot(pressed.position * 1e6, pressed.resultant, **line)
+            off = _off(free.time, free.position, clear, clear.position)
             loop = _off(pressed.time, pressed.resultant, squeezed, squeezed.resultant)
-            names = dict.fromkeys((own.clear, own.squeezed))
-            apart.append(f"{', '.join(names)} {_percent(off)} and {_percent(loop)}")
+            both = ", ".join(f"{title} {contact}" for contact in contacts)
+            apart.append(f"{both} {_percent(off)} and {_percent(loop)}")
     left.set_xlabel("time, ms")
     left.set_ylabel("position, mm")
     left.set_title("gap 1.5 mm")

@@ -50,8 +50,7 @@ _RECIPES = {
     "kelvin-voigt": ("#8a8a2b", "h"),
 }
 _SPARE = (("#661100", ">"), ("#117733", "p"), ("#44AA99", "d"), ("#AA4499", "8"), ("#6699CC", "H"))
-_DASHES: dict[str, tuple[float, ...]] = {"mujoco": (), "pybullet": (4.5, 1.6)}
-_SPARE_DASHES: tuple[tuple[float, ...], ...] = ((1.2, 1.2), (6.0, 1.5, 1.2, 1.5), (2.5, 1.0))
+_DASHES: tuple[tuple[float, ...], ...] = ((), (4.5, 1.6), (1.2, 1.2), (6.0, 1.5, 1.2, 1.5), (2.5, 1.0))
 
 _RC: dict[str, Any] = {
     "axes.edgecolor": "#8b949c",
@@ -106,13 +105,17 @@ class Look:
         return {**style, **more}
 
 
-def looks(settings: Iterable[tuple[str, str]]) -> dict[tuple[str, str], Look]:
-    """A Look for each (engine, setting). Known names always look the same, whatever else is in the study."""
-    pairs = sorted(set(settings))
+def looks(settings: Iterable[tuple[str, str]], law: str) -> dict[tuple[str, str], Look]:
+    """A Look for each (engine, setting).
+
+    A known setting has its own colour and marker, whatever else is in the study. Engines differ in their
+    dashes, by their order in the study; `law`, the engine of the law itself, has full lines.
+    """
+    pairs = list(dict.fromkeys(settings))
     new_names = sorted({s for _, s in pairs} - set(_RECIPES))
-    new_engines = sorted({e for e, _ in pairs} - set(_DASHES) - {"reference"})
     recipes = {**_RECIPES, **dict(zip(new_names, cycle(_SPARE), strict=False))}
-    dashes = {"reference": (), **_DASHES, **dict(zip(new_engines, cycle(_SPARE_DASHES), strict=False))}
+    engines = dict.fromkeys(e for e, _ in pairs if e != law)
+    dashes = {law: (), **dict(zip(engines, cycle(_DASHES), strict=False))}
     return {(e, s): Look(*recipes[s], dashes[e], hollow=bool(dashes[e])) for e, s in pairs}
 
 

@@ -106,7 +106,7 @@ class View:
     def looks(self) -> dict[tuple[str, str], Look]:
         """How each setting is drawn."""
         seen = [run for run, _ in self._curves] + list(self.trains)
-        return looks((run.engine, run.setting) for run in seen)
+        return looks(((run.engine, run.setting) for run in seen), law=REFERENCE)
 
     def look(self, run: Run) -> Look:
         """How a run is drawn."""

@@ -5,24 +5,29 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from hcbench.errors import HcbenchError
+from hcbench.sim import registry
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 INCH = 0.0254  # m
 POUND_FORCE = 4.4482216152605  # N
 
-_ENGINES = {"mujoco": "MuJoCo", "pybullet": "PyBullet", "reference": "Reference", "drake": "Drake"}
 NBSP = "\u00a0"  # between a number and its unit: never broken over two lines
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def engine_name(name: str) -> str:
-    """How its makers spell it, where known."""
-    return _ENGINES.get(name, name)
+    """An engine's title; its name where no engine of that name is installed."""
+    try:
+        return registry.engine(name).title or name
+    except HcbenchError:
+        return name
 
 
 def setting_name(engine: str, setting: str) -> str:
-    """ "MuJoCo impulse"."""
+    """The engine's title and the setting."""
     return f"{engine_name(engine)} {setting}"
 
 

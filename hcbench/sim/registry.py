@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from functools import cache
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from hcbench.errors import EngineFailed, UserError
@@ -44,3 +46,9 @@ def engine(name: str) -> Engine:
     made = load(GROUP, name)()
     assert made.name == name, f"engine {made.name!r} is registered as {name!r}"
     return made  # type: ignore[no-any-return]
+
+
+def submodule(name: str, part: str) -> Any:
+    """The module `part` in the package of an engine, as `two_blocks`; None where the engine has none."""
+    package = type(engine(name)).__module__.rpartition(".")[0]
+    return import_module(f"{package}.{part}") if package and find_spec(f"{package}.{part}") else None
