@@ -19,13 +19,11 @@ from hcbench.engines.mujoco.pair import (
     why_no_contact,
 )
 from hcbench.engines.mujoco.touch import Approach, Contact, read_contact, side_table
-from hcbench.errors import SceneError, UserError
+from hcbench.errors import UserError
+from hcbench.sim.touch import LEAST_APPROACH, require_apart, require_reachable
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
-
-_DEEPEST = 0.1  # of the smaller one's size: an overlap at the start up to which it is just moved out
-_SIDEWAYS = 1e-3  # the least share of a joint's motion that must be along the normal
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +57,9 @@ def place(model: Any, data: Any, first: Side, second: Side) -> Placement:
         raise UserError(
             "pair", f"no distance from {first.name!r} to {second.name!r} is known", "two solid geoms"
         )
-    if distance < -_DEEPEST * size and height_field(model, first, second) < 0:
-        raise SceneError(
-            "model",
-            f"{first.name!r} starts {-distance:.4g} m inside {second.name!r}",
-            "the two apart, or touching",
-            "Move one away, or start from another keyframe",
+    if height_field(model, first, second) < 0:
+        require_apart(
+            distance, size, first.name, second.name, "Move one away, or start from another keyframe"
         )
     if not normal.any():
         normal = _guess_normal(model, data, first, second)
@@ -109,7 +104,7 @@ def _direction(row: Floats, carrier: Carrier) -> Floats | None:
     """The least velocity of the carrier's joints that approaches at 1 m/s; None where none does."""
     along = row[list(carrier.dofs)]
     squared = float(along @ along)
-    if squared < _SIDEWAYS**2:
+    if squared < LEAST_APPROACH**2:
         return None
     out = np.zeros_like(row)
     out[list(carrier.dofs)] = along / squared
@@ -153,14 +148,8 @@ def _require_room(model: Any, data: Any, moving: Side, other: Side) -> None:
         if min(a, b) < 0 or contact.exclude or table[a] + table[b] == 3:
             continue
         inside = [g for g in (a, b) if int(model.body_rootid[model.geom_bodyid[g]]) == root]
-        depth = _DEEPEST * min(r for r in (model.geom_rbound[a], model.geom_rbound[b], np.inf) if r > 0)
-        if len(inside) == 1 and contact.dist < -depth:
-            third = geom_name(model, b if inside[0] == a else a)
-            mine = geom_name(model, inside[0])
-            raise UserError(
-                "pair",
-                f"{moving.name!r} cannot reach {other.name!r}: {mine!r}, which moves with it, would be "
-                f"{-contact.dist:.3g} m inside {third!r}",
-                "two that meet before anything else does",
-                "Name the parts that meet first, or start from a keyframe in which these do",
-            )
+        if len(inside) == 1:
+            size = min(r for r in (model.geom_rbound[a], model.geom_rbound[b], np.inf) if r > 0)
+            mine, third = (repr(geom_name(model, g)) for g in ((a, b) if inside[0] == a else (b, a)))
+            todo = ", or start from a keyframe in which these do"
+            require_reachable(-contact.dist, size, (moving.name, other.name), (mine, third), todo)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -11,13 +10,12 @@ import numpy as np
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model import approach_row
 from hcbench.engines.mujoco.pair import Side, height_field, normal_between
+from hcbench.sim.touch import travel_by_distance, travel_by_scan
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
 
 _DEPTHS = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # of the smaller one's size: where contacts are looked for
-_ROUNDS = 60
-_MARCH = 200  # steps
 _AGAINST = 0.5  # of the approach, that must be along the normal of a contact
 
 
@@ -74,10 +72,11 @@ class Approach:
 
     def touch(self) -> tuple[Floats, Contact] | None:
         """(qpos at touch, contact); None where the engine makes no contact of the two."""
-        far = self._by_distance()
+        far = travel_by_distance(self._distance, self.size)
         found = self._below(far)
-        if found is None:
-            begun = self._by_march(far)
+        if found is None:  # MuJoCo gives the distance of some shapes only roughly
+            before, behind = self._window()
+            begun = travel_by_scan(lambda f: self._contact(f) is not None, far - before, far + behind)
             found = None if begun is None else self._below(begun)
             if begun is None or found is None:
                 return None
@@ -101,16 +100,9 @@ class Approach:
         self._go(far)
         return read_contact(self.model, self.data, self.table)
 
-    def _by_distance(self) -> float:
-        """How far to go by MuJoCo's distance: one round for convex geoms and straight approaches."""
-        far = 0.0
-        for _ in range(_ROUNDS):
-            self._go(far)
-            distance, _, _ = normal_between(self.model, self.data, self.first, self.second)
-            far += distance
-            if abs(distance) < 1e-12 * self.size:
-                break
-        return far
+    def _distance(self, far: float) -> float:
+        self._go(far)
+        return normal_between(self.model, self.data, self.first, self.second)[0]
 
     def _below(self, far: float) -> tuple[float, Contact] | None:
         """(depth, contact) at the least depth with a contact against the motion: one just begun may have any
@@ -127,26 +119,11 @@ class Approach:
         row = approach_row(self.model, self.data, *bodies, contact.point, contact.normal)
         return abs(float(row @ self.move)) > _AGAINST
 
-    def _by_march(self, far: float) -> float | None:
-        """Where contact begins, for shapes whose distance MuJoCo gives only roughly: steps towards each other
-        until there is a contact, then bisection. None where there is none within reach.
-        """
-        window = self._window()
-        for start, stop in itertools.pairwise((far + np.linspace(*window, _MARCH + 1)).tolist()):
-            if self._contact(stop) is None:
-                continue
-            low, high = float(start), float(stop)
-            for _ in range(_ROUNDS):
-                middle = 0.5 * (low + high)
-                low, high = (middle, high) if self._contact(middle) is None else (low, middle)
-            return high
-        return None
-
     def _window(self) -> tuple[float, float]:
         """How far before and behind the rough distance a contact may begin, m."""
         field = height_field(self.model, self.first, self.second)
         if field < 0:
-            return -self.size, self.size
+            return self.size, self.size
         geoms = [g for g in (*self.first.geoms, *self.second.geoms) if g != field]
         bound = max(float(self.model.geom_rbound[g]) for g in geoms)
-        return -bound, 2 * bound + float(self.model.hfield_size[self.model.geom_dataid[field]][2])
+        return bound, 2 * bound + float(self.model.hfield_size[self.model.geom_dataid[field]][2])

@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.pybullet.user_model import Bullet, Loaded, Side, prismatic_above
-from hcbench.errors import SceneError, UserError
+from hcbench.errors import UserError
+from hcbench.sim.touch import LEAST_APPROACH, require_apart, require_reachable, travel_by_distance
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
 
 _REACH = 1e4  # m: how far apart two may be found
-_DEEPEST = 0.1  # of the smaller one's size, see the MuJoCo side
-_ROUNDS = 60
-_SIDEWAYS = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,15 +48,21 @@ class Placement:
     overlap: float
 
 
-def nearest(bullet: Bullet, first: Side, second: Side) -> Any | None:
-    """PyBullet's closest point of the two, None where they have nothing to touch with."""
+def nearest(bullet: Bullet, first: Side, second: Side) -> Any:
+    """PyBullet's closest point of the two; UserError where they have nothing to touch with."""
     links = {}
     if first.link is not None:
         links["linkIndexA"] = first.link
     if second.link is not None:
         links["linkIndexB"] = second.link
     points = bullet.getClosestPoints(first.body, second.body, _REACH, **links)
-    return min(points, key=lambda point: float(point[8]), default=None)
+    if not points:
+        raise UserError(
+            "pair",
+            f"{first.name!r} and {second.name!r} never touch: one has no collision geometry",
+            "a <collision> element on both",
+        )
+    return min(points, key=lambda point: float(point[8]))
 
 
 def place(loaded: Loaded, first: Side, second: Side) -> Placement:
@@ -67,12 +71,7 @@ def place(loaded: Loaded, first: Side, second: Side) -> Placement:
     In a world made of files both stand at the origin: the moving one is then raised above the other first.
     """
     bullet = loaded.bullet
-    if nearest(bullet, first, second) is None:
-        raise UserError(
-            "pair",
-            f"{first.name!r} and {second.name!r} never touch: one has no collision geometry",
-            "a <collision> element on both",
-        )
+    nearest(bullet, first, second)
     for moving, other in ((first, second), (second, first)):
         if _base_moves(bullet, moving):
             return _by_base(loaded, moving, other)
@@ -110,8 +109,7 @@ def moves(bullet: Bullet, side: Side) -> bool:
 def _touching_link(bullet: Bullet, side: Side, other: Side) -> int:
     if side.link is not None:
         return side.link
-    point = nearest(bullet, side, other)
-    return int(point[3]) if point is not None else -1
+    return int(nearest(bullet, side, other)[3])
 
 
 def _normal(point: Any) -> Floats:
@@ -133,7 +131,6 @@ def shift_base(bullet: Bullet, body: int, move: Floats) -> None:
 def _by_base(loaded: Loaded, first: Side, second: Side) -> Placement:
     bullet = loaded.bullet
     point = nearest(bullet, first, second)
-    assert point is not None
     size = min(_size(bullet, first), _size(bullet, second))
     overlap, lift = max(0.0, -float(point[8])), 0.0
     if loaded.names:
@@ -141,50 +138,40 @@ def _by_base(loaded: Loaded, first: Side, second: Side) -> Placement:
         while float(point[8]) <= 0.0 and lift < _REACH:
             shift_base(bullet, first.body, np.array([0.0, 0.0, step]))
             lift, step = lift + step, 2 * step
-            point = nearest(bullet, first, second) or point
+            point = nearest(bullet, first, second)
         overlap = 0.0
-    if overlap > _DEEPEST * size or float(point[8]) < -_DEEPEST * size:
-        raise SceneError(
-            "model",
-            f"{first.name!r} starts {overlap:.4g} m inside {second.name!r}",
-            "the two apart, or touching",
-        )
+    require_apart(min(-overlap, float(point[8])), size, first.name, second.name)
     direction = _normal(point)
     mover = Mover(first.body, None, direction, f"{first.name!r} by its free base")
-    offset = 0.0
-    for _ in range(_ROUNDS):
-        distance = float(point[8])
-        shift_base(bullet, first.body, direction * distance)
-        offset += distance
-        point = nearest(bullet, first, second) or point
-        if abs(float(point[8])) < 1e-12 * max(size, 1e-6):
-            break
+    start = np.array(bullet.getBasePositionAndOrientation(first.body)[0])
+
+    def distance(travel: float) -> float:
+        _, turn = bullet.getBasePositionAndOrientation(first.body)
+        bullet.resetBasePositionAndOrientation(first.body, (start + travel * direction).tolist(), turn)
+        return float(nearest(bullet, first, second)[8])
+
+    offset = travel_by_distance(distance, size)
+    point = nearest(bullet, first, second)
     return _finished(bullet, first, second, mover, point, lift, offset, overlap, 1.0)
 
 
 def _by_joint(bullet: Bullet, first: Side, second: Side, joint: int) -> Placement | None:
     axis = _world_axis(bullet, first.body, joint)
     point = nearest(bullet, first, second)
-    assert point is not None
     along = float(axis @ _normal(point))
-    if abs(along) < _SIDEWAYS:
+    if abs(along) < LEAST_APPROACH:
         return None
-    start, offset = bullet.getJointState(first.body, joint)[0], 0.0
+    start = bullet.getJointState(first.body, joint)[0]
     size = min(_size(bullet, first), _size(bullet, second))
     overlap = max(0.0, -float(point[8]))
-    if overlap > _DEEPEST * size:
-        raise SceneError(
-            "model",
-            f"{first.name!r} starts {overlap:.4g} m inside {second.name!r}",
-            "the two apart, or touching",
-        )
-    for _ in range(_ROUNDS):
-        distance = float(point[8])
-        offset += distance / along
-        bullet.resetJointState(first.body, joint, start + offset, 0.0)
-        point = nearest(bullet, first, second) or point
-        if abs(float(point[8])) < 1e-12 * max(size, 1e-6):
-            break
+    require_apart(-overlap, size, first.name, second.name)
+
+    def distance(travel: float) -> float:
+        bullet.resetJointState(first.body, joint, start + travel, 0.0)
+        return float(nearest(bullet, first, second)[8])
+
+    offset = travel_by_distance(distance, size, along)
+    point = nearest(bullet, first, second)
     name = bullet.getJointInfo(first.body, joint)[1].decode(errors="replace")
     sign = math.copysign(1.0, along)
     mover = Mover(first.body, joint, axis * sign, f"{first.name!r} by its joint {name!r}", sign)
@@ -265,12 +252,7 @@ def _require_room(bullet: Bullet, mover: int, touching: tuple[Side, Side]) -> No
         for point in bullet.getClosestPoints(mover, other, 0.0):
             ends = {(mover, int(point[3])), (other, int(point[4]))}
             size = min(_size(bullet, Side("", body, link)) for body, link in ends)
-            if ends != pair and float(point[8]) < -_DEEPEST * size:
-                names = " cannot reach ".join(repr(side.name) for side in touching)
-                raise UserError(
-                    "pair",
-                    f"{names}: link {int(point[3])} of what moves would be {-float(point[8]):.3g} m inside "
-                    "another body",
-                    "two that meet before anything else does",
-                    "Name the parts that meet first",
-                )
+            if ends != pair:
+                names = touching[0].name, touching[1].name
+                blocked = f"link {int(point[3])}", "another body"
+                require_reachable(-float(point[8]), size, names, blocked)
