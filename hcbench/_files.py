@@ -25,7 +25,7 @@ _FILLED = "hcbench files"
 
 
 def json_text(content: Any) -> str:
-    """JSON, stable and with no NaN (null instead)."""
+    """JSON, stable, with null for what is not a finite number."""
     return json.dumps(_no_nan(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -34,7 +34,7 @@ def _no_nan(content: Any) -> Any:
         return {k: _no_nan(v) for k, v in content.items()}
     if isinstance(content, list | tuple):
         return [_no_nan(v) for v in content]
-    return None if isinstance(content, float) and math.isnan(content) else content
+    return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
 def write_text(path: Path, text: str) -> None:

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hcbench import units
+from hcbench._text import sanitized
 from hcbench.check.baseline import write_baseline
 from hcbench.check.model import MAX_ERROR, Outputs, Report
 from hcbench.check.plan import Ask, plan
 from hcbench.check.run import run_checks
 from hcbench.check.table import checks_of, find_table
 from hcbench.errors import OutputError, UserError
-from hcbench.measure.sanitized import plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -90,7 +90,7 @@ def _require_places(outputs: Outputs) -> None:
         path: Path | None = getattr(outputs, field.name)
         if path is not None and (path.is_dir() or not path.parent.is_dir()):
             what = "is a folder" if path.is_dir() else "is in a folder that is not there"
-            raise OutputError(field.name, f"{plain(path)} {what}", "a file in a folder that is")
+            raise OutputError(field.name, f"{sanitized(path)} {what}", "a file in a folder that is")
 
 
 def write_outputs(report: Report, outputs: Outputs) -> None:
@@ -116,6 +116,6 @@ def write_outputs(report: Report, outputs: Outputs) -> None:
         measured = {o.name: o.found for o in report.outcomes if o.found is not None}
         missing = [o.name for o in report.outcomes if o.found is None]
         if missing or not measured:
-            names = ", ".join(plain(name) for name in missing) or "anything"
+            names = ", ".join(sanitized(name) for name in missing) or "anything"
             raise OutputError("baseline", f"not written: {names} was not measured", "every check measured")
         write_baseline(outputs.baseline, measured)

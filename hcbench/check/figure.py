@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.measure.sanitized import plain
+from hcbench._text import sanitized
 from hcbench.measure.text import kept_loops
 from hcbench.report.style import INK, LAW, drawing, new_figure, png_bytes, speed_axis, svg_bytes
 
@@ -46,7 +46,7 @@ def _error_panel(axes: Axes, outcome: Outcome) -> None:
     for sign in (-1, 1):
         axes.axhline(sign * outcome.max_error, color=_LIMIT, linestyle=(0, (4, 2)), linewidth=1.0)
     axes.plot([r.speed_in for r in rows], [r.error for r in rows], "o-", color=_MEASURED)
-    axes.set_title(f"{plain(outcome.name)}: {outcome.verdict.value}", loc="left")
+    axes.set_title(f"{sanitized(outcome.name)}: {outcome.verdict.value}", loc="left")
     axes.set_ylabel("e - wanted")
     speed_axis(axes, inches=False)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
+from hcbench._text import sanitized
 from hcbench.check.model import Verdict
 from hcbench.check.words import outcome_text
-from hcbench.measure.sanitized import plain
 
 if TYPE_CHECKING:
     from hcbench.check.model import Report
@@ -23,15 +23,15 @@ def as_junit(report: Report) -> str:
     suite = ET.SubElement(suites, "testsuite", {"name": "hcbench", **counts})
     for outcome in outcomes:
         case = ET.SubElement(
-            suite, "testcase", {"classname": "hcbench.check", "name": plain(outcome.name), "time": "0"}
+            suite, "testcase", {"classname": "hcbench.check", "name": sanitized(outcome.name), "time": "0"}
         )
         if outcome.verdict is Verdict.FAILED:
-            body = ET.SubElement(case, "failure", {"message": plain(outcome.message)})
+            body = ET.SubElement(case, "failure", {"message": sanitized(outcome.message)})
         elif outcome.verdict in (Verdict.PASSED, Verdict.MEASURED):
             body = ET.SubElement(case, "system-out")
         else:
             body = ET.SubElement(
-                case, "error", {"message": plain(outcome.message), "type": outcome.verdict.value}
+                case, "error", {"message": sanitized(outcome.message), "type": outcome.verdict.value}
             )
         body.text = outcome_text(outcome)
     ET.indent(suites)

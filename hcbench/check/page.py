@@ -10,8 +10,8 @@ import base64
 import math
 from typing import TYPE_CHECKING
 
+from hcbench._text import number, sanitized, without_empty
 from hcbench.check.figure import curve_svg, loops_svg
-from hcbench.measure.sanitized import number, plain, without_empty
 from hcbench.measure.text import effective_mass, law_of, score_of
 
 if TYPE_CHECKING:
@@ -81,20 +81,20 @@ def measurement_page(found: Measurement) -> str:
     loops = loops_svg(found)
     header, rows = without_empty(_HEADER, _rows(found), "failed")
     return template.render(
-        model=plain(facts.model),
-        pair=[plain(name) for name in facts.pair],
+        model=sanitized(facts.model),
+        pair=[sanitized(name) for name in facts.pair],
         summary=_summary(found),
         figure=_embedded(curve_svg(found)),
         loops=None if loops is None else _embedded(loops),
         header=header,
         rows=rows,
         failures=[
-            f"{i.status.value} at {i.launch.speed:.4g} m/s: {plain(i.reason)}" for i in found.failed[:5]
+            f"{i.status.value} at {i.launch.speed:.4g} m/s: {sanitized(i.reason)}" for i in found.failed[:5]
         ],
         causes=found.causes,
         remedy=found.remedy,
         facts=_facts(found),
-        notes=[plain(note) for note in facts.notes],
+        notes=[sanitized(note) for note in facts.notes],
         figures=_figures(found),
     )
 
@@ -141,15 +141,15 @@ def _facts(found: Measurement) -> list[tuple[str, str]]:
     facts = found.facts
     rows = [
         ("engine", f"{facts.engine} {facts.version}"),
-        ("what moves", plain(facts.moved)),
+        ("what moves", sanitized(facts.moved)),
         ("time step", f"{facts.timestep:.6g} s"),
         ("gravity", f"{' '.join(f'{g:.4g}' for g in facts.gravity)} m/s²"),
         ("effective mass", f"{effective_mass(found):.4g} kg"),
-        ("asks for", plain(facts.asked_words)),
+        ("asks for", sanitized(facts.asked_words)),
     ]
     for name, value in facts.settings.items():
         shown = " ".join(f"{v:.6g}" for v in value) if isinstance(value, list) else str(value)
-        rows.append((name, plain(shown)))
+        rows.append((name, sanitized(shown)))
     return rows
 
 

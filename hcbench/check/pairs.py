@@ -9,8 +9,8 @@ import re
 from typing import TYPE_CHECKING
 
 from hcbench import units
+from hcbench._text import sanitized
 from hcbench.errors import QuantityError, UserError
-from hcbench.measure.sanitized import plain
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -81,7 +81,7 @@ def _header(path: Path, cells: list[str]) -> tuple[int, str]:
     if match is None or not match["unit"]:
         raise UserError(
             "pairs",
-            f"{path}: the header {plain(cells[at].strip())!r} names no unit",
+            f"{path}: the header {sanitized(cells[at].strip())!r} names no unit",
             "a unit of speed",
             _EXAMPLE,
         )
@@ -90,7 +90,7 @@ def _header(path: Path, cells: list[str]) -> tuple[int, str]:
     except QuantityError:
         raise UserError(
             "pairs",
-            f"{path}: {plain(match['unit'])!r} is not a unit of speed",
+            f"{path}: {sanitized(match['unit'])!r} is not a unit of speed",
             "m/s, in/s or the like",
             _EXAMPLE,
         ) from None
@@ -107,5 +107,5 @@ def _is_number(text: str) -> bool:
 
 def _number(path: Path, line: int, text: str) -> float:
     if not _is_number(text) or not math.isfinite(float(text)):
-        raise UserError("pairs", f"{path}, line {line}: {plain(text.strip())!r}", "a number")
+        raise UserError("pairs", f"{path}, line {line}: {sanitized(text.strip())!r}", "a number")
     return float(text)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hcbench import units
+from hcbench._text import sanitized
 from hcbench.check.baseline import read_baseline
 from hcbench.check.model import MAX_DRIFT, MAX_ERROR, Check
 from hcbench.check.pairs import read_pairs
@@ -14,7 +15,6 @@ from hcbench.errors import QuantityError, UserError
 from hcbench.laws.restitution import ConstantRestitution, MeasuredRestitution, Restitution
 from hcbench.measure.measure import LIMIT_S
 from hcbench.measure.request import make_request
-from hcbench.measure.sanitized import plain
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,7 +54,7 @@ class Ask:
 
 def plan(ask: Ask) -> Check:
     """The check. Raises UserError, and its kinds, for what cannot be meant."""
-    name = plain(ask.name if ask.name is not None else " + ".join(Path(m).name for m in ask.models))
+    name = sanitized(ask.name if ask.name is not None else " + ".join(Path(m).name for m in ask.models))
     given = [k for k in ("alpha", "restitution", "pairs", "baseline") if getattr(ask, k) is not None]
     if len(given) > 1:
         raise UserError(name, f"{' and '.join(given)} are given", "one thing to hold the model against")

@@ -6,12 +6,12 @@ import dataclasses
 import math
 from typing import TYPE_CHECKING
 
+from hcbench._text import sanitized
 from hcbench.check.model import Check, Outcome, Report, Row, Verdict
 from hcbench.errors import HcbenchError, UserError
 from hcbench.impact import Status
 from hcbench.measure.measure import Job, measure_job
 from hcbench.measure.measurement import TOLERANCE
-from hcbench.measure.sanitized import plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -39,11 +39,11 @@ def run_check(check: Check) -> Outcome:
     try:
         return judge(check, _measured(check))
     except UserError as error:
-        return Outcome(check.name, Verdict.MISTAKE, plain(error), _against(check), _limit(check))
+        return Outcome(check.name, Verdict.MISTAKE, sanitized(error), _against(check), _limit(check))
     except HcbenchError as error:
-        return Outcome(check.name, Verdict.COULD_NOT_RUN, plain(error), _against(check), _limit(check))
+        return Outcome(check.name, Verdict.COULD_NOT_RUN, sanitized(error), _against(check), _limit(check))
     except Exception as error:
-        words = f"unexpected {type(error).__name__}: {plain(error)}"
+        words = f"unexpected {type(error).__name__}: {sanitized(error)}"
         return Outcome(check.name, Verdict.COULD_NOT_RUN, words, _against(check), _limit(check))
 
 
@@ -114,7 +114,7 @@ def _row(found: Measurement, speed: float, expected: Callable[[Impact], float]) 
 
 def _verdict(check: Check, found: Measurement, rows: Sequence[Row], worst: Row | None) -> tuple[Verdict, str]:
     if (crashed := [i for i in found.failed if i.status is Status.CRASHED]) and not found.measured:
-        return Verdict.COULD_NOT_RUN, f"no impact ended: {plain(crashed[0].reason)}"
+        return Verdict.COULD_NOT_RUN, f"no impact ended: {sanitized(crashed[0].reason)}"
     lost = _lost(check, found)
     if lost:
         return Verdict.FAILED, lost
@@ -138,7 +138,7 @@ def _lost(check: Check, found: Measurement) -> str:
     where = f"{first.launch.speed:.4g} m/s, phase {first.launch.phase:.3g}"
     return (
         f"{len(new)} of {len(found.impacts)} impacts have no restitution: {first.status.value} at {where}: "
-        f"{plain(first.reason)}"
+        f"{sanitized(first.reason)}"
     )
 
 

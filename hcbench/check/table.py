@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from hcbench._text import sanitized
 from hcbench.check.plan import Ask, plan
 from hcbench.errors import UserError
-from hcbench.measure.sanitized import plain
 
 if TYPE_CHECKING:
     from hcbench.check.model import Check
@@ -70,7 +70,7 @@ def find_table(path: Path) -> dict[str, Any] | None:
     except OSError as error:
         raise UserError("checks", f"{path}: {error.strerror}", "a TOML file") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UserError("checks", f"{path} is not TOML: {plain(error)}", "TOML") from None
+        raise UserError("checks", f"{path} is not TOML: {sanitized(error)}", "TOML") from None
     table = content.get("tool", {}).get("hcbench") if isinstance(content.get("tool"), dict) else None
     if table is None and "check" in content:
         table = content
@@ -101,7 +101,7 @@ def checks_of(path: Path, baseline: Path | None = None) -> list[Check]:
     names = [check.name for check in checks]
     for name in names:
         if names.count(name) > 1:
-            raise UserError("checks", f"{path}: two checks are called {plain(name)!r}", "a name for each")
+            raise UserError("checks", f"{path}: two checks are called {sanitized(name)!r}", "a name for each")
     return checks
 
 
@@ -119,4 +119,4 @@ def _ask(given: dict[str, Any], folder: Path, baseline: Path | None) -> Ask:
 def _first_mistake(path: Path, error: ValidationError) -> UserError:
     first = error.errors()[0]
     where = ".".join(str(part) for part in first["loc"])
-    return UserError("checks", f"{path}: [tool.hcbench] {plain(where)}: {plain(first['msg'])}", "")
+    return UserError("checks", f"{path}: [tool.hcbench] {sanitized(where)}: {sanitized(first['msg'])}", "")

@@ -7,8 +7,8 @@ import html
 import re
 from typing import TYPE_CHECKING, Any
 
+from hcbench._text import number, sanitized, table
 from hcbench.check.model import Verdict
-from hcbench.measure.sanitized import number, plain, table
 from hcbench.measure.text import as_record, cause_lines, headline
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def as_text(report: Report) -> str:
 
 def summary_line(outcome: Outcome) -> str:
     """`PASSED name: message`."""
-    return f"{outcome.verdict.value.upper()} {plain(outcome.name)}: {outcome.message}"
+    return f"{outcome.verdict.value.upper()} {sanitized(outcome.name)}: {outcome.message}"
 
 
 def outcome_text(outcome: Outcome) -> str:
@@ -111,5 +111,5 @@ def as_markdown(report: Report) -> str:
 
 def _safe(text: str) -> str:
     """Text that Markdown and HTML leave alone."""
-    escaped = html.escape(plain(text), quote=True)
+    escaped = html.escape(sanitized(text), quote=True)
     return re.sub(r"[\\`*_{}\[\]()#+!|~@:]", lambda m: f"&#{ord(m[0])};", escaped)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import json
-import math
 import os
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from hcbench._files import json_text
+
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
 
 CORES = os.cpu_count() or 1
 
@@ -38,20 +38,5 @@ def progress(what: str) -> Iterator[Callable[[int, int], None]]:
 
 
 def print_json(content: Any) -> None:
-    """JSON with null for what is not a number."""
-    print(json.dumps(_no_nan(content), indent=1, ensure_ascii=False, allow_nan=False))
-
-
-def _no_nan(content: Any) -> Any:
-    if isinstance(content, dict):
-        return {key: _no_nan(value) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [_no_nan(value) for value in content]
-    return None if isinstance(content, float) and not math.isfinite(content) else content
-
-
-def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Columns to the right, two spaces between."""
-    widths = [max(len(line[i]) for line in [list(header), *rows]) for i in range(len(header))]
-    for line in [list(header), *rows]:
-        print("  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)))
+    """JSON with null for what is not a finite number."""
+    print(json_text(content), end="")

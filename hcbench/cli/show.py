@@ -7,7 +7,8 @@ from typing import Any
 
 import click
 
-from hcbench.cli.console import as_json, print_json, print_table
+from hcbench._text import table
+from hcbench.cli.console import as_json, print_json
 from hcbench.errors import UserError
 
 PAPER_STIFFNESS = "3.1e7 lbf/in^1.5"
@@ -66,9 +67,10 @@ def reference(
         return
     header = ("α s/m", "v_i m/s", "e of (16)", "1 - α v_i", "x_m m", "F_max N", "t s", "ΔE J", "τ_max Pa")
     values = [
-        ["-" if v is None else f"{v:.6g}" for v in dataclasses.astuple(row)[: len(header)]] for row in rows
+        tuple("-" if v is None else f"{v:.6g}" for v in dataclasses.astuple(row)[: len(header)])
+        for row in rows
     ]
-    print_table(header, values)
+    print("\n".join(table(header, values)))
     kinds: dict[str, list[str]] = {}
     for warning in dict.fromkeys(w for row in rows for w in row.warnings):
         kinds.setdefault(warning[:12], []).append(warning)

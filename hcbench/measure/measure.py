@@ -12,12 +12,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hcbench._text import sanitized
 from hcbench.errors import EngineFailed, HcbenchError, UserError
 from hcbench.laws.restitution import ConstantRestitution
 from hcbench.measure.diagnose import diagnose, goal_of
 from hcbench.measure.measurement import TOLERANCE, Measurement, Request, Subject
 from hcbench.measure.request import make_request
-from hcbench.measure.sanitized import plain
 from hcbench.workers import process
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def measure_job(job: Job, limit: float = LIMIT_S) -> Measurement:
 
 def _label(source: str | tuple[str, ...]) -> str:
     parts = [source] if isinstance(source, str) else list(source)
-    return plain("MJCF text" if parts[0].lstrip().startswith("<") else " + ".join(parts))
+    return sanitized("MJCF text" if parts[0].lstrip().startswith("<") else " + ".join(parts))
 
 
 def _as_files(model: Any) -> str | tuple[str, ...] | None:
@@ -128,7 +128,7 @@ def _in_worker(job: Job) -> Iterator[Measurement]:
         except HcbenchError:
             raise
         except Exception as error:
-            words = f"{_label(job.source)}: {type(error).__name__}: {plain(error)}"
+            words = f"{_label(job.source)}: {type(error).__name__}: {sanitized(error)}"
             raise EngineFailed("model", words, "a model that the engine can run") from error
 
 

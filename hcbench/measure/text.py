@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench._text import number, sanitized, table, without_empty
 from hcbench.impact import Status
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
-from hcbench.measure.sanitized import number, plain, table, without_empty
 
 if TYPE_CHECKING:
     from hcbench import scoring
@@ -167,19 +167,19 @@ def headline(found: Measurement) -> list[str]:
     facts = found.facts
     gravity = float(np.linalg.norm(facts.gravity))
     return [
-        f"{plain(facts.model)}: {plain(facts.pair[0])} on {plain(facts.pair[1])}",
+        f"{sanitized(facts.model)}: {sanitized(facts.pair[0])} on {sanitized(facts.pair[1])}",
         f"{facts.engine} {facts.version}, step {facts.timestep:.6g} s, gravity {gravity:.4g} m/s^2, "
-        f"effective mass {effective_mass(found):.4g} kg, {plain(facts.moved)}",
+        f"effective mass {effective_mass(found):.4g} kg, {sanitized(facts.moved)}",
     ]
 
 
 def as_text(found: Measurement) -> str:
     """For a terminal."""
     lines = [*headline(found)]
-    lines += [f"{name}: {plain(_setting(value))}" for name, value in found.facts.settings.items()]
+    lines += [f"{name}: {sanitized(_setting(value))}" for name, value in found.facts.settings.items()]
     if found.facts.asked_words:
-        lines.append(f"the model asks for: {plain(found.facts.asked_words)}")
-    lines += [f"note: {plain(note)}" for note in found.facts.notes]
+        lines.append(f"the model asks for: {sanitized(found.facts.asked_words)}")
+    lines += [f"note: {sanitized(note)}" for note in found.facts.notes]
     asked = found.facts.asked or (math.nan,) * len(found.curve)
     rows = [
         (
@@ -197,7 +197,7 @@ def as_text(found: Measurement) -> str:
     lines += ["", *table(*without_empty(header, rows, "failed")), ""]
     for impact in found.failed[:3]:
         where = f"{impact.launch.speed:.4g} m/s, phase {impact.launch.phase:.3g}"
-        lines.append(f"{impact.status.value} at {where}: {plain(impact.reason)}")
+        lines.append(f"{impact.status.value} at {where}: {sanitized(impact.reason)}")
     lines += _score_lines(found)
     lines += cause_lines(found.causes, found.remedy)
     return "\n".join(lines).rstrip() + "\n"
@@ -238,9 +238,9 @@ def cause_lines(causes: tuple[Cause, ...], remedy: str) -> list[str]:
     for cause in causes:
         lines += [
             "",
-            f"{cause.code}: {plain(cause.title)}",
-            f"  found  {plain(cause.evidence)}",
-            f"  fix    {plain(cause.fix)}",
+            f"{cause.code}: {sanitized(cause.title)}",
+            f"  found  {sanitized(cause.evidence)}",
+            f"  fix    {sanitized(cause.fix)}",
         ]
         if math.isfinite(cause.alone):
             words = f"with this alone fixed e is off by {cause.alone:.2g}"

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from hcbench._text import sanitized
 from hcbench.engines.mujoco.backend import backend
-from hcbench.measure.sanitized import plain
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 def geom_name(model: Any, geom: int) -> str:
     """The geom's name, or geom:NUMBER for one without."""
-    return plain(model.geom(geom).name) or f"geom:{geom}"
+    return sanitized(model.geom(geom).name) or f"geom:{geom}"
 
 
 def body_name(model: Any, body: int) -> str:
     """The body's name, or body:NUMBER for one without."""
-    return "world" if body == 0 else plain(model.body(body).name) or f"body:{body}"
+    return "world" if body == 0 else sanitized(model.body(body).name) or f"body:{body}"
 
 
 def geoms_of(model: Any, body: int) -> tuple[int, ...]:

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
 
+from hcbench._text import sanitized
 from hcbench.errors import EngineMissing, SceneError, UserError
-from hcbench.measure.sanitized import plain
 from hcbench.sim.names import find_part
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ def _foreign_restitution(root: ET.Element) -> tuple[str, float] | None:
         text = element.get("value") or element.text or ""
         with suppress(ValueError):
             if 0 <= float(text) <= 1:
-                return plain(tag), float(text)
+                return sanitized(tag), float(text)
     return None
 
 
@@ -198,7 +198,7 @@ def find_sides(loaded: Loaded, pair: tuple[str, str] | None, world: World | None
 def _numbered(bullet: Bullet, part: int | tuple[int, int]) -> Side:
     body, link = (part, None) if isinstance(part, int) else part
     try:
-        name = plain(bullet.getBodyInfo(body)[1].decode(errors="replace"))
+        name = sanitized(bullet.getBodyInfo(body)[1].decode(errors="replace"))
     except bullet.error:
         raise UserError("pair", f"no body {body} in this client", "a body id that loadURDF gave") from None
     words = f"body {body}" if link is None else f"body {body}, link {link}"
@@ -212,11 +212,11 @@ def _parts(loaded: Loaded) -> list[_Part]:
     links: list[_Part] = []
     for i in range(bullet.getNumBodies()):
         body = bullet.getBodyUniqueId(i)
-        base, robot = (plain(part.decode(errors="replace")) for part in bullet.getBodyInfo(body))
+        base, robot = (sanitized(part.decode(errors="replace")) for part in bullet.getBodyInfo(body))
         file = loaded.names.get(body, "")
         bodies += [("body", name, (body, None)) for name in (f"body:{body}", file, Path(file).stem, robot)]
         joints = [bullet.getJointInfo(body, j) for j in range(bullet.getNumJoints(body))]
-        link_names = [base, *(plain(joint[12].decode(errors="replace")) for joint in joints)]
+        link_names = [base, *(sanitized(joint[12].decode(errors="replace")) for joint in joints)]
         prefixes = dict.fromkeys(["", f"body:{body}/", f"{Path(file).stem}/" if file else ""])
         links += [
             ("link", prefix + name, (body, link))

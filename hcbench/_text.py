@@ -1,4 +1,4 @@
-"""Text from models that others wrote: made safe to print."""
+"""Tables and numbers as text, and text from models that others wrote made safe to print."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _LONGEST = 200
 _UNSEEN = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}  # control, direction, line: all that does not print
 
 
-def plain(text: object) -> str:
+def sanitized(text: object) -> str:
     """One line without control characters: no name can move a cursor, break a line or end a table."""
     shown = "".join("?" if unicodedata.category(c) in _UNSEEN else c for c in str(text))
     return shown if len(shown) <= _LONGEST else f"{shown[:_LONGEST]}..."
