@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hcbench.errors import UserError
-from hcbench.laws import hertz, hertz_elliptic
+from hcbench.laws import closed_form, hertz, hertz_elliptic
+from hcbench.laws.force import HuntCrossley
 from hcbench.scene import Material
 
-INCH, LBF = 0.0254, 4.4482216152605
+INCH, LBF, POUND_MASS = 0.0254, 4.4482216152605, 0.45359237
 PSI = LBF / INCH**2
 STEEL = Material(30e6 * PSI, 0.3)
 CASE = hertz.spheres(1 * INCH, -2 * INCH, STEEL, STEEL)  # section 3.1
@@ -44,7 +46,7 @@ def test_largest_force_is_about_600_lb() -> None:
 @given(st.floats(1e-3, 1e5))
 def test_all_forms_of_the_theory_agree(force: float) -> None:
     """(5), (6) in K1 and K2, p0 = 3 F/(2 π a²) and a² = R x are one theory."""
-    curvature, a = 1 / CASE.relative_radius, CASE.contact_radius(force)
+    curvature, a = 1 / CASE.relative_radius, math.sqrt(CASE.relative_radius * CASE.approach(force))
     assert CASE.K1 * CASE.approach(force) ** 1.5 / math.sqrt(curvature) == pytest.approx(force, rel=1e-12)
     assert CASE.pressure_max(force) == pytest.approx(1.5 * force / (math.pi * a**2), rel=1e-12)
     assert CASE.shear_max(force) == pytest.approx(CASE.K2 * (curvature**2 * force) ** (1 / 3), rel=1e-12)
@@ -60,6 +62,31 @@ def test_a_sphere_is_the_round_ellipse(one: float, two: float) -> None:
     )
     assert general.stiffness == pytest.approx(ours.stiffness, rel=1e-10)
     assert general.pressure_max(100.0) == pytest.approx(ours.pressure_max(100.0), rel=1e-10)
+
+
+def test_the_paper_pair_reaches_its_limit_near_12_in_per_s() -> None:
+    law = HuntCrossley(CASE.stiffness, 0.008 / INCH)
+    below, above = closed_form.force_max(law, POUND_MASS, np.array([11.9, 12.3]) * INCH)
+    assert below < CASE.force_at_shear() < above
+
+
+def test_at_16_in_per_s_the_limit_is_passed_by_not_more_than_about_15_percent() -> None:
+    for alpha, share in ((0.002, 1.13), (0.008, 1.117), (0.016, 1.106)):
+        law = HuntCrossley(3.1e7 * LBF / INCH**1.5, alpha / INCH)
+        pair = hertz.from_stiffness(law.stiffness, 2 * INCH)
+        over = pair.shear_max(float(closed_form.force_max(law, POUND_MASS, 16 * INCH))) / hertz.SHEAR_LIMIT
+        assert over == pytest.approx(share, abs=0.01)
+        assert over < 1.15
+
+
+def test_wrapping_the_hollow_closer_lowers_the_stress() -> None:
+    """Section 3.1: stress "can be reduced ... by wrapping the concave surface more around"."""
+    stresses = []
+    for radius in (3 * INCH, 2 * INCH, 1.5 * INCH):
+        pair = hertz.spheres(INCH, -radius, STEEL, STEEL)
+        law = HuntCrossley(pair.stiffness, 0.3)
+        stresses.append(pair.shear_max(float(closed_form.force_max(law, POUND_MASS, 0.4))))
+    assert np.all(np.diff(stresses) < 0)
 
 
 def test_shear_is_0_31_of_the_pressure() -> None:

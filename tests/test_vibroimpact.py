@@ -19,7 +19,7 @@ from hcbench.laws.hertz_elliptic import contact, sphere
 from hcbench.laws.published import Flores
 from hcbench.paper.vibroimpact.response import _extreme, kelvin_voigt_blocks, linearized, orbits
 from hcbench.paper.vibroimpact.simulate import simulate
-from hcbench.paper.vibroimpact.system import Run, Sinusoid, VibroImpact, between, stored
+from hcbench.paper.vibroimpact.system import Run, Sinusoid, VibroImpact, stored
 from hcbench.scene import Material
 
 K, MASS, ALPHA = 3.4064e10, 0.45359237, 0.3
@@ -29,6 +29,13 @@ STEEL = Material(206.8e9, 0.3)
 
 def _alike(gap: float, law: Any = LAW) -> VibroImpact:
     return VibroImpact(MASS, gap, law, law)
+
+
+def _imbalance(run: Run) -> float:
+    """The largest error of the energy balance, over all the energy that came in (at the start and by P)."""
+    total = run.kinetic + run.stored + run.lost - run.put_in
+    came_in = abs(total[0]) + float(np.abs(np.diff(run.put_in)).sum())
+    return float(np.abs(total - total[0]).max() / came_in) if came_in else 0.0
 
 
 # --- free
@@ -50,7 +57,7 @@ def test_free_impacts_come_when_the_closed_forms_say_to_1e_12_s() -> None:
     np.testing.assert_allclose(got, wanted[: len(got)], rtol=0.0, atol=1e-12)
     assert [e.kind for e in run.events[:4]] == ["touch", "part", "touch", "part"]
     assert [e.side for e in run.events[:4]] == ["right", "right", "left", "left"]
-    assert run.imbalance < 1e-9
+    assert _imbalance(run) < 1e-9
 
 
 @pytest.mark.parametrize(("exponent", "stiffness"), [(1.0, 1e8), (1.5, K), (2.5, 1e15)])
@@ -66,7 +73,7 @@ def test_without_loss_the_period_is_the_closed_form_to_1e_10(
     touches = run.touches("left")
     assert len(touches) == 4
     np.testing.assert_allclose(np.diff(touches), period, rtol=1e-10)
-    assert run.imbalance < 1e-9
+    assert _imbalance(run) < 1e-9
     assert float(np.abs(run.lost).max()) < 1e-12 * run.kinetic[0]
 
 
@@ -88,7 +95,7 @@ def test_a_squeezed_mass_without_loss_swings_with_the_period_of_a_quadrature() -
     touches = run.touches("right")
     assert len(touches) >= 4
     np.testing.assert_allclose(np.diff(touches), 4.0 * quarter, rtol=1e-8)
-    assert run.imbalance < 1e-9
+    assert _imbalance(run) < 1e-9
 
 
 def test_a_free_mass_loses_energy_only_in_contact_and_never_is_pulled() -> None:
@@ -96,7 +103,7 @@ def test_a_free_mass_loses_energy_only_in_contact_and_never_is_pulled() -> None:
     assert np.all(np.diff(run.lost) >= -1e-15 * run.kinetic[0])
     assert run.right.min() >= 0.0
     assert run.left.min() >= 0.0
-    assert run.imbalance < 1e-9
+    assert _imbalance(run) < 1e-9
 
 
 # --- forced
@@ -137,14 +144,14 @@ def test_a_forced_piecewise_linear_mass_meets_its_exact_events_to_1e_12_s() -> N
             assert event.kind == ("touch" if centre is None else "part")
             t0, q, v = root, wall, motion(root, 1)
             centre = wall if event.kind == "touch" else None
-    assert run.imbalance < 1e-9
+    assert _imbalance(run) < 1e-9
 
 
 @pytest.mark.parametrize("gap", [2e-4, 0.0, -2e-5])
 def test_forced_runs_close_their_energy_and_agree_with_another_integrator(gap: float) -> None:
     drive = Sinusoid(200.0, 400.0)
     run = simulate(_alike(gap), 0.0, 0.02, 6e-3, drive)
-    assert run.imbalance < 1e-9
+    assert _imbalance(run) < 1e-9
     assert run.put_in[-1] != 0.0
     half = gap / 2
 
@@ -181,7 +188,7 @@ def test_a_law_is_cut_off_where_it_would_pull_and_the_ledger_still_closes() -> N
     run = simulate(_alike(1e-3, soft), 0.0, 0.3, 0.02)
     assert [e.kind for e in run.events[:3]] == ["touch", "release", "part"]
     assert min(run.right.min(), run.left.min()) >= 0.0
-    assert run.imbalance < 1e-9
+    assert _imbalance(run) < 1e-9
 
 
 def test_16_would_pull_too_when_drawn_out_of_a_block_faster_than_1_over_a() -> None:
@@ -190,7 +197,7 @@ def test_16_would_pull_too_when_drawn_out_of_a_block_faster_than_1_over_a() -> N
     release = next(e for e in run.events if e.kind == "release")
     assert release.rate == pytest.approx(-1.0 / sticky.dissipation, rel=1e-9)
     assert min(run.right.min(), run.left.min()) >= 0.0
-    assert run.imbalance < 1e-9
+    assert _imbalance(run) < 1e-9
 
 
 def test_a_force_that_ended_comes_back_if_the_mass_is_pushed_in_again() -> None:
@@ -199,7 +206,7 @@ def test_a_force_that_ended_comes_back_if_the_mass_is_pushed_in_again() -> None:
     kinds = [e.kind for e in run.events if e.side == "right"]
     assert {"release", "press"} <= set(kinds)
     assert min(run.right.min(), run.left.min()) >= 0.0
-    assert run.imbalance < 1e-9
+    assert _imbalance(run) < 1e-9
 
 
 def test_a_grazing_touch_is_not_stepped_over() -> None:
@@ -385,11 +392,12 @@ def test_the_piecewise_linear_stand_in_bounces_alike_at_its_own_speed_only() -> 
 
 def test_a_gap_so_negative_that_hertz_ends_is_refused_with_the_limit() -> None:
     pair = contact(sphere(0.0254, STEEL), sphere(-0.0508, STEEL))
-    good = between(MASS, -1.9 * pair.depth_max(), pair, ALPHA)
+    law = HuntCrossley(pair.stiffness, ALPHA)
+    good = VibroImpact(MASS, -1.9 * pair.depth_max(), law, law, pair.depth_max())
     assert good.squeeze == pytest.approx(0.95 * pair.depth_max())
     assert pair.depth_max() == pytest.approx(0.005 * 0.0254, rel=1e-12)  # a = R1/10: a² = R x, R = 2 in
     with pytest.raises(UserError, match=r"gap: -0\.001 m squeezes .* at most 0\.000127 m.*Hertz's law ends"):
-        between(MASS, -1e-3, pair, ALPHA)
+        VibroImpact(MASS, -1e-3, law, law, pair.depth_max())
 
 
 def test_a_drive_that_is_not_finite_is_named_with_its_time() -> None:

@@ -56,10 +56,6 @@ class HertzContact:
         """x of F = k x^(3/2), m."""
         return float((force / self.stiffness) ** (2.0 / 3.0))
 
-    def contact_radius(self, force: float) -> float:
-        """Radius of the circle that touches, m: a² = R x."""
-        return math.sqrt(self.relative_radius * self.approach(force))
-
     def pressure_max(self, force: float) -> float:
         """p0 = 3 F/(2π a²) = (6 F E*²/(π³ R²))^(1/3), at the middle of the circle, Pa."""
         modulus, radius = self.contact_modulus, self.relative_radius
@@ -77,13 +73,15 @@ class HertzContact:
 
 def contact_modulus(one: Material, two: Material) -> float:
     """E* in Pa. Raises UserError for E <= 0 and for ν outside (-1, 0.5)."""
-    compliance = 0.0
-    for material in (one, two):
-        modulus, poisson = material.young_modulus, material.poisson_ratio
-        positive("young_modulus", modulus, "Pa")
-        require("poisson_ratio", poisson, -1.0 < poisson < 0.5, "a Poisson's ratio between -1 and 0.5")
-        compliance += (1.0 - poisson**2) / modulus
-    return 1.0 / compliance
+    return 1.0 / (compliance(one) + compliance(two))
+
+
+def compliance(material: Material) -> float:
+    """(1 - ν²)/E in 1/Pa. Raises UserError for E <= 0 and for ν outside (-1, 0.5)."""
+    modulus, poisson = material.young_modulus, material.poisson_ratio
+    positive("young_modulus", modulus, "Pa")
+    require("poisson_ratio", poisson, -1.0 < poisson < 0.5, "a Poisson's ratio between -1 and 0.5")
+    return (1.0 - poisson**2) / modulus
 
 
 def relative_radius(radius_1: float, radius_2: float) -> float:

@@ -21,18 +21,16 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 from scipy.special import ellipe, ellipk, elliprd, elliprf
 
-from hcbench.laws.require import positive, require
+from hcbench.laws import hertz
+from hcbench.laws.require import require
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
     from hcbench.scene import Material
 
-# Where the theory's own premises give out; Johnson, section 4.2: a << R. At a/R = 0.1 the arc and the
-# parabola that stands for it differ by (a/R)²/4 = 0.25 % of the gap.
+# Hertz's theory needs a << R (Johnson, section 4.2). At a/R = 0.1 the arc and the parabola that stands for it
+# differ by (a/R)²/4 = 0.25 % of the gap.
 CONTACT_OVER_RADIUS_MAX = 0.1
-# Relative over smallest radius: beyond, the surfaces match too closely to be taken for half-spaces.
-RELATIVE_RADIUS_MAX = 10.0
-PRESSURE_LIMIT = 200_000 * 6894.757293168361  # Pa, 200 000 lb/in² of section 1.10
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,19 +53,12 @@ class Surface:
                 not math.isnan(radius) and radius != 0.0,
                 "a radius other than 0 m; inf: straight",
             )
-        e, nu = self.material.young_modulus, self.material.poisson_ratio
-        positive("young_modulus", e, "Pa")
-        require("poisson_ratio", nu, -1.0 < nu < 0.5, "a Poisson's ratio between -1 and 0.5")
+        hertz.compliance(self.material)  # refuses a material that cannot be
 
 
 def sphere(radius: float, material: Material) -> Surface:
     """A sphere, or with a negative radius (m) a spherical cup."""
     return Surface(radius, radius, material)
-
-
-def cylinder(radius: float, material: Material) -> Surface:
-    """A cylinder of radius m, its axis along the second principal direction."""
-    return Surface(radius, math.inf, material)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,37 +110,10 @@ class EllipticContact:
         share, depth = max(largest_shear(self.axis_ratio, nu) for nu in self.poisson_ratios)
         return share * self.pressure_max(force), depth * b
 
-    def force_at_pressure(self, pressure: float) -> float:
-        """The force at which p0 reaches `pressure`; p0 goes with F^(1/3)."""
-        positive("pressure", pressure, "Pa")
-        return (pressure / self.pressure_max(1.0)) ** 3
-
     def depth_max(self) -> float:
-        """Approach at which the long semi-axis reaches a tenth of the smallest radius: Hertz ends there,
-        m."""
+        """Where Hertz's theory ends: the approach in m at which a is a tenth of the smallest radius."""
         a, _ = self.semi_axes(1.0)
         return self.approach((CONTACT_OVER_RADIUS_MAX * self.radius_min / a) ** 3)
-
-    def warnings(self, force: float, pressure_limit: float = PRESSURE_LIMIT) -> tuple[str, ...]:
-        """What the theory assumes and this force no longer gives, a sentence each."""
-        a, _ = self.semi_axes(force)
-        pressure = self.pressure_max(force)
-        found = []
-        if a > CONTACT_OVER_RADIUS_MAX * self.radius_min:
-            found.append(
-                f"contact half-length {a:.3g} m is over {CONTACT_OVER_RADIUS_MAX:g} of the smallest radius "
-                f"{self.radius_min:.3g} m: Hertz takes it as small (section 1.9)"
-            )
-        if 0.5 / self.long_curvature > RELATIVE_RADIUS_MAX * self.radius_min:
-            found.append(
-                f"the surfaces match too closely (relative radius {0.5 / self.long_curvature:.3g} m against "
-                f"{self.radius_min:.3g} m): Hertz takes them as not conforming (section 3.1)"
-            )
-        if pressure > pressure_limit:
-            found.append(
-                f"pressure {pressure:.3g} Pa is over {pressure_limit:.3g} Pa: contact may yield (1.10)"
-            )
-        return tuple(found)
 
 
 def contact(one: Surface, two: Surface, angle: float = 0.0) -> EllipticContact:
@@ -173,12 +137,11 @@ def contact(one: Surface, two: Surface, angle: float = 0.0) -> EllipticContact:
         "Widen the hollow; for a line of contact take F = k x^n with n in 1 ... 1.5 (section 1.11)",
     )
     radii = [abs(r) for r in (one.first, one.second, two.first, two.second) if math.isfinite(r)]
-    flexibility = sum((1.0 - s.material.poisson_ratio**2) / s.material.young_modulus for s in (one, two))
     return EllipticContact(
         long_curvature=long,
         short_curvature=short,
         axis_ratio=axis_ratio(long / short),
-        contact_modulus=1.0 / flexibility,
+        contact_modulus=hertz.contact_modulus(one.material, two.material),
         poisson_ratios=(one.material.poisson_ratio, two.material.poisson_ratio),
         radius_min=min(radii),
     )

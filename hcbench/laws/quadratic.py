@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import beta, gammainc, hyp1f1
+from scipy.special import gammainc, hyp1f1
 
 from hcbench.laws._phase_path import g_ratio
 from hcbench.laws.kelvin_voigt import Ending
@@ -33,20 +33,6 @@ from hcbench.laws.require import positive, require, within
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
-
-
-def damping_power(exponent: float, q: float) -> float:
-    """p of λ x^p v^q, for exponent n; q below 3, where p would fall under -1 and the loss diverge."""
-    require("q", q, 0.0 <= q < 3.0, "a power of the rate from 0 up to, not including, 3")
-    return (3.0 - q) * (exponent + 1.0) / 2.0 - 1.0
-
-
-def damping_factor(stiffness: float, alpha: float, mass: float, exponent: float, q: float) -> float:
-    """λ of λ x^p v^q that loses what (11) says; N s^q/m^(p+q)."""
-    damping_power(exponent, q)
-    n1 = exponent + 1.0
-    rate = np.sqrt(2.0 * stiffness / (mass * n1)) ** (3.0 - q)
-    return float(alpha * mass * n1 * rate / (2.0 * beta((3.0 - q) / 2.0, q / 2.0 + 1.0)))
 
 
 @dataclass(frozen=True, slots=True)

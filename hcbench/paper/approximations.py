@@ -1,4 +1,4 @@
-"""The paper's approximations (2), (3), (8) ... (15), as functions, and how far each is from what (16) does.
+"""How far the paper's approximations (2), (3), (8) ... (12) are from what eq. (16) does.
 
 Every measure depends on u = α v_i alone, not on k, m or (but for the depth (8)) on n. With d = (3/2) u,
 G = 2 (d - ln(1 + d))/d² and e of (16): the elastic energy at the turning point is ½ m v_i² G, and the loop
@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from hcbench.laws._phase_path import g_ratio
@@ -25,69 +24,16 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
 
 
-def depth_without_loss(stiffness: float, mass: float, exponent: float, speed: Floats | float) -> Floats:
-    """x_m of eq. (8), ½ m v_i² = k x_m^(n+1)/(n+1); speed in m/s, result in m."""
-    v = np.asarray(speed, dtype=float)
-    return np.asarray(((exponent + 1.0) * mass * v**2 / (2.0 * stiffness)) ** (1.0 / (exponent + 1.0)))
-
-
-def speed_for_depth(stiffness: float, mass: float, exponent: float, depth: Floats | float) -> Floats:
-    """v_i of eq. (9), the inverse of (8); depth in m, result in m/s."""
-    return speed_at(stiffness, mass, exponent, depth, 0.0)
-
-
 def speed_at(
     stiffness: float, mass: float, exponent: float, depth: Floats | float, penetration: Floats | float
 ) -> Floats:
-    """|v| of eq. (10) at `penetration` (m) of an impact that turns at `depth` (m); they broadcast."""
+    """|v| of eq. (10) at `penetration` (m) of an impact that turns at `depth` (m); they broadcast.
+
+    At penetration 0 it is v_i of eq. (9), the inverse of (8).
+    """
     n1 = exponent + 1.0
     left = np.asarray(depth, dtype=float) ** n1 - np.asarray(penetration, dtype=float) ** n1
     return np.asarray(np.sqrt(2.0 * stiffness / (mass * n1) * left))
-
-
-def loss(alpha: float, mass: float, speed: Floats | float) -> Floats:
-    """ΔE = α m v_i³ of eq. (3), J."""
-    return np.asarray(alpha * mass * np.asarray(speed, dtype=float) ** 3)
-
-
-def loss_for_depth(
-    stiffness: float, alpha: float, mass: float, exponent: float, depth: Floats | float
-) -> Floats:
-    """ΔE of eq. (11), J: (3) at the speed that (9) gives for the depth (m). It is (14) with (15), too."""
-    return loss(alpha, mass, speed_for_depth(stiffness, mass, exponent, depth))
-
-
-def loop_loss(
-    stiffness: float, mass: float, exponent: float, depth: float, coefficient: Callable[[float], float]
-) -> float:
-    """ΔE of eq. (12), 2 ∫ c(x) v dx up to `depth` (m), J, with v of (10) and any damping c(x), N s/m."""
-
-    # x = depth (1 - s²) takes the square root out of the turning point, where v = 0.
-    def slice_of(s: float) -> float:
-        x = depth * (1.0 - s * s)
-        return coefficient(x) * float(speed_at(stiffness, mass, exponent, depth, x)) * 2.0 * depth * s
-
-    value, _ = quad(slice_of, 0.0, 1.0, epsabs=0.0, epsrel=1e-12, limit=200)
-    return 2.0 * value
-
-
-def damping_coefficient(factor: float, exponent: float, penetration: Floats | float) -> Floats:
-    """c = λ x^n of eq. (13), N s/m; factor λ in N s/m^(n+1), penetration in m."""
-    return np.asarray(factor * np.asarray(penetration, dtype=float) ** exponent)
-
-
-def loop_loss_power(
-    stiffness: float, factor: float, mass: float, exponent: float, depth: Floats | float
-) -> Floats:
-    """ΔE of eq. (14), (4/3) λ/(n+1) √(2k/(m(n+1))) x_m^(3(n+1)/2), J: (12) integrated with (13)."""
-    n1 = exponent + 1.0
-    speed = speed_for_depth(stiffness, mass, exponent, depth)
-    return np.asarray(4.0 / 3.0 * factor / n1 * speed * np.asarray(depth, dtype=float) ** n1)
-
-
-def damping_factor(stiffness: float, alpha: float) -> float:
-    """λ = (3/2) α k of eq. (15), N s/m^(n+1): neither n nor m enters."""
-    return 1.5 * alpha * stiffness
 
 
 def inward_share(u: Floats | float) -> Floats:

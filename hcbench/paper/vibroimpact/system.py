@@ -24,7 +24,6 @@ from hcbench.laws.require import positive, require
 if TYPE_CHECKING:
     from hcbench.impact import Floats
     from hcbench.laws.force import ForceLaw
-    from hcbench.laws.hertz_elliptic import EllipticContact
 
 Drive: TypeAlias = Callable[[float], float]
 
@@ -51,8 +50,8 @@ class Sinusoid:
 class VibroImpact:
     """The mass (kg), the gap g (m; negative: squeezed) and the law of each block.
 
-    depth_max: penetration (m) up to which the laws hold; a gap that squeezes the mass further is refused. For
-    Hertz contact `between` sets it; inf for laws without such a limit.
+    depth_max: penetration (m) up to which the laws hold, such as `EllipticContact.depth_max()`; a gap that
+    squeezes the mass further is refused.
     """
 
     mass: float
@@ -84,12 +83,6 @@ class VibroImpact:
         q, v = np.broadcast_arrays(np.asarray(position, dtype=float), np.asarray(velocity, dtype=float))
         half = self.gap / 2.0
         return pressing(self.right, q - half, v) - pressing(self.left, -q - half, -v)
-
-
-def between(mass: float, gap: float, contact: EllipticContact, alpha: float) -> VibroImpact:
-    """A mass between two blocks that it touches alike, by eq. (16) with the contact's k and α (s/m)."""
-    law = HuntCrossley(contact.stiffness, alpha)
-    return VibroImpact(mass, gap, law, law, contact.depth_max())
 
 
 def pressing(law: ForceLaw, penetration: Floats, rate: Floats) -> Floats:
@@ -148,13 +141,6 @@ class Run:
     def resultant(self) -> Floats:
         """F_R - F_L, N: over `position`, the summed loops of Figs. 7, 8 and 9."""
         return self.right - self.left
-
-    @property
-    def imbalance(self) -> float:
-        """Largest energy that the ledger is off by, over all that came in (at the start and by P)."""
-        total = self.kinetic + self.stored + self.lost - self.put_in
-        came_in = abs(total[0]) + float(np.abs(np.diff(self.put_in)).sum())
-        return float(np.abs(total - total[0]).max() / came_in) if came_in else 0.0
 
     def during(self, start: float, end: float) -> Run:
         """The part with start <= time <= end, s."""
