@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hcbench.check.page import measurement_page
-from hcbench.engines.mujoco.soft_constraint import ContactLaw
+from hcbench.engines.mujoco.rows import SoftConstraint
 from hcbench.errors import SceneError, UserError
 from hcbench.impact import Impact, Status
 from hcbench.measure import Measurement, measure
@@ -144,7 +144,7 @@ def test_two_moving_bodies_meet_with_their_reduced_mass() -> None:
     assert found.facts.effective_mass == pytest.approx(1.2, rel=1e-12)
     line = np.array([0, 0.5, 0.2]) / np.hypot(0.5, 0.2)
     assert found.facts.normal == pytest.approx(tuple(line), abs=1e-9)
-    promised = ContactLaw((-40000, -12), (0.9999, 0.9999, 0.001, 0.5, 2.0), 1e-5).restitution(0.5)
+    promised = SoftConstraint((-40000, -12), (0.9999, 0.9999, 0.001, 0.5, 2.0), 1e-5).restitution(0.5)
     assert only(found).restitution == pytest.approx(promised, abs=2e-4)
 
 
@@ -428,5 +428,5 @@ def test_the_promise_is_what_the_engine_keeps_at_a_fine_step(
 ) -> None:
     geom = f'solref="{solref[0]} {solref[1]}" solimp="{" ".join(map(str, solimp))}"'
     found = measure(world(geom=geom), speeds=[0.1, 1.0], phases=1, timestep=2e-5, gravity=0, diagnose=False)
-    promised = ContactLaw(solref, solimp, 2e-5).curve([0.1, 1.0])
+    promised = SoftConstraint(solref, solimp, 2e-5).curve([0.1, 1.0])
     assert [p.restitution for p in found.curve] == pytest.approx(promised, abs=1e-3)

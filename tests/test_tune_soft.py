@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, fly, pasted
 
-from hcbench.engines.mujoco.constraint_row import impedance
 from hcbench.engines.mujoco.recipes.soft import Soft, largest_power
+from hcbench.engines.mujoco.rows import impedance
 from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.tune.constant import minimax_constant

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, fly, pasted
 
-from hcbench.engines.mujoco.constraint_row import Row, acceleration, restitution
 from hcbench.engines.mujoco.recipes.two_pair import TwoPair, contact_duration
+from hcbench.engines.mujoco.rows import ConstraintRow, acceleration, restitution
 from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.tune.target import Target
@@ -56,7 +56,7 @@ def test_mass_and_integrator_do_not_matter() -> None:
 @pytest.mark.adhesion
 def test_the_model_of_rows_is_the_engine() -> None:
     rows = TwoPair().rows(target_of(0.016, 1e-3))
-    rows.append(Row(200.0, 0.3, (0.1, 0.4, 0.002, 0.3, 2.5), onset=0.001))
+    rows.append(ConstraintRow.direct(200.0, 0.3, (0.1, 0.4, 0.002, 0.3, 2.5), onset=0.001))
     speeds = np.array([2.0, 20.0]) * INCH
     xml = pasted({"integrator": "Euler", "rows": [row.option() for row in rows]}, 1e-3, STEEL_MASS)
     engine = fly(xml, 1e-3, speeds, 0.08, phases=8).restitution

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from hcbench.engines.mujoco.options import Options, Row
+    from hcbench.engines.mujoco.options import Options
+    from hcbench.engines.mujoco.rows import ConstraintRow
     from hcbench.scene import Scene
 
 _HIDDEN = "3"  # a group that MuJoCo's viewer does not draw: coincident copies would flicker
@@ -135,7 +136,7 @@ def _set_mass(root: ET.Element, scene: Scene, path: Path) -> None:
     inertial.set("mass", _text([scene.mass]))
 
 
-def _write_pairs(root: ET.Element, scene: Scene, rows: tuple[Row, ...], path: Path) -> None:
+def _write_pairs(root: ET.Element, scene: Scene, rows: tuple[ConstraintRow, ...], path: Path) -> None:
     """Each row a <pair>: the first of the ball's own geom, others of massless copies of it."""
     body = next(b for b in root.iter("body") if b.get("name") == "ball")
     ball = _named(body, "geom", "ball", path)
@@ -163,7 +164,7 @@ def _write_pairs(root: ET.Element, scene: Scene, rows: tuple[Row, ...], path: Pa
             pair.set("adhesion", _text([row.adhesion]))
 
 
-def _write_limits(root: ET.Element, scene: Scene, rows: tuple[Row, ...], path: Path) -> None:
+def _write_limits(root: ET.Element, scene: Scene, rows: tuple[ConstraintRow, ...], path: Path) -> None:
     """Each row the limit of a tendon between the two centres, as the scene's own `contact` is."""
     own = _named(root, "spatial", "contact", path)
     holder = next(section for section in root.findall("tendon") if own in list(section))

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from hcbench.engines.mujoco.rows import ConstraintRow
 from hcbench.errors import SettingError
 from hcbench.laws.contact_law import law_of
 
@@ -20,25 +21,11 @@ _ROW_KEYS = ("solref", "solimp", "onset", "adhesion")
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """One contact constraint between ball and plate.
-
-    solref, solimp: MuJoCo's. onset: the depth at which it starts, m. adhesion: the force with which it may
-    pull, N.
-    """
-
-    solref: tuple[float, ...]
-    solimp: tuple[float, ...]
-    onset: float
-    adhesion: float
-
-
-@dataclass(frozen=True, slots=True)
 class Options:
     """A setting's options, checked. integrator None, no rows and no law: the model as authored."""
 
     integrator: str | None
-    rows: tuple[Row, ...]
+    rows: tuple[ConstraintRow, ...]
     law: Law | None = None
 
 
@@ -65,11 +52,11 @@ def _law(given: Any) -> Law:
     return law_of(given)
 
 
-def _row(given: Any, part: str) -> Row:
+def _row(given: Any, part: str) -> ConstraintRow:
     if not hasattr(given, "items"):
         raise SettingError(f"mujoco option '{part}'", f"{given!r:.60}", f"a table of {', '.join(_ROW_KEYS)}")
     _known(given, _ROW_KEYS, f"{part}.")
-    row = Row(
+    row = ConstraintRow(
         solref=_numbers(given, "solref", 2, part),
         solimp=_numbers(given, "solimp", 5, part),
         onset=_number(given.get("onset", 0.0), f"{part}.onset"),

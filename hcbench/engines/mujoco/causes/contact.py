@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.causes import fixes
 from hcbench.engines.mujoco.causes.context import DEFAULT_SOLREF, FLOOR_SHIFT, explicit_pair, overridden, same
 from hcbench.engines.mujoco.model import geom_name
-from hcbench.engines.mujoco.soft_constraint import HIGHEST_POWER, MAX_IMPEDANCE, MIN_IMPEDANCE, ContactLaw
+from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MAX_POWER, MIN_IMPEDANCE, STIFF_SOLIMP
 from hcbench.measure.measurement import Suspect
 
 if TYPE_CHECKING:
@@ -132,27 +133,26 @@ def impedance(s: Context) -> Iterator[Suspect]:
             "solimp-power",
             "The power of solimp is too high: MuJoCo's sigmoid underflows and gives not-a-number.",
             f"solimp {fixes.numbers(s.asked.solimp)}",
-            f"{s.names}: a power below {HIGHEST_POWER:g} in solimp",
+            f"{s.names}: a power below {MAX_POWER:g} in solimp",
             always_reported=True,
         )
         return
     d0, dw = s.asked.impedance(0.0), s.asked.impedance(math.inf)
-    stiff = (MAX_IMPEDANCE, MAX_IMPEDANCE, 0.001, 0.5, 2.0)
-    apply = partial(fixes.set_contact, geoms=s.all_geoms, solref=None, solimp=stiff)
+    apply = partial(fixes.set_contact, geoms=s.all_geoms, solref=None, solimp=STIFF_SOLIMP)
     if law.solref[0] <= 0 and d0 < dw:
         yield Suspect(
             "impedance",
             "solimp starts below its final value: at touch the contact has but a share of its strength.",
             f"impedance {d0:.4g} at touch, {dw:.4g} at depth",
-            f'{s.names}: solimp="{fixes.numbers(stiff)}"',
+            f'{s.names}: solimp="{fixes.numbers(STIFF_SOLIMP)}"',
             apply,
         )
     low, high = min(s.asked.solimp[:2]), max(s.asked.solimp[:2])
     if low >= MIN_IMPEDANCE and high <= MAX_IMPEDANCE:
         return
     speeds = sorted({i.launch.speed for i in s.impacts})
-    loose = ContactLaw(law.solref, s.asked.solimp, law.timestep, law.shortest, clamped=False).curve(speeds)
-    held = ContactLaw(law.solref, s.asked.solimp, law.timestep, law.shortest).curve(speeds)
+    held_law = replace(law, solimp=s.asked.solimp, clamped=True)
+    held, loose = held_law.curve(speeds), replace(held_law, clamped=False).curve(speeds)
     worst = int(np.argmax(np.abs(np.subtract(loose, held))))
     if abs(loose[worst] - held[worst]) > FLOOR_SHIFT:
         goal = float(np.mean(loose))

@@ -10,7 +10,7 @@ import numpy as np
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.causes import fixes
 from hcbench.engines.mujoco.model import geom_name
-from hcbench.engines.mujoco.soft_constraint import ContactLaw
+from hcbench.engines.mujoco.rows import SoftConstraint
 from hcbench.measure.causes import BOUNCY, constant_e
 
 if TYPE_CHECKING:
@@ -31,8 +31,8 @@ class Context:
 
     model: Any
     place: Placement
-    asked: ContactLaw | None
-    delivered: ContactLaw | None
+    asked: SoftConstraint | None
+    delivered: SoftConstraint | None
     impacts: Sequence[Impact]
     wanted: RestitutionCurve | None
     gravity: tuple[float, ...]
@@ -111,18 +111,18 @@ def overridden(model: Any) -> bool:
     return bool(model.opt.enableflags & backend().mjtEnableBit.mjENBL_OVERRIDE)
 
 
-def asked_law(model: Any, place: Placement) -> tuple[ContactLaw | None, str]:
+def asked_law(model: Any, place: Placement) -> tuple[SoftConstraint | None, str]:
     """What the author's own solref and solimp ask for, in words too; None where different contacts add up."""
     intended = {_intended(model, place, geoms) for _, _, geoms in place.contact.rows}
     if len(intended) > 1:
         return None, f"{len(place.contact.rows)} different contacts add up: the model asks for no one e"
     ((solref, solimp),) = intended
-    law = ContactLaw(solref, solimp, float(model.opt.timestep), clamped=False)  # type: ignore[arg-type]
+    law = SoftConstraint(solref, solimp, float(model.opt.timestep), clamped=False)  # type: ignore[arg-type]
     where = "default " if same(solref, DEFAULT_SOLREF) else ""
     return law, f"{where}solref {fixes.numbers(solref)}, solimp {fixes.numbers(solimp)}"
 
 
-def delivered_law(model: Any, place: Placement) -> ContactLaw | None:
+def delivered_law(model: Any, place: Placement) -> SoftConstraint | None:
     """What the engine made of it: mixed, clamped and kept safe."""
     made = {(solref, solimp) for solref, solimp, _ in place.contact.rows}
     if len(made) > 1:
@@ -131,4 +131,4 @@ def delivered_law(model: Any, place: Placement) -> ContactLaw | None:
     mujoco = backend()
     h = float(model.opt.timestep)
     safe = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
-    return ContactLaw(solref, solimp, h, shortest=2 * h if safe else 0.0)  # type: ignore[arg-type]
+    return SoftConstraint(solref, solimp, h, shortest=2 * h if safe else 0.0)  # type: ignore[arg-type]

@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from hcbench.engines.mujoco.backend import backend
-from hcbench.engines.mujoco.soft_constraint import MAX_IMPEDANCE, spring_damper
+from hcbench.engines.mujoco.rows import STIFF_SOLIMP
+from hcbench.laws.kelvin_voigt import Ending, matched
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-_STIFF = (MAX_IMPEDANCE, MAX_IMPEDANCE, 0.001, 0.5, 2.0)
+_STEPS = 40  # in contact, of a spring and damper
+_LEAST_E = 0.01  # that a spring and damper are made for: e = 0 takes a damping without bounds
 _SPELLED = {"euler": "Euler", "rk4": "RK4"}
 
 
@@ -28,13 +30,10 @@ def integrator_name(model: Any) -> str:
 def bouncy(e: float, timestep: float, integrator: str) -> tuple[tuple[float, ...], tuple[float, ...], str]:
     """(solref, solimp, what else to write) of a contact with this e at this step."""
     if integrator in ("RK4", "discrete"):
-        stiffness, damping = spring_damper(e, timestep)
-        return (
-            (-stiffness, -damping),
-            _STIFF,
-            ', integrator="implicitfast"' if integrator == "discrete" else "",
-        )
-    return (0.0, -(1.0 + e) / timestep), _STIFF, ""
+        law = matched(min(max(e, _LEAST_E), 1.0), _STEPS * timestep, 1.0, Ending.FORCE)
+        other = ', integrator="implicitfast"' if integrator == "discrete" else ""
+        return (-law.stiffness, -law.damping), STIFF_SOLIMP, other
+    return (0.0, -(1.0 + e) / timestep), STIFF_SOLIMP, ""
 
 
 def set_contact(

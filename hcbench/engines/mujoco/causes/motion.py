@@ -39,7 +39,7 @@ def resolution(s: Context) -> Iterator[Suspect]:
     """A step that does not resolve the contact."""
     law = s.delivered
     step = causes.StepFix(s.timestep, '<option timestep="{}"/>', fixes.set_timestep)
-    stiffness = law.gains()[0] if law is not None else 0.0
+    stiffness = law.stiffness_damping()[0] if law is not None else 0.0
     if any(i.status is Status.DIVERGED for i in s.impacts) and stiffness * s.timestep**2 > 1:
         text, apply = step.to(math.pi / math.sqrt(stiffness) / 40)
         yield Suspect(

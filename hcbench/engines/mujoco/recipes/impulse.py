@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, STIFF_SOLIMP, ConstraintRow
 from hcbench.setting import Setting
 from hcbench.tune.constant import minimax_constant, require_integrator
 
 if TYPE_CHECKING:
     from hcbench.tune.target import Target
-
-# MuJoCo clamps impedances here. What is missing to 1 is the share of gravity that the contact lets through.
-STIFFEST = 0.9999
 
 
 @dataclass(frozen=True)
@@ -51,10 +49,8 @@ class Impulse:
         h = target.timestep
         # A step finds the ball 0 ... v h deep: half of K h takes the spring's mean effect on e out.
         damping = (1 + e) / h - self.spring * h / 2
-        solref = [-self.spring * STIFFEST, -damping]
-        solimp = [STIFFEST, STIFFEST, 0.001, 0.5, 2.0]
-        row = {"solref": solref, "solimp": solimp, "onset": 0.0, "adhesion": 0.0}
-        return Setting(self.engine, self.name, h, {"integrator": self.integrator, "rows": [row]})
+        row = ConstraintRow.direct(self.spring * MAX_IMPEDANCE, damping, STIFF_SOLIMP)
+        return Setting(self.engine, self.name, h, {"integrator": self.integrator, "rows": [row.option()]})
 
 
 MUJOCO = Impulse()

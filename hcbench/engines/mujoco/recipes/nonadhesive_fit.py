@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import nnls
 
-from hcbench.engines.mujoco.constraint_row import SOFTEST, Row, impedance, restitution
+from hcbench.engines.mujoco.rows import MIN_IMPEDANCE, ConstraintRow, impedance, restitution
 from hcbench.laws import closed_form
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from hcbench.engines.mujoco.rows import Solimp
     from hcbench.impact import Floats
     from hcbench.laws.force import HuntCrossley
     from hcbench.tune.search import Count
@@ -27,9 +28,7 @@ if TYPE_CHECKING:
 _FORCE_SCALE, _RESTITUTION_SCALE = 1e-3, 2e-5  # one unit of misfit, relative and absolute
 ITERATIONS, _GIVE_UP = 80, 1e6
 _LOG_USUAL = 2.5  # log of highest over lowest penetration where a start has the dampers it says
-Solimp = tuple[float, float, float, float, float]
-
-_FLAT: Solimp = (SOFTEST, SOFTEST, 1.0, 0.5, 1.0)
+_FLAT: Solimp = (MIN_IMPEDANCE, MIN_IMPEDANCE, 1.0, 0.5, 1.0)
 
 
 @dataclass(frozen=True)
@@ -114,10 +113,10 @@ class Pushers:
     damping: Floats
     misfit: float = np.inf
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[ConstraintRow]:
         """As rows of contact, without those that do nothing."""
-        numbers = zip(self.onsets, self.solimps, self.stiffness, self.damping, strict=True)
-        return [Row(float(S), float(D), solimp, float(x)) for x, solimp, S, D in numbers if S > 0 or D > 0]
+        numbers = zip(self.stiffness, self.damping, self.solimps, self.onsets, strict=True)
+        return [ConstraintRow.direct(*row) for row in numbers if row[0] > 0 or row[1] > 0]
 
 
 @dataclass(frozen=True)
@@ -156,7 +155,7 @@ def begin(
     low, top = span
     count = max(start.dampers, round(start.dampers * float(np.log(top / low)) / _LOG_USUAL))
     widths = np.geomspace(low * start.lowest, 1.6 * top, count)
-    solimps: list[Solimp] = [(SOFTEST, start.highest, float(w), 0.5, start.power) for w in widths]
+    solimps: list[Solimp] = [(MIN_IMPEDANCE, start.highest, float(w), 0.5, start.power) for w in widths]
     x = np.concatenate([np.linspace(0.0, low, 40)[1:], np.geomspace(low, top, 120)])
     f = law.stiffness / mass * x**law.exponent
     scale = np.maximum(f, law.stiffness / mass * low**law.exponent)

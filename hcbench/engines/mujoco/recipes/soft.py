@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from scipy.optimize import Bounds, differential_evolution, minimize
 
-from hcbench.engines.mujoco.constraint_row import SOFTEST, STIFFEST, Row
+from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, impedance
 from hcbench.errors import SettingError
 from hcbench.setting import Setting
 from hcbench.tune.constant import require_integrator
@@ -34,7 +34,7 @@ _MEMBERS, _GENERATIONS, _TWO, _SIX = 30, 40, 120, 300  # of the search: five mem
 # Smallest power that MuJoCo's spline can take without a subnormal number: midpoint^(power - 1).
 _LOG_SMALLEST = -math.log(1e-306)
 # log10 S, log10 D (in widths and highest speeds), log10 d0, log10(1 - dw), midpoint, log10(power/largest).
-_LOWEST = np.array([-1.5, -3.0, math.log10(SOFTEST), math.log10(1 - STIFFEST), 0.35, -0.8])
+_LOWEST = np.array([-1.5, -3.0, math.log10(MIN_IMPEDANCE), math.log10(1 - MAX_IMPEDANCE), 0.35, -0.8])
 _HIGHEST = np.array([2.5, 2.0, -2.0, -0.0005, 0.65, 0.0])
 
 
@@ -58,9 +58,7 @@ def _stretches(genes: Floats) -> tuple[Floats, Floats]:
     after = step[:, -1:] + (np.geomspace(1.0, 3e3, 60)[None, 1:] - 1.0) * midpoint / power
     edges = np.concatenate([before, step, after], axis=1)
     depth, length = (edges[:, 1:] + edges[:, :-1]) / 2, np.diff(edges, axis=1)
-    low = midpoint * (np.minimum(depth, midpoint) / midpoint) ** power
-    high = 1 - (1 - midpoint) * ((1 - np.clip(depth, midpoint, 1.0)) / (1 - midpoint)) ** power
-    d = d0 + (dw - d0) * np.where(depth <= midpoint, low, high)
+    d = impedance((d0, dw, 1.0, midpoint, power), depth)
     return S * (d / dw) ** 2 * depth * length, D * d / dw * length
 
 
@@ -191,7 +189,7 @@ class Soft:
         width = _WIDTH * target.timestep * target.speed_max
         S, D, d0, dw, midpoint, power = (float(number[0, 0]) for number in _numbers(genes[None]))
         rate = target.speed_max / width
-        row = Row(S * rate**2, D * rate, (d0, dw, width, midpoint, power))
+        row = ConstraintRow.direct(S * rate**2, D * rate, (d0, dw, width, midpoint, power))
         options = {"integrator": self.integrator, "rows": [row.option()]}
         return Setting(self.engine, self.name, target.timestep, options)
 

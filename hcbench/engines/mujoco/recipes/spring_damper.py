@@ -6,13 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, STIFF_SOLIMP, ConstraintRow
 from hcbench.setting import Setting
 from hcbench.tune.constant import contact_time, minimax_constant, require_integrator, spring_damper
 
 if TYPE_CHECKING:
     from hcbench.tune.target import Target
-
-STIFFEST = 0.9999
 
 
 @dataclass(frozen=True)
@@ -51,13 +50,8 @@ class SpringDamper:
             decay = math.exp(-beta * h)
             damping = (1 - decay**2) / h
             spring = (1 + decay**2 - 2 * decay * math.cos(omega * h)) / h**2
-        row = {
-            "solref": [-spring * STIFFEST, -damping],
-            "solimp": [STIFFEST, STIFFEST, 0.001, 0.5, 2.0],
-            "onset": 0.0,
-            "adhesion": 0.0,
-        }
-        return Setting(self.engine, self.name, h, {"integrator": self.integrator, "rows": [row]})
+        row = ConstraintRow.direct(spring * MAX_IMPEDANCE, damping, STIFF_SOLIMP)
+        return Setting(self.engine, self.name, h, {"integrator": self.integrator, "rows": [row.option()]})
 
 
 MUJOCO = SpringDamper()

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from scipy.optimize import nnls
 
-from hcbench.engines.mujoco.constraint_row import POWER_LAW, SOFTEST, Row, weight
 from hcbench.engines.mujoco.recipes.sensitivity import restitution_kernel
+from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, weight
 from hcbench.errors import SettingError
 from hcbench.setting import Setting
 from hcbench.tune.constant import require_integrator
@@ -34,7 +34,7 @@ _GRID = 1200
 _SPEEDS = 50
 _HEADROOM = 1.02  # of the largest penetration without loss
 _FORCE_SCALE, _RESTITUTION_SCALE = 1e-3, 2e-6  # what counts as one unit of misfit, relative and absolute
-_SPRING_WEIGHT = SOFTEST / (1.0 - SOFTEST)
+_SPRING_WEIGHT = MIN_IMPEDANCE / (1.0 - MIN_IMPEDANCE)
 
 
 @dataclass(frozen=True)
@@ -94,11 +94,11 @@ def band_of(target: Target, law: HuntCrossley, lag: float) -> Band:
 def _rising(base: float, end: float, power: float, highest: float, start: float) -> Damper:
     """A damper from `base` to `end` (m) that starts a multiple of the depth where its floor matters later.
 
-    No impedance is below SOFTEST, so a damper is felt at once when it starts: as much as at that depth.
+    No impedance is below MIN_IMPEDANCE, so a damper is felt at once when it starts: as much as at that depth.
     """
-    floor = start * (SOFTEST / highest) ** (1.0 / max(power, 1.0)) * (end - base)
+    floor = start * (MIN_IMPEDANCE / highest) ** (1.0 / max(power, 1.0)) * (end - base)
     onset = base + floor
-    return Damper(onset, (SOFTEST, highest, end - onset, POWER_LAW, power))
+    return Damper(onset, (MIN_IMPEDANCE, highest, end - onset, MAX_IMPEDANCE, power))
 
 
 def _layouts(band: Band, highest: float) -> list[list[Damper]]:
@@ -110,12 +110,12 @@ def _layouts(band: Band, highest: float) -> list[list[Damper]]:
     if band.law.dissipation == 0.0:
         return [[]]
     n, top = band.law.exponent, band.top
-    late = 2.0 * (SOFTEST / highest) ** (1.0 / n)
+    late = 2.0 * (MIN_IMPEDANCE / highest) ** (1.0 / n)
     one = [_rising(0.0, top, 1.003 * n, highest, 0.45), _straight(late * top, top, 0.01)]
     if highest < 0.5:  # two stretches weigh as much as both together
         return [one]
     split = float(np.sqrt(band.low * top))
-    late_low = 2.0 * (SOFTEST / 0.2) ** (1.0 / n)
+    late_low = 2.0 * (MIN_IMPEDANCE / 0.2) ** (1.0 / n)
     two = [
         _rising(0.0, split, 1.003 * n, 0.2, 0.45),
         _straight(late_low * split, split, 0.005),
@@ -126,7 +126,7 @@ def _layouts(band: Band, highest: float) -> list[list[Damper]]:
 
 
 def _straight(onset: float, end: float, highest: float) -> Damper:
-    return Damper(onset, (SOFTEST, highest, end - onset, 0.5, 1.0))
+    return Damper(onset, (MIN_IMPEDANCE, highest, end - onset, 0.5, 1.0))
 
 
 def knots_of(band: Band, dampers: Sequence[Damper], misfit: float) -> Floats:
@@ -164,7 +164,7 @@ def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, kernel: Floats) -
     share = 1.0 / (1.0 + weights.sum(axis=1) + _SPRING_WEIGHT * behind.sum(axis=1))
     # A spring starts to act when it wants more than the others give: its line starts from there, see _rows.
     already = _SPRING_WEIGHT * (behind * band.elastic(knots)).sum(axis=1) * share
-    springs = _SPRING_WEIGHT / SOFTEST * np.maximum(0.0, x[:, None] - knots) * share[:, None]
+    springs = _SPRING_WEIGHT / MIN_IMPEDANCE * np.maximum(0.0, x[:, None] - knots) * share[:, None]
     tops = np.array([d.solimp[1] for d in dampers])
     damping = weights / tops * share[:, None]
     scale = np.maximum(f, band.elastic(np.asarray(band.low)))
@@ -194,9 +194,8 @@ def _best(
     knots = knots_of(band, kept, misfit)
     while True:
         fit = _fit(band, kept, knots, kernel)
-        late = (
-            band.elastic(knots) * SOFTEST > 0.5 * fit.springs * np.gradient(np.append(knots, band.top))[:-1]
-        )
+        spacing = np.gradient(np.append(knots, band.top))[:-1]
+        late = band.elastic(knots) * MIN_IMPEDANCE > 0.5 * fit.springs * spacing
         late[0] = False
         if fit.dampers.all() and not late.any():
             return kept, knots, fit
@@ -204,13 +203,13 @@ def _best(
         knots = knots[~late]
 
 
-def _rows(band: Band, dampers: Sequence[Damper], knots: Floats, fit: _Fit) -> list[Row]:
+def _rows(band: Band, dampers: Sequence[Damper], knots: Floats, fit: _Fit) -> list[ConstraintRow]:
     """A spring acts from where it wants as much as the others give: it starts that much before its knot."""
     rows = [
-        Row(S, 0.0, (SOFTEST, SOFTEST, 1.0, 0.5, 1.0), onset=float(y - early))
+        ConstraintRow.direct(S, 0.0, (MIN_IMPEDANCE, MIN_IMPEDANCE, 1.0, 0.5, 1.0), onset=float(y - early))
         for y, S in zip(knots, fit.springs, strict=True)
         if S > 0.0
-        for early in [float(band.elastic(y)) * SOFTEST / S]
+        for early in [float(band.elastic(y)) * MIN_IMPEDANCE / S]
     ]
     fastest = float(band.speeds[-1])
     a, f = band.law.dissipation, float(band.elastic(np.asarray(band.top)))
@@ -218,7 +217,7 @@ def _rows(band: Band, dampers: Sequence[Damper], knots: Floats, fit: _Fit) -> li
         highest = damper.solimp[1]
         # Twice the largest pull of this row on the way out.
         pull = highest / (1 - highest) * (D / highest * fastest + f * (1 + a * fastest))
-        rows.append(Row(0.0, D, damper.solimp, damper.onset, adhesion=2 * band.mass * pull))
+        rows.append(ConstraintRow.direct(0.0, D, damper.solimp, damper.onset, adhesion=2 * band.mass * pull))
     return rows
 
 
@@ -255,14 +254,14 @@ class Staggered:
     def __call__(self, target: Target) -> Setting:
         """The setting; SettingError for a target that is not the law's own restitution."""
         require_integrator(self.name, self.integrator, self.integrators, "its damping is off by the step")
-        if not 10 * SOFTEST <= self.impedance <= 0.5:
-            raise SettingError("impedance", f"{self.impedance!r}", f"{10 * SOFTEST:g} ... 0.5")
+        if not 10 * MIN_IMPEDANCE <= self.impedance <= 0.5:
+            raise SettingError("impedance", f"{self.impedance!r}", f"{10 * MIN_IMPEDANCE:g} ... 0.5")
         require_kind(target, self.name, ("law",), "`two-pair` or `soft`")
         rows = self.rows(target)
         options = {"integrator": self.integrator, "rows": [row.option() for row in rows]}
         return Setting(self.engine, self.name, target.timestep, options)
 
-    def rows(self, target: Target) -> list[Row]:
+    def rows(self, target: Target) -> list[ConstraintRow]:
         """The pairs: springs from the shallowest on, then dampers."""
         law = served_law(target)
         band = band_of(target, law, 0.0 if self.integrator == "RK4" else target.timestep / 2)

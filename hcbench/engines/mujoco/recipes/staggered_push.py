@@ -18,7 +18,7 @@ from hcbench.tune.softening import served_law
 from hcbench.tune.target_kind import require_kind
 
 if TYPE_CHECKING:
-    from hcbench.engines.mujoco.constraint_row import Row
+    from hcbench.engines.mujoco.rows import ConstraintRow
     from hcbench.tune.target import Target
 
 # The best ones of many, tried over n, alpha and bands; dampers are for a band of penetrations of 11 to 1.
@@ -68,7 +68,7 @@ class StaggeredPush:
         options = {"integrator": self.integrator, "rows": [row.option() for row in self.rows(target)]}
         return Setting(self.engine, self.name, target.timestep, options)
 
-    def rows(self, target: Target) -> list[Row]:
+    def rows(self, target: Target) -> list[ConstraintRow]:
         """The rows: springs from the shallowest on, then dampers."""
         law, lag = served_law(target), 0.0 if self.integrator == "RK4" else target.timestep / 2
         band = band_of(target, law, lag)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from scipy.optimize import least_squares
 
-from hcbench.engines.mujoco.constraint_row import POWER_LAW, SOFTEST, Row, restitution
+from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, restitution
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.setting import Setting
@@ -63,19 +63,19 @@ class _Shape:
         genes[1], genes[3] = -3.0, 1.5
         return genes
 
-    def rows(self, genes: Floats) -> list[Row]:
+    def rows(self, genes: Floats) -> list[ConstraintRow]:
         log_damping, log_width, logit, power, midpoint, onset = (float(gene) for gene in genes)
         highest = 1 / (1 + math.exp(-logit))
         D = math.exp(log_damping)
-        solimp = (SOFTEST, highest, self.top * math.exp(log_width), midpoint, power)
+        solimp = (MIN_IMPEDANCE, highest, self.top * math.exp(log_width), midpoint, power)
         # w S/d = ω²: what the spring weighs and wants.
-        spring = Row(self.omega**2 * (1 - _SPRING), 0.0, (_SPRING, _SPRING, 1.0, 0.5, 1.0))
+        spring = ConstraintRow.direct(self.omega**2 * (1 - _SPRING), 0.0, (_SPRING, _SPRING, 1.0, 0.5, 1.0))
         pull = highest / (1 - highest) * (D / highest + self.omega) * self.speed
-        return [spring, Row(0.0, D, solimp, onset * self.top, adhesion=2 * self.mass * pull)]
+        return [spring, ConstraintRow.direct(0.0, D, solimp, onset * self.top, adhesion=2 * self.mass * pull)]
 
 
 _LOWEST = [-np.inf, -4.0, -6.0, 1.0, 1e-3, 0.0]
-_HIGHEST = [np.inf, 4.0, 3.0, 6.0, POWER_LAW, 0.05]
+_HIGHEST = [np.inf, 4.0, 3.0, 6.0, MAX_IMPEDANCE, 0.05]
 _SCALE = [0.1, 0.1, 0.3, 0.1, 0.01, 1e-3]
 
 
@@ -111,11 +111,11 @@ class TwoPair:
             rows = self.rows(target)
         return self._setting(rows, target)
 
-    def _setting(self, rows: list[Row], target: Target) -> Setting:
+    def _setting(self, rows: list[ConstraintRow], target: Target) -> Setting:
         options = {"integrator": self.integrator, "rows": [row.option() for row in rows]}
         return Setting(self.engine, self.name, target.timestep, options)
 
-    def rows(self, target: Target) -> list[Row]:
+    def rows(self, target: Target) -> list[ConstraintRow]:
         """The spring and the damper."""
         speeds = np.geomspace(target.speed_min, target.speed_max, _SPEEDS)
         wanted = target.restitution(speeds)
