@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StrictInt, ValidationError
+from pydantic import Field, StrictInt, field_validator
 
 from hcbench import units
 from hcbench.errors import QuantityError, SceneError
+from hcbench.fields import Acceleration, Length, Mass, Number, Pressure, Table, read_toml, validate
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
 FILE = "scene.toml"
 _PACKAGE = Path(__file__).parent
@@ -96,40 +96,45 @@ class Scene:
         )
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+class _Body(Table):
+    radius: Length
+    young_modulus: Pressure
+    poisson_ratio: Number
 
+    @field_validator("radius", mode="wrap")
+    @classmethod
+    def _flat_or_round(cls, value: Any, read: Callable[[Any], float]) -> float:
+        return math.inf if value == math.inf else read(value)
 
-class _Body(_Table):
-    radius: Any = Field(description="a length in m, or text like '1 in'")
-    young_modulus: Any = Field(description="a pressure in Pa, or text like '30e6 psi'")
-    poisson_ratio: Any = Field(description="a number like 0.3")
+    def material(self, slot: str) -> Material:
+        try:
+            return Material(self.young_modulus, self.poisson_ratio)
+        except SceneError as error:
+            raise SceneError(f"{slot}.{error.slot}", error.got, error.expected) from None
 
 
 class _Ball(_Body):
-    mass: Any = Field(description="a mass in kg, or text like '1 lb'")
+    mass: Mass
 
 
-class _Law(_Table):
+class _Law(Table):
     stiffness: Any = Field(description="k in N/m^exponent, or text like '3.1e7 lbf/in^1.5'")
-    exponent: Any = Field(default=1.5, description="a number of 1 or more")
+    exponent: Number = 1.5
 
 
-class _File(_Table):
-    """A scene.toml: its tables and keys. Quantities are read later, as they need units."""
+class _File(Table):
+    """A scene.toml: its tables and keys."""
 
     schema_: StrictInt = Field(
         alias="schema", ge=1, le=1, description="1, the version that this hcbench reads"
     )
     title: str = Field(default="", description="text")
     form: Literal["cup", "plane"] = Field(description="'cup' or 'plane'")
-    gravity: Any = Field(default=0.0, description="an acceleration in m/s^2")
+    gravity: Acceleration = 0.0
     ball: _Ball = Field(description="a [ball] table")
     plate: _Body = Field(description="a [plate] table")
     law: _Law = Field(description="a [law] table")
-    models: dict[str, dict[str, str]] = Field(
-        default_factory=dict, description="[models.ENGINE] tables of file names"
-    )
+    models: dict[str, dict[str, str]] = Field(default={}, description="[models.ENGINE] tables of file names")
 
 
 def scene_names() -> list[str]:
@@ -165,37 +170,27 @@ def load_scene(name_or_path: str | Path, folder: Path | None = None) -> Scene:
 def read_scene(folder: Path) -> Scene:
     """The scene of one folder; SceneError names the file, the slot and what to do."""
     path = folder / FILE
+    file = validate(_File, read_toml(path, SceneError, "scene"), SceneError, f"{path}: {{}}")
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(str(path), str(error), "a readable TOML file") from None
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError(str(path), f"not TOML: {error}", "TOML", "Mend that line") from None
-    try:
-        return _scene(_File.model_validate(content), folder.resolve())
-    except ValidationError as error:
-        slot, got, expected = _first(error)
-        raise SceneError(f"{path}: {slot}", got, expected) from None
+        return _scene(file, folder.resolve())
     except (SceneError, QuantityError) as error:
         raise SceneError(f"{path}: {error.slot}", error.got, error.expected, error.todo) from None
 
 
 def _scene(file: _File, folder: Path) -> Scene:
     ball, plate, law = file.ball, file.plate, file.law
-    n = units.parse(law.exponent, "number", "law.exponent")
-    flat = plate.radius == math.inf
     return Scene(
         name=folder.name,
         title=file.title or folder.name,
         form=file.form,
-        mass=units.parse(ball.mass, "mass", "ball.mass"),
-        ball_radius=units.parse(ball.radius, "length", "ball.radius"),
-        plate_radius=math.inf if flat else units.parse(plate.radius, "length", "plate.radius"),
-        ball_material=_material(ball, "ball"),
-        plate_material=_material(plate, "plate"),
-        stiffness=units.parse(law.stiffness, "stiffness", "law.stiffness", n),
-        exponent=n,
-        gravity=units.parse(file.gravity, "acceleration", "gravity"),
+        mass=ball.mass,
+        ball_radius=ball.radius,
+        plate_radius=plate.radius,
+        ball_material=ball.material("ball"),
+        plate_material=plate.material("plate"),
+        stiffness=units.parse(law.stiffness, "stiffness", "law.stiffness", law.exponent),
+        exponent=law.exponent,
+        gravity=file.gravity,
         models={
             engine: {role: _model(folder, engine, role, name) for role, name in roles.items()}
             for engine, roles in file.models.items()
@@ -203,37 +198,7 @@ def _scene(file: _File, folder: Path) -> Scene:
     )
 
 
-def _material(body: _Body, slot: str) -> Material:
-    E = units.parse(body.young_modulus, "pressure", f"{slot}.young_modulus")
-    nu = units.parse(body.poisson_ratio, "number", f"{slot}.poisson_ratio")
-    try:
-        return Material(E, nu)
-    except SceneError as error:
-        raise SceneError(f"{slot}.{error.slot}", error.got, error.expected) from None
-
-
 def _model(folder: Path, engine: str, role: str, name: str) -> Path:
     path = folder / name
     _require(f"models.{engine}.{role}", path.is_file(), f"{name!r} is not there", f"a file in {folder}")
     return path
-
-
-def _first(error: ValidationError) -> tuple[str, str, str]:
-    """Slot, what came and what was expected of the first thing that is wrong with a scene.toml."""
-    what = error.errors(include_url=False)[0]
-    names = [str(part) for part in what["loc"]]
-    table: type[BaseModel] = _File
-    expected = what["msg"]
-    for name in names:
-        fields = {f.alias or key: f for key, f in table.model_fields.items()}
-        if name not in fields:
-            if table is not _File or what["type"] == "extra_forbidden":
-                expected = f"one of: {', '.join(fields)}"
-            break
-        expected = fields[name].description or expected
-        inner = fields[name].annotation
-        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
-            break
-        table = inner
-    got = {"missing": "missing", "extra_forbidden": "unknown key"}.get(what["type"], f"{what['input']!r:.60}")
-    return ".".join(names), got, expected

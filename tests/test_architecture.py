@@ -16,7 +16,7 @@ ROOT = Path(hcbench.__file__).parent
 
 # A room may import from its own floor and from those before it.
 FLOORS = [
-    {"errors", "units", "_compile", "_files", "_text", "workers"},
+    {"errors", "units", "fields", "_compile", "_files", "_text", "workers"},
     {"impact", "setting", "scene", "laws", "reference"},
     {"sim", "scoring"},
     {"measure", "tune", "engines", "contact"},

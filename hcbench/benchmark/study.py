@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hcbench import units
+from pydantic import Field, StrictInt
+
 from hcbench.errors import StudyError
+from hcbench.fields import (
+    Acceleration,
+    Alpha,
+    Alphas,
+    Clearance,
+    Speed,
+    Speeds,
+    Step,
+    Steps,
+    Table,
+    Text,
+    read_toml,
+    validate,
+)
 from hcbench.scene import Scene, load_scene
 
 if TYPE_CHECKING:
@@ -90,28 +104,36 @@ class Study:
         )
 
 
-_STUDY_KEYS = {
-    "schema": "the number 1",
-    "title": "text",
-    "scene": "a scene's name or folder",
-    "alphas": 'like "0.002, 0.004 s/in"',
-    "speeds": 'like "1:20 in/s"',
-    "loop_speeds": 'like "4, 8 in/s"',
-    "phases": "a whole number",
-    "main_alpha": 'like "0.008 s/in"',
-    "step_speed": 'like "8 in/s"',
-    "train_height": 'like "10 mm"',
-    "train_step": 'like "1e-3 s"',
-    "gravity": 'like "9.81 m/s^2"',
-    "run": "[[run]] tables",
-}
-_RUN_KEYS = {
-    "engine": "an engine's name",
-    "recipe": "a recipe's name",
-    "timesteps": 'like "1e-3, 2e-3 s"',
-    "alphas": 'like "0.008 s/in"',
-    "speeds": 'like "8 in/s"',
-}
+class _Run(Table):
+    """A [[run]] of a study file."""
+
+    engine: Text = Field(description="an engine's name")
+    recipe: Text = Field(description="a recipe's name")
+    timesteps: Steps
+    alphas: Alphas | None = None
+    speeds: Speeds | None = None
+
+
+class _File(Table):
+    """A study file: its keys, without those of its runs."""
+
+    schema_: StrictInt = Field(
+        1, alias="schema", ge=1, le=1, description="1; a newer hcbench may read others"
+    )
+    title: Text | None = Field(None, description="text")
+    scene: Any = Field(description="a scene's name or folder")
+    alphas: Alphas
+    speeds: Speeds
+    loop_speeds: Speeds = ()
+    phases: StrictInt = Field(
+        8, ge=1, le=_MOST_PHASES, description=f"a whole number from 1 to {_MOST_PHASES}"
+    )
+    main_alpha: Alpha | None = None
+    step_speed: Speed | None = None
+    train_height: Clearance | None = None
+    train_step: Step | None = None
+    gravity: Acceleration | None = None
+    run: list[dict[str, Any]] = Field(min_length=1, description="[[run]] tables")
 
 
 def find_study(name: str) -> Path:
@@ -142,109 +164,35 @@ def name_of(path: Path) -> str:
 def load_study(path: str | Path) -> Study:
     """Read a study.toml; StudyError for anything that is not one, with the line's name."""
     path = Path(path)
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise StudyError(
-            "study", f"{path} does not exist", "a study.toml or the name of a built-in study"
-        ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise StudyError("study", f"{path}: {error}", "a readable TOML file") from None
-    except tomllib.TOMLDecodeError as error:
-        raise StudyError("study", f"{path} is not TOML: {error}", "TOML") from None
+    content = read_toml(path, StudyError, "study", "a study.toml or the name of a built-in study")
     return study_from(content, str(path), path.parent)
 
 
 def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | None = None) -> Study:
     """A Study from a study file's content; `folder` is where relative scene paths start."""
-    _known(content, _STUDY_KEYS, where)
-    schema = content.get("schema", 1)
-    if schema != 1 or not isinstance(schema, int) or isinstance(schema, bool):
-        raise StudyError(
-            f"{where}: schema", f"{schema!r}", _STUDY_KEYS["schema"], "A newer hcbench may read it"
-        )
-    for key in ("scene", "alphas", "speeds", "run"):
-        if key not in content or content[key] in ("", []):
-            raise StudyError(f"{where}: {key}", "missing", _STUDY_KEYS[key])
-    scene = load_scene(content["scene"], folder)
-    if "gravity" in content:
-        scene = dataclasses.replace(
-            scene, gravity=units.parse(content["gravity"], "acceleration", f"{where}: gravity")
-        )
-    phases = content.get("phases", 8)
-    if not isinstance(phases, int) or isinstance(phases, bool) or not 1 <= phases <= _MOST_PHASES:
-        raise StudyError(f"{where}: phases", f"{phases!r}", f"a whole number from 1 to {_MOST_PHASES}")
-    alphas = _values(content["alphas"], "alpha", f"{where}: alphas", positive=False)
-    speeds = _values(content["speeds"], "speed", f"{where}: speeds")
-    main_alpha = _one(content.get("main_alpha", alphas[len(alphas) // 2]), "alpha", f"{where}: main_alpha")
-    if main_alpha not in alphas:
+    file = validate(_File, content, StudyError, f"{where}: {{}}")
+    scene = load_scene(file.scene, folder)
+    if file.gravity is not None:
+        scene = dataclasses.replace(scene, gravity=file.gravity)
+    main_alpha = file.alphas[len(file.alphas) // 2] if file.main_alpha is None else file.main_alpha
+    if main_alpha not in file.alphas:
         raise StudyError(f"{where}: main_alpha", f"{main_alpha:.6g} s/m", "one of the study's alphas")
-    runs = content["run"]
-    if not isinstance(runs, list) or not all(isinstance(run, dict) for run in runs):
-        raise StudyError(f"{where}: run", f"{runs!r:.60}", "[[run]] tables")
+    runs = [
+        validate(_Run, run, StudyError, f"{where}: run {i}: {{}}") for i, run in enumerate(file.run, start=1)
+    ]
     return Study(
-        title=_text(content, "title", where) if "title" in content else scene.title,
+        title=file.title or scene.title,
         scene=scene,
-        alphas=alphas,
-        speeds=speeds,
-        loop_speeds=_values(content["loop_speeds"], "speed", f"{where}: loop_speeds")
-        if "loop_speeds" in content
-        else (),
-        phases=phases,
+        alphas=file.alphas,
+        speeds=file.speeds,
+        loop_speeds=file.loop_speeds,
+        phases=file.phases,
         main_alpha=main_alpha,
-        step_speed=_one(content.get("step_speed", speeds[len(speeds) // 2]), "speed", f"{where}: step_speed"),
-        runs=tuple(_run(run, f"{where}: run {i}", alphas, speeds) for i, run in enumerate(runs, 1)),
-        train_height=_maybe(content, "train_height", "length", where),
-        train_step=_maybe(content, "train_step", "timestep", where),
+        step_speed=file.step_speed or file.speeds[len(file.speeds) // 2],
+        runs=tuple(
+            Run(run.engine, run.recipe, run.timesteps, run.alphas or file.alphas, run.speeds or file.speeds)
+            for run in runs
+        ),
+        train_height=file.train_height,
+        train_step=file.train_step,
     )
-
-
-def _maybe(content: Mapping[str, Any], key: str, quantity: str, where: str) -> float | None:
-    if key not in content:
-        return None
-    value = units.parse(content[key], quantity, f"{where}: {key}")
-    units.require_positive(value, quantity, f"{where}: {key}")
-    return value
-
-
-def _run(content: Mapping[str, Any], where: str, alphas: tuple[float, ...], speeds: tuple[float, ...]) -> Run:
-    _known(content, _RUN_KEYS, where)
-    for key in ("engine", "recipe", "timesteps"):
-        if key not in content:
-            raise StudyError(f"{where}: {key}", "missing", _RUN_KEYS[key])
-    return Run(
-        engine=_text(content, "engine", where),
-        recipe=_text(content, "recipe", where),
-        timesteps=_values(content["timesteps"], "timestep", f"{where}: timesteps"),
-        alphas=_values(content["alphas"], "alpha", f"{where}: alphas", positive=False)
-        if "alphas" in content
-        else alphas,
-        speeds=_values(content["speeds"], "speed", f"{where}: speeds") if "speeds" in content else speeds,
-    )
-
-
-def _text(content: Mapping[str, Any], key: str, where: str) -> str:
-    value = content[key]
-    if not isinstance(value, str) or not value.strip():
-        expected = {**_STUDY_KEYS, **_RUN_KEYS}[key]
-        raise StudyError(f"{where}: {key}", f"{value!r:.60}", expected)
-    return value
-
-
-def _known(content: Mapping[str, Any], keys: Mapping[str, str], where: str) -> None:
-    for key in content:
-        if key not in keys:
-            raise StudyError(f"{where}: {key}", "unknown key", f"one of: {', '.join(keys)}")
-
-
-def _values(value: object, quantity: str, slot: str, positive: bool = True) -> tuple[float, ...]:
-    found = units.parse_values(value, quantity, slot)
-    if positive:
-        units.require_positive(found, quantity, slot)
-    elif (found < 0).any():
-        raise StudyError(slot, f"{found.min():g}", "0 or more")
-    return tuple(dict.fromkeys(found.tolist()))
-
-
-def _one(value: object, quantity: str, slot: str) -> float:
-    return units.parse(value, quantity, slot)

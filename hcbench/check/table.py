@@ -13,15 +13,15 @@ restitution = 0.9           # or alpha, pairs (a CSV), baseline
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import ConfigDict, Field
 
 from hcbench._text import sanitized
 from hcbench.check.plan import Ask, plan
 from hcbench.errors import UserError
+from hcbench.fields import Table, read_toml, validate
 
 if TYPE_CHECKING:
     from hcbench.check.model import Check
@@ -34,8 +34,8 @@ def _hyphens(name: str) -> str:
     return name.replace("_", "-")
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", alias_generator=_hyphens, populate_by_name=True)
+class _Shared(Table):
+    model_config = ConfigDict(alias_generator=_hyphens, populate_by_name=True)
 
     max_error: float | None = None
     speeds: Quantities | None = None
@@ -48,7 +48,7 @@ class _Strict(BaseModel):
     limit: Quantity | None = None
 
 
-class _Entry(_Strict):
+class _Entry(_Shared):
     model: str | list[str]
     name: str | None = None
     pair: str | list[str] | None = None
@@ -59,18 +59,13 @@ class _Entry(_Strict):
     baseline: str | None = None
 
 
-class _Table(_Strict):
+class _Checks(_Shared):
     check: list[_Entry] = Field(min_length=1)
 
 
 def find_table(path: Path) -> dict[str, Any] | None:
     """The table of a TOML file: [tool.hcbench], or all of a file that has [[check]]; None without one."""
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UserError("checks", f"{path}: {error.strerror}", "a TOML file") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UserError("checks", f"{path} is not TOML: {sanitized(error)}", "TOML") from None
+    content = read_toml(path, UserError, "checks")
     table = content.get("tool", {}).get("hcbench") if isinstance(content.get("tool"), dict) else None
     if table is None and "check" in content:
         table = content
@@ -87,10 +82,7 @@ def checks_of(path: Path, baseline: Path | None = None) -> list[Check]:
         raise UserError(
             "checks", f"{path} has no [tool.hcbench]", "a table with [[tool.hcbench.check]] entries"
         )
-    try:
-        parsed = _Table.model_validate(table)
-    except ValidationError as error:
-        raise _first_mistake(path, error) from None
+    parsed = validate(_Checks, table, UserError, f"checks: {path}: [tool.hcbench] {{}}")
     shared = parsed.model_dump(exclude={"check"}, exclude_none=True)
     checks = []
     for entry in parsed.check:
@@ -114,9 +106,3 @@ def _ask(given: dict[str, Any], folder: Path, baseline: Path | None) -> Ask:
     if baseline is not None:
         given["baseline"] = baseline
     return Ask(models=tuple(str(folder / part) for part in models), **given)
-
-
-def _first_mistake(path: Path, error: ValidationError) -> UserError:
-    first = error.errors()[0]
-    where = ".".join(str(part) for part in first["loc"])
-    return UserError("checks", f"{path}: [tool.hcbench] {sanitized(where)}: {sanitized(first['msg'])}", "")

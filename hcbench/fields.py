@@ -1,0 +1,203 @@
+"""Types of fields in files and options: quantities with units, numbers; and the error for what is none.
+
+class Entry(Table):
+    timesteps: Steps
+    alphas: Alphas | None = None
+
+entry = validate(Entry, content, StudyError, "study.toml: {}")
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, Field, PlainValidator, StrictStr, ValidationError, create_model
+from pydantic_core import PydanticCustomError, core_schema
+
+from hcbench import units
+from hcbench._text import sanitized
+from hcbench.errors import QuantityError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from pydantic.fields import FieldInfo
+
+    from hcbench.errors import UserError
+
+T = TypeVar("T", bound="Table")
+
+
+class Table(BaseModel):
+    """A table of a file. unknown: what an error says of a key that the table does not have."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    unknown: ClassVar[tuple[str, str]] = ("unknown key", "one of")
+
+
+class Options(Table):
+    """A table of a setting's options."""
+
+    unknown: ClassVar[tuple[str, str]] = ("unknown", "one of")
+
+
+def mistake(expected: str, got: str = "", todo: str = "") -> PydanticCustomError:
+    """What a validator raises. got: "" for the value as it came."""
+    return PydanticCustomError("mistake", "{expected}", {"expected": expected, "got": got, "todo": todo})
+
+
+@dataclass(frozen=True, slots=True)
+class InUnits:
+    """Reads a quantity in SI from a number or text with a unit; or several, as a tuple without repeats.
+
+    quantity: a name in `units.QUANTITIES`. least, above: bounds, SI.
+    """
+
+    quantity: str
+    several: bool = False
+    least: float = -math.inf
+    above: float = -math.inf
+
+    @property
+    def expected(self) -> str:
+        """What an error says was expected."""
+        kind = units.QUANTITIES[self.quantity]
+        what = f"{'numbers' if self.several else 'a number'}{' in ' * bool(kind.unit)}{kind.unit}"
+        return f"{what}, or text like {kind.example!r}"
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        return core_schema.no_info_plain_validator_function(self.read)
+
+    def read(self, value: Any) -> float | tuple[float, ...]:
+        """The quantity in SI."""
+        try:
+            numbers = (
+                tuple(dict.fromkeys(units.parse_values(value, self.quantity).tolist()))
+                if self.several
+                else (units.parse(value, self.quantity),)
+            )
+        except QuantityError as error:
+            raise mistake(error.expected, error.got, error.todo) from None
+        low, unit = min(numbers), units.QUANTITIES[self.quantity].unit
+        if not (low >= self.least and low > self.above):
+            bound = f"a value above {self.above:g}" if low <= self.above else f"{self.least:g} {unit} or more"
+            raise mistake(bound, f"{low:g} {unit}".strip())
+        return numbers if self.several else numbers[0]
+
+
+def _finite(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise mistake("a finite number")
+    return float(value)
+
+
+Text = Annotated[StrictStr, Field(min_length=1)]
+Finite = Annotated[float, PlainValidator(_finite), Field(description="a finite number")]
+Number = Annotated[float, InUnits("number")]
+Length = Annotated[float, InUnits("length")]
+Clearance = Annotated[float, InUnits("length", above=0.0)]
+Mass = Annotated[float, InUnits("mass")]
+Pressure = Annotated[float, InUnits("pressure")]
+Acceleration = Annotated[float, InUnits("acceleration")]
+Alpha = Annotated[float, InUnits("alpha", least=0.0)]
+Alphas = Annotated[tuple[float, ...], InUnits("alpha", several=True, least=0.0)]
+Speed = Annotated[float, InUnits("speed", above=0.0)]
+Speeds = Annotated[tuple[float, ...], InUnits("speed", several=True, above=0.0)]
+Step = Annotated[float, InUnits("timestep", above=0.0)]
+Steps = Annotated[tuple[float, ...], InUnits("timestep", several=True, above=0.0)]
+
+
+def read_toml(path: Path, error: type[UserError], slot: str, expected: str = "a TOML file") -> dict[str, Any]:
+    """The content of a TOML file; raises `error` where there is none. expected: what the file should be."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise error(slot, f"{path} does not exist", expected) from None
+    except (OSError, UnicodeDecodeError) as caught:
+        raise error(slot, f"{path}: {sanitized(caught)}", "a readable TOML file") from None
+    except tomllib.TOMLDecodeError as caught:
+        raise error(slot, f"{path} is not TOML: {sanitized(caught)}", "TOML", "Mend that line") from None
+
+
+def validate(table: type[T], content: Mapping[str, Any], error: type[UserError], slot: str = "{}") -> T:
+    """The content as a table; raises `error` for the first mistake.
+
+    slot: what an error calls a key, with {} for the path to it.
+    """
+    try:
+        return table.model_validate(dict(content))
+    except ValidationError as caught:
+        first = caught.errors(include_url=False)[0]
+    path, inner, field = _place(table, first["loc"])
+    names = ", ".join(_fields(inner))
+    expected = _expected(field) if field else f"a table of {names}"
+    got, todo = f"{first['input']!r:.60}", ""
+    if first["type"] == "mistake":
+        got, expected, todo = first["ctx"]["got"] or got, first["ctx"]["expected"], first["ctx"]["todo"]
+    elif first["type"] == "missing":
+        got = "missing"
+    elif first["type"] == "extra_forbidden":
+        got, one_of = inner.unknown
+        expected = f"{one_of}: {names}"
+    raise error(
+        slot.replace("{}", sanitized(path)),
+        got,
+        expected or first["msg"].removeprefix("Input should be "),
+        todo,
+    )
+
+
+def _place(table: type[Table], location: Sequence[int | str]) -> tuple[str, type[Table], FieldInfo | None]:
+    """(path, innermost table, field) of what an error of Pydantic is about."""
+    path, field = "", None
+    reached: Any = table
+    for part in location:
+        inner = _table_in(reached)
+        if isinstance(part, int) and inner is not None:
+            path, table, field = f"{path}[{part}]", inner, None
+        elif isinstance(part, str) and inner is not None:
+            table, field = inner, _fields(inner).get(part)
+            path, reached = f"{path}.{part}", field.annotation if field else None
+        elif get_origin(reached) is dict:
+            path, reached = f"{path}.{part}", get_args(reached)[1]
+    return path.lstrip("."), table, field
+
+
+def _table_in(annotation: Any) -> type[Table] | None:
+    if isinstance(annotation, type) and issubclass(annotation, Table):
+        return annotation
+    return next(filter(None, map(_table_in, get_args(annotation))), None)
+
+
+def _fields(table: type[Table]) -> dict[str, FieldInfo]:
+    """The fields by the names that a file has for them; not those that are there to be refused."""
+    fields = table.model_fields.items()
+    return {field.alias or name: field for name, field in fields if not field.exclude}
+
+
+def _expected(field: FieldInfo) -> str:
+    in_units = next((each.expected for each in field.metadata if isinstance(each, InUnits)), "")
+    return field.description or in_units
+
+
+def read_numbers(
+    options: Mapping[str, Any],
+    required: Sequence[str],
+    optional: Sequence[str],
+    error: type[UserError],
+    slot: str,
+) -> dict[str, float]:
+    """Options that are all numbers; raises `error` for unknown, missing and other ones."""
+    table = _numbers(tuple(required), tuple(optional))
+    return validate(table, options, error, slot).model_dump(exclude_unset=True)
+
+
+@cache
+def _numbers(required: tuple[str, ...], optional: tuple[str, ...]) -> type[Options]:
+    fields: dict[str, Any] = dict.fromkeys(required, (Finite, ...)) | dict.fromkeys(optional, (Finite, 0.0))
+    return create_model("Numbers", __base__=Options, **fields)
