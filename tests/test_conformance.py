@@ -12,7 +12,7 @@ from hcbench.errors import EngineMissing, SettingError
 from hcbench.impact import Impact, Launch, Status
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.published import LAWS, RestitutionLaw
+from hcbench.laws.published import LAWS, PrescribedRestitutionLaw
 from hcbench.scene import Scene, load_scene, scene_names
 from hcbench.scoring import loop_area
 from hcbench.setting import Setting
@@ -155,7 +155,7 @@ def test_spring_dampers_give_the_e_that_was_asked(recipe: str) -> None:
 @pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.slug)
 @pytest.mark.parametrize("engine", ["reference", "mujoco", "pybullet"])
 def test_later_laws_deliver_what_follows_from_their_chi_at_every_speed_and_phase(
-    engine: str, law: type[RestitutionLaw]
+    engine: str, law: type[PrescribedRestitutionLaw]
 ) -> None:
     setting = setting_of(f"{engine}.{law.slug}", "steel-plane")
     asked = setting.options.get("law", setting.options)["restitution"]

@@ -22,9 +22,16 @@ from hcbench.engines.pybullet.plugin import solve
 from hcbench.errors import SettingError, UserError
 from hcbench.laws import ode
 from hcbench.laws.contact_law import law_of
-from hcbench.laws.exact_step import Motion, kick, own_motion
+from hcbench.laws.exact_step import ContactOde, euler_force, touch_speed_ode
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.published import LAWS, Exact, Flores, LankaraniNikravesh, OwnSpeedLaw, RestitutionLaw
+from hcbench.laws.published import (
+    LAWS,
+    Exact,
+    Flores,
+    LankaraniNikravesh,
+    PrescribedRestitutionLaw,
+    TouchSpeedLaw,
+)
 from hcbench.laws.restitution import ConstantRestitution
 from hcbench.laws.touch_speed import touch_speed
 from hcbench.setting import Setting
@@ -35,6 +42,7 @@ try:
 except ImportError:  # no wheel for this Python: the fixture `client` skips
     bullet = None
 
+Family = type[PrescribedRestitutionLaw]
 MASS, STIFFNESS, RADIUS = 0.45359237, 3.4064e10, 0.0508
 KAPPA = STIFFNESS / MASS
 SPEEDS = (0.0254, 0.2032, 0.508)
@@ -78,7 +86,7 @@ def bounce(model: Any, speed: float, phase: float) -> float:
 def test_every_state_of_an_impact_tells_its_speed_at_touch(
     u: float, chi: float, speed: float, n: float
 ) -> None:
-    motion = own_motion(KAPPA, chi, n)
+    motion = touch_speed_ode(KAPPA, chi, n)
     u = u if u >= 0 else u * motion.e
     stored = speed**2 * quad(lambda w: w / (1 + chi * w), u, 1.0)[0]  # by its definition
     x = ((n + 1) * max(stored, 0.0) / KAPPA) ** (1 / (n + 1))
@@ -94,7 +102,7 @@ def test_every_state_of_an_impact_tells_its_speed_at_touch(
 @example(x=5e-324, v=5e-324, chi=8.0, load=0.0)
 @settings(max_examples=150, deadline=None)
 def test_compiled_and_python_tell_the_same_speed(x: float, v: float, chi: float, load: float) -> None:
-    library, motion = _compile.law_library(), own_motion(KAPPA, chi, 1.5)
+    library, motion = _compile.law_library(), touch_speed_ode(KAPPA, chi, 1.5)
     library.hcb_touch_speed.restype = ctypes.c_double
     values = (KAPPA, 1.5, chi, motion.e, load, x, v)
     got = library.hcb_touch_speed(*map(ctypes.c_double, values))
@@ -105,18 +113,16 @@ def test_compiled_and_python_tell_the_same_speed(x: float, v: float, chi: float,
     ("speed", "off", "without"), [(0.025, 3e-4, 1e-3), (0.1, 1e-5, 2e-4), (0.5, 2e-6, 2e-5)]
 )
 @pytest.mark.parametrize("family", [Flores, LankaraniNikravesh])
-def test_gravity_is_reckoned_with(
-    family: type[RestitutionLaw], speed: float, off: float, without: float
-) -> None:
-    law, b, h = OwnSpeedLaw(family, STIFFNESS, 0.5), 9.81, 1e-5
+def test_gravity_is_reckoned_with(family: Family, speed: float, off: float, without: float) -> None:
+    law, b, h = TouchSpeedLaw(family, STIFFNESS, 0.5), 9.81, 1e-5
 
     def error(load: float) -> float:
-        motion = Motion(KAPPA, 0.0, 1.5, b, law.chi, law.delivered, load)
+        motion = ContactOde(KAPPA, 0.0, 1.5, b, law.chi, law.delivered, load)
         x, v = -1.3 * h * speed, speed
         start = math.sqrt((v + b * h / 2) ** 2 - 2 * b * x)  # v is the mean rate over the step before
         force = 1.0
         while not (v < 0 and force == 0.0 and x < 0):
-            force = kick(motion, h, x, v)
+            force = euler_force(motion, h, x, v)
             v -= h * (force - b)
             x += h * v
         out = math.sqrt((v + b * h / 2) ** 2 - 2 * b * x) / start
@@ -131,9 +137,9 @@ def test_gravity_is_reckoned_with(
 
 @FAMILIES
 @pytest.mark.parametrize("integrator", ["Euler", "RK4"])
-def test_mujoco_delivers_what_follows_from_chi(family: type[RestitutionLaw], integrator: str) -> None:
+def test_mujoco_delivers_what_follows_from_chi(family: Family, integrator: str) -> None:
     for asked in (0.9, 0.4):
-        law = OwnSpeedLaw(family, STIFFNESS, asked)
+        law = TouchSpeedLaw(family, STIFFNESS, asked)
         model = ball(1e-5, integrator)
         with contact.attach(model, ("ball", "plate"), law, compiled=True):
             found = [bounce(model, v, p) for v in SPEEDS for p in PHASES]
@@ -143,7 +149,7 @@ def test_mujoco_delivers_what_follows_from_chi(family: type[RestitutionLaw], int
 @pytest.mark.parametrize(("compiled", "h", "error"), [(True, 1e-6, 1e-7), (False, 1e-5, 1e-5)])
 @pytest.mark.parametrize("integrator", ["Euler", "RK4"])
 def test_mujoco_at_a_fine_step_and_in_python(integrator: str, compiled: bool, h: float, error: float) -> None:
-    law, model = OwnSpeedLaw(Flores, STIFFNESS, 0.5), ball(h, integrator)
+    law, model = TouchSpeedLaw(Flores, STIFFNESS, 0.5), ball(h, integrator)
     with contact.attach(model, ("ball", "plate"), law, compiled=compiled):
         for phase in PHASES if compiled else PHASES[::4]:
             assert bounce(model, 0.2032, phase) == pytest.approx(law.delivered, abs=error)
@@ -151,7 +157,7 @@ def test_mujoco_at_a_fine_step_and_in_python(integrator: str, compiled: bool, h:
 
 def test_an_impact_goes_on_alike_in_another_simulation_that_has_only_its_state() -> None:
     model, kind = ball(1e-5), mujoco.mjtState.mjSTATE_FULLPHYSICS
-    with contact.attach(model, ("ball", "plate"), OwnSpeedLaw(Flores, STIFFNESS, 0.5)):
+    with contact.attach(model, ("ball", "plate"), TouchSpeedLaw(Flores, STIFFNESS, 0.5)):
         one, other = launched(model, 0.3, 0.4), mujoco.MjData(model)
         for i in range(40):
             mujoco.mj_step(model, one)
@@ -172,7 +178,7 @@ def test_rollouts_differ_in_the_restitution_asked_for() -> None:
     for row, speed in zip(state, (0.05, 0.1, 0.3, 0.5), strict=True):
         mujoco.mj_getState(model, launched(model, speed, 0.3), row, kind)
     before = state[:, -4].copy()
-    with contact.attach(model, ("ball", "plate"), OwnSpeedLaw(Flores, STIFFNESS, 0.8)) as law:
+    with contact.attach(model, ("ball", "plate"), TouchSpeedLaw(Flores, STIFFNESS, 0.8)) as law:
         models = law.models(restitution=asked)
         states, _ = mujoco.rollout.rollout(models, [mujoco.MjData(model) for _ in range(2)], state, nstep=60)
         with pytest.raises(SettingError, match="alpha: given for"):
@@ -186,7 +192,7 @@ def test_a_bounce_train_ends_at_rest_at_the_static_depth() -> None:
     model = ball(1e-5, gravity=9.81)
     data = mujoco.MjData(model)
     data.qpos[2] += 2e-5
-    with contact.attach(model, ("ball", "plate"), OwnSpeedLaw(Flores, STIFFNESS, 0.5)):
+    with contact.attach(model, ("ball", "plate"), TouchSpeedLaw(Flores, STIFFNESS, 0.5)):
         mujoco.mj_step(model, data, nstep=3000)
     static = (MASS * 9.81 / STIFFNESS) ** (2 / 3)
     assert RADIUS - data.qpos[2] == pytest.approx(static, rel=1e-6)
@@ -198,7 +204,7 @@ def test_two_free_balls_of_unequal_mass() -> None:
       <body><freejoint/><geom name="a" size="{RADIUS}" mass="0.2"/></body>
       <body pos="{2 * RADIUS + 1e-5} 0 0"><freejoint/><geom name="b" size="{RADIUS}" mass="0.7"/></body>
       </worldbody></mujoco>""")
-    law, data = OwnSpeedLaw(LankaraniNikravesh, STIFFNESS, 0.6), mujoco.MjData(model)
+    law, data = TouchSpeedLaw(LankaraniNikravesh, STIFFNESS, 0.6), mujoco.MjData(model)
     data.qvel[0] = 0.4
     with contact.attach(model, ("a", "b"), law):
         mujoco.mj_step(model, data, nstep=100)
@@ -251,9 +257,9 @@ def bounce_in_bullet(client: int, body: int, law: Any, h: float, speed: float, p
 
 
 @FAMILIES
-def test_pybullet_delivers_what_follows_from_chi(client: int, family: type[RestitutionLaw]) -> None:
+def test_pybullet_delivers_what_follows_from_chi(client: int, family: Family) -> None:
     ball, plate = bodies(client, 1e-5)
-    law = OwnSpeedLaw(family, STIFFNESS, 0.6)
+    law = TouchSpeedLaw(family, STIFFNESS, 0.6)
     with bullet_contact.attach([(ball, plate)], law, client=client) as attached:
         for speed in SPEEDS:
             found = [bounce_in_bullet(client, ball, attached, 1e-5, speed, phase) for phase in PHASES]
@@ -265,9 +271,9 @@ def test_pybullet_at_a_fine_step_and_in_python(
     client: int, compiled: bool, h: float, error: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not compiled:
-        monkeypatch.setattr(solve, "_compiled_kick", lambda: None)
+        monkeypatch.setattr(solve, "_compiled_euler_force", lambda: None)
     ball, plate = bodies(client, h)
-    law = OwnSpeedLaw(Flores, STIFFNESS, 0.5)
+    law = TouchSpeedLaw(Flores, STIFFNESS, 0.5)
     with bullet_contact.attach([(ball, plate)], law, client=client) as attached:
         for phase in PHASES[::2]:
             e = bounce_in_bullet(client, ball, attached, h, 0.2032, phase)
@@ -286,7 +292,7 @@ COARSE = r"For coarser steps attach ConstantRestitution\(law\.delivered\) instea
 
 
 def test_a_step_too_coarse_names_what_has_its_restitution_at_any_step(client: int) -> None:
-    law = OwnSpeedLaw(Flores, STIFFNESS, 0.5)
+    law = TouchSpeedLaw(Flores, STIFFNESS, 0.5)
     with pytest.raises(SettingError, match=COARSE):
         contact.attach(ball(1e-3), ("ball", "plate"), law)
     with pytest.raises(SettingError, match=COARSE):
@@ -301,8 +307,8 @@ FORCE = {"kind": "force", "law": "flores", "restitution": 0.8, "stiffness": 3e10
 
 
 def test_options_make_the_laws() -> None:
-    assert law_of(FORCE) == OwnSpeedLaw(Flores, 3e10, 0.8)
-    assert law_of({**FORCE, "law": "Flores et al.", "exponent": 1.2}) == OwnSpeedLaw(Flores, 3e10, 0.8, 1.2)
+    assert law_of(FORCE) == TouchSpeedLaw(Flores, 3e10, 0.8)
+    assert law_of({**FORCE, "law": "Flores et al.", "exponent": 1.2}) == TouchSpeedLaw(Flores, 3e10, 0.8, 1.2)
     made = law_of({"kind": "restitution", "law": "exact", "restitution": 0.8})
     assert isinstance(made, ConstantRestitution)
     assert made.restitution == pytest.approx(0.8, rel=1e-14)
@@ -325,7 +331,7 @@ def test_options_that_are_no_law_are_refused_by_name(options: dict[str, Any], sa
         law_of(options)
 
 
-@pytest.mark.parametrize("law", [Flores, HuntCrossley, OwnSpeedLaw, "flores", None])
+@pytest.mark.parametrize("law", [Flores, HuntCrossley, TouchSpeedLaw, "flores", None])
 def test_what_is_no_law_cannot_be_attached(law: Any) -> None:
     with pytest.raises(SettingError, match="law"):
         contact.attach(ball(1e-5), ("ball", "plate"), law)
@@ -344,5 +350,5 @@ def test_pasted_text_attaches_the_law_of_the_setting(law: dict[str, Any]) -> Non
 def test_the_exact_law_is_asked_for_e_and_gives_it() -> None:
     model = ball(1e-5)
     for e in (0.2, 0.5, 0.95):
-        with contact.attach(model, ("ball", "plate"), OwnSpeedLaw(Exact, STIFFNESS, e)):
+        with contact.attach(model, ("ball", "plate"), TouchSpeedLaw(Exact, STIFFNESS, e)):
             assert bounce(model, 0.3, 0.4) == pytest.approx(e, abs=1e-5)

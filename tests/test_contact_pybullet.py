@@ -105,7 +105,7 @@ def test_force_law_at_a_fine_step_and_in_python(
     world: World, compiled: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not compiled:
-        monkeypatch.setattr(solve, "_compiled_kick", lambda: None)
+        monkeypatch.setattr(solve, "_compiled_euler_force", lambda: None)
     h = 1e-6
     world.set(h)
     ball, plate = world.ball(MASS), world.plate()

@@ -15,7 +15,7 @@ from hcbench import _compile
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.contact_law import Friction, law_of
-from hcbench.laws.exact_step import Motion, flow, kick, own_motion, stages
+from hcbench.laws.exact_step import ContactOde, advance, euler_force, rk4_stage_forces, touch_speed_ode
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
 
@@ -24,17 +24,17 @@ ALPHA = 0.016 / 0.0254  # s/m: the paper's stretch case, the hardest
 PHASES = [0.06 + i / 8 for i in range(8)]
 
 
-def motion_of(law: HuntCrossley, mass: float = MASS, b: float = 0.0) -> Motion:
-    return Motion(law.stiffness / mass, law.dissipation, law.exponent, b)
+def motion_of(law: HuntCrossley, mass: float = MASS, b: float = 0.0) -> ContactOde:
+    return ContactOde(law.stiffness / mass, law.dissipation, law.exponent, b)
 
 
 def bounce_euler(
-    motion: Motion, h: float, speed: float, phase: float
+    motion: ContactOde, h: float, speed: float, phase: float
 ) -> tuple[float, list[tuple[float, float, float]]]:
-    """Restitution, and the record (x, v, F/m), of semi-implicit Euler with the force of `kick`."""
+    """Restitution, and the record (x, v, F/m), of semi-implicit Euler with the force of `euler_force`."""
     x, v, record = -(2 + phase) * h * speed, speed, []
     while True:
-        force = kick(motion, h, x, v)
+        force = euler_force(motion, h, x, v)
         record.append((x, v, force))
         if v < 0 and force == 0:
             return -v / speed, record
@@ -42,10 +42,10 @@ def bounce_euler(
         x += h * v
 
 
-def bounce_rk4(motion: Motion, h: float, speed: float, phase: float) -> float:
+def bounce_rk4(motion: ContactOde, h: float, speed: float, phase: float) -> float:
     x, v, touched = -(2 + phase) * h * speed, speed, False
     while True:
-        f = stages(motion, h, x, v)
+        f = rk4_stage_forces(motion, h, x, v)
         touched = touched or any(f)
         if touched and v < 0 and not any(f):
             return -v / speed
@@ -101,8 +101,8 @@ def test_force_within_the_loop_is_of_second_order(order: int) -> None:
     h = 1e-6
 
     def error(h: float) -> float:
-        before = flow(Motion(motion.kappa, -motion.a, motion.n), h, x, -v)[0]
-        return abs(kick(motion, h, x, (x - before) / h) + motion.acceleration(x, v))
+        before = advance(ContactOde(motion.kappa, -motion.a, motion.n), h, x, -v)[0]
+        return abs(euler_force(motion, h, x, (x - before) / h) + motion.acceleration(x, v))
 
     assert error(order * h) / error(h) == pytest.approx(order**2, rel=0.05)
 
@@ -119,7 +119,7 @@ def test_flow_conserves_what_the_law_conserves() -> None:
     x, v = -1e-7, 0.3
     start = invariant(x, v)
     for _ in range(40):
-        x, v = flow(motion, 5e-6, x, v)
+        x, v = advance(motion, 5e-6, x, v)
         assert invariant(x, v) == pytest.approx(start, rel=1e-6)
 
 
@@ -127,7 +127,7 @@ def test_a_body_at_rest_under_gravity_stays() -> None:
     motion = motion_of(HuntCrossley(STIFFNESS, ALPHA), b=9.81)
     x = (9.81 / motion.kappa) ** (1 / 1.5)
     for _ in range(200):
-        force = kick(motion, 1e-5, x, 0.0)
+        force = euler_force(motion, 1e-5, x, 0.0)
         assert force == pytest.approx(9.81, rel=1e-6)
 
 
@@ -144,17 +144,17 @@ def test_compiled_and_python_agree_and_never_pull(
     x: float, v: float, h: float, n: float, b: float, chi: float
 ) -> None:
     kappa = STIFFNESS / MASS * 1e-5 ** (1.5 - n)
-    motion = own_motion(kappa, chi, n, b) if chi else Motion(kappa, 1.5 * ALPHA, n, b)
+    motion = touch_speed_ode(kappa, chi, n, b) if chi else ContactOde(kappa, 1.5 * ALPHA, n, b)
     library = _compile.law_library()
-    library.hcb_kick.restype = ctypes.c_double
+    library.hcb_euler_force.restype = ctypes.c_double
     law = (ctypes.c_double * 8)(*dataclasses.astuple(motion))
-    compiled = library.hcb_kick(law, ctypes.c_double(h), ctypes.c_double(x), ctypes.c_double(v))
-    made = kick(motion, h, x, v)
+    compiled = library.hcb_euler_force(law, ctypes.c_double(h), ctypes.c_double(x), ctypes.c_double(v))
+    made = euler_force(motion, h, x, v)
     assert made >= 0
     assert compiled == pytest.approx(made, rel=1e-7, abs=1e-6 * (0.01 + abs(v)) / h)
     found = (ctypes.c_double * 3)()
-    library.hcb_stages(law, ctypes.c_double(h), ctypes.c_double(x), ctypes.c_double(v), found)
-    expected = stages(motion, h, x, v)
+    library.hcb_rk4_stage_forces(law, ctypes.c_double(h), ctypes.c_double(x), ctypes.c_double(v), found)
+    expected = rk4_stage_forces(motion, h, x, v)
     assert min(expected) >= 0
     assert list(found) == pytest.approx(list(expected), rel=1e-7, abs=1e-6 * (0.01 + abs(v)) / h)
 

@@ -13,7 +13,7 @@ from hcbench.errors import SettingError, UserError
 from hcbench.impact import Impact, Launch, Status
 from hcbench.laws import closed_form, kelvin_voigt, ode
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
-from hcbench.laws.published import LAWS, Flores, OwnSpeedLaw, RestitutionLaw
+from hcbench.laws.published import LAWS, Flores, PrescribedRestitutionLaw, TouchSpeedLaw
 from hcbench.scene import Material, Scene
 from hcbench.setting import Setting
 from hcbench.sim import registry
@@ -21,6 +21,7 @@ from hcbench.sim import registry
 if TYPE_CHECKING:
     from pathlib import Path
 
+Family = type[PrescribedRestitutionLaw]
 STEEL = Material(2.07e11, 0.3)
 SCENE = Scene("drop", "Drop", "plane", 0.45359237, 0.0508, math.inf, STEEL, STEEL, stiffness=3.4064e10)
 REFERENCE, RECORDED = registry.engine("reference"), registry.engine("recorded")
@@ -54,12 +55,12 @@ def test_reference_is_the_closed_form_at_every_phase() -> None:
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.slug)
-def test_laws_that_came_after_have_one_restitution_for_all_speeds(law: type[RestitutionLaw]) -> None:
+def test_laws_that_came_after_have_one_restitution_for_all_speeds(law: Family) -> None:
     setting = Setting("reference", law.slug, 1e-6, {"restitution": 0.7})
     for impact in drop(setting, *(Launch(v, phase) for v in (0.0254, 0.508) for phase in (0.0, 0.4))):
         assert impact.restitution == pytest.approx(float(law.delivered(0.7)), rel=1e-14)
         assert impact.loop is not None
-        own = OwnSpeedLaw(law, SCENE.stiffness, 0.7).at(impact.speed_in)
+        own = TouchSpeedLaw(law, SCENE.stiffness, 0.7).at(impact.speed_in)
         force = own.force(impact.loop.penetration, impact.loop.rate)
         np.testing.assert_allclose(impact.loop.force, force, rtol=1e-10, atol=1e-9 * impact.force_max)
 
@@ -67,7 +68,7 @@ def test_laws_that_came_after_have_one_restitution_for_all_speeds(law: type[Rest
 def test_laws_that_came_after_know_gravity() -> None:
     heavy = replace(SCENE, gravity=9.81)
     (impact,) = drop(Setting("reference", "flores", 1e-6, {"restitution": 0.7}), Launch(0.05), scene=heavy)
-    law = OwnSpeedLaw(Flores, SCENE.stiffness, 0.7)
+    law = TouchSpeedLaw(Flores, SCENE.stiffness, 0.7)
     truth = ode.impact(law, SCENE.mass, impact.speed_in, gravity=9.81)
     assert impact.restitution == pytest.approx(truth.restitution, rel=1e-12)
     assert impact.restitution < law.delivered

@@ -6,15 +6,16 @@ from hcbench.engines.mujoco.plugin.attach import (
     ContactAccuracyWarning,
     Friction,
     HuntCrossley,
-    OwnSpeedLaw,
     PythonContactWarning,
     Restitution,
     Touch,
+    TouchSpeedLaw,
     attach,
     hertz_stiffness,
     pairs_between,
     pairs_of,
 )
+from hcbench.laws.published import OwnSpeedLaw
 
 __all__ = [
     "ConstantRestitution",
@@ -26,6 +27,7 @@ __all__ = [
     "PythonContactWarning",
     "Restitution",
     "Touch",
+    "TouchSpeedLaw",
     "attach",
     "hertz_stiffness",
     "pairs_between",

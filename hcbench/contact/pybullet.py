@@ -5,13 +5,14 @@ from hcbench.engines.pybullet.plugin.attach import (
     Contact,
     Friction,
     HuntCrossley,
-    OwnSpeedLaw,
     Restitution,
     Touch,
+    TouchSpeedLaw,
     attach,
     cup,
     pairs_between,
 )
+from hcbench.laws.published import OwnSpeedLaw
 
 __all__ = [
     "ConstantRestitution",
@@ -21,6 +22,7 @@ __all__ = [
     "OwnSpeedLaw",
     "Restitution",
     "Touch",
+    "TouchSpeedLaw",
     "attach",
     "cup",
     "pairs_between",

@@ -1,8 +1,8 @@
 """The laws and the friction that the plug-ins of `hcbench.contact` give to a contact.
 
-Force laws are for steps that resolve the contact: `HuntCrossley`, eq. (16), or `OwnSpeedLaw`, one of the laws
-published later, whose α falls as 1/v_i from impact to impact. `Restitution` and `ConstantRestitution` set the
-speed after each impact instead, for steps of any length.
+Force laws are for steps that resolve the contact: `HuntCrossley`, eq. (16), or `TouchSpeedLaw`, one of the
+laws published later, whose α falls as 1/v_i from impact to impact. `Restitution` and `ConstantRestitution`
+set the speed after each impact instead, for steps of any length.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.published import OwnSpeedLaw, law_named
+from hcbench.laws.published import TouchSpeedLaw, law_named
 from hcbench.laws.require import require as require_that
 from hcbench.laws.restitution import ConstantRestitution, Restitution
 
@@ -59,12 +59,12 @@ def _quintic(s: float) -> float:
     return s * s * s * (10.0 + s * (6.0 * s - 15.0))
 
 
-ForceLaw = HuntCrossley | OwnSpeedLaw
+ForceLaw = HuntCrossley | TouchSpeedLaw
 Law = ForceLaw | Restitution | ConstantRestitution
 _KINDS: dict[tuple[str, bool], tuple[type[Law], tuple[str, ...], tuple[str, ...]]] = {
     # kind and whether it names a law: what it makes, what that needs, and what it may have
     ("force", False): (HuntCrossley, ("alpha", "stiffness"), ("exponent",)),
-    ("force", True): (OwnSpeedLaw, ("law", "restitution", "stiffness"), ("exponent",)),
+    ("force", True): (TouchSpeedLaw, ("law", "restitution", "stiffness"), ("exponent",)),
     ("restitution", False): (Restitution, ("alpha",), ("reading",)),
     ("restitution", True): (ConstantRestitution, ("law", "restitution"), ()),
 }
@@ -72,18 +72,18 @@ _KINDS: dict[tuple[str, bool], tuple[type[Law], tuple[str, ...], tuple[str, ...]
 
 def is_force(law: Law) -> TypeGuard[ForceLaw]:
     """Whether a law needs steps that resolve the contact."""
-    return isinstance(law, (HuntCrossley, OwnSpeedLaw))
+    return isinstance(law, (HuntCrossley, TouchSpeedLaw))
 
 
 def coarse(law: Law) -> str:
     """What gives the restitution of a force law at steps that do not resolve its contact, as written."""
-    own = isinstance(law, OwnSpeedLaw)
+    own = isinstance(law, TouchSpeedLaw)
     return "ConstantRestitution(law.delivered)" if own else "Restitution(alpha)"
 
 
 def require_law(law: object) -> None:
     """Raise SettingError for what is no law of a plug-in."""
-    known = "HuntCrossley, OwnSpeedLaw, Restitution or ConstantRestitution"
+    known = "HuntCrossley, TouchSpeedLaw, Restitution or ConstantRestitution"
     require("law", law, isinstance(law, Law), known)
 
 
@@ -110,8 +110,8 @@ def law_of(options: Mapping[str, Any]) -> Law:
     if "law" in given:
         family = law_named(given.pop("law"))
         if make is ConstantRestitution:
-            return ConstantRestitution(OwnSpeedLaw(family, 1.0, **given).delivered)
-        return OwnSpeedLaw(family, **given)
+            return ConstantRestitution(TouchSpeedLaw(family, 1.0, **given).delivered)
+        return TouchSpeedLaw(family, **given)
     made: Law = make(**given)
     return made
 

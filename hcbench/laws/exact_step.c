@@ -1,35 +1,35 @@
 /* The law of Hunt and Crossley over one time step of an engine: eq. (16), m x'' = m b - k x^n (1 + a x'),
-   no tension, with kappa = k/m, a = (3/2) alpha, x > 0 in contact. The same lines in Python: stepping.py,
-   where the reasons stand. */
+   no tension, with kappa = k/m, a = (3/2) alpha, x > 0 in contact. exact_step.py has the same lines in Python
+   and says why. */
 
 #include <math.h>
 
 #define HCB_SUBSTEP 0.2 /* largest sub-step, in units of 1/omega */
-#define HCB_STEEP 8     /* sub-steps of a piece that begins or ends at touch */
-#define HCB_ROUNDS 16
+#define HCB_SUBSTEPS_AT_TOUCH 8 /* of a piece of the motion that begins or ends at touch */
+#define HCB_MAX_ITERATIONS 16
 #define HCB_TERMS 8
-#define HCB_SLOWEST 1e-9 /* m/s: slower impacts count as of this speed where a law asks for it */
+#define HCB_LEAST_SPEED 1e-9 /* m/s: slower impacts count as of this speed where a law depends on it */
 #define HCB_FAR 2.5 /* steps from touch and parting, from where on the series is good */
 
 /* chi not 0: each impact has its own a = chi/v_i, and `a` is what it has just now; e: what chi delivers; load:
-   the b that v_i is worked out with; least: v_i at least. */
+   the b that v_i is worked out with; speed_min: the least v_i. */
 typedef struct {
-  double kappa, a, n, b, chi, e, load, least;
+  double kappa, a, n, b, chi, e, load, speed_min;
 } hcb_law;
 
 #include "touch_speed.c"
 
 /* The law of the impact that is at x with rate v. */
-static void settle(hcb_law* law, double x, double v) {
+static void set_touch_speed(hcb_law* law, double x, double v) {
   if (law->chi == 0) return;
   double speed = hcb_touch_speed(law->kappa, law->n, law->chi, law->e, law->load, x, v);
-  law->a = law->chi / fmax(speed, fmax(law->least, HCB_SLOWEST));
+  law->a = law->chi / fmax(speed, fmax(law->speed_min, HCB_LEAST_SPEED));
 }
 
-/* The law over a step h: what all else adds to a speed in it is no impact that steps can tell from rest. */
-static hcb_law over(const hcb_law* law, double h) {
+/* The law for a step h: speeds below what the load adds in one step count as rest. */
+static hcb_law with_step(const hcb_law* law, double h) {
   hcb_law own = *law;
-  if (own.chi != 0) own.least = fmax(HCB_SLOWEST, h * fabs(own.b));
+  if (own.chi != 0) own.speed_min = fmax(HCB_LEAST_SPEED, h * fabs(own.b));
   return own;
 }
 
@@ -43,17 +43,17 @@ static double acceleration(const hcb_law* law, double x, double v) {
   return push > 0 ? law->b - law->kappa * power(x, law->n) * push : law->b;
 }
 
-static double stiffness_rate(const hcb_law* law, double x) { /* omega^2 */
+static double frequency_squared(const hcb_law* law, double x) { /* omega^2 */
   return x > 0 ? law->kappa * law->n * (law->n == 1.5 ? sqrt(x) : pow(x, law->n - 1)) : 0;
 }
 
 static int substeps(double near, double piece) {
   double ratio = near / piece;
-  return ratio < 1 ? HCB_STEEP : ratio < 4 ? 6 : ratio < 16 ? 3 : 1;
+  return ratio < 1 ? HCB_SUBSTEPS_AT_TOUCH : ratio < 4 ? 6 : ratio < 16 ? 3 : 1;
 }
 
 /* RK4 in s with t = t0 + sign (s^2 - s0^2): smooth through the x^n at touch. */
-static void advance(const hcb_law* law, double* x, double* v, double s0, double s1, int sign, int count) {
+static void rk4_in_root_of_time(const hcb_law* law, double* x, double* v, double s0, double s1, int sign, int count) {
   double ds = (s1 - s0) / count, X = *x, V = *v;
   for (int i = 0; i < count; i++) {
     double s = s0 + i * ds, w1 = 2 * sign * s, w2 = w1 + sign * ds, w4 = w1 + 2 * sign * ds;
@@ -68,8 +68,8 @@ static void advance(const hcb_law* law, double* x, double* v, double s0, double 
   *v = V;
 }
 
-/* RK4 in t: where the body turns, and x may be anything. */
-static void advance_plain(const hcb_law* law, double* x, double* v, double time, int count) {
+/* RK4 in t, for where the body turns and any x. */
+static void rk4_in_time(const hcb_law* law, double* x, double* v, double time, int count) {
   double dt = time / count, X = *x, V = *v;
   for (int i = 0; i < count; i++) {
     double v1 = acceleration(law, X, V);
@@ -89,8 +89,8 @@ static double slope(const hcb_law* law, double y, double v) {
 
 /* From x > 0, v < 0 to x = 0, in y = sqrt(x): the time it takes, or -1 if it turns before; v at parting. */
 static double part(const hcb_law* law, double x, double* v) {
-  double dy = -sqrt(x) / HCB_STEEP, V = *v, time = 0;
-  for (int i = HCB_STEEP; i > 0; i--) {
+  double dy = -sqrt(x) / HCB_SUBSTEPS_AT_TOUCH, V = *v, time = 0;
+  for (int i = HCB_SUBSTEPS_AT_TOUCH; i > 0; i--) {
     double y = -i * dy, ym = y + 0.5 * dy, ye = -(i - 1) * dy;
     double k1 = slope(law, y, V), V2 = V + 0.5 * dy * k1;
     if (V2 >= 0) return -1;
@@ -116,7 +116,7 @@ static double time_to_touch(const hcb_law* law, double x, double v) {
 }
 
 /* The exact motion over `time` >= 0, through touch and parting. */
-void hcb_flow(const hcb_law* given, double time, double* x, double* v) {
+void hcb_advance(const hcb_law* given, double time, double* x, double* v) {
   hcb_law own = *given, *law = &own;
   double X = *x, V = *v;
   for (int round = 0; time > 0 && round < 10000; round++) {
@@ -130,18 +130,18 @@ void hcb_flow(const hcb_law* given, double time, double* x, double* v) {
       V += law->b * free;
       time -= free;
       X = 0;
-      if (own.chi != 0) own.a = own.chi / fmax(V, own.least);
-      double rate = sqrt(stiffness_rate(law, V * time + 0.5 * law->b * time * time));
+      if (own.chi != 0) own.a = own.chi / fmax(V, own.speed_min);
+      double rate = sqrt(frequency_squared(law, V * time + 0.5 * law->b * time * time));
       double piece = rate * time > HCB_SUBSTEP ? HCB_SUBSTEP / rate : time;
       if (V > 0) {
-        advance(law, &X, &V, 0, sqrt(piece), 1, HCB_STEEP);
+        rk4_in_root_of_time(law, &X, &V, 0, sqrt(piece), 1, HCB_SUBSTEPS_AT_TOUCH);
       } else {
-        advance_plain(law, &X, &V, piece, HCB_STEEP);
+        rk4_in_time(law, &X, &V, piece, HCB_SUBSTEPS_AT_TOUCH);
       }
       time -= piece;
       continue;
     }
-    double rate = sqrt(stiffness_rate(law, X + (V > 0 ? V * time : 0)));
+    double rate = sqrt(frequency_squared(law, X + (V > 0 ? V * time : 0)));
     double piece = rate * time > HCB_SUBSTEP ? HCB_SUBSTEP / rate : time;
     double near = X / fabs(V); /* time since touch, or to parting */
     if (V < 0 && near < 2 * piece) {
@@ -154,11 +154,11 @@ void hcb_flow(const hcb_law* given, double time, double* x, double* v) {
       }
     }
     if (V > 0 && near < 1e6 * piece) {
-      advance(law, &X, &V, sqrt(near), sqrt(near + piece), 1, substeps(near, piece));
+      rk4_in_root_of_time(law, &X, &V, sqrt(near), sqrt(near + piece), 1, substeps(near, piece));
     } else if (V < 0 && near > 1.01 * piece && near < 1e6 * piece) {
-      advance(law, &X, &V, sqrt(near), sqrt(near - piece), -1, substeps(near - piece, piece));
+      rk4_in_root_of_time(law, &X, &V, sqrt(near), sqrt(near - piece), -1, substeps(near - piece, piece));
     } else {
-      advance_plain(law, &X, &V, piece, near < 1.01 * piece ? HCB_STEEP : 1);
+      rk4_in_time(law, &X, &V, piece, near < 1.01 * piece ? HCB_SUBSTEPS_AT_TOUCH : 1);
     }
     time -= piece;
   }
@@ -198,25 +198,25 @@ static void neighbours(const hcb_law* law, double h, int smooth, double x, doubl
   hcb_law reverse = *law;
   reverse.a = -law->a;
   reverse.chi = -law->chi * law->e; /* run backwards, it comes in with -e v_i */
-  reverse.least = law->e * law->least;
+  reverse.speed_min = law->e * law->speed_min;
   double w = -v;
   *before = *after = x;
-  hcb_flow(&reverse, h, before, &w);
+  hcb_advance(&reverse, h, before, &w);
 }
 
-/* The force over the step, as acceleration -F/m... >= 0, of a semi-implicit Euler step that starts at x and
-   came there at the mean rate v over the step before: the one that carries x exactly onto the motion. */
-double hcb_kick(const hcb_law* given, double h, double x, double v) {
-  hcb_law own = over(given, h), *law = &own;
+/* F/m >= 0 over a step of semi-implicit Euler that starts at x and came there at the mean rate v over the step
+   before: the force that carries x exactly onto the motion. */
+double hcb_euler_force(const hcb_law* given, double h, double x, double v) {
+  hcb_law own = with_step(given, h), *law = &own;
   double before = x - h * v;
   if (x <= 0 && before <= 0 && x + h * (v + h * law->b) <= 0) return 0;
-  settle(law, x, v);
-  double rate = h * h * stiffness_rate(law, x > before ? x : before);
+  set_touch_speed(law, x, v);
+  double rate = h * h * frequency_squared(law, x > before ? x : before);
   double V = v + 0.5 * h * acceleration(law, x, v), V0 = 0, miss0 = 0, last = INFINITY, past, next;
   V = v + 0.5 * h * acceleration(law, x - h / 3 * V, V);
   int smooth = x > HCB_FAR * h * fabs(V) && rate < 0.25 && 1 + law->a * V > 0.5;
-  for (int round = 0; round < HCB_ROUNDS; round++) {
-    settle(law, x, V);
+  for (int round = 0; round < HCB_MAX_ITERATIONS; round++) {
+    set_touch_speed(law, x, V);
     neighbours(law, h, smooth, x, V, &past, &next);
     double miss = past - before, slope = round ? (miss - miss0) / (V - V0) : -h * (1 - fmin(rate / 6, 0.5));
     if (!(slope < -0.1 * h)) slope = -h;
@@ -232,24 +232,24 @@ double hcb_kick(const hcb_law* given, double h, double x, double v) {
   } else {
     double W = V;
     next = x;
-    hcb_flow(law, h, &next, &W);
+    hcb_advance(law, h, &next, &W);
   }
-  double kick = law->b - ((next - before) / h - 2 * v) / h;
-  return kick > 0 ? kick : 0;
+  double force = law->b - ((next - before) / h - 2 * v) / h;
+  return force > 0 ? force : 0;
 }
 
-/* The same for the classical Runge-Kutta method, whose v is the rate at the start: accelerations -F/m >= 0 at
-   the first, the two middle and the last stage that carry x and v exactly onto the motion. */
-void hcb_stages(const hcb_law* given, double h, double x, double v, double stage[3]) {
-  hcb_law own = over(given, h), *law = &own;
+/* The same for the classical Runge-Kutta method, whose v is the rate at the start: F/m >= 0 at the first, the
+   two middle and the last stage that carry x and v exactly onto the motion. */
+void hcb_rk4_stage_forces(const hcb_law* given, double h, double x, double v, double stage[3]) {
+  hcb_law own = with_step(given, h), *law = &own;
   double X = x, V = v;
   stage[0] = stage[1] = stage[2] = 0;
   if (x <= 0 && x + h * (v + fmax(0, h * law->b)) <= 0) return;
-  settle(law, x, v);
+  set_touch_speed(law, x, v);
   double plain = law->b - acceleration(law, x, v);
-  hcb_flow(law, 0.5 * h, &X, &V); /* in halves: sub-steps of half the size */
-  settle(law, X, V);
-  hcb_flow(law, 0.5 * h, &X, &V);
+  hcb_advance(law, 0.5 * h, &X, &V); /* in halves: sub-steps of half the size */
+  set_touch_speed(law, X, V);
+  hcb_advance(law, 0.5 * h, &X, &V);
   double moved = fmax(0, 6 / (h * h) * (x + h * (v + 0.5 * h * law->b) - X)); /* f1 + 2 f2 */
   double slowed = fmax(moved, 6 / h * (v + h * law->b - V));                  /* f1 + 4 f2 + f4 */
   stage[0] = fmin(fmax(plain, fmax(0, 2 * moved - slowed)), moved);

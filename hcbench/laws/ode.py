@@ -20,7 +20,7 @@ from scipy.optimize import brentq, minimize_scalar
 from hcbench.errors import EngineFailed, UserError
 from hcbench.impact import Impact, Launch, Loop, Status
 from hcbench.laws.kelvin_voigt import Ending
-from hcbench.laws.published import OwnSpeedLaw
+from hcbench.laws.published import TouchSpeedLaw
 from hcbench.laws.require import positive, require
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ DEFAULT_SOLVER = Solver()
 
 
 def impact(
-    law: ForceLaw | OwnSpeedLaw,
+    law: ForceLaw | TouchSpeedLaw,
     mass: float,
     speed: float,
     *,
@@ -71,7 +71,7 @@ def impact(
     positive("speed", speed, "m/s")
     require("gravity", gravity, 0 <= gravity < math.inf, "0 m/s^2 or more, towards the plate")
     require("count", count, count >= 3, "3 points or more")
-    own = law.at(speed) if isinstance(law, OwnSpeedLaw) else law
+    own = law.at(speed) if isinstance(law, TouchSpeedLaw) else law
     depth = _depth_scale(own, mass, speed)
 
     def force(xi: Floats | float, eta: Floats | float) -> Floats:

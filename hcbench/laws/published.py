@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class RestitutionLaw(ABC):
+class PrescribedRestitutionLaw(ABC):
     """F = k x^n (1 + χ(e) v/v_i): a law that is given a restitution and the speed at which to keep it.
 
     stiffness: k, N/m^n. restitution: e asked for. speed: v_i, the speed at touch, m/s. exponent: n >= 1.
@@ -94,7 +94,7 @@ class RestitutionLaw(ABC):
         return np.asarray(self.stiffness * np.power(x, self.exponent) * stretch)
 
 
-class FirstOrder(RestitutionLaw):
+class FirstOrder(PrescribedRestitutionLaw):
     """What eq. (2) makes of (16): 1 - e = α v_i."""
 
     __slots__ = ()
@@ -111,7 +111,7 @@ class FirstOrder(RestitutionLaw):
         return 1.5 * (1.0 - e)
 
 
-class HerbertMcWhannell(RestitutionLaw):
+class HerbertMcWhannell(PrescribedRestitutionLaw):
     """χ = 6 (1 - e)/((2e - 1)² + 3)."""
 
     __slots__ = ()
@@ -128,7 +128,7 @@ class HerbertMcWhannell(RestitutionLaw):
         return 6.0 * (1.0 - e) / ((2.0 * e - 1.0) ** 2 + 3.0)
 
 
-class LeeWang(RestitutionLaw):
+class LeeWang(PrescribedRestitutionLaw):
     """χ = (3/4)(1 - e)."""
 
     __slots__ = ()
@@ -145,7 +145,7 @@ class LeeWang(RestitutionLaw):
         return 0.75 * (1.0 - e)
 
 
-class LankaraniNikravesh(RestitutionLaw):
+class LankaraniNikravesh(PrescribedRestitutionLaw):
     """χ = (3/4)(1 - e²)."""
 
     __slots__ = ()
@@ -162,7 +162,7 @@ class LankaraniNikravesh(RestitutionLaw):
         return 0.75 * (1.0 - e) * (1.0 + e)
 
 
-class Gonthier(RestitutionLaw):
+class Gonthier(PrescribedRestitutionLaw):
     """χ = (1 - e²)/e."""
 
     __slots__ = ()
@@ -181,7 +181,7 @@ class Gonthier(RestitutionLaw):
         return (1.0 - e) * (1.0 + e) / e
 
 
-class ZhiyingQishao(RestitutionLaw):
+class ZhiyingQishao(PrescribedRestitutionLaw):
     """χ = (3/4)(1 - e²) exp(2(1 - e))."""
 
     __slots__ = ()
@@ -198,7 +198,7 @@ class ZhiyingQishao(RestitutionLaw):
         return np.asarray(0.75 * (1.0 - e) * (1.0 + e) * np.exp(2.0 * (1.0 - e)))
 
 
-class Flores(RestitutionLaw):
+class Flores(PrescribedRestitutionLaw):
     """χ = 8 (1 - e)/(5 e)."""
 
     __slots__ = ()
@@ -217,7 +217,7 @@ class Flores(RestitutionLaw):
         return 1.6 * (1.0 - e) / e
 
 
-class HuGuo(RestitutionLaw):
+class HuGuo(PrescribedRestitutionLaw):
     """χ = (3/2)(1 - e)/e; not (3/2)(1 - e)/(2 e), which is in use too."""
 
     __slots__ = ()
@@ -235,7 +235,7 @@ class HuGuo(RestitutionLaw):
         return 1.5 * (1.0 - e) / e
 
 
-class CarvalhoMartins(RestitutionLaw):
+class CarvalhoMartins(PrescribedRestitutionLaw):
     """χ = (3/2)(1 - e)(11 - e)/(1 + 9 e)."""
 
     __slots__ = ()
@@ -252,7 +252,7 @@ class CarvalhoMartins(RestitutionLaw):
         return 1.5 * (1.0 - e) * (11.0 - e) / (1.0 + 9.0 * e)
 
 
-class Exact(RestitutionLaw):
+class Exact(PrescribedRestitutionLaw):
     """χ that solves χ (1 + e) = ln(1 + χ) - ln(1 - χ e): the one that delivers what it promises."""
 
     __slots__ = ()
@@ -267,7 +267,7 @@ class Exact(RestitutionLaw):
         return argument_of(e)
 
 
-LAWS: dict[str, type[RestitutionLaw]] = {
+LAWS: dict[str, type[PrescribedRestitutionLaw]] = {
     law.name: law
     for law in (
         FirstOrder,
@@ -284,7 +284,7 @@ LAWS: dict[str, type[RestitutionLaw]] = {
 }
 
 
-def law_named(name: str) -> type[RestitutionLaw]:
+def law_named(name: str) -> type[PrescribedRestitutionLaw]:
     """The law called `name`, in full or by its slug, any case; UserError lists what there is."""
     for law in LAWS.values():
         if str(name).casefold() in (law.name.casefold(), law.slug):
@@ -294,7 +294,7 @@ def law_named(name: str) -> type[RestitutionLaw]:
 
 
 @dataclass(frozen=True, slots=True)
-class OwnSpeedLaw:
+class TouchSpeedLaw:
     """One of these laws as it is published: v_i is the speed at touch of each impact itself.
 
     So every impact has the same χ and delivers the same e, whatever its speed: α falls as 1/v_i.
@@ -303,7 +303,7 @@ class OwnSpeedLaw:
     chi, delivered: χ(e), and the restitution that follows from it. Raises UserError like the laws themselves.
     """
 
-    family: type[RestitutionLaw]
+    family: type[PrescribedRestitutionLaw]
     stiffness: float
     restitution: float
     exponent: float = 1.5
@@ -315,6 +315,9 @@ class OwnSpeedLaw:
         object.__setattr__(self, "chi", at_once.chi)
         object.__setattr__(self, "delivered", float(restitution_of(np.asarray(at_once.chi))))
 
-    def at(self, speed: float) -> RestitutionLaw:
+    def at(self, speed: float) -> PrescribedRestitutionLaw:
         """The law of an impact that touches at `speed` m/s."""
         return self.family(self.stiffness, self.restitution, speed, self.exponent)
+
+
+OwnSpeedLaw = TouchSpeedLaw  # its earlier name: scripts that use it keep working

@@ -1,20 +1,20 @@
 /* The speed at which an impact began, from any state within it: what F = k x^n (1 + chi x'/v_i) needs.
-   The same lines in Python: own_speed.py, where the reasons stand. */
+   touch_speed.py has the same lines in Python and says why. */
 
 static double power_terms(double z, double limit);
 
-static const double own_nodes[] = {0.06943184420297371, 0.33000947820757187, 0.6699905217924281,
+static const double gauss_nodes[] = {0.06943184420297371, 0.33000947820757187, 0.6699905217924281,
                                    0.9305681557970263};
-static const double own_weights[] = {0.17392742256872692, 0.32607257743127307, 0.32607257743127307,
+static const double gauss_weights[] = {0.17392742256872692, 0.32607257743127307, 0.32607257743127307,
                                      0.17392742256872692};
 
-static double own_energy(double chi, double u) { return power_terms(chi * u, 0.3) / (chi * chi); }
+static double energy_ratio(double chi, double u) { return power_terms(chi * u, 0.3) / (chi * chi); }
 
-static double own_root(double stored, double chi, double e, double v) {
-  double one = own_energy(chi, 1), lowest = v >= 0 ? v : fmax(-v / e, -v * chi * (1 + 1e-12));
+static double speed_for_energy(double stored, double chi, double e, double v) {
+  double one = energy_ratio(chi, 1), lowest = v >= 0 ? v : fmax(-v / e, -v * chi * (1 + 1e-12));
   double speed = fmax(sqrt(fmax(stored + 0.5 * v * v, 0) / one), lowest);
   for (int round = 0; round < 60 && speed > 1e-150; round++) {
-    double u = v / speed, left = one - own_energy(chi, u), before = speed;
+    double u = v / speed, left = one - energy_ratio(chi, u), before = speed;
     double step = (speed * speed * left - stored) / (speed * (2 * left + u * u / (1 + chi * u)));
     speed = fmax(speed - step, lowest);
     if (fabs(before - speed) <= 1e-15 * speed) break;
@@ -23,27 +23,27 @@ static double own_root(double stored, double chi, double e, double v) {
 }
 
 /* A part of the work in or out, way +-1, over w = sqrt(1 - x/x_m). */
-static double own_leg(double n, double chi, double e, double one, double w0, double w1, int way) {
+static double work_of_leg(double n, double chi, double e, double one, double w0, double w1, int way) {
   double total = 0;
   for (int i = 0; i < 4; i++) {
-    double w = w0 + (w1 - w0) * own_nodes[i], share = 1 - pow(1 - w * w, n + 1);
+    double w = w0 + (w1 - w0) * gauss_nodes[i], share = 1 - pow(1 - w * w, n + 1);
     double u = way > 0 ? sqrt(share) : -e * sqrt(share);
     for (int round = 0; round < 8 && u != 0; round++) {
-      double change = (own_energy(chi, u) - share * one) * (1 + chi * u) / u;
+      double change = (energy_ratio(chi, u) - share * one) * (1 + chi * u) / u;
       u = fmax(u - change, -e);
       if (fabs(change) <= 1e-9) break;
     }
-    total -= own_weights[i] * 2 * w * (w1 - w0) / fmax(1 + chi * u, 1e-12);
+    total -= gauss_weights[i] * 2 * w * (w1 - w0) / fmax(1 + chi * u, 1e-12);
   }
   return total;
 }
 
-static double own_work(double kappa, double n, double chi, double e, double x, double v, double speed) {
-  double one = own_energy(chi, 1), deepest = pow((n + 1) * speed * speed * one / kappa, 1 / (n + 1));
+static double work_of_load(double kappa, double n, double chi, double e, double x, double v, double speed) {
+  double one = energy_ratio(chi, 1), deepest = pow((n + 1) * speed * speed * one / kappa, 1 / (n + 1));
   if (deepest < x) deepest = x;
   double now = sqrt(1 - x / deepest);
-  if (v >= 0) return deepest * own_leg(n, chi, e, one, 1, now, 1);
-  return deepest * (own_leg(n, chi, e, one, 1, 0, 1) + own_leg(n, chi, e, one, 0, now, -1));
+  if (v >= 0) return deepest * work_of_leg(n, chi, e, one, 1, now, 1);
+  return deepest * (work_of_leg(n, chi, e, one, 1, 0, 1) + work_of_leg(n, chi, e, one, 0, now, -1));
 }
 
 double hcb_touch_speed(double kappa, double n, double chi, double e, double load, double x, double v) {
@@ -51,10 +51,10 @@ double hcb_touch_speed(double kappa, double n, double chi, double e, double load
     double square = v > 0 ? v * v - 2 * load * x : v * v + 2 * load * x;
     return sqrt(fmax(square, 0)) * (v > 0 ? 1 : 1 / e);
   }
-  double stored = kappa * pow(x, n + 1) / (n + 1), speed = own_root(stored, chi, e, v);
+  double stored = kappa * pow(x, n + 1) / (n + 1), speed = speed_for_energy(stored, chi, e, v);
   for (int round = 0; round < 2 && load != 0; round++) {
-    double work = load * own_work(kappa, n, chi, e, x, v, speed);
-    speed = own_root(stored - fmin(work, 0.75 * stored), chi, e, v);
+    double work = load * work_of_load(kappa, n, chi, e, x, v, speed);
+    speed = speed_for_energy(stored - fmin(work, 0.75 * stored), chi, e, v);
   }
   return speed;
 }

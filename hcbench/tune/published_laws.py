@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
-from hcbench.laws.published import LAWS, OwnSpeedLaw, RestitutionLaw
+from hcbench.laws.published import LAWS, PrescribedRestitutionLaw, TouchSpeedLaw
 from hcbench.setting import Setting
 from hcbench.tune.constant import minimax_constant
 from hcbench.tune.plugin import force_setting, require_resolved
@@ -23,7 +23,7 @@ class LaterLaw:
     """
 
     engine: str
-    family: type[RestitutionLaw]
+    family: type[PrescribedRestitutionLaw]
 
     @property
     def name(self) -> str:
@@ -52,7 +52,7 @@ class LaterLaw:
     def __call__(self, target: Target) -> Setting:
         """The setting; UserError where the law has no χ for this e, SettingError for a step too coarse."""
         e, _ = minimax_constant(target)
-        law = OwnSpeedLaw(self.family, target.law.stiffness, e, target.law.exponent)
+        law = TouchSpeedLaw(self.family, target.law.stiffness, e, target.law.exponent)
         options = {"restitution": e, "stiffness": law.stiffness, "exponent": law.exponent}
         if self.engine == "reference":
             return Setting(self.engine, self.name, target.timestep, options)

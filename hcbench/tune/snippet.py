@@ -56,7 +56,7 @@ def _law(given: dict[str, Any]) -> tuple[str, str]:
     family = law_named(given.pop("law")).__name__
     head = f"\nfrom hcbench.laws.published import {family}"
     if force:
-        return f"contact.OwnSpeedLaw({family}, {_arguments(given)})", head
+        return f"contact.TouchSpeedLaw({family}, {_arguments(given)})", head
     return f"contact.ConstantRestitution({family}.delivered({_number(given['restitution'])}))", head
 
 

@@ -15,7 +15,7 @@ from hcbench.impact import Impact, Launch, Status
 from hcbench.laws import closed_form, kelvin_voigt, ode
 from hcbench.laws.bounces import bounce_train
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
-from hcbench.laws.published import LAWS, OwnSpeedLaw, law_named
+from hcbench.laws.published import LAWS, TouchSpeedLaw, law_named
 from hcbench.sim.engine import Engine
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
     from hcbench.setting import Setting
 
-Law = HuntCrossley | KelvinVoigt | OwnSpeedLaw
+Law = HuntCrossley | KelvinVoigt | TouchSpeedLaw
 
 # Points of a loop: one a time step, within what draws a smooth curve and what a file can carry.
 _POINTS_MIN, _POINTS_MAX = 201, 2001
@@ -83,7 +83,9 @@ def law_of(setting: Setting, scene: Scene) -> Law:
     slugs = [law.slug for law in LAWS.values()]
     if setting.name in slugs:
         defaults = {"stiffness": scene.stiffness, "exponent": scene.exponent}
-        return OwnSpeedLaw(law_named(setting.name), **_numbers(setting, defaults, required=("restitution",)))
+        return TouchSpeedLaw(
+            law_named(setting.name), **_numbers(setting, defaults, required=("restitution",))
+        )
     known = ", ".join(map(repr, ["hunt-crossley", "kelvin-voigt", *slugs]))
     raise SettingError("setting", f"{setting.name!r} of the reference", f"one of: {known}")
 
@@ -104,7 +106,7 @@ def _numbers(setting: Setting, defaults: Mapping[str, float], required: Sequence
 
 @lru_cache(maxsize=512)  # a study asks for every speed at several phases, which the truth does not depend on
 def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float) -> Impact:
-    if isinstance(law, OwnSpeedLaw):
+    if isinstance(law, TouchSpeedLaw):
         law = law.at(speed).hunt_crossley
     if gravity == 0.0 and isinstance(law, HuntCrossley):
         found = _closed_hunt_crossley(law, mass, speed, timestep)

@@ -9,11 +9,11 @@
 The law takes the attached pairs over, at MuJoCo's own contact points and normals, and leaves every other
 contact alone. `HuntCrossley` is the force law for steps that resolve the contact; `Restitution(alpha)` gives
 each impact e(v) of its own approach speed in the step that it happens in, for steps that do not. Of the laws
-that came after, `OwnSpeedLaw(Flores, k, e)` is the force and `ConstantRestitution(Flores.delivered(e))` what
-it does to a speed.
+that came after, `TouchSpeedLaw(Flores, k, e)` is the force and `ConstantRestitution(Flores.delivered(e))`
+what it does to a speed.
 
 How. MuJoCo calls mjcb_contactfilter and mjcb_passive: the first keeps attached pairs out of MuJoCo's contact,
-the second adds the force that stepping.py works out to qfrc_passive. Of a pair with a restitution law
+the second adds the force that laws/exact_step.py works out to qfrc_passive. Of a pair with a restitution law
 MuJoCo's own contact stays, and the second callback gives its constraint rows the acceleration that ends the
 step at e(v). Both are compiled C where a compiler is found, so that `mujoco.rollout` and `mujoco.batch.Batch`
 run them on all threads; else Python takes over, with a warning (MuJoCo then compiles no other model until you
@@ -30,8 +30,8 @@ refused. Contacts that share a body see each other to first order in their force
 1e-6 and 1e-4 at these steps. Restitution is exact to rounding; of several contacts at once to 1e-9, and to
 1e-6 under implicit integrators, which feel the constraint forces' own rounding.
 
-`OwnSpeedLaw` works v_i out from the state: resets, copies and threads need no care. e to 1e-7 at 1e-6 s, to
-1e-5 at 1e-5 s; own_speed.py says what loads on a contact do to that.
+`TouchSpeedLaw` works v_i out from the state: resets, copies and threads need no care. e to 1e-7 at 1e-6 s, to
+1e-5 at 1e-5 s; laws/touch_speed.py says what loads on a contact do to that.
 
 Tested with mujoco 3.3.0, 3.6.0, 3.11.0 and 4.0.0 on Linux x86-64.
 """
@@ -61,7 +61,7 @@ from hcbench.engines.mujoco.plugin.pairs import (
 from hcbench.errors import CannotRun, EngineFailed, SettingError
 from hcbench.laws.contact_law import Friction, Law, coarse, is_force, require_law
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.published import OwnSpeedLaw
+from hcbench.laws.published import TouchSpeedLaw
 from hcbench.laws.restitution import ConstantRestitution, Restitution
 
 if TYPE_CHECKING:
@@ -80,10 +80,10 @@ __all__ = [
     "ContactAccuracyWarning",
     "Friction",
     "HuntCrossley",
-    "OwnSpeedLaw",
     "PythonContactWarning",
     "Restitution",
     "Touch",
+    "TouchSpeedLaw",
     "attach",
     "hertz_stiffness",
     "pairs_between",
@@ -228,7 +228,7 @@ class Contact:
         own = self.law.stiffness if is_force(self.law) else 1.0
         if stiffness is not None and not is_force(self.law):
             raise SettingError("stiffness", "given for a restitution law", "alpha or restitution only")
-        asked = isinstance(self.law, (OwnSpeedLaw, ConstantRestitution))
+        asked = isinstance(self.law, (TouchSpeedLaw, ConstantRestitution))
         if (alpha if asked else restitution) is not None:
             slot, other = ("alpha", "restitution") if asked else ("restitution", "alpha")
             raise SettingError(slot, f"given for {self.law!r}", other)
@@ -236,7 +236,7 @@ class Contact:
         given = np.full(1, alpha_of(self.law)) if alpha is None else np.asarray(alpha, dtype=np.float64)
         if restitution is not None:
             e = np.asarray(restitution, dtype=np.float64)
-            given = self.law.family.chi_of(e) / 1.5 if isinstance(self.law, OwnSpeedLaw) else e
+            given = self.law.family.chi_of(e) / 1.5 if isinstance(self.law, TouchSpeedLaw) else e
         for slot, values in (("stiffness", factor), ("restitution" if asked else "alpha", given)):
             if not np.isfinite(values).all() or (values < 0).any():
                 raise SettingError(slot, f"{values.tolist()!r}", "finite numbers of 0 or more")
@@ -256,7 +256,7 @@ def attach(
     """Let `law` act on pairs of geoms of `model`, instead of MuJoCo's own contact.
 
     pairs: (geom, geom) by name or id; `pairs_between` and `pairs_of` make them from bodies.
-    law: HuntCrossley or OwnSpeedLaw; Restitution or ConstantRestitution. friction: of a force law; a
+    law: HuntCrossley or TouchSpeedLaw; Restitution or ConstantRestitution. friction: of a force law; a
     restitution law keeps MuJoCo's.
     tendons: tendons whose upper limit is a contact, as between the centres of a ball and of its cup.
     speed: largest approach speed expected, m/s: a step too coarse for it is refused.

@@ -14,7 +14,7 @@ import numpy as np
 from hcbench.engines.mujoco.plugin import native
 from hcbench.engines.mujoco.plugin.pairs import FORCE, FREE, PairSpec
 from hcbench.laws.contact_law import Friction
-from hcbench.laws.exact_step import Motion, kick, own_motion, stages
+from hcbench.laws.exact_step import ContactOde, euler_force, rk4_stage_forces, touch_speed_ode
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,7 +54,7 @@ class Touching:
     row: Floats  # of the generalised coordinates: the force along them, per unit normal force
     solved: Floats = field(default_factory=lambda: np.empty(0))  # M^-1 row
     inverse_mass: float = 0.0
-    motion: Motion = field(default_factory=lambda: Motion(0.0, 0.0, 1.0))
+    motion: ContactOde = field(default_factory=lambda: ContactOde(0.0, 0.0, 1.0))
     force: float = 0.0
 
 
@@ -219,12 +219,11 @@ def _gather(model: Any, data: Any, table: Table) -> list[Touching]:
         b = gravity_on_row(model, table, touch.row)
         pair = table.pairs[touch.pair]
         if pair.own and alpha > 0.0:
-            motion = own_motion(k * touch.inverse_mass, 1.5 * alpha, pair.exponent, b)
-            touch.motion = (
-                motion.settled(touch.x, touch.v) if touch.x > 0.0 and np.isfinite(touch.v) else motion
-            )
+            touch.motion = touch_speed_ode(k * touch.inverse_mass, 1.5 * alpha, pair.exponent, b)
+            if touch.x > 0.0 and np.isfinite(touch.v):
+                touch.motion = touch.motion.with_touch_speed(touch.x, touch.v)
         else:
-            touch.motion = Motion(k * touch.inverse_mass, 1.5 * alpha, pair.exponent, b)
+            touch.motion = ContactOde(k * touch.inverse_mass, 1.5 * alpha, pair.exponent, b)
     return found
 
 
@@ -233,14 +232,14 @@ def _couple(found: list[Touching]) -> None:
     plain = []
     for touch in found:
         own = touch.motion
-        alone = own.under(0.0).acceleration(touch.x, touch.v)
+        alone = own.with_load(0.0).acceleration(touch.x, touch.v)
         plain.append(-alone / touch.inverse_mass)
     for i, touch in enumerate(found):
         others = sum(
             float(touch.row @ other.solved) * plain[j] for j, other in enumerate(found) if j != i and plain[j]
         )
         own = touch.motion
-        touch.motion = own.under(own.b - others)
+        touch.motion = own.with_load(own.b - others)
 
 
 def _set_force(model: Any, table: Table, touch: Touching, stage: int, plans: Plans) -> None:
@@ -248,18 +247,18 @@ def _set_force(model: Any, table: Table, touch: Touching, stage: int, plans: Pla
     if not np.isfinite((touch.x, touch.v, touch.inverse_mass)).all():
         table.not_finite += 1
         return
-    table.too_coarse += (h * motion.rate(touch.x)) ** 2 > _COARSE
+    table.too_coarse += (h * motion.frequency(touch.x)) ** 2 > _COARSE
     if stage > 1:
         planned = plans.get(key)
         touch.force = planned[2 if stage == 4 else 1] if planned is not None else 0.0
         return
     if stage == 1:
-        planned = [one / touch.inverse_mass for one in stages(motion, h, touch.x, touch.v)]
+        planned = [one / touch.inverse_mass for one in rk4_stage_forces(motion, h, touch.x, touch.v)]
         if any(planned):
             plans[key] = planned
         touch.force = planned[0]
     else:
-        touch.force = kick(motion, h, touch.x, touch.v) / touch.inverse_mass
+        touch.force = euler_force(motion, h, touch.x, touch.v) / touch.inverse_mass
 
 
 def evaluate(model: Any, data: Any, table: Table, stage: int, plans: Plans) -> list[Touching]:

@@ -91,11 +91,11 @@ static void set_force(const mjModel* m, hcb_table* t, touch* c, int stage) {
     c->force = 0;
     return;
   }
-  if (h * h * stiffness_rate(&c->law, c->x) > HCB_COARSE) __atomic_add_fetch(&t->too_coarse, 1, __ATOMIC_RELAXED);
+  if (h * h * frequency_squared(&c->law, c->x) > HCB_COARSE) __atomic_add_fetch(&t->too_coarse, 1, __ATOMIC_RELAXED);
   if (!stage) {
-    plain = hcb_kick(&c->law, h, c->x, c->v);
+    plain = hcb_euler_force(&c->law, h, c->x, c->v);
   } else if (stage == 1) {
-    hcb_stages(&c->law, h, c->x, c->v, stages);
+    hcb_rk4_stage_forces(&c->law, h, c->x, c->v, stages);
     plan* made = stages[0] > 0 || stages[1] > 0 || stages[2] > 0 ? new_plan(c->pair, c->order) : NULL;
     for (int i = 0; made && i < 3; i++) made->value[i] = stages[i] / c->inverse_mass;
     plain = stages[0];

@@ -13,7 +13,7 @@ from hcbench.engines.mujoco.model import collision_filter, geoms_of
 from hcbench.errors import SettingError
 from hcbench.laws import hertz
 from hcbench.laws.contact_law import STEPS_PER_CONTACT, Friction, Law, coarse, contact_time, is_force
-from hcbench.laws.published import OwnSpeedLaw
+from hcbench.laws.published import TouchSpeedLaw
 from hcbench.laws.restitution import ConstantRestitution, Restitution
 from hcbench.sim.names import suggest_names
 
@@ -62,7 +62,7 @@ class PairSpec:
 
 def alpha_of(law: Law) -> float:
     """What `PairSpec.alpha` holds."""
-    if isinstance(law, OwnSpeedLaw):
+    if isinstance(law, TouchSpeedLaw):
         return law.chi / 1.5
     return law.restitution if isinstance(law, ConstantRestitution) else law.alpha
 
@@ -79,7 +79,7 @@ def spec(law: Law, friction: Friction | None, slot: int, key: tuple[int, int, in
         reading=CONSTANT
         if isinstance(law, ConstantRestitution)
         else int(isinstance(law, Restitution) and law.reading == "linear"),
-        own=int(isinstance(law, OwnSpeedLaw)),
+        own=int(isinstance(law, TouchSpeedLaw)),
         stiffness=law.stiffness if is_force(law) else 0.0,
         alpha=alpha_of(law),
         exponent=law.exponent if is_force(law) else 1.5,

@@ -198,7 +198,7 @@ static int gather(const mjModel* m, mjData* d, const hcb_table* t, const candida
         prepare(m, d, t, c, work);
       }
       c->law = law_of(m, p, c->inverse_mass, c->law.b);
-      if (c->x > 0) settle(&c->law, c->x, c->v);
+      if (c->x > 0) set_touch_speed(&c->law, c->x, c->v);
     }
     count += found;
   }

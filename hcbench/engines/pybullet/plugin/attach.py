@@ -12,10 +12,10 @@ points (Bullet's own, or a gap of yours) and adds external forces, equal and opp
 world is changed: no restitution, threshold, slop or damping of Bullet's. What Bullet does to all bodies it
 still does to these: switch its linearDamping of 0.04 off if the speed between impacts matters.
 
-`HuntCrossley` is the force law, for steps that resolve the contact: stepping.py says how the force over a
-step is found, and its order. `Restitution(alpha)` gives each impact e(v) of its own approach speed in the
-step that it happens in, for steps that do not; several contacts at once are solved together, resting ones
-rest. `OwnSpeedLaw(Flores, k, e)` is a law of `reference.later_laws`, `ConstantRestitution(e)` one e for all
+`HuntCrossley` is the force law, for steps that resolve the contact: laws/exact_step.py says how the force
+over a step is found, and its order. `Restitution(alpha)` gives each impact e(v) of its own approach speed in
+the step that it happens in, for steps that do not; several contacts at once are solved together, resting ones
+rest. `TouchSpeedLaw(Flores, k, e)` is a law of `laws.published`, `ConstantRestitution(e)` one e for all
 impacts: law.py. Bullet's friction does not act between attached pairs: give the law its own.
 
 PyBullet cannot say whether a pair was allowed to collide before: `detach` allows it, unless told otherwise.
@@ -34,7 +34,7 @@ from hcbench.engines.pybullet.plugin.vectors import Vector, along, dot, turned, 
 from hcbench.errors import EngineFailed, SettingError
 from hcbench.laws.contact_law import Friction, Law, coarse, is_force, require_law
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.published import OwnSpeedLaw
+from hcbench.laws.published import TouchSpeedLaw
 from hcbench.laws.restitution import ConstantRestitution, Restitution
 
 if TYPE_CHECKING:
@@ -50,9 +50,9 @@ __all__ = [
     "Contact",
     "Friction",
     "HuntCrossley",
-    "OwnSpeedLaw",
     "Restitution",
     "Touch",
+    "TouchSpeedLaw",
     "attach",
     "cup",
     "pairs_between",
@@ -255,7 +255,7 @@ def attach(
     """Let `law` act on pairs of bodies of a PyBullet client, instead of Bullet's own contact.
 
     pairs: (body, body), or ((body, link), (body, link)) where a link is meant; a bare body is its base.
-    law: HuntCrossley, OwnSpeedLaw, Restitution or ConstantRestitution. friction: of either; none by default.
+    law: HuntCrossley, TouchSpeedLaw, Restitution or ConstantRestitution. friction: none by default.
     gap: distance, point and normal of two poses, where Bullet's closest points are not exact enough: `cup`.
     speed: largest approach speed expected, m/s: a step too coarse for it is refused.
     collide_after: whether Bullet collides the pairs when they are detached.

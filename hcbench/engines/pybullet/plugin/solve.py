@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 from hcbench import _compile
 from hcbench.engines.pybullet.plugin.bodies import Body, Row, product
 from hcbench.laws.contact_law import ForceLaw
-from hcbench.laws.exact_step import Motion, flow, kick, own_motion, through
+from hcbench.laws.exact_step import ContactOde, advance, euler_force, touch_speed_ode, two_point_solve
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.published import OwnSpeedLaw
+from hcbench.laws.published import TouchSpeedLaw
 
 if TYPE_CHECKING:
     from hcbench.engines.pybullet.plugin.vectors import Vector
@@ -61,7 +61,7 @@ class Solver(Protocol):
 
 def solver_of(law: Law) -> Solver:
     """The solver of a law."""
-    return ForceSolver(law) if isinstance(law, (HuntCrossley, OwnSpeedLaw)) else RestitutionSolver(law)
+    return ForceSolver(law) if isinstance(law, (HuntCrossley, TouchSpeedLaw)) else RestitutionSolver(law)
 
 
 def _shared(one: Touch, other: Touch) -> float:
@@ -80,17 +80,17 @@ class _CLaw(ctypes.Structure):
 
 
 class ForceSolver:
-    """F = k x^n (1 + a x') over a step, by stepping.kick or its compiled twin."""
+    """F = k x^n (1 + a x') over a step, by exact_step.euler_force or its compiled twin."""
 
     def __init__(self, law: ForceLaw) -> None:
         self.law = law
         if isinstance(law, HuntCrossley) or law.chi == 0.0:
-            self._plain = Motion(0.0, getattr(law, "dissipation", 0.0), law.exponent)
+            self._plain = ContactOde(0.0, getattr(law, "dissipation", 0.0), law.exponent)
         else:
-            self._plain = own_motion(0.0, law.chi, law.exponent)
+            self._plain = touch_speed_ode(0.0, law.chi, law.exponent)
         plain = self._plain
         self._c = _CLaw(0.0, plain.a, plain.n, 0.0, plain.chi, plain.e, 0.0, 0.0)
-        self._compiled = _compiled_kick()
+        self._compiled = _compiled_euler_force()
         self._late = _LateReports()
 
     def solve(self, touches: Sequence[Touch], h: float) -> None:
@@ -100,32 +100,32 @@ class ForceSolver:
             x, v = touch.penetration, touch.rate
             motion = self._motion(touch, 0.0)
             if x > 0.0:
-                motion = motion.settled(x, v)
+                motion = motion.with_touch_speed(x, v)
             plain.append(-motion.acceleration(x, v) / touch.inverse_mass)
         for i, touch in enumerate(touches):
             b = touch.pull - sum(_shared(touch, touches[j]) * f for j, f in enumerate(plain) if f and j != i)
             motion = self._motion(touch, b)
-            touch.rate_of_step = (h * motion.rate(touch.penetration)) ** 2
+            touch.rate_of_step = (h * motion.frequency(touch.penetration)) ** 2
             touch.force = self._acceleration(motion, h, touch) / touch.inverse_mass
         self._late.seen({touch.key for touch in touches})
 
-    def _motion(self, touch: Touch, b: float) -> Motion:
+    def _motion(self, touch: Touch, b: float) -> ContactOde:
         of, kappa = self._plain, self.law.stiffness * touch.inverse_mass
-        return Motion(kappa, of.a, of.n, b, of.chi, of.e, touch.pull if of.chi else 0.0)
+        return ContactOde(kappa, of.a, of.n, b, of.chi, of.e, touch.pull if of.chi else 0.0)
 
-    def _acceleration(self, motion: Motion, h: float, touch: Touch) -> float:
-        late = self._late.acceleration(motion.over(h), h, touch)
+    def _acceleration(self, motion: ContactOde, h: float, touch: Touch) -> float:
+        late = self._late.acceleration(motion.with_step(h), h, touch)
         if late is not None:
             return late
         if self._compiled is None:
-            return kick(motion, h, touch.penetration, touch.rate)
+            return euler_force(motion, h, touch.penetration, touch.rate)
         self._c.kappa, self._c.b, self._c.load = motion.kappa, motion.b, motion.load
         return float(self._compiled(ctypes.byref(self._c), h, touch.penetration, touch.rate))
 
 
-def _compiled_kick() -> Any:
+def _compiled_euler_force() -> Any:
     try:
-        function = _compile.law_library().hcb_kick
+        function = _compile.law_library().hcb_euler_force
     except _compile.NotCompiled:
         return None
     function.argtypes = [ctypes.c_void_p, *[ctypes.c_double] * 3]
@@ -150,18 +150,18 @@ class _LateReports:
         """Tell which contacts this step had."""
         self._last, self._late = keys, self._late & keys
 
-    def acceleration(self, motion: Motion, h: float, touch: Touch) -> float | None:
+    def acceleration(self, motion: ContactOde, h: float, touch: Touch) -> float | None:
         """F/m >= 0 in m/s² where a late report needs care, else None."""
         key, x, v = touch.key, touch.penetration, touch.rate
         before = x - h * v
         if key not in self._last and x > 0.0 > before:
             self._late.add(key)
-            should, rate = flow(motion, h, before, v - 0.5 * h * motion.b)
-            after, out = flow(motion.settled(should, rate), h, should, rate)
+            should, rate = advance(motion, h, before, v - 0.5 * h * motion.b)
+            after, out = advance(motion.with_touch_speed(should, rate), h, should, rate)
             self._offset[key] = should - x
         elif key in self._late:
-            rate, after = through(motion, h, before + self._offset.pop(key, 0.0), x)
-            out = flow(motion.settled(x, rate), h, x, rate)[1]
+            rate, after = two_point_solve(motion, h, before + self._offset.pop(key, 0.0), x)
+            out = advance(motion.with_touch_speed(x, rate), h, x, rate)[1]
         else:
             return None
         aim = (after - x) / h if after > 0.0 else out
