@@ -21,7 +21,7 @@ from hcbench.engines.pybullet.options import read_options
 from hcbench.impact import Launch
 from hcbench.scene import Scene
 from hcbench.setting import Setting
-from hcbench.workers import process
+from hcbench.workers import mark_as_worker
 
 Record = list[tuple[float, float, float]]
 
@@ -104,7 +104,7 @@ def bare(model: Any, launches: Sequence[Launch], timestep: float, steps: int) ->
 
 def in_pybullet(scene: Scene, setting: Setting, launches: Sequence[Launch]) -> int:
     """Depth, rate and force of each step of each launch, until it has parted; how many steps that is."""
-    process.enter_worker()  # this process is the benchmark's own
+    mark_as_worker()  # this process is the benchmark's own
     bullet = world._client()
     ball, plate = world._set_up(bullet, scene, setting.timestep, read_options(setting.options))
     radius, steps = simulate.touching_height(scene), 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import mujoco
@@ -26,7 +25,7 @@ from hcbench.scene import load_scene
 from hcbench.setting import Setting
 from hcbench.sim import registry
 from hcbench.tune.target import Target
-from hcbench.workers import process
+from hcbench.workers import WorkerPool, process
 
 SCENE = load_scene("steel-plane")
 LAW = HuntCrossley(SCENE.stiffness, 0.008 / 0.0254)
@@ -124,15 +123,11 @@ def test_pybullet_over_a_users_loop(beside: Any) -> None:
     setting, eighty = made("pybullet.spring-damper"), launches(80)
     many = Stretch(SCENE, setting, [(launch.speed, launch.phase) for launch in launches(320)], ())
 
-    def fly(_: int) -> None:
-        process.take_own_worker()
-        process.collect(batches.together, many, limit=600)
-
-    process._inside = False
-    with ThreadPoolExecutor(2) as two:
+    process._is_worker = False
+    with WorkerPool(2) as pool:
 
         def ours() -> None:
-            list(two.map(fly, range(2)))
+            pool.map(batches.together, [many, many])
 
         beside(
             "PyBullet, spring-damper at 1 µs, two processes",
@@ -145,7 +140,6 @@ def test_pybullet_over_a_users_loop(beside: Any) -> None:
             must="3",
             aim="5",
         )
-        process.end_workers()
 
 
 def in_pybullet_alone(setting: Setting, eighty: list[Launch]) -> None:

@@ -26,7 +26,7 @@ from hcbench.scene import Scene, load_scene
 from hcbench.setting import Setting
 from hcbench.sim import registry
 from hcbench.tune.target import Target
-from hcbench.workers import process
+from hcbench.workers import call
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -327,9 +327,7 @@ def test_positions_worked_out_are_the_ones_that_bullet_has(scene: Scene) -> None
         assert np.array_equal(loop.rate, asked.rate[seen])
 
 
-def _told_and_worked_out(
-    scene: Scene, setting: Setting, launches: Sequence[Launch]
-) -> Iterator[tuple[Any, Any]]:
+def _told_and_worked_out(scene: Scene, setting: Setting, launches: Sequence[Launch]) -> tuple[Any, Any]:
     """Forces of each ball at each step, (n, b): by Bullet's contact points, and from the balls' momentum."""
     options = pybullet_options(setting.options)
     with _pybullet_world._world(scene, setting.timestep, options, 1.0, len(launches)) as world:
@@ -343,14 +341,14 @@ def _told_and_worked_out(
             points = [bullet.getContactPoints(ball) for ball in world.balls]
             told.append([sum(point[9] for point in own if point[8] <= 0.0) for own in points])
         gained = np.diff(np.array(rates), axis=0) + scene.gravity * setting.timestep
-        yield np.array(told)[:-1], scene.mass * gained / setting.timestep
+        return np.array(told)[:-1], scene.mass * gained / setting.timestep
 
 
 @SCENES
 @pytest.mark.parametrize(("recipe", "timestep"), [("spring-damper", 1e-5), ("restitution", 1e-3)])
 def test_momentum_tells_the_force_that_bullet_tells(scene: Scene, recipe: str, timestep: float) -> None:
     setting = made(f"pybullet.{recipe}", scene, timestep)
-    ((told, worked_out),) = process.collect(_told_and_worked_out, scene, setting, at_random(4), limit=60)
+    told, worked_out = call(_told_and_worked_out, scene, setting, at_random(4), limit=60)
     assert (told.max(axis=0) > 0).all()
     assert np.abs(worked_out - told).max() < 1e-12 * told.max()
 

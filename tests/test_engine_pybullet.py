@@ -23,7 +23,7 @@ from hcbench.errors import EngineFailed, EngineMissing, SceneError, SettingError
 from hcbench.impact import Impact, Launch, Status
 from hcbench.scene import Material, Scene
 from hcbench.setting import Setting
-from hcbench.workers import process
+from hcbench.workers import call
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -351,14 +351,14 @@ def test_a_launch_that_cannot_arrive_is_refused() -> None:
         fly("plane", 1e-3, {}, [Launch(0.0, height=0.01)])
 
 
-def _ask_for_a_file_that_is_not_there() -> Iterator[None]:
+def _ask_for_a_file_that_is_not_there() -> None:
     with _pybullet_world._world(steel("plane"), 1e-3, read_options({}), 0.2) as world:
-        yield world.bullet.loadURDF("nowhere.urdf")
+        world.bullet.loadURDF("nowhere.urdf")
 
 
 def test_what_pybullet_refuses_comes_as_our_own_error() -> None:
     with pytest.raises(EngineFailed, match=r"pybullet: Cannot load URDF file\."):
-        process.collect(_ask_for_a_file_that_is_not_there, limit=60)
+        call(_ask_for_a_file_that_is_not_there, limit=60)
 
 
 def test_a_missing_pybullet_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:

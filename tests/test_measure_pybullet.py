@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import pytest
 from hcbench.errors import SceneError, UserError
 from hcbench.impact import Status
 from hcbench.measure import measure
-from hcbench.workers import process
+from hcbench.workers import call
 
 pytest.importorskip("pybullet")
 
@@ -77,7 +76,7 @@ def setup(files: tuple[Path, Path], world: str = "", body: str = "", h: float = 
 
 def bounce_by_hand(
     ball: str, plate: str, h: float, gravity: float, speed: float, phase: float
-) -> Iterator[tuple[float, float]]:
+) -> tuple[float, float]:
     """(speed in, speed out): the loop that a user writes. Runs in the worker, as PyBullet's globals leak."""
     import pybullet as p
 
@@ -98,10 +97,9 @@ def bounce_by_hand(
             into, hit = -before, True
         if hit and not acting and before > 0:
             p.disconnect(c)
-            yield into, before
-            return
+            return into, before
     p.disconnect(c)
-    yield into, 0.0
+    return into, 0.0
 
 
 @pytest.mark.parametrize("gravity", [0.0, 9.81])
@@ -110,9 +108,7 @@ def bounce_by_hand(
 def test_e_as_loaded_is_that_of_a_loop_written_by_hand(
     files: tuple[Path, Path], gravity: float, speed: float, phase: float
 ) -> None:
-    ((into, out),) = process.collect(
-        bounce_by_hand, str(files[0]), str(files[1]), H, gravity, speed, phase, limit=30
-    )
+    into, out = call(bounce_by_hand, str(files[0]), str(files[1]), H, gravity, speed, phase, limit=30)
     found = measure(files, speeds=[speed], phases=[phase], gravity=gravity, diagnose=False)
     (impact,) = found.impacts
     assert impact.speed_in == pytest.approx(into, rel=1e-9)
@@ -190,7 +186,7 @@ def test_one_file_after_another_leaks_nothing(files: tuple[Path, Path]) -> None:
     assert [i.restitution for i in measure(files, diagnose=False).impacts] == first
 
 
-def measured_live(ball: str, plate: str) -> Iterator[dict[str, Any]]:
+def measured_live(ball: str, plate: str) -> dict[str, Any]:
     """A live client, before and after; in the worker."""
     import pybullet as p
 
@@ -210,7 +206,7 @@ def measured_live(ball: str, plate: str) -> Iterator[dict[str, Any]]:
     before = state()
     found = measure(World(c, body, floor), speeds=[1.0], timestep=1e-4, gravity=0)
     by_name = measure(c, ("ball", "plate"), speeds=[1.0], timestep=1e-4, gravity=0)
-    yield {
+    seen = {
         "before": before,
         "after": state(),
         "e": [i.restitution for i in found.impacts],
@@ -219,10 +215,11 @@ def measured_live(ball: str, plate: str) -> Iterator[dict[str, Any]]:
         "remedy": found.remedy,
     }
     p.disconnect(c)
+    return seen
 
 
 def test_a_live_client_is_left_as_it_was(files: tuple[Path, Path]) -> None:
-    (told,) = process.collect(measured_live, str(files[0]), str(files[1]), limit=30)
+    told = call(measured_live, str(files[0]), str(files[1]), limit=30)
     assert told["after"] == told["before"]
     assert told["e"] == told["named"]
     assert "erp" in told["causes"]

@@ -12,33 +12,35 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from hcbench.workers import process
+from hcbench.workers import call
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
 SCENES = Path(__file__).parents[1] / "scenes"
 MASS, R1, R2 = 0.45359237, 0.0254, 0.0508
 
 
-def _depths(form: str, places: Sequence[tuple[float, float, float]]) -> Iterator[float]:
+def _depths(form: str, places: Sequence[tuple[float, float, float]]) -> list[float]:
     """Penetration that PyBullet itself sees, m, of a ball at each place."""
     import pybullet as bullet
 
     client = bullet.connect(bullet.DIRECT)
     ball = bullet.loadURDF(str(SCENES / f"steel-{form}" / "ball.urdf"), physicsClientId=client)
     plate = bullet.loadURDF(str(SCENES / f"steel-{form}" / "plate.urdf"), physicsClientId=client)
+    depths = []
     for place in places:
         bullet.resetBasePositionAndOrientation(ball, place, [0, 0, 0, 1], physicsClientId=client)
         (point,) = bullet.getClosestPoints(ball, plate, 0.0, physicsClientId=client)
-        yield -point[8]
+        depths.append(-point[8])
     bullet.disconnect(client)
+    return depths
 
 
 def test_the_plane_sees_the_penetration_of_the_equivalent_sphere() -> None:
     overlaps = np.geomspace(1e-9, 2.5e-5, 20)
     places = [(0.003, -0.01, R2 - overlap) for overlap in overlaps]
-    np.testing.assert_allclose(process.collect(_depths, "plane", places, limit=60), overlaps, atol=1e-16)
+    np.testing.assert_allclose(call(_depths, "plane", places, limit=60), overlaps, atol=1e-16)
 
 
 def test_the_cup_sees_its_penetration_on_the_axis_and_off_it() -> None:
@@ -48,7 +50,7 @@ def test_the_cup_sees_its_penetration_on_the_axis_and_off_it() -> None:
     turns = rng.uniform(0.0, 2 * math.pi, 300)
     heights = R2 - np.sqrt((R2 - R1 + overlaps) ** 2 - offsets**2)
     places = np.column_stack([offsets * np.cos(turns), offsets * np.sin(turns), heights])
-    seen = process.collect(_depths, "cup", [tuple(place) for place in places.tolist()], limit=60)
+    seen = call(_depths, "cup", [tuple(place) for place in places.tolist()], limit=60)
     np.testing.assert_allclose(seen, overlaps, rtol=0, atol=1e-8)
 
 

@@ -78,7 +78,7 @@ def end(process: subprocess.Popen[str], number: signal.Signals) -> None:
 def test_a_report_that_is_interrupted_leaves_nothing(tmp_path: Path, number: signal.Signals) -> None:
     (tmp_path / "study.toml").write_text(LONG.format(phases=1000, timestep=1e-8), encoding="utf-8")
     process = start(["report", "study.toml", "--out", "reports/mine", "--jobs", "2"], tmp_path)
-    wait_for("its workers", lambda: len(session(process.pid)) >= 3)
+    wait_for("its workers", lambda: len(session(process.pid)) >= 2)
     end(process, number)
     assert [path.name for path in tmp_path.iterdir()] == ["study.toml"]
 

@@ -61,11 +61,11 @@ def columns_of(impacts: Sequence[Impact]) -> dict[str, Any]:
     }
 
 
-def together(stretch: Stretch) -> Iterator[Flown]:
+def together(stretch: Stretch) -> Flown:
     """All of it at once, as the engine does best."""
     launches = [Launch(*launch) for launch in stretch.launches]
     impacts = registry.engine(stretch.setting.engine).drop(stretch.scene, stretch.setting, launches)
-    yield Flown.of(impacts, stretch.keep)
+    return Flown.of(impacts, stretch.keep)
 
 
 def alone(which: Sequence[int], stretch: Stretch) -> Iterator[Impact]:

@@ -10,6 +10,8 @@ import dataclasses
 import platform
 from collections import Counter
 from collections.abc import Sequence
+from concurrent.futures import as_completed
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, overload
@@ -24,7 +26,7 @@ from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim import registry
 from hcbench.tune.target import Target
-from hcbench.workers.pool import Crew
+from hcbench.workers import WorkerDied, WorkerPool, call
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -94,15 +96,15 @@ def run_study(study: Study, jobs: int = 1, progress: Callable[[int, int], None] 
     progress: called with (impacts done, impacts in all) as they come in.
     Raises UserError for what the study asks wrongly, and EngineMissing, before anything runs.
     """
-    with Crew(jobs) as crew:
-        return run_with(crew, study, progress)
+    with WorkerPool(jobs) as pool:
+        return run_with(pool, study, progress)
 
 
-def run_with(crew: Crew, study: Study, progress: Callable[[int, int], None] | None = None) -> Results:
+def run_with(pool: WorkerPool, study: Study, progress: Callable[[int, int], None] | None = None) -> Results:
     """The same by processes that have more to do before or after."""
-    rows = plan(study, crew)
+    rows = plan(study, pool)
     tasks = {row.task.key: row.task for row in rows}
-    return gather(study, rows, fly(list(tasks.values()), crew, progress))
+    return gather(study, rows, fly(list(tasks.values()), pool, progress))
 
 
 def gather(study: Study, rows: Sequence[Row], impacts: Mapping[TaskKey, Sequence[Impact]]) -> Results:
@@ -156,10 +158,10 @@ def _train_table(study: Study, rows: Sequence[Row]) -> pd.DataFrame:
     )
 
 
-def plan(study: Study, crew: Crew | None = None) -> list[Row]:
+def plan(study: Study, pool: WorkerPool | None = None) -> list[Row]:
     """A study's settings, each for one α and step. Rows of settings that do not depend on α share a task.
 
-    crew: makes them, side by side; None: this process does. Raises UserError for what the study asks wrongly,
+    pool: makes them, side by side; None: this process does. Raises UserError for what the study asks wrongly,
     and EngineMissing.
     """
     asked = [(i, target) for i, run in enumerate(study.runs) for target in _targets(study, run)]
@@ -167,13 +169,13 @@ def plan(study: Study, crew: Crew | None = None) -> list[Row]:
         registry.load(RECIPES, _recipe(run))
         registry.engine(run.engine).version()  # a missing engine is said before anything runs
     orders = [(_recipe(study.runs[i]), target) for i, target in asked]
-    if crew is None:
+    if pool is None:
         settings = [_made(order) for order in orders]
     else:
         # Runs of few rows first: that they are few is mostly because each takes a search.
         rows_of = Counter(i for i, _ in asked)
         turn = sorted(range(len(asked)), key=lambda k: rows_of[asked[k][0]])
-        by_turn = dict(zip(turn, crew.all(_made, [orders[k] for k in turn]), strict=True))
+        by_turn = dict(zip(turn, pool.map(_made, [orders[k] for k in turn]), strict=True))
         settings = [by_turn[k] for k in range(len(asked))]
     return [
         _row(study, study.runs[i], target, setting)
@@ -207,28 +209,27 @@ def _row(study: Study, run: Run, target: Target, setting: Setting) -> Row:
 
 
 def fly(
-    tasks: Sequence[Task], crew: Crew, progress: Callable[[int, int], None] | None = None
+    tasks: Sequence[Task], pool: WorkerPool, progress: Callable[[int, int], None] | None = None
 ) -> dict[TaskKey, list[Impact]]:
-    """Fly tasks; impacts by task key.
-
-    Tasks left over when a worker died are tried once more, each alone; what dies again is CRASHED.
-    """
+    """Fly tasks; impacts by task key."""
     total, out = sum(len(task.launches) for task in tasks), {}
-
-    def fly_batch(batch: Sequence[Task]) -> None:
-        for i, found in crew.each(_fly_one, batch):
-            out[batch[i].key] = found
-            if progress is not None:
-                progress(sum(map(len, out.values())), total)
-
     # Longest first, so that no worker starts the longest last.
-    fly_batch(sorted(tasks, key=lambda task: -len(task.launches) / task.setting.timestep))
-    for task in [task for task in tasks if task.key not in out]:
-        fly_batch([task])
-    for task in [task for task in tasks if task.key not in out]:
-        reason = "the engine's process died on it, twice"
-        out[task.key] = [Impact(launch, Status.CRASHED, reason) for launch in task.launches]
+    order = sorted(tasks, key=lambda task: -len(task.launches) / task.setting.timestep)
+    waiting = {pool.threads.submit(_fly_surviving, task): task for task in order}
+    for future in as_completed(waiting):
+        out[waiting[future].key] = future.result()
+        if progress is not None:
+            progress(sum(map(len, out.values())), total)
     return out
+
+
+def _fly_surviving(task: Task) -> list[Impact]:
+    """A task that its process died on is tried once more; what dies again is CRASHED."""
+    for _ in range(2):
+        with suppress(WorkerDied):
+            return call(_fly_one, task, limit=None)
+    reason = "the engine's process died on it, twice"
+    return [Impact(launch, Status.CRASHED, reason) for launch in task.launches]
 
 
 def _fly_one(task: Task) -> list[Impact]:

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import os
 import time
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hcbench.benchmark import worker
 from hcbench.benchmark.folder import Folder
 from hcbench.benchmark.shards import Plan
 from hcbench.benchmark.tables import PartBytes, Share
 from hcbench.benchmark.worker import Patience, fly_part
 from hcbench.errors import CannotRun, HcbenchError
-from hcbench.workers import process
+from hcbench.workers import WorkerPool
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -86,26 +85,8 @@ def _executing(
         with connected(scheduler) as found:
             yield found
     else:
-        with _threads(jobs) as pool:
-            yield pool, lambda: jobs
-
-
-@contextmanager
-def _threads(jobs: int) -> Iterator[Executor]:
-    """Each thread looks after a process that engines run in."""
-    workers: list[process.Worker] = []
-    pool = ThreadPoolExecutor(jobs, initializer=lambda: workers.append(process.take_own_worker()))
-    try:
-        yield pool
-    except BaseException:
-        worker.stopping.set()
-        pool.shutdown(wait=False, cancel_futures=True)
-        process.end_workers(workers)
-        raise
-    finally:
-        pool.shutdown()
-        process.end_workers(workers)
-        worker.stopping.clear()
+        with WorkerPool(jobs) as pool:
+            yield pool.threads, lambda: jobs
 
 
 class _Run:

@@ -7,7 +7,6 @@ stretch, which are then flown one by one; what fails again is CRASHED, with the 
 from __future__ import annotations
 
 import dataclasses
-import threading
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -20,7 +19,7 @@ from hcbench.benchmark.tables import PartBytes, part_bytes
 from hcbench.errors import CannotRun, SceneError, UserError
 from hcbench.impact import Impact, Launch, Status
 from hcbench.scene import load_scene
-from hcbench.workers import process
+from hcbench.workers import call, map_surviving_crashes, use_own_worker
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
 _FIRST = 64  # impacts in the first stretch of a part: it tells how long the others take
 _SAMPLES = 500_000  # steps in contact in a stretch, at most: 16 MB of loops
 _GIVE_UP = 32  # deaths in a row: all phases of a few speeds, which fail together
-stopping = threading.Event()  # set: the engines' processes are being ended on purpose
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +52,7 @@ def fly_part(part: Part, patience: Patience) -> PartBytes:
 
     Raises UserError for what the engine refuses, CannotRun where this is not what the part was planned with.
     """
-    process.take_own_worker()
+    use_own_worker()
     scene = _scene_here(part)
     found: list[Flown] = []
     done, size, total = 0, _FIRST, len(part.launches)
@@ -70,14 +68,12 @@ def fly_part(part: Part, patience: Patience) -> PartBytes:
 def _fly(own: Stretch, patience: Patience) -> Flown:
     limit = patience.limit(own.setting.timestep, len(own.launches))
     try:
-        (found,) = process.collect(batch.together, own, limit=limit)
+        return call(batch.together, own, limit=limit)
     except UserError:
         raise
     except Exception:
         # Death included. Which impact it was, and what happened, is told when each has flown alone.
-        if stopping.is_set():
-            raise
-        found_alone = process.survive(
+        found_alone = map_surviving_crashes(
             batch.alone,
             range(len(own.launches)),
             own,
@@ -86,7 +82,6 @@ def _fly(own: Stretch, patience: Patience) -> Flown:
             give_up=_GIVE_UP,
         )
         return Flown.of(found_alone, own.keep)
-    return found
 
 
 def _lost(own: Stretch, i: int, why: str) -> Impact:

@@ -27,19 +27,19 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
     from hcbench.benchmark.run import run_with
     from hcbench.benchmark.study import find_study, load_study, name_of
     from hcbench.report.build import build
-    from hcbench.workers.pool import Crew
+    from hcbench.workers import WorkerPool
 
     if is_sweep(study):
         folder = out or Path("reports") / Path(study).resolve().name
-        with Crew(jobs) as crew:
-            build(read(study), folder, crew)
+        with WorkerPool(jobs) as pool:
+            build(read(study), folder, pool)
         print(folder / "index.html")
         return
     path = find_study(study)
     plan = load_study(path).quick() if quick else load_study(path)
     folder = out or Path("reports") / name_of(path)
-    with filled_folder(folder) as scratch, Crew(jobs) as crew:
+    with filled_folder(folder) as scratch, WorkerPool(jobs) as pool:
         with progress("impacts") as tick:
-            results = run_with(crew, plan, tick)
-        build(results, scratch, crew)
+            results = run_with(pool, plan, tick)
+        build(results, scratch, pool)
     print(folder / "index.html")

@@ -18,7 +18,7 @@ from hcbench.laws.restitution import ConstantRestitution
 from hcbench.measure.diagnose import diagnose, goal_of
 from hcbench.measure.measurement import TOLERANCE, Measurement, Request, Subject
 from hcbench.measure.request import make_request
-from hcbench.workers import process
+from hcbench.workers import WorkerDied, call
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -90,15 +90,14 @@ def measure_job(job: Job, limit: float = LIMIT_S) -> Measurement:
         return _measured(subject, job.request, job.wanted, job.tolerance, job.diagnose)
     job = dataclasses.replace(job, source=source)
     try:
-        (found,) = process.collect(_in_worker, job, limit=limit)
-    except process.WorkerDied as death:
+        return call(_in_worker, job, limit=limit)
+    except WorkerDied as death:
         raise EngineFailed(
             "model",
             f"{_label(source)}: the engine's process was lost: {death.got}",
             "a model that runs",
             "A slow one gets more time by --limit",
         ) from None
-    return found
 
 
 def _label(source: str | tuple[str, ...]) -> str:
@@ -117,11 +116,11 @@ def _as_files(model: Any) -> str | tuple[str, ...] | None:
     return None
 
 
-def _in_worker(job: Job) -> Iterator[Measurement]:
+def _in_worker(job: Job) -> Measurement:
     with _memory_limit():
         try:
             subject = _subject(job.source, job.engine, job.request)
-            yield _measured(subject, job.request, job.wanted, job.tolerance, job.diagnose)
+            return _measured(subject, job.request, job.wanted, job.tolerance, job.diagnose)
         except MemoryError:
             needs = f"{_label(job.source)} needs more than {_memory() >> 30} GiB of memory"
             raise EngineFailed("model", needs, "a model that fits") from None

@@ -16,11 +16,9 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.laws.require import positive, require
 from hcbench.sim import registry
 from hcbench.sim.two_blocks import TwoBlocks
-from hcbench.workers import process
+from hcbench.workers import call
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from hcbench.impact import Floats
     from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
 
@@ -85,8 +83,7 @@ def simulate_in_engine(
     forces = np.array([0.0 if drive is None else drive(i * timestep) for i in range(count)])
     start = velocity - 0.5 * timestep * float(forces[0]) / system.mass
     blocks = TwoBlocks(system.mass, system.gap, law, timestep, tuned_at)
-    (states,) = process.collect(_simulate, name, blocks, position, start, forces, limit=LIMIT)
-    positions, velocities = states
+    positions, velocities = call(_simulate, name, blocks, position, start, forces, limit=LIMIT)
     return EngineTrajectory(
         time=np.asarray(np.arange(count) * timestep, dtype=np.float64),
         position=positions[:-1],
@@ -97,6 +94,8 @@ def simulate_in_engine(
 
 def _simulate(
     name: str, blocks: TwoBlocks, position: float, velocity: float, forces: Floats
-) -> Iterator[tuple[Floats, Floats]]:
+) -> tuple[Floats, Floats]:
     """In the worker process."""
-    yield registry.submodule(name, "two_blocks").simulate(blocks, position, velocity, forces)
+    states: tuple[Floats, Floats]
+    states = registry.submodule(name, "two_blocks").simulate(blocks, position, velocity, forces)
+    return states

@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from hcbench.benchmark.results import Results
-    from hcbench.workers.pool import Crew
+    from hcbench.workers import WorkerPool
 
 PAGE = "index.html"
 
 
-def build(results: Results, folder: Path, crew: Crew | None = None) -> Path:
+def build(results: Results, folder: Path, pool: WorkerPool | None = None) -> Path:
     """Write the report of `results` into `folder` and return its page. All of it appears, or nothing.
 
-    crew: draws the figures, side by side; None: this process does.
+    pool: draws the figures, side by side; None: this process does.
     index.html; figures/*.svg, *.png; restitution.csv, loops.csv, scores.csv, summary.json.
     The same results give the same bytes. Raises OutputError where the folder cannot be written.
     """
@@ -35,7 +35,7 @@ def build(results: Results, folder: Path, crew: Crew | None = None) -> Path:
         results.write(scratch)
         (scratch / "figures").mkdir()
         save, wanted = partial(_save, scratch / "figures"), drawings(view)
-        figures = list(map(save, wanted)) if crew is None else crew.all(save, wanted)
+        figures = list(map(save, wanted)) if pool is None else pool.map(save, wanted)
         write_text(scratch / PAGE, render(view, figures))
     return folder / PAGE
 

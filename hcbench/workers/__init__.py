@@ -1,1 +1,133 @@
-"""Worker processes."""
+"""Worker processes. Engines that keep globals, print or crash run in these, never in the user's process.
+
+`call` runs a function in a worker process, which is started when first needed and kept. Code that runs in a
+process of hcbench's own already says so by `mark_as_worker`, and what it `call`s is run in place. A
+`WorkerPool` has several worker processes; what comes back does not depend on how many.
+
+A worker is a fresh interpreter, which does not run the user's main module again: scripts need no
+`if __name__ == "__main__"`. Functions and values cross by pickle, functions by their module's name.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import TYPE_CHECKING, Any, Self, TypeVar
+
+from hcbench.errors import CannotRun
+from hcbench.workers.process import (
+    Worker,
+    WorkerDied,
+    in_worker,
+    mark_as_worker,
+    redirect_output,
+    use_own_worker,
+    worker_of_thread,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+__all__ = [
+    "WorkerDied",
+    "WorkerPool",
+    "call",
+    "in_worker",
+    "map_surviving_crashes",
+    "mark_as_worker",
+    "redirect_output",
+    "use_own_worker",
+]
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+
+def call(function: Callable[..., Result], *args: Any, limit: float | None) -> Result:
+    """What `function(*args)` returns, run in a worker process.
+
+    limit: s, after which the worker counts as hung; None: never.
+    Raises what the function raises, and WorkerDied.
+    """
+    if in_worker():
+        return function(*args)
+    result: Result
+    (result,) = worker_of_thread().run(_yield_result, (function, *args), limit)
+    return result
+
+
+def _yield_result(function: Callable[..., Result], *args: Any) -> Iterator[Result]:
+    yield function(*args)
+
+
+def map_surviving_crashes(
+    function: Callable[..., Iterator[Result]],
+    jobs: Sequence[Job],
+    *args: Any,
+    lost: Callable[[Job, str], Result],
+    limit: float,
+    together: int = 1,
+    give_up: int = 3,
+) -> list[Result]:
+    """One result for each job, in order, run in a worker process; what crashes or hangs it costs one job.
+
+    function: `function(jobs, *args)` yields one result for each job, in order.
+    lost: makes the result of a job that the worker died on, from the job and the reason.
+    limit: s for each job. together: how many jobs `function` has under way at a time; those that a crash
+        interrupted are run one by one, to find the one that causes it.
+    give_up: crashes in a row, with no result in between, after which no other job is tried.
+    """
+    if in_worker():
+        return list(function(jobs, *args))
+    worker = worker_of_thread()
+    results: list[Result] = []
+    crashes = suspects_end = 0  # jobs before suspects_end are run one by one
+    while (done := len(results)) < len(jobs):
+        alone = done < suspects_end
+        batch = jobs[done : done + 1] if alone else jobs[done:]
+        try:
+            results += worker.run(function, (batch, *args), limit if alone else limit * together)
+            assert len(results) == done + len(batch), f"{len(results) - done} results of {len(batch)} jobs"
+            crashes = 0
+        except WorkerDied as death:
+            results += death.results
+            crashes = 0 if death.results else crashes
+            if together > 1 and not alone:
+                suspects_end = len(results) + together
+                continue
+            crashes += 1
+            results += [lost(job, death.got) for job in jobs[len(results) :][:1]]
+            if crashes == give_up:
+                reason = f"not tried: the engine died on the {give_up} before it ({death.got})"
+                results += [lost(job, reason) for job in jobs[len(results) :]]
+    return results
+
+
+class WorkerPool:
+    """Up to `jobs` worker processes, each with a thread of this process that waits for it.
+
+    threads: an executor; what its functions `call` runs in the worker process of their thread.
+    Left by an exception, the pool kills its processes at whatever they do.
+    """
+
+    def __init__(self, jobs: int) -> None:
+        self._workers = [Worker() for _ in range(max(1, jobs))]
+        free = iter(self._workers)
+        self.threads = ThreadPoolExecutor(len(self._workers), initializer=lambda: use_own_worker(next(free)))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.threads.shutdown(wait=kind is None, cancel_futures=True)
+        for worker in self._workers:
+            worker.close()
+        self.threads.shutdown()
+
+    def map(self, function: Callable[[Job], Result], jobs: Iterable[Job]) -> list[Result]:
+        """[function(job), ...], each run in a worker process. CannotRun where one died."""
+        try:
+            return list(self.threads.map(partial(call, function, limit=None), jobs))
+        except WorkerDied as death:
+            reason = f"a process died: {death.got}"
+            raise CannotRun("worker", reason, "it to end by itself", "Is there memory enough?") from None

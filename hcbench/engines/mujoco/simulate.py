@@ -22,7 +22,7 @@ from hcbench.errors import SettingError
 from hcbench.impact import Trajectory, impacts_of
 from hcbench.laws import closed_form
 from hcbench.sim.stop import Watch
-from hcbench.workers import process
+from hcbench.workers import in_worker
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -111,7 +111,7 @@ class Fleet:
         if kind == "sliding" and holds_one_row(model.model):
             most = _CROWD_OF_ONE_ROW
         alone = {} if kind == "sliding" else {1: Crowd(model.model, 1, model.at, sliding=False)}
-        wide = 1 if process.in_worker() else _cores()
+        wide = 1 if in_worker() else _cores()
         return cls(model, most, wide, kind == "sliding", crowds=alone)
 
     def crowd(self, size: int) -> Crowd:

@@ -9,20 +9,20 @@ Options of a setting (all optional; none means as loaded):
     maximal_coordinates: true for rigid bodies proper instead of Bullet's default, multibodies.
 
 Bullet keeps contactBreakingThreshold in a global of the process, shared by all of its clients, and some
-settings outlive resetSimulation. So nothing here ever steps in the user's process: see isolation.
+settings outlive resetSimulation. So nothing here ever steps in the user's process: see hcbench.workers.
 """
 
 from __future__ import annotations
 
 from importlib import metadata
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from hcbench.engines.pybullet import world
 from hcbench.engines.pybullet.options import read_options
 from hcbench.errors import EngineMissing
 from hcbench.impact import Impact, Status
 from hcbench.sim.engine import Engine
-from hcbench.workers import process
+from hcbench.workers import call, map_surviving_crashes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -57,7 +57,17 @@ class PybulletEngine(Engine):
         self.version()
         # Alike together: they take equally long.
         order = sorted(range(len(launches)), key=lambda i: (launches[i].height or 0.0, launches[i].speed))
-        found = _survive([launches[i] for i in order], scene, setting.timestep, options)
+        found = map_surviving_crashes(
+            world.fly_here,
+            [launches[i] for i in order],
+            scene,
+            setting.timestep,
+            options,
+            lost=_lost,
+            limit=_LIMIT_S,
+            together=world.TOGETHER,
+            give_up=world.TOGETHER,
+        )
         back = dict(zip(order, found, strict=True))
         return [back[i] for i in range(len(launches))]
 
@@ -66,7 +76,7 @@ class PybulletEngine(Engine):
         options = read_options(setting.options)
         self.version()
         steps = max(1, round(duration / setting.timestep))
-        (trajectory,) = process.collect(
+        return call(
             world.follow_here,
             scene,
             setting.timestep,
@@ -75,27 +85,6 @@ class PybulletEngine(Engine):
             steps,
             limit=_LIMIT_S + steps * _LIMIT_STEP_S,
         )
-        return trajectory
-
-
-def _survive(launches: Sequence[Launch], *where: Any) -> list[Impact]:
-    """One impact for each launch, in order, whatever PyBullet dies on: that alone is lost."""
-    fly, together = world.fly_here, world.TOGETHER
-    done: list[Impact] = []
-    while len(done) < len(launches):
-        rest = launches[len(done) :]
-        try:
-            done += process.collect(fly, rest, *where, limit=_LIMIT_S * together, each=True)
-        except process.WorkerDied as death:
-            done += death.done
-            # Those that flew in one world died of one of them.
-            suspects = launches[len(done) : len(done) + together]
-            alone = process.survive(fly, suspects, *where, 1, lost=_lost, limit=_LIMIT_S)
-            done += alone
-            if all(impact.status is Status.CRASHED for impact in alone):
-                rest = launches[len(done) :]
-                done += process.survive(fly, rest, *where, 1, lost=_lost, limit=_LIMIT_S)
-    return done
 
 
 def _lost(launch: Launch, reason: str) -> Impact:

@@ -17,7 +17,7 @@ from hcbench.engines.pybullet import simulate
 from hcbench.engines.pybullet.simulate import touching_height
 from hcbench.engines.pybullet.urdf import check_ball, check_plate
 from hcbench.errors import EngineFailed, SceneError
-from hcbench.workers import process
+from hcbench.workers import in_worker, redirect_output
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -52,26 +52,24 @@ def fly_here(
     with _world(scene, timestep, options, fastest, min(share, len(launches))) as world:
         steps = 0
         for i in range(0, len(launches), share):
-            with process.quiet():
+            with redirect_output():
                 found, steps = simulate.fly(world, launches[i : i + share], steps)
             yield from found
 
 
-def follow_here(
-    scene: Scene, timestep: float, options: Options, launch: Launch, steps: int
-) -> Iterator[Trajectory]:
+def follow_here(scene: Scene, timestep: float, options: Options, launch: Launch, steps: int) -> Trajectory:
     """All of `steps` steps after one launch. Raises as `fly_here` does."""
-    with _world(scene, timestep, options, launch.speed) as world, process.quiet():
-        yield simulate.follow(world, launch, steps)
+    with _world(scene, timestep, options, launch.speed) as world, redirect_output():
+        return simulate.follow(world, launch, steps)
 
 
 @contextmanager
 def _world(scene: Scene, timestep: float, options: Options, speed: float, balls: int = 1) -> Iterator[World]:
-    assert process.in_worker(), "PyBullet's settings are global: they would leak into the user's own"
-    with process.quiet():
+    assert in_worker(), "PyBullet's settings are global: they would leak into the user's own"
+    with redirect_output():
         bullet = _client()
     try:
-        with process.quiet():
+        with redirect_output():
             ball, plate = _set_up(bullet, scene, timestep, options)
             own = (ball, *_company(bullet, scene, options, ball, plate, balls - 1))
         with _stepping(bullet, scene, options, own, plate, speed) as step:

@@ -7,10 +7,8 @@ linearized model". Every parameter is a lane of its own, all integrated side by 
 from __future__ import annotations
 
 import math
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from multiprocessing import get_context
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -23,6 +21,7 @@ from hcbench.paper.vibroimpact.batched_ode import Control, Lanes, march
 from hcbench.paper.vibroimpact.dynamics import Blocks
 from hcbench.paper.vibroimpact.simulate import size_of, tangent
 from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
+from hcbench.workers import WorkerPool
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -104,8 +103,8 @@ def orbits(
     if len(shares) == 1:
         parts = [task(shares[0])]
     else:
-        with ProcessPoolExecutor(len(shares), mp_context=get_context("spawn")) as pool:
-            parts = list(pool.map(task, shares))
+        with WorkerPool(len(shares)) as pool:
+            parts = pool.map(task, shares)
     kept = np.empty((5, values.size, keep))
     for i, part in enumerate(parts):
         kept[:, i :: len(parts)] = part

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -14,8 +15,16 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from hcbench.errors import EngineFailed, SettingError
-from hcbench.workers import process
+from hcbench.errors import CannotRun, EngineFailed, SettingError
+from hcbench.workers import (
+    WorkerPool,
+    call,
+    in_worker,
+    map_surviving_crashes,
+    mark_as_worker,
+    process,
+    redirect_output,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -23,21 +32,24 @@ if TYPE_CHECKING:
 HERE = os.getpid()
 
 
-def squares(n: int) -> Iterator[int]:
-    yield from (i * i for i in range(n))
+def square(n: int) -> int:
+    return n * n
 
 
-def process_id() -> Iterator[int]:
-    yield os.getpid()
+def process_id(_: int = 0) -> int:
+    return os.getpid()
 
 
-def refuse(slot: str) -> Iterator[int]:
-    yield 1
+def refuse(slot: str) -> int:
     raise SettingError(slot, "x", "y")
 
 
-def break_down() -> Iterator[int]:
-    yield 1
+def refuse_a_third(items: Sequence[int]) -> Iterator[int]:
+    yield from items[:2]
+    raise SettingError("third", "x", "y")
+
+
+def break_down() -> int:
     raise FileNotFoundError("model.xml")
 
 
@@ -46,17 +58,20 @@ class Stubborn(Exception):  # noqa: N818 - loses its second argument when pickle
         super().__init__(a)
 
 
-def break_down_in_its_own_words() -> Iterator[int]:
-    yield from ()
+def break_down_in_its_own_words() -> int:
     raise Stubborn(1, 2)
 
 
-def print_much() -> Iterator[str]:
+def answer_with_a_lock() -> object:
+    return threading.Lock()  # which cannot be pickled
+
+
+def print_much() -> str:
     print("from Python")
     print("to stderr", file=sys.stderr)
     ctypes.CDLL(None).puts(b"from C")
     ctypes.CDLL(None).fflush(None)
-    yield "kept"
+    return "kept"
 
 
 def halve(
@@ -70,43 +85,54 @@ def halve(
         yield item / 2
 
 
+def halve_in_pairs(items: Sequence[int], dies_on: tuple[int, ...]) -> Iterator[float]:
+    """Two at once: they come back together, or not at all."""
+    for i in range(0, len(items), 2):
+        yield from list(halve(items[i : i + 2], dies_on))
+
+
 def lost(item: int, reason: str) -> float | str:
     return f"{item}: {reason}"
 
 
 def inside_a_pool() -> tuple[bool, int, int]:
-    return process.in_worker(), os.getpid(), process.collect(process_id, limit=60)[0]
+    return in_worker(), os.getpid(), call(process_id, limit=60)
 
 
 def test_values_cross_in_order() -> None:
-    assert process.collect(squares, 5, limit=60) == [0, 1, 4, 9, 16]
+    assert call(square, 5, limit=60) == 25
+    assert map_surviving_crashes(halve, range(5), lost=lost, limit=60) == [0, 0.5, 1, 1.5, 2]
 
 
 def test_the_worker_is_another_process_and_is_kept() -> None:
-    first, second = (process.collect(process_id, limit=60)[0] for _ in range(2))
+    first, second = (call(process_id, limit=60) for _ in range(2))
     assert first == second != os.getpid()
-    assert not process.in_worker()
+    assert not in_worker()
 
 
 def test_own_errors_arrive_whole_and_the_worker_goes_on() -> None:
-    before = process.collect(process_id, limit=60)
+    before = call(process_id, limit=60)
     with pytest.raises(SettingError, match="stiffness: x; expected y"):
-        process.collect(refuse, "stiffness", limit=60)
+        call(refuse, "stiffness", limit=60)
     with pytest.raises(FileNotFoundError, match=r"model\.xml") as error:
-        process.collect(break_down, limit=60)
+        call(break_down, limit=60)
     assert "break_down" in error.value.__notes__[0]  # the worker's traceback
     with pytest.raises(EngineFailed, match="Stubborn: 1"):
-        process.collect(break_down_in_its_own_words, limit=60)
-    assert process.collect(process_id, limit=60) == before
+        call(break_down_in_its_own_words, limit=60)
+    with pytest.raises(SettingError, match="third: x; expected y"):
+        map_surviving_crashes(refuse_a_third, range(5), lost=lost, limit=60)
+    with pytest.raises(TypeError, match="pickle"):
+        call(answer_with_a_lock, limit=60)
+    assert call(process_id, limit=60) == before
 
 
 def test_nothing_that_an_engine_prints_gets_out(capfd: pytest.CaptureFixture[str]) -> None:
-    assert process.collect(print_much, limit=60) == ["kept"]
+    assert call(print_much, limit=60) == "kept"
     assert capfd.readouterr() == ("", "")
 
 
 def test_quiet_silences_c_code_and_gives_the_streams_back(capfd: pytest.CaptureFixture[str]) -> None:
-    with process.quiet():
+    with redirect_output():
         ctypes.CDLL(None).puts(b"from C, kept in its buffer")
         os.write(2, b"to stderr\n")
     ctypes.CDLL(None).fflush(None)
@@ -115,26 +141,62 @@ def test_quiet_silences_c_code_and_gives_the_streams_back(capfd: pytest.CaptureF
 
 
 def test_a_crash_costs_the_item_it_happened_on() -> None:
-    found = process.survive(halve, range(6), (0, 3), lost=lost, limit=60)
+    found = map_surviving_crashes(halve, range(6), (0, 3), lost=lost, limit=60)
     assert found == ["0: crashed with SIGSEGV", 0.5, 1.0, "3: crashed with SIGSEGV", 2.0, 2.5]
 
 
 def test_a_hang_costs_the_item_it_happened_on() -> None:
     began = time.monotonic()
-    found = process.survive(halve, [1, *range(2, 50)], (), (1,), lost=lost, limit=1.5)
+    found = map_surviving_crashes(halve, [1, *range(2, 50)], (), (1,), lost=lost, limit=1.5)
     assert found == ["1: no answer within 1.5 s", *(i / 2 for i in range(2, 50))]
     assert time.monotonic() - began < 20, "each item has its own limit, however many there are"
 
 
 def test_what_always_crashes_is_given_up() -> None:
-    found = process.survive(halve, range(8), tuple(range(8)), lost=lost, limit=60)
+    found = map_surviving_crashes(halve, range(8), tuple(range(8)), lost=lost, limit=60)
     assert found[:3] == [f"{i}: crashed with SIGSEGV" for i in range(3)]
     assert all("not tried: the engine died on the 3 before it" in str(reason) for reason in found[3:])
     assert len(found) == 8
 
 
+def test_a_crash_of_several_at_once_costs_the_one_it_comes_from() -> None:
+    found = map_surviving_crashes(halve_in_pairs, range(8), (1, 4), lost=lost, limit=60, together=2)
+    assert found == [0, "1: crashed with SIGSEGV", 1, 1.5, "4: crashed with SIGSEGV", 2.5, 3, 3.5]
+
+
+def test_a_pool_has_as_many_processes_as_jobs_and_keeps_the_order() -> None:
+    with WorkerPool(2) as pool:
+        assert pool.map(square, range(20)) == [i * i for i in range(20)]
+        processes = set(pool.map(process_id, range(20)))
+    assert 1 <= len(processes) <= 2
+    assert os.getpid() not in processes
+    assert all(_gone(process) for process in processes)
+
+
+def die(_: int) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_pool_that_loses_a_process_says_so_in_one_line() -> None:
+    with (
+        WorkerPool(1) as pool,
+        pytest.raises(CannotRun, match="process died: crashed with SIGKILL"),
+    ):
+        pool.map(die, range(2))
+
+
+def test_a_pool_that_is_left_by_an_error_kills_what_it_does() -> None:
+    began = time.monotonic()
+    with pytest.raises(ZeroDivisionError), WorkerPool(2) as pool:
+        pool.threads.submit(call, time.sleep, 600, limit=600)
+        processes = pool.map(process_id, range(1))
+        raise ZeroDivisionError
+    assert time.monotonic() - began < 30
+    assert all(_gone(process) for process in processes)
+
+
 def test_a_pool_worker_works_in_place() -> None:
-    with ProcessPoolExecutor(1, get_context("spawn"), process.enter_worker) as pool:
+    with ProcessPoolExecutor(1, get_context("spawn"), mark_as_worker) as pool:
         inside, pool_worker, worker = pool.submit(inside_a_pool).result(timeout=60)
     assert inside
     assert pool_worker == worker != os.getpid()
@@ -142,12 +204,12 @@ def test_a_pool_worker_works_in_place() -> None:
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 def test_a_forked_child_gets_a_worker_of_its_own() -> None:
-    ours = process.collect(process_id, limit=60)[0]
+    ours = call(process_id, limit=60)
     read, write = os.pipe()
     child = os.fork()
     if child == 0:
         try:
-            os.write(write, str(process.collect(process_id, limit=60)[0]).encode())
+            os.write(write, str(call(process_id, limit=60)).encode())
         finally:
             process._shared.close()
             os._exit(0)
@@ -156,15 +218,15 @@ def test_a_forked_child_gets_a_worker_of_its_own() -> None:
         theirs = int(pipe.read())
     os.waitpid(child, 0)
     assert theirs not in (ours, os.getpid())
-    assert process.collect(process_id, limit=60) == [ours]
+    assert call(process_id, limit=60) == ours
 
 
 SCRIPT = """
 import os, sys, time
-from hcbench.workers import process
+from hcbench.workers import call
 sys.path.insert(0, {tests!r})
-import test_isolation
-print(process.collect(test_isolation.process_id, limit=60)[0], flush=True)
+import test_workers
+print(call(test_workers.process_id, limit=60), flush=True)
 {then}
 """
 
@@ -186,9 +248,7 @@ def _gone(process_id: int) -> bool:
     return False
 
 
-@pytest.mark.parametrize(
-    "then", ["", "process.collect(test_isolation.halve, [1], (), (1,), limit=60)"], ids=["idle", "busy"]
-)
+@pytest.mark.parametrize("then", ["", "call(time.sleep, 60, limit=60)"], ids=["idle", "busy"])
 def test_an_interrupt_ends_script_and_worker(then: str) -> None:
     with _script(then or "time.sleep(60)") as script:
         assert script.stdout is not None
