@@ -1,7 +1,4 @@
-"""Text with units in, SI floats out; and the one table of quantities that everything printed goes by.
-
-Units live at the edges only: a plain number is SI already. Pint does the parsing.
-"""
+"""Quantities read from text with units, as SI floats, by Pint. A plain number is SI already."""
 
 from __future__ import annotations
 
@@ -22,35 +19,36 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
+INCH = 0.0254  # m
+POUND_FORCE = 4.4482216152605  # N
+STANDARD_GRAVITY = 9.80665  # m/s²
 RANGE_COUNT = 20  # "1:20 in/s" without a count: 1, 2, ..., 20
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A row of the table: what is printed beside a number, and what a text must convert to."""
+    """A kind of number: its SI unit, which a text must convert to, and an example for errors."""
 
     name: str
-    symbol: str
     unit: str
     example: str
-    format: str = ".4g"
 
 
 QUANTITIES = {
     q.name: q
     for q in (
-        Quantity("alpha", "α", "s/m", "0.008 s/in"),
-        Quantity("speed", "v_i", "m/s", "16 in/s"),
-        Quantity("timestep", "h", "s", "1e-3 or 1 ms"),
-        Quantity("mass", "m", "kg", "1 lb"),
-        Quantity("length", "L", "m", "1 in"),
-        Quantity("pressure", "p", "Pa", "30e6 psi"),
-        Quantity("acceleration", "g", "m/s^2", "9.81 m/s^2"),
-        Quantity("force", "F", "N", "600 lbf"),
-        Quantity("damping", "c", "N*s/m", "100 N*s/m"),
-        Quantity("frequency", "f", "Hz", "100 Hz"),
-        Quantity("stiffness", "k", "N/m^n", "3.1e7 lbf/in^1.5"),
-        Quantity("number", "", "", "1.5"),
+        Quantity("alpha", "s/m", "0.008 s/in"),
+        Quantity("speed", "m/s", "16 in/s"),
+        Quantity("timestep", "s", "1e-3 or 1 ms"),
+        Quantity("mass", "kg", "1 lb"),
+        Quantity("length", "m", "1 in"),
+        Quantity("pressure", "Pa", "30e6 psi"),
+        Quantity("acceleration", "m/s^2", "9.81 m/s^2"),
+        Quantity("force", "N", "600 lbf"),
+        Quantity("damping", "N*s/m", "100 N*s/m"),
+        Quantity("frequency", "Hz", "100 Hz"),
+        Quantity("stiffness", "N/m^n", "3.1e7 lbf/in^1.5"),
+        Quantity("number", "", "1.5"),
     )
 }
 
@@ -195,9 +193,3 @@ def require_positive(values: Floats | Iterable[float] | float, quantity: str, sl
                 "a value above 0",
                 f"Write for example {kind.example!r}",
             )
-
-
-def show(value: float, quantity: str) -> str:
-    """A number with its SI unit, as everything printed spells it."""
-    kind = QUANTITIES[quantity]
-    return f"{value:{kind.format}} {kind.unit}".strip()

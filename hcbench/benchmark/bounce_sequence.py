@@ -11,6 +11,7 @@ from hcbench import scoring
 from hcbench.impact import Launch
 from hcbench.laws import ode
 from hcbench.sim import registry
+from hcbench.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from hcbench.setting import Setting
 
 BOUNCES = 10
-STANDARD_GRAVITY = 9.80665  # m/s²
 _SLACK = 2.0  # of the law's time for as many bounces, for engines that bounce higher
 
 

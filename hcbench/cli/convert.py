@@ -44,7 +44,7 @@ def convert(as_json: bool, reading: Any, solref: str | None, **given: str | None
     if as_json:
         print_json(found.as_dict())
         return
-    print(f"α = {found.alpha:.10g} s/m = {found.alpha * 0.0254:.10g} s/in")
+    print(f"α = {found.alpha:.10g} s/m = {found.alpha * units.INCH:.10g} s/in")
     if found.speed is not None:
         truth = f"e of (16) {found.restitution:.10g}, 1 - α v {found.restitution_linear:.10g}"
         print(f"at {found.speed:.6g} m/s: {truth}")

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from hcbench.errors import UserError
 from hcbench.laws import closed_form, hertz
+from hcbench.units import INCH
 
 if TYPE_CHECKING:
     from hcbench.laws.force import HuntCrossley
 
-INCH = 0.0254  # m
 PAPER_RELATIVE_RADIUS = 2 * INCH  # 1/(1/R1 + 1/R2) of section 3.1: 1 in convex on 2 in concave
 SPEED_LIMIT = 20 * INCH  # m/s, section 1.2: impact speeds below 20 in/s
 # α v_i at the ends of what the paper calls reasonable: α = 0.008 s/in at 20 in/s. Eq. (2) is 0.02 low there.

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 from hcbench.laws import hertz
 from hcbench.laws.force import HuntCrossley
 from hcbench.scene import Material
+from hcbench.units import INCH, POUND_FORCE
 
 if TYPE_CHECKING:
     from hcbench.laws.hertz import HertzContact
 
-INCH = 0.0254  # m
-POUND_FORCE = 4.4482216152605  # N
 POUND_MASS = 0.45359237  # kg
 PSI = 6894.757293168361  # Pa
 

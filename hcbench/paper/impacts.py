@@ -10,9 +10,9 @@ from hcbench.laws import closed_form
 from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.force import HuntCrossley
 from hcbench.paper import approximations, constants
-from hcbench.paper.constants import INCH, POUND_FORCE
 from hcbench.paper.pens import BAD, BLUE, GREEN, GREY, ORANGE, PURPLE, bare, mark, span
 from hcbench.report.style import INK, inch_axis, legend_below, new_figure
+from hcbench.units import INCH, POUND_FORCE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

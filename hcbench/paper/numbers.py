@@ -10,7 +10,8 @@ from hcbench.laws import closed_form, hertz, ode
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.hertz_elliptic import largest_shear
 from hcbench.paper import constants
-from hcbench.paper.constants import INCH, POUND_FORCE, PSI
+from hcbench.paper.constants import PSI
+from hcbench.units import INCH, POUND_FORCE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

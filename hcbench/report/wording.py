@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from hcbench import units
 from hcbench.errors import HcbenchError
 from hcbench.sim import registry
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-INCH = 0.0254  # m
-POUND_FORCE = 4.4482216152605  # N
+INCH, POUND_FORCE = units.INCH, units.POUND_FORCE
 
 NBSP = "\u00a0"  # between a number and its unit: never broken over two lines
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -11,6 +11,7 @@ import numpy as np
 
 from hcbench import scoring
 from hcbench.impact import Launch, Status
+from hcbench.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 HELD_OUT = 13
 PHASES = 8
 _GOLDEN = (math.sqrt(5) - 1) / 2
-_STANDARD_GRAVITY = 9.80665
 _REST_STEPS_MIN, _REST_STEPS_MAX = 200, 400_000
 _CREEP, _SHALLOW, _STILL, _DYING = 1e-5, 1e-3, 1e-4, 0.95  # m/s, of R, m/s, of the quarter before
 
@@ -115,7 +115,7 @@ def settle(engine: Engine, scene: Scene, setting: Setting, seconds: float = 2.0)
     dying away.
     """
     steps = min(max(seconds / setting.timestep, _REST_STEPS_MIN), _REST_STEPS_MAX)
-    heavy = dataclasses.replace(scene, gravity=_STANDARD_GRAVITY)
+    heavy = dataclasses.replace(scene, gravity=STANDARD_GRAVITY)
     path = engine.follow(heavy, setting, Launch(0.0, height=1e-9), steps * setting.timestep)
     quarter = len(path.time) // 4
     before, last = slice(2 * quarter, 3 * quarter), slice(3 * quarter, None)
