@@ -14,7 +14,8 @@ from hcbench.benchmark import batch as batches
 from hcbench.benchmark.batch import Stretch
 from hcbench.engines.mujoco import batch, simulate
 from hcbench.engines.mujoco import engine as mujoco_engine
-from hcbench.engines.mujoco.engine import MujocoEngine, model_xml
+from hcbench.engines.mujoco.engine import MujocoEngine
+from hcbench.engines.mujoco.mjcf import model_xml
 from hcbench.engines.mujoco.options import read_options
 from hcbench.engines.mujoco.plugin import attach as contact
 from hcbench.engines.mujoco.world import load

@@ -35,6 +35,12 @@ def without_empty(
     return header[:at] + header[at + 1 :], [row[:at] + row[at + 1 :] for row in rows]
 
 
+def shortest(value: float) -> str:
+    """The fewest digits that read back the same."""
+    short = f"{value + 0.0:.15g}"
+    return short if float(short) == value else repr(float(value))
+
+
 def number(value: float, digits: str = ".4f") -> str:
     """A number in fixed form, an em dash for none."""
     return "—" if math.isnan(value) else f"{value:{digits}}"

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from hcbench.engines.mujoco import world
-from hcbench.engines.mujoco.engine import MujocoEngine, model_xml
+from hcbench.engines.mujoco.engine import MujocoEngine
+from hcbench.engines.mujoco.mjcf import model_xml
 from hcbench.errors import EngineFailed, EngineMissing, SettingError
 from hcbench.impact import Impact, Launch, Status
 from hcbench.scene import Scene, load_scene

@@ -154,7 +154,7 @@ def test_the_written_script_does_in_plain_pybullet_what_tune_says(tmp_path: Path
 
 @pytest.mark.parametrize("recipe", ["hunt-crossley", "restitution-law"])
 def test_a_plug_in_pastes_as_the_lines_that_attach_it(recipe: str) -> None:
-    from hcbench.engines.mujoco.engine import model_xml
+    from hcbench.engines.mujoco.mjcf import model_xml
     from hcbench.setting import Setting
 
     wanted = target(1e-6 if recipe == "hunt-crossley" else 1e-3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
+from hcbench._text import shortest
 from hcbench.errors import SettingError
 from hcbench.laws.published import law_named
 
@@ -27,8 +28,9 @@ def paste(setting: Setting, form: str, radius: float) -> str:
     if setting.engine in _PLUGGED and "law" in options:
         return _plug_in(setting, form)
     if setting.engine == "mujoco" and options.get("rows"):
-        head = [_mujoco_option(setting.timestep, options)]
-        return "\n".join(head + (_limits(options) if form == "cup" else _pairs(options, radius)))
+        from hcbench.engines.mujoco import mjcf
+
+        return mjcf.snippet(setting, form, radius)
     if setting.engine == "pybullet" and {"world", "ball", "plate"} & set(options):
         return _pybullet(setting.timestep, options)
     return json.dumps(options, indent=1, ensure_ascii=False)
@@ -57,7 +59,7 @@ def _law(given: dict[str, Any]) -> tuple[str, str]:
     head = f"\nfrom hcbench.laws.published import {family}"
     if force:
         return f"contact.TouchSpeedLaw({family}, {_arguments(given)})", head
-    return f"contact.ConstantRestitution({family}.delivered({_number(given['restitution'])}))", head
+    return f"contact.ConstantRestitution({family}.delivered({shortest(given['restitution'])}))", head
 
 
 def script(scene: Scene, setting: Setting) -> str:
@@ -66,15 +68,15 @@ def script(scene: Scene, setting: Setting) -> str:
     Raises SettingError where there is none.
     """
     if setting.engine == "mujoco":
-        from hcbench.engines.mujoco.engine import model_xml
+        from hcbench.engines.mujoco.mjcf import model_xml
 
         return model_xml(scene, setting)
     if setting.engine == "pybullet" and scene.form == "plane" and {"world", "ball"} & set(setting.options):
         lines = _pybullet(setting.timestep, setting.options).splitlines()
         made = {
-            "ball": f"pybullet.createMultiBody({_number(scene.mass)}, pybullet.createCollisionShape("
-            f"pybullet.GEOM_SPHERE, radius={_number(scene.relative_radius)}), "
-            f"basePosition=[0, 0, {_number(scene.relative_radius)}]",
+            "ball": f"pybullet.createMultiBody({shortest(scene.mass)}, pybullet.createCollisionShape("
+            f"pybullet.GEOM_SPHERE, radius={shortest(scene.relative_radius)}), "
+            f"basePosition=[0, 0, {shortest(scene.relative_radius)}]",
             "plate": "pybullet.createMultiBody(0, pybullet.createCollisionShape(pybullet.GEOM_PLANE)",
         }
         for i, line in enumerate(lines):
@@ -83,7 +85,7 @@ def script(scene: Scene, setting: Setting) -> str:
                     maximal = ", useMaximalCoordinates=True" if "Maximal" in line else ""
                     lines[i] = f"{body} = {call}{maximal})"
         return _SCRIPT.format(
-            setup="\n".join(lines), step=_number(setting.timestep), radius=_number(scene.relative_radius)
+            setup="\n".join(lines), step=shortest(setting.timestep), radius=shortest(scene.relative_radius)
         )
     raise SettingError(
         "write-scene",
@@ -114,48 +116,6 @@ for speed in (0.05, 0.1, 0.2, 0.3, 0.4, 0.5):
 '''
 
 
-def _number(value: float) -> str:
-    """The fewest digits that read back the same."""
-    short = f"{value + 0.0:.15g}"
-    return short if float(short) == value else repr(float(value))
-
-
-def _list(values: list[float]) -> str:
-    return " ".join(map(_number, values))
-
-
-def _mujoco_option(timestep: float, options: Mapping[str, Any]) -> str:
-    integrator = f' integrator="{options["integrator"]}"' if options.get("integrator") else ""
-    return f'<option timestep="{_number(timestep)}"{integrator}/>'
-
-
-def _pairs(options: Mapping[str, Any], radius: float) -> list[str]:
-    """A <pair> a row, and the massless copies of the ball's geom that rows after the first act on."""
-    copies, pairs = [], []
-    for number, row in enumerate(options["rows"], 1):
-        name = "ball" if number == 1 else f"ball.{number}"
-        if number > 1:
-            size = f'type="sphere" size="{_number(radius)}" mass="0" contype="0" conaffinity="0"'
-            copies.append(f'<geom name="{name}" {size}/>')
-        words = [f'solref="{_list(row["solref"])}"', f'solimp="{_list(row["solimp"])}"']
-        words += [f'margin="{_number(-row["onset"])}"'] if row.get("onset") else []
-        words += [f'adhesion="{_number(row["adhesion"])}"'] if row.get("adhesion") else []
-        pairs.append(f'<pair geom1="{name}" geom2="plate" condim="1" {" ".join(words)}/>')
-    if not copies:
-        return pairs
-    return ["<!-- in the ball's body, beside its geom -->", *copies, "<!-- in <contact> -->", *pairs]
-
-
-def _limits(options: Mapping[str, Any]) -> list[str]:
-    """The cup's contact is the limit of the tendon between the two centres."""
-    lines = ['<!-- on the tendon "contact"; more rows are copies of it -->']
-    for row in options["rows"]:
-        words = f'solreflimit="{_list(row["solref"])}" solimplimit="{_list(row["solimp"])}"'
-        deeper = f" <!-- upper end of range: {_number(row['onset'])} m more -->" if row.get("onset") else ""
-        lines.append(words + deeper)
-    return lines
-
-
 def _pybullet(timestep: float, options: Mapping[str, Any]) -> str:
     """The calls, in the order that works."""
     world = {"fixedTimeStep": timestep, **options.get("world", {})}
@@ -170,4 +130,4 @@ def _pybullet(timestep: float, options: Mapping[str, Any]) -> str:
 
 
 def _arguments(values: Mapping[str, Any]) -> str:
-    return ", ".join(f"{k}={_number(v) if isinstance(v, float) else repr(v)}" for k, v in values.items())
+    return ", ".join(f"{k}={shortest(v) if isinstance(v, float) else repr(v)}" for k, v in values.items())

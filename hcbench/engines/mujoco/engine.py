@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from hcbench.engines.mujoco import simulate
 from hcbench.engines.mujoco.backend import INSTALL
-from hcbench.engines.mujoco.mjcf import as_text, edited, model_path
+from hcbench.engines.mujoco.mjcf import model_path
 from hcbench.engines.mujoco.options import read_options
 from hcbench.engines.mujoco.simulate import Fleet
 from hcbench.engines.mujoco.world import load
@@ -109,13 +109,3 @@ def _kept(scene: Scene, timestep: float, options: Options, _: bytes) -> Fleet:
 def _named(impact: Impact) -> Impact:
     diverged = impact.status is Status.DIVERGED
     return dataclasses.replace(impact, reason=_DIVERGED) if diverged else impact
-
-
-def model_xml(scene: Scene, setting: Setting) -> str:
-    """The complete MJCF of a scene under a setting, as it is flown: runs in plain MuJoCo.
-
-    At qpos0 the ball just touches the plate. Raises SceneError and SettingError; needs no MuJoCo.
-    """
-    head = f"{scene.name} with the contact setting {setting.name!r} at a step of {setting.timestep!r} s."
-    body = as_text(edited(scene, setting.timestep, read_options(setting.options)))
-    return f"<!-- {head.replace('--', '- -')} At qpos0 the ball just touches the plate. -->\n{body}"

@@ -1,6 +1,6 @@
-"""A scene's MJCF with a setting written into it: text in, text out, no engine.
+"""MJCF as text in, text out, without MuJoCo: a scene with a setting in it, and what to paste into a model.
 
-Done on the text, as MuJoCo's own writer rounds to six digits. scenes/README.md says what a scene's MJCF must
+Edited as XML, as MuJoCo's own writer rounds to six digits. scenes/README.md says what a scene's MJCF must
 have: a body `ball` with a free joint, geoms `ball` and `plate`, and in a cup the tendon `contact`.
 """
 
@@ -10,17 +10,21 @@ import copy
 import xml.etree.ElementTree as ET
 from typing import TYPE_CHECKING
 
+from hcbench._text import shortest
+from hcbench.engines.mujoco.options import read_options
 from hcbench.errors import SceneError, SettingError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from hcbench.engines.mujoco.options import Options
     from hcbench.engines.mujoco.rows import ConstraintRow
     from hcbench.scene import Scene
+    from hcbench.setting import Setting
 
 _HIDDEN = "3"  # a group that MuJoCo's viewer does not draw: coincident copies would flicker
+_MASSLESS = {"mass": "0", "contype": "0", "conaffinity": "0"}
 
 
 def model_path(scene: Scene) -> Path:
@@ -36,20 +40,69 @@ def model_path(scene: Scene) -> Path:
         ) from None
 
 
-def edited(scene: Scene, timestep: float, options: Options) -> ET.Element:
+def model_xml(scene: Scene, setting: Setting) -> str:
+    """The complete MJCF of a scene under a setting, as it is simulated: runs in plain MuJoCo.
+
+    At qpos0 the ball just touches the plate. Raises SceneError and SettingError.
+    """
+    head = f"{scene.name} with the contact setting {setting.name!r} at a step of {setting.timestep!r} s."
+    body = as_text(scene_tree(scene, setting.timestep, read_options(setting.options)))
+    return f"<!-- {head.replace('--', '- -')} At qpos0 the ball just touches the plate. -->\n{body}"
+
+
+def snippet(setting: Setting, form: str, radius: float) -> str:
+    """What to paste of a setting with rows into a model of one's own: <option>, and <pair>s or, in the form
+    "cup", limits of a tendon. radius: of the sphere that meets the plane, m.
+    """
+    options = read_options(setting.options)
+    integrator = f' integrator="{options.integrator}"' if options.integrator else ""
+    lines = [f'<option timestep="{shortest(setting.timestep)}"{integrator}/>']
+    if form == "cup":
+        lines.append('<!-- on the tendon "contact"; more rows are copies of it -->')
+        for row in options.rows:
+            deeper = f" <!-- upper end of range: {shortest(row.onset)} m more -->" if row.onset else ""
+            lines.append(_written(limit_attributes(row, shortest)) + deeper)
+        return "\n".join(lines)
+    pairs, copies = [], []
+    for i, row in enumerate(options.rows):
+        attributes = pair_attributes(row, shortest)
+        if not row.onset:
+            del attributes["margin"]
+        pairs.append(f'<pair geom1="{_copy_name(i)}" geom2="plate" condim="1" {_written(attributes)}/>')
+        geom = {"name": _copy_name(i), "type": "sphere", "size": shortest(radius)} | _MASSLESS
+        copies.append(f"<geom {_written(geom)}/>")
+    if len(pairs) > 1:
+        lines += ["<!-- in the ball's body, beside its geom -->", *copies[1:], "<!-- in <contact> -->"]
+    return "\n".join(lines + pairs)
+
+
+def _written(attributes: Mapping[str, str]) -> str:
+    return " ".join(f'{key}="{value}"' for key, value in attributes.items())
+
+
+def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
     """The complete MJCF of a scene under a setting. Raises SceneError and SettingError."""
     path = model_path(scene)
     root = _parse(path, path.parent, ())
     _anchor_files(root, path.parent)
     option = _section(root, "option")
-    option.set("timestep", _text([timestep]))
-    option.set("gravity", _text([0.0, 0.0, -scene.gravity]))
+    option.set("timestep", numbers_text([timestep]))
+    option.set("gravity", numbers_text([0.0, 0.0, -scene.gravity]))
     if options.integrator is not None:
         option.set("integrator", options.integrator)
-    _set_mass(root, scene, path)
-    if options.rows:
-        write = _write_pairs if scene.form == "plane" else _write_limits
-        write(root, scene, options.rows, path)
+    ball = _named(root, "body", "ball", path)
+    set_mass(ball, scene.mass, path)
+    if options.rows and scene.form == "plane":
+        geom = _named(ball, "geom", "ball", path)
+        _named(root, "geom", "plate", path)
+        for section in root.findall("contact"):
+            for pair in section.findall("pair"):
+                if {pair.get("geom1"), pair.get("geom2")} == {"ball", "plate"}:
+                    section.remove(pair)
+        for pair in add_pairs(root, geom, ["plate"], options.rows):
+            pair.set("gap", "0")
+    elif options.rows:
+        _write_limits(root, scene, options.rows, path)
     return root
 
 
@@ -59,16 +112,78 @@ def as_text(root: ET.Element) -> str:
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def feel_acceleration(root: ET.Element) -> None:
+def add_acceleration_sensor(root: ET.Element) -> None:
     """Add, as the last sensor, one of the ball's acceleration without that of gravity, m/s^2."""
     ET.SubElement(
         ET.SubElement(root, "sensor"), "framelinacc", name="ball felt", objtype="xbody", objname="ball"
     )
 
 
-def _text(numbers: Iterable[float]) -> str:
-    # + 0.0: no "-0.0" where a user will read it.
-    return " ".join(repr(float(number) + 0.0) for number in numbers)
+def set_mass(body: ET.Element, mass: float, path: Path) -> None:
+    """Give a body this mass, kg, and the inertia of the same shape at another density: at its own the inertia
+    stays as it is, to the bit.
+    """
+    inertial = body.find("inertial")
+    if inertial is None:
+        _named(body, "geom", "ball", path).set("mass", numbers_text([mass]))
+        return
+    try:
+        ratio = mass / float(inertial.get("mass", "nan"))
+        for key in ("diaginertia", "fullinertia"):
+            if ratio != 1.0 and (inertia := inertial.get(key)) is not None:
+                inertial.set(key, numbers_text(float(number) * ratio for number in inertia.split()))
+    except (ValueError, ZeroDivisionError):
+        raise SceneError(
+            str(path), f"the <inertial> of 'ball' has mass {inertial.get('mass')!r}", "a mass in kg above 0"
+        ) from None
+    inertial.set("mass", numbers_text([mass]))
+
+
+def add_pairs(
+    root: ET.Element, ball: ET.Element, others: Iterable[str], rows: Sequence[ConstraintRow]
+) -> list[ET.Element]:
+    """Each row a <pair> of the ball's geom with each of the geoms named `others`, added to the model.
+
+    The first row is of the geom itself, others of massless copies of it.
+    """
+    holder = next(element for element in root.iter() if ball in list(element))
+    contact, pairs = _section(root, "contact"), []
+    for i, row in enumerate(rows):
+        name = _copy_name(i)
+        if i > 0:
+            massless = copy.deepcopy(ball)
+            massless.attrib.pop("density", None)
+            massless.attrib.update({"name": name} | _MASSLESS, group=_HIDDEN)
+            holder.insert(list(holder).index(ball) + i, massless)
+        for other in others:
+            pairs.append(ET.SubElement(contact, "pair", geom1=name, geom2=other, condim="1"))
+            pairs[-1].attrib.update(pair_attributes(row))
+    return pairs
+
+
+def pair_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -> dict[str, str]:
+    """A row as attributes of a <pair>. number: writes one."""
+    values = {"solref": row.solref, "solimp": row.solimp, "margin": [-row.onset]}
+    if row.adhesion:
+        values["adhesion"] = [row.adhesion]
+    return {key: numbers_text(numbers, number) for key, numbers in values.items()}
+
+
+def limit_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -> dict[str, str]:
+    """A row as attributes of a tendon; its onset is in the tendon's range. number: writes one."""
+    return {
+        "solreflimit": numbers_text(row.solref, number),
+        "solimplimit": numbers_text(row.solimp, number),
+    }
+
+
+def numbers_text(numbers: Iterable[float], number: Callable[[float], str] = repr) -> str:
+    """Numbers as an attribute has them. number: writes one."""
+    return " ".join(number(float(one) + 0.0) for one in numbers)  # + 0.0: no "-0.0" for a user to read
+
+
+def _copy_name(i: int) -> str:
+    return f"ball.{i + 1}" if i else "ball"
 
 
 def _parse(path: Path, folder: Path, above: tuple[Path, ...]) -> ET.Element:
@@ -116,55 +231,7 @@ def _named(root: ET.Element, tag: str, name: str, path: Path) -> ET.Element:
     )
 
 
-def _set_mass(root: ET.Element, scene: Scene, path: Path) -> None:
-    body = _named(root, "body", "ball", path)
-    inertial = body.find("inertial")
-    if inertial is None:
-        geom = _named(body, "geom", "ball", path)
-        geom.set("mass", _text([scene.mass]))
-        return
-    try:
-        ratio = scene.mass / float(inertial.get("mass", "nan"))
-        for key in ("diaginertia", "fullinertia"):
-            # The same shape at another density; untouched, to the bit, at its own.
-            if ratio != 1.0 and (own := inertial.get(key)) is not None:
-                inertial.set(key, _text(float(number) * ratio for number in own.split()))
-    except (ValueError, ZeroDivisionError):
-        raise SceneError(
-            str(path), f"the <inertial> of 'ball' has mass {inertial.get('mass')!r}", "a mass in kg above 0"
-        ) from None
-    inertial.set("mass", _text([scene.mass]))
-
-
-def _write_pairs(root: ET.Element, scene: Scene, rows: tuple[ConstraintRow, ...], path: Path) -> None:
-    """Each row a <pair>: the first of the ball's own geom, others of massless copies of it."""
-    body = next(b for b in root.iter("body") if b.get("name") == "ball")
-    ball = _named(body, "geom", "ball", path)
-    holder = next(e for e in body.iter() if ball in list(e))
-    _named(root, "geom", "plate", path)
-    for section in root.findall("contact"):
-        for pair in section.findall("pair"):
-            if {pair.get("geom1"), pair.get("geom2")} == {"ball", "plate"}:
-                section.remove(pair)
-    contact = _section(root, "contact")
-    for i, row in enumerate(rows):
-        name = "ball" if i == 0 else f"ball.{i + 1}"
-        if i > 0:
-            double = copy.deepcopy(ball)
-            double.attrib.pop("density", None)
-            own = {"name": name, "mass": "0", "contype": "0", "conaffinity": "0", "group": _HIDDEN}
-            double.attrib.update(own)
-            holder.insert(list(holder).index(ball) + i, double)
-        pair = ET.SubElement(contact, "pair", geom1=name, geom2="plate", condim="1")
-        pair.set("solref", _text(row.solref))
-        pair.set("solimp", _text(row.solimp))
-        pair.set("margin", _text([-row.onset]))
-        pair.set("gap", "0")
-        if row.adhesion:
-            pair.set("adhesion", _text([row.adhesion]))
-
-
-def _write_limits(root: ET.Element, scene: Scene, rows: tuple[ConstraintRow, ...], path: Path) -> None:
+def _write_limits(root: ET.Element, scene: Scene, rows: Sequence[ConstraintRow], path: Path) -> None:
     """Each row the limit of a tendon between the two centres, as the scene's own `contact` is."""
     own = _named(root, "spatial", "contact", path)
     holder = next(section for section in root.findall("tendon") if own in list(section))
@@ -181,8 +248,5 @@ def _write_limits(root: ET.Element, scene: Scene, rows: tuple[ConstraintRow, ...
         if i > 0:
             tendon = ET.SubElement(holder, "spatial", name=f"contact.{i + 1}", group=_HIDDEN)
             tendon.extend(copy.deepcopy(list(own)))
-        tendon.set("limited", "true")
-        tendon.set("range", _text([0.0, clearance + row.onset]))
-        tendon.set("solreflimit", _text(row.solref))
-        tendon.set("solimplimit", _text(row.solimp))
-        tendon.set("margin", "0")
+        tendon.attrib.update(limit_attributes(row))
+        tendon.attrib.update(limited="true", range=numbers_text([0.0, clearance + row.onset]), margin="0")

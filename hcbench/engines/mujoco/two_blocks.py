@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import copy
 import xml.etree.ElementTree as ET
 from contextlib import nullcontext
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, require_feature
-from hcbench.engines.mujoco.mjcf import as_text
+from hcbench.engines.mujoco.mjcf import add_pairs, as_text, numbers_text, set_mass
 from hcbench.engines.mujoco.recipes.staggered import Staggered
 from hcbench.sim.two_blocks import SIDES, folder
 from hcbench.tune.target import Target
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from hcbench.impact import Floats
     from hcbench.sim.two_blocks import TwoBlocks
 
@@ -58,46 +55,21 @@ def mjcf(blocks: TwoBlocks) -> str:
 
     The scene's `tuned.xml` is such a text.
     """
-    root = ET.fromstring((folder() / "scene.xml").read_text(encoding="utf-8"))
+    path = folder() / "scene.xml"
+    root = ET.fromstring(path.read_text(encoding="utf-8"))
     _first(root, "option").set("timestep", repr(blocks.timestep))
-    inertial = _first(root, "inertial")
-    ratio = blocks.mass / float(inertial.attrib["mass"])
-    inertial.set("mass", repr(blocks.mass))
-    inertial.set("diaginertia", _text(float(i) * ratio for i in inertial.attrib["diaginertia"].split()))
+    set_mass(_first(root, "body"), blocks.mass, path)
     for geom in root.iter("geom"):
         if (side := geom.get("name", "")) in SIDES:
-            geom.set("pos", _text([blocks.plane(side), 0.0, 0.0]))
+            geom.set("pos", numbers_text([blocks.plane(side), 0.0, 0.0]))
     if blocks.tuned_at is not None:
         speed = blocks.tuned_at
         target = Target(blocks.law, blocks.mass, blocks.timestep, speed / 20.0, 1.5 * speed)
-        options = Staggered(impedance=IMPEDANCE)(target).options
-        _first(root, "option").set("integrator", options["integrator"])
-        _write_pairs(root, options["rows"])
+        recipe = Staggered(impedance=IMPEDANCE)
+        _first(root, "option").set("integrator", recipe.integrator)
+        add_pairs(root, _first(_first(root, "body"), "geom"), SIDES, recipe.rows(target))
     return as_text(root)
-
-
-def _write_pairs(root: ET.Element, rows: list[dict[str, Any]]) -> None:
-    """Each row a <pair> with either block: the first of the ball's own geom, others of massless copies."""
-    body = _first(root, "body")
-    ball = _first(body, "geom")
-    contact = ET.SubElement(root, "contact")
-    for i, row in enumerate(rows):
-        name = f"ball.{i + 1}" if i else "ball"
-        if i:
-            massless = copy.deepcopy(ball)
-            massless.attrib.update(name=name, mass="0", contype="0", conaffinity="0", group="3")
-            body.append(massless)
-        values = {"solref": row["solref"], "solimp": row["solimp"], "margin": [-row["onset"]]}
-        if row["adhesion"]:
-            values["adhesion"] = [row["adhesion"]]
-        texts = {key: _text(numbers) for key, numbers in values.items()}
-        for side in SIDES:
-            ET.SubElement(contact, "pair", geom1=name, geom2=side, condim="1").attrib.update(texts)
 
 
 def _first(root: ET.Element, tag: str) -> ET.Element:
     return next(root.iter(tag))
-
-
-def _text(numbers: Iterable[float]) -> str:
-    return " ".join(f"{float(x) + 0.0!r}" for x in numbers)

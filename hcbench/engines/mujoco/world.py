@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings, require_feature
-from hcbench.engines.mujoco.mjcf import as_text, edited, feel_acceleration, model_path
+from hcbench.engines.mujoco.mjcf import add_acceleration_sensor, as_text, model_path, scene_tree
 from hcbench.errors import SceneError
 
 if TYPE_CHECKING:
@@ -53,14 +53,14 @@ def load(scene: Scene, timestep: float, options: Options) -> Loaded:
     is too old for the setting.
     """
     mujoco = backend()
-    root, path = edited(scene, timestep, options), model_path(scene)
+    root, path = scene_tree(scene, timestep, options), model_path(scene)
     if any(row.adhesion for row in options.rows):
         require_feature(mujoco, "adhesion")
     if options.integrator == "discrete":
         require_feature(mujoco, "integrator 'discrete'")
     felt = any(option.get("integrator") == "RK4" for option in root.iterfind("option"))
     if felt:
-        feel_acceleration(root)
+        add_acceleration_sensor(root)
     with captured_warnings():
         try:
             model = mujoco.MjModel.from_xml_string(as_text(root))
