@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.pybullet.backend import version
 from hcbench.engines.pybullet.causes import Context, find_suspects, restitutions
 from hcbench.engines.pybullet.measured_run import Flight
 from hcbench.engines.pybullet.place import place
-from hcbench.engines.pybullet.user_model import Bullet, Loaded, World, find_sides, load_files, version
+from hcbench.engines.pybullet.user_model import Bullet, Loaded, World, find_sides, load_files
 from hcbench.errors import UserError
 from hcbench.measure.measurement import Facts, Request, Suspect
 

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.engines.pybullet.user_model import Bullet, Loaded, Side, prismatic_above
+from hcbench.engines.pybullet.model import KIND, NAME, PRISMATIC, BulletBody, contact_row
+from hcbench.engines.pybullet.user_model import Bullet, Loaded, Side
+from hcbench.engines.pybullet.vectors import vector
 from hcbench.errors import UserError
 from hcbench.sim.touch import LEAST_APPROACH, require_apart, require_reachable, travel_by_distance
 
@@ -73,14 +75,15 @@ def place(loaded: Loaded, first: Side, second: Side) -> Placement:
     bullet = loaded.bullet
     nearest(bullet, first, second)
     for moving, other in ((first, second), (second, first)):
-        if _base_moves(bullet, moving):
+        if BulletBody(bullet, moving.body).mass > 0.0:
             return _by_base(loaded, moving, other)
     for moving, other in ((first, second), (second, first)):
-        link = _touching_link(bullet, moving, other)
-        for joint in prismatic_above(bullet, moving.body, link):
-            found = _by_joint(bullet, moving, other, joint)
-            if found is not None:
-                return found
+        body, link = BulletBody(bullet, moving.body), _touching_link(bullet, moving, other)
+        for joint in body.ancestors(link):
+            if body.joints[joint][KIND] == PRISMATIC:
+                found = _by_joint(body, moving, other, joint)
+                if found is not None:
+                    return found
     raise UserError(
         "pair",
         f"neither {first.name!r} nor {second.name!r} can be launched: both bases are fixed",
@@ -88,22 +91,9 @@ def place(loaded: Loaded, first: Side, second: Side) -> Placement:
     )
 
 
-def _base_moves(bullet: Bullet, side: Side) -> bool:
-    return float(bullet.getDynamicsInfo(side.body, -1)[0]) > 0.0 and not _is_static(bullet, side.body)
-
-
-def _is_static(bullet: Bullet, body: int) -> bool:
-    """Whether the base is held: a velocity given to it does not stay."""
-    before = bullet.getBaseVelocity(body)
-    bullet.resetBaseVelocity(body, [0.0, 0.0, 1.0], [0.0, 0.0, 0.0])
-    held = bool(bullet.getBaseVelocity(body)[0][2] == 0.0)
-    bullet.resetBaseVelocity(body, *before)
-    return held
-
-
 def moves(bullet: Bullet, side: Side) -> bool:
     """Whether anything can move the side's link."""
-    return bool(bullet.getNumJoints(side.body)) or _base_moves(bullet, side)
+    return BulletBody(bullet, side.body).kind != "fixed"
 
 
 def _touching_link(bullet: Bullet, side: Side, other: Side) -> int:
@@ -155,8 +145,9 @@ def _by_base(loaded: Loaded, first: Side, second: Side) -> Placement:
     return _finished(bullet, first, second, mover, point, lift, offset, overlap, 1.0)
 
 
-def _by_joint(bullet: Bullet, first: Side, second: Side, joint: int) -> Placement | None:
-    axis = _world_axis(bullet, first.body, joint)
+def _by_joint(body: BulletBody, first: Side, second: Side, joint: int) -> Placement | None:
+    bullet = body.bullet
+    axis = np.array(body.joint_axis(joint))
     point = nearest(bullet, first, second)
     along = float(axis @ _normal(point))
     if abs(along) < LEAST_APPROACH:
@@ -172,18 +163,10 @@ def _by_joint(bullet: Bullet, first: Side, second: Side, joint: int) -> Placemen
 
     offset = travel_by_distance(distance, size, along)
     point = nearest(bullet, first, second)
-    name = bullet.getJointInfo(first.body, joint)[1].decode(errors="replace")
+    name = body.joints[joint][NAME].decode(errors="replace")
     sign = math.copysign(1.0, along)
     mover = Mover(first.body, joint, axis * sign, f"{first.name!r} by its joint {name!r}", sign)
     return _finished(bullet, first, second, mover, point, 0.0, offset, overlap, abs(along))
-
-
-def _world_axis(bullet: Bullet, body: int, joint: int) -> Floats:
-    info = bullet.getJointInfo(body, joint)
-    turn = bullet.getLinkState(body, joint, computeForwardKinematics=1)[5]
-    matrix = np.array(bullet.module.getMatrixFromQuaternion(turn)).reshape(3, 3)
-    axis: Floats = matrix @ np.array(info[13], dtype=float)
-    return axis / np.linalg.norm(axis)
 
 
 def _finished(
@@ -199,47 +182,21 @@ def _finished(
 ) -> Placement:
     normal = _normal(point)
     middle = (np.array(point[5]) + np.array(point[6])) / 2
-    touching = Side(first.name, first.body, int(point[3])), Side(second.name, second.body, int(point[4]))
+    links = int(point[3]), int(point[4])
+    touching = Side(first.name, first.body, links[0]), Side(second.name, second.body, links[1])
     _require_room(bullet, mover.body, touching)
-    mobility = sum(_mobility(bullet, side, normal, middle) for side in touching)
-    mass = 1.0 / mobility if mobility > 0 else math.nan
+    mass = _effective_mass(bullet, (first.body, links[0]), (second.body, links[1]), middle, normal)
     return Placement(*touching, mover, lift, offset, normal, middle, rate, mass, overlap)
 
 
-def _mobility(bullet: Bullet, side: Side, normal: Floats, point: Floats) -> float:
-    """J M^-1 J^T of one rigid body, 1/kg; of a body with links, that of the base's whole mass."""
-    info = bullet.getDynamicsInfo(side.body, -1)
-    if info[0] == 0.0 or _is_static(bullet, side.body):
-        return _joint_mobility(bullet, side, normal)
-    joints = bullet.getNumJoints(side.body)
-    if joints:
-        return 1.0 / sum(float(bullet.getDynamicsInfo(side.body, j)[0]) for j in range(-1, joints))
-    position, turn = bullet.getBasePositionAndOrientation(side.body)
-    _, inertial = bullet.module.multiplyTransforms(position, turn, info[3], info[4])
-    matrix = np.array(bullet.module.getMatrixFromQuaternion(inertial)).reshape(3, 3)
-    arm = matrix.T @ np.cross(point - np.array(position), normal)
-    inertia = np.array(info[2], dtype=float)
-    turning = np.divide(arm**2, inertia, out=np.zeros(3), where=inertia > 0)
-    return float(1.0 / info[0] + turning.sum())
-
-
-def _joint_mobility(bullet: Bullet, side: Side, normal: Floats) -> float:
-    """Of a link on a prismatic joint of a fixed base: the masses that the joint carries, along its axis."""
-    joints = prismatic_above(bullet, side.body, side.link if side.link is not None else -1)
-    if not joints:
-        return 0.0
-    carried = [j for j in range(bullet.getNumJoints(side.body)) if joints[0] in _chain(bullet, side.body, j)]
-    mass = sum(float(bullet.getDynamicsInfo(side.body, j)[0]) for j in carried)
-    along = float(_world_axis(bullet, side.body, joints[0]) @ normal)
-    return along**2 / mass if mass > 0 else 0.0
-
-
-def _chain(bullet: Bullet, body: int, link: int) -> list[int]:
-    found = []
-    while link >= 0:
-        found.append(link)
-        link = bullet.getJointInfo(body, link)[16]
-    return found
+def _effective_mass(
+    bullet: Bullet, first: tuple[int, int], second: tuple[int, int], point: Floats, normal: Floats
+) -> float:
+    """1 / (J M^-1 J^T) of two (body, link), kg; NaN where neither can move, or PyBullet does not tell how."""
+    bodies = {number: BulletBody(bullet, number) for number, _ in (first, second)}
+    one, two = ((bodies[number], link) for number, link in (first, second))
+    inverse = contact_row(one, two, vector(point), vector(normal)).inverse_mass
+    return 1.0 / inverse if inverse > 0.0 else math.nan
 
 
 def _require_room(bullet: Bullet, mover: int, touching: tuple[Side, Side]) -> None:

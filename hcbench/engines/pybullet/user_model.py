@@ -4,57 +4,23 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from contextlib import chdir, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
-from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 from hcbench._text import sanitized
-from hcbench.errors import EngineMissing, SceneError, UserError
+from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
+from hcbench.errors import SceneError, UserError
 from hcbench.sim.names import find_part
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
-# These outlive resetSimulation and the client: a world from files starts with Bullet's own.
-_DEFAULTS = {
-    "contactBreakingThreshold": 0.02,
-    "numSubSteps": 0,
-    "fixedTimeStep": 1.0 / 240.0,
-    "enableFileCaching": 0,
-}
+_STARTING_SETTINGS = {**LASTING_SETTINGS, "fixedTimeStep": 1.0 / 240.0}
 _Part = tuple[str, str, tuple[int, int | None]]  # kind, name, (body, link or None for any)
-_PRISMATIC = 1  # pybullet.JOINT_PRISMATIC
-
-
-class Bullet:
-    """The pybullet module with every call bound to one client."""
-
-    def __init__(self, client: int) -> None:
-        try:
-            import pybullet
-        except ImportError as error:
-            todo = "pip install 'pybullet>=3.2.5'  # wheels for CPython up to 3.11"
-            raise EngineMissing("engine", f"pybullet cannot be imported: {error}", "", todo) from None
-        self.module, self.client = pybullet, client
-        self.error: type[Exception] = pybullet.error
-
-    def __getattr__(self, name: str) -> Callable[..., Any]:
-        bound = partial(getattr(self.module, name), physicsClientId=self.client)
-        setattr(self, name, bound)
-        return bound
-
-    @classmethod
-    def direct(cls) -> Bullet:
-        """A new client without a window."""
-        made = cls(0)
-        made.client = made.module.connect(made.module.DIRECT)
-        if made.client < 0:
-            raise EngineMissing("engine", "pybullet gave no client", "", "Close some others")
-        return made
+Bullet = BulletClient
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,46 +53,28 @@ class Loaded:
     foreign: body id -> (tag, e) of a restitution that its file has in a place where PyBullet does not look.
     """
 
-    bullet: Bullet
+    bullet: BulletClient
     names: dict[int, str]
     label: str
     own: bool
     foreign: dict[int, tuple[str, float]] = field(default_factory=dict)
 
 
-def version() -> str:
-    """The wheel's version."""
-    with suppress(metadata.PackageNotFoundError):
-        return metadata.version("pybullet")
-    return "unknown"
-
-
 def load_files(paths: Sequence[str]) -> Loaded:
     """A new world with the files loaded in it, as PyBullet loads them by default."""
     files = [Path(path) for path in paths]
     foreign_in = {path: _check_file(path) for path in files}
-    bullet = Bullet.direct()
+    bullet = BulletClient.direct()
     bullet.resetSimulation()
-    bullet.setPhysicsEngineParameter(**_DEFAULTS)
+    bullet.setPhysicsEngineParameter(**_STARTING_SETTINGS)
     names: dict[int, str] = {}
     foreign: dict[int, tuple[str, float]] = {}
     for path in files:
-        for body in _load(bullet, path):
+        for body in bullet.load_model(path):
             names[body] = path.name
             if (found := foreign_in[path]) is not None:
                 foreign[body] = found
     return Loaded(bullet, names, " + ".join(path.name for path in files), True, foreign)
-
-
-def _load(bullet: Bullet, path: Path) -> Sequence[int]:
-    loaders = {".urdf": bullet.loadURDF, ".sdf": bullet.loadSDF}
-    load = loaders.get(path.suffix.lower(), bullet.loadMJCF)
-    try:
-        with chdir(path.resolve().parent):  # meshes are looked for here first
-            found = load(path.name)
-    except bullet.error as error:
-        raise SceneError("model", f"{path}: {error}", "a file that PyBullet loads") from None
-    return [found] if isinstance(found, int) else list(found)
 
 
 def _check_file(path: Path) -> tuple[str, float] | None:
@@ -178,7 +126,7 @@ def find_sides(loaded: Loaded, pair: tuple[str, str] | None, world: World | None
     parts = _parts(loaded)
     known = [name for _, name, _ in parts]
     if pair is None:
-        numbers = [loaded.bullet.getBodyUniqueId(i) for i in range(loaded.bullet.getNumBodies())]
+        numbers = loaded.bullet.bodies()
         if len(numbers) != 2:
             raise UserError(
                 "pair",
@@ -195,7 +143,7 @@ def find_sides(loaded: Loaded, pair: tuple[str, str] | None, world: World | None
     return first, second
 
 
-def _numbered(bullet: Bullet, part: int | tuple[int, int]) -> Side:
+def _numbered(bullet: BulletClient, part: int | tuple[int, int]) -> Side:
     body, link = (part, None) if isinstance(part, int) else part
     try:
         name = sanitized(bullet.getBodyInfo(body)[1].decode(errors="replace"))
@@ -210,8 +158,7 @@ def _parts(loaded: Loaded) -> list[_Part]:
     bullet = loaded.bullet
     bodies: list[_Part] = []
     links: list[_Part] = []
-    for i in range(bullet.getNumBodies()):
-        body = bullet.getBodyUniqueId(i)
+    for body in bullet.bodies():
         base, robot = (sanitized(part.decode(errors="replace")) for part in bullet.getBodyInfo(body))
         file = loaded.names.get(body, "")
         bodies += [("body", name, (body, None)) for name in (f"body:{body}", file, Path(file).stem, robot)]
@@ -225,14 +172,3 @@ def _parts(loaded: Loaded) -> list[_Part]:
         ]
     uses = Counter(name for _, name, _ in links)
     return [part for part in bodies + [link for link in links if uses[link[1]] == 1] if part[1]]
-
-
-def prismatic_above(bullet: Bullet, body: int, link: int) -> list[int]:
-    """Prismatic joints that carry a link, nearest first."""
-    found = []
-    while link >= 0:
-        info = bullet.getJointInfo(body, link)
-        if info[2] == _PRISMATIC:
-            found.append(link)
-        link = info[16]
-    return found

@@ -26,11 +26,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Self
 
+from hcbench.engines.pybullet.backend import BulletClient
+from hcbench.engines.pybullet.model import BulletBody, contact_row
 from hcbench.engines.pybullet.plugin import solve
-from hcbench.engines.pybullet.plugin.bodies import Body, product
-from hcbench.engines.pybullet.plugin.pairs import Pair, check_step, make_pair, pairs_between
+from hcbench.engines.pybullet.plugin.pairs import LinkPair, check_step, make_pair, pairs_between
 from hcbench.engines.pybullet.plugin.solve import Touch
-from hcbench.engines.pybullet.plugin.vectors import Vector, along, dot, turned, vector
+from hcbench.engines.pybullet.vectors import Vector, add_scaled, dot, rotate, vector
 from hcbench.errors import EngineFailed, SettingError
 from hcbench.laws.contact_law import Friction, Law, coarse, is_force, require_law
 from hcbench.laws.force import HuntCrossley
@@ -60,7 +61,7 @@ __all__ = [
 
 _SPEED = 0.508  # m/s: 20 in/s, up to where the paper's law holds
 
-_attached: dict[int, set[tuple[int, int, int, int]]] = {}  # by client
+_attached: dict[int, set[tuple[tuple[int, int], ...]]] = {}  # keys of pairs, by client
 
 
 def cup(ball_radius: float, cup_radius: float, centre: Sequence[float] = (0.0, 0.0, 0.0)) -> Gap:
@@ -76,13 +77,13 @@ def cup(ball_radius: float, cup_radius: float, centre: Sequence[float] = (0.0, 0
     middle = vector(centre)
 
     def gap(ball: Pose, plate: Pose) -> tuple[float, Vector, Vector]:
-        out = along(ball[0], -1.0, along(plate[0], 1.0, turned(plate[1], middle)))
+        out = add_scaled(ball[0], -1.0, add_scaled(plate[0], 1.0, rotate(plate[1], middle)))
         away = math.sqrt(dot(out, out))
         if away == 0.0:
             return cup_radius - ball_radius, ball[0], (0.0, 0.0, 1.0)
         normal = (-out[0] / away, -out[1] / away, -out[2] / away)
         distance = cup_radius - ball_radius - away
-        return distance, along(ball[0], -(ball_radius + 0.5 * distance), normal), normal
+        return distance, add_scaled(ball[0], -(ball_radius + 0.5 * distance), normal), normal
 
     return gap
 
@@ -91,12 +92,12 @@ class Contact:
     """A law attached to pairs of a client's bodies, until `detach` or the end of a `with` block."""
 
     def __init__(
-        self, bullet: Any, client: int, law: Law, friction: Friction | None, gap: Gap | None, again: bool
+        self, bullet: BulletClient, law: Law, friction: Friction | None, gap: Gap | None, collide_after: bool
     ) -> None:
-        self._bullet, self._client, self._again, self._gap = bullet, client, again, gap
+        self._bullet, self._collide_after, self._gap = bullet, collide_after, gap
         self.law, self.friction = law, friction
-        self._pairs: list[Pair] = []
-        self._bodies: list[Body] = []
+        self._pairs: list[LinkPair] = []
+        self._bodies: list[BulletBody] = []
         self._solver = solve.solver_of(law)
         self._too_coarse = 0
 
@@ -113,7 +114,7 @@ class Contact:
     def step(self) -> list[Touch]:
         """`apply`, then pybullet.stepSimulation()."""
         touches = self.apply()
-        self._bullet.stepSimulation(physicsClientId=self._client)
+        self._bullet.stepSimulation()
         return touches
 
     def apply(self) -> list[Touch]:
@@ -121,7 +122,7 @@ class Contact:
 
         Raises EngineFailed for a state that is not finite.
         """
-        world = self._bullet.getPhysicsEngineParameters(physicsClientId=self._client)
+        world = self._bullet.getPhysicsEngineParameters()
         h = world["fixedTimeStep"]
         gravity = tuple(world[f"gravityAcceleration{axis}"] for axis in "XYZ")
         for body in self._bodies:
@@ -147,99 +148,85 @@ class Contact:
 
     def detach(self) -> None:
         """Give the pairs back to Bullet. Twice is no harm."""
-        known = _attached.get(self._client, set())
+        attached = _attached.get(self._bullet.client, set())
         for pair in self._pairs:
-            known.discard(pair.key)
-            if self._bullet.isConnected(self._client):
-                self._collide(pair, int(self._again))
+            attached.discard(pair.key)
+            if self._bullet.isConnected():
+                self._collide(pair, int(self._collide_after))
         self._pairs, self._bodies = [], []
 
-    def _collide(self, pair: Pair, enable: int) -> None:
+    def _collide(self, pair: LinkPair, enable: int) -> None:
+        (body1, link1), (body2, link2) = pair.ids
         try:
-            self._bullet.setCollisionFilterPair(
-                pair.first.number,
-                pair.second.number,
-                pair.link1,
-                pair.link2,
-                enable,
-                physicsClientId=self._client,
-            )
+            self._bullet.setCollisionFilterPair(body1, body2, link1, link2, enable)
         except self._bullet.error as error:  # a body that has been removed meanwhile
             if enable == 0:
                 raise EngineFailed("pybullet", str(error), "bodies of this client") from error
 
-    def _find(self, pair: Pair, h: float, gravity: Sequence[float]) -> list[Touch]:
-        made = []
+    def _find(self, pair: LinkPair, h: float, gravity: Sequence[float]) -> list[Touch]:
+        (body1, link1), (body2, link2) = pair.first, pair.second
+        touches = []
         for order, (distance, point, normal) in enumerate(self._closest(pair, h, gravity)):
-            relative = along(
-                pair.first.velocity_at(pair.link1, point), -1.0, pair.second.velocity_at(pair.link2, point)
-            )
+            relative = add_scaled(body1.velocity_at(link1, point), -1.0, body2.velocity_at(link2, point))
             v = -dot(relative, normal)
             if not (math.isfinite(distance) and math.isfinite(v)):
                 raise EngineFailed(
-                    f"contact of bodies {pair.first.number} and {pair.second.number}",
+                    f"contact of bodies {body1.number} and {body2.number}",
                     f"penetration {-distance!r} m at {v!r} m/s",
                     "a finite state",
                     "Look at the step, or at what else acts on the bodies",
                 )
-            rows = (
-                pair.first.row(pair.link1, point, normal),
-                pair.second.row(pair.link2, point, normal),
-            )
+            row = contact_row(pair.first, pair.second, point, normal)
             pulls = [
                 sign * dot(gravity, normal)
-                for sign, body in ((-1.0, pair.first), (1.0, pair.second))
+                for sign, body in ((-1.0, body1), (1.0, body2))
                 if body.kind != "fixed"
             ]
-            free = all(body.kind != "jointed" for body in (pair.first, pair.second))
-            made.append(
+            touches.append(
                 Touch(
-                    pair=((pair.first.number, pair.link1), (pair.second.number, pair.link2)),
+                    pair=pair.ids,
                     order=order,
                     penetration=-distance,
                     rate=v,
                     point=point,
                     normal=normal,
-                    slip=along(relative, v, normal),
-                    bodies=(pair.first, pair.second),
-                    rows=rows,
-                    inverse_mass=sum(product(row, row) for row in rows),
-                    pull=sum(pulls) if free else 0.0,
+                    slip=add_scaled(relative, v, normal),
+                    row=row,
+                    inverse_mass=row.inverse_mass,
+                    pull=0.0 if "jointed" in (body1.kind, body2.kind) else sum(pulls),
                     weight=max(0.0, *pulls),
                 )
             )
-        return made
+        return touches
 
-    def _closest(self, pair: Pair, h: float, gravity: Sequence[float]) -> list[tuple[float, Vector, Vector]]:
+    def _closest(
+        self, pair: LinkPair, h: float, gravity: Sequence[float]
+    ) -> list[tuple[float, Vector, Vector]]:
+        (body1, link1), (body2, link2) = pair.first, pair.second
         if self._gap is not None:
-            return [self._gap(pair.first.pose(pair.link1), pair.second.pose(pair.link2))]
+            return [self._gap(body1.pose(link1), body2.pose(link2))]
         fall = h * h * math.sqrt(dot(gravity, gravity))
-        reach = 1.01 * (h * (pair.first.speed(pair.link1) + pair.second.speed(pair.link2)) + fall) + 1e-9
+        reach = 1.01 * (h * (body1.max_speed(link1) + body2.max_speed(link2)) + fall) + 1e-9
         if not math.isfinite(reach):
-            reach = 0.0  # the state is told of where it is read
-        points = self._bullet.getClosestPoints(
-            pair.first.number, pair.second.number, reach, pair.link1, pair.link2, physicsClientId=self._client
-        )
-        found = []
-        for one in points:
-            middle = vector([0.5 * (a + b) for a, b in zip(one[5], one[6], strict=True)])
-            found.append((one[8], middle, vector(one[7])))
-        return found
+            reach = 0.0  # what is not finite is refused where the velocity is read
+        points = self._bullet.getClosestPoints(body1.number, body2.number, reach, link1, link2)
+        return [
+            (p[8], vector([0.5 * (a + b) for a, b in zip(p[5], p[6], strict=True)]), vector(p[7]))
+            for p in points
+        ]
 
     def _push(self, touch: Touch, h: float) -> None:
-        force = along((0.0, 0.0, 0.0), touch.force, touch.normal)
+        (body1, body2), ((_, link1), (_, link2)) = touch.row.bodies, touch.pair
+        force = add_scaled((0.0, 0.0, 0.0), touch.force, touch.normal)
         slip = math.sqrt(dot(touch.slip, touch.slip))
         if self.friction is not None and slip > 0.0:
-            direction = along((0.0, 0.0, 0.0), 1.0 / slip, touch.slip)
-            links = (touch.pair[0][1], touch.pair[1][1])
-            rows = [
-                body.row(link, touch.point, direction) for body, link in zip(touch.bodies, links, strict=True)
-            ]
+            direction = add_scaled((0.0, 0.0, 0.0), 1.0 / slip, touch.slip)
+            row = contact_row((body1, link1), (body2, link2), touch.point, direction)
             # A step can stop the slip, never turn it around.
-            most = slip / (h * sum(product(row, row) for row in rows))
-            force = along(force, -min(self.friction.coefficient(slip) * touch.force, most), direction)
-        touch.bodies[0].push(touch.pair[0][1], touch.point, force)
-        touch.bodies[1].push(touch.pair[1][1], touch.point, along((0.0, 0.0, 0.0), -1.0, force))
+            most = slip / (h * row.inverse_mass)
+            force = add_scaled(force, -min(self.friction.coefficient(slip) * touch.force, most), direction)
+        body1.push(link1, touch.point, force)
+        body2.push(link2, touch.point, add_scaled((0.0, 0.0, 0.0), -1.0, force))
 
 
 def attach(
@@ -262,29 +249,28 @@ def attach(
 
     Raises SettingError for what cannot be attached; the world is untouched then.
     """
-    import pybullet as bullet
-
     require_law(law)
-    if not bullet.isConnected(client):
+    bullet = BulletClient(client)
+    if not bullet.isConnected():
         raise SettingError("client", f"{client} is not connected", "the id that pybullet.connect gave")
-    contact = Contact(bullet, client, law, friction, gap, collide_after)
-    bodies: dict[int, Body] = {}
-    made = [make_pair(bullet, client, bodies, list(pair)) for pair in pairs]
-    known = _attached.setdefault(client, set())
+    contact = Contact(bullet, law, friction, gap, collide_after)
+    bodies: dict[int, BulletBody] = {}
+    made = [make_pair(bullet, bodies, list(pair)) for pair in pairs]
+    attached = _attached.setdefault(client, set())
     keys = [pair.key for pair in made]
     for pair in made:
-        if pair.key in known or keys.count(pair.key) > 1:
+        if pair.key in attached or keys.count(pair.key) > 1:
             raise SettingError(
                 "contact pair",
-                f"bodies {pair.first.number} and {pair.second.number} attached twice",
+                f"bodies {pair.first[0].number} and {pair.second[0].number} attached twice",
                 "a pair that has no law yet",
                 "Detach that first",
             )
-        check_step(bullet, client, pair, law, speed)
+        check_step(bullet, pair, law, speed)
     if not made:
         raise SettingError("contact pairs", "none", "at least one pair of bodies")
     for pair in made:
         contact._collide(pair, 0)
-        known.add(pair.key)
+        attached.add(pair.key)
     contact._pairs, contact._bodies = made, list(bodies.values())
     return contact

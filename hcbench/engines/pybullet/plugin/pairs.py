@@ -3,69 +3,84 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from hcbench.engines.pybullet.plugin.bodies import Body
+from hcbench.engines.pybullet.backend import BulletClient
+from hcbench.engines.pybullet.model import KIND, PLANAR, BulletBody
 from hcbench.errors import SettingError
 from hcbench.laws.contact_law import STEPS_PER_CONTACT, Law, coarse, contact_time, is_force
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
 
 @dataclass(frozen=True, slots=True)
-class Pair:
+class LinkPair:
     """Two links of two bodies, base -1 among them."""
 
-    first: Body
-    link1: int
-    second: Body
-    link2: int
+    first: tuple[BulletBody, int]
+    second: tuple[BulletBody, int]
 
     @property
-    def key(self) -> tuple[int, int, int, int]:
+    def ids(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        """(body id, link) of both."""
+        return (self.first[0].number, self.first[1]), (self.second[0].number, self.second[1])
+
+    @property
+    def key(self) -> tuple[tuple[int, int], ...]:
         """Equal for equal pairs, whichever is first."""
-        one, two = sorted([(self.first.number, self.link1), (self.second.number, self.link2)])
-        return (*one, *two)
+        return tuple(sorted(self.ids))
 
 
 def pairs_between(
     body1: int, body2: int, *, client: int = 0
 ) -> list[tuple[tuple[int, int], tuple[int, int]]]:
     """All pairs of links (base -1 among them) of two bodies that have a collision shape."""
-    import pybullet as bullet
+    bullet = BulletClient(client)
 
     def shaped(body: int) -> list[int]:
-        links = range(-1, bullet.getNumJoints(body, physicsClientId=client))
-        return [link for link in links if bullet.getCollisionShapeData(body, link, physicsClientId=client)]
+        links = range(-1, bullet.getNumJoints(body))
+        return [link for link in links if bullet.getCollisionShapeData(body, link)]
 
     return [((body1, one), (body2, two)) for one in shaped(body1) for two in shaped(body2)]
 
 
-def make_pair(bullet: Any, client: int, bodies: dict[int, Body], pair: list[Any]) -> Pair:
+def make_pair(bullet: BulletClient, bodies: dict[int, BulletBody], pair: Sequence[Any]) -> LinkPair:
     """A checked pair; `bodies` grows by those that are new. SettingError for what cannot be one."""
     if len(pair) != 2:
         raise SettingError("contact pair", repr(pair), "two bodies, such as (ball, plate)")
-    sides: list[tuple[Body, int]] = []
-    for one in pair:
-        number, link = (one, -1) if isinstance(one, int) else (int(one[0]), int(one[1]))
-        if number not in bodies:
-            try:
-                bodies[number] = Body(bullet, client, number)
-            except bullet.error:
-                count = bullet.getNumBodies(physicsClientId=client)
-                raise SettingError(
-                    f"body {number}", "not in this client", f"one of its {count} bodies"
-                ) from None
-        bodies[number].check_link(link)
-        sides.append((bodies[number], link))
-    if sides[0] == sides[1]:
+    first, second = (_make_side(bullet, bodies, part) for part in pair)
+    if first == second:
         raise SettingError("contact pair", f"{pair!r} is one and the same", "two different ones")
-    if all(body.kind == "fixed" for body, _ in sides):
+    if first[0].kind == second[0].kind == "fixed":
         raise SettingError("contact pair", f"{pair!r} cannot move", "a body with a mass above 0")
-    return Pair(*sides[0], *sides[1])
+    return LinkPair(first, second)
 
 
-def check_step(bullet: Any, client: int, pair: Pair, law: Law, speed: float) -> None:
-    """Refuse a world that is not stepped, and a step that cannot resolve the force law at `speed` m/s."""
-    world = bullet.getPhysicsEngineParameters(physicsClientId=client)
+def _make_side(bullet: BulletClient, bodies: dict[int, BulletBody], part: Any) -> tuple[BulletBody, int]:
+    number, link = (part, -1) if isinstance(part, int) else (int(part[0]), int(part[1]))
+    if number not in bodies:
+        try:
+            bodies[number] = BulletBody(bullet, number)
+        except bullet.error:
+            expected = f"one of its {bullet.getNumBodies()} bodies"
+            raise SettingError(f"body {number}", "not in this client", expected) from None
+    joints = bodies[number].joints
+    if not -1 <= link < len(joints):
+        raise SettingError(f"link {link} of body {number}", "not there", f"-1 (base) to {len(joints) - 1}")
+    if any(joint[KIND] == PLANAR for joint in joints):
+        raise SettingError(
+            f"body {number}", "has a planar joint", "other joints: PyBullet tells no axis of it"
+        )
+    return bodies[number], link
+
+
+def check_step(bullet: BulletClient, pair: LinkPair, law: Law, speed: float) -> None:
+    """Refuse a world that is not stepped, and a step that cannot resolve the force law at `speed` m/s.
+
+    Where the two will touch is not known yet: the masses of the two links are taken for what a contact feels.
+    """
+    world = bullet.getPhysicsEngineParameters()
     if world["useRealTimeSimulation"]:
         raise SettingError("client", "runs in real time", "one that is stepped: setRealTimeSimulation(0)")
     if world["numSubSteps"] > 1:
@@ -75,8 +90,8 @@ def check_step(bullet: Any, client: int, pair: Pair, law: Law, speed: float) -> 
     if not is_force(law):
         return
     masses = [
-        body.bullet.getDynamicsInfo(body.number, link, physicsClientId=client)[0]
-        for body, link in ((pair.first, pair.link1), (pair.second, pair.link2))
+        bullet.getDynamicsInfo(body.number, link)[0]
+        for body, link in (pair.first, pair.second)
         if body.kind != "fixed"
     ]
     mass = 1.0 / sum(1.0 / one for one in masses if one > 0.0)

@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 from hcbench import _compile
-from hcbench.engines.pybullet.plugin.bodies import Body, Row, product
+from hcbench.engines.pybullet.model import ContactRow
 from hcbench.laws.contact_law import ForceLaw
 from hcbench.laws.exact_step import ContactOde, advance, euler_force, touch_speed_ode, two_point_solve
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import TouchSpeedLaw
 
 if TYPE_CHECKING:
-    from hcbench.engines.pybullet.plugin.vectors import Vector
+    from hcbench.engines.pybullet.vectors import Vector
     from hcbench.laws.contact_law import Law
     from hcbench.laws.restitution import ConstantRestitution, Restitution
 
@@ -40,8 +40,7 @@ class Touch:
     inverse_mass: float
     pull: float  # approach by gravity, m/s²
     weight: float  # approach by gravity on one of the bodies, which the other may bear, m/s²
-    bodies: tuple[Body, Body] = field(repr=False)
-    rows: tuple[Row | None, Row | None] = field(repr=False)
+    row: ContactRow = field(repr=False)
     force: float = 0.0
     rate_of_step: float = 0.0  # (ω h)²
 
@@ -62,17 +61,6 @@ class Solver(Protocol):
 def solver_of(law: Law) -> Solver:
     """The solver of a law."""
     return ForceSolver(law) if isinstance(law, (HuntCrossley, TouchSpeedLaw)) else RestitutionSolver(law)
-
-
-def _shared(one: Touch, other: Touch) -> float:
-    """Parting acceleration of one contact by a unit force at another."""
-    total = 0.0
-    for i in (0, 1):
-        for j in (0, 1):
-            if one.bodies[i] is other.bodies[j]:
-                part = product(one.rows[i], other.rows[j])
-                total += part if i == j else -part
-    return total
 
 
 class _CLaw(ctypes.Structure):
@@ -103,7 +91,9 @@ class ForceSolver:
                 motion = motion.with_touch_speed(x, v)
             plain.append(-motion.acceleration(x, v) / touch.inverse_mass)
         for i, touch in enumerate(touches):
-            b = touch.pull - sum(_shared(touch, touches[j]) * f for j, f in enumerate(plain) if f and j != i)
+            b = touch.pull - sum(
+                touch.row.acceleration(touches[j].row) * f for j, f in enumerate(plain) if f and j != i
+            )
             motion = self._motion(touch, b)
             touch.rate_of_step = (h * motion.frequency(touch.penetration)) ** 2
             touch.force = self._acceleration(motion, h, touch) / touch.inverse_mass
@@ -196,7 +186,7 @@ class RestitutionSolver:
 
     @staticmethod
     def _sweep(active: list[Touch], pulls: list[float], aims: list[float], h: float) -> None:
-        coupling = [[_shared(one, other) for other in active] for one in active]
+        coupling = [[one.row.acceleration(other.row) for other in active] for one in active]
         need = [(t.rate + aim) / h + pull for t, aim, pull in zip(active, aims, pulls, strict=True)]
         for _ in range(_SWEEPS if len(active) > 1 else 1):
             change = 0.0

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 Vector = tuple[float, float, float]
 
 
-def vector(values: Sequence[float]) -> Vector:
+def vector(values: Sequence[float] | NDArray[np.float64]) -> Vector:
     """The first three of `values`."""
     return float(values[0]), float(values[1]), float(values[2])
 
@@ -22,19 +27,19 @@ def cross(a: Sequence[float], b: Sequence[float]) -> Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-def along(a: Sequence[float], s: float, b: Sequence[float]) -> Vector:
+def add_scaled(a: Sequence[float], s: float, b: Sequence[float]) -> Vector:
     """a + s b."""
     return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
 
 
-def turned(q: Sequence[float], a: Sequence[float]) -> Vector:
-    """A turned by the quaternion q = (x, y, z, w)."""
+def rotate(q: Sequence[float], a: Sequence[float]) -> Vector:
+    """A rotated by the unit quaternion q = (x, y, z, w)."""
     t = cross(q, a)
     t = (2.0 * t[0], 2.0 * t[1], 2.0 * t[2])
     u = cross(q, t)
     return a[0] + q[3] * t[0] + u[0], a[1] + q[3] * t[1] + u[1], a[2] + q[3] * t[2] + u[2]
 
 
-def turned_back(q: Sequence[float], a: Sequence[float]) -> Vector:
-    """A turned by the inverse of q."""
-    return turned((-q[0], -q[1], -q[2], q[3]), a)
+def rotate_inverse(q: Sequence[float], a: Sequence[float]) -> Vector:
+    """A rotated by the inverse of q."""
+    return rotate((-q[0], -q[1], -q[2], q[3]), a)

@@ -1,0 +1,75 @@
+"""The pybullet package: importing it, its clients, and the settings that outlive them."""
+
+from __future__ import annotations
+
+from contextlib import chdir
+from functools import partial
+from importlib import metadata
+from typing import TYPE_CHECKING, Any
+
+from hcbench.errors import EngineMissing, SceneError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+INSTALL = "pip install 'pybullet>=3.2.7'  # wheels for CPython up to 3.11"
+# Bullet's own values of what outlives resetSimulation; contactBreakingThreshold, a global of the process,
+# outlives the client too. Every world made here starts with them.
+LASTING_SETTINGS = {"contactBreakingThreshold": 0.02, "numSubSteps": 0, "enableFileCaching": 0}
+
+
+class BulletClient:
+    """The pybullet module with every call bound to one client, as pybullet_utils has it.
+
+    Ending one does not disconnect. Raises EngineMissing where there is no pybullet.
+    """
+
+    def __init__(self, client: int) -> None:
+        try:
+            import pybullet  # prints on import
+        except ImportError as error:
+            got = f"cannot be imported: {error}"
+            raise EngineMissing("engine 'pybullet'", got, "", f"Try: {INSTALL}") from None
+        self.module, self.client = pybullet, client
+        self.error: type[Exception] = pybullet.error
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        bound = partial(getattr(self.module, name), physicsClientId=self.client)
+        setattr(self, name, bound)
+        return bound
+
+    @classmethod
+    def direct(cls) -> BulletClient:
+        """A new client without a window."""
+        new = cls(0)
+        new.client = new.module.connect(new.module.DIRECT)
+        if new.client < 0:
+            raise EngineMissing("engine 'pybullet'", "no client could be connected", "", "Close some others")
+        return new
+
+    def load_model(self, path: Path, slot: str = "model", **options: Any) -> list[int]:
+        """Load a URDF, SDF or MJCF file, with its meshes beside it; ids of its bodies.
+
+        options: of pybullet's loader. Raises SceneError, naming `slot`, where PyBullet refuses the file.
+        """
+        loaders = {".urdf": self.loadURDF, ".sdf": self.loadSDF}
+        load = loaders.get(path.suffix.lower(), self.loadMJCF)
+        try:
+            with chdir(path.resolve().parent):  # Bullet looks for meshes in the working directory first
+                bodies = load(path.name, **options)
+        except self.error as error:
+            raise SceneError(slot, f"{path}: {error}", "a file that PyBullet loads") from None
+        return [bodies] if isinstance(bodies, int) else list(bodies)
+
+    def bodies(self) -> list[int]:
+        """Ids of all bodies."""
+        return [self.getBodyUniqueId(i) for i in range(self.getNumBodies())]
+
+
+def version() -> str:
+    """The wheel's version, without importing it. Raises EngineMissing where it is not installed."""
+    try:
+        return metadata.version("pybullet")
+    except metadata.PackageNotFoundError:
+        raise EngineMissing("engine 'pybullet'", "not installed", "its wheel", f"Try: {INSTALL}") from None
