@@ -40,9 +40,7 @@ def launches(count: int) -> list[Launch]:
 
 
 def made(recipe: str) -> Setting:
-    setting: Setting = registry.load("hcbench.recipes", recipe)(
-        Target(LAW, SCENE.mass, STEP, 1 * INCH, 20 * INCH)
-    )
+    setting: Setting = registry.recipe(recipe)(Target(LAW, SCENE.mass, STEP, 1 * INCH, 20 * INCH))
     return setting
 
 

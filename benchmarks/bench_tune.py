@@ -24,9 +24,8 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.scene import load_scene
 from hcbench.setting import Setting
 from hcbench.sim import registry
-from hcbench.tune.evaluate import judge
+from hcbench.tune.evaluate import evaluate
 from hcbench.tune.target import Target
-from hcbench.tune.tune import recipes_of
 
 SCENE = load_scene("steel-plane")
 LAW = HuntCrossley(SCENE.stiffness, 0.008 / 0.0254, SCENE.exponent)
@@ -121,11 +120,11 @@ def main() -> None:
     parser.add_argument("--budget", type=float, default=60.0, help="seconds for each search")
     budget = parser.parse_args().budget
     rows = []
-    known = recipes_of("mujoco")
+    recipes = registry.recipes("mujoco")
     for name in ("staggered", "two-pair", "soft"):
-        if name in known:
+        if name in recipes:
             start = time.perf_counter()
-            setting = known[name](TARGET)
+            setting = recipes[name](TARGET)
             rows.append((f"hcbench {name}", time.perf_counter() - start, setting, 0))
     searches = [("scipy differential_evolution, Python step loop", by_evolution)]
     try:
@@ -141,7 +140,7 @@ def main() -> None:
         rows.append((title, time.perf_counter() - start, setting, calls))
     print("| how | time, s | trials | largest error of e, held out |\n|---|---|---|---|")
     for title, seconds, setting, calls in rows:
-        verdict = judge(registry.engine("mujoco"), SCENE, setting, TARGET)
+        verdict = evaluate(registry.engine("mujoco"), SCENE, setting, TARGET)
         print(f"| {title} | {seconds:.2f} | {calls or '-'} | {verdict.max_error:.2g} |")
     print(f"| the best constant e | - | - | {verdict.constant_error:.2g} |")
 

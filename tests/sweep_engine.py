@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from hcbench.engines.reference.engine import ReferenceEngine
-from hcbench.engines.reference.recipes import HUNT_CROSSLEY
 from hcbench.setting import Setting
 from hcbench.sim import registry
 from hcbench.sim.engine import Engine
+from hcbench.tune.law_recipes import law_options
+from hcbench.tune.recipe import Recipe, Role
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -40,6 +41,12 @@ class Tripping(Engine):
 
     def version(self) -> str:
         return str(_notes().get("version", "1"))
+
+    def recipes(self) -> Sequence[Recipe]:
+        def law(target: Target) -> dict[str, float]:
+            return law_options(target.law)
+
+        return [Recipe("tripping", "law", Role.LAW, law, "The law, with trouble.", native=False)]
 
     def fly(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         notes = _notes()
@@ -77,16 +84,6 @@ def _notes() -> dict[str, Any]:
     return found
 
 
-class Recipe:
-    engine, name, summary, holds = "tripping", "law", "The law, with trouble.", ()
-
-    def __call__(self, target: Target) -> Setting:
-        return Setting(self.engine, self.name, target.timestep, HUNT_CROSSLEY(target).options)
-
-
-RECIPE = Recipe()
-
-
 def installed(folder: Path, monkeypatch: pytest.MonkeyPatch, **notes: Any) -> Iterator[None]:
     """While a folder that Python looks in says that it is installed."""
     monkeypatch.setenv(NOTES, str(folder / "notes.json"))
@@ -94,10 +91,7 @@ def installed(folder: Path, monkeypatch: pytest.MonkeyPatch, **notes: Any) -> It
     about = folder / "tripping-1.dist-info"
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: tripping\nVersion: 1\n")
-    (about / "entry_points.txt").write_text(
-        "[hcbench.engines]\ntripping = sweep_engine:Tripping\n"
-        "[hcbench.recipes]\ntripping.law = sweep_engine:RECIPE\n"
-    )
+    (about / "entry_points.txt").write_text("[hcbench.engines]\ntripping = sweep_engine:Tripping\n")
     monkeypatch.syspath_prepend(folder)
     _look_again()
     yield
@@ -110,5 +104,5 @@ def note(folder: Path, **notes: Any) -> None:
 
 
 def _look_again() -> None:
-    registry._found.cache_clear()
+    registry._entry_points.cache_clear()
     registry.engine.cache_clear()

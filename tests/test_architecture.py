@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ ROOT = Path(hcbench.__file__).parent
 FLOORS = [
     {"errors", "units", "fields", "_compile", "_files", "_text", "workers"},
     {"impact", "setting", "scene", "laws", "reference"},
-    {"sim", "scoring"},
+    {"sim", "scoring", "tune.recipe", "tune.search", "tune.target"},  # recipes are part of an engine
     {"measure", "tune", "engines", "contact"},
     {"benchmark"},
     {"report", "check", "paper"},
@@ -28,7 +29,13 @@ FLOOR = {room: i for i, rooms in enumerate(FLOORS) for room in rooms}
 
 
 def _room(path: Path) -> str:
-    return path.relative_to(ROOT).parts[0].removesuffix(".py")
+    return _room_of(path.relative_to(ROOT).with_suffix("").parts)
+
+
+def _room_of(parts: Sequence[str]) -> str:
+    """Of a module's name below hcbench: the module where it has a floor of its own, else its package."""
+    module = ".".join(parts[:2])
+    return module if module in FLOOR else parts[0]
 
 
 MODULES = sorted(p for p in ROOT.rglob("*.py") if _room(p) not in ("__init__", "data"))
@@ -39,9 +46,9 @@ def _imports(path: Path) -> set[str]:
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("hcbench"):
             parts = (node.module or "").split(".")
-            found |= {parts[1]} if len(parts) > 1 else {alias.name for alias in node.names}
+            found |= {_room_of(parts[1:])} if len(parts) > 1 else {alias.name for alias in node.names}
         elif isinstance(node, ast.Import):
-            found |= {a.name.split(".")[1] for a in node.names if a.name.startswith("hcbench.")}
+            found |= {_room_of(a.name.split(".")[1:]) for a in node.names if a.name.startswith("hcbench.")}
     return found
 
 

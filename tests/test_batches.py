@@ -50,9 +50,7 @@ def at_random(count: int, seed: int = 1) -> list[Launch]:
 
 def made(recipe: str, scene: Scene, timestep: float, **more: Any) -> Setting:
     law = HuntCrossley(scene.stiffness, 0.008 / 0.0254, scene.exponent)
-    setting: Setting = registry.load("hcbench.recipes", recipe)(
-        Target(law, scene.mass, timestep, 0.0254, 0.508)
-    )
+    setting: Setting = registry.recipe(recipe)(Target(law, scene.mass, timestep, 0.0254, 0.508))
     return dataclasses.replace(setting, options={**setting.options, **more})
 
 

@@ -10,18 +10,18 @@ from hcbench.laws.published import LAWS, PrescribedRestitutionLaw
 from hcbench.scene import load_scene
 from hcbench.sim import registry
 from hcbench.tune.constant import minimax_constant
-from hcbench.tune.evaluate import Verdict, judge
+from hcbench.tune.evaluate import Evaluation, evaluate
 from hcbench.tune.target import Target
 
 SCENE = load_scene("steel-plane")
 ALPHAS = (0.002, 0.016)
 
 
-def verdict(recipe: str, alpha: float, timestep: float) -> Verdict:
+def verdict(recipe: str, alpha: float, timestep: float) -> Evaluation:
     law = HuntCrossley(SCENE.stiffness, alpha / 0.0254, SCENE.exponent)
     target = Target(law, SCENE.mass, timestep, 0.0254, 0.508)
-    setting = registry.load("hcbench.recipes", recipe)(target)
-    return judge(registry.engine(setting.engine), SCENE, setting, target)
+    setting = registry.recipe(recipe)(target)
+    return evaluate(registry.engine(setting.engine), SCENE, setting, target)
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
@@ -59,7 +59,7 @@ def test_a_step_that_does_not_resolve_the_contact_is_refused_before_anything_run
 def test_laws_that_came_after_are_asked_for_the_best_constant_of_the_band(
     engine: str, law: type[PrescribedRestitutionLaw]
 ) -> None:
-    recipe = registry.load("hcbench.recipes", f"{engine}.{law.slug}")
+    recipe = registry.recipe(f"{engine}.{law.slug}")
     target = Target(HuntCrossley(SCENE.stiffness, 0.3), SCENE.mass, 1e-5, 0.0254, 0.508)
     setting = recipe(target)
     options = setting.options.get("law", setting.options)
@@ -70,7 +70,7 @@ def test_laws_that_came_after_are_asked_for_the_best_constant_of_the_band(
 
 @pytest.mark.parametrize(("engine", "instead"), [("mujoco", "impulse"), ("pybullet", "restitution")])
 def test_laws_that_came_after_refuse_what_they_have_no_sense_for(engine: str, instead: str) -> None:
-    recipe = registry.load("hcbench.recipes", f"{engine}.flores")
+    recipe = registry.recipe(f"{engine}.flores")
     law, mass = HuntCrossley(SCENE.stiffness, 0.0), SCENE.mass
     with pytest.raises(UserError, match="infinite at e = 0"):
         recipe(Target(law, mass, 1e-6, 0.1, 0.5, "points", ((0.1, 0.0),)))

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, fly, pasted
 
-from hcbench.engines.mujoco.recipes.impulse import Impulse
-from hcbench.engines.mujoco.recipes.spring_damper import SpringDamper
-from hcbench.engines.pybullet.recipes.restitution import Restitution
-from hcbench.engines.pybullet.recipes.spring_damper import BulletSpringDamper
+from hcbench.engines.mujoco.recipes.impulse import IMPULSE
+from hcbench.engines.mujoco.recipes.spring_damper import SPRING_DAMPER
+from hcbench.engines.pybullet.recipes.restitution import RESTITUTION
+from hcbench.engines.pybullet.recipes.spring_damper import SPRING_DAMPER as BULLET_SPRING_DAMPER
 from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.tune.constant import contact_time, minimax_constant, spring_damper
+from hcbench.tune.recipe import Recipe
 from hcbench.tune.target import Target
 
 SPEEDS = np.array([1.0, 1.9, 4.7, 11.0, 20.0]) * INCH
@@ -40,16 +41,14 @@ def test_the_best_constant_and_what_it_leaves(alpha: float, constant: float, res
 @pytest.mark.parametrize("alpha", ALPHAS)
 def test_impulse_leaves_what_theory_leaves(alpha: float, timestep: float) -> None:
     target = target_of(alpha, timestep)
-    flight = fly(
-        pasted(dict(Impulse()(target).options), timestep, STEEL_MASS), timestep, SPEEDS, 10 * timestep
-    )
+    flight = fly(pasted(dict(IMPULSE(target).options), timestep, STEEL_MASS), timestep, SPEEDS, 10 * timestep)
     error = np.abs(flight.restitution - target.restitution(SPEEDS)[:, None]).max()
     assert error == pytest.approx(minimax_constant(target)[1], abs=1e-6)
 
 
 def test_impulse_rests_under_gravity() -> None:
     target = target_of(0.008, 1e-3)
-    xml = pasted(dict(Impulse()(target).options), 1e-3, STEEL_MASS, gravity=9.81)
+    xml = pasted(dict(IMPULSE(target).options), 1e-3, STEEL_MASS, gravity=9.81)
     flight = fly(xml, 1e-3, np.array([0.44]), 6.0, phases=2)
     x, v = flight.x[0, :, -2000:], flight.v[0, :, -2000:]
     assert np.abs(v).max() < 1e-5
@@ -61,7 +60,7 @@ def test_impulse_rests_under_gravity() -> None:
 def test_spring_damper_has_the_constant_at_every_speed(timestep: float, integrator: str) -> None:
     target = target_of(0.008, timestep)
     e, _ = minimax_constant(target)
-    setting = SpringDamper(integrator)(target)
+    setting = SPRING_DAMPER(target, integrator)
     lasts = contact_time(target)
     flight = fly(
         pasted(dict(setting.options), timestep, STEEL_MASS), timestep, SPEEDS, 1.3 * lasts + 4 * timestep
@@ -75,7 +74,7 @@ def test_spring_damper_has_the_constant_at_every_speed(timestep: float, integrat
 
 @pytest.mark.parametrize("e", [0.14, 0.5, 0.9, 0.999])
 def test_the_closed_form_of_a_contact_that_only_pushes(e: float) -> None:
-    beta, omega = spring_damper(e, 1.0)
+    beta, omega = spring_damper(e, 1.0, "impulse")
     t = np.linspace(0.0, 1.0, 200_001)
     x = np.exp(-beta * t) * np.sin(omega * t) / omega
     v = np.exp(-beta * t) * (np.cos(omega * t) - beta / omega * np.sin(omega * t))
@@ -127,7 +126,7 @@ def bullet(options: dict[str, Any], timestep: float, speeds: np.ndarray, phases:
 @pytest.mark.parametrize("timestep", [1e-5, 5e-4, 1 / 240])
 def test_bullet_bounces_with_the_constant(timestep: float) -> None:
     target = target_of(0.016, timestep)
-    measured = bullet(dict(Restitution()(target).options), timestep, SPEEDS)
+    measured = bullet(dict(RESTITUTION(target).options), timestep, SPEEDS)
     error = np.abs(measured - target.restitution(SPEEDS)[:, None]).max()
     assert error == pytest.approx(minimax_constant(target)[1], abs=1e-6)
 
@@ -135,7 +134,7 @@ def test_bullet_bounces_with_the_constant(timestep: float) -> None:
 @pytest.mark.parametrize(("alpha", "timestep"), [(0.016, 1e-6), (0.002, 1e-5), (0.008, 1e-3)])
 def test_bullet_spring_damper_has_the_constant(alpha: float, timestep: float) -> None:
     target = target_of(alpha, timestep)
-    setting = BulletSpringDamper()(target)
+    setting = BULLET_SPRING_DAMPER(target)
     assert setting.options["ball"]["contactDamping"] >= 0
     measured = bullet(dict(setting.options), timestep, SPEEDS[[0, -1]])
     assert np.abs(measured - minimax_constant(target)[0]).max() < 4e-3
@@ -144,18 +143,20 @@ def test_bullet_spring_damper_has_the_constant(alpha: float, timestep: float) ->
 
 def test_bullet_cannot_keep_all_energy() -> None:
     with pytest.raises(SettingError, match="restitution"):
-        BulletSpringDamper()(target_of(0.0, 1e-3))
+        BULLET_SPRING_DAMPER(target_of(0.0, 1e-3))
 
 
-@pytest.mark.parametrize("recipe", [Impulse("RK4"), Impulse("discrete"), SpringDamper("discrete")])
-def test_integrators_that_break_a_recipe_are_refused(recipe: Any) -> None:
+@pytest.mark.parametrize(
+    ("recipe", "integrator"), [(IMPULSE, "RK4"), (IMPULSE, "discrete"), (SPRING_DAMPER, "discrete")]
+)
+def test_integrators_that_break_a_recipe_are_refused(recipe: Recipe, integrator: str) -> None:
     with pytest.raises(SettingError, match="integrator"):
-        recipe(target_of(0.008, 1e-3))
+        recipe(target_of(0.008, 1e-3), integrator)
 
 
 def test_an_overdamped_contact_is_refused_with_what_works() -> None:
     with pytest.raises(SettingError, match="impulse"):
-        SpringDamper()(target_of(0.008, 1e-3, reading="points", points=((0.1, 0.1),)))
+        SPRING_DAMPER(target_of(0.008, 1e-3, reading="points", points=((0.1, 0.1),)))
 
 
 def test_targets_that_no_contact_has_are_refused() -> None:

@@ -21,7 +21,7 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.scene import load_scene
 from hcbench.setting import Setting
 from hcbench.sim import registry
-from hcbench.tune.search import Search, SearchCut, watched
+from hcbench.tune.search import Search, SearchInterrupted, report_progress
 from hcbench.tune.target import Target
 
 if TYPE_CHECKING:
@@ -44,8 +44,8 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def searched(recipe: str, progress: Any = None) -> Setting:
-    with watched(progress):
-        made: Setting = registry.load("hcbench.recipes", f"mujoco.{recipe}")(TARGET)
+    with report_progress(progress):
+        made: Setting = registry.recipe(f"mujoco.{recipe}")(TARGET)
         return made
 
 
@@ -77,7 +77,7 @@ def test_a_search_that_is_interrupted_hands_out_its_best(recipe: str) -> None:
         if done > 20:
             raise KeyboardInterrupt
 
-    with pytest.raises(SearchCut, match=r"cut short after \d+ of at most") as caught:
+    with pytest.raises(SearchInterrupted, match=r"cut short after \d+ of at most") as caught:
         searched(recipe, interrupt)
     cut = caught.value
     assert 20 < cut.done < cut.budget
@@ -93,10 +93,10 @@ def test_a_search_that_is_interrupted_hands_out_its_best(recipe: str) -> None:
 
 def test_the_best_of_a_search_is_the_least_error_seen() -> None:
     search = Search(10)
-    with pytest.raises(SearchCut) as caught, search.kept():
-        search.saw(np.array([[1.0], [2.0]]), np.array([0.3, math.nan]))
-        search.saw(np.array([[3.0], [4.0]]), np.array([0.1, 0.2]))
-        search.saw(np.array([[5.0]]), np.array([0.4]))
+    with pytest.raises(SearchInterrupted) as caught, search.return_best_on_interrupt():
+        search.record(np.array([[1.0], [2.0]]), np.array([0.3, math.nan]))
+        search.record(np.array([[3.0], [4.0]]), np.array([0.1, 0.2]))
+        search.record(np.array([[5.0]]), np.array([0.4]))
         raise KeyboardInterrupt
     assert (caught.value.best, caught.value.error) == ([3.0], 0.1)
     assert (caught.value.done, caught.value.budget) == (5, 10)
@@ -139,4 +139,4 @@ def test_an_interrupt_before_anything_was_found_is_just_one(monkeypatch: pytest.
     monkeypatch.setattr(soft, "_restitution", interrupt)
     with pytest.raises(KeyboardInterrupt) as caught:
         searched("soft")
-    assert not isinstance(caught.value, SearchCut)
+    assert not isinstance(caught.value, SearchInterrupted)

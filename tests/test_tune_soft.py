@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, fly, pasted
 
-from hcbench.engines.mujoco.recipes.soft import Soft, largest_power
+from hcbench.engines.mujoco.recipes.soft import SOFT, largest_power
 from hcbench.engines.mujoco.rows import impedance
 from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
@@ -23,14 +23,14 @@ def target_of(alpha: float, timestep: float) -> Target:
 @pytest.mark.parametrize(("alpha", "must"), [(0.002, 0.0018), (0.016, 0.011)])
 def test_restitution_follows_speed(alpha: float, must: float) -> None:
     target = target_of(alpha, 1e-5)
-    flight = fly(pasted(dict(Soft()(target).options), 1e-5, STEEL_MASS), 1e-5, HELD_OUT, 0.4)
+    flight = fly(pasted(dict(SOFT(target).options), 1e-5, STEEL_MASS), 1e-5, HELD_OUT, 0.4)
     error = np.abs(flight.restitution - target.restitution(HELD_OUT)[:, None]).max()
     assert error < must
     assert error < 0.1 * minimax_constant(target)[1]
 
 
 def test_the_same_numbers_serve_any_step_in_proportion() -> None:
-    fine, coarse = (Soft()(target_of(0.002, h)).options["rows"][0] for h in (1e-6, 1e-5))
+    fine, coarse = (SOFT(target_of(0.002, h)).options["rows"][0] for h in (1e-6, 1e-5))
     assert coarse["solimp"][2] == pytest.approx(10 * fine["solimp"][2])
     assert coarse["solref"][0] == pytest.approx(fine["solref"][0] / 100)
     assert coarse["solref"][1] == pytest.approx(fine["solref"][1] / 10)
@@ -48,6 +48,6 @@ def test_the_largest_power_is_still_a_number_and_the_next_is_not() -> None:
 
 def test_a_step_that_would_take_it_centimetres_deep_is_refused() -> None:
     with pytest.raises(SettingError, match="staggered"):
-        Soft()(target_of(0.008, 1e-3))
+        SOFT(target_of(0.008, 1e-3))
     with pytest.raises(SettingError, match="integrator"):
-        Soft("discrete")(target_of(0.008, 1e-5))
+        SOFT(target_of(0.008, 1e-5), "discrete")

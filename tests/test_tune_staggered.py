@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, Flight, fly, pasted
 
-from hcbench.engines.mujoco.recipes.staggered import Staggered
+from hcbench.engines.mujoco.recipes.staggered import STAGGERED, staggered_rows
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.tune.softening import SOFTENED_STEPS, served_law
+from hcbench.tune.softening import SOFTENED_STEPS, resolvable_law
 from hcbench.tune.target import Target
 
 HELD_OUT = np.array([1.0, 1.37, 2.1, 3.3, 5.2, 8.0, 12.3, 16.0, 20.0]) * INCH
@@ -34,8 +34,8 @@ def target_of(
 
 
 def measured(target: Target, speeds: np.ndarray, integrator: str = "Euler", phases: int = 8) -> Flight:
-    setting = Staggered(integrator)(target)
-    law = served_law(target)
+    setting = STAGGERED(target, integrator)
+    law = resolvable_law(target)
     longest = float(closed_form.duration(law, target.mass, speeds[[0, -1]]).max())
     xml = pasted(dict(setting.options), target.timestep, target.mass)
     return fly(xml, target.timestep, speeds, 1.1 * longest + 4 * target.timestep, phases)
@@ -47,7 +47,7 @@ def restitution_error(flight: Flight, target: Target, speeds: np.ndarray) -> flo
 
 def loop_error(flight: Flight, target: Target, speeds: np.ndarray) -> float:
     """Worst root mean square distance in force at equal penetration and branch, over the law's largest."""
-    law, worst = served_law(target), 0.0
+    law, worst = resolvable_law(target), 0.0
     for i, speed in enumerate(speeds):
         truth = closed_form.loop(law, target.mass, float(speed), 2001)
         top = len(truth.time) // 2
@@ -103,16 +103,16 @@ def test_coarse_steps_soften_the_spring_and_keep_the_restitution(alpha: float, t
     target = target_of(alpha, timestep)
     flight = measured(target, HELD_OUT)
     assert (flight.x > 0).sum(axis=-1).min() >= 20
-    assert served_law(target).stiffness < 0.01 * target.law.stiffness
+    assert resolvable_law(target).stiffness < 0.01 * target.law.stiffness
     assert restitution_error(flight, target, HELD_OUT) < 1e-3
     assert loop_error(flight, target, HELD_OUT) < 0.005
 
 
 def test_a_softened_contact_lasts_as_many_steps_as_asked() -> None:
     target = target_of(0.008, 1e-3)
-    shortest = closed_form.duration(served_law(target), STEEL_MASS, target.speed_max)
+    shortest = closed_form.duration(resolvable_law(target), STEEL_MASS, target.speed_max)
     assert shortest / target.timestep == pytest.approx(SOFTENED_STEPS)
-    assert served_law(target_of(0.008, 1e-6)) == target.law
+    assert resolvable_law(target_of(0.008, 1e-6)) == target.law
 
 
 @pytest.mark.adhesion
@@ -138,14 +138,14 @@ def test_any_mass_and_any_band(alpha: float, mass: float, band: tuple[float, flo
 
 def test_no_loss_is_springs_alone() -> None:
     target = target_of(0.0, 1e-6)
-    assert all(row.damping == 0.0 for row in Staggered().rows(target))
+    assert all(row.damping == 0.0 for row in staggered_rows(target))
     assert restitution_error(measured(target, HELD_OUT), target, HELD_OUT) < 3e-5
 
 
 def test_numbers_are_per_unit_effective_mass() -> None:
-    one = Staggered().rows(target_of(0.008, 1e-6))
+    one = staggered_rows(target_of(0.008, 1e-6))
     double = Target(HuntCrossley(2 * STEEL_STIFFNESS, 0.008 / INCH), 2 * STEEL_MASS, 1e-6, INCH, 20 * INCH)
-    for row, twin in zip(one, Staggered().rows(double), strict=True):
+    for row, twin in zip(one, staggered_rows(double), strict=True):
         assert twin.stiffness == pytest.approx(row.stiffness, rel=1e-6)
         assert twin.damping == pytest.approx(row.damping, rel=1e-6)
         assert twin.onset == pytest.approx(row.onset, rel=1e-6, abs=1e-12)
@@ -154,18 +154,18 @@ def test_numbers_are_per_unit_effective_mass() -> None:
 def test_the_same_answer_always_and_at_once() -> None:
     target = target_of(0.008, 1e-6)
     begin = time.process_time()
-    first = Staggered()(target)
+    first = STAGGERED(target)
     assert time.process_time() - begin < 2.0
-    assert first.key == Staggered()(target).key
+    assert first.key == STAGGERED(target).key
 
 
 def test_what_breaks_it_is_refused() -> None:
     target = target_of(0.008, 1e-6)
     with pytest.raises(SettingError, match="integrator"):
-        Staggered("discrete")(target)
+        STAGGERED(target, "discrete")
     linear = Target(target.law, target.mass, 1e-6, INCH, 20 * INCH, reading="linear")
     with pytest.raises(SettingError, match="two-pair"):
-        Staggered()(linear)
+        STAGGERED(linear)
 
 
 @pytest.mark.adhesion
@@ -173,7 +173,7 @@ def test_two_free_bodies_meet_off_axis_with_their_effective_mass() -> None:
     """Balls of 1 lb and 2 lb, both moving, along no axis of the world: their bounce is the law's."""
     first, second = STEEL_MASS, 2 * STEEL_MASS
     target = target_of(0.008, 1e-6, mass=first * second / (first + second))
-    rows = Staggered()(target).options["rows"]
+    rows = STAGGERED(target).options["rows"]
     geom = f'type="sphere" size="{INCH!r}" contype="0" conaffinity="0"'
     copies = "".join(f'<geom name="a{i}" mass="{0.0 if i else first!r}" {geom}/>' for i in range(len(rows)))
     pairs = "".join(
@@ -204,7 +204,7 @@ def test_under_gravity_it_is_the_law_under_gravity() -> None:
     gravity, timestep = 9.81, 1e-6
     target = target_of(0.008, timestep)
     speeds = np.array([2.0, 16.0]) * INCH
-    xml = pasted(dict(Staggered()(target).options), timestep, STEEL_MASS, gravity=gravity)
+    xml = pasted(dict(STAGGERED(target).options), timestep, STEEL_MASS, gravity=gravity)
     flight = fly(xml, timestep, speeds, 3e-4)
     # The law by the same step, from the same states.
     x, v = flight.x[..., 0].copy(), flight.v[..., 0].copy()
@@ -220,7 +220,7 @@ def test_under_gravity_it_is_the_law_under_gravity() -> None:
 def test_a_ball_let_down_on_the_plate_comes_to_rest() -> None:
     """Its oscillation dies with the law's own rate (3/4) α g, and there is no creep."""
     alpha, timestep, gravity = 0.02, 1e-5, 9.81
-    xml = pasted(dict(Staggered()(target_of(alpha, timestep)).options), timestep, STEEL_MASS, gravity=gravity)
+    xml = pasted(dict(STAGGERED(target_of(alpha, timestep)).options), timestep, STEEL_MASS, gravity=gravity)
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
     sag = (STEEL_MASS * gravity / STEEL_STIFFNESS) ** (1 / 1.5)

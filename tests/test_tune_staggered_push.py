@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, fly, pasted
 
-from hcbench.engines.mujoco.recipes.staggered_push import StaggeredPush
+from hcbench.engines.mujoco.recipes.staggered_push import STAGGERED_PUSH
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
@@ -27,7 +27,7 @@ def target_of(alpha: float, timestep: float, exponent: float = 1.5) -> Target:
 
 @cache
 def setting_for(target: Target) -> Setting:
-    return StaggeredPush()(target)
+    return STAGGERED_PUSH(target)
 
 
 def cup(target: Target) -> mujoco.MjModel:
@@ -95,19 +95,19 @@ def test_coarse_steps_soften_the_spring() -> None:
 def test_the_same_answer_always_and_in_time() -> None:
     target = target_of(0.004, 1e-6)
     begin = time.process_time()
-    first = StaggeredPush()(target)
+    first = STAGGERED_PUSH(target)
     assert time.process_time() - begin < 20.0
-    assert first.key == StaggeredPush()(target).key
+    assert first.key == STAGGERED_PUSH(target).key
 
 
 def test_what_pushing_cannot_do_is_refused() -> None:
     with pytest.raises(SettingError, match="staggered"):
-        StaggeredPush()(target_of(0.0, 1e-6))
+        STAGGERED_PUSH(target_of(0.0, 1e-6))
     with pytest.raises(SettingError, match="integrator"):
-        StaggeredPush("discrete")(target_of(0.008, 1e-6))
+        STAGGERED_PUSH(target_of(0.008, 1e-6), "discrete")
     linear = Target(target_of(0.008, 1e-6).law, STEEL_MASS, 1e-6, INCH, 20 * INCH, reading="linear")
     with pytest.raises(SettingError, match="soft"):
-        StaggeredPush()(linear)
+        STAGGERED_PUSH(linear)
     lossy = HuntCrossley(STEEL_STIFFNESS, 0.04 / INCH)
     with pytest.raises(SettingError, match="may pull"):
-        StaggeredPush()(Target(lossy, STEEL_MASS, 1e-6, 0.1 * INCH, 40 * INCH))
+        STAGGERED_PUSH(Target(lossy, STEEL_MASS, 1e-6, 0.1 * INCH, 40 * INCH))

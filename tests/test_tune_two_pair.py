@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, fly, pasted
 
-from hcbench.engines.mujoco.recipes.two_pair import TwoPair, contact_duration
+from hcbench.engines.mujoco.recipes.two_pair import TWO_PAIR, contact_duration, two_pair_rows
 from hcbench.engines.mujoco.rows import ConstraintRow, acceleration, restitution
 from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
@@ -19,8 +19,8 @@ def target_of(alpha: float, timestep: float, mass: float = STEEL_MASS) -> Target
     return Target(HuntCrossley(STEEL_STIFFNESS, alpha / INCH), mass, timestep, INCH, 20 * INCH)
 
 
-def errors(recipe: TwoPair, target: Target) -> np.ndarray:
-    xml = pasted(dict(recipe(target).options), target.timestep, target.mass)
+def errors(target: Target, integrator: str | None = None) -> np.ndarray:
+    xml = pasted(dict(TWO_PAIR(target, integrator).options), target.timestep, target.mass)
     flight = fly(xml, target.timestep, HELD_OUT, 1.6 * contact_duration(target))
     return np.asarray(flight.restitution - target.restitution(HELD_OUT)[:, None])
 
@@ -28,7 +28,7 @@ def errors(recipe: TwoPair, target: Target) -> np.ndarray:
 @pytest.mark.adhesion
 @pytest.mark.parametrize("alpha", [0.002, 0.016])
 def test_restitution_at_a_fine_step(alpha: float) -> None:
-    assert np.abs(errors(TwoPair(), target_of(alpha, 1e-6))).max() < 1e-4
+    assert np.abs(errors(target_of(alpha, 1e-6))).max() < 1e-4
 
 
 @pytest.mark.adhesion
@@ -36,26 +36,26 @@ def test_restitution_at_a_fine_step(alpha: float) -> None:
 def test_restitution_at_coarse_steps_with_a_softer_spring(alpha: float, timestep: float) -> None:
     target = target_of(alpha, timestep)
     assert contact_duration(target) == pytest.approx(36 * timestep)
-    assert np.abs(errors(TwoPair(), target)).max() < 1e-3
+    assert np.abs(errors(target)).max() < 1e-3
 
 
 @pytest.mark.adhesion
 def test_the_linear_reading_is_matched_too() -> None:
     law = target_of(0.008, 1e-3)
     target = Target(law.law, law.mass, 1e-3, law.speed_min, law.speed_max, reading="linear")
-    assert np.abs(errors(TwoPair(), target)).max() < 1e-3
+    assert np.abs(errors(target)).max() < 1e-3
 
 
 @pytest.mark.adhesion
 def test_mass_and_integrator_do_not_matter() -> None:
-    assert np.abs(errors(TwoPair("RK4"), target_of(0.008, 1e-3, mass=1000.0))).max() < 1e-3
-    light, heavy = (TwoPair().rows(target_of(0.008, 1e-3, mass)) for mass in (0.001, 1.0))
+    assert np.abs(errors(target_of(0.008, 1e-3, mass=1000.0), "RK4")).max() < 1e-3
+    light, heavy = (two_pair_rows(target_of(0.008, 1e-3, mass)) for mass in (0.001, 1.0))
     assert [row.damping for row in light] == pytest.approx([row.damping for row in heavy])
 
 
 @pytest.mark.adhesion
 def test_the_model_of_rows_is_the_engine() -> None:
-    rows = TwoPair().rows(target_of(0.016, 1e-3))
+    rows = two_pair_rows(target_of(0.016, 1e-3))
     rows.append(ConstraintRow.direct(200.0, 0.3, (0.1, 0.4, 0.002, 0.3, 2.5), onset=0.001))
     speeds = np.array([2.0, 20.0]) * INCH
     xml = pasted({"integrator": "Euler", "rows": [row.option() for row in rows]}, 1e-3, STEEL_MASS)
@@ -71,6 +71,6 @@ def test_the_model_of_rows_is_the_engine() -> None:
 
 def test_what_has_no_loss_or_no_integrator_is_refused() -> None:
     with pytest.raises(SettingError, match="staggered"):
-        TwoPair()(target_of(0.0, 1e-3))
+        TWO_PAIR(target_of(0.0, 1e-3))
     with pytest.raises(SettingError, match="integrator"):
-        TwoPair("discrete")(target_of(0.008, 1e-3))
+        TWO_PAIR(target_of(0.008, 1e-3), "discrete")

@@ -17,10 +17,11 @@ from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.scene import load_scene
 from hcbench.sim import registry
-from hcbench.tune.evaluate import Rest, faults, held_out_speeds
+from hcbench.tune.choose import choose
+from hcbench.tune.evaluate import RestResult, held_out_speeds, rest_failures
 from hcbench.tune.snippet import paste, script
 from hcbench.tune.target import Target
-from hcbench.tune.tune import choose, tune
+from hcbench.tune.tune import tune
 
 SCENE = load_scene("steel-plane")
 ALPHA = 0.008 / 0.0254
@@ -52,24 +53,24 @@ def test_held_out_speeds_span_the_band_and_repeat_none() -> None:
 def test_auto_chooses_by_step_and_wish_and_says_why(
     engine: str, timestep: float, match: str, recipe: str
 ) -> None:
-    name, why = choose(engine, target(timestep), SCENE, match)  # type: ignore[arg-type]
-    assert name == recipe
+    chosen, why = choose(engine, target(timestep), SCENE, match)  # type: ignore[arg-type]
+    assert chosen.name == recipe
     assert "steps" in why
 
 
 def test_in_a_true_cup_the_rows_only_push() -> None:
     cup = load_scene("steel-cup")
-    name, _ = choose("mujoco", target(1e-6), cup, "both")
-    assert name == "staggered-push"
-    verdict = tune("mujoco", target(1e-6), cup, match="both").verdict
+    chosen, _ = choose("mujoco", target(1e-6), cup, "both")
+    assert chosen.name == "staggered-push"
+    verdict = tune("mujoco", target(1e-6), cup, match="both").evaluation
     assert verdict.max_error < 1e-4
     assert verdict.loop_rms < 0.005
 
 
 def test_a_constant_is_served_by_one_step_and_not_by_springs() -> None:
     wanted = target(1e-3, reading="points", points=((0.1, 0.8),))
-    assert choose("mujoco", wanted, SCENE, "restitution")[0] == "impulse"
-    assert tune("mujoco", wanted, SCENE).verdict.max_error < 1e-12
+    assert choose("mujoco", wanted, SCENE, "restitution")[0].name == "impulse"
+    assert tune("mujoco", wanted, SCENE).evaluation.max_error < 1e-12
 
 
 def test_a_loop_that_the_step_cannot_see_is_refused_with_the_step_that_can() -> None:
@@ -88,7 +89,7 @@ def test_an_integrator_that_breaks_a_recipe_is_refused_and_others_serve() -> Non
     with pytest.raises(SettingError, match="no choice"):
         tune("pybullet", target(1e-3), SCENE, integrator="RK4")
     served = tune("mujoco", target(1e-3), SCENE, recipe="impulse", integrator="implicitfast")
-    assert served.verdict.max_error < served.verdict.constant_error + 1e-6
+    assert served.evaluation.max_error < served.evaluation.constant_error + 1e-6
 
 
 def test_an_unknown_recipe_is_refused_with_the_known_ones() -> None:
@@ -149,7 +150,7 @@ def test_the_written_script_does_in_plain_pybullet_what_tune_says(tmp_path: Path
     )
     rows = [line.split() for line in done.stdout.splitlines() if line[:2] == "0."]
     assert len(rows) == 6
-    assert all(abs(float(e) - tuned.verdict.constant) < 1e-12 for _, e in rows)
+    assert all(abs(float(e) - tuned.evaluation.constant) < 1e-12 for _, e in rows)
 
 
 @pytest.mark.parametrize("recipe", ["hunt-crossley", "restitution-law"])
@@ -158,7 +159,7 @@ def test_a_plug_in_pastes_as_the_lines_that_attach_it(recipe: str) -> None:
     from hcbench.setting import Setting
 
     wanted = target(1e-6 if recipe == "hunt-crossley" else 1e-3)
-    setting = registry.load("hcbench.recipes", f"mujoco.{recipe}")(wanted)
+    setting = registry.recipe(f"mujoco.{recipe}")(wanted)
     plain = Setting("mujoco", "stock", setting.timestep)
     model = mujoco.MjModel.from_xml_string(model_xml(SCENE, plain))
     names: dict[str, object] = {"model": model}
@@ -311,11 +312,11 @@ def test_notes_of_a_softened_contact_do_not_contradict_what_was_measured(
 
 def test_what_keeps_a_body_from_resting_is_named_and_nothing_else() -> None:
     radius = 0.05
-    assert faults(Rest(True, 1e-7, 1e-6, 1e-3, 0.5), radius) == []
-    (sinks,) = faults(Rest(False, 1e-4, 1e-6, 0.0, 0.0), radius)
+    assert rest_failures(RestResult(True, 1e-7, 1e-6, 1e-3, 0.5), radius) == []
+    (sinks,) = rest_failures(RestResult(False, 1e-4, 1e-6, 0.0, 0.0), radius)
     assert sinks == "it sinks at 1.0e-04 m/s and goes on to"
-    (deep,) = faults(Rest(False, 0.0, 1e-3, 1e-3, 0.5), radius)
+    (deep,) = rest_failures(RestResult(False, 0.0, 1e-3, 1e-3, 0.5), radius)
     assert "2 % of the radius" in deep
-    (moves,) = faults(Rest(False, 0.0, 1e-6, 1e-3, 1.0), radius)
+    (moves,) = rest_failures(RestResult(False, 0.0, 1e-6, 1e-3, 1.0), radius)
     assert "keeps on moving" in moves
-    assert faults(Rest(False, *[float("nan")] * 4), radius) == ["it diverges"]
+    assert rest_failures(RestResult(False, *[float("nan")] * 4), radius) == ["it diverges"]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hcbench.engines.mujoco.backend import require_feature
-from hcbench.engines.mujoco.recipes.staggered import Staggered
+from hcbench.engines.mujoco.recipes.staggered import staggered, staggered_rows
 from hcbench.engines.mujoco.two_blocks import mjcf
 from hcbench.errors import EngineMissing, SettingError
 from hcbench.laws import closed_form
@@ -112,11 +112,11 @@ def test_the_mass_and_the_gap_are_the_systems() -> None:
 def test_a_lower_impedance_asked_of_staggered_is_the_highest_there_is() -> None:
     target = Target(LAW, constants.MASS, 1e-6, 0.02, 0.6)
     for impedance in (0.05, 0.5):
-        rows = Staggered(impedance=impedance).rows(target)
+        rows = staggered_rows(target, impedance=impedance)
         assert max(row.solimp[1] for row in rows) == impedance
     for wrong in (0.0, 1e-4, 0.9, float("nan")):
         with pytest.raises(SettingError, match="impedance"):
-            Staggered(impedance=wrong)(target)
+            staggered(target, impedance=wrong)
 
 
 def test_a_mujoco_without_adhesion_is_named() -> None:

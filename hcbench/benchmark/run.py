@@ -36,9 +36,8 @@ if TYPE_CHECKING:
     from hcbench.benchmark.study import Run, Study
     from hcbench.scene import Scene
     from hcbench.setting import Setting
-    from hcbench.tune.target import Recipe
+    from hcbench.tune.recipe import Recipe
 
-RECIPES = "hcbench.recipes"
 LOOP_SAMPLES = 400  # kept of one loop; what a figure can show
 
 
@@ -166,7 +165,7 @@ def plan(study: Study, pool: WorkerPool | None = None) -> list[Row]:
     """
     asked = [(i, target) for i, run in enumerate(study.runs) for target in _targets(study, run)]
     for run in study.runs:
-        registry.load(RECIPES, _recipe(run))
+        registry.recipe(_recipe(run))
         registry.engine(run.engine).version()  # a missing engine is said before anything runs
     orders = [(_recipe(study.runs[i]), target) for i, target in asked]
     if pool is None:
@@ -195,8 +194,7 @@ def _targets(study: Study, run: Run) -> list[Target]:
 
 def _made(order: tuple[str, Target]) -> Setting:
     recipe, target = order
-    setting: Setting = registry.load(RECIPES, recipe)(target)
-    return setting
+    return registry.recipe(recipe)(target)
 
 
 def _row(study: Study, run: Run, target: Target, setting: Setting) -> Row:
@@ -204,8 +202,7 @@ def _row(study: Study, run: Run, target: Target, setting: Setting) -> Row:
     kept = [v for v in study.loop_speeds if run.speeds == study.speeds]
     launches = Launches(tuple(sorted({*run.speeds, *kept})), tuple(phases.tolist()))
     keep = tuple(Launch(v, float(phases[study.phases // 2])) for v in kept)
-    recipe: Recipe = registry.load(RECIPES, _recipe(run))
-    return Row(target.law.alpha, recipe, Task(study.scene, setting, launches, keep))
+    return Row(target.law.alpha, registry.recipe(_recipe(run)), Task(study.scene, setting, launches, keep))
 
 
 def fly(
@@ -266,7 +263,7 @@ def setting_record(scene: str, row: Row) -> dict[str, Any]:
     """A row's key, its setting and what its recipe says of it."""
     setting = row.task.setting
     key = dict(zip(RUN_KEY, (scene, setting.engine, setting.name, row.alpha, setting.timestep), strict=True))
-    return {**key, "options": setting.options, "summary": row.recipe.summary, "notes": list(row.recipe.holds)}
+    return {**key, "options": setting.options, "summary": row.recipe.summary, "notes": list(row.recipe.notes)}
 
 
 def versions(engines: Iterable[str]) -> dict[str, str]:

@@ -86,7 +86,6 @@ def engines(as_json: bool) -> None:
 
     With their versions, and how to install a missing one.
     """
-    from hcbench.benchmark.run import RECIPES
     from hcbench.errors import EngineMissing
     from hcbench.sim import registry
 
@@ -97,8 +96,7 @@ def engines(as_json: bool) -> None:
             version, missing = engine.version(), ""
         except EngineMissing:
             version, missing = "", engine.install
-        recipes = [registry.load(RECIPES, r) for r in registry.names(RECIPES) if r.startswith(f"{name}.")]
-        settings = {recipe.name: recipe.summary for recipe in recipes}
+        settings = {name: recipe.summary for name, recipe in registry.recipes(engine.name).items()}
         found.append({"name": name, "version": version, "install": missing, "settings": settings})
     if as_json:
         print_json(found)

@@ -16,7 +16,8 @@ from hcbench.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
     from hcbench.scene import Scene
-    from hcbench.tune.search import SearchCut
+    from hcbench.tune.evaluate import RestResult
+    from hcbench.tune.search import SearchInterrupted
     from hcbench.tune.target import Target
     from hcbench.tune.tune import Tuned
 
@@ -55,7 +56,7 @@ def tune(engine: str, as_json: bool, write_scene: Path | None, max_error: float 
     from hcbench._files import write_text
     from hcbench.tune import snippet
     from hcbench.tune import tune as tuning
-    from hcbench.tune.search import SearchCut
+    from hcbench.tune.search import SearchInterrupted
 
     if max_error is not None and not 0 <= max_error <= 1:
         raise UserError("--max-error", f"{max_error:g}", "0 ... 1, a difference in e")
@@ -64,9 +65,9 @@ def tune(engine: str, as_json: bool, write_scene: Path | None, max_error: float 
     try:
         with progress("tuning") as tick:
             tuned = tuning.tune(engine, target, scene, *asked, progress=tick)
-    except SearchCut as cut:
-        _hand_out(cut, scene, as_json)
-        raise Interrupted(f"interrupted: {cut}") from None
+    except SearchInterrupted as interrupt:
+        _print_interrupted(interrupt, scene, as_json)
+        raise Interrupted(f"interrupted: {interrupt}") from None
     text = snippet.paste(tuned.setting, scene.form, scene.relative_radius)
     if write_scene is not None:
         write_text(write_scene, snippet.script(tuned.scene, tuned.setting))
@@ -74,9 +75,11 @@ def tune(engine: str, as_json: bool, write_scene: Path | None, max_error: float 
         print_json(_as_json(tuned, text))
     else:
         _print(tuned, text)
-    if max_error is not None and not tuned.verdict.max_error <= max_error:
+    if max_error is not None and not tuned.evaluation.max_error <= max_error:
         raise LimitPassed(
-            "max-error", f"{tuned.verdict.max_error:.3g} with {tuned.recipe.name!r}", f"{max_error:g} or less"
+            "max-error",
+            f"{tuned.evaluation.max_error:.3g} with {tuned.recipe.name!r}",
+            f"{max_error:g} or less",
         )
 
 
@@ -150,9 +153,7 @@ def _points(text: str) -> tuple[tuple[float, float], ...]:
 
 
 def _print(tuned: Tuned, text: str) -> None:
-    from hcbench.tune.tune import rest_words
-
-    verdict, target = tuned.verdict, tuned.target
+    verdict, target = tuned.evaluation, tuned.target
     truth = {"law": "e of (16)", "linear": "1 - α v", "points": "the e asked for"}[target.reading]
     band = f"{target.speed_min:.4g} ... {target.speed_max:.4g} m/s"
     rows = [
@@ -168,17 +169,20 @@ def _print(tuned: Tuned, text: str) -> None:
     ]
     if not math.isnan(verdict.loop_rms) and target.reading == "law":
         rows.append(("force loop", f"{_percent(verdict.loop_rms)} of the largest force from the law's (rms)"))
-    if tuned.rest is not None:
-        rows.append(
-            ("rests under gravity", f"{'yes' if tuned.rest.rests else 'no'}: {rest_words(tuned.rest)}")
-        )
+    rows.append(("rests under gravity", f"{'yes' if tuned.rest.rests else 'no'}: {_rest(tuned.rest)}"))
     for name, value in rows:
         print(f"{name:<20}  {value}")
     print("\npaste:\n")
     print(text or "nothing: the engine as it comes")
     print("\nknow:")
-    for line in (*tuned.advice, *tuned.recipe.holds):
+    for line in (*tuned.advice, *tuned.recipe.notes):
         print(f"- {line}")
+
+
+def _rest(rest: RestResult) -> str:
+    if math.isnan(rest.depth):
+        return "it diverges"
+    return f"creep {rest.creep:.1e} m/s, depth {rest.depth:.1e} m, buzz {rest.buzz:.1e} m/s"
 
 
 def _percent(share: float) -> str:
@@ -186,21 +190,24 @@ def _percent(share: float) -> str:
     return f"{100 * share:.3g} %" if share < 1 else f"{100 * share:.0f} %"
 
 
-def _hand_out(cut: SearchCut, scene: Scene, as_json: bool) -> None:
-    """What a search that was interrupted has found; the engine has not judged it."""
+def _print_interrupted(interrupt: SearchInterrupted, scene: Scene, as_json: bool) -> None:
+    """What a search had found when it was interrupted; the engine has not judged it."""
     from hcbench.tune import snippet
 
-    text = snippet.paste(cut.best, scene.form, scene.relative_radius)
-    short = {"evaluations": cut.done, "at_most": cut.budget, "max_error_by_model": cut.error}
+    best = interrupt.best
+    text = snippet.paste(best, scene.form, scene.relative_radius)
     if as_json:
-        head = {"schema": 1, "engine": cut.best.engine, "recipe": cut.best.name, "cut_short": short}
-        own = {"timestep_s": cut.best.timestep, "options": dict(cut.best.options), "paste": text}
-        print_json({**head, **own})
+        found = {
+            "evaluations": interrupt.done,
+            "at_most": interrupt.budget,
+            "max_error_by_model": interrupt.error,
+        }
+        head = {"schema": 1, "engine": best.engine, "recipe": best.name, "cut_short": found}
+        print_json({**head, "timestep_s": best.timestep, "options": dict(best.options), "paste": text})
         return
-    print(f"{'setting':<20}  {cut.best.engine} {cut.best.name}, the best so far: {cut}")
-    print(
-        f"{'largest error of e':<20}  {cut.error:.2g} by the search's own model; the engine has not judged it"
-    )
+    error = f"{interrupt.error:.2g} by the search's own model; the engine has not judged it"
+    print(f"{'setting':<20}  {best.engine} {best.name}, the best so far: {interrupt}")
+    print(f"{'largest error of e':<20}  {error}")
     print(f"\npaste:\n\n{text}", flush=True)
 
 
@@ -213,9 +220,9 @@ def _as_json(tuned: Tuned, text: str) -> dict[str, Any]:
         "target": dataclasses.asdict(tuned.target),
         "timestep_s": tuned.setting.timestep,
         "options": dict(tuned.setting.options),
-        "verdict": dataclasses.asdict(tuned.verdict),
-        "rest": None if tuned.rest is None else dataclasses.asdict(tuned.rest),
+        "verdict": dataclasses.asdict(tuned.evaluation),
+        "rest": dataclasses.asdict(tuned.rest),
         "advice": list(tuned.advice),
-        "holds": list(tuned.recipe.holds),
+        "holds": list(tuned.recipe.notes),
         "paste": text,
     }

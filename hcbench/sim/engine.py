@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from hcbench.impact import Impact, Launch, Trajectory
     from hcbench.scene import Scene
     from hcbench.setting import Setting
+    from hcbench.tune.recipe import Recipe
 
 
 class Engine(ABC):
@@ -34,6 +35,10 @@ class Engine(ABC):
     @abstractmethod
     def version(self) -> str:
         """Version of the installed backend; raises EngineMissing where there is none."""
+
+    def recipes(self) -> Sequence[Recipe]:
+        """What makes its settings, of each role the preferred one first; modules are imported when called."""
+        return ()
 
     @abstractmethod
     def fly(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:

@@ -1,4 +1,4 @@
-"""Finds engines and recipes by entry points: built-ins and plug-ins come in by the same door."""
+"""Finds engines by entry points of the group hcbench.engines: ours and others come in by the same door."""
 
 from __future__ import annotations
 
@@ -11,39 +11,33 @@ from typing import TYPE_CHECKING, Any
 from hcbench.errors import EngineFailed, UserError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from hcbench.sim.engine import Engine
+    from hcbench.tune.recipe import Recipe
 
 GROUP = "hcbench.engines"
 
 
 @cache
-def _found(group: str) -> dict[str, EntryPoint]:
-    return {entry.name: entry for entry in sorted(entry_points(group=group), key=lambda e: e.name)}
+def _entry_points() -> dict[str, EntryPoint]:
+    return {entry.name: entry for entry in sorted(entry_points(group=GROUP), key=lambda e: e.name)}
 
 
-def names(group: str = GROUP) -> list[str]:
-    """Registered names, sorted; nothing is imported."""
-    return list(_found(group))
-
-
-def load(group: str, name: str) -> Any:
-    """The object behind an entry point; UserError when the name is unknown."""
-    try:
-        entry = _found(group)[name]
-    except KeyError:
-        known = ", ".join(_found(group)) or "none"
-        kind = group.rpartition(".")[2].rstrip("s")
-        raise UserError(kind, repr(name), f"one of: {known}", "`hcbench engines` lists them") from None
-    try:
-        return entry.load()
-    except Exception as error:
-        raise EngineFailed(f"{group} {name}", f"could not be loaded: {error}", "") from error
+def names() -> list[str]:
+    """Names of the engines, sorted; nothing is imported."""
+    return list(_entry_points())
 
 
 @cache
 def engine(name: str) -> Engine:
-    """The engine registered under `name`; its backend is not imported yet."""
-    made = load(GROUP, name)()
+    """The engine registered under `name`, its backend not imported yet; UserError for an unknown name."""
+    if name not in _entry_points():
+        raise _unknown("engine", name, _entry_points())
+    try:
+        made = _entry_points()[name].load()()
+    except Exception as error:
+        raise EngineFailed(f"{GROUP} {name}", f"could not be loaded: {error}", "") from error
     assert made.name == name, f"engine {made.name!r} is registered as {name!r}"
     return made  # type: ignore[no-any-return]
 
@@ -52,3 +46,30 @@ def submodule(name: str, part: str) -> Any:
     """The module `part` in the package of an engine, as `two_blocks`; None where the engine has none."""
     package = type(engine(name)).__module__.rpartition(".")[0]
     return import_module(f"{package}.{part}") if package and find_spec(f"{package}.{part}") else None
+
+
+def recipes(name: str) -> dict[str, Recipe]:
+    """An engine's recipes by their names, sorted; UserError for an unknown engine."""
+    try:
+        made = engine(name).recipes()
+    except ImportError as error:
+        raise EngineFailed(f"recipes of {name}", f"could not be loaded: {error}", "") from error
+    return {recipe.name: recipe for recipe in sorted(made, key=lambda recipe: recipe.name)}
+
+
+def recipe_names() -> list[str]:
+    """Names such as "engine.recipe" of every engine's recipes, sorted."""
+    return sorted(f"{name}.{recipe}" for name in names() for recipe in recipes(name))
+
+
+def recipe(name: str) -> Recipe:
+    """The recipe with a name such as "engine.recipe"; UserError when it is unknown."""
+    engine_name, _, own_name = name.partition(".")
+    if engine_name not in names() or own_name not in recipes(engine_name):
+        raise _unknown("recipe", name, recipe_names())
+    return recipes(engine_name)[own_name]
+
+
+def _unknown(kind: str, name: str, known: Iterable[str]) -> UserError:
+    expected = f"one of: {', '.join(known) or 'none'}"
+    return UserError(kind, repr(name), expected, "`hcbench engines` lists them")

@@ -12,8 +12,6 @@ from hcbench.laws import closed_form
 from hcbench.laws.kelvin_voigt import Ending, damping_ratio_for
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from hcbench.tune.target import Target
 
 # ln e of a spring-damper that only pushes tends to -2 at critical damping.
@@ -41,27 +39,20 @@ def contact_time(target: Target) -> float:
     return max(own, STEPS_A_CONTACT * target.timestep)
 
 
-def spring_damper(restitution: float, duration: float) -> tuple[float, float]:
+def spring_damper(restitution: float, duration: float, instead: str) -> tuple[float, float]:
     """β and ω, 1/s, of the contact x'' + 2 β x' + (ω² + β²) x = 0 that has this e and duration (s).
 
     The contact pushes only, so it ends where the force is 0, before x is: with the damping ratio sin ψ
-    at ω t = π - 2 ψ, with β = ω tan ψ. Raises SettingError for an e that only an overdamped contact has.
+    at ω t = π - 2 ψ, with β = ω tan ψ. Raises SettingError for an e that only an overdamped contact has, with
+    the recipe to use `instead`.
     """
     if not LOWEST_UNDERDAMPED < restitution <= 1.0:
         raise SettingError(
             "restitution",
             f"{restitution:.4g}",
             f"e within {LOWEST_UNDERDAMPED:.4f} ... 1 for a spring and damper",
-            "Use `impulse` (MuJoCo) or `restitution` (PyBullet), which have any e",
+            f"Use `{instead}`, which has any e",
         )
     psi = math.asin(damping_ratio_for(restitution, Ending.FORCE))
     omega = (math.pi - 2 * psi) / duration
     return omega * math.tan(psi), omega
-
-
-def require_integrator(recipe: str, integrator: str, known: Sequence[str], why: str) -> None:
-    """Refuses an integrator that breaks a recipe: SettingError."""
-    if integrator not in known:
-        raise SettingError(
-            "integrator", f"{integrator!r} with {recipe!r}: {why}", f"one of: {', '.join(known)}"
-        )

@@ -1,16 +1,16 @@
-"""How good a setting is, by the engine itself, at speeds and phases that no recipe has looked at."""
+"""How good a setting is, by the engine itself, at speeds and phases that no recipe has used."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hcbench import scoring
 from hcbench.impact import Launch, Status
+from hcbench.tune.constant import minimax_constant
 from hcbench.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ _CREEP, _SHALLOW, _STILL, _DYING = 1e-5, 1e-3, 1e-4, 0.95  # m/s, of R, m/s, of 
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class Evaluation:
     """What the engine did with a setting.
 
     max_error: largest |e - target|; at_speed: where, m/s. constant, constant_error: the best constant e.
@@ -54,8 +54,8 @@ class Verdict:
 
 
 @dataclass(frozen=True, slots=True)
-class Rest:
-    """What became of a body let down on the plate under gravity, over the last quarter of the time watched.
+class RestResult:
+    """A body let down on the plate under gravity, over the last quarter of the time simulated.
 
     creep: m/s, > 0 sinks. depth: m. buzz: rms rate about the creep, m/s. decay: buzz over that of the quarter
     before. The law itself damps small motion about rest by exp(-(3/4) α g t) only: seconds, for steel.
@@ -75,28 +75,28 @@ def held_out_speeds(target: Target, count: int = HELD_OUT) -> Floats:
     return target.speed_min + (target.speed_max - target.speed_min) * spread
 
 
-def judge(engine: Engine, scene: Scene, setting: Setting, target: Target) -> Verdict:
-    """Drop at held-out speeds, each at 8 phases of the step, and compare with the target."""
+def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> Evaluation:
+    """Launch at held-out speeds, each at 8 phases of the step, and compare with the target."""
     # Phases off any grid that a search or a study uses.
     phases = (np.arange(PHASES) + _GOLDEN) / PHASES
     launches = [Launch(float(v), float(p)) for v in held_out_speeds(target) for p in phases]
-    return verdict_on(engine.drop(scene, setting, launches), target)
+    return evaluate_impacts(engine.drop(scene, setting, launches), target)
 
 
-def verdict_on(impacts: Sequence[Impact], target: Target) -> Verdict:
-    """The verdict on impacts that have been flown."""
+def evaluate_impacts(impacts: Sequence[Impact], target: Target) -> Evaluation:
+    """Compare impacts with the target."""
     good = [i for i in impacts if i.status in (Status.PARTED, Status.RESTED)]
     bad = [i for i in impacts if i.status not in (Status.PARTED, Status.RESTED)]
     speed = np.array([i.speed_in for i in good])
     off = np.abs(np.array([i.restitution for i in good]) - target.restitution(speed))
-    ends = target.restitution(np.array([target.speed_min, target.speed_max]))
+    constant, constant_error = minimax_constant(target)
     one_each = [i for i in good if i.launch.phase == impacts[0].launch.phase]
     loops = [s for s in (scoring.score_loop(i, target.law, target.mass) for i in one_each) if s is not None]
-    return Verdict(
+    return Evaluation(
         max_error=float(off.max()) if good else math.nan,
         at_speed=float(speed[off.argmax()]) if good else math.nan,
-        constant=float(ends.mean()),
-        constant_error=float(np.ptp(ends) / 2),
+        constant=constant,
+        constant_error=constant_error,
         phase_spread=scoring.phase_spread(good),
         steps_min=min((i.samples for i in good), default=0),
         steps_max=max((i.samples for i in good), default=0),
@@ -108,29 +108,29 @@ def verdict_on(impacts: Sequence[Impact], target: Target) -> Verdict:
     )
 
 
-def settle(engine: Engine, scene: Scene, setting: Setting, seconds: float = 2.0) -> Rest:
-    """Let the body down on the plate under gravity, from next to no height, and watch.
+def rest_test(engine: Engine, scene: Scene, setting: Setting, seconds: float = 2.0) -> RestResult:
+    """Let the body down on the plate under gravity, from next to no height, and see whether it stays.
 
     It rests when it sinks slower than 1e-5 m/s, is less than 1e-3 R deep, and its buzz is below 1e-4 m/s or
     dying away.
     """
     steps = min(max(seconds / setting.timestep, _REST_STEPS_MIN), _REST_STEPS_MAX)
-    heavy = dataclasses.replace(scene, gravity=STANDARD_GRAVITY)
+    heavy = replace(scene, gravity=STANDARD_GRAVITY)
     path = engine.follow(heavy, setting, Launch(0.0, height=1e-9), steps * setting.timestep)
     quarter = len(path.time) // 4
     before, last = slice(2 * quarter, 3 * quarter), slice(3 * quarter, None)
     time, x, v = path.time[last], path.penetration[last], path.rate[last]
     if not np.isfinite(path.penetration).all():
-        return Rest(False, math.nan, math.nan, math.nan, math.nan)
+        return RestResult(False, math.nan, math.nan, math.nan, math.nan)
     creep = float((x[-1] - x[0]) / (time[-1] - time[0]))
     buzz, earlier = (float(np.sqrt(np.mean((rate - creep) ** 2))) for rate in (v, path.rate[before]))
     decay = buzz / earlier if earlier > 0 else 0.0
     depth = float(x.max())
-    rests = not faults(Rest(True, creep, depth, buzz, decay), scene.relative_radius)
-    return Rest(rests, creep, depth, buzz, decay)
+    result = RestResult(True, creep, depth, buzz, decay)
+    return replace(result, rests=not rest_failures(result, scene.relative_radius))
 
 
-def faults(rest: Rest, radius: float) -> list[str]:
+def rest_failures(rest: RestResult, radius: float) -> list[str]:
     """What keeps a body from resting as it should, in words; none where it rests. radius: R, m."""
     if math.isnan(rest.depth):
         return ["it diverges"]

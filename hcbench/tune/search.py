@@ -1,4 +1,4 @@
-"""A search that can be watched and cut short: what it has found until then is not lost."""
+"""A search that reports its progress, and that an interrupt does not rob of what it has found."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ if TYPE_CHECKING:
 
     from hcbench.impact import Floats
 
-    Tick = Callable[[int, int], None]
+    Progress = Callable[[int, int], None]
 
-_watcher: ContextVar[Tick | None] = ContextVar("watcher", default=None)
+_progress: ContextVar[Progress | None] = ContextVar("progress", default=None)
 
 
-class SearchCut(KeyboardInterrupt):
-    """An interrupt in the middle of a search, with the best until then.
+class SearchInterrupted(KeyboardInterrupt):
+    """An interrupt in the middle of a search, with the best result until then.
 
-    best: whatever the search is for; from a recipe, a Setting. error: its largest error of e, by the search's
+    best: whatever is searched for; from a recipe, a Setting. error: its largest error of e, by the search's
     own model of the contact. done, budget: evaluations until then, and at most.
     """
 
@@ -31,60 +31,61 @@ class SearchCut(KeyboardInterrupt):
 
 
 @contextmanager
-def watched(tick: Tick | None) -> Iterator[None]:
-    """Searches in the block tell `tick` how many evaluations are done, and how many there may be at most."""
-    token = _watcher.set(tick)
+def report_progress(progress: Progress | None) -> Iterator[None]:
+    """Searches in the block call `progress(done, budget)`: evaluations so far, and at most."""
+    token = _progress.set(progress)
     try:
         yield
     finally:
-        _watcher.reset(token)
+        _progress.reset(token)
 
 
 @contextmanager
-def giving(make: Callable[[Any], Any]) -> Iterator[None]:
-    """Turn what a search that is cut short has found into what the caller hands out."""
+def map_result(make: Callable[[Any], Any]) -> Iterator[None]:
+    """In a SearchInterrupted that leaves the block, replace the best result by `make` of it."""
     try:
         yield
-    except SearchCut as cut:
-        cut.best = make(cut.best)
+    except SearchInterrupted as interrupt:
+        interrupt.best = make(interrupt.best)
         raise
 
 
-class Count:
-    """Counts the evaluations of a search."""
+class EvaluationCount:
+    """Counts the evaluations of a search and reports them."""
 
     def __init__(self, budget: int) -> None:
         self._budget, self._done = budget, 0
 
     def add(self, evaluations: int) -> None:
-        """So many more are done, or will not be needed."""
+        """Count evaluations that are done or will not be needed."""
         self._done += evaluations
-        if (tick := _watcher.get()) is not None:
-            tick(min(self._done, self._budget), self._budget)
+        if (progress := _progress.get()) is not None:
+            progress(min(self._done, self._budget), self._budget)
 
 
-class Search(Count):
-    """Counts the evaluations of a search and keeps the best of them."""
+class Search(EvaluationCount):
+    """Counts the evaluations of a search and remembers the best of them."""
 
     def __init__(self, budget: int) -> None:
         super().__init__(budget)
         self._best: tuple[float, Floats] | None = None
 
-    def saw(self, genes: Floats, errors: Floats) -> None:
-        """Note errors of e, shape (n,), of genes of shape (n, parameters). NaN is the worst."""
+    def record(self, parameters: Floats, errors: Floats) -> None:
+        """Count evaluations: errors of e, shape (n,), at parameters of shape (n, k). NaN is the worst."""
         errors = np.nan_to_num(errors, nan=np.inf)
         i = int(np.argmin(errors))
         if self._best is None or errors[i] < self._best[0]:
-            self._best = float(errors[i]), np.array(genes[i])
+            self._best = float(errors[i]), np.array(parameters[i])
         self.add(len(errors))
 
     @contextmanager
-    def kept(self) -> Iterator[None]:
-        """An interrupt in the block is SearchCut, with the best genes so far, once there are any."""
+    def return_best_on_interrupt(self) -> Iterator[None]:
+        """Turn a KeyboardInterrupt in the block into SearchInterrupted, once there is a best."""
         try:
             yield
         except KeyboardInterrupt:
             if self._best is None:
                 raise
-            error, genes = self._best
-            raise SearchCut(genes, error, min(self._done, self._budget), self._budget) from None
+            error, parameters = self._best
+            done = min(self._done, self._budget)
+            raise SearchInterrupted(parameters, error, done, self._budget) from None

@@ -1,4 +1,4 @@
-"""Steps too coarse for the law's own contact: a softer spring with the same restitution.
+"""Where time steps are too coarse for the law's own contact: a softer spring with the same restitution.
 
 e of (16) depends on α v_i alone, so k is free where only e is wanted. At a given speed the contact lasts
 T ∝ k^(-1/(n+1)).
@@ -21,7 +21,12 @@ FEWEST_STEPS = 10.0  # with fewer the law's own loop is lost anyway
 SOFTENED_STEPS = 24.0
 
 
-def served_law(target: Target) -> HuntCrossley:
+def steps_per_contact(target: Target) -> float:
+    """Time steps in the law's own contact at the highest speed of the band."""
+    return float(closed_form.duration(target.law, target.mass, target.speed_max)) / target.timestep
+
+
+def resolvable_law(target: Target) -> HuntCrossley:
     """The target's law, or one with less stiffness so that the shortest contact lasts SOFTENED_STEPS."""
     ends = np.array([target.speed_min, target.speed_max])
     steps = float(closed_form.duration(target.law, target.mass, ends).min()) / target.timestep

@@ -1,22 +1,27 @@
-"""What a setting should match, and what a recipe is."""
+"""What a setting should match."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from hcbench import scoring
 from hcbench.errors import SettingError
 from hcbench.laws.restitution import MeasuredRestitution, Restitution
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from hcbench.impact import Floats
     from hcbench.laws.force import HuntCrossley
     from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.setting import Setting
 
 TargetKind = Literal["law", "linear", "points"]
+# What the law may be off by to be worth a try, as a share of what one e for all speeds is off by.
+_GOOD_FIT = 0.25
+_WORDS = {"law": "α of eq. (16), by --alpha", "linear": "1 - α v, by --alpha and --target linear"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,18 +53,23 @@ class Target:
             if not 0 < value < np.inf:
                 raise SettingError(slot, f"{value!r} {unit}", f"above 0 {unit}")
         if not self.speed_min <= self.speed_max < np.inf:
-            raise SettingError(
-                "speeds", f"{self.speed_min!r} ... {self.speed_max!r} m/s", "the lower speed first"
-            )
+            got = f"{self.speed_min!r} ... {self.speed_max!r} m/s"
+            raise SettingError("speeds", got, "the lower speed first")
         if isinstance(self.curve, MeasuredRestitution):
             _require_falling(self.curve)
-        elif self.reading == "linear" and (fastest := self.law.alpha * self.speed_max) > 1:
+        elif self.reading == "linear" and (loss := self.law.alpha * self.speed_max) > 1:
             raise SettingError(
                 "speeds",
-                f"1 - α v falls to {1 - fastest:.3g} at {self.speed_max:.4g} m/s",
+                f"1 - α v falls to {1 - loss:.3g} at {self.speed_max:.4g} m/s",
                 "a restitution within 0 ... 1",
                 f"Keep below {1 / self.law.alpha:.4g} m/s or take the reading 'law'",
             )
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether one e for all speeds is all that is wanted."""
+        one_e = len({e for _, e in self.points}) == 1 if self.points else self.law.alpha == 0
+        return one_e or self.speed_min == self.speed_max
 
     @property
     def curve(self) -> RestitutionCurve:
@@ -72,46 +82,41 @@ class Target:
         """e wanted at impact speeds (m/s), same shape."""
         return self.curve.at(speed)
 
+    def described(self) -> tuple[str, str]:
+        """What was asked for, as a user says it: the option it came by, and its value."""
+        if self.reading == "points":
+            pairs = f"{len(self.points)} pairs of v and e"
+            return "restitution", pairs if len(self.points) > 1 else "one e for all speeds"
+        return "target", _WORDS[self.reading].partition(",")[0]
+
+    def fitting_law(self) -> str:
+        """Advice to take the law that the points lie near; "" where they are one, or near no law."""
+        if len(self.points) < 2:
+            return ""
+        measured = MeasuredRestitution(self.points)
+        speeds, e = measured.speeds, measured.values
+        alpha, rms = scoring.fit_alpha(speeds, e)
+        if rms > _GOOD_FIT * float(np.ptp(e)) / 2:
+            return ""
+        return f"α = {alpha:.4g} s/m fits these pairs with rms {rms:.1g}: try --alpha {alpha:.4g}"
+
 
 def _require_falling(measured: MeasuredRestitution) -> None:
-    """Refuse points with two e at one speed or an e that rises with the speed: SettingError."""
     speeds, values = measured.speeds, measured.values
     rises = np.flatnonzero((np.diff(values) > 0) | (np.diff(speeds) <= 0))
     if rises.size:
         i = int(rises[0])
-        first, then = (f"{values[j]:.4g} at {speeds[j]:.4g} m/s" for j in (i, i + 1))
-        raise SettingError(
-            "restitution", f"e goes from {first} to {then}", "one e a speed, falling or constant as v grows"
-        )
+        before, after = (f"{values[j]:.4g} at {speeds[j]:.4g} m/s" for j in (i, i + 1))
+        got = f"e goes from {before} to {after}"
+        raise SettingError("restitution", got, "one e a speed, falling or constant as v grows")
 
 
-class Recipe(Protocol):
-    """Makes a setting of one engine from a target.
-
-    engine, name: "mujoco", "impulse". summary: what it does to e and to the loop, in one sentence.
-    holds: where it holds and what a user must know, a sentence each.
-    """
-
-    @property
-    def engine(self) -> str:
-        """The engine it is for."""
-        ...
-
-    @property
-    def name(self) -> str:
-        """Its own name, and its settings'."""
-        ...
-
-    @property
-    def summary(self) -> str:
-        """One sentence."""
-        ...
-
-    @property
-    def holds(self) -> tuple[str, ...]:
-        """Sentences."""
-        ...
-
-    def __call__(self, target: Target) -> Setting:
-        """The setting; raises SettingError where the recipe cannot serve the target."""
-        ...
+def require_kind(target: Target, recipe: str, kinds: Sequence[TargetKind], instead: str) -> None:
+    """Refuse a target of a kind that a recipe does not serve: SettingError, with those to use `instead`."""
+    if target.reading in kinds:
+        return
+    slot, given = target.described()
+    expected = " or ".join(_WORDS[kind] for kind in kinds)
+    advice = [f"Use {instead} for another restitution"] if instead else []
+    advice += [fit] if (fit := target.fitting_law()) else []
+    raise SettingError(slot, f"{given}, which {recipe!r} does not serve", expected, ". ".join(advice))

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from hcbench.impact import Impact, Launch, Trajectory
     from hcbench.scene import Scene
     from hcbench.setting import Setting
+    from hcbench.tune.recipe import Recipe
 
 _SLOWEST = 1e-3  # m/s: for a body let down on the plate, the step is judged at this speed
 _DIVERGED = "MuJoCo gave up: a position, velocity or acceleration was not finite or above 1e10"
@@ -58,6 +59,12 @@ class MujocoEngine(Engine):
             except metadata.PackageNotFoundError:
                 continue
         raise EngineMissing("engine 'mujoco'", "not installed", "its wheel", f"Try: {INSTALL}")
+
+    def recipes(self) -> Sequence[Recipe]:
+        """What makes its settings."""
+        from hcbench.engines.mujoco.recipes import RECIPES
+
+        return RECIPES
 
     def fly(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         """One impact for each launch, the same bits however many there are."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, require_feature
 from hcbench.engines.mujoco.mjcf import add_pairs, as_text, numbers_text, set_mass
-from hcbench.engines.mujoco.recipes.staggered import Staggered
+from hcbench.engines.mujoco.recipes.staggered import staggered_rows
 from hcbench.sim.two_blocks import SIDES, folder
 from hcbench.tune.target import Target
 
@@ -65,9 +65,9 @@ def mjcf(blocks: TwoBlocks) -> str:
     if blocks.tuned_at is not None:
         speed = blocks.tuned_at
         target = Target(blocks.law, blocks.mass, blocks.timestep, speed / 20.0, 1.5 * speed)
-        recipe = Staggered(impedance=IMPEDANCE)
-        _first(root, "option").set("integrator", recipe.integrator)
-        add_pairs(root, _first(_first(root, "body"), "geom"), SIDES, recipe.rows(target))
+        _first(root, "option").set("integrator", "Euler")
+        ball = _first(_first(root, "body"), "geom")
+        add_pairs(root, ball, SIDES, staggered_rows(target, impedance=IMPEDANCE))
     return as_text(root)
 
 

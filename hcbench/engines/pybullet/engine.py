@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from hcbench.impact import Launch, Trajectory
     from hcbench.scene import Scene
     from hcbench.setting import Setting
+    from hcbench.tune.recipe import Recipe
 
 _LIMIT_S = 30.0  # for one impact: hundreds of times what the longest takes
 _LIMIT_STEP_S = 1e-3  # for one step, likewise
@@ -50,6 +51,12 @@ class PybulletEngine(Engine):
             raise EngineMissing(
                 "engine 'pybullet'", "not installed", "its wheel", f"Try: {self.install}"
             ) from None
+
+    def recipes(self) -> Sequence[Recipe]:
+        """What makes its settings."""
+        from hcbench.engines.pybullet.recipes import RECIPES
+
+        return RECIPES
 
     def fly(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         """One impact for each launch; a launch that PyBullet dies on is CRASHED."""

@@ -38,7 +38,7 @@ def _options(blocks: TwoBlocks) -> Mapping[str, Any]:
     if blocks.tuned_at is None:
         return {"world": restitution.WORLD, "ball": restitution.BALL, "plate": {}}
     target = Target(blocks.law, blocks.mass, blocks.timestep, blocks.tuned_at, blocks.tuned_at)
-    recipe = spring_damper.PYBULLET if blocks.gap <= 0.0 else restitution.PYBULLET
+    recipe = spring_damper.SPRING_DAMPER if blocks.gap <= 0.0 else restitution.RESTITUTION
     return recipe(target).options
 
 

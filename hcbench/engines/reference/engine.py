@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from hcbench.impact import Trajectory
     from hcbench.scene import Scene
     from hcbench.setting import Setting
+    from hcbench.tune.recipe import Recipe
 
 Law = HuntCrossley | KelvinVoigt | TouchSpeedLaw
 
@@ -49,6 +50,12 @@ class ReferenceEngine(Engine):
     def version(self) -> str:
         """The version of hcbench."""
         return str(hcbench.__version__)
+
+    def recipes(self) -> Sequence[Recipe]:
+        """What makes its settings."""
+        from hcbench.engines.reference.recipes import RECIPES
+
+        return RECIPES
 
     def fly(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         """One impact for each launch, in order."""

@@ -1,57 +1,52 @@
-"""The law itself, and the Kelvin-Voigt contrast of Fig. 1, as settings of the reference."""
+"""Settings of the reference: eq. (16), the Kelvin-Voigt contrast of Fig. 1, and laws published later."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from hcbench.laws import closed_form
-from hcbench.setting import Setting
 from hcbench.tune.constant import minimax_constant
+from hcbench.tune.law_recipes import law_options, published_law_options, published_law_recipes
+from hcbench.tune.recipe import Recipe, Role
 
 if TYPE_CHECKING:
     from hcbench.tune.target import Target
 
-
-@dataclass(frozen=True)
-class HuntCrossleyLaw:
-    """Eq. (16)."""
-
-    engine: ClassVar[str] = "reference"
-    name: ClassVar[str] = "hunt-crossley"
-    summary: ClassVar[str] = "Eq. (16) itself, in closed form: restitution falls with impact speed."
-    holds: ClassVar[tuple[str, ...]] = ("The step only says how densely the loop is sampled.",)
-
-    def __call__(self, target: Target) -> Setting:
-        """The law of the target."""
-        law = target.law
-        options = {"alpha": law.alpha, "stiffness": law.stiffness, "exponent": law.exponent}
-        return Setting(self.engine, self.name, target.timestep, options)
+_SAMPLING = "The step only says how densely the loop is sampled."
 
 
-@dataclass(frozen=True)
-class KelvinVoigtContrast:
-    """Eq. (4) with the best constant restitution of the band and the law's contact time in its middle."""
+def kelvin_voigt(target: Target) -> dict[str, float]:
+    """Eq. (4) with the best constant restitution of the band and the law's contact time in its middle.
 
-    engine: ClassVar[str] = "reference"
-    name: ClassVar[str] = "kelvin-voigt"
-    summary: ClassVar[str] = (
-        "Eq. (4), a linear spring and damper: one e for all speeds, a shock at touch, tension at the end."
-    )
-    holds: ClassVar[tuple[str, ...]] = ("Matches the law's restitution and contact time at one speed only.",)
-
-    def __call__(self, target: Target) -> Setting:
-        """k and c from e = exp(-β t) and t = π/ω, contact ending at x = 0."""
-        e, _ = minimax_constant(target)
-        duration = float(
-            closed_form.duration(target.law, target.mass, math.sqrt(target.speed_min * target.speed_max))
-        )
-        decay = -math.log(e) / duration
-        stiffness = target.mass * ((math.pi / duration) ** 2 + decay**2)
-        options = {"stiffness": stiffness, "damping": 2 * target.mass * decay}
-        return Setting(self.engine, self.name, target.timestep, options)
+    k and c from e = exp(-β t) and t = π/ω, contact ending at x = 0.
+    """
+    e, _ = minimax_constant(target)
+    middle = math.sqrt(target.speed_min * target.speed_max)
+    duration = float(closed_form.duration(target.law, target.mass, middle))
+    decay = -math.log(e) / duration
+    stiffness = target.mass * ((math.pi / duration) ** 2 + decay**2)
+    return {"stiffness": stiffness, "damping": 2 * target.mass * decay}
 
 
-HUNT_CROSSLEY = HuntCrossleyLaw()
-KELVIN_VOIGT = KelvinVoigtContrast()
+RECIPES = (
+    Recipe(
+        "reference",
+        "hunt-crossley",
+        Role.LAW_AND_LOOP,
+        lambda target: law_options(target.law),
+        "Eq. (16) itself, in closed form: restitution falls with impact speed.",
+        (_SAMPLING,),
+        native=False,
+    ),
+    Recipe(
+        "reference",
+        "kelvin-voigt",
+        Role.CONSTANT_E,
+        kelvin_voigt,
+        "Eq. (4), a linear spring and damper: one e for all speeds, a shock at touch, tension at the end.",
+        ("Matches the law's restitution and contact time at one speed only.",),
+        native=False,
+    ),
+    *published_law_recipes("reference", published_law_options, _SAMPLING),
+)

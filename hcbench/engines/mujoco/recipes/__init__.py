@@ -1,1 +1,20 @@
-"""Settings of MuJoCo's own contact."""
+"""Settings of MuJoCo, the preferred ones of each role first."""
+
+from __future__ import annotations
+
+from hcbench.engines.mujoco.recipes.impulse import IMPULSE
+from hcbench.engines.mujoco.recipes.soft import SOFT
+from hcbench.engines.mujoco.recipes.spring_damper import SPRING_DAMPER
+from hcbench.engines.mujoco.recipes.staggered import STAGGERED
+from hcbench.engines.mujoco.recipes.staggered_push import STAGGERED_PUSH
+from hcbench.engines.mujoco.recipes.two_pair import TWO_PAIR
+from hcbench.tune.law_recipes import plug_in_recipes
+from hcbench.tune.recipe import stock
+
+STOCK = stock(
+    "mujoco",
+    'MuJoCo as it comes, solref "0.02 1": a critically damped contact, e about 0.13 at any speed.',
+    "Knows nothing of the law: the contact time, depth and restitution are the engine's defaults.",
+)
+_NATIVE = (STOCK, IMPULSE, SPRING_DAMPER, TWO_PAIR, SOFT, STAGGERED, STAGGERED_PUSH)
+RECIPES = (*_NATIVE, *plug_in_recipes("mujoco", _NATIVE, {}))

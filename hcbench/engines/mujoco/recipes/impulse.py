@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any
 
+from hcbench.engines.mujoco.recipes.common import rows_options
 from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, STIFF_SOLIMP, ConstraintRow
-from hcbench.setting import Setting
-from hcbench.tune.constant import minimax_constant, require_integrator
+from hcbench.tune.constant import minimax_constant
+from hcbench.tune.recipe import Integrators, Recipe, Role
 
 if TYPE_CHECKING:
     from hcbench.tune.target import Target
 
 
-@dataclass(frozen=True)
-class Impulse:
+def impulse(target: Target, integrator: str = "Euler", spring: float = 0.0) -> dict[str, Any]:
     """One contact whose damping turns v into -e v within the step that finds it closed.
 
     A contact of impedance d gives the acceleration a = d (K x - D v) + (1 - d) g: with D = (1 + e)/h a step h
@@ -22,35 +21,29 @@ class Impulse:
     phase. A K above 0 lifts a body at rest out of the slow creep that the missing 1 - d allows, to a depth of
     1e-4 g / K, at the price of up to K h² / 2 in e.
 
-    spring: K, 1/s². integrator: one of `integrators`.
+    e: the best constant of the band. spring: K, 1/s².
     """
+    e, _ = minimax_constant(target)
+    h = target.timestep
+    # A step finds the ball 0 ... v h deep: half of K h takes the spring's mean effect on e out.
+    damping = (1 + e) / h - spring * h / 2
+    return rows_options(integrator, ConstraintRow.direct(spring * MAX_IMPEDANCE, damping, STIFF_SOLIMP))
 
-    integrator: str = "Euler"
-    spring: float = 0.0
-    engine: ClassVar[str] = "mujoco"
-    name: ClassVar[str] = "impulse"
-    integrators: ClassVar[tuple[str, ...]] = ("Euler", "implicit", "implicitfast")
-    summary: ClassVar[str] = (
-        "One contact step turns v into -e v: the best constant e, at any step and phase; no force loop."
-    )
-    holds: ClassVar[tuple[str, ...]] = (
+
+IMPULSE = Recipe(
+    "mujoco",
+    "impulse",
+    Role.CONSTANT_E,
+    impulse,
+    "One contact step turns v into -e v: the best constant e, at any step and phase; no force loop.",
+    (
         "Euler, implicit and implicitfast; RK4 and discrete give e = 0 and are refused.",
         "Needs no stiffness, mass or speed: the same numbers serve every body, at this step only.",
         "Change the step and solref changes with it: D = (1 + e)/h.",
         "Set solref and solimp on both geoms or in a <pair>: MuJoCo mixes those of the two geoms.",
         "At rest under gravity it creeps into the plate at about 1e-4 g h / (1 + e).",
         "The force is one impulse of m (1 + e) v / h: forces, stresses and contact times mean nothing.",
-    )
-
-    def __call__(self, target: Target) -> Setting:
-        """The setting with the best constant e of the band."""
-        require_integrator(self.name, self.integrator, self.integrators, "the bounce needs one force a step")
-        e, _ = minimax_constant(target)
-        h = target.timestep
-        # A step finds the ball 0 ... v h deep: half of K h takes the spring's mean effect on e out.
-        damping = (1 + e) / h - self.spring * h / 2
-        row = ConstraintRow.direct(self.spring * MAX_IMPEDANCE, damping, STIFF_SOLIMP)
-        return Setting(self.engine, self.name, h, {"integrator": self.integrator, "rows": [row.option()]})
-
-
-MUJOCO = Impulse()
+    ),
+    one_step=True,
+    integrators=Integrators(("Euler", "implicit", "implicitfast"), "the bounce needs one force a step"),
+)

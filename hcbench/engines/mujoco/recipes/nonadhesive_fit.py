@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.rows import Solimp
     from hcbench.impact import Floats
     from hcbench.laws.force import HuntCrossley
-    from hcbench.tune.search import Count
+    from hcbench.tune.search import EvaluationCount
 
 _FORCE_SCALE, _RESTITUTION_SCALE = 1e-3, 2e-5  # one unit of misfit, relative and absolute
 ITERATIONS, _GIVE_UP = 80, 1e6
@@ -193,7 +193,7 @@ def _fit_springs(samples: Samples, rows: Pushers, springs: int) -> Pushers:
     return replace(rows, stiffness=stiffness)
 
 
-def refine(samples: Samples, rows: Pushers, told: Count) -> Pushers:
+def refine(samples: Samples, rows: Pushers, evaluations: EvaluationCount) -> Pushers:
     """The same rows with springs and dampers that fit better; keeps the best when it does not converge.
 
     Counts ITERATIONS, whether it needs them or not.
@@ -225,7 +225,7 @@ def refine(samples: Samples, rows: Pushers, told: Count) -> Pushers:
         right = np.einsum("ni,n->i", jacobian, wanted)
         while left and caution < _GIVE_UP:
             left -= 1
-            told.add(1)
+            evaluations.add(1)
             damping = (caution * misfit) ** 2 / len(now)
             root = np.linalg.cholesky(normal + (damping + 1e-12 * np.trace(normal)) * np.eye(len(now)))
             step, _ = nnls(root.T, np.linalg.solve(root, right + damping * now / unit), maxiter=10_000)
@@ -236,15 +236,20 @@ def refine(samples: Samples, rows: Pushers, told: Count) -> Pushers:
                 S, D, acts, misfit, caution = new_S, new_D, new_acts, new_misfit, max(caution / 3, 1e-4)
                 break
             caution *= 3
-    told.add(left)
+    evaluations.add(left)
     return Pushers(rows.onsets, rows.solimps, S, D, misfit)
 
 
 def aim(
-    samples: Samples, rows: Pushers, law: HuntCrossley, timestep: float, duration: float, count: Count
+    samples: Samples,
+    rows: Pushers,
+    law: HuntCrossley,
+    timestep: float,
+    duration: float,
+    evaluations: EvaluationCount,
 ) -> Pushers:
     """Once more, with the restitution that the rows turn out to have, by the model of the engine's step."""
     phases = 4
     e = restitution(rows.rows(), timestep, samples.speeds, phases, duration).mean(axis=1)
     off = samples.excess + e - closed_form.restitution(law.alpha, samples.speeds)
-    return refine(replace(samples, excess=off), rows, count) if np.isfinite(off).all() else rows
+    return refine(replace(samples, excess=off), rows, evaluations) if np.isfinite(off).all() else rows

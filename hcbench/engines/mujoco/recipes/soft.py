@@ -9,18 +9,18 @@ step can be is set by MuJoCo's arithmetic, which underflows beyond a power of ab
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.optimize import Bounds, differential_evolution, minimize
 
+from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
 from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, impedance
 from hcbench.errors import SettingError
-from hcbench.setting import Setting
-from hcbench.tune.constant import require_integrator
-from hcbench.tune.search import Search, giving
+from hcbench.tune.recipe import Recipe, Role
+from hcbench.tune.search import Search, map_result
+from hcbench.tune.softening import FEWEST_STEPS
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -30,7 +30,12 @@ _SPEEDS = 12
 _WIDTH = 1500.0  # steps at the highest speed: fewer and the touch's phase shows in e
 _DEEPEST = 0.02  # m
 _SEED = 1975
-_MEMBERS, _GENERATIONS, _TWO, _SIX = 30, 40, 120, 300  # of the search: five members a gene, then two polishes
+_MEMBERS, _GENERATIONS, _TWO, _SIX = (
+    30,
+    40,
+    120,
+    300,
+)  # five members a parameter, then two polishes
 # Smallest power that MuJoCo's spline can take without a subnormal number: midpoint^(power - 1).
 _LOG_SMALLEST = -math.log(1e-306)
 # log10 S, log10 D (in widths and highest speeds), log10 d0, log10(1 - dw), midpoint, log10(power/largest).
@@ -43,16 +48,16 @@ def largest_power(midpoint: Floats) -> Floats:
     return np.asarray(1.0 + _LOG_SMALLEST / np.maximum(-np.log(midpoint), -np.log1p(-midpoint)))
 
 
-def _numbers(genes: Floats) -> tuple[Floats, ...]:
-    """S, D, d0, dw, midpoint, power of genes of shape (population, 6); each (population, 1)."""
-    s, d, floor, gap, midpoint, share = genes.T[..., None]
+def _numbers(parameters: Floats) -> tuple[Floats, ...]:
+    """S, D, d0, dw, midpoint, power of parameters of shape (population, 6); each (population, 1)."""
+    s, d, floor, gap, midpoint, share = parameters.T[..., None]
     power = np.maximum(1.0, largest_power(midpoint) * 10.0**share)
     return 10.0**s, 10.0**d, 10.0**floor, 1.0 - 10.0**gap, midpoint, power
 
 
-def _stretches(genes: Floats) -> tuple[Floats, Floats]:
+def _stretches(parameters: Floats) -> tuple[Floats, Floats]:
     """Elastic work and damping over stretches of depth, fine around the step; (population, stretches)."""
-    S, D, d0, dw, midpoint, power = _numbers(genes)
+    S, D, d0, dw, midpoint, power = _numbers(parameters)
     step = midpoint * np.maximum(0.0, 1.0 + np.linspace(-10.0, 10.0, 121) / power)
     before = step[:, :1] * np.linspace(0.0, 1.0, 21)[None, :-1]
     after = step[:, -1:] + (np.geomspace(1.0, 3e3, 60)[None, 1:] - 1.0) * midpoint / power
@@ -67,14 +72,14 @@ def _mean(v: Floats, w: Floats) -> Floats:
     return np.asarray((2 / 3) * (v * v + v * w + w * w) / np.maximum(v + w, 1e-300))
 
 
-def _restitution(genes: Floats, speeds: Floats) -> Floats:
+def _restitution(parameters: Floats, speeds: Floats) -> Floats:
     """e of one contact at speeds over the highest; (population, speeds); 0 where it would go too deep.
 
     By energy along the depth: v²/2 falls by ΔP + ΔG v on the way in, and grows by ΔP - ΔG v on the way out as
     long as the contact pushes, v being the stretch's mean: first that of its ends, then better.
     """
-    work, damping = _stretches(genes)
-    v = np.broadcast_to(speeds, (len(genes), len(speeds))).copy()
+    work, damping = _stretches(parameters)
+    v = np.broadcast_to(speeds, (len(parameters), len(speeds))).copy()
     last, part = np.full(v.shape, -1), np.zeros(v.shape)
     for i in range(work.shape[1]):
         P, G = work[:, i, None], damping[:, i, None]
@@ -99,32 +104,32 @@ def _restitution(genes: Floats, speeds: Floats) -> Floats:
 
 @lru_cache(maxsize=64)
 def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> tuple[Floats, float]:
-    """The best genes for e wanted at shares of the highest speed, and their largest error."""
+    """The best parameters for e wanted at shares of the highest speed, and their largest error."""
     speeds, e = np.array(shares), np.array(wanted)
     search = Search(_MEMBERS * (1 + _GENERATIONS) + _TWO + _SIX)
 
-    def errors(genes: Floats) -> Floats:
-        inside = np.clip(genes, _LOWEST, _HIGHEST)
+    def errors(parameters: Floats) -> Floats:
+        inside = np.clip(parameters, _LOWEST, _HIGHEST)
         found = np.asarray(np.abs(_restitution(inside, speeds) - e).max(axis=1))
-        search.saw(inside, found)
+        search.record(inside, found)
         return found
 
-    def error(genes: Floats) -> float:
-        return float(errors(genes[None])[0])
+    def error(parameters: Floats) -> float:
+        return float(errors(parameters[None])[0])
 
     loss = max(1e-4, 1 - wanted[-1])
     start = np.array([0.45, math.log10(2.5 * loss), _LOWEST[2], _LOWEST[3], 0.5, 0.0])
 
-    def population(genes: Floats) -> Any:
-        return errors(genes.T)
+    def population(parameters: Floats) -> Any:
+        return errors(parameters.T)
 
     # The best step is as high and as sharp as can be: from there S and D alone, from elsewhere all six.
     sharp = np.array([*start[2:4], 0.5, 0.0])
 
-    def error_of_sharp(genes: Floats) -> float:
-        return error(np.concatenate([genes, sharp]))
+    def error_of_sharp(parameters: Floats) -> float:
+        return error(np.concatenate([parameters, sharp]))
 
-    with search.kept():
+    with search.return_best_on_interrupt():
         found = differential_evolution(
             population,
             Bounds(_LOWEST, _HIGHEST),
@@ -147,51 +152,48 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> tuple[Float
     return best, error(best)
 
 
-@dataclass(frozen=True)
-class Soft:
-    """One contact that follows e(v) as nearly as one contact can."""
+def soft(target: Target, integrator: str = "Euler") -> dict[str, Any]:
+    """One contact that follows e(v) as nearly as one contact can.
 
-    integrator: str = "Euler"
-    engine: ClassVar[str] = "mujoco"
-    name: ClassVar[str] = "soft"
-    integrators: ClassVar[tuple[str, ...]] = ("Euler", "implicit", "implicitfast", "RK4")
-    summary: ClassVar[str] = (
-        "One contact, solref and all five solimp numbers searched: e falls with speed nearly as wanted."
-    )
-    holds: ClassVar[tuple[str, ...]] = (
+    Raises SettingError where the step is too coarse, SearchInterrupted with the best so far.
+    """
+    width = _WIDTH * target.timestep * target.speed_max
+    if width > _DEEPEST:
+        limit = _DEEPEST / (_WIDTH * target.speed_max)
+        raise SettingError(
+            "timestep",
+            f"{target.timestep:.4g} s, which takes a contact {width:.3g} m deep",
+            f"{limit:.3g} s or less for speeds up to {target.speed_max:.4g} m/s",
+            "Use `staggered`, `two-pair` or `impulse`",
+        )
+    speeds = np.geomspace(target.speed_min, target.speed_max, _SPEEDS)
+    shares, wanted = speeds / target.speed_max, target.restitution(speeds)
+
+    def options(parameters: Floats) -> dict[str, Any]:
+        S, D, d0, dw, midpoint, power = (float(number[0, 0]) for number in _numbers(parameters[None]))
+        rate = target.speed_max / width
+        row = ConstraintRow.direct(S * rate**2, D * rate, (d0, dw, width, midpoint, power))
+        return rows_options(integrator, row)
+
+    with map_result(options):
+        parameters, _ = _search(tuple(shares.tolist()), tuple(wanted.tolist()))
+    return options(parameters)
+
+
+SOFT = Recipe(
+    "mujoco",
+    "soft",
+    Role.FALLING_E,
+    soft,
+    "One contact, solref and all five solimp numbers searched: e falls with speed nearly as wanted.",
+    (
         "Euler, implicit, implicitfast and RK4, at steps up to about 2.6e-5 s in the band 1 ... 20 in/s.",
         "Numbers are per unit effective mass: the same for any mass.",
         "The loop is not the law's: a nearly constant force, and a contact time that grows with speed.",
         "At rest the body sits half of solimp's width deep.",
         "Do not raise the power: beyond about 1020 at midpoint 0.5 MuJoCo's impedance is not a number.",
         "Set solref and solimp on both geoms or in a <pair>: MuJoCo averages the solimp of the two geoms.",
-    )
-
-    def __call__(self, target: Target) -> Setting:
-        """The setting; SettingError where the step is too coarse, SearchCut with the best so far."""
-        require_integrator(self.name, self.integrator, self.integrators, "its damping is off by the step")
-        width = _WIDTH * target.timestep * target.speed_max
-        if width > _DEEPEST:
-            limit = _DEEPEST / (_WIDTH * target.speed_max)
-            raise SettingError(
-                "timestep",
-                f"{target.timestep:.4g} s, which takes a contact {width:.3g} m deep",
-                f"{limit:.3g} s or less for speeds up to {target.speed_max:.4g} m/s",
-                "Use `staggered`, `two-pair` or `impulse`",
-            )
-        speeds = np.geomspace(target.speed_min, target.speed_max, _SPEEDS)
-        shares, wanted = speeds / target.speed_max, target.restitution(speeds)
-        with giving(lambda genes: self._setting(genes, target)):
-            genes, _ = _search(tuple(shares.tolist()), tuple(wanted.tolist()))
-        return self._setting(genes, target)
-
-    def _setting(self, genes: Floats, target: Target) -> Setting:
-        width = _WIDTH * target.timestep * target.speed_max
-        S, D, d0, dw, midpoint, power = (float(number[0, 0]) for number in _numbers(genes[None]))
-        rate = target.speed_max / width
-        row = ConstraintRow.direct(S * rate**2, D * rate, (d0, dw, width, midpoint, power))
-        options = {"integrator": self.integrator, "rows": [row.option()]}
-        return Setting(self.engine, self.name, target.timestep, options)
-
-
-MUJOCO = Soft()
+    ),
+    integrators=DAMPED_STEP,
+    steps_min=FEWEST_STEPS,
+)

@@ -10,18 +10,17 @@ restitution depends on the ratio of damping to elastic force alone, and how it a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.optimize import nnls
 
+from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
 from hcbench.engines.mujoco.recipes.sensitivity import restitution_kernel
 from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, weight
 from hcbench.errors import SettingError
-from hcbench.setting import Setting
-from hcbench.tune.constant import require_integrator
-from hcbench.tune.softening import served_law
-from hcbench.tune.target_kind import require_kind
+from hcbench.tune.recipe import Recipe, Role
+from hcbench.tune.softening import resolvable_law
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -221,25 +220,43 @@ def _rows(band: Band, dampers: Sequence[Damper], knots: Floats, fit: _Fit) -> li
     return rows
 
 
-@dataclass(frozen=True)
-class Staggered:
-    """Eq. (16) as staggered springs and dampers, in closed form.
+def staggered(
+    target: Target, integrator: str = "Euler", misfit: float = 0.004, impedance: float = 0.5
+) -> dict[str, Any]:
+    """Eq. (16) as staggered springs and dampers, in closed form; see `staggered_rows`."""
+    return rows_options(integrator, *staggered_rows(target, integrator, misfit, impedance))
 
-    integrator: MuJoCo's. misfit: how far the springs' straight lines may be off k x^n, relative; fewer pairs
-    for more. impedance: the highest of the dampers; lower, such as 0.05, for a body that several others
-    press at once, as all rows share in it, at the price of a little more damping at touch.
+
+def staggered_rows(
+    target: Target, integrator: str = "Euler", misfit: float = 0.004, impedance: float = 0.5
+) -> list[ConstraintRow]:
+    """The pairs: springs from the shallowest on, then dampers.
+
+    misfit: how far the springs' straight lines may be off k x^n, relative; fewer pairs for more.
+    impedance: the highest of the dampers; lower, such as 0.05, for a body that several others press at once,
+    as all rows share in it, at the price of a little more damping at touch.
     """
+    if not 10 * MIN_IMPEDANCE <= impedance <= 0.5:
+        raise SettingError("impedance", f"{impedance!r}", f"{10 * MIN_IMPEDANCE:g} ... 0.5")
+    law = resolvable_law(target)
+    band = band_of(target, law, 0.0 if integrator == "RK4" else target.timestep / 2)
+    # A second stretch of dampers costs pairs: it has to pay.
+    kernel = np.zeros((0, _GRID + 1))
+    if law.dissipation > 0.0:
+        x = band.grid()
+        kernel = np.array([restitution_kernel(law, band.mass, float(v), x) for v in band.speeds])
+    fits = [_best(band, dampers, misfit, kernel) for dampers in _layouts(band, impedance)]
+    best = min(fits, key=lambda fit: fit[2].misfit * (1.5 if len(fit[0]) > 2 else 1.0))
+    return _rows(band, *best)
 
-    integrator: str = "Euler"
-    misfit: float = 0.004
-    impedance: float = 0.5
-    engine: ClassVar[str] = "mujoco"
-    name: ClassVar[str] = "staggered"
-    integrators: ClassVar[tuple[str, ...]] = ("Euler", "implicit", "implicitfast", "RK4")
-    summary: ClassVar[str] = (
-        "Coincident pairs, springs that start at staggered depths and a damper: eq. (16), loop included."
-    )
-    holds: ClassVar[tuple[str, ...]] = (
+
+STAGGERED = Recipe(
+    "mujoco",
+    "staggered",
+    Role.LAW_AND_LOOP,
+    staggered,
+    "Coincident pairs, springs that start at staggered depths and a damper: eq. (16), loop included.",
+    (
         "Euler, implicit, implicitfast and RK4; discrete is refused.",
         "Numbers are per unit effective mass of the two bodies: k and the band of speeds were divided by it.",
         "Impacts beyond the band's highest speed leave the law: the damper has no more to give.",
@@ -249,30 +266,9 @@ class Staggered:
         "As stiff as the law it rests without creep, about as deep; oscillations die at the law's (3/4) α g.",
         "Softened it rests deeper and swings wider.",
         "Pairs are frictionless (condim 1); the dampers need MuJoCo 3.11 or later (pair adhesion).",
-    )
-
-    def __call__(self, target: Target) -> Setting:
-        """The setting; SettingError for a target that is not the law's own restitution."""
-        require_integrator(self.name, self.integrator, self.integrators, "its damping is off by the step")
-        if not 10 * MIN_IMPEDANCE <= self.impedance <= 0.5:
-            raise SettingError("impedance", f"{self.impedance!r}", f"{10 * MIN_IMPEDANCE:g} ... 0.5")
-        require_kind(target, self.name, ("law",), "`two-pair` or `soft`")
-        rows = self.rows(target)
-        options = {"integrator": self.integrator, "rows": [row.option() for row in rows]}
-        return Setting(self.engine, self.name, target.timestep, options)
-
-    def rows(self, target: Target) -> list[ConstraintRow]:
-        """The pairs: springs from the shallowest on, then dampers."""
-        law = served_law(target)
-        band = band_of(target, law, 0.0 if self.integrator == "RK4" else target.timestep / 2)
-        # A second stretch of dampers costs pairs: it has to pay.
-        kernel = np.zeros((0, _GRID + 1))
-        if law.dissipation > 0.0:
-            x = band.grid()
-            kernel = np.array([restitution_kernel(law, band.mass, float(v), x) for v in band.speeds])
-        fits = [_best(band, dampers, self.misfit, kernel) for dampers in _layouts(band, self.impedance)]
-        best = min(fits, key=lambda fit: fit[2].misfit * (1.5 if len(fit[0]) > 2 else 1.0))
-        return _rows(band, *best)
-
-
-MUJOCO = Staggered()
+    ),
+    kinds=("law",),
+    instead="`two-pair` or `soft`",
+    integrators=DAMPED_STEP,
+    forms=("plane",),
+)

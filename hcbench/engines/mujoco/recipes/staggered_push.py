@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
 from hcbench.engines.mujoco.recipes.nonadhesive_fit import ITERATIONS, Start, aim, begin, refine, sample
 from hcbench.engines.mujoco.recipes.staggered import band_of, knots_of
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
-from hcbench.setting import Setting
-from hcbench.tune.constant import require_integrator
-from hcbench.tune.search import Count
-from hcbench.tune.softening import served_law
-from hcbench.tune.target_kind import require_kind
+from hcbench.tune.recipe import Recipe, Role
+from hcbench.tune.search import EvaluationCount
+from hcbench.tune.softening import resolvable_law
 
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.rows import ConstraintRow
@@ -42,58 +40,35 @@ _BEST = 2  # of the starts, which are fitted to all speeds
 _WORST = 25.0  # units of misfit: beyond it the law is not there
 
 
-@dataclass(frozen=True)
-class StaggeredPush:
-    """Eq. (16) by springs and dampers that never pull."""
+def staggered_push(target: Target, integrator: str = "Euler") -> dict[str, Any]:
+    """Eq. (16) by springs and dampers that never pull; SettingError where such rows cannot."""
+    return rows_options(integrator, *staggered_push_rows(target, integrator))
 
-    integrator: str = "Euler"
-    engine: ClassVar[str] = "mujoco"
-    name: ClassVar[str] = "staggered-push"
-    integrators: ClassVar[tuple[str, ...]] = ("Euler", "implicit", "implicitfast", "RK4")
-    summary: ClassVar[str] = (
-        "As staggered, but no row ever pulls: for tendon limits (a true cup) and for MuJoCo before 3.11."
-    )
-    holds: ClassVar[tuple[str, ...]] = (
-        "Euler, implicit, implicitfast and RK4; discrete is refused.",
-        "Numbers are per unit effective mass of the two bodies: k and the band of speeds were divided by it.",
-        "Damping has to stay below what springs can push: up to about α v = 0.35, beyond it is refused.",
-        "Exponents from about 1.25 on: a spring that does not stiffen has nothing to hide a damper in.",
-        "With fewer than 10 steps in the law's shortest contact the spring is softer, for 24 steps.",
-    )
 
-    def __call__(self, target: Target) -> Setting:
-        """The setting; SettingError for a target that such rows cannot have."""
-        require_integrator(self.name, self.integrator, self.integrators, "its damping is off by the step")
-        require_kind(target, self.name, ("law",), "`soft`")
-        options = {"integrator": self.integrator, "rows": [row.option() for row in self.rows(target)]}
-        return Setting(self.engine, self.name, target.timestep, options)
-
-    def rows(self, target: Target) -> list[ConstraintRow]:
-        """The rows: springs from the shallowest on, then dampers."""
-        law, lag = served_law(target), 0.0 if self.integrator == "RK4" else target.timestep / 2
-        band = band_of(target, law, lag)
-        knots = knots_of(band, [], _MISFIT)
-        if law.dissipation == 0.0:
-            raise SettingError(
-                "alpha", "0 s/m", "a contact with a loss", "Use `staggered`: it never pulls then"
-            )
-        if law.alpha * target.speed_max > _MOST_LOSS or law.exponent < _LEAST_EXPONENT:
-            raise _beyond(target)
-        speeds = np.geomspace(target.speed_min, target.speed_max, 3 * _SPEEDS)
-        samples = sample(law, target.mass, speeds[1::3], _POINTS, lag)
-        span = (band.low, band.top)
-        count = Count((len(_STARTS) + _BEST + 1) * ITERATIONS)
-        starts = (begin(samples, law, target.mass, span, knots, target.speed_max, start) for start in _STARTS)
-        few = sorted((refine(samples, rows, count) for rows in starts), key=lambda fit: fit.misfit)[:_BEST]
-        # Between those speeds too: only what they leave open is still free.
-        samples = sample(law, target.mass, speeds, _POINTS, lag)
-        best = min((refine(samples, rows, count) for rows in few), key=lambda fit: fit.misfit)
-        if best.misfit > _WORST:
-            raise _beyond(target)
-        ends = np.array([target.speed_min, target.speed_max])
-        longest = float(closed_form.duration(law, target.mass, ends).max())
-        step = max(target.timestep, longest / 400)
-        return aim(samples, best, law, step, 1.1 * longest, count).rows()
+def staggered_push_rows(target: Target, integrator: str = "Euler") -> list[ConstraintRow]:
+    """The rows: springs from the shallowest on, then dampers."""
+    law, lag = resolvable_law(target), 0.0 if integrator == "RK4" else target.timestep / 2
+    band = band_of(target, law, lag)
+    knots = knots_of(band, [], _MISFIT)
+    if law.dissipation == 0.0:
+        raise SettingError("alpha", "0 s/m", "a contact with a loss", "Use `staggered`: it never pulls then")
+    if law.alpha * target.speed_max > _MOST_LOSS or law.exponent < _LEAST_EXPONENT:
+        raise _beyond(target)
+    speeds = np.geomspace(target.speed_min, target.speed_max, 3 * _SPEEDS)
+    samples = sample(law, target.mass, speeds[1::3], _POINTS, lag)
+    span = (band.low, band.top)
+    count = EvaluationCount((len(_STARTS) + _BEST + 1) * ITERATIONS)
+    starts = (begin(samples, law, target.mass, span, knots, target.speed_max, start) for start in _STARTS)
+    few = sorted((refine(samples, rows, count) for rows in starts), key=lambda fit: fit.misfit)[:_BEST]
+    # Between those speeds too: only what they leave open is still free.
+    samples = sample(law, target.mass, speeds, _POINTS, lag)
+    best = min((refine(samples, rows, count) for rows in few), key=lambda fit: fit.misfit)
+    if best.misfit > _WORST:
+        raise _beyond(target)
+    ends = np.array([target.speed_min, target.speed_max])
+    longest = float(closed_form.duration(law, target.mass, ends).max())
+    step = max(target.timestep, longest / 400)
+    return aim(samples, best, law, step, 1.1 * longest, count).rows()
 
 
 def _beyond(target: Target) -> SettingError:
@@ -107,4 +82,20 @@ def _beyond(target: Target) -> SettingError:
     )
 
 
-MUJOCO = StaggeredPush()
+STAGGERED_PUSH = Recipe(
+    "mujoco",
+    "staggered-push",
+    Role.LAW_AND_LOOP,
+    staggered_push,
+    "As staggered, but no row ever pulls: for tendon limits (a true cup) and for MuJoCo before 3.11.",
+    (
+        "Euler, implicit, implicitfast and RK4; discrete is refused.",
+        "Numbers are per unit effective mass of the two bodies: k and the band of speeds were divided by it.",
+        "Damping has to stay below what springs can push: up to about α v = 0.35, beyond it is refused.",
+        "Exponents from about 1.25 on: a spring that does not stiffen has nothing to hide a damper in.",
+        "With fewer than 10 steps in the law's shortest contact the spring is softer, for 24 steps.",
+    ),
+    kinds=("law",),
+    instead="`soft`",
+    integrators=DAMPED_STEP,
+)

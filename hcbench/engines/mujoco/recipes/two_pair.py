@@ -10,17 +10,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
+from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
 from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, restitution
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
-from hcbench.setting import Setting
-from hcbench.tune.constant import require_integrator
-from hcbench.tune.search import Search, giving
+from hcbench.tune.recipe import Recipe, Role
+from hcbench.tune.search import Search, map_result
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -58,13 +58,13 @@ class _Shape:
 
     def constant_start(self, loss: float) -> Floats:
         """The same for an e that hardly falls with speed: a damper at its top almost from touch on."""
-        genes = self.start(loss)
-        genes[0] += math.log(0.5)
-        genes[1], genes[3] = -3.0, 1.5
-        return genes
+        parameters = self.start(loss)
+        parameters[0] += math.log(0.5)
+        parameters[1], parameters[3] = -3.0, 1.5
+        return parameters
 
-    def rows(self, genes: Floats) -> list[ConstraintRow]:
-        log_damping, log_width, logit, power, midpoint, onset = (float(gene) for gene in genes)
+    def rows(self, parameters: Floats) -> list[ConstraintRow]:
+        log_damping, log_width, logit, power, midpoint, onset = (float(parameter) for parameter in parameters)
         highest = 1 / (1 + math.exp(-logit))
         D = math.exp(log_damping)
         solimp = (MIN_IMPEDANCE, highest, self.top * math.exp(log_width), midpoint, power)
@@ -85,79 +85,73 @@ def contact_duration(target: Target) -> float:
     return max(float(closed_form.duration(target.law, target.mass, speed)), _FEWEST_STEPS * target.timestep)
 
 
-@dataclass(frozen=True)
-class TwoPair:
+def two_pair(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     """A spring pair and a damper pair with any restitution that falls with speed."""
+    with map_result(lambda rows: rows_options(integrator, *rows)):
+        return rows_options(integrator, *two_pair_rows(target))
 
-    integrator: str = "Euler"
-    engine: ClassVar[str] = "mujoco"
-    name: ClassVar[str] = "two-pair"
-    integrators: ClassVar[tuple[str, ...]] = ("Euler", "implicit", "implicitfast", "RK4")
-    summary: ClassVar[str] = (
-        "A linear spring pair and a damper pair that grows with depth: e(v) as wanted, a smooth loop."
-    )
-    holds: ClassVar[tuple[str, ...]] = (
+
+def two_pair_rows(target: Target) -> list[ConstraintRow]:
+    """The spring and the damper.
+
+    Raises SettingError for a target without loss, SearchInterrupted with the best so far.
+    """
+    speeds = np.geomspace(target.speed_min, target.speed_max, _SPEEDS)
+    wanted = target.restitution(speeds)
+    if not 0 < wanted[-1] < 1:
+        raise SettingError(
+            "restitution",
+            f"{wanted[-1]:.4g} at {target.speed_max:.4g} m/s",
+            "a bounce with a loss, 0 < e < 1",
+            "Use `staggered` for a contact without loss, `impulse` for one without bounce",
+        )
+    duration = contact_duration(target)
+    step = max(target.timestep, duration / _STEPS)
+    longest = (1.3 if wanted[-1] > 0.5 else 3.0) * duration
+    shape = _Shape(math.pi / duration, target.speed_max, target.mass)
+    loss = 1.5 * float(closed_form.alpha_of(wanted[-1], target.speed_max))
+
+    starts = (shape.start(loss), shape.constant_start(loss))
+    search = Search(len(starts) * _STEPS_MAX * (1 + len(_LOWEST)))
+
+    def misfit(parameters: Floats) -> Floats:
+        e = restitution(shape.rows(parameters), step, speeds, _PHASES, longest)
+        off = np.nan_to_num(e.mean(axis=1), nan=5.0) - wanted
+        search.record(parameters[None], np.abs(off).max(keepdims=True))
+        return np.asarray(off / _UNIT)
+
+    best, error = starts[0], np.inf
+    with map_result(shape.rows), search.return_best_on_interrupt():
+        for start in starts:
+            found = least_squares(
+                misfit,
+                start,
+                bounds=(_LOWEST, _HIGHEST),
+                x_scale=_SCALE,
+                max_nfev=_STEPS_MAX,
+                diff_step=[1e-4] * 6,
+            )
+            worst = float(np.abs(found.fun).max())
+            if worst < error:
+                best, error = found.x, worst
+            if error < _GOOD:
+                break
+    return shape.rows(best)
+
+
+TWO_PAIR = Recipe(
+    "mujoco",
+    "two-pair",
+    Role.FALLING_E,
+    two_pair,
+    "A linear spring pair and a damper pair that grows with depth: e(v) as wanted, a smooth loop.",
+    (
         "Euler, implicit, implicitfast and RK4; discrete is refused.",
         "Stiffness and damping are per unit effective mass: the same numbers give the same e for any mass.",
         "The loop starts and ends at the origin, but its spring is linear: not the law's loop unless n = 1.",
         "At least 36 steps a contact: the spring is softer where the law has fewer.",
         "The damper needs MuJoCo 3.11 or later (pair adhesion). Pairs are frictionless (condim 1).",
-    )
-
-    def __call__(self, target: Target) -> Setting:
-        """The setting; SettingError for a target without loss, SearchCut with the best so far."""
-        require_integrator(self.name, self.integrator, self.integrators, "its damping is off by the step")
-        with giving(lambda rows: self._setting(rows, target)):
-            rows = self.rows(target)
-        return self._setting(rows, target)
-
-    def _setting(self, rows: list[ConstraintRow], target: Target) -> Setting:
-        options = {"integrator": self.integrator, "rows": [row.option() for row in rows]}
-        return Setting(self.engine, self.name, target.timestep, options)
-
-    def rows(self, target: Target) -> list[ConstraintRow]:
-        """The spring and the damper."""
-        speeds = np.geomspace(target.speed_min, target.speed_max, _SPEEDS)
-        wanted = target.restitution(speeds)
-        if not 0 < wanted[-1] < 1:
-            raise SettingError(
-                "restitution",
-                f"{wanted[-1]:.4g} at {target.speed_max:.4g} m/s",
-                "a bounce with a loss, 0 < e < 1",
-                "Use `staggered` for a contact without loss, `impulse` for one without bounce",
-            )
-        duration = contact_duration(target)
-        step = max(target.timestep, duration / _STEPS)
-        longest = (1.3 if wanted[-1] > 0.5 else 3.0) * duration
-        shape = _Shape(math.pi / duration, target.speed_max, target.mass)
-        loss = 1.5 * float(closed_form.alpha_of(wanted[-1], target.speed_max))
-
-        starts = (shape.start(loss), shape.constant_start(loss))
-        search = Search(len(starts) * _STEPS_MAX * (1 + len(_LOWEST)))
-
-        def misfit(genes: Floats) -> Floats:
-            e = restitution(shape.rows(genes), step, speeds, _PHASES, longest)
-            off = np.nan_to_num(e.mean(axis=1), nan=5.0) - wanted
-            search.saw(genes[None], np.abs(off).max(keepdims=True))
-            return np.asarray(off / _UNIT)
-
-        best, error = starts[0], np.inf
-        with giving(shape.rows), search.kept():
-            for start in starts:
-                found = least_squares(
-                    misfit,
-                    start,
-                    bounds=(_LOWEST, _HIGHEST),
-                    x_scale=_SCALE,
-                    max_nfev=_STEPS_MAX,
-                    diff_step=[1e-4] * 6,
-                )
-                worst = float(np.abs(found.fun).max())
-                if worst < error:
-                    best, error = found.x, worst
-                if error < _GOOD:
-                    break
-        return shape.rows(best)
-
-
-MUJOCO = TwoPair()
+    ),
+    integrators=DAMPED_STEP,
+    forms=("plane",),
+)

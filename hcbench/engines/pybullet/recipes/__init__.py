@@ -1,1 +1,19 @@
-"""Settings of PyBullet's own contact."""
+"""Settings of PyBullet, the preferred ones of each role first."""
+
+from __future__ import annotations
+
+from hcbench.engines.pybullet.recipes.restitution import RESTITUTION
+from hcbench.engines.pybullet.recipes.spring_damper import SPRING_DAMPER
+from hcbench.tune.law_recipes import plug_in_recipes
+from hcbench.tune.recipe import stock
+
+STOCK = stock(
+    "pybullet",
+    "PyBullet as it loads the model: restitution 0, and no bounce below 0.2 m/s whatever is set.",
+    "Knows nothing of the law. Bullet acts on a contact it predicts for the coming step,"
+    " so what bounce there is depends on the phase.",
+)
+_NATIVE = (STOCK, RESTITUTION, SPRING_DAMPER)
+# Bullet slows every body in flight; the law is about contact alone.
+_NO_DRAG = {"ball": {"linearDamping": 0.0, "angularDamping": 0.0}}
+RECIPES = (*_NATIVE, *plug_in_recipes("pybullet", _NATIVE, _NO_DRAG))

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
-from hcbench.setting import Setting
 from hcbench.tune.constant import minimax_constant
+from hcbench.tune.recipe import Recipe, Role
 
 if TYPE_CHECKING:
     from hcbench.tune.target import Target
@@ -23,34 +22,30 @@ WORLD: dict[str, Any] = {
 BALL: dict[str, Any] = {"linearDamping": 0.0, "angularDamping": 0.0, "contactProcessingThreshold": 0.0}
 
 
-@dataclass(frozen=True)
-class Restitution:
-    """Bullet's own restitution, with everything that distorts it switched off."""
+def restitution(target: Target) -> dict[str, Any]:
+    """Bullet's own restitution: the best constant e of the band, with all that distorts it switched off."""
+    e, _ = minimax_constant(target)
+    return {
+        "world": WORLD,
+        "ball": {**BALL, "restitution": e},
+        "plate": {"restitution": 1.0},
+        "maximal_coordinates": True,
+    }
 
-    engine: ClassVar[str] = "pybullet"
-    name: ClassVar[str] = "restitution"
-    summary: ClassVar[str] = (
-        "Bullet's restitution without all that distorts it: the best constant e, at any step and phase."
-    )
-    holds: ClassVar[tuple[str, ...]] = (
+
+RESTITUTION = Recipe(
+    "pybullet",
+    "restitution",
+    Role.CONSTANT_E,
+    restitution,
+    "Bullet's restitution without all that distorts it: the best constant e, at any step and phase.",
+    (
         "The restitutions of the two bodies multiply: e goes on the ball and 1 on the plate.",
         "All of it must be set before the first step.",
         "contactBreakingThreshold outlives resetSimulation and leaks into other clients of the process.",
         "Maximal coordinates (loadURDF's useMaximalCoordinates) keep e under gravity;"
         " Bullet's default rebounds from v + g dt.",
         "The force is one impulse of m (1 + e) v / dt: forces and contact times mean nothing.",
-    )
-
-    def __call__(self, target: Target) -> Setting:
-        """The setting with the best constant e of the band."""
-        e, _ = minimax_constant(target)
-        options = {
-            "world": WORLD,
-            "ball": {**BALL, "restitution": e},
-            "plate": {"restitution": 1.0},
-            "maximal_coordinates": True,
-        }
-        return Setting(self.engine, self.name, target.timestep, options)
-
-
-PYBULLET = Restitution()
+    ),
+    one_step=True,
+)

@@ -1,0 +1,146 @@
+"""Recipes that put a law in place of an engine's own contact: eq. (16), and laws published after 1975."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from hcbench.errors import SettingError
+from hcbench.laws import closed_form
+from hcbench.laws.contact_law import STEPS_PER_CONTACT
+from hcbench.laws.published import LAWS, TouchSpeedLaw
+from hcbench.tune.constant import minimax_constant
+from hcbench.tune.recipe import Recipe, Role, first
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from hcbench.laws.force import HuntCrossley
+    from hcbench.laws.published import PrescribedRestitutionLaw
+    from hcbench.tune.target import Target
+
+    Options = Mapping[str, Any]
+
+_PLUG_IN = "A plug-in of hcbench.contact"
+_OWN_SPEED = "v_i is the speed at touch of each impact: one e for all speeds; the paper's falls with speed."
+_ATTACH = f"{_PLUG_IN}, to attach in your own simulation: no native setting."
+
+
+def plug_in_recipes(engine: str, native: Sequence[Recipe], common: Options) -> tuple[Recipe, ...]:
+    """Recipes for an engine into which hcbench.contact plugs a law.
+
+    native: recipes of its own contact, which messages name where a law cannot be had.
+    common: options of each setting, beside "law".
+    """
+    constant = first(native, Role.CONSTANT_E, "plane")
+    names = [recipe.name for recipe in native if recipe.role is Role.FALLING_E]
+    instead = _any_of([*names, *([constant.name] if constant else [])])
+
+    def force_law(target: Target) -> Options:
+        _require_resolved(target, target.law, "Use `restitution-law`, which needs no resolved contact")
+        return {"law": {"kind": "force", **law_options(target.law)}, **common}
+
+    def restitution_law(target: Target) -> Options:
+        law = {"kind": "restitution", "alpha": target.law.alpha, "reading": target.reading}
+        return {"law": law, **common}
+
+    def published_law(target: Target, law: TouchSpeedLaw) -> Options:
+        todo = f"Use `{constant.name}`, which has one restitution at any step" if constant else ""
+        _require_resolved(target, law.at(target.speed_max).hunt_crossley, todo)
+        numbers = published_law_options(target, law)
+        return {"law": {"kind": "force", "law": law.family.slug, **numbers}, **common}
+
+    return (
+        Recipe(
+            engine,
+            "hunt-crossley",
+            Role.LAW_AND_LOOP,
+            force_law,
+            "Plug-in: eq. (16) as contact force, for steps that resolve the contact.",
+            (
+                _ATTACH,
+                "Steps of a quarter of the shortest contact or less; for longer ones take `restitution-law`.",
+            ),
+            native=False,
+            kinds=("law",),
+            instead=instead,
+            steps_min=STEPS_PER_CONTACT,
+        ),
+        Recipe(
+            engine,
+            "restitution-law",
+            Role.LAW,
+            restitution_law,
+            "Plug-in: each impact gets the law's e of its own speed, in one step.",
+            (_ATTACH, "Any step; the force is one impulse: forces and contact times mean nothing."),
+            native=False,
+            one_step=True,
+            kinds=("law", "linear"),
+            instead=instead,
+        ),
+        *published_law_recipes(
+            engine,
+            published_law,
+            f"{_PLUG_IN} for steps that resolve the contact: no native setting.",
+            STEPS_PER_CONTACT,
+        ),
+    )
+
+
+def published_law_recipes(
+    engine: str, options: Callable[[Target, TouchSpeedLaw], Options], note: str, steps_min: float = 0.0
+) -> tuple[Recipe, ...]:
+    """F = k x^n (1 + χ(e) v/v_i), a recipe for each law: v_i the speed of each impact, one e for all speeds.
+
+    options: a setting's, for a target and a law that is asked for the best constant restitution of its band.
+    note: how the engine runs the law.
+    """
+
+    def recipe(family: type[PrescribedRestitutionLaw]) -> Recipe:
+        def function(target: Target) -> Options:
+            e, _ = minimax_constant(target)
+            return options(target, TouchSpeedLaw(family, target.law.stiffness, e, target.law.exponent))
+
+        return Recipe(
+            engine,
+            family.slug,
+            Role.CONSTANT_E,
+            function,
+            f"{family.name}, χ = {family.formula}: asked for the best constant e of the band.",
+            (
+                _OWN_SPEED,
+                "What it delivers follows from χ and is not what it was asked for, but for `exact`.",
+                note,
+            ),
+            native=False,
+            steps_min=steps_min,
+        )
+
+    return tuple(recipe(family) for family in LAWS.values())
+
+
+def law_options(law: HuntCrossley) -> dict[str, float]:
+    """Eq. (16) as options of a setting."""
+    return {"alpha": law.alpha, "stiffness": law.stiffness, "exponent": law.exponent}
+
+
+def published_law_options(target: Target, law: TouchSpeedLaw) -> dict[str, float]:
+    """The numbers of a published law as options of a setting."""
+    return {"restitution": law.restitution, "stiffness": law.stiffness, "exponent": law.exponent}
+
+
+def _any_of(names: Sequence[str]) -> str:
+    """ "`two-pair`, `soft` or `impulse`"."""
+    *others, last = [f"`{name}`" for name in names] or [""]
+    return f"{', '.join(others)} or {last}" if others else last
+
+
+def _require_resolved(target: Target, law: HuntCrossley, todo: str) -> None:
+    """Refuse a step that does not resolve the shortest contact of the band: SettingError."""
+    steps = float(closed_form.duration(law, target.mass, target.speed_max)) / target.timestep
+    if steps < STEPS_PER_CONTACT:
+        raise SettingError(
+            "timestep",
+            f"{target.timestep:g} s, {steps:.2g} of which are the law's shortest contact",
+            f"{target.timestep * steps / STEPS_PER_CONTACT:.2g} s or less",
+            todo,
+        )
