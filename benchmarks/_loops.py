@@ -35,7 +35,7 @@ def in_mujoco(xml: str, launches: Sequence[Launch], timestep: float, length: int
     data, force, steps = mujoco.MjData(model), np.zeros(6), 0
     for launch in launches:
         mujoco.mj_resetData(model, data)
-        data.qpos[2] += launch.gap(timestep)
+        data.qpos[2] += launch.clearance(timestep)
         data.qvel[2] = -launch.speed
         record: Record = []
         while len(record) != length:
@@ -58,7 +58,7 @@ def in_mujoco_barely(xml: str, launches: Sequence[Launch], timestep: float) -> i
     start = model.qpos0[2]
     for launch in launches:
         mujoco.mj_resetData(model, data)
-        data.qpos[2] += launch.gap(timestep)
+        data.qpos[2] += launch.clearance(timestep)
         data.qvel[2] = -launch.speed
         velocity, position = data.qvel, data.qpos
         while not (velocity[2] > 0 and position[2] > start):
@@ -90,7 +90,7 @@ def bare(model: Any, launches: Sequence[Launch], timestep: float, steps: int) ->
     """`for (...) mj_step(m, d)` over all of these balls in one model, ready to be run."""
     library, data, whole = _library(), mujoco.MjData(model), mujoco.mjtState.mjSTATE_INTEGRATION
     heights, speeds = (slice(2, None, 7), slice(2, None, 6)) if model.nq > model.nv else (slice(None),) * 2
-    data.qpos[heights] = model.qpos0[heights] + [launch.gap(timestep) for launch in launches]
+    data.qpos[heights] = model.qpos0[heights] + [launch.clearance(timestep) for launch in launches]
     data.qvel[speeds] = [-launch.speed for launch in launches]
     start = np.empty(mujoco.mj_stateSize(model, whole))
     mujoco.mj_getState(model, data, start, whole)
@@ -110,7 +110,7 @@ def in_pybullet(scene: Scene, setting: Setting, launches: Sequence[Launch]) -> i
     radius, steps = simulate.touching_height(scene), 0
     for launch in launches:
         bullet.resetBasePositionAndOrientation(
-            ball, [0, 0, radius + launch.gap(setting.timestep)], [0, 0, 0, 1]
+            ball, [0, 0, radius + launch.clearance(setting.timestep)], [0, 0, 0, 1]
         )
         bullet.resetBaseVelocity(ball, [0, 0, -launch.speed], [0, 0, 0])
         record: Record = []

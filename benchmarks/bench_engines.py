@@ -54,7 +54,7 @@ def test_mujoco_over_a_users_loop(beside: Any, recipe: str) -> None:
 
     def ten_times() -> None:
         for _ in range(10):
-            engine.drop(SCENE, setting, eighty)
+            engine.run(SCENE, setting, eighty)
 
     loops = {
         "a user's loop, 1.5 Hertz contacts long": lambda: in_mujoco(xml, eighty, STEP, enough),
@@ -65,7 +65,7 @@ def test_mujoco_over_a_users_loop(beside: Any, recipe: str) -> None:
         f"MuJoCo, {recipe}, 80 launches at 1 µs, all cores",
         {
             **loops,
-            "hcbench, 640 launches at once": lambda: engine.drop(SCENE, setting, many),
+            "hcbench, 640 launches at once": lambda: engine.run(SCENE, setting, many),
             "hcbench": ten_times,  # as long as the others take
         },
         per={**dict.fromkeys(loops, 80), "hcbench, 640 launches at once": 640, "hcbench": 800},
@@ -84,7 +84,7 @@ def test_mujoco_over_a_bare_c_loop(beside: Any, recipe: str, monkeypatch: pytest
     loaded = load(SCENE, STEP, read_options(setting.options))
     fleet = simulate.Fleet.of(loaded)
     groups = [[many[i] for i in group] for group in fleet.groups(many)]
-    impacts = {i.launch: i for i in engine.drop(SCENE, setting, many)}
+    impacts = {i.launch: i for i in engine.run(SCENE, setting, many)}
     steps = [max(impacts[launch].samples for launch in group) + 5 for group in groups]
     models = [fleet.crowd(len(group)).model for group in groups]
     default = load(SCENE, STEP, read_options(setting.options))
@@ -105,7 +105,7 @@ def test_mujoco_over_a_bare_c_loop(beside: Any, recipe: str, monkeypatch: pytest
         {
             "C, 80 balls in one model as MuJoCo makes it": bare(together, eighty, STEP, longest),
             "C, the models that hcbench makes": all_bare,
-            "hcbench": lambda: engine.drop(SCENE, setting, many),
+            "hcbench": lambda: engine.run(SCENE, setting, many),
         },
         per={
             "C, 80 balls in one model as MuJoCo makes it": 80 * longest,

@@ -6,6 +6,7 @@ normal force F > 0 pushes the bodies apart. SI units.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -13,8 +14,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -24,7 +23,8 @@ class Status(StrEnum):
     """How an impact ended."""
 
     PARTED = "parted"  # touched and left: restitution is meaningful
-    RESTED = "rested"  # touched and did not leave within the time simulated: restitution counts as 0
+    RESTED = "rested"  # touched and came to rest in contact: restitution counts as 0
+    UNFINISHED = "unfinished"  # touched, and neither left nor came to rest in the time simulated
     NO_TOUCH = "no-touch"  # never felt a contact force
     DIVERGED = "diverged"  # not finite, through the plate, or with far more energy than a bounce can give
     CRASHED = "crashed"  # the engine died or hung on it
@@ -34,19 +34,40 @@ class Status(StrEnum):
 class Launch:
     """How a body is sent at the plate.
 
-    speed: approach speed at release, m/s.
-    phase: where in a time step the touch falls, 0 <= phase < 1. With a gap of (whole steps + phase) steps
-        of flight, engines that only look at step boundaries see the touch up to one step late.
+    speed: approach speed along the normal at release, m/s.
+    phase: where in a time step the touch falls, 0 <= phase < 1. With a clearance of (whole steps + phase)
+        steps of flight, engines that only look at step boundaries see the touch up to one step late.
     height: clearance at release, m. None: two to three steps of flight, so that no time is spent in the air.
+    slip: tangential velocity at release, m/s, along the two directions that follow the normal.
+    spin: angular velocity at release, rad/s, in world coordinates.
     """
 
     speed: float
     phase: float = 0.5
     height: float | None = None
+    slip: tuple[float, float] = (0.0, 0.0)
+    spin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def gap(self, timestep: float) -> float:
-        """Clearance at release, m, for a step of `timestep` s (gravity neglected over these few steps)."""
+    @property
+    def is_oblique(self) -> bool:
+        """Whether the body arrives otherwise than along the normal and without spin."""
+        return any(self.slip) or any(self.spin)
+
+    def clearance(self, timestep: float) -> float:
+        """Distance to the plate at release, m, for a step of `timestep` s (gravity neglected over it)."""
         return self.height if self.height is not None else (2.0 + self.phase) * timestep * self.speed
+
+    def touch_speed(self, timestep: float, gravity: float) -> float:
+        """Approach speed at touch, m/s: sqrt(v² + 2 g clearance). gravity: into the plate, m/s²."""
+        return math.sqrt(max(0.0, self.speed**2 + 2.0 * gravity * self.clearance(timestep)))
+
+    def flight_time(self, timestep: float, gravity: float) -> float:
+        """Time from release to touch, s; infinite where the body does not arrive."""
+        clearance = self.clearance(timestep)
+        if clearance <= 0.0:
+            return 0.0
+        both = self.speed + self.touch_speed(timestep, gravity)
+        return 2.0 * clearance / both if both > 0.0 else math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +75,7 @@ class Trajectory:
     """What an engine saw at each step; arrays of shape (n,), SI.
 
     `force[i]` is the normal contact force that acts from the state `(penetration[i], rate[i])` on: the one
-    that the step from i to i + 1 integrates. `time` is 0 at release.
+    that the step from i to i + 1 integrates. `time` is 0 at release; in the loop of an impact, at touch.
     """
 
     time: Floats
@@ -63,14 +84,7 @@ class Trajectory:
     force: Floats
 
 
-@dataclass(frozen=True, slots=True)
-class Loop:
-    """Force over penetration while in contact; arrays of shape (n,), SI; `time` is 0 at touch."""
-
-    time: Floats
-    penetration: Floats
-    rate: Floats
-    force: Floats
+Loop = Trajectory  # of the contact alone: force over penetration
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,17 +103,16 @@ class Impact:
     loop: Loop | None = None
 
     @property
+    def is_measured(self) -> bool:
+        """Whether it has a restitution."""
+        return self.status in (Status.PARTED, Status.RESTED)
+
+    @property
     def restitution(self) -> float:
-        """e = v_o / v_i, eq. (1) of Hunt & Crossley 1975; 0 for a body that rested, NaN unless parted."""
+        """e = v_o / v_i, eq. (1) of Hunt & Crossley 1975; 0 for a body that rested, NaN for any other end."""
         if self.status is Status.RESTED:
             return 0.0
         return self.speed_out / self.speed_in if self.status is Status.PARTED else np.nan
-
-
-def impact_of(launch: Launch, trajectory: Trajectory) -> Impact:
-    """Read one impact off a trajectory; `impacts_of` says how."""
-    t, x, v, f = trajectory.time, trajectory.penetration, trajectory.rate, trajectory.force
-    return impacts_of([launch], t, x[None], v[None], f[None], np.array([len(x)]))[0]
 
 
 def not_finite(x: Floats, v: Floats, f: Floats) -> NDArray[np.bool_]:
@@ -107,61 +120,3 @@ def not_finite(x: Floats, v: Floats, f: Floats) -> NDArray[np.bool_]:
     if np.isfinite(x.sum() + v.sum() + f.sum()):  # as nearly always, and told in a tenth of the time
         return np.zeros((), bool)
     return ~np.isfinite(x + v + f)
-
-
-def impacts_of(
-    launches: Sequence[Launch], time: Floats, x: Floats, v: Floats, f: Floats, counts: NDArray[np.intp]
-) -> list[Impact]:
-    """Read impacts off trajectories that share their times, shape (n,), even.
-
-    x, v, f: penetration, rate and force as in `Trajectory`, shape (b, n); of each, the first `counts` steps
-    are its own, shape (b,).
-    Contact is the run of steps in which the force acts. The speed in is the last one that no contact force
-    has touched, the speed out the first after the force has ceased for good: so under gravity the
-    restitution is that of the contact alone, not of the flight before and after it.
-    """
-    step = np.arange(x.shape[1], dtype=np.int32)
-    counts = counts.astype(np.int32)
-    own = step < counts[:, None]
-    with np.errstate(all="ignore"):
-        broken = np.any(not_finite(x, v, f) & own, axis=1)
-        acting = (f != 0.0) & own
-        touched, first = acting.any(axis=1), acting.argmax(axis=1).astype(np.int32)
-        apart = (x <= 0.0) & (v < 0.0) & ~acting & own & (step >= first[:, None])
-        parted = apart.any(axis=1)
-        end = np.where(parted, apart.argmax(axis=1), counts)
-        acting &= step < end[:, None]
-        stops = x.shape[1] - acting[:, ::-1].argmax(axis=1).astype(np.int32)
-        inside = (step >= first[:, None]) & (step < stops[:, None])
-        deepest = np.where(inside, x, -np.inf).max(axis=1).tolist()
-        hardest = np.where(inside, f, -np.inf).max(axis=1).tolist()
-    each = np.arange(len(x))
-    v_in = v[each, first].tolist()
-    v_out = (-v[each, np.minimum(stops, counts - 1)]).tolist()
-    h = float(time[1] - time[0]) if len(time) > 1 else 0.0
-    clock = time - time[0]
-    found = []
-    for i, (launch, start, stop, n) in enumerate(
-        zip(launches, first.tolist(), stops.tolist(), counts.tolist(), strict=True)
-    ):
-        if broken[i]:
-            found.append(Impact(launch, Status.DIVERGED, "position, velocity or force is not finite"))
-        elif not touched[i]:
-            found.append(Impact(launch, Status.NO_TOUCH, f"no contact force within {time[n - 1]:.3g} s"))
-        else:
-            contact, left = slice(start, stop), bool(parted[i])
-            open_s = time[n - 1] - time[start]
-            impact = Impact(
-                launch=launch,
-                status=Status.PARTED if left else Status.RESTED,
-                reason="" if left else f"still in contact {open_s:.3g} s after touch",
-                speed_in=v_in[i],
-                speed_out=v_out[i] if left else 0.0,
-                duration=h * (stop - start),
-                penetration_max=deepest[i],
-                force_max=hardest[i],
-                samples=stop - start,
-                loop=Loop(clock[: stop - start], x[i, contact], v[i, contact], f[i, contact]),
-            )
-            found.append(impact)
-    return found

@@ -30,6 +30,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture
 def nothing_kept() -> Iterator[None]:
     """No compiled scene is there from an earlier test, and none is left for a later one."""
-    mujoco_engine._kept.cache_clear()
+    mujoco_engine._cached_pool.cache_clear()
     yield
-    mujoco_engine._kept.cache_clear()
+    mujoco_engine._cached_pool.cache_clear()

@@ -13,9 +13,10 @@ import pandas as pd
 
 from hcbench import scoring
 from hcbench.benchmark.results import IMPACT_COLUMNS, LOOP_COLUMNS, RUN_KEY, Results
-from hcbench.impact import Impact, Launch, Status, Trajectory, impact_of
+from hcbench.impact import Impact, Launch, Status, Trajectory
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.sim.read_impact import impact_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -32,7 +33,7 @@ SCENE = "steel-plane"
 
 def fly(force: Force, launch: Launch, step: float) -> Impact:
     """One impact by semi-implicit Euler."""
-    x, v = -launch.gap(step), launch.speed
+    x, v = -launch.clearance(step), launch.speed
     samples = []
     for i in range(4000):
         f = force(x, v)

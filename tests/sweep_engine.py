@@ -48,7 +48,7 @@ class Tripping(Engine):
 
         return [Recipe("tripping", "law", Role.LAW, law, "The law, with trouble.", native=False)]
 
-    def fly(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
+    def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         notes = _notes()
         for launch in launches:
             for trouble in (_segfault, _hang, _memory, _error):
@@ -59,7 +59,7 @@ class Tripping(Engine):
             with Path(notes["log"]).open("a") as log:
                 log.write("".join(f"{launch.speed!r} {launch.phase!r}\n" for launch in launches))
         own = Setting("reference", "hunt-crossley", setting.timestep, setting.options)
-        return ReferenceEngine().fly(scene, own, launches)
+        return ReferenceEngine().impacts(scene, own, launches)
 
 
 def _segfault() -> None:

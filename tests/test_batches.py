@@ -11,20 +11,20 @@ import mujoco
 import numpy as np
 import pytest
 
-from hcbench.engines.mujoco import batch, simulate
+from hcbench.engines.mujoco import batch, world
 from hcbench.engines.mujoco import engine as mujoco_engine
-from hcbench.engines.mujoco.batch import Crowd, kind_of
+from hcbench.engines.mujoco.batch import BatchedModel, batch_kind
 from hcbench.engines.mujoco.engine import MujocoEngine
 from hcbench.engines.mujoco.options import read_options
-from hcbench.engines.mujoco.world import load
-from hcbench.engines.pybullet import world as _pybullet_world
+from hcbench.engines.mujoco.scene_model import load
 from hcbench.engines.pybullet.engine import PybulletEngine
 from hcbench.engines.pybullet.options import read_options as pybullet_options
+from hcbench.engines.pybullet.world import PybulletWorld
 from hcbench.impact import Impact, Launch, Status
 from hcbench.laws.force import HuntCrossley
 from hcbench.scene import Scene, load_scene
 from hcbench.setting import Setting
-from hcbench.sim import registry
+from hcbench.sim import registry, simulate
 from hcbench.tune.target import Target
 from hcbench.workers import call
 
@@ -74,8 +74,8 @@ def sizes(monkeypatch: pytest.MonkeyPatch, nothing_kept: None) -> Any:
 
     def put(**knobs: Any) -> None:
         for name, value in knobs.items():
-            monkeypatch.setattr(simulate, name, value)
-        mujoco_engine._kept.cache_clear()
+            monkeypatch.setattr(simulate if hasattr(simulate, name) else world, name, value)
+        mujoco_engine._cached_pool.cache_clear()
 
     return put
 
@@ -102,11 +102,11 @@ def test_mujoco_alone_together_in_threads_and_in_any_chunks_is_the_same(
     setting = made(f"mujoco.{recipe}", scene, timestep, integrator=integrator)
     launches = at_random(11)
     sizes(_COMPILE_S=np.inf, _cores=lambda: 1)
-    alone = [MUJOCO.drop(scene, setting, [launch])[0] for launch in launches]
+    alone = [MUJOCO.run(scene, setting, [launch])[0] for launch in launches]
     sizes(_COMPILE_S=0.0)
-    assert same(alone, MUJOCO.drop(scene, setting, launches))
-    sizes(_cores=lambda: 3, _CROWD=4, _CROWD_OF_ROWS=3, _CHUNK_BYTES=20_000, _SHORT=5)
-    assert same(alone[::-1], MUJOCO.drop(scene, setting, launches[::-1]))
+    assert same(alone, MUJOCO.run(scene, setting, launches))
+    sizes(_cores=lambda: 3, _BALLS=4, _BALLS_OF_MANY_ROWS=3, _CHUNK_BYTES=20_000, _CHUNK_MIN=5)
+    assert same(alone[::-1], MUJOCO.run(scene, setting, launches[::-1]))
 
 
 @NEEDS_CROWDS
@@ -117,11 +117,11 @@ def test_one_balls_end_is_not_another_s(sizes: Any) -> None:
     setting = Setting("mujoco", "test", 1e-6, {"integrator": "Euler", "rows": [spring, deep]})
     launches = at_random(24, seed=3)
     sizes(_COMPILE_S=np.inf)
-    alone = MUJOCO.drop(PLANE, setting, launches)
+    alone = MUJOCO.run(PLANE, setting, launches)
     found = {impact.status for impact in alone}
     assert found == {Status.PARTED, Status.DIVERGED}, found
     sizes(_COMPILE_S=0.0)
-    assert same(alone, MUJOCO.drop(PLANE, setting, launches))
+    assert same(alone, MUJOCO.run(PLANE, setting, launches))
 
 
 @FORMS
@@ -145,11 +145,11 @@ def test_a_ball_on_the_axis_bounces_on_a_slide_as_it_does_free(
         setting = made(f"mujoco.{recipe}", scene, timestep, integrator=integrator)
     model = load(scene, timestep, read_options(setting.options))
     rows = len(setting.options.get("rows", [1]))
-    assert kind_of(model) == ("sliding" if CROWDS or rows == 1 else "alone")
-    on_a_slide = MUJOCO.drop(scene, setting, launches)
-    monkeypatch.setattr(simulate, "kind_of", lambda _: "alone")
-    mujoco_engine._kept.cache_clear()
-    free = MUJOCO.drop(scene, setting, launches)
+    assert batch_kind(model) == ("sliding" if CROWDS or rows == 1 else "alone")
+    on_a_slide = MUJOCO.run(scene, setting, launches)
+    monkeypatch.setattr(world, "batch_kind", lambda _: "alone")
+    mujoco_engine._cached_pool.cache_clear()
+    free = MUJOCO.run(scene, setting, launches)
     assert [i.status for i in on_a_slide] == [i.status for i in free]
     for one, other in zip(on_a_slide, free, strict=True):
         assert one.samples == other.samples
@@ -181,7 +181,7 @@ def test_what_could_leave_the_axis_or_meets_more_than_the_plate_stays_free(
     path = tmp_path / "scene.xml"
     path.write_text(text.replace(*edit), "utf-8")
     scene = dataclasses.replace(PLANE, models={"mujoco": {"scene": path}})
-    assert kind_of(load(scene, 1e-4, read_options({}))) != "sliding", name
+    assert batch_kind(load(scene, 1e-4, read_options({}))) != "sliding", name
 
 
 JOINT = '<freejoint name="ball"/>'
@@ -210,7 +210,7 @@ def test_what_a_free_ball_does_not_feel_a_ball_in_company_does_not_either(
     scene = dataclasses.replace(PLANE, models={"mujoco": {"scene": path}})
     setting, launches = made("mujoco.spring-damper", PLANE, 2e-5), at_random(4)
     sizes(_COMPILE_S=0.0)
-    plain, found = (MUJOCO.drop(own, setting, launches) for own in (PLANE, scene))
+    plain, found = (MUJOCO.run(own, setting, launches) for own in (PLANE, scene))
     for one, other in zip(found, plain, strict=True):
         assert one.restitution == pytest.approx(other.restitution, abs=1e-12)
         assert one.force_max == pytest.approx(other.force_max, rel=1e-12)
@@ -222,17 +222,17 @@ def test_models_that_pay_fly_in_crowds(
     form: Scene, monkeypatch: pytest.MonkeyPatch, nothing_kept: None
 ) -> None:
     made_of: list[int] = []
-    real = batch.crowd
+    real = batch.compile_batch
 
-    def crowd(*of: Any) -> Crowd:
+    def compile_batch(*of: Any) -> BatchedModel:
         made_of.append(of[1])
         return real(*of)
 
-    monkeypatch.setattr(simulate, "crowd", crowd)
-    monkeypatch.setattr(simulate, "_cores", lambda: 1)
-    MUJOCO.drop(form, made("mujoco.spring-damper", form, 1e-6), at_random(48))
+    monkeypatch.setattr(world, "compile_batch", compile_batch)
+    monkeypatch.setattr(world, "_cores", lambda: 1)
+    MUJOCO.run(form, made("mujoco.spring-damper", form, 1e-6), at_random(48))
     assert made_of == [48]
-    MUJOCO.drop(form, made("mujoco.impulse", form, 1e-3), at_random(24))
+    MUJOCO.run(form, made("mujoco.impulse", form, 1e-3), at_random(24))
     assert made_of == [48, 1], "a few steps are not worth compiling a model for"
 
 
@@ -267,18 +267,18 @@ def test_a_model_with_more_to_it_flies_alone_and_bounces_alike(
     sizes(_COMPILE_S=0.0)
     for own, crowds in ((PLANE, True), (scene, False)):
         model = load(own, 1e-4, read_options({}))
-        assert (kind_of(model) != "alone") is crowds, name
+        assert (batch_kind(model) != "alone") is crowds, name
     stock = Setting("mujoco", "stock", 1e-4)
-    found, plain = (MUJOCO.drop(own, stock, at_random(4)) for own in (scene, PLANE))
+    found, plain = (MUJOCO.run(own, stock, at_random(4)) for own in (scene, PLANE))
     assert [i.restitution for i in found] == pytest.approx([i.restitution for i in plain], abs=1e-6)
 
 
 def test_what_follows_a_launch_is_bit_for_bit_a_loop_over_mj_step() -> None:
     setting = made("mujoco.spring-damper", PLANE, 2e-6)
-    path = MUJOCO.follow(PLANE, setting, Launch(0.3, 0.3), 2000 * 2e-6)
+    path = MUJOCO.trajectory(PLANE, setting, Launch(0.3, 0.3), 2000 * 2e-6)
     loaded = load(PLANE, 2e-6, read_options(setting.options))
     data = mujoco.MjData(loaded.model)
-    data.qpos[2] += Launch(0.3, 0.3).gap(2e-6)
+    data.qpos[2] += Launch(0.3, 0.3).clearance(2e-6)
     data.qvel[2] = -0.3
     rates = []
     for _ in range(2000):
@@ -307,17 +307,17 @@ def test_pybullet_alone_and_together_is_the_same(
 ) -> None:
     setting = made(f"pybullet.{recipe}", scene, timestep, maximal_coordinates=maximal)
     launches = at_random(9)
-    alone = [PYBULLET.drop(scene, setting, [launch])[0] for launch in launches]
-    assert same(alone, PYBULLET.drop(scene, setting, launches))
-    assert same(alone[::-1], PYBULLET.drop(scene, setting, launches[::-1]))
+    alone = [PYBULLET.run(scene, setting, [launch])[0] for launch in launches]
+    assert same(alone, PYBULLET.run(scene, setting, launches))
+    assert same(alone[::-1], PYBULLET.run(scene, setting, launches[::-1]))
 
 
 @SCENES
 def test_positions_worked_out_are_the_ones_that_bullet_has(scene: Scene) -> None:
     for recipe, timestep in (("spring-damper", 1e-5), ("restitution", 1e-3)):
         setting, launch = made(f"pybullet.{recipe}", scene, timestep), Launch(0.3, 0.4)
-        (impact,) = PYBULLET.drop(scene, setting, [launch])
-        asked = PYBULLET.follow(scene, setting, launch, 90 * timestep)
+        (impact,) = PYBULLET.run(scene, setting, [launch])
+        asked = PYBULLET.trajectory(scene, setting, launch, 90 * timestep)
         loop, start = impact.loop, int(np.flatnonzero(asked.force)[0])
         assert loop is not None
         seen = slice(start, start + impact.samples)
@@ -328,15 +328,15 @@ def test_positions_worked_out_are_the_ones_that_bullet_has(scene: Scene) -> None
 def _told_and_worked_out(scene: Scene, setting: Setting, launches: Sequence[Launch]) -> tuple[Any, Any]:
     """Forces of each ball at each step, (n, b): by Bullet's contact points, and from the balls' momentum."""
     options = pybullet_options(setting.options)
-    with _pybullet_world._world(scene, setting.timestep, options, 1.0, len(launches)) as world:
-        assert not world.told
-        world.release(launches)
-        bullet, told, rates = world.bullet, [], []
+    with PybulletWorld(scene, setting.timestep, options, 1.0) as balls:
+        assert not balls.reports_force
+        balls.release(launches)
+        bullet, told, rates = balls.bullet, [], []
         # What is apart was not solved for; it still says the force of when it last was.
         for _ in range(120):
-            rates.append([bullet.getBaseVelocity(ball)[0][2] for ball in world.balls])
-            world.step()
-            points = [bullet.getContactPoints(ball) for ball in world.balls]
+            rates.append([bullet.getBaseVelocity(ball)[0][2] for ball in balls.balls])
+            balls.step()
+            points = [bullet.getContactPoints(ball) for ball in balls.balls]
             told.append([sum(point[9] for point in own if point[8] <= 0.0) for own in points])
         gained = np.diff(np.array(rates), axis=0) + scene.gravity * setting.timestep
         return np.array(told)[:-1], scene.mass * gained / setting.timestep
@@ -352,20 +352,20 @@ def test_momentum_tells_the_force_that_bullet_tells(scene: Scene, recipe: str, t
 
 
 def _die_in_fast_company(
-    launches: Sequence[Launch], scene: Scene, timestep: float, options: Any, together: int = 8
+    launches: Sequence[Launch], name: str, scene: Scene, setting: Setting, places: int
 ) -> Iterator[Impact]:
-    """As fly_here: what shares a world comes back together, or not at all."""
-    for i in range(0, len(launches), together):
-        group = launches[i : i + together]
+    """As `_simulated`: what shares a world comes back together, or not at all."""
+    for i in range(0, len(launches), places):
+        group = launches[i : i + places]
         if any(launch.speed > 0.55 for launch in group):
             os.kill(os.getpid(), signal.SIGSEGV)
         yield from (Impact(launch, Status.NO_TOUCH) for launch in group)
 
 
 def test_a_launch_that_kills_a_shared_world_is_the_only_one_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_pybullet_world, "fly_here", _die_in_fast_company)
+    monkeypatch.setattr(simulate, "_simulated", _die_in_fast_company)
     launches = [*at_random(20), Launch(0.56), Launch(0.57)]
-    for impact in PYBULLET.drop(PLANE, Setting("pybullet", "test", 1e-3), launches):
+    for impact in PYBULLET.run(PLANE, Setting("pybullet", "test", 1e-3), launches):
         lost = impact.launch.speed > 0.55
         assert impact.status is (Status.CRASHED if lost else Status.NO_TOUCH)
 
@@ -373,7 +373,7 @@ def test_a_launch_that_kills_a_shared_world_is_the_only_one_lost(monkeypatch: py
 def test_a_ball_that_goes_through_the_plate_says_so() -> None:
     # A spring far softer than the step can follow: Bullet lets it through the bowl.
     setting = made("pybullet.spring-damper", CUP, 1 / 240, maximal_coordinates=True)
-    found = PYBULLET.drop(CUP, setting, [Launch(0.05, 0.5), Launch(0.59, 0.4), Launch(0.6, 0.8)])
+    found = PYBULLET.run(CUP, setting, [Launch(0.05, 0.5), Launch(0.59, 0.4), Launch(0.6, 0.8)])
     assert Status.DIVERGED in {impact.status for impact in found}
     for impact in found:
         if impact.status is Status.DIVERGED:

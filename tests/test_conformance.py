@@ -64,7 +64,7 @@ def impacts_of(recipe: str, scene: str) -> tuple[Impact, ...]:
             engine.drop(case, setting, LAUNCHES)
         pytest.skip("refused for this form of scene, with the reason")
     try:
-        return tuple(engine.drop(case, setting, LAUNCHES))
+        return tuple(engine.run(case, setting, LAUNCHES))
     except EngineMissing as error:
         pytest.skip(str(error))  # the installed version is too old for it, and says so
 
@@ -116,8 +116,8 @@ def test_a_repeated_run_gives_the_same_bits_and_so_does_one_launch_alone(recipe:
     before = impacts_of(recipe, scene)
     setting = setting_of(recipe, scene)
     picked = LAUNCHES[3::7]
-    again = registry.engine(setting.engine).drop(scene_of(scene), setting, picked)
-    alone = registry.engine(setting.engine).drop(scene_of(scene), setting, picked[-1:])
+    again = registry.engine(setting.engine).run(scene_of(scene), setting, picked)
+    alone = registry.engine(setting.engine).run(scene_of(scene), setting, picked[-1:])
     for one in (*again, *alone):
         other = before[LAUNCHES.index(one.launch)]
         assert (one.speed_in, one.speed_out, one.samples) == (other.speed_in, other.speed_out, other.samples)
@@ -132,7 +132,7 @@ def test_a_drop_under_gravity_touches_at_the_speed_of_its_fall(recipe: str) -> N
     setting = setting_of(recipe, "steel-plane")
     height = 1e-4 if setting.timestep < 1e-4 else 1e-2
     try:
-        (impact,) = registry.engine(setting.engine).drop(scene, setting, [Launch(0.0, height=height)])
+        (impact,) = registry.engine(setting.engine).run(scene, setting, [Launch(0.0, height=height)])
     except EngineMissing as error:
         pytest.skip(str(error))
     fall = (2 * 9.80665 * height) ** 0.5
@@ -159,7 +159,7 @@ def test_spring_dampers_give_the_e_that_was_asked(recipe: str) -> None:
     law = HuntCrossley(case.stiffness, 0.008 / 0.0254)
     setting = registry.recipe(recipe)(Target(law, case.mass, 1e-6, 0.0254, 0.508))
     target = closed_form.restitution(law.alpha, np.array([0.0254, 0.508])).mean()
-    e = [i.restitution for i in registry.engine(setting.engine).drop(case, setting, LAUNCHES)]
+    e = [i.restitution for i in registry.engine(setting.engine).run(case, setting, LAUNCHES)]
     assert abs(float(np.mean(e)) - target) < 2e-4
     assert max(abs(v - target) for v in e) < 5e-4
 

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from hcbench.engines.mujoco import world
+from hcbench.engines.mujoco import scene_model
 from hcbench.engines.mujoco.engine import MujocoEngine
 from hcbench.engines.mujoco.mjcf import model_xml
 from hcbench.errors import EngineFailed, EngineMissing, SettingError
@@ -102,8 +102,8 @@ def plain_loop(text: str, gap: float, speed: float, steps: int) -> dict[str, np.
 def test_a_trajectory_is_what_a_plain_mujoco_loop_sees(scene: Scene, integrator: str, gravity: float) -> None:
     scene = dataclasses.replace(scene, gravity=gravity)
     own, launch = spring_damper(integrator=integrator), Launch(0.3, 0.3)
-    path = ENGINE.follow(scene, own, launch, 300e-6)
-    plain = plain_loop(model_xml(scene, own), launch.gap(1e-6), launch.speed, 300)
+    path = ENGINE.trajectory(scene, own, launch, 300e-6)
+    plain = plain_loop(model_xml(scene, own), launch.clearance(1e-6), launch.speed, 300)
     touching = plain["force"] > 0
     assert 150 < touching.sum() < 250
     assert np.abs(path.rate - plain["rate"]).max() < 1e-13
@@ -114,7 +114,7 @@ def test_a_trajectory_is_what_a_plain_mujoco_loop_sees(scene: Scene, integrator:
 
 @FORMS
 def test_the_force_under_rk4_is_that_of_the_state_it_is_paired_with(scene: Scene) -> None:
-    (impact,) = ENGINE.drop(scene, spring_damper(integrator="RK4"), [Launch(0.3, 0.3)])
+    (impact,) = ENGINE.run(scene, spring_damper(integrator="RK4"), [Launch(0.3, 0.3)])
     loop = impact.loop
     assert loop is not None
     own = scene.mass * (S * loop.penetration + D * loop.rate)
@@ -126,14 +126,14 @@ def test_the_force_under_rk4_is_that_of_the_state_it_is_paired_with(scene: Scene
 @FORMS
 @INTEGRATORS
 def test_the_area_of_the_loop_is_the_energy_lost(scene: Scene, integrator: str) -> None:
-    for impact in ENGINE.drop(scene, spring_damper(integrator=integrator), launches(phases=0.5)):
+    for impact in ENGINE.run(scene, spring_damper(integrator=integrator), launches(phases=0.5)):
         assert work_lost(impact) == pytest.approx(kinetic_energy_lost(impact, scene), rel=0.01)
 
 
 @INTEGRATORS
 def test_the_cup_bounces_as_its_equivalent_sphere_does(integrator: str) -> None:
     own = spring_damper(integrator=integrator)
-    for plane, cup in zip(*(ENGINE.drop(s, own, launches()) for s in (PLANE, CUP)), strict=True):
+    for plane, cup in zip(*(ENGINE.run(s, own, launches()) for s in (PLANE, CUP)), strict=True):
         assert cup.restitution == pytest.approx(plane.restitution, abs=1e-9)
         assert cup.penetration_max == pytest.approx(plane.penetration_max, rel=1e-9)
         assert cup.force_max == pytest.approx(plane.force_max, rel=1e-9)
@@ -149,7 +149,7 @@ def test_the_cup_bounces_as_its_equivalent_sphere_does(integrator: str) -> None:
 def test_an_impulse_gives_the_restitution_asked_at_every_phase(
     scene: Scene, integrator: str, timestep: float, e: float
 ) -> None:
-    impacts = ENGINE.drop(scene, impulse(e, timestep, integrator), launches())
+    impacts = ENGINE.run(scene, impulse(e, timestep, integrator), launches())
     # The implicit integrators start from the contact's force instead of the acceleration that it leads to.
     # MuJoCo knows that to the round-off of 1 over 1 - d: 1e-16 / 1e-4.
     assert [i.restitution for i in impacts] == pytest.approx(
@@ -160,7 +160,7 @@ def test_an_impulse_gives_the_restitution_asked_at_every_phase(
 
 @pytest.mark.parametrize("integrator", ["RK4", DISCRETE])
 def test_an_impulse_does_not_bounce_where_a_step_has_more_than_one_force(integrator: str) -> None:
-    impacts = ENGINE.drop(PLANE, impulse(0.9, 1e-3, integrator), launches())
+    impacts = ENGINE.run(PLANE, impulse(0.9, 1e-3, integrator), launches())
     assert max(i.restitution for i in impacts) < 0.05
 
 
@@ -172,7 +172,7 @@ def test_a_spring_and_damper_have_the_restitution_of_their_closed_form(scene: Sc
     # Contact only pushes, so it ends where S x + D x' = 0: at ω t = π - 2 ψ with tan ψ = β/ω.
     e = math.exp(-beta / omega * (math.pi - 2 * math.atan(beta / omega)))
     for speed in SPEEDS:
-        found = ENGINE.drop(scene, spring_damper(integrator=integrator), launches(speed))
+        found = ENGINE.run(scene, spring_damper(integrator=integrator), launches(speed))
         restitution = np.array([i.restitution for i in found])
         assert restitution.mean() == pytest.approx(e, abs=2e-4)
         # The damper's force jumps at touch, so e moves with the phase: by about D h over a step.
@@ -183,7 +183,7 @@ def test_a_spring_and_damper_have_the_restitution_of_their_closed_form(scene: Sc
 @HAS_DISCRETE
 def test_discrete_takes_restitution_away() -> None:
     euler, discrete = (
-        ENGINE.drop(PLANE, spring_damper(integrator=i), launches(0.2, 0.5))[0].restitution
+        ENGINE.run(PLANE, spring_damper(integrator=i), launches(0.2, 0.5))[0].restitution
         for i in ("Euler", "discrete")
     )
     assert euler - discrete == pytest.approx(0.0226, abs=1e-3)
@@ -192,17 +192,17 @@ def test_discrete_takes_restitution_away() -> None:
 @FORMS
 def test_stock_mujoco_hardly_bounces_and_under_gravity_not_at_all(scene: Scene) -> None:
     stock = Setting("mujoco", "stock", 1e-4)
-    for impact in ENGINE.drop(scene, stock, launches(phases=0.5)):
+    for impact in ENGINE.run(scene, stock, launches(phases=0.5)):
         assert impact.status is Status.PARTED
         assert impact.restitution == pytest.approx(0.135, abs=0.002)
     heavy = dataclasses.replace(scene, gravity=G)
-    for impact in ENGINE.drop(heavy, stock, launches(phases=0.5)):
+    for impact in ENGINE.run(heavy, stock, launches(phases=0.5)):
         assert impact.status is Status.RESTED
         assert impact.restitution == 0.0
 
 
 def test_a_contact_too_damped_to_let_go_has_rested() -> None:
-    (impact,) = ENGINE.drop(PLANE, impulse(0.0, 1e-3), [Launch(0.2)])
+    (impact,) = ENGINE.run(PLANE, impulse(0.0, 1e-3), [Launch(0.2)])
     assert impact.status is Status.RESTED
     assert impact.penetration_max > 0
 
@@ -215,7 +215,7 @@ def test_a_row_starts_at_its_own_depth(scene: Scene) -> None:
     onset = 4e-6
     loose = [1e-4, 1e-4, 0.001, 0.5, 2.0]  # rows of small impedance add up; stiff ones share the load
     rows = [row(S, 0.0, onset=depth) | {"solimp": loose} for depth in (0.0, onset)]
-    (impact,) = ENGINE.drop(scene, setting(1e-6, *rows), [Launch(0.3, 0.2)])
+    (impact,) = ENGINE.run(scene, setting(1e-6, *rows), [Launch(0.3, 0.2)])
     loop = impact.loop
     assert loop is not None
     x = loop.penetration
@@ -228,7 +228,7 @@ def test_a_row_starts_at_its_own_depth(scene: Scene) -> None:
 def test_one_row_is_the_same_with_the_rest_of_the_contact_far_away(scene: Scene) -> None:
     far = row(S, D, onset=1.0)
     alone, both = (
-        ENGINE.drop(scene, setting(1e-6, *rows), launches()) for rows in ([row(S, D)], [row(S, D), far])
+        ENGINE.run(scene, setting(1e-6, *rows), launches()) for rows in ([row(S, D)], [row(S, D), far])
     )
     for a, b in zip(
         alone, both, strict=True
@@ -241,7 +241,7 @@ def test_one_row_is_the_same_with_the_rest_of_the_contact_far_away(scene: Scene)
 @pytest.mark.adhesion
 def test_adhesion_makes_a_damper_pull() -> None:
     pulls, pushes = (
-        ENGINE.drop(PLANE, setting(1e-6, row(S, 20 * D, adhesion=a)), [Launch(0.3)])[0] for a in (1e5, 0.0)
+        ENGINE.run(PLANE, setting(1e-6, row(S, 20 * D, adhesion=a)), [Launch(0.3)])[0] for a in (1e5, 0.0)
     )
     assert pulls.loop is not None
     assert pushes.loop is not None
@@ -251,14 +251,14 @@ def test_adhesion_makes_a_damper_pull() -> None:
 
 def test_adhesion_in_a_cup_is_refused_with_the_way_out() -> None:
     with pytest.raises(SettingError, match=r"adhesion.*form 'cup'.*form 'plane'"):
-        ENGINE.drop(CUP, setting(1e-6, row(S, D, adhesion=1.0)), [Launch(0.3)])
+        ENGINE.run(CUP, setting(1e-6, row(S, D, adhesion=1.0)), [Launch(0.3)])
 
 
 @FORMS
 @pytest.mark.parametrize("mass", [1e-3, 1e3])
 def test_any_mass_bounces_the_same_on_settings_per_unit_mass(scene: Scene, mass: float) -> None:
-    own = ENGINE.drop(scene, spring_damper(), launches(phases=0.5))
-    other = ENGINE.drop(dataclasses.replace(scene, mass=mass), spring_damper(), launches(phases=0.5))
+    own = ENGINE.run(scene, spring_damper(), launches(phases=0.5))
+    other = ENGINE.run(dataclasses.replace(scene, mass=mass), spring_damper(), launches(phases=0.5))
     for a, b in zip(own, other, strict=True):
         assert b.restitution == pytest.approx(a.restitution, abs=1e-9)
         assert b.force_max / mass == pytest.approx(a.force_max / scene.mass, rel=1e-9)
@@ -271,7 +271,7 @@ def test_any_mass_bounces_the_same_on_settings_per_unit_mass(scene: Scene, mass:
 @pytest.mark.parametrize("timestep", [1e-4, 1e-3])
 def test_a_drop_meets_the_plate_with_the_speed_of_free_fall(scene: Scene, timestep: float) -> None:
     heavy = dataclasses.replace(scene, gravity=G)
-    (impact,) = ENGINE.drop(heavy, impulse(0.9, timestep), [Launch(0.0, height=0.010)])
+    (impact,) = ENGINE.run(heavy, impulse(0.9, timestep), [Launch(0.0, height=0.010)])
     # MuJoCo falls in steps: it is early or late by up to one.
     assert impact.speed_in == pytest.approx(math.sqrt(2 * G * 0.010), abs=G * timestep)
     assert impact.restitution == pytest.approx(0.9, abs=1e-4 * G * timestep / impact.speed_in + 1e-12)
@@ -279,7 +279,7 @@ def test_a_drop_meets_the_plate_with_the_speed_of_free_fall(scene: Scene, timest
 
 def test_a_bounce_train_loses_e_squared_of_its_height_each_time() -> None:
     heavy, e = dataclasses.replace(PLANE, gravity=G), 0.8
-    path = ENGINE.follow(heavy, impulse(e, 1e-4), Launch(0.0, height=0.010), 0.35)
+    path = ENGINE.trajectory(heavy, impulse(e, 1e-4), Launch(0.0, height=0.010), 0.35)
     assert len(path.time) == 3500
     height = -path.penetration
     tops = height[1:-1][(height[1:-1] > height[:-2]) & (height[1:-1] >= height[2:])]
@@ -289,14 +289,14 @@ def test_a_bounce_train_loses_e_squared_of_its_height_each_time() -> None:
 
 def test_launches_that_cannot_arrive_are_refused() -> None:
     with pytest.raises(SettingError, match="0 m/s without gravity"):
-        ENGINE.drop(PLANE, spring_damper(), [Launch(0.0, height=0.01)])
+        ENGINE.run(PLANE, spring_damper(), [Launch(0.0, height=0.01)])
     with pytest.raises(SettingError, match=r"height: 0.03 m above the cup.*0.0254"):
-        ENGINE.drop(CUP, spring_damper(), [Launch(0.1, height=0.03)])
+        ENGINE.run(CUP, spring_damper(), [Launch(0.1, height=0.03)])
     with pytest.raises(SettingError, match=r"height: -0.001 m; expected 0 m or more"):
-        ENGINE.drop(PLANE, spring_damper(), [Launch(0.1, height=-1e-3)])
+        ENGINE.run(PLANE, spring_damper(), [Launch(0.1, height=-1e-3)])
     for launch in (Launch(math.nan), Launch(math.inf), Launch(0.1, math.nan), Launch(0.1, height=math.nan)):
         with pytest.raises(SettingError, match=r"launch: .*; expected finite numbers"):
-            ENGINE.drop(PLANE, spring_damper(), [launch])
+            ENGINE.run(PLANE, spring_damper(), [launch])
 
 
 # --- the same bits, always ---
@@ -306,15 +306,15 @@ def test_launches_that_cannot_arrive_are_refused() -> None:
 @INTEGRATORS
 def test_repeated_and_single_launches_give_the_same_bits(scene: Scene, integrator: str) -> None:
     own, all_launches = spring_damper(2e-6, integrator), launches(0.0254 * np.linspace(1, 20, 7))
-    together = ENGINE.drop(scene, own, all_launches)
+    together = ENGINE.run(scene, own, all_launches)
     assert len(together) == 56, "more than fly side by side"
     for some in (all_launches, *([launch] for launch in all_launches[::11]), all_launches[::-1]):
-        for impact in ENGINE.drop(scene, own, some):
+        for impact in ENGINE.run(scene, own, some):
             assert same_bits(impact, together[all_launches.index(impact.launch)])
 
 
 def test_nothing_to_launch_is_nothing_back() -> None:
-    assert ENGINE.drop(PLANE, spring_damper(), []) == []
+    assert ENGINE.run(PLANE, spring_damper(), []) == []
 
 
 # --- the model that is saved ---
@@ -394,7 +394,7 @@ def test_a_diverged_impact_is_a_record_that_says_so(
     heard: list[str] = []
     mujoco.set_mju_user_warning(heard.append)
     try:
-        impacts = ENGINE.drop(scene, setting(1e-5, *rows), [Launch(0.2), Launch(0.3)])
+        impacts = ENGINE.run(scene, setting(1e-5, *rows), [Launch(0.2), Launch(0.3)])
         assert mujoco.get_mju_user_warning() is not None, "the user's own handler is back"
     finally:
         mujoco.set_mju_user_warning(None)
@@ -406,7 +406,7 @@ def test_a_diverged_impact_is_a_record_that_says_so(
 
 
 def test_a_trajectory_is_nan_from_where_mujoco_gave_up() -> None:
-    path = ENGINE.follow(PLANE, setting(1e-3, row(1e9, 1e12)), Launch(0.2), 0.05)
+    path = ENGINE.trajectory(PLANE, setting(1e-3, row(1e9, 1e12)), Launch(0.2), 0.05)
     assert len(path.time) == 50
     lost = np.isnan(path.penetration)
     assert lost.any()
@@ -432,7 +432,7 @@ def test_a_trajectory_is_nan_from_where_mujoco_gave_up() -> None:
 )
 def test_options_that_mujoco_does_not_have_are_refused_by_name(options: dict[str, Any], said: str) -> None:
     with pytest.raises(SettingError) as caught:
-        ENGINE.drop(PLANE, Setting("mujoco", "test", 1e-3, options), [Launch(0.2)])
+        ENGINE.run(PLANE, Setting("mujoco", "test", 1e-3, options), [Launch(0.2)])
     assert said in str(caught.value)
 
 
@@ -446,7 +446,7 @@ def test_mujocos_own_errors_come_out_as_ours(tmp_path: Path) -> None:
     path.write_text(own.replace("<worldbody>", asleep), encoding="utf-8")
     scene = dataclasses.replace(PLANE, models={"mujoco": {"scene": path}})
     with pytest.raises(EngineFailed, match="sleep without islands"):
-        ENGINE.drop(scene, spring_damper(integrator="discrete"), [Launch(0.2)])
+        ENGINE.run(scene, spring_damper(integrator="discrete"), [Launch(0.2)])
 
 
 @pytest.mark.usefixtures("nothing_kept")
@@ -459,7 +459,7 @@ def test_a_missing_mujoco_is_told_with_the_way_to_get_it(monkeypatch: pytest.Mon
         ENGINE.version()
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(EngineMissing, match="pip install mujoco"):
-        ENGINE.drop(PLANE, spring_damper(), [Launch(0.2)])
+        ENGINE.run(PLANE, spring_damper(), [Launch(0.2)])
 
 
 @pytest.mark.usefixtures("nothing_kept")
@@ -474,9 +474,9 @@ def test_a_mujoco_too_old_for_a_setting_is_told(
     own: Setting, said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     old = SimpleNamespace(MjModel=object, mjtIntegrator=object, __version__="3.3.0")
-    monkeypatch.setattr(world, "backend", lambda: old)
+    monkeypatch.setattr(scene_model, "backend", lambda: old)
     with pytest.raises(EngineMissing, match=said):
-        ENGINE.drop(PLANE, own, [Launch(0.2)])
+        ENGINE.run(PLANE, own, [Launch(0.2)])
 
 
 def test_the_version_is_the_installed_one() -> None:

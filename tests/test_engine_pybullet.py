@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import pytest
 
-from hcbench.engines.pybullet import world as _pybullet_world
+from hcbench.engines.pybullet import world
 from hcbench.engines.pybullet.engine import PybulletEngine
-from hcbench.engines.pybullet.options import read_options
 from hcbench.errors import EngineFailed, EngineMissing, SceneError, SettingError
 from hcbench.impact import Impact, Launch, Status
 from hcbench.scene import Material, Scene
 from hcbench.setting import Setting
+from hcbench.sim import simulate
 from hcbench.workers import call
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def spring_damper(stiffness: float, damping: float, timestep: float, maximal: bo
 def fly(
     form: Form, timestep: float, options: dict[str, Any], launches: Sequence[Launch], gravity: float = 0.0
 ) -> list[Impact]:
-    return ENGINE.drop(steel(form, gravity), Setting("pybullet", "test", timestep, options), launches)
+    return ENGINE.run(steel(form, gravity), Setting("pybullet", "test", timestep, options), launches)
 
 
 # --- restitution ---------------------------------------------------------------------------------------
@@ -259,7 +259,7 @@ def _die_on_fast_ones(launches: Sequence[Launch], *_: Any) -> Iterator[Impact]:
 
 
 def test_a_launch_that_kills_the_engine_is_a_record(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_pybullet_world, "fly_here", _die_on_fast_ones)
+    monkeypatch.setattr(simulate, "_simulated", _die_on_fast_ones)
     launches = [Launch(0.1), Launch(0.5), Launch(0.2)]
     impacts = fly("plane", 1e-3, {}, launches)
     assert [impact.launch for impact in impacts] == launches
@@ -285,7 +285,7 @@ def test_a_model_may_be_named_from_the_working_directory(monkeypatch: pytest.Mon
     monkeypatch.chdir(SCENES)
     models = {"pybullet": {role: Path("steel-cup") / f"{role}.urdf" for role in ("ball", "plate")}}
     setting = Setting("pybullet", "test", 1e-3, restitution(0.9))
-    (impact,) = ENGINE.drop(replace(steel("cup"), models=models), setting, [Launch(0.2)])
+    (impact,) = ENGINE.run(replace(steel("cup"), models=models), setting, [Launch(0.2)])
     assert impact.restitution == pytest.approx(0.9, abs=1e-12)
 
 
@@ -294,7 +294,7 @@ def test_the_scene_says_the_mass() -> None:
         replace(steel("plane"), mass=2 * MASS),
         Setting("pybullet", "test", 1e-3, restitution(0.9)),
     )
-    (impact,) = ENGINE.drop(heavy, setting, [Launch(0.2)])
+    (impact,) = ENGINE.run(heavy, setting, [Launch(0.2)])
     assert impact.force_max == pytest.approx(2 * MASS * 0.2 * 1.9 / 1e-3, rel=1e-12)
 
 
@@ -313,7 +313,7 @@ def test_the_scene_says_the_mass() -> None:
 def test_a_scene_that_cannot_be_loaded_or_says_something_else(change: dict[str, Any], message: str) -> None:
     setting = Setting("pybullet", "test", 1e-3)
     with pytest.raises(SceneError, match=message):
-        ENGINE.drop(replace(steel("plane"), **change), setting, [Launch(0.2)])
+        ENGINE.run(replace(steel("plane"), **change), setting, [Launch(0.2)])
 
 
 # --- requests ------------------------------------------------------------------------------------------
@@ -352,8 +352,9 @@ def test_a_launch_that_cannot_arrive_is_refused() -> None:
 
 
 def _ask_for_a_file_that_is_not_there() -> None:
-    with _pybullet_world._world(steel("plane"), 1e-3, read_options({}), 0.2) as world:
-        world.bullet.loadURDF("nowhere.urdf")
+    bullet = world.client()
+    with world.translated_errors(bullet):
+        bullet.loadURDF("nowhere.urdf")
 
 
 def test_what_pybullet_refuses_comes_as_our_own_error() -> None:
@@ -383,7 +384,7 @@ def test_a_plate_that_is_never_reached_is_no_touch() -> None:
 def test_a_train_of_bounces_is_followed_to_the_end() -> None:
     g, h, e, height = 9.80665, 1e-4, 0.5, 2e-3
     setting = Setting("pybullet", "test", h, restitution(e))
-    path = ENGINE.follow(steel("plane", g), setting, Launch(0.0, height=height), 0.1)
+    path = ENGINE.trajectory(steel("plane", g), setting, Launch(0.0, height=height), 0.1)
     assert path.time[-1] == pytest.approx(0.1 - h)
     assert path.penetration[0] == pytest.approx(-height)
     hits = np.flatnonzero(path.force)
@@ -397,7 +398,7 @@ def test_a_train_of_bounces_is_followed_to_the_end() -> None:
 def test_a_ball_set_down_rests_on_the_spring_that_carries_it() -> None:
     g, k, h = 9.80665, 1e5, 1e-4
     setting = Setting("pybullet", "test", h, spring_damper(k, 60.0, h))
-    path = ENGINE.follow(steel("plane", g), setting, Launch(0.0, height=1e-9), 0.5)
+    path = ENGINE.trajectory(steel("plane", g), setting, Launch(0.0, height=1e-9), 0.5)
     assert path.penetration[-1] == pytest.approx(MASS * g / k, rel=1e-6)
     assert path.force[-1] == pytest.approx(MASS * g, rel=1e-6)
 
@@ -406,6 +407,6 @@ def test_a_contact_of_more_steps_than_usual_is_no_rest() -> None:
     """A heavy ball stays 0.036 s on the plate, 36 000 steps of 1 µs, and then leaves."""
     heavy = replace(steel("plane"), mass=2e5)
     law = {"kind": "force", "alpha": 0.3, "stiffness": heavy.stiffness}
-    (impact,) = ENGINE.drop(heavy, Setting("pybullet", "law", 1e-6, {"law": law}), [Launch(0.3)])
+    (impact,) = ENGINE.run(heavy, Setting("pybullet", "law", 1e-6, {"law": law}), [Launch(0.3)])
     assert impact.status is Status.PARTED, impact.reason
     assert impact.samples > 20_000

@@ -33,7 +33,7 @@ def law_setting(timestep: float = 1e-6, **options: Any) -> Setting:
 
 
 def drop(setting: Setting, *launches: Launch, scene: Scene = SCENE) -> list[Impact]:
-    return registry.engine(setting.engine).drop(scene, setting, launches)
+    return registry.engine(setting.engine).run(scene, setting, launches)
 
 
 # --- the reference -------------------------------------------------------------------------------------

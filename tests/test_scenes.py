@@ -198,7 +198,7 @@ def test_a_new_scene_is_a_folder_and_no_code(copied: Path) -> None:
         edit(copied, old, new, "scene.xml")
     scene = load_scene(copied)
     assert scene.relative_radius == pytest.approx(0.0127)
-    (impact,) = MujocoEngine().drop(scene, STOCK, [Launch(0.2)])
+    (impact,) = MujocoEngine().run(scene, STOCK, [Launch(0.2)])
     assert impact.status == "parted"
 
 
@@ -278,7 +278,7 @@ def test_a_mistake_in_the_toml_is_one_clear_line(copied: Path, old: str, new: st
 def test_a_mistake_in_the_mjcf_is_one_clear_line(copied: Path, old: str, new: str, said: str) -> None:
     scene = read_scene(edit(copied, old, new, "scene.xml"))
     with pytest.raises(SceneError) as caught:
-        MujocoEngine().drop(scene, STOCK, [Launch(0.2)])
+        MujocoEngine().run(scene, STOCK, [Launch(0.2)])
     message = str(caught.value)
     assert said in message
     assert str(copied / "scene.xml") in message
@@ -292,9 +292,9 @@ def test_a_smaller_ball_that_touches_is_not_taken_for_the_scenes_own(copied: Pat
     edit(copied, 'sphere radius="0.0508"', 'sphere radius="0.03"', "ball.urdf")
     said = r"size: 0\.03 m; expected 0\.0508 m, the 1/\(1/R1 \+ 1/R2\) of scene\.toml"
     with pytest.raises(SceneError, match=said):
-        MujocoEngine().drop(read_scene(copied), STOCK, [Launch(0.2)])
+        MujocoEngine().run(read_scene(copied), STOCK, [Launch(0.2)])
     with pytest.raises(SceneError, match=r"ball\.urdf: sphere radius: '0\.03'; expected 0\.0508 m"):
-        PybulletEngine().drop(read_scene(copied), Setting("pybullet", "stock", 1e-3), [Launch(0.2)])
+        PybulletEngine().run(read_scene(copied), Setting("pybullet", "stock", 1e-3), [Launch(0.2)])
 
 
 @pytest.mark.parametrize("form", ["cup", "plane"])
@@ -306,7 +306,7 @@ def test_a_radius_changed_in_the_toml_alone_is_seen_by_both_engines(engine: Engi
     other = dataclasses.replace(scene, ball_radius=R1 + 1e-6, plate_radius=R2 - 1e-6)
     what = r"R1 of scene\.toml" if form == "cup" else r"1/\(1/R1 \+ 1/R2\) of scene\.toml"
     with pytest.raises(SceneError, match=what):
-        engine.drop(other, Setting(engine.name, "stock", 1e-3), [Launch(0.2)])
+        engine.run(other, Setting(engine.name, "stock", 1e-3), [Launch(0.2)])
 
 
 @pytest.mark.parametrize(
@@ -344,7 +344,7 @@ def test_a_mistake_in_the_urdf_is_one_clear_line(
 ) -> None:
     edit(copied, old, new, f"{file}.urdf")
     with pytest.raises(SceneError) as caught:
-        PybulletEngine().drop(read_scene(copied), Setting("pybullet", "stock", 1e-3), [Launch(0.2)])
+        PybulletEngine().run(read_scene(copied), Setting("pybullet", "stock", 1e-3), [Launch(0.2)])
     message = str(caught.value)
     assert said in message
     assert f"{file}.urdf" in message or "URDFs of ball and plate" in message
@@ -361,13 +361,13 @@ def test_a_cup_without_its_tendon_and_one_of_another_size_are_refused(tmp_path: 
         folder = tmp_path / new[-7:-1].strip(' "')
         shutil.copytree(own, folder)
         with pytest.raises(SceneError, match=said):
-            MujocoEngine().drop(read_scene(edit(folder, old, new, "scene.xml")), STOCK, [Launch(0.2)])
+            MujocoEngine().run(read_scene(edit(folder, old, new, "scene.xml")), STOCK, [Launch(0.2)])
 
 
 def test_a_scene_without_a_mujoco_model_is_refused() -> None:
     bare = dataclasses.replace(load_scene("steel-plane"), models={})
     with pytest.raises(SceneError, match="no MuJoCo model"):
-        MujocoEngine().drop(bare, STOCK, [Launch(0.2)])
+        MujocoEngine().run(bare, STOCK, [Launch(0.2)])
 
 
 def test_unreadable_files_are_refused(copied: Path) -> None:
@@ -390,8 +390,8 @@ def test_includes_and_asset_folders_work_from_anywhere(
     edit(copied, "</worldbody>", mark, "scene.xml")
     edit(copied, "<worldbody>", '<include file="more.xml"/><worldbody>', "scene.xml")
     monkeypatch.chdir(tmp_path)
-    (impact,) = MujocoEngine().drop(load_scene("mine", tmp_path), STOCK, [Launch(0.2)])
+    (impact,) = MujocoEngine().run(load_scene("mine", tmp_path), STOCK, [Launch(0.2)])
     assert impact.status == "parted"
     (copied / "more.xml").write_text('<mujoco><include file="more.xml"/></mujoco>', encoding="utf-8")
     with pytest.raises(SceneError, match="includes itself"):
-        MujocoEngine().drop(load_scene(copied), STOCK, [Launch(0.2)])
+        MujocoEngine().run(load_scene(copied), STOCK, [Launch(0.2)])

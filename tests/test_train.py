@@ -21,7 +21,7 @@ ALPHA = 0.008 / 0.0254
 def test_heights_of_a_train_follow_the_law() -> None:
     scene = dataclasses.replace(load_scene("steel-plane"), gravity=GRAVITY)
     setting = Setting("reference", "hunt-crossley", 1e-5, {"alpha": ALPHA})
-    path = registry.engine("reference").follow(scene, setting, Launch(0.0, height=0.01), 0.4)
+    path = registry.engine("reference").trajectory(scene, setting, Launch(0.0, height=0.01), 0.4)
     gap = -path.penetration
     tops = gap[1:-1][(gap[1:-1] > gap[:-2]) & (gap[1:-1] >= gap[2:]) & (gap[1:-1] > 1e-4)]
     height, law = 0.01, HuntCrossley(scene.stiffness, ALPHA)
@@ -41,6 +41,6 @@ def test_heights_of_a_train_follow_the_law() -> None:
 def test_without_gravity_a_body_leaves_once_and_for_good() -> None:
     scene = load_scene("steel-plane")
     setting = Setting("reference", "hunt-crossley", 1e-6, {"alpha": ALPHA})
-    path = registry.engine("reference").follow(scene, setting, Launch(0.2), 1e-3)
+    path = registry.engine("reference").trajectory(scene, setting, Launch(0.2), 1e-3)
     assert math.isclose(-path.rate[-1] / 0.2, float(closed_form.restitution(ALPHA, 0.2)), rel_tol=1e-12)
     assert path.force[-1] == 0

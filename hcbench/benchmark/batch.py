@@ -64,7 +64,7 @@ def columns_of(impacts: Sequence[Impact]) -> dict[str, Any]:
 def together(stretch: Stretch) -> Flown:
     """All of it at once, as the engine does best."""
     launches = [Launch(*launch) for launch in stretch.launches]
-    impacts = registry.engine(stretch.setting.engine).drop(stretch.scene, stretch.setting, launches)
+    impacts = registry.engine(stretch.setting.engine).run(stretch.scene, stretch.setting, launches)
     return Flown.of(impacts, stretch.keep)
 
 
@@ -74,7 +74,7 @@ def alone(which: Sequence[int], stretch: Stretch) -> Iterator[Impact]:
     for i in which:
         launch = Launch(*stretch.launches[i])
         try:
-            (impact,) = engine.drop(stretch.scene, stretch.setting, [launch])
+            (impact,) = engine.run(stretch.scene, stretch.setting, [launch])
         except UserError:
             raise
         except Exception as error:

@@ -47,7 +47,7 @@ def bounce_trains(
         flights = math.sqrt(2 * height / STANDARD_GRAVITY) + sum(
             2 * math.sqrt(2 * h / STANDARD_GRAVITY) for h in truth
         )
-        path = registry.engine(setting.engine).follow(
+        path = registry.engine(setting.engine).trajectory(
             heavy, setting, Launch(0.0, height=height), _SLACK * flights
         )
         found = scoring.bounce_heights(path, BOUNCES)

@@ -230,7 +230,7 @@ def _fly_surviving(task: Task) -> list[Impact]:
 
 
 def _fly_one(task: Task) -> list[Impact]:
-    impacts = registry.engine(task.setting.engine).drop(task.scene, task.setting, task.launches)
+    impacts = registry.engine(task.setting.engine).run(task.scene, task.setting, task.launches)
     return [i if i.launch in task.keep else dataclasses.replace(i, loop=None) for i in impacts]
 
 

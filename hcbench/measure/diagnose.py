@@ -14,13 +14,14 @@ import numpy as np
 from hcbench.errors import HcbenchError
 from hcbench.impact import Status
 from hcbench.measure.measurement import NOTABLE_GAIN, TOLERANCE, Cause, Suspect
+from hcbench.sim import simulate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from hcbench.impact import Impact, Launch
     from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.measure.measurement import Subject
+    from hcbench.sim.engine import ModelUnderTest
 
 _SHIFT = 0.5  # of the error: how much of it a fix must take away, where that is less than the tolerance
 _PROBE_PHASES = 4
@@ -44,7 +45,7 @@ def goal_of(
 
 
 def diagnose(
-    subject: Subject,
+    model: ModelUnderTest,
     impacts: Sequence[Impact],
     goal: Callable[[float], float],
     wanted: RestitutionCurve | None = None,
@@ -54,19 +55,19 @@ def diagnose(
 
     goal: e over approach speed that the bounce is held against.
     """
-    suspects = subject.suspects(impacts, wanted)
+    suspects = model.suspects(impacts, wanted)
     aim = next((c.assumed_e for c in suspects if c.assumed_e is not None), None)
     held: Callable[[float], float] = goal if aim is None else (lambda _: aim)
     certain = [c for c in suspects if c.always_reported]
     if not _wrong(impacts, held, tolerance):
         return tuple(_cause(c) for c in certain), ""
-    trial = _Trial(subject, _probes(impacts, held, subject.weight), held)
+    trial = _Trial(model, _probes(impacts, held, model.step_cost), held)
     triable = [c for c in suspects if c.apply is not None]
     if not triable and suspects:
         return tuple(_cause(c) for c in suspects), "None of these could be tried on this model."
     if triable and trial.off(triable) > tolerance:  # a fix may bring out what it hid
         known = {c.code for c in suspects}
-        fixed = subject.fixed(triable)
+        fixed = model.fixed(triable)
         more = [c for c in fixed.suspects(trial.fly(triable), wanted) if c.code not in known]
         fixed.close()
         suspects += more
@@ -140,19 +141,16 @@ def _probes(impacts: Sequence[Impact], goal: Callable[[float], float], weight: f
 class _Trial:
     """Flies the probes with some fixes made; each set of fixes once."""
 
-    def __init__(self, subject: Subject, launches: list[Launch], goal: Callable[[float], float]) -> None:
-        self.subject, self.launches, self.goal = subject, launches, goal
+    def __init__(self, model: ModelUnderTest, launches: list[Launch], goal: Callable[[float], float]) -> None:
+        self.model, self.launches, self.goal = model, launches, goal
         self.known: dict[tuple[str, ...], list[Impact]] = {}
 
     def fly(self, fixes: Sequence[Suspect]) -> list[Impact]:
         key = tuple(sorted(c.code for c in fixes))
         if key not in self.known:
             try:
-                changed = self.subject.fixed(fixes)
-                try:
-                    self.known[key] = changed.fly(self.launches)
-                finally:
-                    changed.close()
+                with self.model.fixed(fixes) as changed:
+                    self.known[key] = simulate.impacts_in(changed, self.launches)
             except HcbenchError:  # a fix that makes the pair unmeasurable helps nobody
                 self.known[key] = []
         return self.known[key]

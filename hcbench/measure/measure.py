@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hcbench._text import sanitized
-from hcbench.errors import EngineFailed, HcbenchError, UserError
+from hcbench.errors import EngineFailed, HcbenchError, SceneError, UserError
 from hcbench.laws.restitution import ConstantRestitution
 from hcbench.measure.diagnose import diagnose, goal_of
-from hcbench.measure.measurement import TOLERANCE, Measurement, Request, Subject
+from hcbench.measure.measurement import TOLERANCE, Measurement, Request
 from hcbench.measure.request import make_request
+from hcbench.sim import registry, simulate
 from hcbench.workers import WorkerDied, call
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
     from hcbench.impact import Impact
     from hcbench.laws.restitution import RestitutionCurve
+    from hcbench.sim.engine import Engine, ModelUnderTest
 
 LIMIT_S = 60.0  # for one model, on a machine under load too: it takes a second or two
 LEAST_MEMORY = 4 << 30  # bytes that any model may take
@@ -86,8 +88,8 @@ def measure_job(job: Job, limit: float = LIMIT_S) -> Measurement:
     """Measure: files in a worker process that may crash, hang or run out of memory; objects here."""
     source = _as_files(job.source)
     if source is None:
-        subject = _subject(job.source, job.engine, job.request)
-        return _measured(subject, job.request, job.wanted, job.tolerance, job.diagnose)
+        model = _open(job.source, job.engine, job.request)
+        return _measured(model, job.request, job.wanted, job.tolerance, job.diagnose)
     job = dataclasses.replace(job, source=source)
     try:
         return call(_in_worker, job, limit=limit)
@@ -119,8 +121,8 @@ def _as_files(model: Any) -> str | tuple[str, ...] | None:
 def _in_worker(job: Job) -> Measurement:
     with _memory_limit():
         try:
-            subject = _subject(job.source, job.engine, job.request)
-            return _measured(subject, job.request, job.wanted, job.tolerance, job.diagnose)
+            model = _open(job.source, job.engine, job.request)
+            return _measured(model, job.request, job.wanted, job.tolerance, job.diagnose)
         except MemoryError:
             needs = f"{_label(job.source)} needs more than {_memory() >> 30} GiB of memory"
             raise EngineFailed("model", needs, "a model that fits") from None
@@ -160,36 +162,32 @@ def _memory_limit() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
-def _subject(source: Any, engine: str | None, request: Request) -> Subject:
+def _open(source: Any, engine: str | None, request: Request) -> ModelUnderTest:
     again = None
     if isinstance(source, str) and (match := _PYTHON.fullmatch(source)):
         again = partial(_call_python, match["file"], match["function"])
         source = again()
-    name = engine or _engine_of(source)
-    if name == "mujoco":
-        from hcbench.engines.mujoco.measured import subject as mujoco_subject
-
-        if isinstance(source, list | tuple):
-            if len(source) != 1:
-                raise UserError(
-                    "model", f"{len(source)} files", "one file for MuJoCo", "Put both into one MJCF"
-                )
-            source = source[0]
-        return mujoco_subject(source, request)
-    if name == "pybullet":
-        from hcbench.engines.pybullet.measured import subject as pybullet_subject
-
-        return pybullet_subject(source, request, again)
-    raise UserError("engine", repr(name), "mujoco or pybullet")
+    return _engine_for(source, engine).open(source, request, again)
 
 
-def _engine_of(source: Any) -> str:
+def _engine_for(source: Any, name: str | None) -> Engine:
+    """The engine of that name, or the first that opens such a model."""
+    engines = [registry.engine(known) for known in registry.names()]
+    able = [engine for engine in engines if engine.suffixes or engine.opens]
+    if name is not None:
+        for engine in able:
+            if engine.name == name:
+                return engine
+        raise UserError("engine", repr(name), " or ".join(engine.name for engine in able))
+    for engine in able:
+        if engine.accepts(source):
+            return engine
+    files = ", ".join(suffix for engine in able for suffix in engine.suffixes)
     if isinstance(source, str | Path):
-        return "pybullet" if Path(source).suffix.lower() in (".urdf", ".sdf") else "mujoco"
-    if isinstance(source, list | tuple):
-        return "pybullet"
-    kind = f"{type(source).__module__}.{type(source).__name__}"
-    return "mujoco" if kind.startswith("mujoco.") else "pybullet"
+        is_there = "is not the name of a model file" if Path(source).exists() else "is not there"
+        raise SceneError("model", f"{source} {is_there}", f"a model file: {files}")
+    objects = ", ".join(words for engine in able for words in engine.opens)
+    raise UserError("model", f"a {type(source).__name__}", f"a path, {objects}")
 
 
 def _call_python(file: str, name: str) -> Any:
@@ -217,28 +215,25 @@ def _call_python(file: str, name: str) -> Any:
     return made
 
 
-def _flown(subject: Subject, request: Request) -> list[Impact]:
-    """All launches; of a thrifty request only those that can differ."""
-    if not request.thrifty:
-        return subject.fly(request.launches())
+def _impacts(model: ModelUnderTest, request: Request) -> list[Impact]:
+    """All launches; of a request that skips redundant phases only those that can differ."""
     launches = request.launches()
+    if not request.thrifty:
+        return simulate.impacts_in(model, launches)
     each = len(request.phases)
-    first = subject.fly(launches[::each])
-    out = []
-    for i, impact in enumerate(first):
+    impacts = []
+    for i, impact in enumerate(simulate.impacts_in(model, launches[::each])):
         more = launches[i * each + 1 : (i + 1) * each] if impact.samples < SO_MANY_STEPS else []
-        out += [impact, *subject.fly(more)]
-    return out
+        impacts += [impact, *simulate.impacts_in(model, more)]
+    return impacts
 
 
 def _measured(
-    subject: Subject, request: Request, wanted: RestitutionCurve | None, tolerance: float, why: bool
+    model: ModelUnderTest, request: Request, wanted: RestitutionCurve | None, tolerance: float, why: bool
 ) -> Measurement:
-    try:
-        impacts = _flown(subject, request)
-        facts = subject.facts()
+    with model:
+        impacts = _impacts(model, request)
+        facts = model.facts()
         goal = goal_of(facts.asked, request.speeds, wanted)
-        causes, remedy = diagnose(subject, impacts, goal, wanted, tolerance) if why else ((), "")
-    finally:
-        subject.close()
+        causes, remedy = diagnose(model, impacts, goal, wanted, tolerance) if why else ((), "")
     return Measurement(facts, request, tuple(impacts), wanted, causes, remedy)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from hcbench.impact import Launch, Status
 from hcbench.laws.restitution import ConstantRestitution, MeasuredRestitution, Restitution
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
     from hcbench.impact import Impact
     from hcbench.laws.restitution import Reading, RestitutionCurve
@@ -113,35 +113,6 @@ class Cause:
     fix: str
     alone: float = math.nan
     without: float = math.nan
-
-
-class Subject(Protocol):
-    """A loaded model with a pair in it, ready to be flown."""
-
-    def facts(self) -> Facts:
-        """What was found in the model."""
-        ...
-
-    @property
-    def weight(self) -> float:
-        """What a step costs, in steps of one ball on a plate; roughly, and the same on every machine."""
-        ...
-
-    def fly(self, launches: Sequence[Launch]) -> list[Impact]:
-        """One impact for each launch, in order."""
-        ...
-
-    def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """What may be wrong with it, likeliest first."""
-        ...
-
-    def fixed(self, suspects: Sequence[Suspect]) -> Subject:
-        """The same with the fixes of `suspects` made, in a copy."""
-        ...
-
-    def close(self) -> None:
-        """Give back what was taken; called once, after the last use."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,36 +1,155 @@
 """The contract of an engine, stated once.
 
-An adapter is one required method, `fly`; `follow` is for engines that can go on after a bounce. Nothing of
-the engine's own types leaves it. Engines import their backend when used, never when the module is imported.
+An engine builds a world, releases bodies in it, advances it, and hands back penetration, rate and force of
+each step; `hcbench.sim.simulate` does the rest. Nothing of the engine's own types leaves it. Engines import
+their backend when used, never when their module is imported.
+
+    class MyEngine(SteppedEngine):
+        name, title = "myengine", "My Engine"
+
+        def version(self): return "1.0"
+        def load(self, scene, setting, fastest): return MyWorld(scene, setting)
+
+    class MyWorld(World):
+        def release(self, launches): return MySimulation(self, launches)
+
+    class MySimulation(Simulation):
+        def advance(self, steps): return Record(penetration, rate, force)
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar, final
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
-from hcbench.errors import EngineFailed, SettingError
+from hcbench.errors import EngineFailed, SettingError, UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
-    from hcbench.impact import Impact, Launch, Trajectory
+    from numpy.typing import NDArray
+
+    from hcbench.impact import Floats, Impact, Launch, Trajectory
+    from hcbench.laws.restitution import RestitutionCurve
+    from hcbench.measure.measurement import Facts, Request, Suspect
     from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.tune.recipe import Recipe
+
+    Flags = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """What was seen at the start of each step; arrays of shape (b, n), SI, signs as in `hcbench.impact`.
+
+    force: the normal contact force that acts in the step; exactly 0 where the contact did not act. All three
+    are NaN from the step on at which the engine gave up.
+    """
+
+    penetration: Floats
+    rate: Floats
+    force: Floats
+
+
+class CannotShareError(Exception):
+    """Launches that were simulated together may have disturbed each other: each is to be simulated alone."""
+
+
+class Simulation(ABC):
+    """Some launches under way, from their release on."""
+
+    @abstractmethod
+    def advance(self, steps: int) -> Record:
+        """Take at least one step and `steps` at the most; what was seen of the launches that are kept.
+
+        Raises CannotShareError where several launches are no longer what each would be alone.
+        """
+
+    @abstractmethod
+    def keep(self, which: Flags) -> None:
+        """Go on with these only, shape (b,): the others have ended."""
+
+    def remark(self, steps: int) -> str:
+        """What else acted on the bodies in the first `steps` steps, in words; "" where nothing did."""
+        return ""
+
+    def close(self) -> None:  # noqa: B027 - most have nothing to put back
+        """Put back what the simulation changed in its world."""
+
+
+class World(ABC):
+    """One or more equal bodies over what they fall on, in one engine.
+
+    timestep: s. gravity: m/s², along the normal, into the plate. mass: effective mass along the normal, kg.
+    places: launches that one simulation carries. concurrent: simulations that may be under way at once, each
+    in a thread of its own. deepest: penetration beyond which the engine cannot see the contact any more, m.
+    diverged: the reason to give where numbers are not finite.
+    """
+
+    timestep: float
+    gravity: float
+    mass: float
+    places: int = 1
+    concurrent: int = 1
+    deepest: float = math.inf
+    diverged: str = "position, velocity or force is not finite"
+
+    @abstractmethod
+    def release(self, launches: Sequence[Launch]) -> Simulation:
+        """Bodies at their starting points, `places` of them at the most, with nothing remembered."""
+
+    def follow(self, launch: Launch) -> Simulation:
+        """One launch to be followed as far as one likes, stepped exactly as the engine's users do it."""
+        return self.release([launch])
+
+    def close(self) -> None:  # noqa: B027 - most hold nothing
+        """Give back what the world holds."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class ModelUnderTest(World):
+    """A user's own model with a pair of bodies brought to touch: what `measure` needs beyond a world."""
+
+    @abstractmethod
+    def facts(self) -> Facts:
+        """What the model says of itself and of the pair."""
+
+    @abstractmethod
+    def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
+        """What may keep this pair from bouncing as asked, likeliest first."""
+
+    @abstractmethod
+    def fixed(self, suspects: Sequence[Suspect]) -> ModelUnderTest:
+        """The same pair with the fixes of `suspects` made, in a copy of the model."""
+
+    @property
+    def step_cost(self) -> float:
+        """Cost of a step over that of a ball on a plane; roughly, and the same on every machine."""
+        return 1.0
 
 
 class Engine(ABC):
     """A physics engine, or anything else that can drop a body on a plate.
 
-    name: as registered, and as settings name it. title: as reports print it; "" for the name.
+    name: as registered, and as settings name it. title: as reports print it.
     install: the command that installs the backend; "" for one that needs none.
+    suffixes: of the model files of users that it opens. opens: objects that it opens, in words.
     """
 
     name: ClassVar[str]
     title: ClassVar[str] = ""
     install: ClassVar[str] = ""
+    suffixes: ClassVar[tuple[str, ...]] = ()
+    opens: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def version(self) -> str:
@@ -41,34 +160,85 @@ class Engine(ABC):
         return ()
 
     @abstractmethod
-    def fly(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
+    def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         """One impact for each launch, in order. An impact that went wrong is a record with a status.
 
         Raises SettingError for options the engine does not have, SceneError for a scene it cannot load.
         """
 
-    def follow(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
-        """Every step of `duration` s after release, however often the body bounces: for trains and rest.
+    def trajectory(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
+        """Every step of `duration` s after release, however often the body bounces.
 
         Raises EngineFailed where an engine knows single impacts only.
         """
         raise EngineFailed(self.name, "knows single impacts only", "an engine that can go on after one")
 
+    def accepts(self, source: Any) -> bool:
+        """Whether `source`, a path, several or an object, is a model that `open` takes."""
+        return isinstance(source, str | Path) and Path(source).suffix.lower() in self.suffixes
+
+    def open(
+        self,
+        source: Any,
+        request: Request,
+        rebuild: Callable[[], Any] | None = None,
+    ) -> ModelUnderTest:
+        """A user's own model. rebuild: makes `source` anew, where a function of the user's made it.
+
+        Raises UserError with the reason where the pair cannot be measured.
+        """
+        raise UserError("engine", repr(self.name), "an engine that opens models of users", f"{source!r}")
+
     @final
-    def drop(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
-        """Check the request, fly it, and hand back one impact for each launch, in order."""
+    def run(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
+        """Check the request, run it, and hand back one impact for each launch, in order."""
         if setting.engine != self.name:
             raise SettingError("setting", f"made for {setting.engine!r}", f"one for {self.name!r}")
         if not setting.timestep > 0:
             raise SettingError("timestep", f"{setting.timestep!r} s", "a step above 0 s")
         for launch in launches:
-            height = launch.height or 0.0
-            if not math.isfinite(launch.speed + launch.phase + height):
-                raise SettingError("launch", f"{launch!r}", "finite numbers")
-            if height < 0:
-                raise SettingError("height", f"{height!r} m", "0 m or more over the plate")
-            if launch.speed < 0 or (launch.speed == 0 and not launch.height):
-                raise SettingError(
-                    "speed", f"{launch.speed!r} m/s", "a speed above 0, or a height to fall from"
-                )
-        return self.fly(scene, setting, launches)
+            _check(launch, scene.gravity)
+        return self.impacts(scene, setting, launches)
+
+
+def _check(launch: Launch, gravity: float) -> None:
+    height = launch.height or 0.0
+    if not math.isfinite(launch.speed + launch.phase + height + sum(launch.slip) + sum(launch.spin)):
+        raise SettingError("launch", f"{launch!r}", "finite numbers")
+    if height < 0:
+        raise SettingError("height", f"{height!r} m", "0 m or more over the plate")
+    if launch.speed < 0 or (launch.speed == 0 and not launch.height):
+        raise SettingError("speed", f"{launch.speed!r} m/s", "a speed above 0, or a height to fall from")
+
+
+class SteppedEngine(Engine):
+    """An engine that advances in time steps: all but the closed form.
+
+    own_process: settings of the whole process, prints and crashes: simulations run in a process of their own.
+    limit: s, after which one launch in such a process counts as hung.
+    """
+
+    own_process: ClassVar[bool] = False
+    limit: ClassVar[float] = 30.0
+
+    @abstractmethod
+    def load(self, scene: Scene, setting: Setting, fastest: float) -> World:
+        """A scene under a setting, for launches whose speed at touch is at most `fastest` m/s.
+
+        Raises SettingError for options the engine does not have or a step too coarse for them, SceneError for
+        a scene it cannot load, EngineMissing.
+        """
+
+    @final
+    def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
+        """One impact for each launch, in order, by `hcbench.sim.simulate`."""
+        from hcbench.sim import simulate
+
+        return simulate.impacts(self, scene, setting, launches)
+
+    @final
+    def trajectory(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
+        """Every step of `duration` s after release; NaN from where the engine gave up."""
+        from hcbench.sim import simulate
+
+        return simulate.trajectory(self, scene, setting, launch, duration)

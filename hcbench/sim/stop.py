@@ -1,9 +1,13 @@
-"""When a launch has shown all there is to see: where its record ends, whatever chunks it came in."""
+"""Decides at which step each launch has parted, come to rest, diverged or timed out: one rule for all.
+
+The decision does not depend on how many steps are looked at together.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,70 +15,134 @@ import numpy as np
 from hcbench.impact import not_finite
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from collections.abc import Sequence
 
-    from hcbench.impact import Floats
+    from numpy.typing import NDArray
+
+    from hcbench.impact import Floats, Launch
 
     Whole = NDArray[np.int64]
     Flags = NDArray[np.bool_]
 
+# A touch must come within so many times the flight, and steps: Bullet's acts from 10 µm deep on.
+FLIGHT_SLACK, FLIGHT_SLACK_STEPS = 4.0, 5000
+CONTACT_S = 5.0  # s: no bounce that anybody measures lasts longer
+CONTACT_STEPS_MIN, STEPS_MAX = 500, 500_000  # steps: of a contact at least, of a launch at most
+# A body is at rest that has moved slower than 1e-6 of its speed at touch for 32 steps, ...
+REST_SHARE, REST_STEPS = 1e-6, 32
+# ... or for 128 steps and half of the contact no faster than gravity makes it in 1.5 steps. In so many steps
+# the weight pushes it further in than that speed can carry it out: it cannot part any more.
+FALL_STEPS, FALLING_STEPS = 1.5, 128
+
+
+class End(IntEnum):
+    """Why a launch is over, the weightiest first where two reasons meet in one step."""
+
+    GOING = 0
+    NOT_FINITE = 1
+    TOO_DEEP = 2
+    PARTED = 3
+    RESTED = 4
+    TURNED_BACK = 5
+    NEVER_TOUCHED = 6
+    UNFINISHED = 7
+
 
 @dataclass(slots=True)
-class Watch:
-    """Over launches flown side by side; arrays of shape (b,).
+class StopRule:
+    """Watches launches that are simulated side by side; arrays of shape (b,).
 
-    patience: steps after which a ball counts as resting, or as never touching. rest_speed: m/s. still: steps
-    in a row that slow, touched, which are rest. deepest: m, penetration beyond which there is nothing to see.
-    steps: seen so far. touch: the step in which the force first acted, or beyond every step. moved: the last
-    step that was no rest.
+    flight_steps: steps within which a touch must come. contact_steps: and a contact end. rest_speed: m/s.
+    fall: speed that gravity gives in a step, m/s. deepest: m, penetration beyond which nothing is seen.
+    steps: seen so far. touch: the step in which the force first acted, or beyond every step. last_moving,
+    last_faster: the last step that was faster than `rest_speed`, and than gravity makes a body at rest.
     """
 
-    patience: Whole
+    flight_steps: Whole
+    contact_steps: int
     rest_speed: Floats
-    still: int
+    fall: float
+    deepest: float
     touch: Whole
-    moved: Whole
-    deepest: float = math.inf
+    last_moving: Whole
+    last_faster: Whole
     steps: int = 0
 
     @classmethod
-    def over(cls, patience: ArrayLike, rest_speed: ArrayLike, still: int, deepest: float = math.inf) -> Watch:
-        """A watch that has not begun."""
-        steps, slow = np.array(patience, np.int64), np.array(rest_speed, np.float64)
-        never, moved = np.full(len(steps), np.iinfo(np.int64).max), np.full(len(steps), -1)
-        return cls(steps, slow, still, never, moved, deepest)
+    def for_launches(
+        cls, launches: Sequence[Launch], timestep: float, gravity: float, deepest: float = math.inf
+    ) -> StopRule:
+        """A rule that has seen no step yet. gravity: into the plate, m/s²."""
+        flights = np.array([launch.flight_time(timestep, gravity) for launch in launches]) / timestep
+        flight_steps = np.minimum(np.ceil(FLIGHT_SLACK * flights) + FLIGHT_SLACK_STEPS, STEPS_MAX)
+        speeds = np.array([launch.touch_speed(timestep, gravity) for launch in launches])
+        contact = max(CONTACT_STEPS_MIN, min(math.ceil(CONTACT_S / timestep), STEPS_MAX))
+        never, moving = np.full(len(launches), np.iinfo(np.int64).max), np.full(len(launches), -1)
+        return cls(
+            flight_steps=flight_steps.astype(np.int64),
+            contact_steps=contact,
+            rest_speed=REST_SHARE * speeds,
+            fall=abs(gravity) * timestep,
+            deepest=deepest,
+            touch=never,
+            last_moving=moving,
+            last_faster=moving.copy(),
+        )
 
-    def add(self, x: Floats, v: Floats, f: Floats) -> Whole:
-        """One more chunk of penetration, rate and force, shape (b, n): how many of all steps to keep.
+    def add(self, x: Floats, v: Floats, f: Floats) -> tuple[Whole, NDArray[np.int64]]:
+        """Look at one more chunk of penetration, rate and force, shape (b, n).
 
-        0 for a launch that has not ended.
+        How many of all steps belong to each launch, 0 where it has not ended, and why it has (`End`).
         """
-        n = x.shape[1]
-        step = np.arange(self.steps, self.steps + n)
+        step = np.arange(self.steps, self.steps + x.shape[1])
         acting = f != 0.0
         new = acting.any(axis=1) & (self.touch > step[-1])
         self.touch[new] = self.steps + acting[new].argmax(axis=1)
         after = step >= self.touch[:, None]
-        over = after & (x <= 0.0) & (v < 0.0) & ~acting  # parted, as impact_of has it
-        over |= not_finite(x, v, f)
+        checks = [
+            (End.NOT_FINITE, not_finite(x, v, f)),
+            (End.PARTED, after & (x <= 0.0) & (v < 0.0) & ~acting),
+            (End.RESTED, self._rested(after, v, step)),
+        ]
         if self.deepest < math.inf:
-            over |= x > self.deepest
-        if step[-1] >= self.patience.min() - 1:
-            over |= step >= self.patience[:, None] - 1
-        slow = self.rest_speed[:, None]
-        over |= self._rests(after & (v <= slow) & (v >= -slow), step)
-        self.steps += n
-        return np.where(over.any(axis=1), step[0] + over.argmax(axis=1) + 1, 0)
+            checks.insert(1, (End.TOO_DEEP, x > self.deepest))
+        if not after[:, 0].all():
+            checks.append((End.TURNED_BACK, ~after & (v < 0.0)))
+            checks.append((End.NEVER_TOUCHED, ~after & (step >= self.flight_steps[:, None] - 1)))
+        if step[-1] - self.touch.min() >= self.contact_steps:
+            checks.append((End.UNFINISHED, step - self.touch[:, None] >= self.contact_steps))
+        self.steps += x.shape[1]
+        over = np.zeros(x.shape, bool)
+        for _, flag in checks:
+            over |= flag
+        first, ended = over.argmax(axis=1), over.any(axis=1)
+        why, each = np.zeros(len(x), np.int64), np.arange(len(x))
+        for end, flag in reversed(checks):
+            if flag.any():
+                why[ended & np.broadcast_to(flag, x.shape)[each, first]] = end
+        return np.where(ended, step[0] + first + 1, 0), why
 
-    def _rests(self, still: Flags, step: Whole) -> Flags | np.bool_:
-        if not still.any():
-            self.moved[:] = step[-1]
-            return np.False_
-        moved = np.maximum.accumulate(np.where(still, self.moved[:, None], step), axis=1)
-        self.moved = moved[:, -1]
-        return np.asarray(still & (step - moved >= self.still))
+    def _rested(self, after: Flags, v: Floats, step: Whole) -> Flags:
+        slow = self.rest_speed[:, None]
+        still = after & (v <= slow) & (v >= -slow)
+        lasted, self.last_moving = _slow_for(still, self.last_moving, step)
+        rested: Flags = lasted >= REST_STEPS
+        if self.fall > 0.0:
+            falling = after & (np.abs(v) <= FALL_STEPS * self.fall)
+            lasted, self.last_faster = _slow_for(falling, self.last_faster, step)
+            half = (step - np.minimum(self.touch[:, None], step)) // 2
+            rested |= lasted >= np.maximum(FALLING_STEPS, half)
+        return rested
 
     def keep(self, which: Flags) -> None:
         """Watch only these from now on."""
-        self.patience, self.rest_speed = self.patience[which], self.rest_speed[which]
-        self.touch, self.moved = self.touch[which], self.moved[which]
+        for name in ("flight_steps", "rest_speed", "touch", "last_moving", "last_faster"):
+            setattr(self, name, getattr(self, name)[which])
+
+
+def _slow_for(slow: Flags, last: Whole, step: Whole) -> tuple[Whole, Whole]:
+    """For how many steps it has been slow, shape (b, n), and the last step that was not; last: until now."""
+    if not slow.any():
+        return np.zeros(slow.shape, np.int64), np.full(len(last), step[-1])
+    moving = np.maximum.accumulate(np.where(slow, last[:, None], step), axis=1)
+    return step - moving, moving[:, -1]

@@ -80,7 +80,7 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
     # Phases off any grid that a search or a study uses.
     phases = (np.arange(PHASES) + _GOLDEN) / PHASES
     launches = [Launch(float(v), float(p)) for v in held_out_speeds(target) for p in phases]
-    return evaluate_impacts(engine.drop(scene, setting, launches), target)
+    return evaluate_impacts(engine.run(scene, setting, launches), target)
 
 
 def evaluate_impacts(impacts: Sequence[Impact], target: Target) -> Evaluation:
@@ -116,7 +116,7 @@ def rest_test(engine: Engine, scene: Scene, setting: Setting, seconds: float = 2
     """
     steps = min(max(seconds / setting.timestep, _REST_STEPS_MIN), _REST_STEPS_MAX)
     heavy = replace(scene, gravity=STANDARD_GRAVITY)
-    path = engine.follow(heavy, setting, Launch(0.0, height=1e-9), steps * setting.timestep)
+    path = engine.trajectory(heavy, setting, Launch(0.0, height=1e-9), steps * setting.timestep)
     quarter = len(path.time) // 4
     before, last = slice(2 * quarter, 3 * quarter), slice(3 * quarter, None)
     time, x, v = path.time[last], path.penetration[last], path.rate[last]

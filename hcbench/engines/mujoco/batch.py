@@ -22,7 +22,7 @@ from hcbench.engines.mujoco import slide_joint as axis
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from hcbench.engines.mujoco.world import Loaded
+    from hcbench.engines.mujoco.scene_model import SceneModel
     from hcbench.impact import Floats
 
 Kind = Literal["alone", "free", "sliding"]
@@ -42,7 +42,7 @@ _MASK = (1 << _BITS) - 1
 
 
 @dataclass(frozen=True, slots=True)
-class Crowd:
+class BatchedModel:
     """A compiled model of `size` balls, each free or on a slide along z.
 
     at: where position and velocity of the ball start in a full state of the model of one, which is free. A
@@ -109,12 +109,12 @@ class Crowd:
         return (1, nq, self.at[0] + inner), (1 + nq * self.size, nv, self.at[1] + inner)
 
 
-def kind_of(loaded: Loaded) -> Kind:
+def batch_kind(loaded: SceneModel) -> Kind:
     """How the ball of a model can fly with others and keep its bits: not at all, free, or on a slide."""
     mujoco, model = loaded.mujoco, loaded.model
     option = model.opt
     as_usual = (
-        not option.disableflags & axis.no_islands(mujoco)
+        not option.disableflags & axis.island_flag(mujoco)
         and not option.enableflags
         and option.solver == mujoco.mjtSolver.mjSOL_NEWTON
         and not option.noslip_iterations
@@ -133,9 +133,9 @@ def kind_of(loaded: Loaded) -> Kind:
     if not (as_usual and moves_alone and _touches_in_one_way(model)):
         return "alone"
     # A <joint type="free"> may bring along what a slide would act on.
-    sliding = any(True for _ in loaded.root.iter("freejoint")) and axis.on_axis(mujoco, model)
+    sliding = any(True for _ in loaded.root.iter("freejoint")) and axis.stays_on_axis(mujoco, model)
     version = tuple(int(part) for part in mujoco.__version__.split(".")[:2])
-    if version < _SINCE and not (sliding and axis.holds_one_row(model)):
+    if version < _SINCE and not (sliding and axis.has_one_constraint(model)):
         return "alone"
     return "sliding" if sliding else "free"
 
@@ -145,26 +145,26 @@ def _touches_in_one_way(model: Any) -> bool:
     if ((model.geom_contype | model.geom_conaffinity) & ~_MASK).any():
         return False
     moving = model.body_weldid[model.geom_bodyid] != 0
-    found = {frozenset(pair) for pair in axis.may_meet(model, moving)}
+    found = {frozenset(pair) for pair in axis.collidable_pairs(model, moving)}
     written = {frozenset((int(a), int(b))) for a, b in zip(model.pair_geom1, model.pair_geom2, strict=True)}
     return not found - written if written else len(found) <= 1
 
 
-def crowd(loaded: Loaded, size: int, sliding: bool) -> Crowd:
+def compile_batch(loaded: SceneModel, size: int, sliding: bool) -> BatchedModel:
     """`size` times the ball of a model that can be, compiled."""
     mujoco, one = loaded.mujoco, loaded.model
     root = _repeated(copy.deepcopy(loaded.root), size)
     spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
     if sliding:
-        axis.put_on_axis(mujoco, spec, float(loaded.origin[loaded.at[0] + axis.Z]))
-    _part(spec)
+        axis.replace_free_joint(mujoco, spec, float(loaded.origin[loaded.at[0] + axis.Z]))
+    _disable_mutual_collisions(spec)
     model = spec.compile()
     model.opt.disableflags = one.opt.disableflags
     model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     if sliding:
-        axis.feel_alike(mujoco, model, one)
+        axis.copy_inverse_weights(mujoco, model, one)
     assert model.nv == size * (_SLIDING if sliding else _FREE)[1]
-    return Crowd(model, size, loaded.at, sliding)
+    return BatchedModel(model, size, loaded.at, sliding)
 
 
 def _ball(root: ET.Element) -> ET.Element:
@@ -204,7 +204,7 @@ def _renamed(element: ET.Element, names: Mapping[str, set[str | None]], suffix: 
     return element
 
 
-def _part(spec: Any) -> None:
+def _disable_mutual_collisions(spec: Any) -> None:
     """Let balls collide with what does not move as before, and never with each other."""
     if spec.pairs:  # all the ways to touch, as it can be a crowd; looking for more costs a sixth of a step
         for geom in spec.geoms:

@@ -14,42 +14,38 @@ Options of a setting (all optional; none means as authored):
 
 from __future__ import annotations
 
-import dataclasses
-from contextlib import contextmanager
+from contextlib import ExitStack
 from functools import lru_cache
 from importlib import metadata
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from hcbench.engines.mujoco import simulate
 from hcbench.engines.mujoco.backend import INSTALL
 from hcbench.engines.mujoco.mjcf import model_path
 from hcbench.engines.mujoco.options import read_options
-from hcbench.engines.mujoco.simulate import Fleet
-from hcbench.engines.mujoco.world import load
-from hcbench.errors import EngineMissing
-from hcbench.impact import Status
-from hcbench.sim.engine import Engine
+from hcbench.engines.mujoco.scene_model import load
+from hcbench.engines.mujoco.world import BatchPool, MujocoWorld
+from hcbench.errors import EngineMissing, UserError
+from hcbench.sim.engine import SteppedEngine
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable
 
+    from hcbench.engines.mujoco.model_under_test import MujocoModel
     from hcbench.engines.mujoco.options import Options
-    from hcbench.engines.mujoco.world import Loaded
-    from hcbench.impact import Impact, Launch, Trajectory
+    from hcbench.measure.measurement import Request
     from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.tune.recipe import Recipe
 
-_SLOWEST = 1e-3  # m/s: for a body let down on the plate, the step is judged at this speed
-_DIVERGED = "MuJoCo gave up: a position, velocity or acceleration was not finite or above 1e10"
 
-
-class MujocoEngine(Engine):
+class MujocoEngine(SteppedEngine):
     """MuJoCo behind its Python bindings, 3.3 and later."""
 
     name: ClassVar[str] = "mujoco"
     title: ClassVar[str] = "MuJoCo"
     install: ClassVar[str] = INSTALL
+    suffixes: ClassVar[tuple[str, ...]] = (".xml", ".mjcf", ".mjb", ".mjz")
+    opens: ClassVar[tuple[str, ...]] = ("an MjModel", "an MjSpec")
 
     def version(self) -> str:
         """The wheel's version; the module itself is not imported, it is slow."""
@@ -66,53 +62,56 @@ class MujocoEngine(Engine):
 
         return RECIPES
 
-    def fly(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
-        """One impact for each launch, the same bits however many there are."""
+    def load(self, scene: Scene, setting: Setting, fastest: float) -> MujocoWorld:
+        """A scene under a setting, with its plug-in attached, for impacts at up to `fastest` m/s."""
         options = read_options(setting.options)
         if options.law is None:
-            fleet = _fleet(scene, setting.timestep, options)
-            return [_named(impact) for impact in simulate.fly(fleet, launches)]
-        fastest = max((launch.speed for launch in launches), default=0.0)
-        with self._ready(scene, setting.timestep, options, fastest) as model:
-            return [_named(impact) for impact in simulate.fly(Fleet.of(model), launches)]
-
-    def follow(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
-        """Every step of `duration` s after release; NaN from where MuJoCo gave up."""
-        options = read_options(setting.options)
-        with self._ready(scene, setting.timestep, options, launch.speed) as model:
-            return simulate.follow(model, launch, max(1, round(duration / setting.timestep)))
-
-    @staticmethod
-    @contextmanager
-    def _ready(scene: Scene, timestep: float, options: Options, speed: float) -> Iterator[Loaded]:
-        """The scene under a setting, with its plug-in attached, for impacts at up to `speed` m/s."""
-        model = load(scene, timestep, options)
-        if options.law is None:
-            yield model
-            return
+            return MujocoWorld(_pool(scene, setting.timestep, options))
         from hcbench.engines.mujoco.plugin import attach as contact
 
-        own = {"tendons": ["contact"]} if scene.form == "cup" else {"pairs": [("ball", "plate")]}
-        with contact.attach(model.model, law=options.law, speed=max(speed, _SLOWEST), **own):
-            yield model
+        model = load(scene, setting.timestep, options)
+        where: dict[str, Any] = (
+            {"tendons": ["contact"]} if scene.form == "cup" else {"pairs": [("ball", "plate")]}
+        )
+        resources = ExitStack()
+        resources.enter_context(contact.attach(model.model, law=options.law, speed=fastest, **where))
+        return MujocoWorld(BatchPool.of(model), resources)
+
+    def accepts(self, source: Any) -> bool:
+        """A path of its suffixes, MJCF text, an MjModel or an MjSpec."""
+        text = isinstance(source, str) and source.lstrip().startswith("<")
+        return text or super().accepts(source) or type(source).__module__.startswith("mujoco.")
+
+    def open(
+        self,
+        source: Any,
+        request: Request,
+        rebuild: Callable[[], Any] | None = None,
+    ) -> MujocoModel:
+        """A model from a path, an MjModel, an MjSpec or MJCF text."""
+        from hcbench.engines.mujoco.model_under_test import MujocoModel
+        from hcbench.engines.mujoco.user_model import load as load_user_model
+
+        if isinstance(source, list | tuple):
+            if len(source) != 1:
+                raise UserError(
+                    "model", f"{len(source)} files", "one file for MuJoCo", "Put both into one MJCF"
+                )
+            source = source[0]
+        return MujocoModel(*load_user_model(source, request), request)
 
 
-def _fleet(scene: Scene, timestep: float, options: Options) -> Fleet:
-    """A scene under a setting, compiled; kept for who asks for the same again."""
+def _pool(scene: Scene, timestep: float, options: Options) -> BatchPool:
+    """A scene under a setting, compiled; cached for who asks for the same again."""
     try:
         written = model_path(scene).read_bytes()
-    except OSError:  # which loading it will tell
+    except OSError:  # loading it will say why
         written = b""
     # Another file that it names may change while it does not.
-    make = _kept if written and b"file=" not in written else _kept.__wrapped__
+    make = _cached_pool if written and b"file=" not in written else _cached_pool.__wrapped__
     return make(scene, timestep, options, written)
 
 
 @lru_cache(maxsize=4)
-def _kept(scene: Scene, timestep: float, options: Options, _: bytes) -> Fleet:
-    return Fleet.of(load(scene, timestep, options))
-
-
-def _named(impact: Impact) -> Impact:
-    diverged = impact.status is Status.DIVERGED
-    return dataclasses.replace(impact, reason=_DIVERGED) if diverged else impact
+def _cached_pool(scene: Scene, timestep: float, options: Options, _: bytes) -> BatchPool:
+    return BatchPool.of(load(scene, timestep, options))

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Z = 2  # the number of a position or velocity that is along the axis
 
 
-def on_axis(mujoco: Any, model: Any) -> bool:
+def stays_on_axis(mujoco: Any, model: Any) -> bool:
     """Whether the ball of a model, which at qpos0 just touches, can leave the vertical in no way.
 
     For a model with one joint, the ball's <freejoint>, that can touch in the ways which its pairs and limits
@@ -53,7 +53,7 @@ def _solves_well(mujoco: Any, model: Any) -> bool:
     )
 
 
-def _ways(model: Any) -> list[tuple[int, int, int]]:
+def _contact_ways(model: Any) -> list[tuple[int, int, int]]:
     """All ways for the ball to touch: its geom, the other one, the dimension of the contact."""
     ball = model.geom_bodyid == model.jnt_bodyid[0]
     if model.npair:
@@ -62,10 +62,10 @@ def _ways(model: Any) -> list[tuple[int, int, int]]:
         )
         return [(a, b, dim) if ball[a] else (b, a, dim) for a, b, dim in pairs]
     dims = model.geom_condim
-    return [(b, o, int(max(dims[b], dims[o]))) for b, o in may_meet(model, ball)]
+    return [(b, o, int(max(dims[b], dims[o]))) for b, o in collidable_pairs(model, ball)]
 
 
-def may_meet(model: Any, moving: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def collidable_pairs(model: Any, moving: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Geoms of these, and of the others, whose contype and conaffinity let them collide."""
     return [
         (one, other)
@@ -82,7 +82,7 @@ def _touches_below(mujoco: Any, model: Any) -> bool:
         and model.geom_type[other] == mujoco.mjtGeom.mjGEOM_PLANE
         and model.geom_bodyid[other] == 0
         and not model.geom_quat[other][1:3].any()
-        for _, other, dim in _ways(model)
+        for _, other, dim in _contact_ways(model)
     )
 
 
@@ -98,18 +98,18 @@ def _pulls_along(mujoco: Any, model: Any) -> bool:
     return all(on_ball[start : start + count].any() for start, count in ends)
 
 
-def holds_one_row(model: Any) -> bool:
-    """Whether a ball is never in more than one constraint, for a model that `on_axis` accepts."""
-    return len(_ways(model)) + int(model.ntendon) == 1
+def has_one_constraint(model: Any) -> bool:
+    """Whether a ball is never in more than one constraint, for a model that `stays_on_axis` accepts."""
+    return len(_contact_ways(model)) + int(model.ntendon) == 1
 
 
-def no_islands(mujoco: Any) -> int:
+def island_flag(mujoco: Any) -> int:
     """The flag that keeps constraints from being solved island by island; 0 where it is not the rule."""
     flag = getattr(mujoco.mjtDisableBit, "mjDSBL_ISLAND", None)
     return 0 if flag is None else int(flag)
 
 
-def put_on_axis(mujoco: Any, spec: Any, height: float) -> None:
+def replace_free_joint(mujoco: Any, spec: Any, height: float) -> None:
     """Free joints made slides along z, whose position is the height of the body's centre.
 
     Done after reading, as a <freejoint> takes nothing from default classes and a slide would.
@@ -118,7 +118,7 @@ def put_on_axis(mujoco: Any, spec: Any, height: float) -> None:
         joint.type, joint.axis, joint.ref = mujoco.mjtJoint.mjJNT_SLIDE, [0.0, 0.0, 1.0], height
 
 
-def feel_alike(mujoco: Any, model: Any, free: Any) -> None:
+def copy_inverse_weights(mujoco: Any, model: Any, free: Any) -> None:
     """Give balls on the axis the inverse masses of a free one, and where it is one row its solver."""
     body, size = int(free.jnt_bodyid[0]), model.njnt
     model.jnt_axis[:] = 0.0, 0.0, 1.0  # where a <frame> around the joint has turned it
@@ -126,7 +126,7 @@ def feel_alike(mujoco: Any, model: Any, free: Any) -> None:
     model.dof_invweight0[:] = free.dof_invweight0[Z]
     if free.ntendon:
         model.tendon_invweight0[:] = np.tile(free.tendon_invweight0, size)
-    if holds_one_row(free):
+    if has_one_constraint(free):
         model.opt.solver, model.opt.iterations = mujoco.mjtSolver.mjSOL_PGS, 1
-        model.opt.disableflags |= no_islands(mujoco)
+        model.opt.disableflags |= island_flag(mujoco)
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE

@@ -1,168 +1,197 @@
-"""Compiles a scene's MJCF under a setting and checks that MuJoCo sees what the scene says."""
+"""A ball over a plate in MuJoCo: launches are stepped side by side, as many in one model as is worth it.
+
+Results are bit-identical for any batch size, thread count and length of chunks.
+"""
 
 from __future__ import annotations
 
+import copy
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+import os
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from hcbench.engines.mujoco.backend import backend, captured_warnings, require_feature
-from hcbench.engines.mujoco.mjcf import add_acceleration_sensor, as_text, model_path, scene_tree
-from hcbench.errors import SceneError
+from hcbench.engines.mujoco.backend import captured_warnings
+from hcbench.engines.mujoco.batch import BatchedModel, batch_kind, compile_batch
+from hcbench.engines.mujoco.record import Workspace, record, states_at_release
+from hcbench.engines.mujoco.slide_joint import has_one_constraint
+from hcbench.sim.engine import Record, Simulation, World
+from hcbench.workers import in_worker
 
 if TYPE_CHECKING:
-    import xml.etree.ElementTree as ET
+    from collections.abc import Iterator, Sequence
 
-    from hcbench.engines.mujoco.options import Options
-    from hcbench.impact import Floats
-    from hcbench.scene import Scene
+    from hcbench.engines.mujoco.scene_model import SceneModel
+    from hcbench.impact import Launch
+    from hcbench.sim.engine import Flags
 
-_OVERLAP = 1e-5  # m, at which the model is checked
-_SHAPE_TOLERANCE = 1e-9  # m
-# What a ball in free flight is tried with: height in radii, m/s, m/s², and how well it must obey.
-_CLEAR, _THROWN, _PUSHED, _FREELY = 0.5, 1.0, 1.0, 1e-9
+# Balls in a model: the dense Jacobian of more costs more than sharing saves.
+_FEW_ROWS, _BALLS, _BALLS_OF_MANY_ROWS = 4, 24, 8
+_BALLS_OF_ONE_ROW = 80
+_ALONE = 32  # launches at once for each thread where each has a model of its own: bounds memory
+_SAVED_S, _COMPILE_S = 1.5e-6, 5e-3  # what a shared model saves a ball-step, and costs to compile
+_CONCURRENT = 2  # simulations: one is looked at while the other one is stepped
+_CHUNK_BYTES = 2**21  # of states, for each thread
 
 
-@dataclass(frozen=True, slots=True)
-class Loaded:
-    """A compiled model, and where to look in its state.
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
-    root: its MJCF. origin: the full state with the ball at qpos0, where it just touches, shape (nstate,). at:
-    where position and velocity of the ball start in a state. clearance: |R2| - R1 of a cup, None on a plane.
-    felt: the model ends its sensors with the ball's acceleration. plugged: a plug-in acts on this very model.
+
+@dataclass(slots=True)
+class BatchPool:
+    """A model, its batched versions, and their free workspaces.
+
+    max_batch: the most balls that are worth putting into one model. threads: models that are stepped at once.
     """
 
-    mujoco: Any
-    model: Any
-    root: ET.Element
-    scene: Scene
-    timestep: float
-    origin: Floats
-    at: tuple[int, int]
-    clearance: float | None
-    felt: bool
-    plugged: bool
+    model: SceneModel
+    max_batch: int
+    threads: int
+    sliding: bool
+    batches: dict[int, BatchedModel] = field(default_factory=dict)
+    free_workspaces: dict[int, list[Workspace]] = field(default_factory=dict)
 
+    @classmethod
+    def of(cls, model: SceneModel) -> BatchPool:
+        """Without batches yet. The model's solver starts each step from scratch from now on."""
+        model.model.opt.disableflags |= model.mujoco.mjtDisableBit.mjDSBL_WARMSTART
+        kind, rows = batch_kind(model), max(model.model.npair, model.model.ntendon)
+        most = 1 if kind == "alone" else _BALLS if rows <= _FEW_ROWS else _BALLS_OF_MANY_ROWS
+        if kind == "sliding" and has_one_constraint(model.model):
+            most = _BALLS_OF_ONE_ROW
+        threads = 1 if in_worker() else _cores()
+        return cls(model, most, threads, kind == "sliding")
 
-def load(scene: Scene, timestep: float, options: Options) -> Loaded:
-    """A scene under a setting, compiled and checked.
+    def whole(self) -> BatchedModel:
+        """The model of one ball as it was authored: free, with whatever else it has."""
+        return BatchedModel(self.model.model, 1, self.model.at, sliding=False)
 
-    Raises SceneError for a model that is not what the scene says, EngineMissing where the installed MuJoCo
-    is too old for the setting.
-    """
-    mujoco = backend()
-    root, path = scene_tree(scene, timestep, options), model_path(scene)
-    if any(row.adhesion for row in options.rows):
-        require_feature(mujoco, "adhesion")
-    if options.integrator == "discrete":
-        require_feature(mujoco, "integrator 'discrete'")
-    felt = any(option.get("integrator") == "RK4" for option in root.iterfind("option"))
-    if felt:
-        add_acceleration_sensor(root)
-    with captured_warnings():
+    def batch(self, size: int) -> BatchedModel:
+        """The model of so many balls."""
+        if size not in self.batches:
+            one = size == 1 and not self.sliding
+            self.batches[size] = self.whole() if one else compile_batch(self.model, size, self.sliding)
+        return self.batches[size]
+
+    @contextmanager
+    def workspace(self, batch: BatchedModel) -> Iterator[Workspace]:
+        """What a batch is stepped in, for one user at a time."""
+        if batch is not self.batches.get(batch.size):
+            yield Workspace.of(self.model, batch, 1, _CHUNK_BYTES)
+            return
+        free = self.free_workspaces.setdefault(batch.size, [])
         try:
-            model = mujoco.MjModel.from_xml_string(as_text(root))
-        except ValueError as error:
-            what = " ".join(str(error).split())
-            raise SceneError(str(path), what, "MJCF that MuJoCo loads") from None
-        data = mujoco.MjData(model)
-        kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
-        origin = np.empty(mujoco.mj_stateSize(model, kind))
-        mujoco.mj_getState(model, data, origin, kind)
-        joint = _find_ball(mujoco, model, scene)
-        position, velocity = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
-        data.qpos[position + 2] -= _OVERLAP
-        mujoco.mj_forward(model, data)
-        seen = _overlap(mujoco, model, data, scene)
-        if scene.form == "cup" and options.rows:
-            seen += options.rows[0].onset
-    if abs(seen - _OVERLAP) > _SHAPE_TOLERANCE:
-        raise SceneError(
-            str(path),
-            f"ball and plate overlap by {seen:.6e} m where the scene says {_OVERLAP:g} m",
-            "the ball to just touch at qpos0, with the radii of scene.toml",
-        )
-    with captured_warnings():
-        _check_flight(mujoco, model, joint, scene)
-    at = (1 + position, 1 + int(model.nq) + velocity)  # a state is time, positions, velocities, ...
-    clearance = -scene.plate_radius - scene.ball_radius if scene.form == "cup" else None
-    return Loaded(mujoco, model, root, scene, timestep, origin, at, clearance, felt, options.law is not None)
+            workspace = free.pop()
+        except IndexError:
+            workspace = Workspace.of(self.model, batch, self.threads, _CHUNK_BYTES)
+        yield workspace
+        free.append(workspace)
+
+    def is_worth_batching(self, balls: int, steps: int) -> bool:
+        """Whether so many steps of so many balls are worth compiling a model for them."""
+        return self.max_batch > 1 and balls * steps * _SAVED_S > _COMPILE_S
+
+    def size_for(self, balls: int, now: int, steps: int) -> int:
+        """How many balls a model should have for `balls` launches and about `steps` more steps.
+
+        now: balls in a model until now, 0 at release. A few launches of many are better off alone.
+        """
+        # Several models are stepped at once.
+        share = min(self.max_batch, max(math.ceil(balls / self.threads), min(balls, _BALLS_OF_MANY_ROWS)))
+        worth = balls > 1 and self.is_worth_batching(share if now else balls, steps)
+        if now == 0:
+            if worth:
+                return share
+            return min((size for size in list(self.batches) if size >= share), default=1)
+        if now > 1 and share <= now // 8:
+            return 1
+        if worth and (now == 1 < share or share <= now // 2):
+            return min(1 << (share - 1).bit_length(), self.max_batch)
+        return now
 
 
-def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
-    """Off the plate only gravity acts on the ball: what else changes its momentum would pass for contact."""
-    path, body, data = str(model_path(scene)), int(model.jnt_bodyid[joint]), mujoco.MjData(model)
-    if model.opt.enableflags & getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", 0):
-        raise SceneError(path, "lets bodies fall asleep", 'no <flag sleep="enable"/>')
-    data.qpos[model.jnt_qposadr[joint] + 2] += _CLEAR * scene.ball_radius
-    dof = int(model.jnt_dofadr[joint])
-    data.qvel[dof + 2] = -_THROWN
-    data.xfrc_applied[body, 2] = pushed = scene.mass * _PUSHED
-    mujoco.mj_forward(model, data)
-    expected = np.array([0.0, 0.0, _PUSHED - scene.gravity, 0.0, 0.0, 0.0])
-    off = np.abs(data.qacc[dof : dof + 6] - expected).max()
-    if not off <= _FREELY * (_PUSHED + scene.gravity):
-        raise SceneError(
-            path,
-            f"off the plate, at {_THROWN:g} m/s and under {pushed:.6g} N, the ball's acceleration is off"
-            f" by {off:.3g}",
-            "only gravity to act on it there",
-            "Look for damping, armature, springs, frictionloss, gravcomp, air, a disabled gravity, or"
-            " bodies fixed to it",
-        )
+class MujocoWorld(World):
+    """A ball over a plate, as a scene and a setting have it; resources are given back at its end."""
+
+    diverged = "MuJoCo gave up: a position, velocity or acceleration was not finite or above 1e10"
+
+    def __init__(self, pool: BatchPool, resources: ExitStack | None = None) -> None:
+        self.pool = pool
+        scene = pool.model.scene
+        self.timestep, self.gravity, self.mass = pool.model.timestep, scene.gravity, scene.mass
+        self.places = pool.threads * (pool.max_batch if pool.max_batch > 1 else _ALONE)
+        self.concurrent = 1 if pool.threads == 1 else _CONCURRENT
+        self._resources = ExitStack()
+        if resources is not None:
+            self._resources.push(resources)
+        self._resources.enter_context(captured_warnings())
+
+    def release(self, launches: Sequence[Launch]) -> MujocoSimulation:
+        """Launches under way from their starting points."""
+        return MujocoSimulation(self.pool, launches)
+
+    def follow(self, launch: Launch) -> Followed:
+        """One launch, bit for bit as a loop over mj_step takes it."""
+        return Followed(self.pool.model, launch)
+
+    def close(self) -> None:
+        """Detach the plug-in, if there is one, and let MuJoCo warn as before."""
+        self._resources.close()
 
 
-def _find_ball(mujoco: Any, model: Any, scene: Scene) -> int:
-    """The free joint of the body `ball`, which is as heavy as the scene says and centred on its geom."""
-    path = str(model_path(scene))
-    body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "ball")
-    joint = model.body_jntadr[body]
-    if model.body_jntnum[body] != 1 or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_FREE:
-        raise SceneError(path, "the body 'ball' does not move freely", "a <freejoint/> on it")
-    geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, "ball")
-    if geom < 0 or model.geom_bodyid[geom] != body:
-        raise SceneError(path, "the body 'ball' has no geom 'ball'", "one")
-    if model.geom_pos[geom].any() or model.body_ipos[body].any():
-        raise SceneError(
-            path, "the ball's geom or mass is off its body's origin", "both at the centre, pos 0 0 0"
-        )
-    _check_radius(mujoco, model, geom, scene)
-    mass = float(model.body_mass[body])
-    if not math.isclose(mass, scene.mass, rel_tol=1e-12):
-        raise SceneError(
-            path,
-            f"the body 'ball' weighs {mass!r} kg",
-            f"{scene.mass!r} kg as scene.toml says",
-            "Give it an <inertial>, or all of its mass to the geom 'ball'",
-        )
-    return int(joint)
+class MujocoSimulation(Simulation):
+    """Launches under way in one or more models."""
+
+    def __init__(self, pool: BatchPool, launches: Sequence[Launch]) -> None:
+        self._pool = pool
+        self._states = states_at_release(pool.model, launches)
+        self._leaves_axis = any(launch.is_oblique for launch in launches)
+        self._alone, self._size, self._steps = False, 0, 0
+
+    def advance(self, steps: int) -> Record:
+        """Up to `steps` steps, as many as there is room for."""
+        while True:
+            with self._pool.workspace(self._next_batch(steps)) as workspace:
+                recorded = record(self._pool.model, workspace, self._states, steps)
+            if recorded is not None:
+                seen, self._states = recorded
+                self._steps += seen.shape[2]
+                return Record(*seen)
+            self._alone = True  # MuJoCo gave up on a whole batch for the sake of one ball
+
+    def _next_batch(self, steps: int) -> BatchedModel:
+        if self._leaves_axis:
+            return self._pool.whole()
+        if self._alone:
+            self._size = 1
+        else:
+            self._size = self._pool.size_for(len(self._states), self._size, max(self._steps, steps))
+        return self._pool.batch(self._size)
+
+    def keep(self, which: Flags) -> None:
+        """Go on with these only."""
+        self._states = self._states[which]
 
 
-def _check_radius(mujoco: Any, model: Any, geom: int, scene: Scene) -> None:
-    """The ball is the sphere that the scene says: a smaller one that touches would pass for it else."""
-    path, what = str(model_path(scene)), "R1"
-    radius = scene.ball_radius
-    if scene.form == "plane":
-        radius, what = scene.relative_radius, "1/(1/R1 + 1/R2)"
-    if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_SPHERE:
-        raise SceneError(f"{path}: geom 'ball'", "not a sphere", f"a sphere of {radius:.12g} m")
-    size = float(model.geom_size[geom][0])
-    if abs(size - radius) > _SHAPE_TOLERANCE:
-        expected = f"{radius:.12g} m, the {what} of scene.toml"
-        raise SceneError(f"{path}: geom 'ball' size", f"{size:.12g} m", expected)
+class Followed(Simulation):
+    """One launch in the model as it was authored, whose solver starts each step from the one before."""
 
+    def __init__(self, model: SceneModel, launch: Launch) -> None:
+        authored = copy.copy(model.model)
+        authored.opt.disableflags &= ~int(model.mujoco.mjtDisableBit.mjDSBL_WARMSTART)
+        batch = BatchedModel(authored, 1, model.at, sliding=False)
+        self._model, self._workspace = model, Workspace.of(model, batch, 1, _CHUNK_BYTES)
+        self._states = states_at_release(model, [launch])
 
-def _overlap(mujoco: Any, model: Any, data: Any, scene: Scene) -> float:
-    """How deep MuJoCo sees the ball in the plate, m: from radii, frames and qpos0 together."""
-    path = str(model_path(scene))
-    if scene.form == "cup":
-        tendon = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, "contact")
-        if tendon < 0 or not model.tendon_limited[tendon]:
-            raise SceneError(path, "there is no limited tendon 'contact'", "one between the two centres")
-        return float(data.ten_length[tendon] - model.tendon_range[tendon][1])
-    ball, plate = (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in ("ball", "plate"))
-    if plate < 0 or model.body_weldid[model.geom_bodyid[plate]] != 0:
-        raise SceneError(path, "there is no fixed geom 'plate'", "one that cannot move")
-    return -float(mujoco.mj_geomDistance(model, data, ball, plate, 1.0, None))
+    def advance(self, steps: int) -> Record:
+        """Up to `steps` steps, as many as there is room for."""
+        warm = self._workspace.data[0].qacc_warmstart.copy()  # as one unbroken run has it
+        recorded = record(self._model, self._workspace, self._states, steps, warm)
+        assert recorded is not None, "only a batch of several is given up as a whole"
+        seen, self._states = recorded
+        return Record(*seen)
+
+    def keep(self, which: Flags) -> None:
+        """There is one launch only."""

@@ -9,39 +9,40 @@ Options of a setting (all optional; none means as loaded):
     maximal_coordinates: true for rigid bodies proper instead of Bullet's default, multibodies.
 
 Bullet keeps contactBreakingThreshold in a global of the process, shared by all of its clients, and some
-settings outlive resetSimulation. So nothing here ever steps in the user's process: see hcbench.workers.
+settings outlive resetSimulation. So nothing here ever steps in the user's process: see `hcbench.workers`.
 """
 
 from __future__ import annotations
 
 from importlib import metadata
-from typing import TYPE_CHECKING, ClassVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from hcbench.engines.pybullet import world
 from hcbench.engines.pybullet.options import read_options
+from hcbench.engines.pybullet.user_model import World
+from hcbench.engines.pybullet.world import PybulletWorld
 from hcbench.errors import EngineMissing
-from hcbench.impact import Impact, Status
-from hcbench.sim.engine import Engine
-from hcbench.workers import call, map_surviving_crashes
+from hcbench.sim.engine import SteppedEngine
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable
 
-    from hcbench.impact import Launch, Trajectory
+    from hcbench.engines.pybullet.model_under_test import PybulletModel
+    from hcbench.measure.measurement import Request
     from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.tune.recipe import Recipe
 
-_LIMIT_S = 30.0  # for one impact: hundreds of times what the longest takes
-_LIMIT_STEP_S = 1e-3  # for one step, likewise
 
-
-class PybulletEngine(Engine):
+class PybulletEngine(SteppedEngine):
     """Bullet 3 behind its Python module."""
 
     name: ClassVar[str] = "pybullet"
     title: ClassVar[str] = "PyBullet"
     install: ClassVar[str] = "pip install 'pybullet>=3.2.7'  # wheels for CPython up to 3.11"
+    suffixes: ClassVar[tuple[str, ...]] = (".urdf", ".sdf")
+    opens: ClassVar[tuple[str, ...]] = ("a PyBullet World",)
+    own_process: ClassVar[bool] = True
 
     def version(self) -> str:
         """The wheel's version; the module itself is not imported, it prints."""
@@ -58,41 +59,18 @@ class PybulletEngine(Engine):
 
         return RECIPES
 
-    def fly(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
-        """One impact for each launch; a launch that PyBullet dies on is CRASHED."""
-        options = read_options(setting.options)
-        self.version()
-        # Alike together: they take equally long.
-        order = sorted(range(len(launches)), key=lambda i: (launches[i].height or 0.0, launches[i].speed))
-        found = map_surviving_crashes(
-            world.fly_here,
-            [launches[i] for i in order],
-            scene,
-            setting.timestep,
-            options,
-            lost=_lost,
-            limit=_LIMIT_S,
-            together=world.TOGETHER,
-            give_up=world.TOGETHER,
-        )
-        back = dict(zip(order, found, strict=True))
-        return [back[i] for i in range(len(launches))]
+    def load(self, scene: Scene, setting: Setting, fastest: float) -> PybulletWorld:
+        """A scene under a setting, with its plug-in attached, for impacts at up to `fastest` m/s."""
+        return PybulletWorld(scene, setting.timestep, read_options(setting.options), fastest)
 
-    def follow(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
-        """Every step of `duration` s after release; EngineFailed where PyBullet dies on it."""
-        options = read_options(setting.options)
-        self.version()
-        steps = max(1, round(duration / setting.timestep))
-        return call(
-            world.follow_here,
-            scene,
-            setting.timestep,
-            options,
-            launch,
-            steps,
-            limit=_LIMIT_S + steps * _LIMIT_STEP_S,
-        )
+    def accepts(self, source: Any) -> bool:
+        """A path of its suffixes, several, a client's id, a BulletClient or a `World`."""
+        if isinstance(source, list | tuple):
+            return all(isinstance(part, str | Path) for part in source)
+        return super().accepts(source) or isinstance(source, int | World) or hasattr(source, "_client")
 
+    def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> PybulletModel:
+        """A world from files, from a `World`, or from a client."""
+        from hcbench.engines.pybullet.model_under_test import open_world
 
-def _lost(launch: Launch, reason: str) -> Impact:
-    return Impact(launch, Status.CRASHED, reason)
+        return open_world(source, request, rebuild)

@@ -1,120 +1,190 @@
-"""Flies launches in PyBullet. Runs in a process that hcbench owns, never in the user's.
+"""Balls over a plate in PyBullet. Runs in a process that hcbench owns, never in the user's.
 
 What PyBullet does and when (version 3.2): a step first finds contacts at the positions it starts from, then
 solves for velocities, then moves. So contacts read after a step carry the force of that step, and belong to
 the state before it; that normalForce is m Δv / dt to rounding.
+
+Several balls share a world, each with the bits it has alone: they are kept from colliding with each other,
+and Bullet's solver works on each contact by itself. Bullet does not promise that; tests of every
+setting and form hold it.
 """
 
 from __future__ import annotations
 
 import math
-from contextlib import chdir, contextmanager
-from dataclasses import dataclass
+from contextlib import ExitStack, chdir, contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from hcbench.engines.pybullet import simulate
-from hcbench.engines.pybullet.simulate import touching_height
+import numpy as np
+
+from hcbench.engines.pybullet.record import force_from_momentum, overlap, touching_height
 from hcbench.engines.pybullet.urdf import check_ball, check_plate
 from hcbench.errors import EngineFailed, SceneError
-from hcbench.workers import in_worker, redirect_output
+from hcbench.sim.engine import CannotShareError, Record, Simulation, World
+from hcbench.workers import in_worker
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from hcbench.engines.pybullet.options import Options
-    from hcbench.impact import Impact, Launch, Trajectory
+    from hcbench.impact import Floats, Launch
+    from hcbench.laws.contact_law import Law
     from hcbench.scene import Scene
+    from hcbench.sim.engine import Flags
+
+    Step = Callable[[], Sequence[float] | None]
 
 # These outlive resetSimulation, and the first one the client too: Bullet's own values, set for each run.
 _GLOBALS = {"contactBreakingThreshold": 0.02, "numSubSteps": 0, "enableFileCaching": 0}
 
-_SLOWEST = 1e-3  # m/s: for a body let down on the plate, a plug-in's step is judged at this speed
 _FAR = 10.0  # m: a place without contacts
-TOGETHER = 8  # balls in one world: more make Bullet's broad phase dear
+_BALLS_IN_WORLD = 8  # more make Bullet's broad phase slow
 _BALLS, _PLATE = 2, 1  # their groups in Bullet's collision filter
 _SHAPE_TOLERANCE = 1e-6  # m, between the overlap that Bullet sees and the scene's
 
 
-def fly_here(
-    launches: Sequence[Launch], scene: Scene, timestep: float, options: Options, together: int = TOGETHER
-) -> Iterator[Impact]:
-    """One impact for each launch, in order, up to so many in one world.
+class PybulletWorld(World):
+    """Balls and a plate in this process's client, as a scene and options have them.
 
-    Raises SceneError, and EngineFailed where PyBullet refuses.
+    balls: ids of the bodies. reports_force: whether `step` returns the normal force on each ball, N; if not,
+    nothing but gravity and the contact changes a ball's velocity.
     """
-    if options.law is not None:
-        together = 1  # a plug-in looks at one pair
-    groups = max(1, math.ceil(len(launches) / together))
-    share = max(1, math.ceil(len(launches) / groups))
-    fastest = max((launch.speed for launch in launches), default=0.0)
-    with _world(scene, timestep, options, fastest, min(share, len(launches))) as world:
-        steps = 0
-        for i in range(0, len(launches), share):
-            with redirect_output():
-                found, steps = simulate.fly(world, launches[i : i + share], steps)
-            yield from found
 
+    def __init__(self, scene: Scene, timestep: float, options: Options, fastest: float) -> None:
+        assert in_worker(), "PyBullet's settings are global: they would leak into the user's own"
+        self.scene, self.options = scene, options
+        self.timestep, self.gravity, self.mass = timestep, scene.gravity, scene.mass
+        self.deepest = touching_height(scene)
+        self.places = _BALLS_IN_WORLD if options.law is None else 1  # a plug-in looks at one pair
+        self.reports_force = not _is_lossless(options)
+        self.bullet = client()
+        self._plugin = ExitStack()
+        with translated_errors(self.bullet):
+            ball, self.plate = _set_up(self.bullet, scene, timestep, options)
+            self.balls = [ball]
+            self.step = self._own_step() if options.law is None else self._plugin_step(options.law, fastest)
 
-def follow_here(scene: Scene, timestep: float, options: Options, launch: Launch, steps: int) -> Trajectory:
-    """All of `steps` steps after one launch. Raises as `fly_here` does."""
-    with _world(scene, timestep, options, launch.speed) as world, redirect_output():
-        return simulate.follow(world, launch, steps)
+    def release(self, launches: Sequence[Launch]) -> PybulletSimulation:
+        """A ball where each launch starts and any others far away, with nothing remembered."""
+        with translated_errors(self.bullet):
+            self._add_balls(len(launches) - len(self.balls))
+            # Contacts are kept from step to step, and with them forces: remove those of the launches before.
+            for ball in self.balls:
+                _place(self.bullet, ball, _FAR)
+                self.bullet.resetBaseVelocity(ball, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+            self.bullet.performCollisionDetection()
+            for ball, launch in zip(self.balls, launches, strict=False):
+                _place(self.bullet, ball, touching_height(self.scene) + launch.clearance(self.timestep))
+                self.bullet.resetBaseVelocity(ball, [*launch.slip, -launch.speed], [*launch.spin])
+        return PybulletSimulation(self, len(launches))
 
+    def close(self) -> None:
+        """Detach the plug-in, if there is one."""
+        self._plugin.close()
 
-@contextmanager
-def _world(scene: Scene, timestep: float, options: Options, speed: float, balls: int = 1) -> Iterator[World]:
-    assert in_worker(), "PyBullet's settings are global: they would leak into the user's own"
-    with redirect_output():
-        bullet = _client()
-    try:
-        with redirect_output():
-            ball, plate = _set_up(bullet, scene, timestep, options)
-            own = (ball, *_company(bullet, scene, options, ball, plate, balls - 1))
-        with _stepping(bullet, scene, options, own, plate, speed) as step:
-            yield World(bullet, scene, timestep, own, step, told=not _is_lossless(options))
-    except bullet.error as error:
-        raise EngineFailed("pybullet", str(error), "") from error
+    def _add_balls(self, count: int) -> None:
+        """So many more balls like the first; none of them collides with another."""
+        if count <= 0:
+            return
+        for _ in range(count):
+            ball = _load(self.bullet, self.scene, "ball", self.options.maximal_coordinates)
+            _make_ready(self.bullet, self.scene, self.options, ball)
+            self.balls.append(ball)
+        for ball in self.balls:
+            self.bullet.setCollisionFilterGroupMask(ball, -1, _BALLS, _PLATE)
+        self.bullet.setCollisionFilterGroupMask(self.plate, -1, _PLATE, _PLATE | _BALLS)
 
-
-@contextmanager
-def _stepping(
-    bullet: Any, scene: Scene, options: Options, balls: Sequence[int], plate: int, speed: float
-) -> Iterator[Callable[[], Sequence[float] | None]]:
-    """One step of the world, with Bullet's contact or a plug-in's.
-
-    It tells the normal force that acted on each ball in it, N, unless that is left to their momentum.
-    """
-    if options.law is not None:
+    def _plugin_step(self, law: Law, fastest: float) -> Step:
         from hcbench.engines.pybullet.plugin import attach as contact
 
-        gap = None
+        scene, gap = self.scene, None
         if scene.form == "cup":
             gap = contact.cup(scene.ball_radius, -scene.plate_radius, (0.0, 0.0, -scene.plate_radius))
-        (ball,) = balls
-        with contact.attach([(ball, plate)], options.law, gap=gap, speed=max(speed, _SLOWEST)) as law:
-            yield lambda: [sum(touch.force for touch in law.step())]
-        return
-    move = bullet.stepSimulation
-    if _is_lossless(options):
-        yield move
-        return
-    parts = (options.ball, options.plate)
-    reach = min(part.get("contactProcessingThreshold", math.inf) for part in parts)
-    number = {ball: i for i, ball in enumerate(balls)}
-    nothing, contacts = [0.0] * len(balls), bullet.getContactPoints
+        pairs = [(self.balls[0], self.plate)]
+        attached = contact.attach(pairs, law, gap=gap, speed=fastest)
+        self._plugin.enter_context(attached)
+        return lambda: [sum(touch.force for touch in attached.step())]
 
-    def step() -> Sequence[float]:
-        move()
-        forces = nothing.copy()
-        for contact in contacts():
-            # A contact out of reach was not solved for; it still says the force of when it last was.
-            if contact[8] <= reach:
-                forces[number[contact[2] if contact[1] == plate else contact[1]]] += contact[9]
-        return forces
+    def _own_step(self) -> Step:
+        """A step with Bullet's own contact, which returns the normal force on each ball where it must."""
+        move: Step = self.bullet.stepSimulation
+        if not self.reports_force:
+            return move
+        parts = (self.options.ball, self.options.plate)
+        reach = min(part.get("contactProcessingThreshold", math.inf) for part in parts)
+        contacts = self.bullet.getContactPoints
 
-    yield step
+        def step() -> Sequence[float]:
+            move()
+            forces = [0.0] * len(self.balls)
+            for contact in contacts():
+                # A contact out of reach was not solved for; it still says the force of when it last was.
+                if contact[8] <= reach:
+                    ball = contact[2] if contact[1] == self.plate else contact[1]
+                    forces[self.balls.index(ball)] += contact[9]
+            return forces
+
+        return step
+
+
+class PybulletSimulation(Simulation):
+    """Launches under way; the position of one that is alone is read, of several worked out and checked."""
+
+    def __init__(self, world: PybulletWorld, count: int) -> None:
+        self._world, self._reads_position = world, count == 1
+        self._which = list(range(count))
+        self._position, self._velocity = self._positions(), self._velocities()
+
+    def advance(self, steps: int) -> Record:
+        """`steps` steps of all balls. Raises CannotShareError where one is not where its velocity took it."""
+        world = self._world
+        with translated_errors(world.bullet):
+            forces, velocities, positions = self._step(steps)
+        v = np.concatenate([self._velocity[None], np.reshape(velocities, (steps, -1, 3))])
+        if self._reads_position:
+            p = np.concatenate([self._position[None], np.reshape(positions, (steps, -1, 3))])
+        else:
+            p = np.cumsum(np.concatenate([self._position[None], world.timestep * v[1:]]), axis=0)
+        self._position, self._velocity = p[-1], v[-1]
+        x, rate, deeper = overlap(world.scene, p[:-1], v[:-1])
+        if world.reports_force:
+            force = np.reshape(np.array(forces, dtype=np.float64), (steps, -1))[:, self._which]
+        else:
+            force = force_from_momentum(world.scene, world.timestep, v, deeper)
+        if not (self._reads_position or np.array_equal(self._positions(), p[-1])):
+            raise CannotShareError
+        return Record(x.T, rate.T, force.T)
+
+    def keep(self, which: Flags) -> None:
+        """Record only these from now on."""
+        self._which = [ball for ball, going in zip(self._which, which.tolist(), strict=True) if going]
+        self._position, self._velocity = self._position[which], self._velocity[which]
+
+    def _positions(self) -> Floats:
+        place = self._world.bullet.getBasePositionAndOrientation
+        return np.array([place(self._world.balls[i])[0] for i in self._which])
+
+    def _velocities(self) -> Floats:
+        motion = self._world.bullet.getBaseVelocity
+        return np.array([motion(self._world.balls[i])[0] for i in self._which])
+
+    def _step(self, steps: int) -> tuple[list[Any], list[float], list[float]]:
+        """Forces that each step reported, velocities after each, and positions where they are read."""
+        step, bullet = self._world.step, self._world.bullet
+        place, motion = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity
+        balls = [self._world.balls[i] for i in self._which]
+        forces: list[Any] = []
+        velocities: list[float] = []
+        positions: list[float] = []
+        for _ in range(steps):
+            forces.append(step())
+            for ball in balls:
+                velocities += motion(ball)[0]
+                if self._reads_position:
+                    positions += place(ball)[0]
+        return forces, velocities, positions
 
 
 def _is_lossless(options: Options) -> bool:
@@ -143,21 +213,17 @@ def _make_ready(bullet: Any, scene: Scene, options: Options, ball: int) -> None:
     bullet.changeDynamics(ball, -1, **options.ball)
 
 
-def _company(bullet: Any, scene: Scene, options: Options, ball: int, plate: int, more: int) -> list[int]:
-    """So many more balls like the one; none of them collides with another."""
-    if not more:
-        return []
-    others = [_load(bullet, scene, "ball", options.maximal_coordinates) for _ in range(more)]
-    for other in others:
-        _make_ready(bullet, scene, options, other)
-    for one in (ball, *others):
-        bullet.setCollisionFilterGroupMask(one, -1, _BALLS, _PLATE)
-    bullet.setCollisionFilterGroupMask(plate, -1, _PLATE, _PLATE | _BALLS)
-    return others
+@contextmanager
+def translated_errors(bullet: Any) -> Iterator[None]:
+    """What PyBullet refuses is EngineFailed."""
+    try:
+        yield
+    except bullet.error as error:
+        raise EngineFailed("pybullet", str(error), "") from error
 
 
 @cache
-def _client() -> Any:
+def client() -> Any:
     """The module, connected: one client for the life of this process."""
     import pybullet  # prints on import
 
@@ -204,30 +270,3 @@ def _check_shapes(bullet: Any, scene: Scene, ball: int, plate: int) -> None:
 
 def _place(bullet: Any, ball: int, height: float) -> None:
     bullet.resetBasePositionAndOrientation(ball, [0.0, 0.0, height], [0.0, 0.0, 0.0, 1.0])
-
-
-@dataclass(frozen=True, slots=True)
-class World:
-    """Balls and a plate in this process's client.
-
-    step: takes one. told: it also tells the normal force on each ball, N, else that is all that changes a
-    ball's velocity besides gravity.
-    """
-
-    bullet: Any
-    scene: Scene
-    timestep: float
-    balls: Sequence[int]
-    step: Callable[[], Sequence[float] | None]
-    told: bool
-
-    def release(self, launches: Sequence[Launch]) -> None:
-        """Put a ball where each launch starts and any others away, with nothing remembered."""
-        # Contacts are kept from step to step, and with them forces: shed those of the launches before.
-        for ball in self.balls:
-            _place(self.bullet, ball, _FAR)
-            self.bullet.resetBaseVelocity(ball, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
-        self.bullet.performCollisionDetection()
-        for ball, launch in zip(self.balls, launches, strict=False):
-            _place(self.bullet, ball, touching_height(self.scene) + launch.gap(self.timestep))
-            self.bullet.resetBaseVelocity(ball, [0.0, 0.0, -launch.speed], [0.0, 0.0, 0.0])

@@ -10,8 +10,9 @@ import numpy as np
 
 import hcbench
 from hcbench.errors import SettingError
-from hcbench.impact import Impact, Trajectory, impact_of
+from hcbench.impact import Impact, Trajectory
 from hcbench.sim.engine import Engine
+from hcbench.sim.read_impact import impact_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,7 +41,7 @@ class RecordedEngine(Engine):
         """The version of hcbench."""
         return str(hcbench.__version__)
 
-    def fly(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
+    def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         """The recorded impact for each launch, in order; the scene does not enter."""
         files = _files(setting, len(launches))
         trajectories = {file: read(Path(file)) for file in dict.fromkeys(files)}

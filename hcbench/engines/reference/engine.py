@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar
@@ -57,12 +56,12 @@ class ReferenceEngine(Engine):
 
         return RECIPES
 
-    def fly(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
+    def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         """One impact for each launch, in order."""
         law = law_of(setting, scene)
         return [self._one(law, scene, setting.timestep, launch) for launch in launches]
 
-    def follow(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
+    def trajectory(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
         """Flights and impacts in turn, sampled at the step."""
         law, h = law_of(setting, scene), setting.timestep
         times = h * np.arange(max(2, round(duration / h) + 1), dtype=np.float64)
@@ -70,11 +69,11 @@ class ReferenceEngine(Engine):
         def impact_at(speed: float) -> Impact:
             return _impact(law, scene.mass, speed, scene.gravity, h)
 
-        return bounce_train(impact_at, scene.gravity, launch.gap(h), launch.speed, times)
+        return bounce_train(impact_at, scene.gravity, launch.clearance(h), launch.speed, times)
 
     @staticmethod
     def _one(law: Law, scene: Scene, timestep: float, launch: Launch) -> Impact:
-        speed = math.sqrt(launch.speed**2 + 2.0 * scene.gravity * launch.gap(timestep))
+        speed = launch.touch_speed(timestep, scene.gravity)
         if speed == 0.0:
             return Impact(launch, Status.NO_TOUCH, "released at rest and without gravity")
         return replace(_impact(law, scene.mass, speed, scene.gravity, timestep), launch=launch)

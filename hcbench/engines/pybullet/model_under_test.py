@@ -1,4 +1,4 @@
-"""PyBullet: files or a live client as a subject, measured as loaded.
+"""PyBullet: files or a live client with a pair in it, measured as loaded.
 
 Bullet keeps settings in globals of its process. Files are therefore loaded in a process of hcbench's own; a
 live client is measured where it is, and left in the state and with the settings it had.
@@ -14,11 +14,12 @@ import numpy as np
 
 from hcbench.engines.pybullet.backend import version
 from hcbench.engines.pybullet.causes import Context, find_suspects, restitutions
-from hcbench.engines.pybullet.measured_run import Flight
 from hcbench.engines.pybullet.place import place
 from hcbench.engines.pybullet.user_model import Bullet, Loaded, World, find_sides, load_files
+from hcbench.engines.pybullet.user_simulation import UserSimulation
 from hcbench.errors import UserError
 from hcbench.measure.measurement import Facts, Request, Suspect
+from hcbench.sim.engine import ModelUnderTest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -29,14 +30,16 @@ if TYPE_CHECKING:
 
 _UNTOLD = "restitutions that PyBullet does not tell of bodies with maximal coordinates"
 
-__all__ = ["PybulletSubject", "World", "subject"]
+__all__ = ["PybulletModel", "World", "open_world"]
 
 
-class PybulletSubject:
+class PybulletModel(ModelUnderTest):
     """A PyBullet world with a pair in it.
 
     build: makes the world anew, for trials; None for a live client, on which nothing is tried.
     """
+
+    diverged = "velocity is not finite"
 
     def __init__(
         self,
@@ -61,6 +64,11 @@ class PybulletSubject:
             finally:
                 self.bullet.restoreState(start)
                 self.bullet.removeState(start)
+            parameters = self.bullet.getPhysicsEngineParameters()
+            self.timestep, self.mass = float(parameters["fixedTimeStep"]), self.place.effective_mass
+            along = float((np.array(self._gravity()) * self.place.normal).sum())
+            self.gravity = along if self._falls_alone() else 0.0
+            self._state: int | None = None  # where launches start from, once there was one
         except BaseException:
             self._put_back()
             raise
@@ -81,28 +89,26 @@ class PybulletSubject:
         self.bullet.setPhysicsEngineParameter(fixedTimeStep=self.was["fixedTimeStep"])
         self.bullet.setGravity(*(self.was[f"gravityAcceleration{axis}"] for axis in "XYZ"))
 
-    @property
-    def timestep(self) -> float:
-        """s."""
-        return float(self.bullet.getPhysicsEngineParameters()["fixedTimeStep"])
-
-    @property
-    def gravity(self) -> tuple[float, float, float]:
+    def _gravity(self) -> tuple[float, float, float]:
         """m/s^2."""
-        found = self.bullet.getPhysicsEngineParameters()
-        x, y, z = (float(found[f"gravityAcceleration{axis}"]) for axis in "XYZ")
+        parameters = self.bullet.getPhysicsEngineParameters()
+        x, y, z = (float(parameters[f"gravityAcceleration{axis}"]) for axis in "XYZ")
         return x, y, z
 
-    def fly(self, launches: Sequence[Launch]) -> list[Impact]:
-        """One impact for each launch, in order."""
-        flight = Flight(self.bullet, self.place, self.timestep, np.array(self.gravity))
-        try:
-            return [flight.fly(launch) for launch in launches]
-        finally:
-            flight.close()
+    def _falls_alone(self) -> bool:
+        """Whether gravity makes the two approach: not when both fall."""
+        masses = [self.bullet.getDynamicsInfo(s.body, -1)[0] for s in (self.place.first, self.place.second)]
+        return self.place.mover.joint is None and min(masses) == 0.0
+
+    def release(self, launches: Sequence[Launch]) -> UserSimulation:
+        """The launch under way from its starting point."""
+        (launch,) = launches
+        if self._state is None:
+            self._state = self.bullet.saveState()
+        return UserSimulation(self.bullet, self.place, launch, self._state, self.gravity)
 
     @property
-    def weight(self) -> float:
+    def step_cost(self) -> float:
         """Grows with bodies and joints."""
         bullet = self.bullet
         bodies = [bullet.getBodyUniqueId(i) for i in range(bullet.getNumBodies())]
@@ -125,7 +131,7 @@ class PybulletSubject:
             pair=(self.place.first.name, self.place.second.name),
             moved=self.place.mover.words,
             timestep=self.timestep,
-            gravity=self.gravity,
+            gravity=self._gravity(),
             effective_mass=self.place.effective_mass,
             normal=tuple(float(x) for x in self.place.normal),  # type: ignore[arg-type]
             settings={
@@ -141,27 +147,29 @@ class PybulletSubject:
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """What may keep this pair from bouncing as asked."""
         context = Context(
-            self.bullet, self.place, impacts, wanted, self.timestep, self.gravity, self.loaded.foreign
+            self.bullet, self.place, impacts, wanted, self.timestep, self._gravity(), self.loaded.foreign
         )
         found = find_suspects(context)
         return found if self.build else [dataclasses.replace(c, apply=None) for c in found]
 
-    def fixed(self, suspects: Sequence[Suspect]) -> PybulletSubject:
+    def fixed(self, suspects: Sequence[Suspect]) -> PybulletModel:
         """The same world made anew, with some fixes made; a live client is not touched."""
         if self.build is None:
             raise UserError("model", "a live client cannot be made anew", "files, or a function for it")
         loaded, world = self.build()
-        return PybulletSubject(loaded, world, self.request, self.build, suspects)
+        return PybulletModel(loaded, world, self.request, self.build, suspects)
 
     def close(self) -> None:
         """End what is ours and put back what is not."""
+        if self._state is not None:
+            self.bullet.removeState(self._state)
         self._put_back()
 
 
-def subject(source: Any, request: Request, again: Callable[[], Any] | None = None) -> PybulletSubject:
+def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None) -> PybulletModel:
     """A world from files (paths), from a `World`, or from a client id.
 
-    again: makes the `World` or client anew, where a function built it.
+    rebuild: makes the `World` or client anew, where a function built it.
     """
     if isinstance(source, str | list | tuple) or hasattr(source, "__fspath__"):
         paths: Sequence[str | Path] = source if isinstance(source, list | tuple) else [source]
@@ -170,10 +178,10 @@ def subject(source: Any, request: Request, again: Callable[[], Any] | None = Non
         def build() -> tuple[Loaded, World | None]:
             return load_files(files), None
 
-        return PybulletSubject(*build(), request, build)
-    if again is None:
-        return PybulletSubject(*_live(source, own=False), request, None)
-    return PybulletSubject(*_live(source, own=True), request, lambda: _live(again(), own=True))
+        return PybulletModel(*build(), request, build)
+    if rebuild is None:
+        return PybulletModel(*_live(source, own=False), request, None)
+    return PybulletModel(*_live(source, own=True), request, lambda: _live(rebuild(), own=True))
 
 
 def _live(source: Any, own: bool) -> tuple[Loaded, World]:

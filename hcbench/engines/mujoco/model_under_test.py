@@ -1,20 +1,23 @@
-"""MuJoCo: any model as a subject, measured as its author has it."""
+"""MuJoCo: any model with a pair in it, measured as its author has it."""
 
 from __future__ import annotations
 
 import copy
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.causes.checks import find_suspects
 from hcbench.engines.mujoco.causes.context import Context, asked_law, delivered_law
-from hcbench.engines.mujoco.measured_run import Flight
 from hcbench.engines.mujoco.model import geom_name
 from hcbench.engines.mujoco.pair import find_sides
 from hcbench.engines.mujoco.place import place
-from hcbench.engines.mujoco.user_model import load, start
+from hcbench.engines.mujoco.user_model import start
+from hcbench.engines.mujoco.user_simulation import UserSimulation
 from hcbench.measure.causes import other_contacts
 from hcbench.measure.measurement import Facts, Request, Suspect
+from hcbench.sim.engine import ModelUnderTest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,12 +26,14 @@ if TYPE_CHECKING:
     from hcbench.laws.restitution import RestitutionCurve
 
 
-class MujocoSubject:
+class MujocoModel(ModelUnderTest):
     """A MuJoCo model with a pair in it.
 
     model: an MjModel that is ours to keep. label: what to call it.
     Raises UserError or SceneError with the reason where the pair cannot be measured.
     """
+
+    diverged = "MuJoCo found the state unstable and reset it"
 
     def __init__(self, model: Any, label: str, request: Request) -> None:
         self.model, self.label, self.request = model, label, request
@@ -36,14 +41,17 @@ class MujocoSubject:
             self.start, self.start_name = start(model, request.key)
             first, second = find_sides(model, request.pair)
             self.place = place(model, start(model, request.key)[0], first, second)
-        self.flight = Flight(model, self.start, self.place)
+        self.timestep, self.mass = float(model.opt.timestep), self.place.effective_mass
+        self.gravity = float(np.dot(self._gravity(), self.place.contact.normal))
+        self.others: set[int] = set()  # geoms that touched the two during an impact
 
-    def fly(self, launches: Sequence[Launch]) -> list[Impact]:
-        """One impact for each launch, in order."""
-        return [self.flight.fly(launch) for launch in launches]
+    def release(self, launches: Sequence[Launch]) -> UserSimulation:
+        """The launch under way from its starting point."""
+        (launch,) = launches
+        return UserSimulation(self.model, self.start, self.place, launch, self.others)
 
     @property
-    def weight(self) -> float:
+    def step_cost(self) -> float:
         """Grows with degrees of freedom and geoms."""
         return 1.0 + float(self.model.nv + self.model.ngeom) / 10
 
@@ -84,7 +92,7 @@ class MujocoSubject:
         notes = []
         if self.place.overlap > 0:
             notes.append(f"The two overlap by {self.place.overlap:.3g} m at the start: moved apart to touch.")
-        if self.flight.others:
+        if self.others:
             notes.append(f"Other contacts acted during the impact: {', '.join(self._others())}.")
         return notes
 
@@ -103,18 +111,15 @@ class MujocoSubject:
         return [*find_suspects(context), *other_contacts(self._others())]
 
     def _others(self) -> list[str]:
-        return sorted(geom_name(self.model, g) for g in self.flight.others)
+        return sorted(geom_name(self.model, g) for g in self.others)
 
-    def fixed(self, suspects: Sequence[Suspect]) -> MujocoSubject:
+    def fixed(self, suspects: Sequence[Suspect]) -> MujocoModel:
         """The same pair with some fixes made."""
         model = copy.copy(self.model)
         for suspect in sorted(suspects, key=lambda c: c.apply_last):
             if suspect.apply is not None:
                 suspect.apply(model)
-        return MujocoSubject(model, self.label, self.request)
-
-    def close(self) -> None:
-        """Nothing is held."""
+        return MujocoModel(model, self.label, self.request)
 
 
 def _shown(model: Any, side: Any, geoms: tuple[int, int]) -> str:
@@ -122,8 +127,3 @@ def _shown(model: Any, side: Any, geoms: tuple[int, int]) -> str:
         return str(side.name)
     mine = next(g for g in geoms if g in side.geoms)
     return geom_name(model, mine)
-
-
-def subject(source: Any, request: Request) -> MujocoSubject:
-    """A model from a path, MjModel, MjSpec or MJCF text."""
-    return MujocoSubject(*load(source, request), request)

@@ -12,73 +12,69 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.engines.pybullet.place import Placement, moves, shift_base
-from hcbench.impact import Impact, Launch, Status
-from hcbench.sim.recorder import MAX_STEPS, Track, patience
+from hcbench.sim.engine import Record, Simulation
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.engines.pybullet.user_model import Bullet, Side
-    from hcbench.impact import Floats
+    from hcbench.impact import Launch
+    from hcbench.sim.engine import Flags
 
 _STALE = 0.05  # of a reported force: less change of momentum than this, and it was not applied
 _HIDDEN = 1e-6  # of the speed: a change in a step of substeps that only a contact explains
 
 
-class Flight:
-    """Flies launches from a saved state; the world is back in it afterwards."""
+class UserSimulation(Simulation):
+    """One launch from a saved state of the user's world, which is back in it at the end.
 
-    def __init__(self, bullet: Bullet, place: Placement, timestep: float, gravity: Floats) -> None:
-        self.bullet, self.place, self.timestep = bullet, place, timestep
-        self.free = float((gravity * place.normal).sum()) if self._falls_alone() else 0.0
-        self.substeps = int(bullet.getPhysicsEngineParameters()["numSubSteps"]) > 1
+    state: the id of the saved state. free: approach acceleration by gravity, m/s².
+    """
+
+    def __init__(self, bullet: Bullet, place: Placement, launch: Launch, state: int, free: float) -> None:
+        self.bullet, self.place, self.state, self.free = bullet, place, state, free
+        parameters = bullet.getPhysicsEngineParameters()
+        self.timestep = float(parameters["fixedTimeStep"])
+        self.substeps = int(parameters["numSubSteps"]) > 1
         self.sides = [
             (side, sign, moves(bullet, side)) for side, sign in ((place.first, 1.0), (place.second, -1.0))
         ]
-        self.state = bullet.saveState()
+        clearance = launch.clearance(self.timestep)
+        self._launch(launch.speed, clearance)
+        self._x, self._touched, self._point = -clearance, False, place.point.tolist()
+        self._normal = place.normal.tolist()
+        self._before = self._rate(self._point, self._normal)
+
+    def advance(self, steps: int) -> Record:
+        """`steps` steps as the user's own loop would take them."""
+        rows: list[tuple[float, float, float]] = []
+        while len(rows) < steps and (not rows or math.isfinite(rows[-1][1])):
+            rows.append(self._step())
+        x, v, f = np.array(rows).T[:, None]
+        return Record(x, v, f)
+
+    def keep(self, which: Flags) -> None:
+        """There is one launch only."""
 
     def close(self) -> None:
-        """Back to the start, nothing kept."""
+        """Back to the saved state."""
         self.bullet.restoreState(self.state)
-        self.bullet.removeState(self.state)
 
-    def _falls_alone(self) -> bool:
-        """Whether gravity makes the two approach: not when both fall."""
-        masses = [self.bullet.getDynamicsInfo(s.body, -1)[0] for s in (self.place.first, self.place.second)]
-        return self.place.mover.joint is None and min(masses) == 0.0
-
-    def fly(self, launch: Launch) -> Impact:
-        """One impact, as the engine makes it."""
-        gap = launch.gap(self.timestep)
-        self._launch(launch.speed, gap)
-        track = Track(self.timestep, fall=abs(self.free) * self.timestep)
-        wait = patience(launch.speed, gap, launch.height is not None, self.timestep, abs(self.free))
-        x, point, normal = -gap, self.place.point.tolist(), self.place.normal.tolist()
-        before = self._rate(point, normal)
-        for step in range(MAX_STEPS):
-            self.bullet.stepSimulation()
-            found = self._read()
-            if found is not None:
-                x, force, point = found
-            else:
-                force, x = 0.0, min(x, 0.0) if track.touched >= 0 else x
-            after = self._rate(point, normal)
-            if not math.isfinite(after):
-                track.verdict, track.reason = Status.DIVERGED, "velocity is not finite"
-                break
-            force = self._applied(force, before, after, x)
-            track.penetration.append(x)
-            track.rate.append(before)
-            track.force.append(force)
-            if force != 0.0 and track.touched < 0:
-                track.touched = step
-            if track.is_over(wait):
-                break
-            x += self.timestep * after
-            before = after
-        else:
-            track.give_up()
-        return track.impact(launch)
+    def _step(self) -> tuple[float, float, float]:
+        self.bullet.stepSimulation()
+        contact, force = self._read(), 0.0
+        if contact is not None:
+            self._x, force, self._point = contact
+        elif self._touched:
+            self._x = min(self._x, 0.0)
+        after = self._rate(self._point, self._normal)
+        if not math.isfinite(after):
+            return math.nan, math.nan, math.nan
+        x, before = self._x, self._before
+        force = self._applied(force, before, after, x)
+        self._touched |= force != 0.0
+        self._x, self._before = x + self.timestep * after, after
+        return x, before, force
 
     def _applied(self, force: float, before: float, after: float, x: float) -> float:
         """The force that acted in the step: contacts out of reach still report that of an earlier one."""
@@ -92,18 +88,18 @@ class Flight:
             return mean
         return force
 
-    def _launch(self, speed: float, gap: float) -> None:
+    def _launch(self, speed: float, clearance: float) -> None:
         bullet, place = self.bullet, self.place
         bullet.restoreState(self.state)
         mover = place.mover
         if mover.joint is None:
             shift_base(bullet, mover.body, np.array([0.0, 0.0, place.lift]))
-            shift_base(bullet, mover.body, mover.direction * (place.offset - gap))
+            shift_base(bullet, mover.body, mover.direction * (place.offset - clearance))
             bullet.resetBaseVelocity(mover.body, (mover.direction * speed).tolist(), [0.0, 0.0, 0.0])
             return
         start = bullet.getJointState(mover.body, mover.joint)[0] + place.offset
         per_metre = mover.sign / place.rate
-        bullet.resetJointState(mover.body, mover.joint, start - per_metre * gap, per_metre * speed)
+        bullet.resetJointState(mover.body, mover.joint, start - per_metre * clearance, per_metre * speed)
 
     def _read(self) -> tuple[float, float, Sequence[float]] | None:
         """(penetration at the step's start, force of the step, point); None without a contact."""

@@ -1,0 +1,203 @@
+"""MuJoCo: one launch of a placed pair, stepped as the user's own loop would step it."""
+
+from __future__ import annotations
+
+import copy
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend, captured_warnings
+from hcbench.engines.mujoco.model import approach_row, geom_name
+from hcbench.engines.mujoco.touch import side_table
+from hcbench.sim.engine import Record, Simulation
+
+if TYPE_CHECKING:
+    from hcbench.engines.mujoco.place import Placement
+    from hcbench.impact import Floats, Launch
+    from hcbench.sim.engine import Flags
+
+
+class _Step(NamedTuple):
+    """The state before a step; free: approach acceleration without contact, RK4 only."""
+
+    x: float
+    rate: float
+    force: float
+    free: float
+
+
+_STAGE_NOISE = 1e-9  # of the largest change of speed: below it a step under RK4 had no contact in it
+
+
+class UserSimulation(Simulation):
+    """One launch of a placed pair; the model is only read.
+
+    others: geoms that touched the two in launches until now; those of this one are added.
+    """
+
+    def __init__(self, model: Any, start: Any, place: Placement, launch: Launch, others: set[int]) -> None:
+        self._mujoco = mujoco = backend()
+        self._model, self._place = model, place
+        self._h = float(model.opt.timestep)
+        self._table = side_table(model, place.first, place.second)
+        self._data = copy.copy(start)
+        clearance = launch.clearance(self._h)
+        self._data.qpos[:] = place.qpos
+        mujoco.mj_integratePos(model, self._data.qpos, place.direction, -clearance)
+        self._data.qvel[:] = launch.speed * place.direction
+        self._data.time = 0.0
+        # RK4 leaves its last stage in the data: the state before the step is looked at beside it.
+        self._staged = int(model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4)
+        self._seen = mujoco.MjData(model) if self._staged else self._data
+        self._reader = _Reader(model, place, _with_kinematics(self._data, model))
+        self._x, self._touched, self._steps = -clearance, False, 0
+        self._last: _Step | None = None  # RK4 only: waits for the one after it
+        self._others = others
+        self._first_touch: dict[int, int] = {}  # geoms that touched the two, and in which step first
+
+    def advance(self, steps: int) -> Record:
+        """Steps as the user's own loop would take them; the last is NaN where MuJoCo reset the state."""
+        rows: list[_Step] = []
+        with captured_warnings():
+            while len(rows) < steps and (not rows or math.isfinite(rows[-1].rate)):
+                step = self._step()
+                if not self._staged:
+                    rows.append(step)
+                    continue
+                if self._last is not None:
+                    rows.append(self._with_hidden_force(self._last, step))
+                self._last = step
+        x, v, f = np.array([(row.x, row.rate, row.force) for row in rows]).T[:, None]
+        return Record(x, v, f)
+
+    def keep(self, which: Flags) -> None:
+        """There is one launch only."""
+
+    def remark(self, steps: int) -> str:
+        """Which other contacts acted."""
+        touched = {geom for geom, step in self._first_touch.items() if step < steps}
+        self._others |= touched
+        names = ", ".join(sorted(geom_name(self._model, geom) for geom in touched)[:4])
+        return f"other contacts acted: {names}" if names else ""
+
+    def _step(self) -> _Step:
+        mujoco, model, data, seen = self._mujoco, self._model, self._data, self._seen
+        if self._staged:
+            _copy_state(model, data, seen)
+            mujoco.mj_forward(model, seen)
+        before, then = data.qvel.copy(), data.time
+        mujoco.mj_step(model, data)
+        self._steps += 1
+        if data.time <= then:
+            return _Step(math.nan, math.nan, math.nan, math.nan)
+        depth, force, rate = self._reader.read(seen, before)
+        if depth is not None:
+            self._x = depth
+        elif self._touched:
+            self._x = min(self._x, 0.0)
+        free = float(self._reader.row(seen) @ seen.qacc_smooth) if self._staged else 0.0
+        step = _Step(self._x, rate, force, free)
+        self._touched |= force != 0.0
+        if seen.ncon > self._reader.count:
+            for geom in _others(model, seen, self._table, self._place):
+                self._first_touch.setdefault(geom, self._steps - 1)
+        self._x += self._h * rate
+        return step
+
+    def _with_hidden_force(self, step: _Step, after: _Step) -> _Step:
+        """With the mean force of the whole step, where the state before it had none but a stage of it did."""
+        if step.force != 0.0:
+            return step
+        mean = (step.rate - after.rate) / self._h + step.free
+        noise = _STAGE_NOISE * max(abs(step.rate), abs(after.rate)) / self._h
+        if not abs(mean) > noise:
+            return step
+        self._touched = True
+        return step._replace(force=self._place.effective_mass * mean)
+
+
+class _Reader:
+    """Reads depth, force and rate of the pair off an MjData that belongs to one state."""
+
+    def __init__(self, model: Any, place: Placement, data: Any) -> None:
+        mujoco = backend()
+        self.model, self.place, self.count = model, place, 0
+        self.table = side_table(model, place.first, place.second).tolist()
+        self.pyramid = int(model.opt.cone) == int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
+        self.wrench = np.zeros(6)
+        self.force_of = mujoco.mj_contactForce
+        self.point, self.normal = place.contact.point, place.contact.normal
+        self._row: Floats | None = None
+        self.row(data)
+
+    def row(self, data: Any) -> Floats:
+        """(nv,) approach row at the last contact, from the kinematics in `data`."""
+        if self._row is None:
+            first, second = self.place.first.body, self.place.second.body
+            self._row = approach_row(self.model, data, first, second, self.point, self.normal)
+        return self._row
+
+    def read(self, data: Any, velocity: Floats) -> tuple[float | None, float, float]:
+        """(penetration beyond the onset, None without a contact; force; approach rate)."""
+        mine = []
+        for i in range(data.ncon):
+            contact = data.contact[i]
+            a, b = contact.geom.tolist()
+            if self.table[a] + self.table[b] == 3:
+                mine.append((i, contact, self.table[a] == 2))
+        self.count = len(mine)
+        if not mine:
+            return None, 0.0, float(self.row(data) @ velocity)
+        force, distance, acting = 0.0, math.inf, []
+        for i, contact, _ in mine:
+            distance = min(distance, contact.dist)
+            address = contact.efc_address
+            if address >= 0:
+                self.force_of(self.model, data, i, self.wrench)
+                force += float(self.wrench[0])
+                acting.append(self._parting_rate(data, address, contact.dim))
+        self.point = mine[0][1].pos.copy() if len(mine) == 1 else np.mean([c.pos for _, c, _ in mine], axis=0)
+        _, contact, turned = mine[0]
+        self.normal = -contact.frame[:3] if turned else contact.frame[:3].copy()
+        self._row = None
+        rate = -sum(acting) / len(acting) if acting else float(self.row(data) @ velocity)
+        return self.place.contact.onset - distance, force, rate
+
+    def _parting_rate(self, data: Any, address: int, dim: int) -> float:
+        """Rate along the normal, as the engine has it: the two edges of a pyramid lie evenly about it."""
+        velocity = data.efc_vel
+        if dim == 1 or not self.pyramid:
+            return float(velocity[address])
+        return 0.5 * float(velocity[address] + velocity[address + 1])
+
+
+def _with_kinematics(data: Any, model: Any) -> Any:
+    """`data` with its kinematics computed at its state."""
+    mujoco = backend()
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    return data
+
+
+def _copy_state(model: Any, source: Any, target: Any) -> None:
+    mujoco = backend()
+    kind = mujoco.mjtState.mjSTATE_INTEGRATION
+    state = np.empty(mujoco.mj_stateSize(model, kind))
+    mujoco.mj_getState(model, source, state, kind)
+    mujoco.mj_setState(model, target, state, kind)
+
+
+def _others(model: Any, data: Any, table: Any, place: Placement) -> set[int]:
+    """Geoms that touch the moving tree, or the other one's, besides the pair."""
+    roots = {int(model.body_rootid[b]) for b in (place.first.body, place.second.body) if b}
+    found = set()
+    for i in range(data.ncon):
+        geoms = [int(g) for g in data.contact.geom[i]]
+        if data.contact.efc_address[i] < 0 or min(geoms) < 0 or table[geoms[0]] + table[geoms[1]] == 3:
+            continue
+        in_tree = [int(model.body_rootid[model.geom_bodyid[g]]) in roots for g in geoms]
+        if any(in_tree):
+            found |= {g for g, inside in zip(geoms, in_tree, strict=True) if not inside or all(in_tree)}
+    return found

@@ -1,0 +1,56 @@
+"""Penetration, rate and force of balls in PyBullet, from their positions and velocities.
+
+Little is asked of Bullet in a step: each ball's velocity, as a query costs as much as a step. Positions
+follow exactly, as Bullet moves a body by its new velocity times the step. Forces are what they do to the
+momentum, Bullet's own to rounding, where nothing else slows a ball; else Bullet is asked for them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from hcbench.impact import Floats
+    from hcbench.scene import Scene
+
+_ROUND_OFF = 16 * np.finfo(float).eps  # of what a step adds up: a smaller change of velocity is no force
+
+
+def touching_height(scene: Scene) -> float:
+    """Height of the ball's centre over the plate's lowest point at touch, m."""
+    return scene.ball_radius if scene.form == "cup" else scene.relative_radius
+
+
+def overlap(scene: Scene, position: Floats, velocity: Floats) -> tuple[Floats, Floats, Floats]:
+    """Penetration, its rate, and the unit vector that leads deeper: no mesh, no engine.
+
+    position, velocity: the ball's, shape (..., 3).
+    """
+    radius = touching_height(scene)
+    above, falling, down = radius - position[..., 2], -velocity[..., 2], np.array([0.0, 0.0, -1.0])
+    if scene.form == "plane":
+        return above, falling, down
+    bowl = -scene.plate_radius
+    away = position - np.array([0.0, 0.0, bowl])  # from the centre of curvature
+    x, y, z = away[..., 0], away[..., 1], away[..., 2]
+    distance = np.sqrt(x * x + y * y + z * z)
+    with np.errstate(all="ignore"):  # at the centre itself there is no way out to speak of
+        out = (x * velocity[..., 0] + y * velocity[..., 1] + z * velocity[..., 2]) / distance
+        deeper = np.where(z[..., None] >= 0.0, down, away / distance[..., None])
+    # Above the centre: height over the lowest point.
+    return np.where(z >= 0.0, above, distance - (bowl - radius)), np.where(z >= 0.0, falling, out), deeper
+
+
+def force_from_momentum(scene: Scene, timestep: float, velocity: Floats, deeper: Floats) -> Floats:
+    """Normal force of each step, N, shape (n, b), from velocities of shape (n + 1, b, 3); exactly 0 where the
+    contact did not act.
+    """
+    fall = scene.gravity * timestep
+    gained = np.diff(velocity, axis=0)
+    gained[..., 2] += fall
+    slowed = -(gained * deeper).sum(axis=-1)
+    speed = np.abs(velocity).sum(axis=-1)
+    noise = _ROUND_OFF * (speed[:-1] + speed[1:] + fall)
+    return np.asarray(scene.mass * np.where(np.abs(slowed) <= noise, 0.0, slowed / timestep))

@@ -1,0 +1,105 @@
+"""Reads impacts off what an engine recorded at each step."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.impact import Impact, Launch, Loop, Status
+from hcbench.sim.stop import End, StopRule
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from hcbench.impact import Floats, Trajectory
+
+NOT_FINITE = "position, velocity or force is not finite"
+_TOO_DEEP = "went through the plate: deeper than its own radius"
+_TURNED_BACK = "turned back without a contact force of the pair"
+_PUSHED = "turned back by something else than the contact of the pair"
+
+
+def impact_of(launch: Launch, trajectory: Trajectory) -> Impact:
+    """Read one impact off a trajectory; `impacts_of` says how."""
+    x, v, f = trajectory.penetration[None], trajectory.rate[None], trajectory.force[None]
+    step = float(trajectory.time[1] - trajectory.time[0]) if len(trajectory.time) > 1 else 1.0
+    counts, ends = StopRule.for_launches([launch], step, 0.0).add(x, v, f)
+    if not counts[0]:
+        touched = f.any()
+        counts, ends = np.array([x.shape[1]]), np.array([End.UNFINISHED if touched else End.NEVER_TOUCHED])
+    return impacts_of([launch], trajectory.time, x, v, f, counts, ends)[0]
+
+
+def impacts_of(
+    launches: Sequence[Launch],
+    time: Floats,
+    x: Floats,
+    v: Floats,
+    f: Floats,
+    counts: NDArray[np.int64],
+    ends: NDArray[np.int64],
+) -> list[Impact]:
+    """Read impacts off trajectories that share their times, shape (n,), even.
+
+    x, v, f: penetration, rate and force as in `Trajectory`, shape (b, n); of each, the first `counts` steps
+    are its own, and `ends` says why it is over (`End`), shape (b,).
+    Contact is the run of steps in which the force acts. The speed in is the last one that no contact force
+    has touched, the speed out the first after the force has ceased for good: so under gravity the
+    restitution is that of the contact alone, not of the flight before and after it.
+    """
+    step = np.arange(x.shape[1], dtype=np.int32)
+    counts = counts.astype(np.int32)
+    with np.errstate(all="ignore"):
+        acting = (f != 0.0) & (step < counts[:, None])
+        first = acting.argmax(axis=1).astype(np.int32)
+        stops = x.shape[1] - acting[:, ::-1].argmax(axis=1).astype(np.int32)
+        inside = (step >= first[:, None]) & (step < stops[:, None])
+        deepest = np.where(inside, x, -np.inf).max(axis=1).tolist()
+        hardest = np.where(inside, f, -np.inf).max(axis=1).tolist()
+    each = np.arange(len(x))
+    v_in = v[each, first].tolist()
+    v_out = (-v[each, np.minimum(stops, counts - 1)]).tolist()
+    h = float(time[1] - time[0]) if len(time) > 1 else 0.0
+    clock = time - time[0]
+    impacts = []
+    for i, (launch, start, stop, n, end) in enumerate(
+        zip(launches, first.tolist(), stops.tolist(), counts.tolist(), ends.tolist(), strict=True)
+    ):
+        parted = end == End.PARTED
+        if end not in (End.PARTED, End.RESTED, End.UNFINISHED):
+            impacts.append(_without_contact(launch, End(end), float(time[n - 1])))
+        elif not v_in[i] > 0 or (parted and v_out[i] < 0):
+            impacts.append(Impact(launch, Status.DIVERGED, _PUSHED, samples=stop - start))
+        elif end == End.UNFINISHED:
+            lasted = n - start
+            reason = f"still in contact, and not at rest, after {lasted} steps ({h * lasted:.3g} s)"
+            impacts.append(Impact(launch, Status.UNFINISHED, reason, samples=stop - start))
+        else:
+            contact = slice(start, stop)
+            impact = Impact(
+                launch=launch,
+                status=Status.PARTED if parted else Status.RESTED,
+                reason="" if parted else f"still in contact {time[n - 1] - time[start]:.3g} s after touch",
+                speed_in=v_in[i],
+                speed_out=v_out[i] if parted else 0.0,
+                duration=h * (stop - start),
+                penetration_max=deepest[i],
+                force_max=hardest[i],
+                samples=stop - start,
+                loop=Loop(clock[: stop - start], x[i, contact], v[i, contact], f[i, contact]),
+            )
+            impacts.append(impact)
+    return impacts
+
+
+def _without_contact(launch: Launch, end: End, lasted: float) -> Impact:
+    if end is End.NOT_FINITE:
+        return Impact(launch, Status.DIVERGED, NOT_FINITE)
+    if end is End.TOO_DEEP:
+        return Impact(launch, Status.DIVERGED, _TOO_DEEP)
+    if end is End.TURNED_BACK:
+        return Impact(launch, Status.NO_TOUCH, _TURNED_BACK)
+    return Impact(launch, Status.NO_TOUCH, f"no contact force within {lasted:.3g} s")

@@ -1,0 +1,208 @@
+"""Simulates launches in any engine: release, advance in chunks, stop, read the impacts.
+
+Results are the same bits for any batch size, number of threads and length of chunks.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, nullcontext
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.errors import SettingError
+from hcbench.impact import Impact, Status, Trajectory
+from hcbench.laws import closed_form
+from hcbench.sim import registry
+from hcbench.sim.engine import CannotShareError
+from hcbench.sim.read_impact import NOT_FINITE, impacts_of
+from hcbench.sim.stop import StopRule
+from hcbench.workers import call, map_surviving_crashes, redirect_output
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from hcbench.impact import Floats, Launch
+    from hcbench.scene import Scene
+    from hcbench.setting import Setting
+    from hcbench.sim.engine import Simulation, SteppedEngine, World
+
+_CHUNK_MIN, _CHUNK_SHARE = 8, 8  # steps in a chunk: at least, and as a share of those taken already
+_SLOWEST = 1e-3  # m/s: for a body let down on the plate, a step is judged at this speed
+_LIMIT_STEP_S = 1e-3  # for one step of a trajectory, beyond the engine's limit for a launch
+_PROCESS_GROUP = (
+    8  # launches that an engine in a process of its own simulates together
+)
+
+
+def impacts(
+    engine: SteppedEngine, scene: Scene, setting: Setting, launches: Sequence[Launch]
+) -> list[Impact]:
+    """One impact for each launch, in order; one that the engine's process dies on is CRASHED."""
+    engine.version()
+    # Alike together: they take equally long.
+    order = sorted(range(len(launches)), key=lambda i: (launches[i].height or 0.0, launches[i].speed))
+    in_order = [launches[i] for i in order]
+    where = (engine.name, scene, setting)
+    if engine.own_process:
+        results = map_surviving_crashes(
+            _simulated,
+            in_order,
+            *where,
+            lost=lambda launch, reason: Impact(launch, Status.CRASHED, reason),
+            limit=engine.limit,
+            together=_PROCESS_GROUP,
+            give_up=_PROCESS_GROUP,
+        )
+    else:
+        results = list(_simulated(in_order, *where))
+    back = dict(zip(order, results, strict=True))
+    return [back[i] for i in range(len(launches))]
+
+
+def trajectory(
+    engine: SteppedEngine, scene: Scene, setting: Setting, launch: Launch, duration: float
+) -> Trajectory:
+    """Every step of `duration` s after one launch, NaN from where the engine gave up."""
+    engine.version()
+    steps = max(1, round(duration / setting.timestep))
+    if not engine.own_process:
+        return _followed(engine.name, scene, setting, launch, steps)
+    limit = engine.limit + steps * _LIMIT_STEP_S
+    return call(_followed, engine.name, scene, setting, launch, steps, limit=limit)
+
+
+def impacts_in(world: World, launches: Sequence[Launch]) -> list[Impact]:
+    """One impact for each launch in a world that is there already, in order."""
+    return [impact for group in run_launches(world, launches) for impact in group]
+
+
+def run_launches(
+    world: World, launches: Sequence[Launch], places: int = 0, expected: int = 0
+) -> Iterator[list[Impact]]:
+    """Impacts of launches that are sorted by how long they take, in groups of the world's `places`.
+
+    places: at most so many together, 0 for as many as the world carries. expected: steps of the first.
+    Raises SettingError for a launch that cannot arrive.
+    """
+    for launch in launches:
+        if math.isinf(launch.flight_time(world.timestep, world.gravity)):
+            raise SettingError("speed", "0 m/s without gravity", "a speed above 0, or gravity to fall by")
+    groups = max(1, math.ceil(len(launches) / (places or world.places)))
+    size = max(1, math.ceil(len(launches) / groups))
+    steps = expected
+
+    def run(group: Sequence[Launch]) -> list[Impact]:
+        nonlocal steps
+        found, steps = _run_group(world, group, steps)
+        return found
+
+    parts = [launches[i : i + size] for i in range(0, len(launches), size)]
+    if world.concurrent == 1 or len(parts) == 1:
+        yield from map(run, parts)
+        return
+    with ThreadPoolExecutor(world.concurrent) as pool:
+        yield from pool.map(run, parts)
+
+
+def _run_group(world: World, launches: Sequence[Launch], expected: int) -> tuple[list[Impact], int]:
+    """The impacts of launches that are simulated side by side, and how many steps that took."""
+    try:
+        with closing(world.release(launches)) as simulation:
+            return _until_ended(world, simulation, launches, expected)
+    except CannotShareError:
+        assert len(launches) > 1, "a launch that is simulated alone shares with none"
+        return [_run_group(world, [launch], expected)[0][0] for launch in launches], expected
+
+
+def _until_ended(
+    world: World, simulation: Simulation, launches: Sequence[Launch], expected: int
+) -> tuple[list[Impact], int]:
+    rule = StopRule.for_launches(launches, world.timestep, world.gravity, world.deepest)
+    left, longest = np.arange(len(launches)), 0
+    history: list[Floats] = []  # of shape (3, b, n) each
+    ended_impacts: dict[int, Impact] = {}
+    while left.size:
+        # Nobody knows how long a contact lasts that is longer than expected: a share of what was.
+        steps = rule.steps // _CHUNK_SHARE if rule.steps else expected
+        record = simulation.advance(max(_CHUNK_MIN, steps))
+        chunk = np.stack([record.penetration, record.rate, record.force])
+        history.append(chunk)
+        counts, ends = rule.add(*chunk)
+        ended = counts > 0
+        if not ended.any():
+            continue
+        longest = int(counts.max())
+        x, v, f = np.concatenate([part[:, ended] for part in history], axis=2)[:, :, :longest]
+        time = np.arange(longest, dtype=np.float64) * world.timestep
+        which = left[ended].tolist()
+        found = impacts_of([launches[i] for i in which], time, x, v, f, counts[ended], ends[ended])
+        for i, impact, count in zip(which, found, counts[ended].tolist(), strict=True):
+            ended_impacts[i] = _explained(impact, world.diverged, simulation.remark(count))
+        going = ~ended
+        left, history = left[going], [part[:, going] for part in history]
+        if left.size:
+            rule.keep(going)
+            simulation.keep(going)
+    return [ended_impacts[i] for i in range(len(launches))], longest
+
+
+def _explained(impact: Impact, diverged: str, remark: str) -> Impact:
+    """With the engine's own words for what went wrong, and what was in the way."""
+    if impact.status not in (Status.NO_TOUCH, Status.DIVERGED):
+        return impact
+    reason = diverged if impact.reason == NOT_FINITE else impact.reason
+    return dataclasses.replace(impact, reason=f"{reason}; {remark}" if remark else reason)
+
+
+def _simulated(
+    launches: Sequence[Launch], name: str, scene: Scene, setting: Setting
+) -> Iterator[Impact]:
+    """One impact for each launch, in order, in this process."""
+    engine: SteppedEngine = registry.engine(name)  # type: ignore[assignment]
+    speeds = [launch.touch_speed(setting.timestep, scene.gravity) for launch in launches]
+    quiet = redirect_output if engine.own_process else nullcontext
+    with quiet():
+        world = engine.load(scene, setting, max([_SLOWEST, *speeds]))
+    with world:
+        places = min(world.places, _PROCESS_GROUP) if engine.own_process else world.places
+        groups = run_launches(world, launches, places, _expected_steps(scene, setting.timestep, launches))
+        while True:
+            with quiet():
+                group = next(groups, None)
+            if group is None:
+                return
+            yield from group
+
+
+def _expected_steps(scene: Scene, timestep: float, launches: Sequence[Launch]) -> int:
+    """About how many steps the first launch takes: flight, and elastic contact of the scene's stiffness."""
+    if not launches:
+        return 0
+    speed = launches[0].touch_speed(timestep, scene.gravity)
+    flight = launches[0].flight_time(timestep, scene.gravity)
+    if speed == 0.0 or math.isinf(flight):
+        return 0
+    contact = closed_form.elastic_duration(scene.stiffness, scene.exponent, scene.mass, speed)
+    return math.ceil((contact + flight) / timestep) + _CHUNK_MIN
+
+
+def _followed(name: str, scene: Scene, setting: Setting, launch: Launch, steps: int) -> Trajectory:
+    engine: SteppedEngine = registry.engine(name)  # type: ignore[assignment]
+    fastest = max(_SLOWEST, launch.touch_speed(setting.timestep, scene.gravity))
+    path = np.full((3, steps), np.nan)
+    done = 0
+    with (
+        redirect_output() if engine.own_process else nullcontext(),
+        engine.load(scene, setting, fastest) as world,
+        closing(world.follow(launch)) as simulation,
+    ):
+        while done < steps:
+            record = simulation.advance(steps - done)
+            count = record.force.shape[1]
+            path[:, done : done + count] = record.penetration[0], record.rate[0], record.force[0]
+            done = done + count if np.isfinite(path[:, done : done + count]).all() else steps
+    return Trajectory(np.arange(steps, dtype=np.float64) * setting.timestep, *path)
