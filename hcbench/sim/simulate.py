@@ -33,9 +33,7 @@ if TYPE_CHECKING:
 _CHUNK_MIN, _CHUNK_SHARE = 8, 8  # steps in a chunk: at least, and as a share of those taken already
 _SLOWEST = 1e-3  # m/s: for a body let down on the plate, a step is judged at this speed
 _LIMIT_STEP_S = 1e-3  # for one step of a trajectory, beyond the engine's limit for a launch
-_PROCESS_GROUP = (
-    8  # launches that an engine in a process of its own simulates together
-)
+_PROCESS_GROUP = 8  # launches that an engine in a process of its own simulates together
 
 
 def impacts(
@@ -158,9 +156,7 @@ def _explained(impact: Impact, diverged: str, remark: str) -> Impact:
     return dataclasses.replace(impact, reason=f"{reason}; {remark}" if remark else reason)
 
 
-def _simulated(
-    launches: Sequence[Launch], name: str, scene: Scene, setting: Setting
-) -> Iterator[Impact]:
+def _simulated(launches: Sequence[Launch], name: str, scene: Scene, setting: Setting) -> Iterator[Impact]:
     """One impact for each launch, in order, in this process."""
     engine: SteppedEngine = registry.engine(name)  # type: ignore[assignment]
     speeds = [launch.touch_speed(setting.timestep, scene.gravity) for launch in launches]
