@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
     from hcbench.check.baseline import Baseline
     from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.measure.measurement import Measurement, Request
+    from hcbench.measure.measurement import Measurement
+    from hcbench.sim.model_under_test import Request
 
 MAX_ERROR = 0.02
 MAX_DRIFT = 1e-4  # of e from a baseline: far above rounding, far below what anybody sees

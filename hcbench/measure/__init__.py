@@ -6,7 +6,8 @@ import sys
 from types import ModuleType
 
 from hcbench.measure.measure import measure
-from hcbench.measure.measurement import Cause, Measurement, Request, Wanted
+from hcbench.measure.measurement import Cause, Measurement, Wanted
+from hcbench.sim.model_under_test import Request
 
 __all__ = ["Cause", "Measurement", "Request", "Wanted", "measure"]
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.impact import Status
-from hcbench.measure.measurement import NOTABLE_GAIN, TOLERANCE, Suspect
+from hcbench.measure.measurement import NOTABLE_GAIN, TOLERANCE
+from hcbench.sim.model_under_test import Suspect
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence

@@ -13,15 +13,16 @@ import numpy as np
 
 from hcbench.errors import HcbenchError
 from hcbench.impact import Status
-from hcbench.measure.measurement import NOTABLE_GAIN, TOLERANCE, Cause, Suspect
+from hcbench.measure.measurement import NOTABLE_GAIN, TOLERANCE, Cause
 from hcbench.sim import simulate
+from hcbench.sim.model_under_test import Suspect
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from hcbench.impact import Impact, Launch
     from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.sim.engine import ModelUnderTest
+    from hcbench.sim.model_under_test import ModelUnderTest
 
 _SHIFT = 0.5  # of the error: how much of it a fix must take away, where that is less than the tolerance
 _PROBE_PHASES = 4

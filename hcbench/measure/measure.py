@@ -16,9 +16,10 @@ from hcbench._text import sanitized
 from hcbench.errors import EngineFailed, HcbenchError, SceneError, UserError
 from hcbench.laws.restitution import ConstantRestitution
 from hcbench.measure.diagnose import diagnose, goal_of
-from hcbench.measure.measurement import TOLERANCE, Measurement, Request
+from hcbench.measure.measurement import TOLERANCE, Measurement
 from hcbench.measure.request import make_request
 from hcbench.sim import registry, simulate
+from hcbench.sim.model_under_test import Request
 from hcbench.workers import WorkerDied, call
 
 if TYPE_CHECKING:
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
 
     from hcbench.impact import Impact
     from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.sim.engine import Engine, ModelUnderTest
+    from hcbench.sim.engine import Engine
+    from hcbench.sim.model_under_test import ModelUnderTest
 
 LIMIT_S = 60.0  # for one model, on a machine under load too: it takes a second or two
 LEAST_MEMORY = 4 << 30  # bytes that any model may take

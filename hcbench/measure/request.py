@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench import units
 from hcbench.errors import QuantityError, UserError
-from hcbench.measure.measurement import DEFAULT_PHASES, DEFAULT_SPEEDS, Request, Vector
+from hcbench.sim.model_under_test import DEFAULT_PHASES, DEFAULT_SPEEDS, Request, Vector
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -33,10 +33,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hcbench.impact import Floats, Impact, Launch, Trajectory
-    from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.measure.measurement import Facts, Request, Suspect
     from hcbench.scene import Scene
     from hcbench.setting import Setting
+    from hcbench.sim.model_under_test import ModelUnderTest, Request
     from hcbench.tune.recipe import Recipe
 
     Flags = NDArray[Any]
@@ -114,27 +113,6 @@ class World(ABC):
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-class ModelUnderTest(World):
-    """A user's own model with a pair of bodies brought to touch: what `measure` needs beyond a world."""
-
-    @abstractmethod
-    def facts(self) -> Facts:
-        """What the model says of itself and of the pair."""
-
-    @abstractmethod
-    def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """What may keep this pair from bouncing as asked, likeliest first."""
-
-    @abstractmethod
-    def fixed(self, suspects: Sequence[Suspect]) -> ModelUnderTest:
-        """The same pair with the fixes of `suspects` made, in a copy of the model."""
-
-    @property
-    def step_cost(self) -> float:
-        """Cost of a step over that of a ball on a plane; roughly, and the same on every machine."""
-        return 1.0
 
 
 class Engine(ABC):

@@ -28,13 +28,13 @@ from hcbench.errors import EngineMissing, UserError
 from hcbench.sim.engine import SteppedEngine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from hcbench.engines.mujoco.model_under_test import MujocoModel
     from hcbench.engines.mujoco.options import Options
-    from hcbench.measure.measurement import Request
     from hcbench.scene import Scene
     from hcbench.setting import Setting
+    from hcbench.sim.model_under_test import Request
     from hcbench.tune.recipe import Recipe
 
 

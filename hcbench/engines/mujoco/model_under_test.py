@@ -16,8 +16,7 @@ from hcbench.engines.mujoco.place import place
 from hcbench.engines.mujoco.user_model import start
 from hcbench.engines.mujoco.user_simulation import UserSimulation
 from hcbench.measure.causes import other_contacts
-from hcbench.measure.measurement import Facts, Request, Suspect
-from hcbench.sim.engine import ModelUnderTest
+from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

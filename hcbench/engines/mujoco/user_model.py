@@ -12,7 +12,7 @@ from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.errors import EngineFailed, SceneError, UserError
 
 if TYPE_CHECKING:
-    from hcbench.measure.measurement import Request
+    from hcbench.sim.model_under_test import Request
 
 SUFFIXES = (".xml", ".mjcf", ".urdf", ".mjb", ".mjz")
 

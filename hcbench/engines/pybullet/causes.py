@@ -11,7 +11,7 @@ import numpy as np
 
 from hcbench.engines.pybullet.backend import LASTING_SETTINGS
 from hcbench.measure import causes
-from hcbench.measure.measurement import Suspect
+from hcbench.sim.model_under_test import Suspect
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

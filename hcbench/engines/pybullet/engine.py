@@ -25,12 +25,12 @@ from hcbench.errors import EngineMissing
 from hcbench.sim.engine import SteppedEngine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from hcbench.engines.pybullet.model_under_test import PybulletModel
-    from hcbench.measure.measurement import Request
     from hcbench.scene import Scene
     from hcbench.setting import Setting
+    from hcbench.sim.model_under_test import Request
     from hcbench.tune.recipe import Recipe
 
 

@@ -18,8 +18,7 @@ from hcbench.engines.pybullet.place import place
 from hcbench.engines.pybullet.user_model import Bullet, Loaded, World, find_sides, load_files
 from hcbench.engines.pybullet.user_simulation import UserSimulation
 from hcbench.errors import UserError
-from hcbench.measure.measurement import Facts, Request, Suspect
-from hcbench.sim.engine import ModelUnderTest
+from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -9,7 +9,7 @@ from hcbench.engines.mujoco.causes.motion import gravity, integrator, losses, ma
 
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.causes.context import Context
-    from hcbench.measure.measurement import Suspect
+    from hcbench.sim.model_under_test import Suspect
 
 CHECKS = (mixing, refsafe, solref, integrator, solimp, resolution, gravity, losses, margin)
 

@@ -15,7 +15,7 @@ from hcbench.engines.mujoco.causes.context import DEFAULT_SOLREF, same
 from hcbench.engines.mujoco.causes.fixes import numbers
 from hcbench.engines.mujoco.model import explicit_pairs, geom_name
 from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MAX_POWER, MIN_IMPEDANCE, STIFF_SOLIMP
-from hcbench.measure.measurement import Suspect
+from hcbench.sim.model_under_test import Suspect
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

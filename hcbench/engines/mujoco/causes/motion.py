@@ -14,7 +14,7 @@ from hcbench.engines.mujoco.causes.context import Context
 from hcbench.engines.mujoco.model import body_name
 from hcbench.impact import Status
 from hcbench.measure import causes
-from hcbench.measure.measurement import Suspect
+from hcbench.sim.model_under_test import Suspect
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -1,0 +1,115 @@
+"""A user's own model with a pair of bodies in it: what an engine must offer so that it can be measured."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from hcbench.impact import Launch
+from hcbench.sim.engine import World
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from hcbench.impact import Impact
+    from hcbench.laws.restitution import RestitutionCurve
+
+DEFAULT_SPEEDS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0)
+DEFAULT_PHASES = 4
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What to measure.
+
+    pair: names of the two, moving one first; None where the model leaves no choice.
+    speeds: launch speeds, m/s. phases: where in a step the touch falls, each 0 ... 1.
+    timestep: s; None: the model's own. gravity: m/s^2; None: the model's own.
+    key: name or number of the keyframe that everything starts from, "qpos0" for the model's zero;
+        None: the first keyframe, or qpos0 where there is none.
+    height: clearance at release, m; None: two to three steps of flight.
+    thrifty: fly one phase only at speeds where the contact has so many steps that phase cannot matter.
+    """
+
+    pair: tuple[str, str] | None = None
+    speeds: tuple[float, ...] = DEFAULT_SPEEDS
+    phases: tuple[float, ...] = tuple((i + 0.5) / DEFAULT_PHASES for i in range(DEFAULT_PHASES))
+    timestep: float | None = None
+    gravity: Vector | None = None
+    key: str | None = None
+    height: float | None = None
+    thrifty: bool = False
+
+    def launches(self) -> list[Launch]:
+        """One for each speed and phase, speeds in order."""
+        return [Launch(v, p, self.height) for v in self.speeds for p in self.phases]
+
+
+@dataclass(frozen=True, slots=True)
+class Suspect:
+    """Something in a model that may keep it from bouncing as asked.
+
+    code: short and stable. title: the sentence that names it. evidence: numbers found. fix: text to paste.
+    apply: makes the fix in a copy of the subject's own state; None where it cannot be tried.
+    always_reported: even where the measured e is as asked, as it speaks of what the model asks for.
+    assumed_e: e that the fix is written for, where nobody said which e is wanted; e is then compared with it.
+    apply_last: its fix depends on the step and integrator, so it is made after those that change them.
+    """
+
+    code: str
+    title: str
+    evidence: str
+    fix: str
+    apply: Callable[[Any], None] | None = None
+    always_reported: bool = False
+    assumed_e: float | None = None
+    apply_last: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What a model says of itself and of its pair, SI.
+
+    pair: as the model names the two, the moving one first. moved: what carries it, in words.
+    effective_mass: 1 / (J M^-1 J^T) along the contact normal, kg. normal: unit vector, from the moving
+    one towards the other. settings: the engine's own words for what decides the bounce.
+    asked: e that the model asks for at each speed of the request; () where it cannot be said.
+    asked_words: where that comes from. notes: sentences a reader must know.
+    """
+
+    engine: str
+    version: str
+    model: str
+    pair: tuple[str, str]
+    moved: str
+    timestep: float
+    gravity: Vector
+    effective_mass: float
+    normal: Vector
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    asked: tuple[float, ...] = ()
+    asked_words: str = ""
+    notes: tuple[str, ...] = ()
+
+
+class ModelUnderTest(World):
+    """A user's own model with a pair of bodies brought to touch: what `measure` needs beyond a world."""
+
+    @abstractmethod
+    def facts(self) -> Facts:
+        """What the model says of itself and of the pair."""
+
+    @abstractmethod
+    def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
+        """What may keep this pair from bouncing as asked, likeliest first."""
+
+    @abstractmethod
+    def fixed(self, suspects: Sequence[Suspect]) -> ModelUnderTest:
+        """The same pair with the fixes of `suspects` made, in a copy of the model."""
+
+    @property
+    def step_cost(self) -> float:
+        """Cost of a step over that of a ball on a plane; roughly, and the same on every machine."""
+        return 1.0
