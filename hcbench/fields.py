@@ -40,7 +40,7 @@ class Table(BaseModel):
     unknown: ClassVar[tuple[str, str]] = ("unknown key", "one of")
 
 
-class Options(Table):
+class OptionTable(Table):
     """A table of a setting's options."""
 
     unknown: ClassVar[tuple[str, str]] = ("unknown", "one of")
@@ -192,12 +192,12 @@ def read_numbers(
     error: type[UserError],
     slot: str,
 ) -> dict[str, float]:
-    """Options that are all numbers; raises `error` for unknown, missing and other ones."""
+    """OptionTable that are all numbers; raises `error` for unknown, missing and other ones."""
     table = _numbers(tuple(required), tuple(optional))
     return validate(table, options, error, slot).model_dump(exclude_unset=True)
 
 
 @cache
-def _numbers(required: tuple[str, ...], optional: tuple[str, ...]) -> type[Options]:
+def _numbers(required: tuple[str, ...], optional: tuple[str, ...]) -> type[OptionTable]:
     fields: dict[str, Any] = dict.fromkeys(required, (Finite, ...)) | dict.fromkeys(optional, (Finite, 0.0))
-    return create_model("Numbers", __base__=Options, **fields)
+    return create_model("Numbers", __base__=OptionTable, **fields)

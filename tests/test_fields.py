@@ -13,7 +13,7 @@ from hcbench.fields import (
     Alpha,
     Finite,
     Mass,
-    Options,
+    OptionTable,
     Speeds,
     Steps,
     Table,
@@ -24,7 +24,7 @@ from hcbench.fields import (
 )
 
 
-class Row(Options):
+class Row(OptionTable):
     """A part of a file that comes several times."""
 
     solref: Finite

@@ -13,6 +13,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 from hcbench.errors import SettingError
+from hcbench.fields import read_numbers
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import TouchSpeedLaw, law_named
@@ -62,11 +63,11 @@ def _quintic(s: float) -> float:
 ForceLaw = HuntCrossley | TouchSpeedLaw
 Law = ForceLaw | Restitution | ConstantRestitution
 _KINDS: dict[tuple[str, bool], tuple[type[Law], tuple[str, ...], tuple[str, ...]]] = {
-    # kind and whether it names a law: what it makes, what that needs, and what it may have
+    # by kind, and by whether a law is named: the class, the numbers that it needs, and those that it may have
     ("force", False): (HuntCrossley, ("alpha", "stiffness"), ("exponent",)),
-    ("force", True): (TouchSpeedLaw, ("law", "restitution", "stiffness"), ("exponent",)),
-    ("restitution", False): (Restitution, ("alpha",), ("reading",)),
-    ("restitution", True): (ConstantRestitution, ("law", "restitution"), ()),
+    ("force", True): (TouchSpeedLaw, ("restitution", "stiffness"), ("exponent",)),
+    ("restitution", False): (Restitution, ("alpha",), ()),
+    ("restitution", True): (ConstantRestitution, ("restitution",), ()),
 }
 
 
@@ -95,25 +96,21 @@ def law_of(options: Mapping[str, Any]) -> Law:
     {"kind": "force", "law": "flores", "restitution": e, "stiffness": N/m^n, "exponent": 1.5} and
     {"kind": "restitution", "law": "flores", "restitution": e} a law of `reference.later_laws`, asked for e.
     """
+    require("option 'law'", options, hasattr(options, "items"), 'a table such as {"kind": "force", ...}')
     given = dict(options)
-    kind = given.pop("kind", None)
+    kind, named = given.pop("kind", None), "law" in given
     require("option 'law.kind'", kind, kind in ("force", "restitution"), "'force' or 'restitution'")
-    make, needs, may = _KINDS[kind, "law" in given]
-    for name, value in given.items():
-        require(
-            f"option 'law.{name}'", value, name in needs + may, f"only: {', '.join(('kind', *needs, *may))}"
-        )
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        require(f"option 'law.{name}'", value, number or name in ("law", "reading"), "a number")
-    for name in needs:
-        require(f"option 'law.{name}'", None, name in given, f"a number: the {kind} law needs it")
-    if "law" in given:
-        family = law_named(given.pop("law"))
-        if make is ConstantRestitution:
-            return ConstantRestitution(TouchSpeedLaw(family, 1.0, **given).delivered)
-        return TouchSpeedLaw(family, **given)
-    made: Law = make(**given)
-    return made
+    make, required, optional = _KINDS[kind, named]
+    word = "law" if named else "reading"
+    words = {word: given.pop(word)} if named or (make is Restitution and word in given) else {}
+    numbers: dict[str, Any] = read_numbers(given, required, optional, SettingError, "option 'law.{}'")
+    if not named:
+        law: Law = make(**words, **numbers)
+        return law
+    family = law_named(words["law"])
+    if make is ConstantRestitution:
+        return ConstantRestitution(TouchSpeedLaw(family, 1.0, **numbers).delivered)
+    return TouchSpeedLaw(family, **numbers)
 
 
 def contact_time(law: ForceLaw, mass: float, speed: float) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 
 import hcbench
 from hcbench.errors import SettingError
+from hcbench.fields import read_numbers
 from hcbench.impact import Impact, Launch, Status
 from hcbench.laws import closed_form, kelvin_voigt, ode
 from hcbench.laws.bounces import bounce_train
@@ -19,7 +20,6 @@ from hcbench.sim.engine import Engine
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from typing import Any
 
     from hcbench.impact import Trajectory
     from hcbench.scene import Scene
@@ -97,17 +97,8 @@ def law_of(setting: Setting, scene: Scene) -> Law:
 
 
 def _numbers(setting: Setting, defaults: Mapping[str, float], required: Sequence[str]) -> dict[str, float]:
-    options: Mapping[str, Any] = {**defaults, **setting.options}
-    names = (*required, *defaults)
-    for name in options:
-        if name not in names:
-            raise SettingError(f"{setting.name} option", repr(name), f"one of: {', '.join(names)}")
-    for name in names:
-        value = options.get(name)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            got = "missing" if value is None else repr(value)
-            raise SettingError(f"{setting.name} option {name!r}", got, "a number, SI")
-    return {name: float(options[name]) for name in names}
+    slot = f"{setting.name} option '{{}}'"
+    return {**defaults, **read_numbers(setting.options, required, [*defaults], SettingError, slot)}
 
 
 @lru_cache(maxsize=512)  # a study asks for every speed at several phases, which the truth does not depend on
