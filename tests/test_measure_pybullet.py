@@ -244,8 +244,8 @@ def test_a_restitution_in_another_simulators_tag_is_told(files: tuple[Path, Path
     [
         ("not a robot", "is not XML"),
         ("<sdf/>", "begins with <sdf>"),
-        (urdf("ball", SPHERE, -1), "mass '-1"),
-        (urdf("ball", SPHERE, float("nan")), "mass 'nan'"),
+        (urdf("ball", SPHERE, -1), "mass: '-1"),
+        (urdf("ball", SPHERE, float("nan")), "mass: 'nan'"),
         (urdf("ball", '<mesh filename="gone.obj"/>', 1), "gone.obj"),
         ('<robot name="r"><link name="a"/><link name="a"/></robot>', "PyBullet loads|collision"),
         (

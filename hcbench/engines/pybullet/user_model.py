@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
-from xml.etree import ElementTree as ET
 
 from hcbench._text import sanitized
 from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
-from hcbench.errors import SceneError, UserError
+from hcbench.engines.pybullet.model_file import check_user_model
+from hcbench.errors import UserError
 from hcbench.sim.names import find_part
 
 if TYPE_CHECKING:
@@ -63,7 +61,7 @@ class Loaded:
 def load_files(paths: Sequence[str]) -> Loaded:
     """A new world with the files loaded in it, as PyBullet loads them by default."""
     files = [Path(path) for path in paths]
-    foreign_in = {path: _check_file(path) for path in files}
+    foreign_in = {path: check_user_model(path) for path in files}
     bullet = BulletClient.direct()
     bullet.resetSimulation()
     bullet.setPhysicsEngineParameter(**_STARTING_SETTINGS)
@@ -75,47 +73,6 @@ def load_files(paths: Sequence[str]) -> Loaded:
             if (found := foreign_in[path]) is not None:
                 foreign[body] = found
     return Loaded(bullet, names, " + ".join(path.name for path in files), True, foreign)
-
-
-def _check_file(path: Path) -> tuple[str, float] | None:
-    """Refuse what PyBullet would only print about; return a restitution that it would overlook."""
-    if not path.is_file():
-        what = "is a folder" if path.is_dir() else "is not there"
-        raise SceneError("model", f"{path} {what}", "a URDF, SDF or MJCF file")
-    try:
-        root = ET.parse(path).getroot()
-    except (ET.ParseError, UnicodeDecodeError, ValueError) as error:
-        raise SceneError("model", f"{path} is not XML: {error}", "a URDF, SDF or MJCF file") from None
-    expected = {".urdf": "robot", ".sdf": "sdf"}.get(path.suffix.lower())
-    if expected and root.tag != expected:
-        raise SceneError("model", f"{path} begins with <{root.tag[:40]}>", f"<{expected}>")
-    for mass in root.iter("mass"):
-        text = mass.get("value") or (mass.text or "")
-        try:
-            value = float(text)
-        except ValueError:
-            raise SceneError("model", f"{path}: mass {text[:40]!r}", "a number of kg") from None
-        if not 0 <= value < math.inf:
-            raise SceneError("model", f"{path}: mass {text[:40]!r} kg", "0 kg (fixed) or more")
-    for mesh in root.iter("mesh"):
-        name = mesh.get("filename")
-        if name and "://" not in name and not (path.parent / name).is_file() and not Path(name).is_absolute():
-            raise SceneError("model", f"{path}: mesh {name[:200]!r} is not there", "a file beside the URDF")
-    return _foreign_restitution(root)
-
-
-def _foreign_restitution(root: ET.Element) -> tuple[str, float] | None:
-    """(tag, e) of the first restitution outside <link><contact>, where other simulators have theirs."""
-    own = {id(e) for e in root.iterfind(".//link/contact/restitution")}
-    for element in root.iter():
-        tag = str(element.tag).rpartition("}")[2]
-        if "restitution" not in tag.lower() or id(element) in own:
-            continue
-        text = element.get("value") or element.text or ""
-        with suppress(ValueError):
-            if 0 <= float(text) <= 1:
-                return sanitized(tag), float(text)
-    return None
 
 
 def find_sides(loaded: Loaded, pair: tuple[str, str] | None, world: World | None) -> tuple[Side, Side]:

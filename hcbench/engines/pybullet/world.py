@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.pybullet.model_file import check_ball, check_plate
 from hcbench.engines.pybullet.record import force_from_momentum, overlap, touching_height
-from hcbench.engines.pybullet.urdf import check_ball, check_plate
 from hcbench.errors import EngineFailed, SceneError
 from hcbench.sim.engine import CannotShareError, Record, Simulation, World
 from hcbench.workers import in_worker

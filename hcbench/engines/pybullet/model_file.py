@@ -1,0 +1,96 @@
+"""Model files read as text for what PyBullet overlooks: it takes "abc" for 0, and lets a heavy plate move."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hcbench._text import sanitized
+from hcbench.errors import SceneError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hcbench.scene import Scene
+
+_RADIUS_TOLERANCE = 1e-9  # m
+_ROOTS = {".urdf": "robot", ".sdf": "sdf"}  # a file's first tag, by its suffix
+
+
+def check_ball(path: Path, scene: Scene) -> None:
+    """SceneError where the ball has no mass, or is a sphere of another radius than the scene's."""
+    root = _parse(path)
+    for element in root.findall("link/inertial/mass"):
+        text = element.get("value")
+        _check_number(path, "mass", text, "a mass in kg above 0", lambda mass: 0.0 < mass < math.inf)
+    radius = scene.relative_radius if scene.form == "plane" else scene.ball_radius
+    name = "1/(1/R1 + 1/R2)" if scene.form == "plane" else "R1"
+    expected = f"{radius:.12g} m, the {name} of scene.toml"
+    for element in root.findall("link/collision/geometry/sphere"):
+        text = element.get("radius")
+        _check_number(path, "sphere radius", text, expected, lambda r: abs(r - radius) <= _RADIUS_TOLERANCE)
+
+
+def check_plate(path: Path) -> None:
+    """SceneError where the plate has a mass: Bullet would let it move."""
+    masses = _parse(path).findall("link/inertial/mass")
+    expected = "0, which fixes it in Bullet"
+    for element in masses:
+        _check_number(path, "mass", element.get("value"), expected, lambda mass: mass == 0.0)
+    if not masses:
+        raise SceneError(f"{path}: mass", "missing, which Bullet reads as 1 kg", expected)
+
+
+def check_user_model(path: Path) -> tuple[str, float] | None:
+    """Refuse what PyBullet would only print about. Returns a restitution that it would overlook: the first
+    (tag, e) outside <link><contact>, where other simulators have theirs.
+    """
+    if not path.is_file():
+        got = f"{path} is a folder" if path.is_dir() else f"{path} is not there"
+        raise SceneError("model", got, "a URDF, SDF or MJCF file")
+    root = _parse(path)
+    expected = _ROOTS.get(path.suffix.lower(), root.tag)
+    if root.tag != expected:
+        raise SceneError("model", f"{path} begins with <{root.tag[:40]}>", f"<{expected}>")
+    for mass in root.iter("mass"):
+        text = mass.get("value") or mass.text or ""
+        _check_number(path, "mass", text, "0 kg (fixed) or more", lambda mass: 0 <= mass < math.inf)
+    for mesh in root.iter("mesh"):
+        name = mesh.get("filename")
+        if name and "://" not in name and not (path.parent / name).is_file() and not Path(name).is_absolute():
+            raise SceneError("model", f"{path}: mesh {name[:200]!r} is not there", "a file beside the URDF")
+    return _foreign_restitution(root)
+
+
+def _foreign_restitution(root: ET.Element) -> tuple[str, float] | None:
+    read_by_bullet = {id(element) for element in root.iterfind(".//link/contact/restitution")}
+    for element in root.iter():
+        tag = str(element.tag).rpartition("}")[2]
+        if "restitution" in tag.lower() and id(element) not in read_by_bullet:
+            with suppress(ValueError):
+                if 0 <= (e := float(element.get("value") or element.text or "")) <= 1:
+                    return sanitized(tag), e
+    return None
+
+
+def _parse(path: Path) -> ET.Element:
+    try:
+        return ET.parse(path).getroot()
+    except (ET.ParseError, OSError, ValueError, LookupError) as error:
+        got = f"is not XML or cannot be read: {error}"
+        raise SceneError(str(path), got, "a URDF, SDF or MJCF file") from None
+
+
+def _check_number(
+    path: Path, name: str, text: str | None, expected: str, is_good: Callable[[float], bool]
+) -> None:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not is_good(value):
+        got = "missing" if text is None else repr(text[:40])
+        raise SceneError(f"{path}: {name}", got, expected)
