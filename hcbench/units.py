@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 INCH = 0.0254  # m
+POUND = 0.45359237  # kg
 POUND_FORCE = 4.4482216152605  # N
+PSI = 6894.757293168361  # Pa
 STANDARD_GRAVITY = 9.80665  # m/s²
 RANGE_COUNT = 20  # "1:20 in/s" without a count: 1, 2, ..., 20
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from hcbench.engines.mujoco.two_blocks import mjcf
-from hcbench.paper import forced
+from hcbench.paper.forced_figures import FULL, LAW, LOOSE, STAND_IN_SPEED
 from hcbench.sim.two_blocks import NAME, TwoBlocks
 
 HEAD = """<!-- scene.xml, contact tuned to eq. (16): pairs of the ball with either block whose springs start
@@ -22,8 +22,7 @@ HEAD = """<!-- scene.xml, contact tuned to eq. (16): pairs of the ball with eith
 
 def main() -> None:
     """Write the file."""
-    system = forced.LOOSE
-    blocks = TwoBlocks(system.mass, system.gap, forced.LAW, forced.FULL.timestep, forced.STAND_IN_SPEED)
+    blocks = TwoBlocks(LOOSE.mass, LOOSE.gap, LAW, FULL.timestep, STAND_IN_SPEED)
     (Path(__file__).parent / NAME / "tuned.xml").write_text(HEAD + mjcf(blocks), encoding="utf-8")
 
 

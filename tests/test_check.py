@@ -17,7 +17,6 @@ import pytest
 from hcbench.check import Ask, Outputs, Report, Verdict, check, plan, run_check
 from hcbench.check.baseline import read_baseline
 from hcbench.check.junit import as_junit
-from hcbench.check.page import measurement_page
 from hcbench.check.pairs import read_pairs
 from hcbench.check.studies import check_study
 from hcbench.check.words import as_markdown, as_record_of, as_text
@@ -27,6 +26,7 @@ from hcbench.laws.restitution import Reading
 from hcbench.measure import Wanted, measure
 from hcbench.measure.text import as_record
 from hcbench.measure.text import as_text as measurement_text
+from hcbench.report.measurement_page import measurement_page
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 GOOD, BROKEN = str(EXAMPLES / "good.xml"), str(EXAMPLES / "broken.xml")

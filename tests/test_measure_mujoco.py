@@ -9,12 +9,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from hcbench.check.page import measurement_page
 from hcbench.engines.mujoco.rows import SoftConstraint
 from hcbench.errors import SceneError, UserError
 from hcbench.impact import Impact, Status
 from hcbench.measure import Measurement, measure
 from hcbench.measure.text import as_text
+from hcbench.report.measurement_page import measurement_page
 
 SPRING = 'solref="-40000 -12" solimp=".9999 .9999 .001 .5 2"'
 IMPULSE = 'solref="0 -950" solimp=".9999 .9999 .001 .5 2"'
@@ -324,7 +324,7 @@ def test_failures_have_a_column_where_there_are_any() -> None:
         found = measure(model, ("ball", "plate"), speeds=[2.0], phases=1, diagnose=False)
         assert bool(found.failed) == failed
         assert ("failed\n" in as_text(found)) == failed
-        assert ("<th>failed</th>" in measurement_page(found)) == failed
+        assert (">failed</th>" in measurement_page(found)) == failed
         assert "<th>steps in contact</th>" in measurement_page(found)
 
 

@@ -17,7 +17,7 @@ import pytest
 from small_results import small_results
 
 from hcbench.report.build import build
-from hcbench.report.figures import drawings
+from hcbench.report.drawings import drawings
 from hcbench.report.view import View
 
 if TYPE_CHECKING:

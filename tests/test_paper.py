@@ -15,12 +15,12 @@ from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.ode import impact
 from hcbench.laws.published import LAWS
-from hcbench.paper import constants, impacts, later_figures, pens, vibroimpact_figures
-from hcbench.paper.build import build
-from hcbench.paper.drawings import drawings
-from hcbench.paper.forced import QUICK
-from hcbench.paper.numbers import Printed, digits, factors, printed_numbers
-from hcbench.report import style
+from hcbench.paper import constants, impact_figures, later_figures, vibroimpact_figures
+from hcbench.paper.build import build, drawings
+from hcbench.paper.forced_figures import QUICK
+from hcbench.paper.printed_numbers import Printed, factors, printed_numbers
+from hcbench.report.plot_style import COLOURS, DASHES, figure_defaults, numbered_line
+from hcbench.report.wording import four_digits
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -151,8 +151,8 @@ def test_a_verdict_goes_by_the_printed_digits() -> None:
     assert verdict("2.19e7", 2.21e7, 3) == "differs"
     assert verdict("600", 608.6, 1) == "agrees"
     assert verdict("600", 608.6, 2) == "rounded"
-    assert digits(15153300.0) == "1.515·10⁷"
-    assert digits(62004.1) == "62000"
+    assert four_digits(15153300.0) == "1.515·10⁷"
+    assert four_digits(62004.1) == "62000"
 
 
 def test_the_factor_of_15_is_3_2_whatever_the_exponent_and_the_mass(folder: Path) -> None:
@@ -166,8 +166,8 @@ def test_the_factor_of_15_is_3_2_whatever_the_exponent_and_the_mass(folder: Path
 def test_every_number_is_on_the_page(folder: Path) -> None:
     text = (folder / "index.html").read_text(encoding="utf-8")
     for n in NUMBERS.values():
-        assert digits(n.ours) in text
-        assert digits(n.value) in text
+        assert four_digits(n.ours) in text
+        assert four_digits(n.value) in text
     for law in LAWS.values():
         assert law.name in text
 
@@ -181,8 +181,8 @@ def _lines(axes: Axes) -> list[np.ndarray]:
 
 
 def test_figure_4_shows_the_closed_form_in_the_papers_units() -> None:
-    with style.drawing():
-        panels = impacts.figure_4().axes[:4]
+    with figure_defaults():
+        panels = impact_figures.figure_4().axes[:4]
     for axes, alpha in zip(panels, constants.ALPHAS, strict=True):
         for line, speed in zip(_lines(axes), constants.SPEEDS, strict=False):
             law = constants.law(alpha)
@@ -196,14 +196,14 @@ def test_figure_4_shows_the_closed_form_in_the_papers_units() -> None:
 
 
 def test_figure_1_pulls_on_the_left_only() -> None:
-    with style.drawing():
-        left, right = impacts.figure_1()[0].axes
+    with figure_defaults():
+        left, right = impact_figures.figure_1()[0].axes
     assert _lines(left)[0][:, 1].min() < 0.0 < _lines(left)[0][0, 1]
     assert min(line[:, 1].min() for line in _lines(right)) == 0.0
 
 
 def test_figure_9_lies_on_its_ellipse_and_figure_8_does_not_close_on_one() -> None:
-    with style.drawing():
+    with figure_defaults():
         small, large = vibroimpact_figures.figure_9()[0].axes[1], vibroimpact_figures.figure_8().axes[1]
     loop, ellipse = _lines(small)[:2]
     assert np.ptp(loop[:, 1]) == pytest.approx(np.ptp(ellipse[:, 1]), rel=0.02)
@@ -215,9 +215,9 @@ LIKE_HUES = ((0, 4), (0, 7), (4, 7), (3, 7), (1, 8), (6, 9))  # blues, purples, 
 
 
 def test_inks_of_like_hue_differ_in_their_dashes() -> None:
-    assert len(pens.DASHES) == len(pens.INKS)
+    assert len(DASHES) == len(COLOURS)
     for one, other in LIKE_HUES:
-        assert pens.numbered(one)["linestyle"] != pens.numbered(other)["linestyle"]
+        assert numbered_line(one)["linestyle"] != numbered_line(other)["linestyle"]
 
 
 @pytest.mark.parametrize("draw", [later_figures.approximations_figure, later_figures.later_laws_figure])
@@ -229,7 +229,7 @@ def test_lines_that_lie_on_one_another_differ_in_their_dashes(draw: Callable[[],
             first, second = (np.asarray(line.get_ydata(), dtype=float) for line in (under, over))
             near = np.abs(first - second) < 0.1 * np.maximum(first, second)
             if near.mean() > 0.5:  # over half of the figure
-                dashes = [pens.DASHES[pens.INKS.index(str(line.get_color()))] for line in (under, over)]
+                dashes = [DASHES[COLOURS.index(str(line.get_color()))] for line in (under, over)]
                 widths = sorted(line.get_linewidth() for line in (under, over))
                 assert dashes[0] != dashes[1] or widths[1] > 1.5 * widths[0]
 

@@ -21,18 +21,27 @@ from small_results import ALPHAS, RUNS, SCENE, SPEEDS, small_results
 from hcbench.benchmark.results import TRAIN_COLUMNS, Results
 from hcbench.errors import OutputError
 from hcbench.laws import closed_form
-from hcbench.report import answers, bounces, curves, findings, loops, style, tables, wording
+from hcbench.report import (
+    advice,
+    bounce_figures,
+    loop_figures,
+    plot_style,
+    ranking,
+    restitution_figures,
+    tables,
+    wording,
+)
 from hcbench.report.build import build
-from hcbench.report.figures import drawings
-from hcbench.report.view import Run, View
+from hcbench.report.drawings import drawings
+from hcbench.report.view import RunKey, View
 from hcbench.setting import Setting
 from hcbench.tune.snippet import paste
 
-LAW = Run("explicit", "law", 1e-6)
-SPRING = Run("explicit", "spring-damper", 1e-6)
-IMPULSE = Run("single", "impulse", 1e-3)
-STOCK = Run("single", "stock", 2e-3)
-BROKEN = Run("explicit", "broken", 1e-3)
+LAW = RunKey("explicit", "law", 1e-6)
+SPRING = RunKey("explicit", "spring-damper", 1e-6)
+IMPULSE = RunKey("single", "impulse", 1e-3)
+STOCK = RunKey("single", "stock", 2e-3)
+BROKEN = RunKey("explicit", "broken", 1e-3)
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +118,7 @@ def test_nothing_is_left_behind_where_nothing_can_be_written(results: Results, t
 
 
 def test_the_headline_names_what_follows_the_law_and_what_does_not(view: View) -> None:
-    said = " ".join(answers.headline(view)).replace(wording.NBSP, " ")
+    said = " ".join(advice.headline(view)).replace(wording.NBSP, " ")
     assert "single does not bounce like the law" in said
     assert "In single set impulse at 1 ms: the best one e for all speeds" in said
     assert "In explicit set law at 1 µs: the bounce follows the law" in said
@@ -125,13 +134,13 @@ def test_a_bounce_in_a_soft_contact_is_promised_without_gravity(
     scores = results.scores.copy()
     scores.loc[scores["setting"] == "law", "penetration_ratio"] = 30.0
     study = {**results.study, "gravity": gravity}
-    said = answers.headline(View(dataclasses.replace(results, scores=scores, study=study)))
+    said = advice.headline(View(dataclasses.replace(results, scores=scores, study=study)))
     assert f"the bounce follows the {ends}" in said[-1] + said[-2]
 
 
 @pytest.mark.parametrize("count", range(1, 13))
 def test_no_panel_stands_alone_in_the_last_row(count: int) -> None:
-    columns = loops._columns(count)
+    columns = loop_figures.panel_columns(count)
     assert count == columns or count % columns != 1
 
 
@@ -140,12 +149,12 @@ def test_a_plug_in_is_told_apart_from_what_can_be_set(results: Results) -> None:
         {**s, "options": {"law": {"alpha": 1.0}}} if s["setting"] == "law" else s for s in results.settings
     ]
     view = View(dataclasses.replace(results, settings=settings))
-    said = " ".join(answers.headline(view)).replace(wording.NBSP, " ")
+    said = " ".join(advice.headline(view)).replace(wording.NBSP, " ")
     assert "In explicit set spring-damper at 1 µs: still worse than the best constant e." in said
-    assert answers.plugin_sentence(view).replace(wording.NBSP, " ") == (
+    assert advice.plugin_sentence(view).replace(wording.NBSP, " ") == (
         "The plug-in law at 1 µs (in explicit) follows the law."
     )
-    titles = {card.question: [answer.title for answer in card.answers] for card in answers.cards(view)}
+    titles = {card.question: [a.title for a in card.advice] for card in advice.cards(view)}
     assert [t.replace(wording.NBSP, " ") for t in titles["A plug-in in your own simulation"]] == [
         "explicit law, 1 µs"
     ]
@@ -153,7 +162,7 @@ def test_a_plug_in_is_told_apart_from_what_can_be_set(results: Results) -> None:
 
 def test_the_headline_says_when_nothing_follows_the_law() -> None:
     constant_only = small_results([run for run in RUNS if run[1] in ("impulse", "stock")])
-    said = " ".join(answers.headline(View(constant_only)))
+    said = " ".join(advice.headline(View(constant_only)))
     assert "follows the law" not in said
     assert "the best one e for all speeds" in said
 
@@ -163,12 +172,12 @@ def test_settings_that_differ_by_round_off_are_both_named(results: Results) -> N
     scores.loc[scores["setting"] == "impulse", "max_error_law"] = 1e-13
     scores.loc[scores["setting"] == "law", "max_error_law"] = 1e-16
     view = View(dataclasses.replace(results, scores=scores))
-    assert findings.best(view, view.band_runs) == [LAW, IMPULSE]
+    assert ranking.best(view, view.band_runs) == [LAW, IMPULSE]
 
 
 def test_an_engine_as_it_comes_is_no_advice() -> None:
     stock_only = View(small_results([run for run in RUNS if run[1] == "stock"]))
-    assert answers.headline(stock_only) == ["Out of the box single does not bounce like the law."]
+    assert advice.headline(stock_only) == ["Out of the box single does not bounce like the law."]
 
 
 def test_a_law_without_damping_has_a_page_too(tmp_path: Path) -> None:
@@ -198,17 +207,17 @@ def test_a_study_of_the_law_alone_has_a_page_too(results: Results, tmp_path: Pat
         (BROKEN, "loses impacts", "bad", "no loop to judge"),
     ],
 )
-def test_verdicts_go_by_the_scores(view: View, run: Run, bounce: str, grade: str, loop: str) -> None:
-    assert findings.verdict(view, run) == findings.Verdict(bounce, grade, loop)
+def test_verdicts_go_by_the_scores(view: View, run: RunKey, bounce: str, grade: str, loop: str) -> None:
+    assert ranking.verdict(view, run) == ranking.RunVerdict(bounce, grade, loop)
 
 
 def test_energy_gained_is_said_whatever_the_error(results: Results) -> None:
     scores = results.scores.copy()
     scores.loc[scores["setting"] == "law", "energy_gained"] = True
     view = View(dataclasses.replace(results, scores=scores))
-    assert findings.verdict(view, LAW).restitution == "gains energy"
-    assert LAW not in findings.best(view, view.band_runs)
-    assert LAW not in findings.best_loops(view, view.band_runs)
+    assert ranking.verdict(view, LAW).restitution == "gains energy"
+    assert LAW not in ranking.best(view, view.band_runs)
+    assert LAW not in ranking.best_loops(view, view.band_runs)
 
 
 def test_runs_are_ranked_by_their_error(view: View) -> None:
@@ -234,7 +243,7 @@ def test_one_bad_alpha_fails_a_claim(results: Results) -> None:
 
 
 def test_lost_impacts_are_told_not_dropped(view: View) -> None:
-    lost = {row["run"]["setting"]: row for row in tables.lost(view)}
+    lost = {row["run"]["setting"]: row for row in tables.failed_impacts(view)}
     assert lost["broken"]["count"] == len(SPEEDS) * 2 * len(ALPHAS)
     assert lost["broken"]["reason"] == "the engine's process died on it"
     assert view.curve(BROKEN, ALPHAS[1]) is None
@@ -244,7 +253,7 @@ def test_lost_impacts_are_told_not_dropped(view: View) -> None:
 
 
 def test_curves_show_the_measured_restitution(view: View) -> None:
-    figure = curves.restitution_figure(view, fine=True)
+    figure = restitution_figures.restitution_figure(view, resolved=True)
     panel = figure.axes[1]  # the only fine engine's row, the second α
     law, linear, *engines = [np.asarray(line.get_xydata()) for line in panel.get_lines()]
     np.testing.assert_allclose(law[:, 1], closed_form.restitution(ALPHAS[1], law[:, 0]))
@@ -256,7 +265,7 @@ def test_curves_show_the_measured_restitution(view: View) -> None:
 
 
 def test_what_lies_below_the_frame_is_named(view: View) -> None:
-    figure = curves.restitution_figure(view, fine=False)
+    figure = restitution_figures.restitution_figure(view, resolved=False)
     said = [text.get_text() for axes in figure.axes for text in axes.texts]
     assert [s for s in said if "stock" in s] == ["▼ stock: e = 0.10"] * len(ALPHAS)
 
@@ -276,7 +285,7 @@ def test_a_bounce_train_is_drawn_over_the_laws(results: Results) -> None:
     rows = [(SCENE, *IMPULSE[:2], ALPHAS[1], 1e-3, i, h, 0.01 * 0.8**i) for i, h in enumerate(heights, 1)]
     study = {**results.study, "train_height": 0.01}
     dropped = dataclasses.replace(results, study=study, trains=pd.DataFrame(rows, columns=TRAIN_COLUMNS))
-    left, right = bounces.trains_figure(View(dropped)).axes
+    left, right = bounce_figures.bounces_figure(View(dropped)).axes
     law, train = (np.asarray(line.get_xydata()) for line in left.get_lines())
     np.testing.assert_allclose(law[:, 1], 10 * 0.8 ** np.arange(6))
     np.testing.assert_allclose(np.diff(np.log(train[:, 1])), 2 * np.log(0.9))
@@ -286,26 +295,29 @@ def test_a_bounce_train_is_drawn_over_the_laws(results: Results) -> None:
     assert by_name["trains"].draw is None
 
 
-def test_every_figure_has_a_text_for_who_cannot_see_it(view: View) -> None:
+def test_every_figure_has_a_text_for_who_cannot_see_it(view: View, page: Path) -> None:
     for drawing in drawings(view):
         assert len(drawing.alt) > 40
-        assert not re.search(r"\bnan\b", drawing.alt + drawing.caption)
+        assert not re.search(r"\bnan\b", drawing.alt)
+    captions = re.findall("<figcaption>(.*?)</figcaption>", page.read_text(encoding="utf-8"))
+    assert len(captions) == sum(drawing.draw is not None for drawing in drawings(view))
+    assert not [caption for caption in captions if re.search(r"\bnan\b", caption)]
 
 
 def test_no_two_settings_of_an_engine_look_alike() -> None:
     known = list(
-        style.looks(
-            [("mujoco", name) for name in style._RECIPES if name != "restitution"], "reference"
+        plot_style.plot_styles(
+            [("mujoco", name) for name in plot_style._RECIPES if name != "restitution"], "reference"
         ).values()
     )
-    new = list(style.looks([("mujoco", f"new {i}") for i in range(5)], "reference").values())
+    new = list(plot_style.plot_styles([("mujoco", f"new {i}") for i in range(5)], "reference").values())
     assert len({look.colour for look in known + new}) == len(known + new)
     assert len({look.marker for look in known + new}) == len(known + new)
 
 
 def test_a_setting_looks_the_same_in_every_study() -> None:
-    alone = style.looks([("mujoco", "impulse")], "reference")
-    among = style.looks(
+    alone = plot_style.plot_styles([("mujoco", "impulse")], "reference")
+    among = plot_style.plot_styles(
         [("mujoco", "impulse"), ("mujoco", "aaa"), ("drake", "impulse"), ("pybullet", "x")], "reference"
     )
     assert alone["mujoco", "impulse"] == among["mujoco", "impulse"]
@@ -314,7 +326,7 @@ def test_a_setting_looks_the_same_in_every_study() -> None:
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=14))
 def test_labels_keep_their_order_and_never_overlap(wanted: list[float]) -> None:
-    places = style.spread_apart(np.array(wanted), 0.05, 0.0, 1.0)
+    places = plot_style.declutter(np.array(wanted), 0.05, 0.0, 1.0)
     assert (np.diff(np.sort(places)) >= 0.05 - 1e-6).all() or len(wanted) == 1
     assert (np.diff(places[np.argsort(wanted, kind="stable")]) >= 0).all()
     assert places.min() >= -1e-6
@@ -411,7 +423,7 @@ def test_options_of_an_unknown_engine_are_shown_as_they_are() -> None:
     ],
 )
 def test_small_numbers_in_words(value: float, text: str) -> None:
-    assert wording.small(value) == text
+    assert wording.number(value) == text
 
 
 @pytest.mark.parametrize(

@@ -15,14 +15,15 @@ from hcbench.engines.mujoco.recipes.staggered import staggered, staggered_rows
 from hcbench.engines.mujoco.two_blocks import mjcf
 from hcbench.errors import EngineMissing, SettingError
 from hcbench.laws import closed_form
-from hcbench.paper import constants, forced
+from hcbench.paper import constants
 from hcbench.paper.engines import simulate_in_engine
+from hcbench.paper.forced_figures import FULL, LAW, LOOSE, STAND_IN_SPEED, START
 from hcbench.scene import scene_names
 from hcbench.sim import two_blocks
 from hcbench.sim.two_blocks import TwoBlocks
 from hcbench.tune.target import Target
 
-FOLDER, LAW = two_blocks.folder(), constants.law(constants.ALPHAS[-1])
+FOLDER = two_blocks.folder()
 
 
 def _numbers(text: str) -> list[float]:
@@ -39,13 +40,13 @@ def test_the_mjcf_says_the_case_and_the_gap_of_the_page() -> None:
     assert model.body("ball").mass[0] == constants.MASS
     assert model.opt.gravity.tolist() == [0.0, 0.0, 0.0]
     gap = model.geom("right").pos[0] - model.geom("left").pos[0] - 2 * model.geom("ball").size[0]
-    assert gap == pytest.approx(forced.LOOSE.gap, rel=1e-12)
+    assert gap == pytest.approx(LOOSE.gap, rel=1e-12)
     data = mujoco.MjData(model)
     data.ctrl[0] = 150.0
     mujoco.mj_step(model, data)
     assert data.qvel[0] / model.opt.timestep * constants.MASS == pytest.approx(150.0, rel=1e-12)
     mujoco.mj_resetDataKeyframe(model, data, 0)
-    assert data.qvel[0] == forced.START
+    assert data.qvel[0] == START
 
 
 def test_the_urdfs_put_a_plane_on_either_side() -> None:
@@ -70,7 +71,13 @@ def test_the_urdfs_put_a_plane_on_either_side() -> None:
 def test_the_tuned_file_is_what_the_recipe_writes() -> None:
     """`python scenes/make_two_blocks.py` writes it again."""
     written = ET.parse(FOLDER / "tuned.xml").getroot()
-    blocks = TwoBlocks(forced.LOOSE.mass, forced.LOOSE.gap, LAW, forced.FULL.timestep, forced.STAND_IN_SPEED)
+    blocks = TwoBlocks(
+        LOOSE.mass,
+        LOOSE.gap,
+        LAW,
+        FULL.timestep,
+        STAND_IN_SPEED,
+    )
     made = ET.fromstring(mjcf(blocks))
     pairs = list(zip(written.iter(), made.iter(), strict=True))
     assert sum(element.tag == "pair" for element, _ in pairs) > 20
@@ -130,7 +137,7 @@ def test_a_mujoco_without_adhesion_is_named() -> None:
 
 def test_the_engine_reads_the_scenes_own_files() -> None:
     pytest.importorskip("mujoco")
-    found = simulate_in_engine("mujoco", forced.LOOSE, 0.0, 0.1, 1e-3, timestep=1e-5)
+    found = simulate_in_engine("mujoco", LOOSE, 0.0, 0.1, 1e-3, timestep=1e-5)
     assert found.position[-1] == pytest.approx(0.1 * found.time[-1], rel=1e-9)
     late = found.since(5e-4)
     assert late.time[0] >= 5e-4

@@ -109,9 +109,9 @@ def write_outputs(report: Report, outputs: Outputs) -> None:
     if outputs.markdown is not None:
         write_text(outputs.markdown, as_markdown(report))
     if outputs.png is not None:
-        from hcbench.check.figure import report_png
+        from hcbench.check.figure import errors_png
 
-        write_bytes(outputs.png, report_png(report))
+        write_bytes(outputs.png, errors_png(report))
     if outputs.baseline is not None:
         measured = {o.name: o.found for o in report.outcomes if o.found is not None}
         missing = [o.name for o in report.outcomes if o.found is None]

@@ -87,7 +87,7 @@ def measure(
         **given,
     )
     if page is not None:
-        from hcbench.check.page import measurement_page
+        from hcbench.report.measurement_page import measurement_page
 
         write_text(page, measurement_page(found))
     if as_json:

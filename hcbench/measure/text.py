@@ -176,7 +176,7 @@ def headline(found: Measurement) -> list[str]:
 def as_text(found: Measurement) -> str:
     """For a terminal."""
     lines = [*headline(found)]
-    lines += [f"{name}: {sanitized(_setting(value))}" for name, value in found.facts.settings.items()]
+    lines += [f"{name}: {sanitized(setting_text(value))}" for name, value in found.facts.settings.items()]
     if found.facts.asked_words:
         lines.append(f"the model asks for: {sanitized(found.facts.asked_words)}")
     lines += [f"note: {sanitized(note)}" for note in found.facts.notes]
@@ -203,7 +203,8 @@ def as_text(found: Measurement) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _setting(value: Any) -> str:
+def setting_text(value: Any) -> str:
+    """A setting of the engine's, as the model has it."""
     return " ".join(f"{v:.6g}" for v in value) if isinstance(value, list) else str(value)
 
 

@@ -2,30 +2,53 @@
 
 from __future__ import annotations
 
-import base64
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
-
-from hcbench._files import filled_folder, write_bytes, write_text
+from hcbench._files import filled_folder, write_text
 from hcbench.laws.published import LAWS
+from hcbench.paper import forced_figures, impact_figures, later_figures, vibroimpact_figures
 from hcbench.paper.approximations import APPROXIMATIONS
-from hcbench.paper.drawings import drawings
-from hcbench.paper.forced import FULL, QUICK
-from hcbench.paper.numbers import FACTOR_MASSES, digits, factors, printed_numbers
-from hcbench.report import style
+from hcbench.paper.engines import engines_with_two_blocks
+from hcbench.paper.forced_figures import FULL, QUICK
+from hcbench.paper.printed_numbers import FACTOR_MASSES, factors, printed_numbers
+from hcbench.report.page import PAGE, Drawing, draw, render
+from hcbench.report.wording import engine_title, four_digits, listed
+from hcbench.sim import registry
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from hcbench.paper.drawings import Drawing
-    from hcbench.paper.numbers import Printed
+    from hcbench.paper.forced_figures import Effort
+    from hcbench.paper.printed_numbers import Printed
 
-PAGE = "index.html"
 ASKED = (0.3, 0.5, 0.7, 0.9)  # restitutions of the table of laws
-WORDS = {"agrees": "agrees", "rounded": "agrees but for rounding", "differs": "differs"}
+VERDICTS = {"agrees": "agrees", "rounded": "agrees but for rounding", "differs": "differs"}
+GRADES = {"agrees": "good", "rounded": "even", "differs": "bad"}
+
+
+def drawings(effort: Effort) -> list[Drawing]:
+    """All figures, in the page's order; `effort` is of the forced ones."""
+    functions: dict[str, Any] = {
+        "figure-1": impact_figures.figure_1,
+        "figure-2": impact_figures.figure_2,
+        "figure-3": impact_figures.figure_3,
+        "figure-4": impact_figures.figure_4,
+        "figure-5": vibroimpact_figures.figure_5,
+        "figure-6": vibroimpact_figures.figure_6,
+        "figure-7": vibroimpact_figures.figure_7,
+        "figure-8": vibroimpact_figures.figure_8,
+        "figure-9": vibroimpact_figures.figure_9,
+        "approximations": later_figures.approximations_figure,
+        "quadratic": later_figures.quadratic_figure,
+        "later-laws": later_figures.later_laws_figure,
+        "response": partial(forced_figures.response_figure, effort),
+        "bifurcation": partial(forced_figures.bifurcation_figure, effort),
+        "engines": partial(forced_figures.engines_figure, effort),
+    }
+    return [Drawing(name, function) for name, function in functions.items()]
 
 
 def build(
@@ -33,64 +56,39 @@ def build(
 ) -> Path:
     """Write the page and its figures (SVG, PNG) into `folder` and return the page. All of it, or nothing.
 
-    quick: few parameters in the two forced figures. jobs: processes for the largest of them. tick: told
-    (figures done, figures in all). The same version gives the same bytes, whatever jobs is. Raises
+    quick: few parameters in the two forced figures. jobs: processes for the largest of them. tick: called
+    with (figures done, figures in all). The same version gives the same bytes, whatever jobs is. Raises
     OutputError where the folder cannot be written.
     """
     plan = drawings(replace(QUICK if quick else FULL, jobs=jobs))
     with filled_folder(folder) as scratch:
         (scratch / "figures").mkdir()
-        figures = []
+        figures = {}
         for done, drawing in enumerate(plan):
             if tick is not None:
                 tick(done, len(plan))
-            figures.append(_save(drawing, scratch / "figures"))
+            figures[drawing.name] = draw(drawing, scratch / "figures")
         if tick is not None:
             tick(len(plan), len(plan))
-        write_text(scratch / PAGE, render(figures))
+        write_text(scratch / PAGE, _page(figures))
     return folder / PAGE
 
 
-def _save(drawing: Drawing, folder: Path) -> dict[str, Any]:
-    with style.drawing():
-        drawn = drawing.draw()
-        figure, measured = drawn if isinstance(drawn, tuple) else (drawn, "")
-        svg, png = style.svg_bytes(figure), style.png_bytes(figure)
-    write_bytes(folder / f"{drawing.name}.svg", svg)
-    write_bytes(folder / f"{drawing.name}.png", png)
-    width, height = (round(96 * inches) for inches in figure.get_size_inches())
-    return {
-        "section": drawing.section,
-        "name": drawing.name,
-        "title": drawing.title,
-        "caption": drawing.caption + measured,
-        "alt": drawing.alt,
-        "width": width,
-        "height": height,
-        "source": "data:image/svg+xml;base64," + base64.b64encode(svg).decode("ascii"),
-    }
-
-
-def render(figures: list[dict[str, Any]]) -> str:
-    """The page as text."""
-    environment = Environment(
-        loader=ChoiceLoader([PackageLoader("hcbench.paper"), PackageLoader("hcbench.report")]),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    numbers = printed_numbers()
-    return environment.get_template("paper.html").render(
+def _page(figures: dict[str, dict[str, Any]]) -> str:
+    numbers, engines = printed_numbers(), engines_with_two_blocks()
+    counts = {verdict: sum(n.verdict == verdict for n in numbers) for verdict in VERDICTS}
+    return render(
+        "paper.html",
         figures=figures,
         numbers=[_number(n) for n in numbers],
-        counts=_counts(numbers),
+        counts={**counts, "all": len(numbers)},
         steps=[_step(a) for a in APPROXIMATIONS],
         masses=[f"{m:.3g}" for m in FACTOR_MASSES],
         factors=[(f"{n:g}", [f"{x:.5f}" for x in row]) for n, row in factors()],
         asked=ASKED,
         laws=[_law(name) for name in LAWS],
+        engine_titles=listed([engine_title(name) for name in engines]),
+        engine_remarks=" ".join(registry.submodule(name, "two_blocks").REMARK for name in engines),
     )
 
 
@@ -98,31 +96,27 @@ def _number(n: Printed) -> dict[str, str]:
     return {
         "where": n.where,
         "what": n.what,
-        "printed": digits(n.value),
-        "ours": digits(n.ours),
+        "printed": four_digits(n.value),
+        "ours": four_digits(n.ours),
         "unit": n.unit,
-        "difference": _apart(n.difference),
-        "verdict": WORDS[n.verdict],
-        "grade": {"agrees": "good", "rounded": "even", "differs": "bad"}[n.verdict],
+        "difference": _difference(n.difference),
+        "verdict": VERDICTS[n.verdict],
+        "grade": GRADES[n.verdict],
         "note": n.note,
     }
 
 
-def _apart(difference: float) -> str:
-    """A relative difference in per cent, as a factor where it is large, "0" where it is round-off."""
-    if abs(difference) > 0.5:
-        return f"× {1.0 + difference:.3g}"
-    return f"{100 * difference:+.2g} %".replace("-", "−") if abs(difference) > 5e-5 else "0"
-
-
-def _counts(numbers: list[Printed]) -> dict[str, int]:
-    return {verdict: sum(n.verdict == verdict for n in numbers) for verdict in WORDS} | {"all": len(numbers)}
+def _difference(relative: float) -> str:
+    """In per cent, as a factor where it is large, "0" where it is round-off."""
+    if abs(relative) > 0.5:
+        return f"× {1.0 + relative:.3g}"
+    return f"{100 * relative:+.2g} %".replace("-", "−") if abs(relative) > 5e-5 else "0"
 
 
 def _typeset(text: str) -> str:
     """The paper's symbols as they are printed."""
-    for plain, printed in (("v_i", "vᵢ"), ("v_o", "vₒ"), ("x_m", "xₘ"), (" - ", " − ")):
-        text = text.replace(plain, printed)
+    for typed, printed in (("v_i", "vᵢ"), ("v_o", "vₒ"), ("x_m", "xₘ"), (" - ", " − ")):
+        text = text.replace(typed, printed)
     return text
 
 

@@ -1,4 +1,4 @@
-"""The case of section 3.1 and the paper's units."""
+"""The case of section 3.1."""
 
 from __future__ import annotations
 
@@ -7,15 +7,12 @@ from typing import TYPE_CHECKING
 from hcbench.laws import hertz
 from hcbench.laws.force import HuntCrossley
 from hcbench.scene import Material
-from hcbench.units import INCH, POUND_FORCE
+from hcbench.units import INCH, POUND, POUND_FORCE, PSI
 
 if TYPE_CHECKING:
     from hcbench.laws.hertz import HertzContact
 
-POUND_MASS = 0.45359237  # kg
-PSI = 6894.757293168361  # Pa
-
-MASS = POUND_MASS
+MASS = POUND
 STIFFNESS = 3.1e7 * POUND_FORCE / INCH**1.5  # K3 as printed, N/m^1.5
 ALPHAS = tuple(a / INCH for a in (0.002, 0.004, 0.008, 0.016))  # s/m, section 3.2
 SPEEDS = tuple(v * INCH for v in (4.0, 8.0, 12.0, 16.0))  # m/s, Fig. 4

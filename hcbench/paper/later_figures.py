@@ -11,8 +11,19 @@ from hcbench.laws.kelvin_voigt import Ending
 from hcbench.laws.published import LAWS
 from hcbench.paper import constants
 from hcbench.paper.approximations import APPROXIMATIONS
-from hcbench.paper.pens import BAD, BLUE, DASHES, GREEN, GREY, ORANGE, numbered
-from hcbench.report.style import INK, legend_below, log_axis, new_figure
+from hcbench.report.plot_style import (
+    BLUE,
+    DASHES,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    RED,
+    legend_below,
+    log_axis,
+    new_figure,
+    numbered_line,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,10 +41,12 @@ def approximations_figure() -> Figure:
     u = np.geomspace(1e-3, 3.0, 400)
     handles = []
     for i, step in enumerate(APPROXIMATIONS):
-        handles += axes.plot(u, np.abs(step.error(u)), **numbered(i), label=f"{step.equation} {step.name}")
+        handles += axes.plot(
+            u, np.abs(step.error(u)), **numbered_line(i), label=f"{step.equation} {step.name}"
+        )
         for level in LEVELS:
             if (at := step.reaches(level)) < u[-1]:
-                axes.plot([at], [level], "o", color=numbered(i)["color"], markersize=4.5)
+                axes.plot([at], [level], "o", color=numbered_line(i)["color"], markersize=4.5)
     for level in LEVELS:
         axes.axhline(level, color=GREY, linewidth=0.8)
         axes.text(3.1, level, f"{100 * level:g} %", va="center", fontsize=8.5)
@@ -71,10 +84,10 @@ def quadratic_figure() -> Figure:
     right.plot(x * 1e6, force, color=BLUE)
     out = slice(None, int(x.argmax()) - 1, -1)  # the way out, x rising
     pulls: dict[str, Any] = {"where": force[out] < 0.0, "interpolate": True, "linewidth": 0}
-    right.fill_between(x[out] * 1e6, force[out], color=BAD, alpha=0.4, **pulls)
+    right.fill_between(x[out] * 1e6, force[out], color=RED, alpha=0.4, **pulls)
     right.annotate(
-        "pulls", (1.5, 0.6 * force.min()), (10.0, 1.1 * force.min()), color=BAD, va="center",
-        arrowprops={"arrowstyle": "->", "color": BAD},
+        "pulls", (1.5, 0.6 * force.min()), (10.0, 1.1 * force.min()), color=RED, va="center",
+        arrowprops={"arrowstyle": "->", "color": RED},
     )  # fmt: skip
     right.axhline(0.0, color=INK, linewidth=0.7)
     right.set_xlabel("approach x, µm")
@@ -110,11 +123,11 @@ def later_laws_figure() -> Figure:
     asked = np.linspace(0.02, 1.0, 300)
     handles = []
     for i, (name, law) in enumerate(LAWS.items()):
-        pen = {**numbered(i), "label": name}
+        line = {**numbered_line(i), "label": name}
         if name == "exact":
-            pen |= {"linewidth": 3.2, "alpha": 0.5, "linestyle": "-"}
-        handles += left.plot(asked, law.delivered(asked), **pen)
-        right.plot(asked, law.delivered(asked) - asked, **pen)
+            line |= {"linewidth": 3.2, "alpha": 0.5, "linestyle": "-"}
+        handles += left.plot(asked, law.delivered(asked), **line)
+        right.plot(asked, law.delivered(asked) - asked, **line)
     left.set_xlabel("restitution asked for")
     left.set_ylabel("restitution delivered")
     right.set_xlabel("restitution asked for")

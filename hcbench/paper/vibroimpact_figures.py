@@ -8,11 +8,11 @@ import numpy as np
 
 from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
-from hcbench.paper.pens import BLUE, GREEN, GREY, ORANGE, bare
+from hcbench.paper.impact_figures import name_axes
 from hcbench.paper.vibroimpact.response import linearized
 from hcbench.paper.vibroimpact.simulate import simulate
 from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
-from hcbench.report.style import INK, new_figure
+from hcbench.report.plot_style import BLUE, GREEN, GREY, INK, ORANGE, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +29,7 @@ FLAT, HERTZ, SOFT = HuntCrossley(1.0, ALPHA, 1.0), HuntCrossley(1.0, ALPHA), Hun
 def _frame(axes: Axes) -> None:
     axes.axhline(0.0, color=INK, linewidth=0.7)
     axes.axvline(0.0, color=INK, linewidth=0.7)
-    bare(axes, "position q", "force against q")
+    name_axes(axes, "position q", "force against q")
 
 
 def figure_5() -> Figure:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import base64
+import math
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
-from hcbench._files import filled_folder, write_bytes, write_text
-from hcbench.report import answers, findings, style, tables, wording
-from hcbench.report.figures import Drawing, drawings
+from hcbench._files import filled_folder, write_text
+from hcbench.report import advice, ranking, tables, wording
+from hcbench.report.drawings import class_heading, drawings, loop_speeds, step_speed
+from hcbench.report.page import PAGE, draw, render
 from hcbench.report.view import View
 from hcbench.scoring import CLAIMS
 
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
 
     from hcbench.benchmark.results import Results
     from hcbench.workers import WorkerPool
-
-PAGE = "index.html"
 
 
 def build(results: Results, folder: Path, pool: WorkerPool | None = None) -> Path:
@@ -34,74 +31,57 @@ def build(results: Results, folder: Path, pool: WorkerPool | None = None) -> Pat
     with filled_folder(folder) as scratch:
         results.write(scratch)
         (scratch / "figures").mkdir()
-        save, wanted = partial(_save, scratch / "figures"), drawings(view)
-        figures = list(map(save, wanted)) if pool is None else pool.map(save, wanted)
-        write_text(scratch / PAGE, render(view, figures))
+        save = partial(draw, folder=scratch / "figures")
+        figures = list(map(save, drawings(view))) if pool is None else pool.map(save, drawings(view))
+        write_text(scratch / PAGE, _page(view, figures))
     return folder / PAGE
 
 
-def _save(folder: Path, drawing: Drawing) -> dict[str, Any]:
-    """Draw once, save as SVG and PNG, and hand back what the page needs of it."""
-    told = {"section": drawing.section, "name": drawing.name, "title": drawing.title, "why": drawing.why}
-    if drawing.draw is None:
-        return {**told, "source": ""}
-    with style.drawing():
-        figure = drawing.draw()
-        svg, png = style.svg_bytes(figure), style.png_bytes(figure)
-    write_bytes(folder / f"{drawing.name}.svg", svg)
-    write_bytes(folder / f"{drawing.name}.png", png)
-    width, height = (round(96 * inches) for inches in figure.get_size_inches())
-    source = "data:image/svg+xml;base64," + base64.b64encode(svg).decode("ascii")
-    size = {"width": width, "height": height}
-    return {**told, **size, "source": source, "caption": drawing.caption, "alt": drawing.alt}
-
-
-def render(view: View, figures: list[dict[str, Any]]) -> str:
-    """The page as text."""
-    environment = Environment(
-        loader=PackageLoader("hcbench.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    cards = [
-        {
-            "question": card.question,
-            "answers": [
-                {
-                    "run": tables.run_cell(view, answer.runs[0]),
-                    "title": answer.title,
-                    "because": answer.because,
-                }
-                for answer in card.answers
-            ],
-            "note": card.note,
-        }
-        for card in answers.cards(view)
-    ]
-    return environment.get_template("page.html").render(
+def _page(view: View, figures: list[dict[str, Any]]) -> str:
+    height = view.study.get("train_height")
+    return render(
+        "report.html",
         title=view.study["title"],
-        headline=answers.headline(view),
-        plugins=answers.plugin_sentence(view),
-        band=findings.band(view),
+        headline=advice.headline(view),
+        plugins=advice.plugin_sentence(view),
+        cards=[_card(view, card) for card in advice.cards(view)],
+        figures={figure["name"]: figure for figure in figures},
+        headings={"coarse": class_heading(view, False), "fine": class_heading(view, True)},
+        band=advice.band_text(view),
         main_alpha=wording.alpha(view.main_alpha),
-        contact_time=wording.about(view.contact_time),
-        cards=cards,
-        figures=figures,
+        main_alpha_short=wording.alpha_short(view.main_alpha),
         alphas=[wording.alpha_short(alpha) for alpha in view.alphas],
+        contact_time=wording.rough_time(view.contact_time),
+        loop_speeds=loop_speeds(view),
+        step_speed=step_speed(view),
+        law_exponent=_law_exponent(view),
+        drop=f"from {1e3 * float(height):.3g}{wording.NBSP}mm" if height else "",
         ranking=tables.ranking(view),
         lines_to_beat=tables.lines_to_beat(view),
-        follows=wording.percent(findings.FOLLOWS),
-        loop_right=wording.percent(findings.LOOP_RIGHT),
-        loop_near=wording.percent(findings.LOOP_NEAR),
+        follows=wording.percent(ranking.FOLLOWS),
+        loop_right=wording.percent(ranking.LOOP_RIGHT),
+        loop_near=wording.percent(ranking.LOOP_NEAR),
         claims=CLAIMS,
         claim_rows=tables.claims(view),
         scores=tables.scores(view),
         settings=tables.settings(view),
-        lost=tables.lost(view),
+        failed_impacts=tables.failed_impacts(view),
         impacts=len(view.results.impacts),
         provenance=tables.provenance(view),
-        versions=[(wording.engine_name(k), v) for k, v in view.results.versions.items()],
+        versions=[(wording.engine_title(k), v) for k, v in view.results.versions.items()],
     )
+
+
+def _card(view: View, card: advice.AdviceCard) -> dict[str, Any]:
+    answers = [
+        {"run": tables.run_cell(view, a.runs[0]), "title": a.title, "because": a.because} for a in card.advice
+    ]
+    return {"question": card.question, "answers": answers, "note": card.note}
+
+
+def _law_exponent(view: View) -> str:
+    """The law's own p of ΔE ∝ vᵖ over the band; "" where no score tells it."""
+    score = next((s for s in map(view.score, view.band_runs) if s is not None), None)
+    if score is None or not math.isfinite(score["energy_exponent_law"]):
+        return ""
+    return f"{score['energy_exponent_law']:.2f}"

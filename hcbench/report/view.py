@@ -12,26 +12,43 @@ import pandas as pd
 from hcbench.benchmark.results import RUN_KEY
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.report.style import Look, looks
+from hcbench.report.plot_style import PlotStyle, plot_styles
+from hcbench.report.wording import NBSP, engine_title, span, time
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Mapping
+    from collections.abc import Hashable, Iterable, Mapping
 
     from hcbench.benchmark.results import Results
-    from hcbench.impact import Floats
+    from hcbench.impact import Floats, Loop
 
-REFERENCE = "reference"
-TRUTH = "hunt-crossley"  # the reference's setting that is the law itself
-BAND = 3  # speeds from which a run says something about e over speed
-INSIDE = 10  # steps in the law's contact from which a step counts as fine: it sees the contact from inside
+REFERENCE = "reference"  # the engine of the law
+LAW_SETTING = "hunt-crossley"  # its setting that is the law itself
+CURVE_SPEEDS = 3  # from which a run says something about e over speed
+STEPS_TO_RESOLVE = 10  # in the law's contact, from which a step resolves the contact
+LOOP_POINTS = 241
 
 
-class Run(NamedTuple):
+class RunKey(NamedTuple):
     """One setting of one engine at one step."""
 
     engine: str
     setting: str
     timestep: float
+
+    @property
+    def is_law(self) -> bool:
+        """Whether it is the law itself, which every figure shows anyway."""
+        return (self.engine, self.setting) == (REFERENCE, LAW_SETTING)
+
+    @property
+    def title(self) -> str:
+        """The engine's title and the setting."""
+        return f"{engine_title(self.engine)} {self.setting}"
+
+    @property
+    def step(self) -> str:
+        """The time step as people read it."""
+        return time(self.timestep)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,24 +66,34 @@ class Curve:
     error: Floats
     loss: Floats
 
+    def range_text(self, space: str = NBSP) -> str:
+        """The range of e: "0.10 … 0.88"; one number where it hardly changes."""
+        low, high = self.low.min(), self.high.max()
+        return f"{low:.2f}" if high - low < 0.005 else span(f"{low:.2f}", f"{high:.2f}", space)
+
 
 @dataclass(frozen=True)
 class View:
     """Results as a report looks at them."""
 
     results: Results
-    _curves: dict[tuple[Run, float], Curve] = field(default_factory=dict, init=False, repr=False)
+    _curves: dict[tuple[RunKey, float], Curve] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        mass = float(self.study["mass_kg"])
         for key, rows in self.results.impacts.groupby(RUN_KEY, sort=False):
-            run, alpha = _run_of(key)
-            self._curves[run, alpha] = _curve(rows, mass)
+            self._curves[_run_and_alpha(key)] = _curve(rows, self.mass)
+
+    # The study and its law
 
     @property
     def study(self) -> Mapping[str, Any]:
         """The study, as JSON."""
         return self.results.study
+
+    @property
+    def mass(self) -> float:
+        """Of the ball, kg."""
+        return float(self.study["mass_kg"])
 
     @cached_property
     def alphas(self) -> list[float]:
@@ -78,151 +105,164 @@ class View:
         """The α that figures of one α show, s/m."""
         return float(self.study["main_alpha"])
 
-    def law(self, alpha: float) -> HuntCrossley:
-        """(16) for one α."""
-        return HuntCrossley(float(self.study["stiffness"]), alpha, float(self.study["exponent"]))
-
-    def truth(self, alpha: float, speed: Floats) -> Floats:
-        """e of (16)."""
-        return np.asarray(closed_form.restitution(alpha, speed))
-
-    @cached_property
-    def contact_time(self) -> float:
-        """How long the law's contact lasts at the study's speed for steps, s."""
-        speed = float(self.study["step_speed"])
-        return float(closed_form.duration(self.law(self.main_alpha), float(self.study["mass_kg"]), speed))
-
-    @cached_property
-    def speeds(self) -> Floats:
-        """A fine grid over the study's band, m/s, from 0."""
-        return np.linspace(0.0, max(self.study["speeds"]), 161)
-
     @property
     def band(self) -> Floats:
         """Ends of the study's band of impact speeds, m/s."""
         return np.array([min(self.study["speeds"]), max(self.study["speeds"])], dtype=float)
 
     @cached_property
-    def looks(self) -> dict[tuple[str, str], Look]:
-        """How each setting is drawn."""
-        seen = [run for run, _ in self._curves] + list(self.trains)
-        return looks(((run.engine, run.setting) for run in seen), law=REFERENCE)
+    def speeds(self) -> Floats:
+        """A fine grid over the study's band, m/s, from 0."""
+        return np.linspace(0.0, max(self.study["speeds"]), 161)
 
-    def look(self, run: Run) -> Look:
-        """How a run is drawn."""
-        return self.looks[run.engine, run.setting]
+    def law(self, alpha: float) -> HuntCrossley:
+        """(16) for one α."""
+        return HuntCrossley(float(self.study["stiffness"]), alpha, float(self.study["exponent"]))
 
-    def curve(self, run: Run, alpha: float) -> Curve | None:
-        """e over speed; None where the study has no such run or no impact of it came back."""
-        found = self._curves.get((run, alpha))
-        return found if found is not None and found.speed.size else None
+    def law_loop(self, speed: float) -> Loop:
+        """The law's loop at an impact speed (m/s) for the main α."""
+        return closed_form.loop(self.law(self.main_alpha), self.mass, speed, LOOP_POINTS)
 
     @cached_property
-    def tabled_runs(self) -> list[Run]:
+    def contact_time(self) -> float:
+        """How long the law's contact lasts at the study's speed for steps, s."""
+        return float(
+            closed_form.duration(self.law(self.main_alpha), self.mass, float(self.study["step_speed"]))
+        )
+
+    # Runs
+
+    @cached_property
+    def tabled_runs(self) -> list[RunKey]:
         """Runs over enough speeds to show a curve, in the study's order."""
-        enough = min(BAND, len(self.study["speeds"]))
+        enough = min(CURVE_SPEEDS, len(self.study["speeds"]))
         tried = self.results.impacts.groupby(RUN_KEY, sort=False)["speed_m_per_s"].nunique()
-        return list(dict.fromkeys(_run_of(key)[0] for key, count in tried.items() if count >= enough))
+        return list(dict.fromkeys(_run_and_alpha(key)[0] for key, n in tried.items() if n >= enough))
 
     @cached_property
-    def band_runs(self) -> list[Run]:
+    def band_runs(self) -> list[RunKey]:
         """Those of them that figures show: the law itself is in every panel already."""
-        return [run for run in self.tabled_runs if run[:2] != (REFERENCE, TRUTH)]
+        return [run for run in self.tabled_runs if not run.is_law]
 
     @cached_property
     def engines(self) -> list[str]:
         """Engines of the band runs, in the study's order, the reference left out."""
-        return list(dict.fromkeys(run.engine for run in self.band_runs if run.engine != REFERENCE))
+        return engines_of(self.band_runs)
 
-    @cached_property
-    def _plugins(self) -> set[Run]:
-        return {
-            Run(str(r["engine"]), str(r["setting"]), float(r["timestep_s"]))
-            for r in self.results.settings
-            if "law" in r["options"]
+    def resolves_contact(self, run: RunKey) -> bool:
+        """Whether its step is short enough to see the contact from inside."""
+        return run.timestep <= self.contact_time / STEPS_TO_RESOLVE * (1 + 1e-9)
+
+    def runs_by_resolution(self, resolved: bool) -> list[RunKey]:
+        """Band runs that resolve the contact, or do not; each setting at the step that most of them share."""
+        group = [run for run in self.band_runs if self.resolves_contact(run) == resolved]
+        steps = [run.timestep for run in group]
+        common = max(sorted(set(steps)), key=steps.count, default=1.0)
+        shown = {
+            key: min((r for r in group if r[:2] == key), key=lambda run: abs(np.log(run.timestep / common)))
+            for key in dict.fromkeys(run[:2] for run in group)
         }
+        return [run for run in group if run == shown[run[:2]]]
 
-    def is_plugin(self, run: Run) -> bool:
+    def is_plugin(self, run: RunKey) -> bool:
         """Does it need code of ours in the user's loop, rather than numbers in the user's model?"""
         return run in self._plugins
 
-    def is_fine(self, run: Run) -> bool:
-        """Does its step see the contact from inside?"""
-        return run.timestep <= self.contact_time / INSIDE * (1 + 1e-9)
-
-    def of_class(self, fine: bool) -> list[Run]:
-        """Band runs with fine or coarse steps; of each setting the step that most settings share."""
-        group = [run for run in self.band_runs if self.is_fine(run) == fine]
-        return [run for run in group if run.timestep == self._shown_step(group, run)]
-
-    @staticmethod
-    def _shown_step(group: list[Run], run: Run) -> float:
-        steps = [other.timestep for other in group]
-        own = [o.timestep for o in group if (o.engine, o.setting) == (run.engine, run.setting)]
-        common = max(sorted(set(steps)), key=steps.count)
-        return min(own, key=lambda h: abs(np.log(h / common)))
-
-    def step_curves(self) -> dict[tuple[str, str], pd.DataFrame]:
-        """(engine, setting) -> table over rising step of e at the study's step speed for its main α.
-
-        Columns: timestep, low, middle, high (NaN where no impact came back).
-        """
-        table = self.results.impacts
-        here = table[
-            np.isclose(table["speed_m_per_s"], self.study["step_speed"], rtol=1e-9)
-            & np.isclose(table["alpha_s_per_m"], self.main_alpha, rtol=1e-9)
-        ]
-        out: dict[tuple[str, str], pd.DataFrame] = {}
-        for key, rows in here.groupby(["engine", "setting"], sort=False):
-            engine, setting = (str(part) for part in cast("tuple[Any, ...]", key))
-            by_step = rows.groupby("timestep_s")["restitution"].agg(["min", "median", "max"])
-            frame = by_step.reset_index()
-            frame.columns = pd.Index(["timestep", "low", "middle", "high"])
-            out[engine, setting] = frame
-        return out
-
-    def score(self, run: Run, alpha: float) -> Mapping[str, Any] | None:
-        """The score of a run for one α."""
-        return self._scores.get((run, alpha))
+    @cached_property
+    def _plugins(self) -> set[RunKey]:
+        return {run_of_record(r) for r in self.results.settings if "law" in r["options"]}
 
     @cached_property
-    def _scores(self) -> dict[tuple[Run, float], Mapping[str, Any]]:
-        out: dict[tuple[Run, float], Mapping[str, Any]] = {}
+    def plot_styles(self) -> dict[tuple[str, str], PlotStyle]:
+        """How each (engine, setting) is drawn."""
+        runs = [run for run, _ in self._curves] + list(self.bounces)
+        return plot_styles(((run.engine, run.setting) for run in runs), law=REFERENCE)
+
+    def plot_style(self, run: RunKey) -> PlotStyle:
+        """How a run is drawn."""
+        return self.plot_styles[run.engine, run.setting]
+
+    # What they did
+
+    def curve(self, run: RunKey, alpha: float) -> Curve | None:
+        """e over speed; None where the study has no such run or no impact of it came back."""
+        curve = self._curves.get((run, alpha))
+        return curve if curve is not None and curve.speed.size else None
+
+    def score(self, run: RunKey, alpha: float | None = None) -> Mapping[str, Any] | None:
+        """The score of a run for one α, else the main one."""
+        return self._scores.get((run, self.main_alpha if alpha is None else alpha))
+
+    def scores(self, run: RunKey) -> list[Mapping[str, Any]]:
+        """The scores of a run, for each α that it ran for."""
+        return [score for alpha in self.alphas if (score := self.score(run, alpha)) is not None]
+
+    @cached_property
+    def _scores(self) -> dict[tuple[RunKey, float], Mapping[str, Any]]:
+        out: dict[tuple[RunKey, float], Mapping[str, Any]] = {}
         for row in self.results.scores.to_dict("records"):
-            key = _run_of(tuple(row[k] for k in RUN_KEY))
+            key = _run_and_alpha(tuple(row[k] for k in RUN_KEY))
             # A study may run one setting twice, over the band and at one speed: the band tells more.
             if key not in out or row["impacts"] > out[key]["impacts"]:
                 out[key] = {str(k): v for k, v in row.items()}
         return out
 
+    def step_curves(self) -> dict[tuple[str, str], pd.DataFrame]:
+        """(engine, setting) -> e over several steps at the study's step speed for its main α, steps rising.
+
+        Columns: timestep, low, middle, high (NaN where no impact came back).
+        """
+        impacts = self._of_main_alpha(self.results.impacts)
+        here = impacts[np.isclose(impacts["speed_m_per_s"], self.study["step_speed"], rtol=1e-9)]
+        out: dict[tuple[str, str], pd.DataFrame] = {}
+        for key, rows in here.groupby(["engine", "setting"], sort=False):
+            engine, setting = (str(part) for part in cast("tuple[Any, ...]", key))
+            by_step = rows.groupby("timestep_s")["restitution"].agg(["min", "median", "max"])
+            if len(by_step) > 1:
+                columns = ["timestep", "low", "middle", "high"]
+                out[engine, setting] = by_step.reset_index().set_axis(columns, axis=1)
+        return out
+
     @cached_property
-    def loops(self) -> dict[Run, dict[float, pd.DataFrame]]:
-        """Kept loops for the main α: run -> impact speed (m/s) -> samples in time order."""
-        table = self.results.loops
-        out: dict[Run, dict[float, pd.DataFrame]] = {}
-        if table.empty:
+    def loops(self) -> dict[RunKey, dict[float, pd.DataFrame]]:
+        """Loops for the main α: run -> impact speed (m/s) -> samples in time order."""
+        out: dict[RunKey, dict[float, pd.DataFrame]] = {}
+        if self.results.loops.empty:
             return out
-        main = table[np.isclose(table["alpha_s_per_m"].astype(float), self.main_alpha, rtol=1e-9)]
-        for key, rows in main.groupby(["engine", "setting", "timestep_s", "speed_m_per_s"], sort=False):
-            engine, setting, step, speed = cast("tuple[Any, ...]", key)
-            out.setdefault(Run(str(engine), str(setting), float(step)), {})[float(speed)] = rows
+        table = self._of_main_alpha(self.results.loops)
+        for key, rows in table.groupby(["engine", "setting", "timestep_s", "speed_m_per_s"], sort=False):
+            *run, speed = cast("tuple[Any, ...]", key)
+            out.setdefault(_run(*run), {})[float(speed)] = rows
         return out
 
     @cached_property
-    def trains(self) -> dict[Run, pd.DataFrame]:
-        """Bounce trains for the main α: run -> heights in the order of the bounces."""
-        table = self.results.trains
-        main = table[np.isclose(table["alpha_s_per_m"].astype(float), self.main_alpha, rtol=1e-9)]
-        out: dict[Run, pd.DataFrame] = {}
-        for key, rows in main.groupby(["engine", "setting", "timestep_s"], sort=False):
-            engine, setting, step = cast("tuple[Any, ...]", key)
-            out[Run(str(engine), str(setting), float(step))] = rows
-        return out
+    def bounces(self) -> dict[RunKey, pd.DataFrame]:
+        """Successive bounces under gravity for the main α: run -> heights in the order of the bounces."""
+        table = self._of_main_alpha(self.results.trains)
+        groups = table.groupby(["engine", "setting", "timestep_s"], sort=False)
+        return {_run(*cast("tuple[Any, ...]", key)): rows for key, rows in groups}
+
+    def _of_main_alpha(self, table: pd.DataFrame) -> pd.DataFrame:
+        return table[np.isclose(table["alpha_s_per_m"].astype(float), self.main_alpha, rtol=1e-9)]
 
 
-def _run_of(key: Hashable) -> tuple[Run, float]:
+def engines_of(runs: Iterable[RunKey]) -> list[str]:
+    """The engines of some runs, in their order, the reference left out."""
+    return list(dict.fromkeys(run.engine for run in runs if run.engine != REFERENCE))
+
+
+def _run(engine: Any, setting: Any, timestep: Any) -> RunKey:
+    return RunKey(str(engine), str(setting), float(timestep))
+
+
+def run_of_record(record: Mapping[str, Any]) -> RunKey:
+    """The run of one of the results' settings."""
+    return _run(record["engine"], record["setting"], record["timestep_s"])
+
+
+def _run_and_alpha(key: Hashable) -> tuple[RunKey, float]:
     _, engine, setting, alpha, timestep = cast("tuple[Any, ...]", key)
-    return Run(str(engine), str(setting), float(timestep)), float(alpha)
+    return _run(engine, setting, timestep), float(alpha)
 
 
 def _curve(rows: pd.DataFrame, mass: float) -> Curve:

@@ -1,24 +1,22 @@
-"""Numbers and names as people read them: one place that figures, tables and sentences go by."""
+"""Numbers and names as people read them: the one place that figures, tables and sentences go by."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING
 
-from hcbench import units
 from hcbench.errors import HcbenchError
 from hcbench.sim import registry
+from hcbench.units import INCH
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-INCH, POUND_FORCE = units.INCH, units.POUND_FORCE
 
 NBSP = "\u00a0"  # between a number and its unit: never broken over two lines
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def engine_name(name: str) -> str:
+def engine_title(name: str) -> str:
     """An engine's title; its name where no engine of that name is installed."""
     try:
         return registry.engine(name).title or name
@@ -26,20 +24,15 @@ def engine_name(name: str) -> str:
         return name
 
 
-def setting_name(engine: str, setting: str) -> str:
-    """The engine's title and the setting."""
-    return f"{engine_name(engine)} {setting}"
-
-
 def time(seconds: float) -> str:
-    """ "1 µs", "0.2 ms", "4.17 ms"; thousandths of a unit are never shown."""
+    """ "1 µs", "0.2 ms", "4.17 ms": three digits."""
     for size, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")):
         if seconds >= size * (1 - 1e-9):
             return f"{seconds / size:.3g}{NBSP}{unit}"
     return f"{seconds / 1e-9:.3g}{NBSP}ns"
 
 
-def about(seconds: float) -> str:
+def rough_time(seconds: float) -> str:
     """A time in two digits: "0.2 ms", "17 µs"."""
     return time(float(f"{seconds:.1e}"))
 
@@ -59,23 +52,39 @@ def inches_per_second(value: float) -> str:
     return f"{value / INCH:.3g}{NBSP}in/s"
 
 
-def small(value: float) -> str:
-    """A number that may be tiny, in two or three digits: "0.065", "2.1·10⁻⁵", "0"; round-off is "<10⁻¹²"."""
+def span(low: str, high: str, space: str = NBSP) -> str:
+    """ "1 … 20"; "1" where both ends are the same."""
+    return low if low == high else f"{low}{space}…{space}{high}"
+
+
+def number(value: float) -> str:
+    """In two or three digits: "0.065", "2.1·10⁻⁵", "0"; "<10⁻¹²" for round-off, "–" for no finite number."""
     if not math.isfinite(value):
         return "–"
-    if value == 0:
-        return "0"
     size = abs(value)
-    if size < 1e-12:
-        return "<10⁻¹²"
-    if size >= 1e-3:
-        return _scientific(value) if size >= 1e5 else f"{value:.3g}" if size < 1000 else f"{value:.0f}"
-    return _scientific(value)
+    if 0 < size < 1e-12:
+        return f"<{_power_of_ten(-12)}"
+    if size and not 1e-3 <= size < 1e5:
+        return _scientific(f"{value:.1e}")
+    return f"{value + 0.0:.3g}" if size < 1000 else f"{value:.0f}"
 
 
-def _scientific(value: float) -> str:
-    mantissa, exponent = f"{value:.1e}".split("e")
-    return f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPT)}"
+def four_digits(value: float) -> str:
+    """ "1.5", "62000", "2.198·10⁷"."""
+    if 1e-3 <= abs(value) < 1e6:
+        return f"{float(f'{value:.4g}'):g}"
+    mantissa, exponent = f"{value:.3e}".split("e")
+    return _scientific(f"{float(mantissa):g}e{exponent}")
+
+
+def _scientific(text: str) -> str:
+    """ "2.1e-05" as "2.1·10⁻⁵"."""
+    mantissa, exponent = text.split("e")
+    return f"{mantissa}·{_power_of_ten(int(exponent))}"
+
+
+def _power_of_ten(exponent: int) -> str:
+    return f"10{str(exponent).translate(_SUPERSCRIPT)}"
 
 
 def power_of_ten(value: float) -> str:
@@ -85,7 +94,7 @@ def power_of_ten(value: float) -> str:
     exponent = round(math.log10(value))
     if not math.isclose(value, 10.0**exponent, rel_tol=1e-6):
         return ""
-    return {0: "1", 1: "10", -1: "0.1"}.get(exponent, f"10{str(exponent).translate(_SUPERSCRIPT)}")
+    return {0: "1", 1: "10", -1: "0.1"}.get(exponent, _power_of_ten(exponent))
 
 
 def times(ratio: float) -> str:
@@ -97,7 +106,7 @@ def times(ratio: float) -> str:
 
 def percent(share: float) -> str:
     """ "3.2 %"."""
-    return f"{small(100 * share)}{NBSP}%" if math.isfinite(share) else "–"
+    return f"{number(100 * share)}{NBSP}%" if math.isfinite(share) else "–"
 
 
 def listed(items: Sequence[str], last: str = "and") -> str:

@@ -10,13 +10,13 @@ from hcbench.laws import closed_form, hertz, ode
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.hertz_elliptic import largest_shear
 from hcbench.paper import constants
-from hcbench.paper.constants import PSI
-from hcbench.units import INCH, POUND_FORCE
+from hcbench.report.wording import four_digits
+from hcbench.units import INCH, POUND, POUND_FORCE, PSI
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-Verdict = Literal["agrees", "rounded", "differs"]
+Agreement = Literal["agrees", "rounded", "differs"]
 STEEL_DENSITY = 7850.0  # kg/m³, of carbon steel
 
 
@@ -43,7 +43,7 @@ class Printed:
         return float(self.printed)
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> Agreement:
         """agrees: the same after rounding; rounded: within one more unit of the last digit; differs."""
         last = 10.0 ** (math.floor(math.log10(abs(self.value))) + 1 - self.digits)
         units = abs(self.ours - self.value) / last
@@ -55,16 +55,6 @@ class Printed:
     def difference(self) -> float:
         """Ours over the printed one, less 1."""
         return self.ours / self.value - 1.0
-
-
-def digits(value: float) -> str:
-    """Four digits, as people write them: "2.198·10⁷"."""
-    if 1e-3 <= abs(value) < 1e6:
-        return f"{float(f'{value:.4g}'):g}"
-    mantissa, exponent = f"{value:.3e}".split("e")
-    return f"{float(mantissa):g}·10" + str(int(exponent)).translate(
-        str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-    )
 
 
 def printed_numbers() -> list[Printed]:
@@ -89,7 +79,7 @@ def _constants() -> Iterator[Printed]:
     yield Printed("(5)", "K1 = (4/3) E/(2(1 - ν²))", "2.19e7", k1, "lb/in²", 3, "cut off, not rounded")
     yield Printed(
         "(5)", "K1 in metric units", "3.83e6", metric, "N/cm²", 3,
-        f"printed with 25.4 where 2.54² = 6.45 belongs: 2.19·10⁷ · 4.448/25.4 = {digits(slip)}",
+        f"printed with 25.4 where 2.54² = 6.45 belongs: 2.19·10⁷ · 4.448/25.4 = {four_digits(slip)}",
     )  # fmt: skip
     k2 = pair.K2 / PSI * (POUND_FORCE / INCH**2) ** (1 / 3)
     k2_metric = pair.K2 * 1e4 ** (1 / 3)
@@ -112,7 +102,7 @@ def _case() -> Iterator[Printed]:
     pair = constants.pair()
     k3 = pair.stiffness * INCH**1.5 / POUND_FORCE
     yield Printed("3.1", "weight of one pound", "4.448", POUND_FORCE, "N", 4)
-    ball = 4.0 / 3.0 * math.pi * INCH**3 * STEEL_DENSITY / constants.POUND_MASS
+    ball = 4.0 / 3.0 * math.pi * INCH**3 * STEEL_DENSITY / POUND
     note = "of a full ball with R1 = 1 in; the body has 1 lb, its shape away from the contact is free"
     yield Printed("3.1", "weight of the steel body", "1", ball, "lb", 2, note)
     yield Printed("3.1", "K3", "3.1e7", k3, "lb/in^1.5", 2)
@@ -137,7 +127,7 @@ def _case() -> Iterator[Printed]:
     )
 
 
-FACTOR_EXPONENTS, FACTOR_MASSES = (1.0, 1.25, 1.5, 2.0), (0.01, 0.45359237, 100.0)  # n; kg
+FACTOR_EXPONENTS, FACTOR_MASSES = (1.0, 1.25, 1.5, 2.0), (0.01, POUND, 100.0)  # n; kg
 
 
 def factors() -> list[tuple[float, list[float]]]:

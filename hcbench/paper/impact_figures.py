@@ -10,8 +10,18 @@ from hcbench.laws import closed_form
 from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.force import HuntCrossley
 from hcbench.paper import approximations, constants
-from hcbench.paper.pens import BAD, BLUE, GREEN, GREY, ORANGE, PURPLE, bare, mark, span
-from hcbench.report.style import INK, inch_axis, legend_below, new_figure
+from hcbench.report.plot_style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    RED,
+    legend_below,
+    new_figure,
+    second_axis,
+)
 from hcbench.units import INCH, POUND_FORCE
 
 if TYPE_CHECKING:
@@ -20,6 +30,27 @@ if TYPE_CHECKING:
 
 SKETCH_ALPHA_SPEED = 0.5  # α v of the sketches: a loss large enough to be seen
 LOOP_COLOURS = (GREEN, BLUE, ORANGE, PURPLE)
+
+
+def name_axes(axes: Axes, x: str, y: str, ticks: bool = False) -> None:
+    """Names of a sketch's axes, and numbers only where they mean something."""
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    if not ticks:
+        axes.set_xticks([])
+        axes.set_yticks([])
+
+
+def _mark_point(axes: Axes, letter: str, x: float, y: float, dx: float, dy: float) -> None:
+    """A letter beside a point; dx, dy in points."""
+    axes.plot([x], [y], marker="o", markersize=3.0, color=INK, linestyle="none", clip_on=False)
+    axes.annotate(letter, (x, y), (dx, dy), textcoords="offset points", fontsize=9.5, annotation_clip=False)
+
+
+def _mark_depth(axes: Axes, x: float) -> None:
+    """A dashed line down from the end of a loop, with its name below."""
+    axes.axvline(x, ymax=0.9, color=INK, linewidth=0.7, linestyle=(0, (3, 2)))
+    axes.annotate("xₘ", (x, 0.0), (3, 3), textcoords="offset points", fontsize=9.5)
 
 
 def figure_1() -> tuple[Figure, str]:
@@ -36,7 +67,7 @@ def figure_1() -> tuple[Figure, str]:
     left, right = figure.subplots(1, 2, sharey=True)
     left.plot(a.penetration, a.force, color=ORANGE)
     pull = a.force < 0.0
-    left.fill_between(a.penetration[pull], a.force[pull], 0.0, color=BAD, alpha=0.25, linewidth=0)
+    left.fill_between(a.penetration[pull], a.force[pull], 0.0, color=RED, alpha=0.25, linewidth=0)
     spring = np.array([0.0, a.penetration.max()])
     left.plot(spring, linear.stiffness * spring, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
     shock, top = a.force[0], int(a.penetration.argmax())
@@ -45,13 +76,13 @@ def figure_1() -> tuple[Figure, str]:
         ("O", 0.0, 0.0, -13, 4), ("A", 0.0, shock, -12, -3), ("B", a.penetration[top], a.force[top], 5, 2),
         ("C", crossing, 0.0, 3, -11), ("D", 0.0, a.force[-1], -12, -3),
     ):  # fmt: skip
-        mark(left, letter, x, y, dx, dy)
+        _mark_point(left, letter, x, y, dx, dy)
     left.annotate(
         "shock c vᵢ", (0.0, shock), (0.02, 2.1 * shock), arrowprops={"arrowstyle": "->", "color": INK}
     )
     low = (a.penetration[pull].mean(), 0.6 * a.force.min())
     left.annotate(
-        "pulls", low, (0.5, 1.1 * a.force.min()), color=BAD, arrowprops={"arrowstyle": "->", "color": BAD}
+        "pulls", low, (0.5, 1.1 * a.force.min()), color=RED, arrowprops={"arrowstyle": "->", "color": RED}
     )
     left.set_title("(a) Kelvin-Voigt, eq. (4)")
     elastic = np.linspace(0.0, b.penetration.max(), 60)
@@ -61,8 +92,8 @@ def figure_1() -> tuple[Figure, str]:
     right.set_title("(b) Hunt-Crossley, eq. (16)")
     for axes, depth in ((left, a.penetration.max()), (right, b.penetration.max())):
         axes.axhline(0.0, color=INK, linewidth=0.8)
-        span(axes, depth, "xₘ")
-        bare(axes, "approach x", "force F")
+        _mark_depth(axes, depth)
+        name_axes(axes, "approach x", "force F")
     early = float(kv.restitution(kv.damping_ratio(linear, mass), kv.Ending.FORCE))
     return figure, f" Contact that ends at C, where F = 0, makes the restitution of (a) {early:.3f}."
 
@@ -86,7 +117,7 @@ def figure_2() -> Figure:
     axes.set_ylim(0.0, 1.25)
     axes.text(0.03, 1.03, "v/vᵢ of eq. (10), n = 3/2", color=ORANGE, fontsize=8.5)
     axes.legend(loc="center left", bbox_to_anchor=(0.0, 0.62), fontsize=8.5)
-    bare(axes, "approach x/xₘ", "force F/(k xₘⁿ)", ticks=True)
+    name_axes(axes, "approach x/xₘ", "force F/(k xₘⁿ)", ticks=True)
     return figure
 
 
@@ -120,8 +151,8 @@ def figure_3() -> Figure:
         (0.75 * depth, 0.5 * (back + (0.75 * depth) ** 1.5)), (0.6, 0.06),
         color=GREEN, arrowprops={"arrowstyle": "->", "color": GREEN},
     )  # fmt: skip
-    span(axes, depth, "xₘ")
-    bare(axes, "approach x", "force F")
+    _mark_depth(axes, depth)
+    name_axes(axes, "approach x", "force F")
     return figure
 
 
@@ -136,18 +167,18 @@ def figure_4() -> Figure:
             loop = closed_form.loop(constants.law(alpha), constants.MASS, speed)
             x, force = loop.penetration / INCH * 1e3, loop.force / POUND_FORCE
             handles += axes.plot(x, force, color=colour, linewidth=1.4, label=f"{speed / INCH:.0f} in/s")
-        axes.axhline(limit, color=BAD, linewidth=0.9, linestyle=(0, (4, 2)))
+        axes.axhline(limit, color=RED, linewidth=0.9, linestyle=(0, (4, 2)))
         axes.set_title(f"α = {alpha * INCH:.3f} s/in")
         axes.set_xlim(0.0, 1.06)
         axes.set_ylim(0.0, 1000.0)
-    panels[0, 0].text(0.02, limit + 10, "600 lb: largest allowed", color=BAD, fontsize=8.5)
+    panels[0, 0].text(0.02, limit + 10, "600 lb: largest allowed", color=RED, fontsize=8.5)
     for axes in panels[1]:
         axes.set_xlabel("approach x, 10⁻³ in")
     for axes in panels[:, 0]:
         axes.set_ylabel("force F, lb")
     for axes in panels[0]:
-        inch_axis(axes, "top", "µm", 1.0 / 25.4)
+        second_axis(axes, "top", "µm", 1.0 / 25.4)
     for axes in panels[:, 1]:
-        inch_axis(axes, "right", "N", 1.0 / POUND_FORCE)
+        second_axis(axes, "right", "N", 1.0 / POUND_FORCE)
     legend_below(figure, handles)
     return figure

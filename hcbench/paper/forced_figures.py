@@ -12,12 +12,11 @@ import numpy as np
 from hcbench.errors import EngineMissing
 from hcbench.paper import constants
 from hcbench.paper.engines import engines_with_two_blocks, simulate_in_engine
-from hcbench.paper.pens import BLUE, GREY, ORANGE, numbered
 from hcbench.paper.vibroimpact.response import kelvin_voigt_blocks, linearized, orbits
 from hcbench.paper.vibroimpact.simulate import simulate
 from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
-from hcbench.report.style import legend_below, new_figure
-from hcbench.report.wording import engine_name
+from hcbench.report.plot_style import BLUE, GREY, ORANGE, legend_below, new_figure, numbered_line
+from hcbench.report.wording import engine_title
 from hcbench.sim import registry
 
 if TYPE_CHECKING:
@@ -65,13 +64,13 @@ def response_figure(effort: Effort) -> Figure:
     figure = new_figure(7.6, 4.0)
     axes = figure.subplots()
     fine = np.linspace(f[0], f[-1], 400)
-    pen: dict[str, Any] = {"color": GREY, "linewidth": 4.0, "alpha": 0.6, "label": "linearised"}
-    handles = axes.plot(fine / 1e3, linear.amplitude(1.0, fine) * 1e9, **pen)
+    line: dict[str, Any] = {"color": GREY, "linewidth": 4.0, "alpha": 0.6, "label": "linearised"}
+    handles = axes.plot(fine / 1e3, linear.amplitude(1.0, fine) * 1e9, **line)
     cycles = max(8, effort.cycles // 2)
     for i, force in enumerate(FORCES):
         run = orbits(SQUEEZED, Sinusoid(force, 1.0), "frequency", f, cycles, max(2, cycles // 4))
         label = f"(16), {force:g} N"
-        handles += axes.plot(f / 1e3, run.amplitude / force * 1e9, **numbered(i), label=label)
+        handles += axes.plot(f / 1e3, run.amplitude / force * 1e9, **numbered_line(i), label=label)
     axes.set_ylim(0.0)
     axes.set_xlabel("frequency, kHz")
     axes.set_ylabel("amplitude over force, nm/N")
@@ -124,8 +123,8 @@ def engines_figure(effort: Effort) -> tuple[Figure, str]:
     for i, (name, tuned_at) in zip(cycle(_OVERLAID), cases, strict=False):
         with suppress(EngineMissing):
             free, pressed = _in_engine(name, tuned_at, effort)
-            line: dict[str, Any] = {**numbered(i), "linewidth": 1.2}
-            title, contacts = engine_name(name), _contact_names(name, tuned_at)
+            line: dict[str, Any] = {**numbered_line(i), "linewidth": 1.2}
+            title, contacts = engine_title(name), _contact_names(name, tuned_at)
             label = f"{title} {'; right: '.join(contacts)}"
             handles += left.plot(free.time * 1e3, free.position * 1e3, **line, label=label)
             right.plot(pressed.position * 1e6, pressed.resultant, **line)

@@ -1,0 +1,166 @@
+"""Every figure of the report: how it is drawn, what it shows in words, or why there is nothing to draw."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING
+
+from hcbench.report import bounce_figures, loop_figures, restitution_figures, trend_figures, wording
+from hcbench.report.advice import band_text
+from hcbench.report.page import Drawing
+from hcbench.report.ranking import overview_runs
+from hcbench.report.view import REFERENCE, STEPS_TO_RESOLVE
+from hcbench.units import INCH
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from matplotlib.figure import Figure
+
+    from hcbench.report.view import RunKey, View
+
+
+def drawings(view: View) -> list[Drawing]:
+    """All figures, in the page's order."""
+    classes = (False, True)
+    panels = f"Restitution over impact speed, small panels, {len(view.alphas)} α by engine."
+    errors = "Error of restitution over impact speed, log scale."
+    return [
+        _overview(view),
+        *(_class(view, r, "restitution", restitution_figures.restitution_figure, panels) for r in classes),
+        *(_class(view, r, "error", restitution_figures.error_figure, errors) for r in classes),
+        *_loops(view),
+        _energy(view),
+        _steps(view),
+        _bounces(view),
+    ]
+
+
+def class_heading(view: View, resolved: bool) -> str:
+    """Which steps a class holds."""
+    return f"Steps {_limit(view, resolved)}; the law's contact lasts {wording.rough_time(view.contact_time)}"
+
+
+def _limit(view: View, resolved: bool) -> str:
+    limit = wording.rough_time(view.contact_time / STEPS_TO_RESOLVE)
+    return f"up to {limit}" if resolved else f"above {limit}"
+
+
+def loop_speeds(view: View) -> str:
+    """At which speeds loops are shown, and for which α."""
+    speeds = wording.listed([f"{float(v) / INCH:.3g}" for v in sorted(view.study["loop_speeds"])])
+    return f"{speeds} in/s, {wording.alpha_short(view.main_alpha)}"
+
+
+def step_speed(view: View) -> str:
+    """At which speed the time step is varied, and for which α."""
+    return f"{wording.inches_per_second(view.study['step_speed'])}, {wording.alpha_short(view.main_alpha)}"
+
+
+def _overview(view: View) -> Drawing:
+    runs = overview_runs(view)
+    at = f"{wording.alpha(view.main_alpha)}, {band_text(view)}"
+    return Drawing(
+        "overview",
+        partial(restitution_figures.overview_figure, view, runs) if runs else None,
+        f"Restitution over impact speed at {at}. {_largest_errors(view, runs)}",
+        "no setting ran over enough speeds for a curve",
+    )
+
+
+def _class(view: View, resolved: bool, name: str, draw: Callable[[View, bool], Figure], what: str) -> Drawing:
+    runs = [run for run in view.runs_by_resolution(resolved) if run.engine != REFERENCE]
+    return Drawing(
+        f"{name}-{'fine' if resolved else 'coarse'}",
+        partial(draw, view, resolved) if runs else None,
+        f"{what} {_largest_errors(view, runs)}",
+        f"no setting of this study ran over its band at a step {_limit(view, resolved)}",
+    )
+
+
+def _loops(view: View) -> list[Drawing]:
+    runs = loop_figures.drawable(view)
+    near = [run for run in runs if loop_figures.on_law_scale(view, run)]
+    far = [run for run in runs if run not in near]
+    return [
+        Drawing(
+            "loops",
+            partial(loop_figures.loops_figure, view, near) if near else None,
+            f"Force over penetration at {loop_speeds(view)}. {_loop_errors(view, near)}",
+            "no setting's loops come near the law's in depth and force",
+        ),
+        Drawing(
+            "loop-shapes",
+            partial(loop_figures.shapes_figure, view, far) if far else None,
+            f"Force over penetration, each over its own largest. {_loop_errors(view, far)}",
+            "every loop drawn is of the law's size",
+        ),
+    ]
+
+
+def _energy(view: View) -> Drawing:
+    exponents = [
+        f"{run.title}: p = {score['energy_exponent']:.2f}."
+        for run in view.band_runs
+        if (score := view.score(run)) is not None and math.isfinite(score["energy_exponent"])
+    ]
+    return Drawing(
+        "energy",
+        partial(trend_figures.energy_figure, view)
+        if any(run.engine != REFERENCE for run in trend_figures.lossy_runs(view))
+        else None,
+        f"Energy lost over impact speed, log-log. {' '.join(exponents)}",
+        "no setting ran over enough speeds and lost energy",
+    )
+
+
+def _steps(view: View) -> Drawing:
+    curves, at = view.step_curves(), step_speed(view)
+    ranges = [
+        f"{wording.engine_title(engine)} {setting}: e from {e['low'].min():.3f} to {e['high'].max():.3f}."
+        for (engine, setting), e in curves.items()
+    ]
+    return Drawing(
+        "steps",
+        partial(trend_figures.steps_figure, view) if curves else None,
+        f"Restitution over the time step at {at}. {' '.join(ranges)}",
+        f"no setting ran at more than one step at {at}",
+    )
+
+
+def _bounces(view: View) -> Drawing:
+    bounces = bounce_figures.drawn_bounces(view)
+    heights = []
+    for run, table in bounces.items():
+        last = table.iloc[-1]
+        ratio = float(last["height_m"]) / float(last["height_law_m"])
+        of_law = f"{ratio:.2f} of the law's height after bounce {int(last['bounce'])}."
+        heights.append(f"{run.title} at {run.step}: {of_law}")
+    return Drawing(
+        "trains",
+        partial(bounce_figures.bounces_figure, view) if bounces else None,
+        f"Heights of a bounce train under gravity. {' '.join(heights)}",
+        "the study asks for no drop under gravity, or nothing bounced",
+    )
+
+
+def _largest_errors(view: View, runs: Sequence[RunKey]) -> str:
+    """Curves in words: the largest errors at the main α."""
+    return " ".join(
+        f"{run.title} at {run.step}: off the law by up to {wording.number(score['max_error_law'])}."
+        for run in runs
+        if (score := view.score(run)) is not None
+    )
+
+
+def _loop_errors(view: View, runs: Sequence[RunKey]) -> str:
+    """Loops in words: rms errors at the main α."""
+    sentences = []
+    for run in runs:
+        score = view.score(run)
+        if score is not None and score["loops"]:
+            sentences.append(f"{run.title}: {wording.percent(score['loop_rms'])} off in force (rms).")
+        else:
+            sentences.append(f"{run.title}: too few samples for a score.")
+    return " ".join(sentences)
