@@ -37,7 +37,7 @@ TARGET = Target(HuntCrossley(SCENE.stiffness, ALPHA), SCENE.mass, 1e-5, 0.0254, 
 @pytest.fixture(autouse=True)
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """A search of few generations, that nothing is remembered of."""
-    for name, value in {"_GENERATIONS": 3, "_TWO": 20, "_SIX": 20}.items():
+    for name, value in {"_GENERATIONS": 3, "_POLISH_TWO": 20, "_POLISH_ALL": 20}.items():
         monkeypatch.setattr(soft, name, value)
     soft._search.cache_clear()
     monkeypatch.setattr(two_pair, "_STEPS_MAX", 4)

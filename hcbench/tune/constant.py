@@ -29,14 +29,14 @@ def minimax_constant(target: Target) -> tuple[float, float]:
     return (high + low) / 2, (high - low) / 2
 
 
-def contact_time(target: Target) -> float:
+def contact_time(target: Target, steps: float = STEPS_A_CONTACT) -> float:
     """How long a spring-damper stands in for the law, s: the law's contact time at the geometric mean speed.
 
-    Not under 20 steps, so that a coarse step still sees a contact: the spring is softer than the law then.
+    Not under `steps`, so that a coarse step still sees a contact: the spring is softer than the law then.
     """
     speed = math.sqrt(target.speed_min * target.speed_max)
     own = float(closed_form.duration(target.law, target.mass, speed))
-    return max(own, STEPS_A_CONTACT * target.timestep)
+    return max(own, steps * target.timestep)
 
 
 def spring_damper(restitution: float, duration: float, instead: str) -> tuple[float, float]:

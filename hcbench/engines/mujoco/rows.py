@@ -94,23 +94,30 @@ def weight(solimp: Sequence[float], depth: Floats) -> Floats:
     return np.where(depth > 0.0, d / (1.0 - d), 0.0)
 
 
+def combine(asked: Floats, weights: Floats, may_pull: Floats | bool, axis: int) -> tuple[Floats, Floats]:
+    """(acceleration apart, weights of the rows that act) of rows along an axis.
+
+    asked: a_ref of each. may_pull: whether it has adhesion.
+    """
+    while True:
+        a = (weights * asked).sum(axis=axis) / (1.0 + weights.sum(axis=axis))
+        # Without a row that pulls a is larger: a row once left out never comes back.
+        pulls = (asked < np.expand_dims(a, axis)) & (weights > 0.0) & np.logical_not(may_pull)
+        if not pulls.any():
+            return a, weights
+        weights = np.where(pulls, 0.0, weights)
+
+
 def acceleration(rows: Sequence[ConstraintRow], x: Floats, v: Floats) -> Floats:
     """Acceleration apart, m/s², at penetrations (m) and rates (m/s) of the same shape."""
-    wants, weights = [], []
+    asked, weights = [], []
     for row in rows:
         depth, dw = x - row.onset, row.solimp[1]
         stiffness = row.stiffness * impedance(row.solimp, depth) / dw**2
-        wants.append(stiffness * depth + row.damping / dw * v)
+        asked.append(stiffness * depth + row.damping / dw * v)
         weights.append(weight(row.solimp, depth))
-    want, w = np.stack(wants), np.stack(weights)
-    pushes_only = np.array([row.adhesion == 0.0 for row in rows]).reshape(-1, *[1] * np.ndim(x))
-    while True:
-        a = (w * want).sum(axis=0) / (1.0 + w.sum(axis=0))
-        # Letting go of a row that pulls raises a: a row once let go never comes back.
-        pulls = pushes_only & (want < a) & (w > 0.0)
-        if not pulls.any():
-            return np.asarray(a)
-        w = np.where(pulls, 0.0, w)
+    may_pull = np.array([row.adhesion != 0.0 for row in rows]).reshape(-1, *[1] * np.ndim(x))
+    return combine(np.stack(asked), np.stack(weights), may_pull, axis=0)[0]
 
 
 def restitution(

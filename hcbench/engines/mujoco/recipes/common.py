@@ -4,12 +4,27 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from scipy.optimize import nnls
+
+from hcbench.engines.mujoco.rows import MIN_IMPEDANCE
 from hcbench.tune.recipe import Integrators
 
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.rows import ConstraintRow
+    from hcbench.impact import Floats
 
+# Of springs that start at a depth of their own: the least impedance throughout.
+SPRING_SOLIMP = (MIN_IMPEDANCE, MIN_IMPEDANCE, 1.0, 0.5, 1.0)
 DAMPED_STEP = Integrators(("Euler", "implicit", "implicitfast", "RK4"), "its damping is off by the step")
+
+
+def nonnegative_fit(columns: Floats, goal: Floats) -> tuple[Floats, float]:
+    """(x >= 0 with the least |columns x - goal|, that misfit); columns of any units, x = 0 for empty ones."""
+    norms = np.linalg.norm(columns, axis=0)
+    norms[norms == 0.0] = 1.0
+    x, misfit = nnls(columns / norms, goal, maxiter=10_000)
+    return x / norms, float(misfit)
 
 
 def rows_options(integrator: str, *rows: ConstraintRow) -> dict[str, Any]:

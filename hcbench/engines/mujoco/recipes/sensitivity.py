@@ -1,4 +1,4 @@
-"""How the restitution answers when a contact's force is not quite the law's: a formula, not a simulation."""
+"""How much e changes where a contact's force is not quite the law's: a formula, no simulation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 _POINTS = 501
 
 
-def restitution_kernel(law: HuntCrossley, mass: float, speed: float, grid: Floats) -> Floats:
+def restitution_sensitivity(law: HuntCrossley, mass: float, speed: float, grid: Floats) -> Floats:
     """Weights K on `grid` (m, shape (n,)) with δe = K @ (g - a f)(grid), 1/(N s/m).
 
     f(x), N, and g(x), N s/m, make a force f + g v near that of the law, for which g = a f with a = (3/2) α.

@@ -1,4 +1,4 @@
-"""MuJoCo, a single contact: solref and all five numbers of solimp searched.
+"""MuJoCo, a single contact: solref and all five numbers of solimp are searched for.
 
 One row gives a = d (S d/dw² r + D/dw v). The best that its numbers can do is a step: an impedance that stays
 at its floor until half its width and jumps to its top there holds the ball up with a nearly constant force
@@ -30,14 +30,10 @@ _SPEEDS = 12
 _WIDTH = 1500.0  # steps at the highest speed: fewer and the touch's phase shows in e
 _DEEPEST = 0.02  # m
 _SEED = 1975
-_MEMBERS, _GENERATIONS, _TWO, _SIX = (
-    30,
-    40,
-    120,
-    300,
-)  # five members a parameter, then two polishes
-# Smallest power that MuJoCo's spline can take without a subnormal number: midpoint^(power - 1).
-_LOG_SMALLEST = -math.log(1e-306)
+_MEMBERS, _GENERATIONS = 30, 40  # of the search: five members a parameter
+_POLISH_TWO, _POLISH_ALL = 120, 300  # evaluations afterwards, of two parameters and of all
+# The smallest power that MuJoCo's spline can take without a subnormal number: midpoint^(power - 1).
+_LOG_SMALLEST_POWER = -math.log(1e-306)
 # log10 S, log10 D (in widths and highest speeds), log10 d0, log10(1 - dw), midpoint, log10(power/largest).
 _LOWEST = np.array([-1.5, -3.0, math.log10(MIN_IMPEDANCE), math.log10(1 - MAX_IMPEDANCE), 0.35, -0.8])
 _HIGHEST = np.array([2.5, 2.0, -2.0, -0.0005, 0.65, 0.0])
@@ -45,7 +41,7 @@ _HIGHEST = np.array([2.5, 2.0, -2.0, -0.0005, 0.65, 0.0])
 
 def largest_power(midpoint: Floats) -> Floats:
     """The power beyond which MuJoCo's impedance is not a number; same shape."""
-    return np.asarray(1.0 + _LOG_SMALLEST / np.maximum(-np.log(midpoint), -np.log1p(-midpoint)))
+    return np.asarray(1.0 + _LOG_SMALLEST_POWER / np.maximum(-np.log(midpoint), -np.log1p(-midpoint)))
 
 
 def _numbers(parameters: Floats) -> tuple[Floats, ...]:
@@ -55,8 +51,8 @@ def _numbers(parameters: Floats) -> tuple[Floats, ...]:
     return 10.0**s, 10.0**d, 10.0**floor, 1.0 - 10.0**gap, midpoint, power
 
 
-def _stretches(parameters: Floats) -> tuple[Floats, Floats]:
-    """Elastic work and damping over stretches of depth, fine around the step; (population, stretches)."""
+def _work_and_damping(parameters: Floats) -> tuple[Floats, Floats]:
+    """Elastic work and damping of each interval of depth, fine around the step; (population, intervals)."""
     S, D, d0, dw, midpoint, power = _numbers(parameters)
     step = midpoint * np.maximum(0.0, 1.0 + np.linspace(-10.0, 10.0, 121) / power)
     before = step[:, :1] * np.linspace(0.0, 1.0, 21)[None, :-1]
@@ -68,7 +64,7 @@ def _stretches(parameters: Floats) -> tuple[Floats, Floats]:
 
 
 def _mean(v: Floats, w: Floats) -> Floats:
-    """Mean speed along a stretch under a constant force, from v at one end to w at the other."""
+    """Mean speed along an interval under a constant force, from v at one end to w at the other."""
     return np.asarray((2 / 3) * (v * v + v * w + w * w) / np.maximum(v + w, 1e-300))
 
 
@@ -76,9 +72,9 @@ def _restitution(parameters: Floats, speeds: Floats) -> Floats:
     """e of one contact at speeds over the highest; (population, speeds); 0 where it would go too deep.
 
     By energy along the depth: v²/2 falls by ΔP + ΔG v on the way in, and grows by ΔP - ΔG v on the way out as
-    long as the contact pushes, v being the stretch's mean: first that of its ends, then better.
+    long as the contact pushes, v being the interval's mean: first that of its ends, then better.
     """
-    work, damping = _stretches(parameters)
+    work, damping = _work_and_damping(parameters)
     v = np.broadcast_to(speeds, (len(parameters), len(speeds))).copy()
     last, part = np.full(v.shape, -1), np.zeros(v.shape)
     for i in range(work.shape[1]):
@@ -103,35 +99,40 @@ def _restitution(parameters: Floats, speeds: Floats) -> Floats:
 
 
 @lru_cache(maxsize=64)
-def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> tuple[Floats, float]:
-    """The best parameters for e wanted at shares of the highest speed, and their largest error."""
+def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
+    """The best parameters for e wanted at shares of the highest speed."""
     speeds, e = np.array(shares), np.array(wanted)
-    search = Search(_MEMBERS * (1 + _GENERATIONS) + _TWO + _SIX)
+    search = Search(_MEMBERS * (1 + _GENERATIONS) + _POLISH_TWO + _POLISH_ALL)
 
     def errors(parameters: Floats) -> Floats:
         inside = np.clip(parameters, _LOWEST, _HIGHEST)
-        found = np.asarray(np.abs(_restitution(inside, speeds) - e).max(axis=1))
-        search.record(inside, found)
-        return found
+        largest = np.asarray(np.abs(_restitution(inside, speeds) - e).max(axis=1))
+        search.record(inside, largest)
+        return largest
 
     def error(parameters: Floats) -> float:
         return float(errors(parameters[None])[0])
 
+    def polished(start: Floats, others: Floats, evaluations: int) -> Floats:
+        """Better parameters near `start`, which `others` follow."""
+
+        def error_at(parameters: Floats) -> float:
+            return error(np.concatenate([parameters, others]))
+
+        found = minimize(
+            error_at, start, method="Nelder-Mead", options={"maxfev": evaluations, "fatol": 1e-7}
+        )
+        return np.concatenate([found.x, others])
+
     loss = max(1e-4, 1 - wanted[-1])
     start = np.array([0.45, math.log10(2.5 * loss), _LOWEST[2], _LOWEST[3], 0.5, 0.0])
 
-    def population(parameters: Floats) -> Any:
+    def population_errors(parameters: Floats) -> Any:
         return errors(parameters.T)
-
-    # The best step is as high and as sharp as can be: from there S and D alone, from elsewhere all six.
-    sharp = np.array([*start[2:4], 0.5, 0.0])
-
-    def error_of_sharp(parameters: Floats) -> float:
-        return error(np.concatenate([parameters, sharp]))
 
     with search.return_best_on_interrupt():
         found = differential_evolution(
-            population,
+            population_errors,
             Bounds(_LOWEST, _HIGHEST),
             x0=np.clip(start, _LOWEST + 1e-6, _HIGHEST - 1e-6),
             seed=_SEED,
@@ -141,15 +142,10 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> tuple[Float
             updating="deferred",
             polish=False,
         )
-        two = minimize(
-            error_of_sharp, start[:2], method="Nelder-Mead", options={"maxfev": _TWO, "fatol": 1e-7}
-        )
-        six = minimize(
-            error, np.asarray(found.x), method="Nelder-Mead", options={"maxfev": _SIX, "fatol": 1e-7}
-        )
-    ways = [np.concatenate([two.x, sharp]), np.asarray(six.x)]
-    best = np.clip(min(ways, key=error), _LOWEST, _HIGHEST)
-    return best, error(best)
+        # The best step is as high and as sharp as can be: from there S and D alone, from elsewhere all.
+        sharp = polished(start[:2], start[2:], _POLISH_TWO)
+        free = polished(np.asarray(found.x), np.empty(0), _POLISH_ALL)
+    return np.asarray(np.clip(min((sharp, free), key=error), _LOWEST, _HIGHEST))
 
 
 def soft(target: Target, integrator: str = "Euler") -> dict[str, Any]:
@@ -176,7 +172,7 @@ def soft(target: Target, integrator: str = "Euler") -> dict[str, Any]:
         return rows_options(integrator, row)
 
     with map_result(options):
-        parameters, _ = _search(tuple(shares.tolist()), tuple(wanted.tolist()))
+        parameters = _search(tuple(shares.tolist()), tuple(wanted.tolist()))
     return options(parameters)
 
 

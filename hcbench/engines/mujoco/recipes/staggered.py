@@ -3,8 +3,8 @@
 Springs that start at staggered depths add up to the law's elastic force k x^n; dampers whose impedance grows
 as x^n are its damping a k x^n v. Rows of contact act on one another: with weights w = d/(1 - d) the
 acceleration is a = Σ w a_ref / (1 + Σ w), so what the springs have to add up to is k x^n (1 + Σ w). The
-restitution depends on the ratio of damping to elastic force alone, and how it answers to that ratio is known
-(`kernel`): springs and dampers come out of one linear problem, a non-negative least-squares fit.
+restitution depends on the ratio of damping to elastic force alone, and how it changes with that ratio is
+known (`sensitivity`): springs and dampers come out of one linear problem, a non-negative least-squares fit.
 """
 
 from __future__ import annotations
@@ -13,10 +13,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.optimize import nnls
 
-from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
-from hcbench.engines.mujoco.recipes.sensitivity import restitution_kernel
+from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, SPRING_SOLIMP, nonnegative_fit, rows_options
+from hcbench.engines.mujoco.recipes.sensitivity import restitution_sensitivity
 from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, weight
 from hcbench.errors import SettingError
 from hcbench.tune.recipe import Recipe, Role
@@ -50,14 +49,17 @@ class Damper:
 
 @dataclass(frozen=True)
 class Band:
-    """What is to be served: the law per unit mass at penetrations from `low` to `top` (m)."""
+    """The law and the impact speeds (m/s) to match, which reach penetrations from `low` to `top` (m).
+
+    lag: half a step (s) where the engine's rates lag the positions by it, else 0.
+    """
 
     law: HuntCrossley
     mass: float
     speeds: Floats
     low: float
     top: float
-    lag: float  # s: half a step where the engine's rates lag the positions by it, else 0
+    lag: float
 
     def elastic(self, x: Floats) -> Floats:
         """f(x), m/s², so that f (1 + a v) is the law at the rate v that the engine uses.
@@ -73,7 +75,7 @@ class Band:
         return np.concatenate([[0.0], np.geomspace(self.low * 1e-3, self.top, _GRID)])
 
 
-def band_of(target: Target, law: HuntCrossley, lag: float) -> Band:
+def band_of(target: Target, law: HuntCrossley, integrator: str) -> Band:
     """The band of penetrations of a target's speeds under a law without its loss."""
 
     def deepest(speed: float) -> float:
@@ -86,7 +88,7 @@ def band_of(target: Target, law: HuntCrossley, lag: float) -> Band:
         speeds=np.geomspace(target.speed_min, target.speed_max, _SPEEDS),
         low=0.9 * deepest(target.speed_min),
         top=_HEADROOM * deepest(target.speed_max),
-        lag=lag,
+        lag=0.0 if integrator == "RK4" else target.timestep / 2,
     )
 
 
@@ -149,70 +151,73 @@ def knots_of(band: Band, dampers: Sequence[Damper], misfit: float) -> Floats:
 
 @dataclass(frozen=True)
 class _Fit:
-    springs: Floats  # S of each knot, 1/s²
-    dampers: Floats  # D of each damper, 1/s
+    """Springs that start at knots (m), and dampers, with S (1/s²) and D (1/s) of each."""
+
+    knots: Floats
+    dampers: Sequence[Damper]
+    stiffness: Floats
+    damping: Floats
     misfit: float
 
 
-def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, kernel: Floats) -> _Fit:
-    """Springs and dampers together: the force near the law's everywhere, the restitution nearer still."""
+def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floats) -> _Fit:
+    """Springs and dampers together: the force near the law's everywhere, the restitution nearer still.
+
+    sensitivity: of e at each speed of the band, shape (speeds, grid).
+    """
     x = band.grid()
     a, f = band.law.dissipation, band.elastic(x)
     behind = x[:, None] > knots
     weights = np.array([d.weight(x) for d in dampers]).reshape(len(dampers), len(x)).T
     share = 1.0 / (1.0 + weights.sum(axis=1) + _SPRING_WEIGHT * behind.sum(axis=1))
-    # A spring starts to act when it wants more than the others give: its line starts from there, see _rows.
+    # A spring starts to act when it asks for more than the others give: its line starts there, see _rows.
     already = _SPRING_WEIGHT * (behind * band.elastic(knots)).sum(axis=1) * share
     springs = _SPRING_WEIGHT / MIN_IMPEDANCE * np.maximum(0.0, x[:, None] - knots) * share[:, None]
-    tops = np.array([d.solimp[1] for d in dampers])
-    damping = weights / tops * share[:, None]
+    damping = weights / np.array([d.solimp[1] for d in dampers]) * share[:, None]
     scale = np.maximum(f, band.elastic(np.asarray(band.low)))
     span = max(np.log(band.top / band.low), 0.5)
     force = (np.sqrt(np.gradient(x) / np.maximum(x, band.low) / span) / scale / _FORCE_SCALE)[:, None]
     rate = force * min(band.speeds[-1], 1.0 / a) if a else force
-    answer = kernel * band.mass / _RESTITUTION_SCALE / np.sqrt(len(kernel))
+    to_e = sensitivity * band.mass / _RESTITUTION_SCALE / np.sqrt(len(sensitivity))
     left = np.block(
         [
             [springs * force, np.zeros((len(x), len(dampers)))],
             [np.zeros((len(x), len(knots))), damping * rate],
-            [-a * answer @ springs, answer @ damping],
+            [-a * to_e @ springs, to_e @ damping],
         ]
     )
-    right = np.concatenate([(f - already) * force[:, 0], a * f * rate[:, 0], a * answer @ already])
-    norms = np.linalg.norm(left, axis=0)
-    solution, misfit = nnls(left / norms, right, maxiter=100 * left.shape[1])
-    solution = solution / norms
-    return _Fit(solution[: len(knots)], solution[len(knots) :], float(misfit))
+    right = np.concatenate([(f - already) * force[:, 0], a * f * rate[:, 0], a * to_e @ already])
+    solution, misfit = nonnegative_fit(left, right)
+    return _Fit(knots, dampers, solution[: len(knots)], solution[len(knots) :], misfit)
 
 
-def _best(
-    band: Band, dampers: Sequence[Damper], misfit: float, kernel: Floats
-) -> tuple[list[Damper], Floats, _Fit]:
-    """Fit, leaving out what the fit has no use for: an idle row would still weigh on the others."""
-    kept = list(dampers)
-    knots = knots_of(band, kept, misfit)
+def _fit_pruned(band: Band, dampers: Sequence[Damper], misfit: float, sensitivity: Floats) -> _Fit:
+    """The fit without the rows that it has no use for: an idle row would still weigh on the others."""
+    knots = knots_of(band, dampers, misfit)
     while True:
-        fit = _fit(band, kept, knots, kernel)
+        fit = _fit(band, dampers, knots, sensitivity)
         spacing = np.gradient(np.append(knots, band.top))[:-1]
-        late = band.elastic(knots) * MIN_IMPEDANCE > 0.5 * fit.springs * spacing
+        late = band.elastic(knots) * MIN_IMPEDANCE > 0.5 * fit.stiffness * spacing
         late[0] = False
-        if fit.dampers.all() and not late.any():
-            return kept, knots, fit
-        kept = [damper for damper, D in zip(kept, fit.dampers, strict=True) if D > 0.0]
+        if fit.damping.all() and not late.any():
+            return fit
+        dampers = [damper for damper, D in zip(dampers, fit.damping, strict=True) if D > 0.0]
         knots = knots[~late]
 
 
-def _rows(band: Band, dampers: Sequence[Damper], knots: Floats, fit: _Fit) -> list[ConstraintRow]:
-    """A spring acts from where it wants as much as the others give: it starts that much before its knot."""
-    rows = [
-        ConstraintRow.direct(S, 0.0, (MIN_IMPEDANCE, MIN_IMPEDANCE, 1.0, 0.5, 1.0), onset=float(y - early))
-        for y, S in zip(knots, fit.springs, strict=True)
-        if S > 0.0
-        for early in [float(band.elastic(y)) * MIN_IMPEDANCE / S]
-    ]
+def _rows(band: Band, fit: _Fit) -> list[ConstraintRow]:
+    """The pairs of a fit.
+
+    A spring acts from where it asks for as much as the others give: it starts that much before its knot.
+    """
+    rows = []
+    for knot, S in zip(fit.knots, fit.stiffness, strict=True):
+        if S > 0.0:
+            early = float(band.elastic(knot)) * MIN_IMPEDANCE / S
+            rows.append(ConstraintRow.direct(S, 0.0, SPRING_SOLIMP, onset=float(knot - early)))
     fastest = float(band.speeds[-1])
     a, f = band.law.dissipation, float(band.elastic(np.asarray(band.top)))
-    for damper, D in zip(dampers, fit.dampers, strict=True):
+    for damper, D in zip(fit.dampers, fit.damping, strict=True):
         highest = damper.solimp[1]
         # Twice the largest pull of this row on the way out.
         pull = highest / (1 - highest) * (D / highest * fastest + f * (1 + a * fastest))
@@ -239,15 +244,15 @@ def staggered_rows(
     if not 10 * MIN_IMPEDANCE <= impedance <= 0.5:
         raise SettingError("impedance", f"{impedance!r}", f"{10 * MIN_IMPEDANCE:g} ... 0.5")
     law = resolvable_law(target)
-    band = band_of(target, law, 0.0 if integrator == "RK4" else target.timestep / 2)
-    # A second stretch of dampers costs pairs: it has to pay.
-    kernel = np.zeros((0, _GRID + 1))
+    band = band_of(target, law, integrator)
+    sensitivity = np.zeros((0, _GRID + 1))
     if law.dissipation > 0.0:
         x = band.grid()
-        kernel = np.array([restitution_kernel(law, band.mass, float(v), x) for v in band.speeds])
-    fits = [_best(band, dampers, misfit, kernel) for dampers in _layouts(band, impedance)]
-    best = min(fits, key=lambda fit: fit[2].misfit * (1.5 if len(fit[0]) > 2 else 1.0))
-    return _rows(band, *best)
+        sensitivity = np.array([restitution_sensitivity(law, band.mass, float(v), x) for v in band.speeds])
+    fits = [_fit_pruned(band, dampers, misfit, sensitivity) for dampers in _layouts(band, impedance)]
+    # A second stretch of dampers costs pairs: it has to pay.
+    best = min(fits, key=lambda fit: fit.misfit * (1.5 if len(fit.dampers) > 2 else 1.0))
+    return _rows(band, best)
 
 
 STAGGERED = Recipe(

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
-from hcbench.engines.mujoco.recipes.nonadhesive_fit import ITERATIONS, Start, aim, begin, refine, sample
+from hcbench.engines.mujoco.recipes.nonadhesive_fit import (
+    ITERATIONS,
+    InitialGuess,
+    correct_bias,
+    initial_rows,
+    levenberg_marquardt,
+    sample,
+)
 from hcbench.engines.mujoco.recipes.staggered import band_of, knots_of
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
@@ -20,18 +27,18 @@ if TYPE_CHECKING:
     from hcbench.tune.target import Target
 
 # The best ones of many, tried over n, alpha and bands; dampers are for a band of penetrations of 11 to 1.
-_STARTS = [
-    Start(26, 4.0, 0.04, 0.5, 0.25),
-    Start(26, 4.0, 0.10, 0.7, 0.25),
-    Start(26, 3.0, 0.04, 0.5, 0.25),
-    Start(20, 6.0, 0.10, 0.7, 0.50),
-    Start(20, 4.0, 0.04, 0.5, 0.25),
-    Start(16, 4.0, 0.10, 0.9, 0.50),
-    Start(26, 6.0, 0.04, 0.7, 0.50),
-    Start(26, 6.0, 0.10, 0.5, 0.25),
-    Start(16, 6.0, 0.04, 0.9, 0.25),
-    Start(20, 6.0, 0.04, 0.9, 0.25),
-    Start(20, 6.0, 0.04, 0.5, 0.25),
+_GUESSES = [
+    InitialGuess(26, 4.0, 0.04, 0.5, 0.25),
+    InitialGuess(26, 4.0, 0.10, 0.7, 0.25),
+    InitialGuess(26, 3.0, 0.04, 0.5, 0.25),
+    InitialGuess(20, 6.0, 0.10, 0.7, 0.50),
+    InitialGuess(20, 4.0, 0.04, 0.5, 0.25),
+    InitialGuess(16, 4.0, 0.10, 0.9, 0.50),
+    InitialGuess(26, 6.0, 0.04, 0.7, 0.50),
+    InitialGuess(26, 6.0, 0.10, 0.5, 0.25),
+    InitialGuess(16, 6.0, 0.04, 0.9, 0.25),
+    InitialGuess(20, 6.0, 0.04, 0.9, 0.25),
+    InitialGuess(20, 6.0, 0.04, 0.5, 0.25),
 ]
 _MISFIT = 0.006  # of the springs' straight lines
 _SPEEDS, _POINTS = 14, 40
@@ -47,28 +54,26 @@ def staggered_push(target: Target, integrator: str = "Euler") -> dict[str, Any]:
 
 def staggered_push_rows(target: Target, integrator: str = "Euler") -> list[ConstraintRow]:
     """The rows: springs from the shallowest on, then dampers."""
-    law, lag = resolvable_law(target), 0.0 if integrator == "RK4" else target.timestep / 2
-    band = band_of(target, law, lag)
-    knots = knots_of(band, [], _MISFIT)
+    law = resolvable_law(target)
     if law.dissipation == 0.0:
         raise SettingError("alpha", "0 s/m", "a contact with a loss", "Use `staggered`: it never pulls then")
     if law.alpha * target.speed_max > _MOST_LOSS or law.exponent < _LEAST_EXPONENT:
         raise _beyond(target)
+    band = band_of(target, law, integrator)
+    knots = knots_of(band, [], _MISFIT)
     speeds = np.geomspace(target.speed_min, target.speed_max, 3 * _SPEEDS)
-    samples = sample(law, target.mass, speeds[1::3], _POINTS, lag)
-    span = (band.low, band.top)
-    count = EvaluationCount((len(_STARTS) + _BEST + 1) * ITERATIONS)
-    starts = (begin(samples, law, target.mass, span, knots, target.speed_max, start) for start in _STARTS)
-    few = sorted((refine(samples, rows, count) for rows in starts), key=lambda fit: fit.misfit)[:_BEST]
-    # Between those speeds too: only what they leave open is still free.
-    samples = sample(law, target.mass, speeds, _POINTS, lag)
-    best = min((refine(samples, rows, count) for rows in few), key=lambda fit: fit.misfit)
+    samples = sample(band, speeds[1::3], _POINTS)
+    count = EvaluationCount((len(_GUESSES) + _BEST + 1) * ITERATIONS)
+    guesses = (initial_rows(samples, band, knots, guess) for guess in _GUESSES)
+    fits = sorted((levenberg_marquardt(samples, rows, count) for rows in guesses), key=lambda f: f.misfit)
+    # The best of them at speeds between those too: only what they leave open is still free.
+    samples = sample(band, speeds, _POINTS)
+    best = min((levenberg_marquardt(samples, fit, count) for fit in fits[:_BEST]), key=lambda f: f.misfit)
     if best.misfit > _WORST:
         raise _beyond(target)
-    ends = np.array([target.speed_min, target.speed_max])
-    longest = float(closed_form.duration(law, target.mass, ends).max())
+    longest = float(closed_form.duration(law, target.mass, speeds[[0, -1]]).max())
     step = max(target.timestep, longest / 400)
-    return aim(samples, best, law, step, 1.1 * longest, count).rows()
+    return correct_bias(samples, best, law.alpha, step, 1.1 * longest, count).rows()
 
 
 def _beyond(target: Target) -> SettingError:

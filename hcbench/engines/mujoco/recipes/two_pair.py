@@ -19,6 +19,7 @@ from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
 from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, restitution
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
+from hcbench.tune.constant import contact_time
 from hcbench.tune.recipe import Recipe, Role
 from hcbench.tune.search import Search, map_result
 
@@ -36,9 +37,19 @@ _GOOD = 10.0  # units: worse than that another start is tried
 _STEPS_MAX = 30  # of the fit; each evaluates once, and once more for each of six numbers
 
 
+# log D, log of width over top, logit of dw, power, midpoint, onset over top: bounds and usual changes.
+_LOWEST = [-np.inf, -4.0, -6.0, 1.0, 1e-3, 0.0]
+_HIGHEST = [np.inf, 4.0, 3.0, 6.0, MAX_IMPEDANCE, 0.05]
+_SCALE = [0.1, 0.1, 0.3, 0.1, 0.01, 1e-3]
+_LOGIT = -2.67  # of dw, at the start
+
+
 @dataclass(frozen=True)
-class _Shape:
-    """What is fitted around: frequency of the spring ω, 1/s; depth and speed at the top of the band; mass."""
+class _Pairs:
+    """What the damper's parameters are relative to.
+
+    omega: frequency of the spring, 1/s. speed: at the top of the band, m/s. mass: kg.
+    """
 
     omega: float
     speed: float
@@ -46,15 +57,14 @@ class _Shape:
 
     @property
     def top(self) -> float:
+        """The largest penetration, m."""
         return self.speed / self.omega
 
     def start(self, loss: float) -> Floats:
-        """log D, log of width over top, logit of dw, power, midpoint, onset over top."""
-        logit = -2.67
-        highest = 1 / (1 + math.exp(-logit))
-        weight = highest / (1 - highest)
-        damping = loss * self.omega**2 * self.top / weight * highest
-        return np.array([math.log(1.22 * damping), 0.2, logit, 1.1, 0.015, 1e-4])
+        """Parameters by the closed form for n = 1. loss: (3/2) α, s/m."""
+        highest = _logistic(_LOGIT)
+        damping = loss * self.omega**2 * self.top / (highest / (1 - highest)) * highest
+        return np.array([math.log(1.22 * damping), 0.2, _LOGIT, 1.1, 0.015, 1e-4])
 
     def constant_start(self, loss: float) -> Floats:
         """The same for an e that hardly falls with speed: a damper at its top almost from touch on."""
@@ -64,25 +74,23 @@ class _Shape:
         return parameters
 
     def rows(self, parameters: Floats) -> list[ConstraintRow]:
-        log_damping, log_width, logit, power, midpoint, onset = (float(parameter) for parameter in parameters)
-        highest = 1 / (1 + math.exp(-logit))
-        D = math.exp(log_damping)
+        """The spring and the damper."""
+        log_damping, log_width, logit, power, midpoint, onset = parameters.tolist()
+        highest, D = _logistic(logit), math.exp(log_damping)
         solimp = (MIN_IMPEDANCE, highest, self.top * math.exp(log_width), midpoint, power)
-        # w S/d = ω²: what the spring weighs and wants.
+        # w S/d = ω²: what the spring weighs and asks for.
         spring = ConstraintRow.direct(self.omega**2 * (1 - _SPRING), 0.0, (_SPRING, _SPRING, 1.0, 0.5, 1.0))
         pull = highest / (1 - highest) * (D / highest + self.omega) * self.speed
         return [spring, ConstraintRow.direct(0.0, D, solimp, onset * self.top, adhesion=2 * self.mass * pull)]
 
 
-_LOWEST = [-np.inf, -4.0, -6.0, 1.0, 1e-3, 0.0]
-_HIGHEST = [np.inf, 4.0, 3.0, 6.0, MAX_IMPEDANCE, 0.05]
-_SCALE = [0.1, 0.1, 0.3, 0.1, 0.01, 1e-3]
+def _logistic(logit: float) -> float:
+    return 1 / (1 + math.exp(-logit))
 
 
 def contact_duration(target: Target) -> float:
     """How long the spring's contact lasts, s: as the law's at the geometric mean speed, or 36 steps."""
-    speed = math.sqrt(target.speed_min * target.speed_max)
-    return max(float(closed_form.duration(target.law, target.mass, speed)), _FEWEST_STEPS * target.timestep)
+    return contact_time(target, _FEWEST_STEPS)
 
 
 def two_pair(target: Target, integrator: str = "Euler") -> dict[str, Any]:
@@ -108,22 +116,22 @@ def two_pair_rows(target: Target) -> list[ConstraintRow]:
     duration = contact_duration(target)
     step = max(target.timestep, duration / _STEPS)
     longest = (1.3 if wanted[-1] > 0.5 else 3.0) * duration
-    shape = _Shape(math.pi / duration, target.speed_max, target.mass)
+    pairs = _Pairs(math.pi / duration, target.speed_max, target.mass)
     loss = 1.5 * float(closed_form.alpha_of(wanted[-1], target.speed_max))
 
-    starts = (shape.start(loss), shape.constant_start(loss))
+    starts = (pairs.start(loss), pairs.constant_start(loss))
     search = Search(len(starts) * _STEPS_MAX * (1 + len(_LOWEST)))
 
     def misfit(parameters: Floats) -> Floats:
-        e = restitution(shape.rows(parameters), step, speeds, _PHASES, longest)
+        e = restitution(pairs.rows(parameters), step, speeds, _PHASES, longest)
         off = np.nan_to_num(e.mean(axis=1), nan=5.0) - wanted
         search.record(parameters[None], np.abs(off).max(keepdims=True))
         return np.asarray(off / _UNIT)
 
     best, error = starts[0], np.inf
-    with map_result(shape.rows), search.return_best_on_interrupt():
+    with map_result(pairs.rows), search.return_best_on_interrupt():
         for start in starts:
-            found = least_squares(
+            fit = least_squares(
                 misfit,
                 start,
                 bounds=(_LOWEST, _HIGHEST),
@@ -131,12 +139,12 @@ def two_pair_rows(target: Target) -> list[ConstraintRow]:
                 max_nfev=_STEPS_MAX,
                 diff_step=[1e-4] * 6,
             )
-            worst = float(np.abs(found.fun).max())
+            worst = float(np.abs(fit.fun).max())
             if worst < error:
-                best, error = found.x, worst
+                best, error = fit.x, worst
             if error < _GOOD:
                 break
-    return shape.rows(best)
+    return pairs.rows(best)
 
 
 TWO_PAIR = Recipe(
