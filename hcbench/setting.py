@@ -26,6 +26,11 @@ class Setting:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
+    def options_text(self) -> str:
+        """The options as JSON to read; "" where nothing is set."""
+        return json.dumps(self.options, indent=1, ensure_ascii=False) if self.options else ""
+
+    @property
     def key(self) -> str:
         """Text that is equal for equal settings, whatever order their options were given in."""
         return json.dumps([self.engine, self.name, self.timestep, self.options], sort_keys=True)

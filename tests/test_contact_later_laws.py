@@ -35,7 +35,7 @@ from hcbench.laws.published import (
 from hcbench.laws.restitution import ConstantRestitution
 from hcbench.laws.touch_speed import touch_speed
 from hcbench.setting import Setting
-from hcbench.tune.snippet import paste
+from hcbench.tune.snippet import snippet
 
 try:
     import pybullet as bullet
@@ -342,7 +342,7 @@ def test_what_is_no_law_cannot_be_attached(law: Any) -> None:
 )
 def test_pasted_text_attaches_the_law_of_the_setting(law: dict[str, Any]) -> None:
     names: dict[str, Any] = {"model": ball(1e-5)}
-    exec(paste(Setting("mujoco", "x", 1e-5, {"law": law}), "plane", RADIUS), names)
+    exec(snippet(Setting("mujoco", "x", 1e-5, {"law": law}), "plane", RADIUS), names)
     with names["law"] as attached:
         assert attached.law == law_of(law)
 

@@ -35,7 +35,7 @@ from hcbench.report.build import build
 from hcbench.report.drawings import drawings
 from hcbench.report.view import RunKey, View
 from hcbench.setting import Setting
-from hcbench.tune.snippet import paste
+from hcbench.tune.snippet import snippet
 
 LAW = RunKey("explicit", "law", 1e-6)
 SPRING = RunKey("explicit", "spring-damper", 1e-6)
@@ -336,7 +336,7 @@ def test_labels_keep_their_order_and_never_overlap(wanted: list[float]) -> None:
 
 
 def text_of(engine: str, options: dict[str, Any], form: str = "plane") -> str:
-    return paste(Setting(engine, "x", 1e-3, options), form, 0.0508)
+    return snippet(Setting(engine, "x", 1e-3, options), form, 0.0508)
 
 
 SPRING_ROW: dict[str, Any] = {

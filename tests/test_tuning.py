@@ -19,7 +19,7 @@ from hcbench.scene import load_scene
 from hcbench.sim import registry
 from hcbench.tune.choose import choose
 from hcbench.tune.evaluate import RestResult, held_out_speeds, rest_failures
-from hcbench.tune.snippet import paste, script
+from hcbench.tune.snippet import snippet
 from hcbench.tune.target import Target
 from hcbench.tune.tune import tune
 
@@ -144,7 +144,9 @@ def test_the_written_scene_does_in_plain_mujoco_what_tune_says(
 
 def test_the_written_script_does_in_plain_pybullet_what_tune_says(tmp_path: Path) -> None:
     tuned = tune("pybullet", target(1e-3), SCENE)
-    (tmp_path / "drop.py").write_text(script(tuned.scene, tuned.setting), encoding="utf-8")
+    (tmp_path / "drop.py").write_text(
+        registry.engine("pybullet").script(tuned.scene, tuned.setting), encoding="utf-8"
+    )
     done = subprocess.run(
         [sys.executable, "drop.py"], cwd=tmp_path, capture_output=True, text=True, check=True
     )
@@ -163,7 +165,7 @@ def test_a_plug_in_pastes_as_the_lines_that_attach_it(recipe: str) -> None:
     plain = Setting("mujoco", "stock", setting.timestep)
     model = mujoco.MjModel.from_xml_string(model_xml(SCENE, plain))
     names: dict[str, object] = {"model": model}
-    exec(paste(setting, "plane", SCENE.relative_radius), names)
+    exec(snippet(setting, "plane", SCENE.relative_radius), names)
     data = mujoco.MjData(model)
     data.qpos[2] += 2.3 * setting.timestep * 0.3
     data.qvel[2] = -0.3

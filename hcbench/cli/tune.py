@@ -6,7 +6,7 @@ import dataclasses
 import math
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 import click
 
@@ -16,18 +16,36 @@ from hcbench.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
     from hcbench.scene import Scene
-    from hcbench.tune.evaluate import RestResult
+    from hcbench.setting import Setting
+    from hcbench.tune.choose import Match
     from hcbench.tune.search import SearchInterrupted
     from hcbench.tune.target import Target
     from hcbench.tune.tune import Tuned
 
+    Points = tuple[tuple[float, float], ...]
+
 _SPEEDS = "1:20 in/s"
+
+
+class _TargetOptions(TypedDict):
+    """The options that say what to match, as text."""
+
+    alpha: str | None
+    restitution: str | None
+    points: str | None
+    timestep: str
+    speeds: str | None
+    reading: Literal["law", "linear"]
+    scene: str
+    mass: str | None
+    stiffness: str | None
+    exponent: str | None
 
 
 @click.command()
 @click.argument("engine")
 @click.option("--alpha", help="α of e = 1 - α v, such as '0.008 s/in'.")
-@click.option("--restitution", "constant", help="One e for all speeds, in place of --alpha.")
+@click.option("--restitution", help="One e for all speeds, in place of --alpha.")
 @click.option(
     "--points", help="Pairs v:e in place of --alpha, such as '0.1:0.95, 0.5:0.85 m/s', or a CSV file."
 )
@@ -38,7 +56,7 @@ _SPEEDS = "1:20 in/s"
     "--match", type=click.Choice(["restitution", "loop", "both"]), default="restitution", show_default=True
 )
 @click.option("--recipe", default="auto", show_default=True, help="`hcbench engines` lists them.")
-@click.option("--integrator", help="MuJoCo's: Euler, implicitfast, RK4.  [default: the recipe's, Euler]")
+@click.option("--integrator", help="Where an engine has several, such as RK4.  [default: the recipe's]")
 @click.option("--scene", default="steel-plane", show_default=True, help="A scene's name or folder.")
 @click.option("--mass", help="Effective mass.  [default: the scene's]")
 @click.option("--stiffness", help="k of the law, N/m^n or with units.  [default: the scene's]")
@@ -48,141 +66,144 @@ _SPEEDS = "1:20 in/s"
     "--write-scene", type=path_type(path_type=Path), help="Write a file that runs in the plain engine."
 )
 @as_json
-def tune(engine: str, as_json: bool, write_scene: Path | None, max_error: float | None, **given: Any) -> None:
+def tune(
+    engine: str,
+    recipe: str,
+    match: Match,
+    integrator: str | None,
+    max_error: float | None,
+    write_scene: Path | None,
+    as_json: bool,
+    **options: Unpack[_TargetOptions],
+) -> None:
     """Find settings that bounce like your material.
 
-    Prints what to write in ENGINE (mujoco, pybullet), and how wrong it is.
+    Prints what to write in ENGINE, one that `hcbench engines` lists, and how wrong it is.
     """
     from hcbench._files import write_text
-    from hcbench.tune import snippet
+    from hcbench.sim import registry
     from hcbench.tune import tune as tuning
     from hcbench.tune.search import SearchInterrupted
 
     if max_error is not None and not 0 <= max_error <= 1:
         raise UserError("--max-error", f"{max_error:g}", "0 ... 1, a difference in e")
-    scene, target = _asked(given)
-    asked = (given["recipe"], given["match"], given["integrator"])
+    scene, target = _scene_and_target(options)
     try:
-        with progress("tuning") as tick:
-            tuned = tuning.tune(engine, target, scene, *asked, progress=tick)
+        with progress("tuning") as report:
+            tuned = tuning.tune(engine, target, scene, recipe, match, integrator, report)
     except SearchInterrupted as interrupt:
         _print_interrupted(interrupt, scene, as_json)
         raise Interrupted(f"interrupted: {interrupt}") from None
-    text = snippet.paste(tuned.setting, scene.form, scene.relative_radius)
+    text = _snippet(tuned.setting, scene)
     if write_scene is not None:
-        write_text(write_scene, snippet.script(tuned.scene, tuned.setting))
+        write_text(write_scene, registry.engine(engine).script(tuned.scene, tuned.setting))
     if as_json:
         print_json(_as_json(tuned, text))
     else:
         _print(tuned, text)
-    if max_error is not None and not tuned.evaluation.max_error <= max_error:
-        raise LimitPassed(
-            "max-error",
-            f"{tuned.evaluation.max_error:.3g} with {tuned.recipe.name!r}",
-            f"{max_error:g} or less",
-        )
+    error = tuned.evaluation.max_error
+    if max_error is not None and not error <= max_error:
+        raise LimitPassed("max-error", f"{error:.3g} with {tuned.recipe.name!r}", f"{max_error:g} or less")
 
 
-def _asked(given: dict[str, Any]) -> tuple[Scene, Target]:
+def _scene_and_target(options: _TargetOptions) -> tuple[Scene, Target]:
     from hcbench import units
     from hcbench.laws.force import HuntCrossley
     from hcbench.scene import load_scene
     from hcbench.tune.target import Target
 
-    scene = load_scene(given["scene"])
-    ways = [name for name in ("alpha", "constant", "points") if given[name] is not None]
-    if len(ways) != 1:
-        got = "none" if not ways else " and ".join(f"--{w}".replace("constant", "restitution") for w in ways)
+    scene = load_scene(options["scene"])
+    ways = {name: options[name] for name in ("alpha", "restitution", "points")}
+    given = [f"--{name}" for name, text in ways.items() if text is not None]
+    if len(given) != 1:
+        got = " and ".join(given) or "none"
         raise UserError("target", got, "one of --alpha, --restitution, --points")
-    n = units.parse(given["exponent"], "number", "--exponent") if given["exponent"] else scene.exponent
+    n = units.parse(options["exponent"], "number", "--exponent") if options["exponent"] else scene.exponent
     k = scene.stiffness
-    if given["stiffness"]:
-        k = units.parse(given["stiffness"], "stiffness", "--stiffness", n)
+    if options["stiffness"]:
+        k = units.parse(options["stiffness"], "stiffness", "--stiffness", n)
     elif n != scene.exponent:
         raise UserError("--stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
-    timestep = units.parse(given["timestep"], "timestep", "--timestep")
+    timestep = units.parse(options["timestep"], "timestep", "--timestep")
     units.require_positive(timestep, "timestep", "--timestep")
-    mass = units.parse(given["mass"], "mass", "--mass") if given["mass"] else scene.mass
+    mass = units.parse(options["mass"], "mass", "--mass") if options["mass"] else scene.mass
     units.require_positive(mass, "mass", "--mass")
-    alpha = units.parse(given["alpha"], "alpha", "--alpha") if given["alpha"] else 0.0
-    pairs = _points(given["points"]) if given["points"] else ()
-    band = _band(given["speeds"], pairs)
-    if given["alpha"]:
-        return scene, Target(HuntCrossley(k, alpha, n), mass, timestep, *band, reading=given["reading"])
-    points = pairs or ((band[0], units.parse(given["constant"], "number", "--restitution")),)
-    return scene, Target(HuntCrossley(k, 0.0, n), mass, timestep, *band, "points", points)
+    alpha = units.parse(options["alpha"], "alpha", "--alpha") if options["alpha"] is not None else 0.0
+    points = _points(options["points"]) if options["points"] is not None else ()
+    band = _band(options["speeds"], points)
+    law = HuntCrossley(k, alpha, n)
+    if options["alpha"] is not None:
+        return scene, Target(law, mass, timestep, *band, reading=options["reading"])
+    if options["restitution"] is not None:
+        points = ((band[0], units.parse(options["restitution"], "number", "--restitution")),)
+    return scene, Target(law, mass, timestep, *band, "points", points)
 
 
-def _band(asked: str | None, pairs: tuple[tuple[float, float], ...]) -> tuple[float, float]:
-    """Lowest and highest speed, m/s: as asked, or those of several pairs: beyond them nobody knows e."""
+def _band(speeds: str | None, points: Points) -> tuple[float, float]:
+    """Lowest and highest speed, m/s: as given, else those of several points: e is not known beyond them."""
     from hcbench import units
 
-    if asked is None and len(pairs) > 1:
-        return min(v for v, _ in pairs), max(v for v, _ in pairs)
-    speeds = units.parse_values(_SPEEDS if asked is None else asked, "speed", "--speeds")
-    units.require_positive(speeds, "speed", "--speeds")
-    return float(speeds.min()), float(speeds.max())
+    if speeds is None and len(points) > 1:
+        return min(v for v, _ in points), max(v for v, _ in points)
+    values = units.parse_values(_SPEEDS if speeds is None else speeds, "speed", "--speeds")
+    units.require_positive(values, "speed", "--speeds")
+    return float(values.min()), float(values.max())
 
 
-def _is_file(text: str) -> bool:
-    with suppress(OSError):  # pairs are no file's name, and may be longer than one can be
-        return Path(text).is_file()
-    return False
-
-
-def _points(text: str) -> tuple[tuple[float, float], ...]:
+def _points(text: str) -> Points:
     """Pairs (v m/s, e) from 'v:e, v:e unit' or from a CSV file with the columns speed and restitution."""
     from hcbench import units
 
-    if _is_file(text):
-        from hcbench.check.pairs import read_pairs
+    with suppress(OSError):  # pairs are no file's name, and may be longer than one can be
+        if Path(text).is_file():
+            from hcbench.check.pairs import read_pairs
 
-        return read_pairs(Path(text))
-    pairs = []
+            return read_pairs(Path(text))
+    points = []
     unit = text.rsplit(":", 1)[-1].strip().partition(" ")[2]
-    for piece in text.split(","):
-        speed, colon, e = piece.strip().removesuffix(unit).strip().partition(":")
+    for pair in text.split(","):
+        speed, colon, e = pair.strip().removesuffix(unit).strip().partition(":")
         if not colon:
-            raise UserError(
-                "--points", repr(text), "pairs like '0.1:0.95, 0.5:0.85 m/s' or a CSV file that exists"
-            )
+            expected = "pairs like '0.1:0.95, 0.5:0.85 m/s' or a CSV file that exists"
+            raise UserError("--points", repr(text), expected)
         v = units.parse(f"{speed} {unit}".strip(), "speed", "--points")
         units.require_positive(v, "speed", "--points")
-        pairs.append((v, units.parse(e, "number", "--points")))
-    return tuple(pairs)
+        points.append((v, units.parse(e, "number", "--points")))
+    return tuple(points)
+
+
+def _snippet(setting: Setting, scene: Scene) -> str:
+    from hcbench.tune.snippet import snippet
+
+    return snippet(setting, scene.form, scene.relative_radius)
 
 
 def _print(tuned: Tuned, text: str) -> None:
-    verdict, target = tuned.evaluation, tuned.target
+    found, target, rest = tuned.evaluation, tuned.target, tuned.rest
     truth = {"law": "e of (16)", "linear": "1 - α v", "points": "the e asked for"}[target.reading]
     band = f"{target.speed_min:.4g} ... {target.speed_max:.4g} m/s"
-    rows = [
-        ("setting", f"{tuned.setting.engine} {tuned.recipe.name}: {tuned.why}"),
-        (
-            "largest error of e",
-            f"{verdict.max_error:.2g} against {truth} over {band}, held-out speeds, 8 phases",
+    moves = f"creep {rest.creep:.1e} m/s, depth {rest.depth:.1e} m, buzz {rest.buzz:.1e} m/s"
+    loop = f"{_percent(found.loop_rms)} of the largest force from the law's (rms)"
+    has_loop = not math.isnan(found.loop_rms) and target.reading == "law"
+    rows = {
+        "setting": f"{tuned.setting.engine} {tuned.recipe.name}: {tuned.why}",
+        "largest error of e": (
+            f"{found.max_error:.2g} against {truth} over {band}, held-out speeds, 8 phases"
         ),
-        ("best constant e", f"{verdict.constant:.6g}, off by {verdict.constant_error:.2g}"),
-        ("steps in contact", f"{verdict.steps_min} ... {verdict.steps_max} of {target.timestep:g} s"),
-        ("largest penetration", f"{verdict.penetration_max:.3g} m"),
-        ("largest force", f"{verdict.force_max:.4g} N"),
-    ]
-    if not math.isnan(verdict.loop_rms) and target.reading == "law":
-        rows.append(("force loop", f"{_percent(verdict.loop_rms)} of the largest force from the law's (rms)"))
-    rows.append(("rests under gravity", f"{'yes' if tuned.rest.rests else 'no'}: {_rest(tuned.rest)}"))
-    for name, value in rows:
+        "best constant e": f"{found.constant:.6g}, off by {found.constant_error:.2g}",
+        "steps in contact": f"{found.steps_min} ... {found.steps_max} of {target.timestep:g} s",
+        "largest penetration": f"{found.penetration_max:.3g} m",
+        "largest force": f"{found.force_max:.4g} N",
+        **({"force loop": loop} if has_loop else {}),
+        "rests under gravity": (
+            f"{'yes' if rest.rests else 'no'}: {'it diverges' if math.isnan(rest.depth) else moves}"
+        ),
+    }
+    for name, value in rows.items():
         print(f"{name:<20}  {value}")
-    print("\npaste:\n")
-    print(text or "nothing: the engine as it comes")
-    print("\nknow:")
+    print(f"\npaste:\n\n{text or 'nothing: the engine as it comes'}\n\nknow:")
     for line in (*tuned.advice, *tuned.recipe.notes):
         print(f"- {line}")
-
-
-def _rest(rest: RestResult) -> str:
-    if math.isnan(rest.depth):
-        return "it diverges"
-    return f"creep {rest.creep:.1e} m/s, depth {rest.depth:.1e} m, buzz {rest.buzz:.1e} m/s"
 
 
 def _percent(share: float) -> str:
@@ -192,23 +213,19 @@ def _percent(share: float) -> str:
 
 def _print_interrupted(interrupt: SearchInterrupted, scene: Scene, as_json: bool) -> None:
     """What a search had found when it was interrupted; the engine has not judged it."""
-    from hcbench.tune import snippet
-
-    best = interrupt.best
-    text = snippet.paste(best, scene.form, scene.relative_radius)
+    best, text = interrupt.best, _snippet(interrupt.best, scene)
     if as_json:
-        found = {
+        search = {
             "evaluations": interrupt.done,
             "at_most": interrupt.budget,
             "max_error_by_model": interrupt.error,
         }
-        head = {"schema": 1, "engine": best.engine, "recipe": best.name, "cut_short": found}
+        head = {"schema": 1, "engine": best.engine, "recipe": best.name, "cut_short": search}
         print_json({**head, "timestep_s": best.timestep, "options": dict(best.options), "paste": text})
         return
     error = f"{interrupt.error:.2g} by the search's own model; the engine has not judged it"
     print(f"{'setting':<20}  {best.engine} {best.name}, the best so far: {interrupt}")
-    print(f"{'largest error of e':<20}  {error}")
-    print(f"\npaste:\n\n{text}", flush=True)
+    print(f"{'largest error of e':<20}  {error}\n\npaste:\n\n{text}", flush=True)
 
 
 def _as_json(tuned: Tuned, text: str) -> dict[str, Any]:

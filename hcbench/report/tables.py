@@ -12,7 +12,7 @@ from hcbench.report.ranking import error_ratio, grade, over_constant, verdict
 from hcbench.report.view import REFERENCE, RunKey, View, run_of_record
 from hcbench.scoring import CLAIMS, RESOLVED
 from hcbench.setting import Setting
-from hcbench.tune.snippet import paste
+from hcbench.tune.snippet import snippet
 from hcbench.units import INCH, POUND
 
 if TYPE_CHECKING:
@@ -194,7 +194,7 @@ def settings(view: View) -> list[Cells]:
         key = run.engine, run.setting
         notes = list(record.get("notes", []))
         entries.setdefault(key, {"run": run_cell(view, run), "summary": record["summary"], "notes": notes})
-        text = paste(Setting(*run, record["options"]), form, radius)
+        text = snippet(Setting(*run, record["options"]), form, radius)
         of_text = alphas.setdefault(key, {}).setdefault((run.timestep, text), [])
         of_text.append(float(record["alpha_s_per_m"]))
     for key, entry in entries.items():

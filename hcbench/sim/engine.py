@@ -167,6 +167,18 @@ class Engine(ABC):
         """
         raise UserError("engine", repr(self.name), "an engine that opens models of users", f"{source!r}")
 
+    def snippet(self, setting: Setting, form: str, radius: float) -> str:
+        """What to paste of a setting into a model or script of one's own; "" where nothing is set.
+
+        form: the scene's, "plane" or "cup". radius: of the sphere that meets the plane, m.
+        """
+        return setting.options_text
+
+    def script(self, scene: Scene, setting: Setting) -> str:
+        """A whole file that runs in the plain engine; SettingError where there is none."""
+        given = f"{setting.engine} {setting.name!r} in the form {scene.form!r}"
+        raise SettingError("write-scene", given, "a setting that its engine can write as a file")
+
     @final
     def run(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         """Check the request, run it, and hand back one impact for each launch, in order."""

@@ -19,8 +19,8 @@ from functools import lru_cache
 from importlib import metadata
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from hcbench.engines.mujoco import mjcf, snippet
 from hcbench.engines.mujoco.backend import INSTALL
-from hcbench.engines.mujoco.mjcf import model_path
 from hcbench.engines.mujoco.options import read_options
 from hcbench.engines.mujoco.scene_model import load
 from hcbench.engines.mujoco.world import BatchPool, MujocoWorld
@@ -61,6 +61,14 @@ class MujocoEngine(SteppedEngine):
         from hcbench.engines.mujoco.recipes import RECIPES
 
         return RECIPES
+
+    def snippet(self, setting: Setting, form: str, radius: float) -> str:
+        """What to paste of a setting, or the lines that attach a plug-in."""
+        return snippet.snippet(setting, form, radius)
+
+    def script(self, scene: Scene, setting: Setting) -> str:
+        """The scene's MJCF under a setting."""
+        return mjcf.model_xml(scene, setting)
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> MujocoWorld:
         """A scene under a setting, with its plug-in attached, for impacts at up to `fastest` m/s."""
@@ -104,7 +112,7 @@ class MujocoEngine(SteppedEngine):
 def _pool(scene: Scene, timestep: float, options: Options) -> BatchPool:
     """A scene under a setting, compiled; cached for who asks for the same again."""
     try:
-        written = model_path(scene).read_bytes()
+        written = mjcf.model_path(scene).read_bytes()
     except OSError:  # loading it will say why
         written = b""
     # Another file that it names may change while it does not.

@@ -50,7 +50,7 @@ def model_xml(scene: Scene, setting: Setting) -> str:
     return f"<!-- {head.replace('--', '- -')} At qpos0 the ball just touches the plate. -->\n{body}"
 
 
-def snippet(setting: Setting, form: str, radius: float) -> str:
+def rows_snippet(setting: Setting, form: str, radius: float) -> str:
     """What to paste of a setting with rows into a model of one's own: <option>, and <pair>s or, in the form
     "cup", limits of a tendon. radius: of the sphere that meets the plane, m.
     """

@@ -18,6 +18,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from hcbench.engines.pybullet import snippet
 from hcbench.engines.pybullet.options import read_options
 from hcbench.engines.pybullet.user_model import World
 from hcbench.engines.pybullet.world import PybulletWorld
@@ -58,6 +59,14 @@ class PybulletEngine(SteppedEngine):
         from hcbench.engines.pybullet.recipes import RECIPES
 
         return RECIPES
+
+    def snippet(self, setting: Setting, form: str, radius: float) -> str:
+        """What to paste of a setting, or the lines that attach a plug-in."""
+        return snippet.snippet(setting)
+
+    def script(self, scene: Scene, setting: Setting) -> str:
+        """A Python script that drops the ball on the plane."""
+        return snippet.script(scene, setting)
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> PybulletWorld:
         """A scene under a setting, with its plug-in attached, for impacts at up to `fastest` m/s."""
