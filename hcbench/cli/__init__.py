@@ -15,9 +15,10 @@ import click
 from hcbench.cli._process import Interrupted, ending_well, leave_streams, take_signals, take_streams
 from hcbench.cli.check import check, measure
 from hcbench.cli.convert import convert
+from hcbench.cli.engines import engines
 from hcbench.cli.paper import paper
+from hcbench.cli.reference import reference
 from hcbench.cli.report import report
-from hcbench.cli.show import engines, reference
 from hcbench.cli.sweep import sweep
 from hcbench.cli.tune import tune
 from hcbench.errors import HcbenchError, UserError

@@ -2,12 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 import click
 
 from hcbench.cli.console import as_json, print_json
 from hcbench.errors import UserError
+
+if TYPE_CHECKING:
+    from hcbench.laws.restitution import Reading
+
+
+class _Quantities(TypedDict):
+    """Options with a number and a unit, as text."""
+
+    alpha: str | None
+    drake: str | None
+    simbody: str | None
+    restitution: str | None
+    speed: str | None
+    contact_time: str | None
+    timestep: str | None
+
+
+# Of each option, its name in units.QUANTITIES where it is not the option's own.
+_QUANTITIES = {"drake": "alpha", "simbody": "alpha", "restitution": "number", "contact_time": "timestep"}
 
 
 @click.command()
@@ -15,32 +34,26 @@ from hcbench.errors import UserError
 @click.option("--drake", help="Drake's hunt_crossley_dissipation.")
 @click.option("--simbody", help="Simbody's dissipation.")
 @click.option("--restitution", help="e at --speed.")
-@click.option("--solref", help="MuJoCo's two numbers, such as '-2.7e8 -815'.")
+@click.option("--solref", help="The two numbers of a soft constraint's solref, such as '-2.7e8 -815'.")
 @click.option("--speed", help="Where engines with one e for all speeds should match.")
-@click.option("--contact-time", help="Duration of MuJoCo's spring contact, such as '0.2 ms'.")
-@click.option("--timestep", help="Step of MuJoCo's one-step bounce.")
+@click.option("--contact-time", help="Duration of a contact by solref's spring, such as '0.2 ms'.")
+@click.option("--timestep", help="Step of a one-step bounce by solref.")
 @click.option("--target", "reading", type=click.Choice(["law", "linear"]), default="law", show_default=True)
 @as_json
-def convert(as_json: bool, reading: Any, solref: str | None, **given: str | None) -> None:
+def convert(reading: Reading, solref: str | None, as_json: bool, **quantities: Unpack[_Quantities]) -> None:
     """Translate one contact between libraries.
 
-    Between α, Drake, Simbody, MuJoCo, PyBullet, Chrono, LAMMPS and an e at a speed.
+    Between α, an e at a speed, and the parameters of Drake, Simbody, Chrono, LAMMPS and other engines.
     """
     from hcbench import units
     from hcbench.laws.conventions import convert
 
-    kinds = {"drake": "alpha", "simbody": "alpha", "restitution": "number", "contact_time": "timestep"}
-    values: dict[str, Any] = {
-        name: units.parse(text, kinds.get(name, name), "--" + name.replace("_", "-"))
-        for name, text in given.items()
-        if text is not None
+    values = {
+        name: units.parse(text, _QUANTITIES.get(name, name), "--" + name.replace("_", "-"))
+        for name, text in quantities.items()
+        if isinstance(text, str)
     }
-    if solref is not None:
-        numbers = solref.replace(",", " ").split()
-        if len(numbers) != 2:
-            raise UserError("--solref", repr(solref), "two numbers such as '-2.7e8 -815'")
-        values["solref"] = tuple(units.parse(number, "number", "--solref") for number in numbers)
-    found = convert(**values, reading=reading)
+    found = convert(**values, solref=_solref(solref), reading=reading)
     if as_json:
         print_json(found.as_dict())
         return
@@ -58,3 +71,15 @@ def convert(as_json: bool, reading: Any, solref: str | None, **given: str | None
     print("\ntraps:")
     for line in found.traps:
         print(f"- {line}")
+
+
+def _solref(text: str | None) -> tuple[float, float] | None:
+    from hcbench import units
+
+    if text is None:
+        return None
+    numbers = text.replace(",", " ").split()
+    if len(numbers) != 2:
+        raise UserError("--solref", repr(text), "two numbers such as '-2.7e8 -815'")
+    first, second = (units.parse(number, "number", "--solref") for number in numbers)
+    return first, second

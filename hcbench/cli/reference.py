@@ -1,9 +1,8 @@
-"""hcbench reference, hcbench engines: what there is to know before anything runs."""
+"""hcbench reference: what the law says of an impact."""
 
 from __future__ import annotations
 
 import sys
-from typing import Any
 
 import click
 
@@ -77,33 +76,3 @@ def reference(
     for first, *others in kinds.values():
         more = f" (and {len(others)} more like it)" if others else ""
         print(f"warning: {first}{more}", file=sys.stderr)
-
-
-@click.command()
-@as_json
-def engines(as_json: bool) -> None:
-    """List the engines and their settings.
-
-    With their versions, and how to install a missing one.
-    """
-    from hcbench.errors import EngineMissing
-    from hcbench.sim import registry
-
-    found: list[dict[str, Any]] = []
-    for name in registry.names():
-        engine = registry.engine(name)
-        try:
-            version, missing = engine.version(), ""
-        except EngineMissing:
-            version, missing = "", engine.install
-        settings = {name: recipe.summary for name, recipe in registry.recipes(engine.name).items()}
-        found.append({"name": name, "version": version, "install": missing, "settings": settings})
-    if as_json:
-        print_json(found)
-        return
-    for item in found:
-        state = item["version"] or f"not installed: {item['install']}"
-        print(f"{item['name']}  {state}")
-        width = max(map(len, item["settings"]), default=0)
-        for setting, summary in item["settings"].items():
-            print(f"  {setting:<{width}}  {summary}")
