@@ -176,6 +176,7 @@ def test_a_plug_in_pastes_as_the_lines_that_attach_it(recipe: str) -> None:
     assert data.qvel[2] / 0.3 == pytest.approx(float(closed_form.restitution(ALPHA, 0.3)), abs=1e-7)
 
 
+@pytest.mark.usefixtures("nothing_kept")
 @pytest.mark.parametrize("recipe", ["auto", "staggered", "two-pair"])
 def test_a_mujoco_without_adhesion_is_one_line_that_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], recipe: str
