@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from hcbench.impact import Floats
     from hcbench.paper.engines import EngineTrajectory
-    from hcbench.paper.vibroimpact.system import Run
+    from hcbench.paper.vibroimpact.system import SimulatedMotion
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +142,7 @@ def engines_figure(effort: Effort) -> tuple[Figure, str]:
     return figure, f" {'; '.join(apart)}." if apart else " No engine is installed."
 
 
-def _off(time: Floats, values: Floats, truth: Run, wanted: Floats) -> float:
+def _off(time: Floats, values: Floats, truth: SimulatedMotion, wanted: Floats) -> float:
     """Largest distance of a series from the reference's, over its largest."""
     return float(np.abs(values - np.interp(time, truth.time, wanted)).max() / np.abs(wanted).max())
 

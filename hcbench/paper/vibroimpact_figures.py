@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from hcbench.impact import Floats
-    from hcbench.paper.vibroimpact.system import Run
+    from hcbench.paper.vibroimpact.system import SimulatedMotion
 
 # Sketches in units of their own, k = m = 1, with a loss large enough to be seen.
 ALPHA = 0.35
@@ -73,7 +73,7 @@ def figure_6() -> Figure:
     return figure
 
 
-def _cycle(system: VibroImpact, velocity: float) -> Run:
+def _cycle(system: VibroImpact, velocity: float) -> SimulatedMotion:
     """One cycle of free motion from the middle."""
     run = simulate(system, 0.0, velocity, 10.0, step_max=0.03)
     forward = (run.position[1:] >= 0.0) & (run.position[:-1] < 0.0)
@@ -96,7 +96,7 @@ def figure_7() -> Figure:
 SQUEEZE, SETTLED = 1.0, 12  # ½ |g| of Figs. 8 and 9; cycles of the drive until the motion has settled
 
 
-def _overlap(force: float) -> tuple[Figure, Run, VibroImpact]:
+def _overlap(force: float) -> tuple[Figure, SimulatedMotion, VibroImpact]:
     """The two loops of a squeezed mass and their sum, settled under a drive near its resonance."""
     system = VibroImpact(1.0, -2.0 * SQUEEZE, SOFT, SOFT)
     f = linearized(system).resonance
@@ -124,7 +124,7 @@ def _overlap(force: float) -> tuple[Figure, Run, VibroImpact]:
     return figure, run, system
 
 
-def _ellipse(system: VibroImpact, run: Run, frequency: float) -> tuple[Floats, Floats]:
+def _ellipse(system: VibroImpact, run: SimulatedMotion, frequency: float) -> tuple[Floats, Floats]:
     """The Kelvin-Voigt ellipse of the linearised mass for the amplitude and frequency of a run."""
     linear = linearized(system)
     amplitude = 0.5 * float(np.ptp(run.position))

@@ -17,17 +17,15 @@ from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.kelvin_voigt import Ending, matched
 from hcbench.laws.require import positive, require
-from hcbench.paper.vibroimpact.batched_ode import Control, Lanes, march
-from hcbench.paper.vibroimpact.dynamics import Blocks
+from hcbench.paper.vibroimpact.batched_ode import integrate
+from hcbench.paper.vibroimpact.dynamics import APART, TwoSidedContact
 from hcbench.paper.vibroimpact.simulate import size_of, tangent
 from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
 from hcbench.workers import WorkerPool
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from hcbench.impact import Floats
-    from hcbench.paper.vibroimpact.batched_ode import Indices, Modes
+    from hcbench.paper.vibroimpact.batched_ode import Flags, Indices, Modes
 
 Over = Literal["frequency", "amplitude", "gap"]
 
@@ -120,85 +118,52 @@ def _run(
     tolerance: float,
 ) -> Floats:
     """What `Orbits` keeps of these systems and drives, side by side, shape (5, cases, keep)."""
-    system = cases[0][0]
-    wave = _Wave(
-        np.array([d.amplitude for _, d in cases]),
-        2.0 * np.pi * np.array([d.frequency for _, d in cases]),
-        np.array([d.phase for _, d in cases]),
+    system, count = cases[0][0], len(cases)
+    amplitude = np.array([d.amplitude for _, d in cases])
+    omega = 2.0 * np.pi * np.array([d.frequency for _, d in cases])
+    phase = np.array([d.phase for _, d in cases])
+    length, speed = np.array([size_of(s, position, velocity, abs(d.amplitude), d) for s, d in cases]).T
+    contact = TwoSidedContact(
+        laws=(system.right, system.left),
+        mass=system.mass,
+        half_gap=np.array([s.gap for s, _ in cases]) / 2.0,
+        drive=lambda t, rows: amplitude[rows] * np.sin(omega[rows] * t + phase[rows]),
+        length=length,
+        speed=speed,
+        tolerance=tolerance,
     )
-    size = np.array([size_of(s, position, velocity, abs(d.amplitude), d) for s, d in cases]).T
-    half = np.array([s.gap for s, _ in cases]) / 2.0
-    blocks = Blocks((system.right, system.left), system.mass, half, wave, size[0], size[1], tolerance)
-    count = len(cases)
-    start, lane = np.zeros(count), np.arange(count)
     y = np.array([np.full(count, position), np.full(count, velocity)])
-    lanes = Lanes(start, y, blocks.modes(y, lane, wave.of(lane)(start)))
-    period = 2.0 * np.pi / wave.omega
-    tally = _Tally(lanes, cycles, keep)
-    march(blocks, lanes, np.arange(1, cycles + 1)[:, None] * period, Control(tolerance, 0.1 * period), tally)
-    return tally.kept
+    period = 2.0 * np.pi / omega
+    recorder = _CycleRecorder(y[0], cycles, keep)
+    ends = np.arange(1, cycles + 1)[:, None] * period
+    integrate(contact, y, ends, 0.1 * period, recorder.observe)
+    return recorder.kept
 
 
-class _Tally:
-    """State, extremes of q and impacts of every lane, cycle by cycle; see `lanes.Watch`."""
+class _CycleRecorder:
+    """State at the end of each cycle, extremes of q and number of impacts within it."""
 
-    def __init__(self, lanes: Lanes, cycles: int, keep: int) -> None:
-        self.first = cycles - keep
-        self.kept = np.empty((5, lanes.t.size, keep))
-        self.t, self.q, self.v = lanes.t.copy(), lanes.y[0].copy(), lanes.y[1].copy()
-        self.highest, self.lowest, self.touches = self.q.copy(), self.q.copy(), np.zeros(self.q.size)
+    def __init__(self, position: Floats, cycles: int, keep: int) -> None:
+        self.kept = np.empty((5, position.size, keep))
+        self.column = np.full(position.size, keep - cycles)  # of `kept`, for the cycle under way
+        self.highest, self.lowest = position.copy(), position.copy()
+        self.touches = np.zeros(position.size)
 
-    def step(self, lane: Indices, t: Floats, y: Floats, before: Modes, after: Modes) -> None:
-        """Take in one step of these lanes."""
-        q, v = y[0], y[1]
-        high, low = np.maximum(self.highest[lane], q), np.minimum(self.lowest[lane], q)
-        turned = np.flatnonzero((self.v[lane] * v < 0.0) & (t > self.t[lane]))
-        if turned.size:
-            old = lane[turned]
-            at = _extreme(t[turned] - self.t[old], self.q[old], q[turned], self.v[old], v[turned])
-            high[turned], low[turned] = np.maximum(high[turned], at), np.minimum(low[turned], at)
-        self.highest[lane], self.lowest[lane] = high, low
-        touched = np.flatnonzero(((before == 0) & (after != 0)).any(axis=0))
-        if touched.size:
-            self.touches[lane[touched]] += 1.0
-        self.t[lane], self.q[lane], self.v[lane] = t, q, v
-
-    def stop(self, lane: Indices, index: Indices, y: Floats) -> None:
-        """Close a cycle of these lanes and begin the next."""
-        late = index >= self.first
-        which, column = lane[late], index[late] - self.first
-        self.kept[0:2, which, column] = y[:, late]
+    def observe(
+        self, rows: Indices, _: Floats, y: Floats, before: Modes, after: Modes, arrived: Flags
+    ) -> None:
+        """Take in a step of these oscillators; see `batched_ode.Observer`. They turn only where steps end."""
+        self.highest[rows] = np.maximum(self.highest[rows], y[0])
+        self.lowest[rows] = np.minimum(self.lowest[rows], y[0])
+        self.touches[rows] += ((before == APART) & (after != APART)).any(axis=0)
+        ends, y = rows[arrived], y[:, arrived]
+        late = self.column[ends] >= 0
+        which, column = ends[late], self.column[ends][late]
+        self.kept[:2, which, column] = y[:, late]
         self.kept[2:, which, column] = self.highest[which], self.lowest[which], self.touches[which]
-        self.highest[lane] = self.lowest[lane] = y[0]
-        self.touches[lane] = 0.0
-
-
-def _extreme(h: Floats, q0: Floats, q1: Floats, v0: Floats, v1: Floats) -> Floats:
-    """Where the cubic through both ends of a step turns; v0 and v1 differ in sign."""
-    # The cubic's velocity is a parabola in s of 0 ... 1: v0 + b s + c s².
-    c = 3.0 * (v0 + v1 - 2.0 * (q1 - q0) / h)
-    b = v1 - v0 - c
-    root = np.sqrt(np.maximum(b * b - 4.0 * c * v0, 0.0))
-    double = b + np.copysign(root, b)
-    one, other = -2.0 * v0 / double, -0.5 * double / np.where(c == 0.0, np.inf, c)
-    # Where the turn is at an end, rounding can put both roots outside: the nearer one is meant.
-    at_one, at_other = np.clip(one, 0.0, 1.0), np.clip(other, 0.0, 1.0)
-    s = np.where(np.abs(one - at_one) <= np.abs(other - at_other), at_one, at_other)
-    return np.asarray(q0 + h * s * (v0 + s * (b / 2.0 + s * c / 3.0)))
-
-
-@dataclass(frozen=True, slots=True)
-class _Wave:
-    """A sin(ω t + φ) of every lane."""
-
-    amplitude: Floats
-    omega: Floats
-    phase: Floats
-
-    def of(self, lane: Indices) -> Callable[[Floats], Floats]:
-        """See `blocks.Push`."""
-        amplitude, omega, phase = self.amplitude[lane], self.omega[lane], self.phase[lane]
-        return lambda time: amplitude * np.sin(omega * time + phase)
+        self.highest[ends] = self.lowest[ends] = y[0]
+        self.touches[ends] = 0.0
+        self.column[ends] += 1
 
 
 @dataclass(frozen=True, slots=True)

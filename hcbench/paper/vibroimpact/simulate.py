@@ -1,9 +1,8 @@
-"""Runs of a mass between two blocks: one run, its events, and the ledger of its energy."""
+"""Simulates a mass between two blocks: its motion, its events and its energy balance."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,14 +10,14 @@ import numpy as np
 from hcbench.errors import HcbenchError, UserError
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.require import positive, require
-from hcbench.paper.vibroimpact.batched_ode import Control, Lanes, march
-from hcbench.paper.vibroimpact.dynamics import APART, CONTACT, SIGNS, SLACK, Blocks
+from hcbench.paper.vibroimpact.batched_ode import integrate
+from hcbench.paper.vibroimpact.dynamics import APART, CONTACT, PULLED_OFF, SIGNS, TwoSidedContact
 from hcbench.paper.vibroimpact.system import (
     Drive,
     Event,
     Kind,
-    Run,
     Side,
+    SimulatedMotion,
     Sinusoid,
     VibroImpact,
     pressing,
@@ -26,23 +25,18 @@ from hcbench.paper.vibroimpact.system import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from hcbench.impact import Floats
     from hcbench.laws.force import ForceLaw
-    from hcbench.paper.vibroimpact.batched_ode import Indices, Modes
-    from hcbench.paper.vibroimpact.dynamics import Push
+    from hcbench.paper.vibroimpact.batched_ode import Flags, Indices, Modes
 
 SIDES: tuple[Side, Side] = ("right", "left")
 _KINDS: dict[tuple[int, int], Kind] = {
     (APART, CONTACT): "touch",
     (CONTACT, APART): "part",
-    (SLACK, APART): "part",
-    (CONTACT, SLACK): "release",
-    (SLACK, CONTACT): "press",
+    (PULLED_OFF, APART): "part",
+    (CONTACT, PULLED_OFF): "release",
+    (PULLED_OFF, CONTACT): "press",
 }
-
-
 _STRONGEST = 1e100  # N: the squares of larger ones would overflow
 
 
@@ -55,7 +49,7 @@ def simulate(
     *,
     tolerance: float = 1e-11,
     step_max: float = math.inf,
-) -> Run:
+) -> SimulatedMotion:
     """One run from q = position (m), q' = velocity (m/s), t = 0 to `until` (s); free without a drive.
 
     drive: P in N over t in s, a `Sinusoid` or any function that is smooth (steps of a rough one need
@@ -67,103 +61,79 @@ def simulate(
     positive("until", until, "s")
     require("tolerance", tolerance, 1e-15 <= tolerance <= 1e-2, "1e-15 ... 1e-2 of the motion's size")
     require("step_max", step_max, step_max > 0.0, "a step above 0 s")
-    push = _Any(drive)
-    length, speed = size_of(system, position, velocity, _largest(drive, push, until), drive)
-    half = np.array([system.gap / 2.0])
-    laws = (system.right, system.left)
-    sizes = np.array([length]), np.array([speed])
-    blocks = Blocks(laws, system.mass, half, push, *sizes, tolerance, ledger=True)
+    length, speed = size_of(system, position, velocity, _largest(drive, until), drive)
+    contact = TwoSidedContact(
+        laws=(system.right, system.left),
+        mass=system.mass,
+        half_gap=np.array([system.gap / 2.0]),
+        drive=lambda t, _: _force_of(drive, t),
+        length=np.array([length]),
+        speed=np.array([speed]),
+        tolerance=tolerance,
+        energy_balance=True,
+    )
     y = np.array([[position], [velocity], [0.0], [0.0]])
-    lane = np.zeros(1, dtype=np.intp)
-    modes = blocks.modes(y, lane, push.of(lane)(np.zeros(1)))
     if isinstance(drive, Sinusoid):
         step_max = min(step_max, 0.1 / drive.frequency)
-    lanes = Lanes(np.zeros(1), y, modes)
-    control = Control(tolerance, np.array([step_max]))
-    log = _Log(blocks, lanes)
-    march(blocks, lanes, np.array([[until]]), control, log)
-    return log.run(system, push)
+    times, states, events = [0.0], [y[:, 0]], []
 
-
-class _Log:
-    """Keeps every step of a single lane."""
-
-    def __init__(self, blocks: Blocks, lanes: Lanes) -> None:
-        self.blocks = blocks
-        self.times, self.states = [0.0], [lanes.y[:, 0].copy()]
-        self.events: list[Event] = []
-
-    def step(self, lane: Indices, t: Floats, y: Floats, before: Modes, after: Modes) -> None:
-        """See `lanes.Watch`."""
-        self.times.append(float(t[0]))
-        self.states.append(y[:, 0])
-        for side, sign in enumerate(SIGNS):
+    def record(_: Indices, t: Floats, y: Floats, before: Modes, after: Modes, __: Flags) -> None:
+        times.append(float(t[0]))
+        states.append(y[:, 0].copy())
+        for side, (sign,) in enumerate(SIGNS.tolist()):
             kind = _KINDS.get((int(before[side, 0]), int(after[side, 0])))
             if kind is not None:
-                self.events.append(Event(float(t[0]), SIDES[side], kind, float(y[1, 0]) * sign))
+                events.append(Event(times[-1], SIDES[side], kind, sign * float(y[1, 0])))
 
-    def stop(self, lane: Indices, index: Indices, y: Floats) -> None:
-        """See `lanes.Watch`."""
-
-    def run(self, system: VibroImpact, push: Push) -> Run:
-        """All of it as a Run."""
-        time = np.array(self.times)
-        q, v, lost, put_in = np.array(self.states).T
-        half = system.gap / 2.0
-        energy = [stored(system.right, float(x - half)) + stored(system.left, float(-x - half)) for x in q]
-        return Run(
-            time=time,
-            position=q,
-            velocity=v,
-            right=pressing(system.right, q - half, v),
-            left=pressing(system.left, -q - half, -v),
-            drive=push.of(np.zeros(time.size, dtype=np.intp))(time),
-            kinetic=0.5 * system.mass * v * v,
-            stored=np.array(energy),
-            lost=lost,
-            put_in=put_in,
-            events=tuple(self.events),
-        )
+    integrate(contact, y, np.array([[until]]), np.array([step_max]), record)
+    time = np.array(times)
+    q, v, lost, put_in = np.array(states).T
+    half = system.gap / 2.0
+    return SimulatedMotion(
+        time=time,
+        position=q,
+        velocity=v,
+        right=pressing(system.right, q - half, v),
+        left=pressing(system.left, -q - half, -v),
+        drive=_force_of(drive, time),
+        kinetic=0.5 * system.mass * v * v,
+        stored=np.array(
+            [stored(system.right, x - half) + stored(system.left, -x - half) for x in q.tolist()]
+        ),
+        lost=lost,
+        put_in=put_in,
+        events=tuple(events),
+    )
 
 
-@dataclass(frozen=True, slots=True)
-class _Any:
-    """Any function of time as the push of every lane; None pushes nothing."""
-
-    drive: Drive | None
-
-    def of(self, lane: Indices) -> Callable[[Floats], Floats]:
-        """See `Push`."""
-        return np.zeros_like if self.drive is None else self._checked
-
-    def _checked(self, time: Floats) -> Floats:
-        return np.array([self._at(float(t)) for t in time])
-
-    def _at(self, time: float) -> float:
-        assert self.drive is not None
-        expected = "a finite force, a number in N, at every time"
-        try:
-            value: object = self.drive(time)
-        except HcbenchError:
-            raise
-        except Exception as error:
-            what = " ".join(f"{type(error).__name__}: {error}".split())
-            raise UserError("drive", f"raised {what:.200} at t = {time!r} s", expected) from error
-        try:
-            force = float(value)  # type: ignore[arg-type]
-        except (TypeError, ValueError):
-            raise UserError("drive", f"gave {value!r} at t = {time!r} s", expected) from None
-        if not abs(force) < _STRONGEST:
-            raise UserError("drive", f"gave {force!r} N at t = {time!r} s", expected)
-        return force
+def _force_of(drive: Drive | None, times: Floats) -> Floats:
+    """P in N at times (s), same shape; UserError for what is no force."""
+    return np.zeros_like(times) if drive is None else np.array([_checked(drive, float(t)) for t in times])
 
 
-def _largest(drive: Drive | None, push: Push, until: float) -> float:
+def _checked(drive: Drive, time: float) -> float:
+    expected = "a finite force, a number in N, at every time"
+    try:
+        value: object = drive(time)
+    except HcbenchError:
+        raise
+    except Exception as error:
+        what = " ".join(f"{type(error).__name__}: {error}".split())
+        raise UserError("drive", f"raised {what:.200} at t = {time!r} s", expected) from error
+    try:
+        force = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise UserError("drive", f"gave {value!r} at t = {time!r} s", expected) from None
+    if not abs(force) < _STRONGEST:
+        raise UserError("drive", f"gave {force!r} N at t = {time!r} s", expected)
+    return force
+
+
+def _largest(drive: Drive | None, until: float) -> float:
     """Largest P, N."""
     if isinstance(drive, Sinusoid):
         return abs(drive.amplitude)
-    time = np.linspace(0.0, until, 257)
-    return float(np.abs(push.of(np.zeros(time.size, dtype=np.intp))(time)).max())
+    return float(np.abs(_force_of(drive, np.linspace(0.0, until, 257))).max())
 
 
 def size_of(

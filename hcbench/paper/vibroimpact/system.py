@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
@@ -119,7 +119,7 @@ class Event:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class SimulatedMotion:
     """What happened: arrays of shape (n,) at the integrator's own steps, events included; SI.
 
     right, left: what the blocks press with, >= 0. kinetic + stored + lost - put_in is constant.
@@ -142,17 +142,9 @@ class Run:
         """F_R - F_L, N: over `position`, the summed loops of Figs. 7, 8 and 9."""
         return self.right - self.left
 
-    def during(self, start: float, end: float) -> Run:
+    def during(self, start: float, end: float) -> SimulatedMotion:
         """The part with start <= time <= end, s."""
         keep = (self.time >= start) & (self.time <= end)
-        series = {name: getattr(self, name)[keep] for name in _SERIES}
-        return Run(**series, events=tuple(e for e in self.events if start <= e.time <= end))
-
-    def touches(self, side: Side) -> Floats:
-        """Times of first touch at a side, s."""
-        return np.array([e.time for e in self.events if e.side == side and e.kind == "touch"])
-
-
-_SERIES = (
-    "time", "position", "velocity", "right", "left", "drive", "kinetic", "stored", "lost", "put_in",
-)  # fmt: skip
+        arrays = {f.name: getattr(self, f.name)[keep] for f in fields(self) if f.name != "events"}
+        events = tuple(e for e in self.events if start <= e.time <= end)
+        return SimulatedMotion(**arrays, events=events)
