@@ -1,7 +1,7 @@
 """The forced mass between two blocks: response over frequency, bifurcation pictures, and linear stand-ins.
 
 Section 3.1: "in some instances the response is significantly at variance with that of an equivalent
-linearized model". Every parameter is a lane of its own, all integrated side by side (see `lanes`).
+linearized model". All values of a parameter are simulated side by side by `batched_ode`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from hcbench.laws.kelvin_voigt import Ending, matched
 from hcbench.laws.require import positive, require
 from hcbench.paper.vibroimpact.batched_ode import integrate
 from hcbench.paper.vibroimpact.dynamics import APART, TwoSidedContact
-from hcbench.paper.vibroimpact.simulate import size_of, tangent
+from hcbench.paper.vibroimpact.simulate import motion_size, tangent
 from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
 from hcbench.workers import WorkerPool
 
@@ -77,7 +77,7 @@ def orbits(
     tolerance: float = 1e-7,
     jobs: int = 1,
 ) -> Orbits:
-    """Run every value of the parameter for `cycles` periods of the drive and keep the last `keep`.
+    """Simulate each value of the parameter for `cycles` periods of the drive and keep the last `keep`.
 
     values: frequencies (Hz), amplitudes (N) or gaps (m). tolerance: error of a step over the size of the
     motion. jobs: processes that share the values; the answer is the same to the last bit. Raises UserError
@@ -95,8 +95,9 @@ def orbits(
         else (system, replace(drive, **{over: float(x)}))
         for x in values
     ]
-    task = partial(_run, cycles=cycles, keep=keep, position=position, velocity=velocity, tolerance=tolerance)
-    # Neighbours take alike many steps: dealt out like cards, every process has as much to do.
+    start = np.array([position, velocity])
+    task = partial(_simulate, cycles=cycles, keep=keep, start=start, tolerance=tolerance)
+    # Neighbouring values take about as many steps: dealt out in turn, every process has as much to do.
     shares = [cases[i::jobs] for i in range(min(jobs, len(cases)))]
     if len(shares) == 1:
         parts = [task(shares[0])]
@@ -109,20 +110,15 @@ def orbits(
     return Orbits(over, values, *kept)
 
 
-def _run(
-    cases: list[tuple[VibroImpact, Sinusoid]],
-    cycles: int,
-    keep: int,
-    position: float,
-    velocity: float,
-    tolerance: float,
+def _simulate(
+    cases: list[tuple[VibroImpact, Sinusoid]], cycles: int, keep: int, start: Floats, tolerance: float
 ) -> Floats:
     """What `Orbits` keeps of these systems and drives, side by side, shape (5, cases, keep)."""
-    system, count = cases[0][0], len(cases)
+    system, (position, velocity) = cases[0][0], start.tolist()
     amplitude = np.array([d.amplitude for _, d in cases])
     omega = 2.0 * np.pi * np.array([d.frequency for _, d in cases])
     phase = np.array([d.phase for _, d in cases])
-    length, speed = np.array([size_of(s, position, velocity, abs(d.amplitude), d) for s, d in cases]).T
+    length, speed = np.array([motion_size(s, position, velocity, abs(d.amplitude), d) for s, d in cases]).T
     contact = TwoSidedContact(
         laws=(system.right, system.left),
         mass=system.mass,
@@ -132,7 +128,7 @@ def _run(
         speed=speed,
         tolerance=tolerance,
     )
-    y = np.array([np.full(count, position), np.full(count, velocity)])
+    y = np.repeat(start[:, None], len(cases), axis=1)
     period = 2.0 * np.pi / omega
     recorder = _CycleRecorder(y[0], cycles, keep)
     ends = np.arange(1, cycles + 1)[:, None] * period

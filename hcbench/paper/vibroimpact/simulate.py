@@ -50,18 +50,18 @@ def simulate(
     tolerance: float = 1e-11,
     step_max: float = math.inf,
 ) -> SimulatedMotion:
-    """One run from q = position (m), q' = velocity (m/s), t = 0 to `until` (s); free without a drive.
+    """The motion from q = position (m), q' = velocity (m/s), t = 0 to `until` (s); free without a drive.
 
-    drive: P in N over t in s, a `Sinusoid` or any function that is smooth (steps of a rough one need
-    `step_max`, s). tolerance: error of a step over the size of the motion. Raises UserError for numbers
-    that are not finite, from the caller or from the drive.
+    drive: P in N over t in s, a `Sinusoid` or any smooth function (a rough one needs `step_max`, s).
+    tolerance: error of a step over the size of the motion. Raises UserError for numbers that are not finite,
+    from the caller or from the drive.
     """
     for slot, value, unit in (("position", position, "m"), ("velocity", velocity, "m/s")):
         require(slot, value, math.isfinite(value), f"a finite number in {unit}")
     positive("until", until, "s")
     require("tolerance", tolerance, 1e-15 <= tolerance <= 1e-2, "1e-15 ... 1e-2 of the motion's size")
     require("step_max", step_max, step_max > 0.0, "a step above 0 s")
-    length, speed = size_of(system, position, velocity, _largest(drive, until), drive)
+    length, speed = motion_size(system, position, velocity, _largest(drive, until), drive)
     contact = TwoSidedContact(
         laws=(system.right, system.left),
         mass=system.mass,
@@ -95,7 +95,6 @@ def simulate(
         velocity=v,
         right=pressing(system.right, q - half, v),
         left=pressing(system.left, -q - half, -v),
-        drive=_force_of(drive, time),
         kinetic=0.5 * system.mass * v * v,
         stored=np.array(
             [stored(system.right, x - half) + stored(system.left, -x - half) for x in q.tolist()]
@@ -107,11 +106,12 @@ def simulate(
 
 
 def _force_of(drive: Drive | None, times: Floats) -> Floats:
-    """P in N at times (s), same shape; UserError for what is no force."""
+    """P in N at times (s), same shape."""
     return np.zeros_like(times) if drive is None else np.array([_checked(drive, float(t)) for t in times])
 
 
 def _checked(drive: Drive, time: float) -> float:
+    """P in N at `time` (s); UserError for what is no force."""
     expected = "a finite force, a number in N, at every time"
     try:
         value: object = drive(time)
@@ -136,12 +136,12 @@ def _largest(drive: Drive | None, until: float) -> float:
     return float(np.abs(_force_of(drive, np.linspace(0.0, until, 257))).max())
 
 
-def size_of(
+def motion_size(
     system: VibroImpact, position: float, velocity: float, force: float, drive: Drive | None = None
 ) -> tuple[float, float]:
-    """How large the motion is (m, m/s), for tolerances: by its energy and a drive of size `force` (N).
+    """The size of the motion (m, m/s) that errors are measured over, from its energy and the largest P (N).
 
-    A depth X and a speed V with F(X, 0) X = m V², about an impact's; for a squeezed mass those of its swing.
+    A depth X and a speed V with F(X, 0) X = m V², about those of an impact; for a squeezed mass its swing.
     """
     half, squeeze = system.gap / 2.0, system.squeeze
     start = 0.5 * system.mass * velocity**2
@@ -152,48 +152,34 @@ def size_of(
         energy = start + 0.5 * force**2 / stiffness
         require("start", energy, energy > 0.0, "a motion: a speed, a position off the middle, or a drive")
         return math.sqrt(2.0 * energy / stiffness), math.sqrt(2.0 * energy / system.mass)
+
+    def elastic(x: float) -> float:
+        return float(system.right.force(x, 0.0))
+
     if isinstance(drive, Sinusoid):  # what it does to a free mass
         energy = start + 0.5 * (force / (2.0 * math.pi * drive.frequency)) ** 2 / system.mass
     else:
-        energy = start + (force * _depth_at(system.right, force) if force else 0.0)
+        energy = start + (force * _solve(elastic, force) if force else 0.0)
     require("start", energy, energy > 0.0, "a motion: a speed, a position inside a block, or a drive")
-    depth = _depth_for(system.right, energy)
+    depth = _solve(lambda x: elastic(x) * x, 2.0 * energy)
     return depth, math.sqrt(2.0 * energy / system.mass)
 
 
 def tangent(law: ForceLaw, depth: float) -> tuple[float, float]:
     """dF/dx (N/m) and dF/dv (N s/m) at rest at `depth` (m).
 
-    n k x^(n-1) and λ x^n of eq. (16); central differences of fourth order of other laws.
+    n k x^(n-1) and λ x^n of eq. (16); central differences of other laws.
     """
     if isinstance(law, HuntCrossley):
         k, n = law.stiffness, law.exponent
         return n * k * depth ** (n - 1.0), law.dissipation * k * depth**n
-    step = 1e-3 * depth
-    dx = [float(law.force(depth + i * step, 0.0)) for i in (-2, -1, 1, 2)]
-    # In v every law here is a straight line near 0; the step is the one that a swing of 1e-3 of the depth
-    # makes.
-    rate = max(step * math.sqrt(abs(dx[2] - dx[1])), 1e-9)
-    dv = [float(law.force(depth, i * rate)) for i in (-2, -1, 1, 2)]
-    weights = (1.0 / 12.0, -8.0 / 12.0, 8.0 / 12.0, -1.0 / 12.0)
-    return (
-        sum(w * f for w, f in zip(weights, dx, strict=True)) / step,
-        sum(w * f for w, f in zip(weights, dv, strict=True)) / rate,
-    )
-
-
-def _depth_at(law: ForceLaw, force: float) -> float:
-    """x with F(x, 0) = force, m."""
-    return _solve(lambda x: float(law.force(x, 0.0)), force)
-
-
-def _depth_for(law: ForceLaw, energy: float) -> float:
-    """x with F(x, 0) x = 2 energy, m."""
-    return _solve(lambda x: float(law.force(x, 0.0)) * x, 2.0 * energy)
+    x = depth * np.array([1.0 - 1e-5, 1.0 + 1e-5])
+    v = np.array([-1e-6, 1e-6])  # m/s; in v these laws are straight lines near 0
+    return float(np.diff(law.force(x, 0.0))[0] / np.diff(x)[0]), float(np.diff(law.force(depth, v))[0] / 2e-6)
 
 
 def _solve(rising: Drive, wanted: float) -> float:
-    """Roughly where a rising function of x > 0 has a value: within a few per cent, all that a scale needs."""
+    """Where a rising function of x > 0 has a value, m."""
     low, high = 1e-15, 1e6
     for _ in range(60):
         middle = math.sqrt(low * high)

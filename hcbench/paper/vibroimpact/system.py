@@ -130,7 +130,6 @@ class SimulatedMotion:
     velocity: Floats
     right: Floats
     left: Floats
-    drive: Floats
     kinetic: Floats
     stored: Floats
     lost: Floats
