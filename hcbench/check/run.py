@@ -53,7 +53,9 @@ def _measured(check: Check) -> Measurement:
     request = check.request
     if check.baseline is not None:
         height = check.baseline.impacts[0][0].height
-        request = dataclasses.replace(request, speeds=check.baseline.speeds, height=height, thrifty=False)
+        request = dataclasses.replace(
+            request, speeds=check.baseline.speeds, height=height, skip_redundant_phases=False
+        )
     job = Job(check.source, check.engine, request, wanted, tolerance, diagnose=True)
     return measure_job(job, check.limit)
 

@@ -1,4 +1,4 @@
-"""`measure`: one call from a model to what it does, and why."""
+"""`measure`: one call from a user's model to its restitution over speed, and the causes of what is off."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from hcbench.sim.engine import Engine
     from hcbench.sim.model_under_test import ModelUnderTest
 
-LIMIT_S = 60.0  # for one model, on a machine under load too: it takes a second or two
+LIMIT_S = 60.0  # for one model, which takes a second or two on an idle machine
 LEAST_MEMORY = 4 << 30  # bytes that any model may take
-MEMORY_SHARE = 0.8  # of the machine's, beyond that
-SO_MANY_STEPS = 500  # in contact: the phase of the touch is then worth a part in a thousand
+MEMORY_SHARE = 0.8  # of the machine's memory, which a model may take if that is more
+LONG_CONTACT = 500  # steps, from which the phase of the touch is worth a part in a thousand
 
 _PYTHON = re.compile(r"(?P<file>.+\.py):(?P<function>[A-Za-z_]\w*)")
 
@@ -68,15 +68,15 @@ def measure(
 ) -> Measurement:
     """Measure the bounce of a pair of the user's own model.
 
-    model: a path to MJCF, URDF or MJB; two paths, for a pair of URDFs; "file.py:function", which returns a
-        model; MJCF text; or an MjModel, MjSpec, or PyBullet world (`hcbench.measure.pybullet.World`).
+    model: a path to MJCF, URDF or MJB; two paths, for a pair of URDFs; MJCF text; "file.py:function", which
+        returns a model; or an object that an engine opens (`Engine.opens`), such as a compiled model.
         Files are measured in a process of their own; objects in this one, and left as they were.
     pair: names of two bodies or geoms (URDF: links or files), the moving one first; "a,b" or ("a", "b").
     speeds: launch speeds, m/s or text like "1:20 in/s".
     phases: how many, or which, of a time step; None: 4, and fewer where they cannot matter.
     timestep: s. gravity: m/s^2, a vector or a number along -z. key: keyframe. height: clearance, m.
-    engine: "mujoco" or "pybullet"; None: by what the model is.
-    wanted: e to hold it against, for the causes. tolerance: |e - wanted| from which causes are looked for.
+    engine: the name of one; None: the first that opens such a model.
+    wanted: e to compare with. tolerance: |e - wanted| from which causes are looked for.
     limit: s, after which a model in a file counts as hung.
     Raises UserError (and its kinds) with the reason for what cannot be measured, EngineFailed for an engine
     that crashed or hung on it.
@@ -90,11 +90,9 @@ def measure_job(job: Job, limit: float = LIMIT_S) -> Measurement:
     """Measure: files in a worker process that may crash, hang or run out of memory; objects here."""
     source = _as_files(job.source)
     if source is None:
-        model = _open(job.source, job.engine, job.request)
-        return _measured(model, job.request, job.wanted, job.tolerance, job.diagnose)
-    job = dataclasses.replace(job, source=source)
+        return _measured(job)
     try:
-        return call(_in_worker, job, limit=limit)
+        return call(_measured_in_worker, dataclasses.replace(job, source=source), limit=limit)
     except WorkerDied as death:
         raise EngineFailed(
             "model",
@@ -104,44 +102,64 @@ def measure_job(job: Job, limit: float = LIMIT_S) -> Measurement:
         ) from None
 
 
-def _label(source: str | tuple[str, ...]) -> str:
-    parts = [source] if isinstance(source, str) else list(source)
-    return sanitized("MJCF text" if parts[0].lstrip().startswith("<") else " + ".join(parts))
-
-
 def _as_files(model: Any) -> str | tuple[str, ...] | None:
     """What crosses to the worker: paths or text; None for an object of an engine."""
-    if isinstance(model, str):
-        return model
-    if isinstance(model, Path):
+    if isinstance(model, str | Path):
         return str(model)
     if isinstance(model, list | tuple) and model and all(isinstance(part, str | Path) for part in model):
         return tuple(str(part) for part in model)
     return None
 
 
-def _in_worker(job: Job) -> Measurement:
-    with _memory_limit():
-        try:
-            model = _open(job.source, job.engine, job.request)
-            return _measured(model, job.request, job.wanted, job.tolerance, job.diagnose)
-        except MemoryError:
-            needs = f"{_label(job.source)} needs more than {_memory() >> 30} GiB of memory"
-            raise EngineFailed("model", needs, "a model that fits") from None
-        except HcbenchError:
-            raise
-        except Exception as error:
-            words = f"{_label(job.source)}: {type(error).__name__}: {sanitized(error)}"
-            raise EngineFailed("model", words, "a model that the engine can run") from error
+def _label(source: str | tuple[str, ...]) -> str:
+    parts = [source] if isinstance(source, str) else source
+    return sanitized("MJCF text" if parts[0].lstrip().startswith("<") else " + ".join(parts))
+
+
+def _measured_in_worker(job: Job) -> Measurement:
+    try:
+        with _memory_limit():
+            return _measured(job)
+    except MemoryError:
+        needs = f"{_label(job.source)} needs more than {_memory() >> 30} GiB of memory"
+        raise EngineFailed("model", needs, "a model that fits") from None
+    except HcbenchError:
+        raise
+    except Exception as error:
+        reason = f"{_label(job.source)}: {type(error).__name__}: {sanitized(error)}"
+        raise EngineFailed("model", reason, "a model that the engine can run") from error
+
+
+def _measured(job: Job) -> Measurement:
+    request = job.request
+    with _open(job) as model:
+        impacts = _impacts(model, request)
+        facts = model.facts()
+        goal = goal_of(facts.asked, request.speeds, job.wanted)
+        diagnosis = diagnose(model, impacts, goal, job.wanted, job.tolerance) if job.diagnose else ((), "")
+    return Measurement(facts, request, tuple(impacts), job.wanted, *diagnosis)
+
+
+def _impacts(model: ModelUnderTest, request: Request) -> list[Impact]:
+    """One for each launch; those that repeat a long contact at another phase are left out where asked."""
+    launches = request.launches()
+    if not request.skip_redundant_phases:
+        return simulate.impacts_in(model, launches)
+    phases = len(request.phases)
+    impacts = []
+    for i, impact in enumerate(simulate.impacts_in(model, launches[::phases])):
+        others = launches[i * phases + 1 : (i + 1) * phases] if impact.samples < LONG_CONTACT else []
+        impacts += [impact, *simulate.impacts_in(model, others)]
+    return impacts
 
 
 def _memory() -> int:
     """Bytes that a model may take, whatever the machine: an engine reserves more than it uses."""
     try:
-        there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        installed = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, ValueError, OSError):
         return LEAST_MEMORY
-    return max(LEAST_MEMORY, int(MEMORY_SHARE * there))
+    return max(LEAST_MEMORY, int(MEMORY_SHARE * installed))
 
 
 @contextmanager
@@ -155,8 +173,8 @@ def _memory_limit() -> Iterator[None]:
         yield
         return
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    wanted = pages * resource.getpagesize() + _memory()
-    limits = [wanted] + [x for x in (soft, hard) if x != resource.RLIM_INFINITY]
+    limits = [pages * resource.getpagesize() + _memory()]
+    limits += [limit for limit in (soft, hard) if limit != resource.RLIM_INFINITY]
     resource.setrlimit(resource.RLIMIT_AS, (min(limits), hard))
     try:
         yield
@@ -164,32 +182,36 @@ def _memory_limit() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
-def _open(source: Any, engine: str | None, request: Request) -> ModelUnderTest:
-    again = None
+def _open(job: Job) -> ModelUnderTest:
+    source, rebuild = job.source, None
     if isinstance(source, str) and (match := _PYTHON.fullmatch(source)):
-        again = partial(_call_python, match["file"], match["function"])
-        source = again()
-    return _engine_for(source, engine).open(source, request, again)
+        rebuild = partial(_call_python, match["file"], match["function"])
+        source = rebuild()
+    return _engine_for(source, job.engine).open(source, job.request, rebuild)
 
 
 def _engine_for(source: Any, name: str | None) -> Engine:
     """The engine of that name, or the first that opens such a model."""
-    engines = [registry.engine(known) for known in registry.names()]
-    able = [engine for engine in engines if engine.suffixes or engine.opens]
-    if name is not None:
-        for engine in able:
-            if engine.name == name:
-                return engine
-        raise UserError("engine", repr(name), " or ".join(engine.name for engine in able))
-    for engine in able:
-        if engine.accepts(source):
+    engines = _openers()
+    for engine in engines:
+        if engine.accepts(source) if name is None else engine.name == name:
             return engine
-    files = ", ".join(suffix for engine in able for suffix in engine.suffixes)
+    if name is not None:
+        raise UserError("engine", repr(name), " or ".join(engine.name for engine in engines))
     if isinstance(source, str | Path):
-        is_there = "is not the name of a model file" if Path(source).exists() else "is not there"
-        raise SceneError("model", f"{source} {is_there}", f"a model file: {files}")
-    objects = ", ".join(words for engine in able for words in engine.opens)
-    raise UserError("model", f"a {type(source).__name__}", f"a path, {objects}")
+        files = ", ".join(suffix for engine in engines for suffix in engine.suffixes)
+        reason = "is not the name of a model file" if Path(source).exists() else "is not there"
+        raise SceneError("model", f"{source} {reason}", f"a model file: {files}")
+    raise UserError("model", f"a {type(source).__name__}", f"a path, {_objects()}")
+
+
+def _openers() -> list[Engine]:
+    """The engines that open models of users."""
+    return [engine for engine in map(registry.engine, registry.names()) if engine.suffixes or engine.opens]
+
+
+def _objects() -> str:
+    return ", ".join(words for engine in _openers() for words in engine.opens)
 
 
 def _call_python(file: str, name: str) -> Any:
@@ -197,45 +219,23 @@ def _call_python(file: str, name: str) -> Any:
     path = Path(file)
     if not path.is_file():
         raise UserError("model", f"{path} is not there", "a Python file")
+    with _user_code(f"{path}", "a file that runs"):
+        names = runpy.run_path(str(path))
+    if name not in names:
+        raise UserError("model", f"{path} has no {name!r}", "the name of a function in it")
+    with _user_code(f"{path}:{name}", "a function without arguments that returns a model"):
+        model = names[name]()
+    if model is None:
+        raise UserError("model", f"{path}:{name} returned None", f"one of: {_objects()}")
+    return model
+
+
+@contextmanager
+def _user_code(where: str, expected: str) -> Iterator[None]:
+    """Errors of a user's own code as UserError."""
     try:
-        function = runpy.run_path(str(path))[name]
-    except KeyError:
-        raise UserError("model", f"{path} has no {name!r}", "the name of a function in it") from None
+        yield
     except (HcbenchError, MemoryError):
         raise
     except (Exception, SystemExit) as error:
-        raise UserError("model", f"{path}: {type(error).__name__}: {error}", "a file that runs") from None
-    try:
-        made = function()
-    except (HcbenchError, MemoryError):
-        raise
-    except (Exception, SystemExit) as error:
-        words = f"{path}:{name}: {type(error).__name__}: {error}"
-        raise UserError("model", words, "a function without arguments that returns a model") from None
-    if made is None:
-        raise UserError("model", f"{path}:{name} returned None", "an MjModel, an MjSpec, or a PyBullet World")
-    return made
-
-
-def _impacts(model: ModelUnderTest, request: Request) -> list[Impact]:
-    """All launches; of a request that skips redundant phases only those that can differ."""
-    launches = request.launches()
-    if not request.thrifty:
-        return simulate.impacts_in(model, launches)
-    each = len(request.phases)
-    impacts = []
-    for i, impact in enumerate(simulate.impacts_in(model, launches[::each])):
-        more = launches[i * each + 1 : (i + 1) * each] if impact.samples < SO_MANY_STEPS else []
-        impacts += [impact, *simulate.impacts_in(model, more)]
-    return impacts
-
-
-def _measured(
-    model: ModelUnderTest, request: Request, wanted: RestitutionCurve | None, tolerance: float, why: bool
-) -> Measurement:
-    with model:
-        impacts = _impacts(model, request)
-        facts = model.facts()
-        goal = goal_of(facts.asked, request.speeds, wanted)
-        causes, remedy = diagnose(model, impacts, goal, wanted, tolerance) if why else ((), "")
-    return Measurement(facts, request, tuple(impacts), wanted, causes, remedy)
+        raise UserError("model", f"{where}: {type(error).__name__}: {error}", expected) from None

@@ -41,7 +41,7 @@ def make_request(
         gravity=_gravity(gravity),
         key=None if key is None else str(key),
         height=clearance,
-        thrifty=phases is None,
+        skip_redundant_phases=phases is None,
     )
 
 
