@@ -325,7 +325,7 @@ def test_failures_have_a_column_where_there_are_any() -> None:
         assert bool(found.failed) == failed
         assert ("failed\n" in as_text(found)) == failed
         assert (">failed</th>" in measurement_page(found)) == failed
-        assert "<th>steps in contact</th>" in measurement_page(found)
+        assert ">steps in contact</th>" in measurement_page(found)
 
 
 FREE = "<freejoint/>"
