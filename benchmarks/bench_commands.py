@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from hcbench.benchmark.run import sweep
 from hcbench.benchmark.study import study_from
-from hcbench.benchmark.sweep import sweep
 
 HCBENCH = str(Path(sys.executable).with_name("hcbench"))
 

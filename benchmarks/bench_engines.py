@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from _loops import bare, in_mujoco, in_mujoco_barely, in_pybullet
 
-from hcbench.benchmark import batch as batches
-from hcbench.benchmark.batch import Stretch
+from hcbench.benchmark.batch import Batch, run_batch
 from hcbench.engines.mujoco import batch, simulate
 from hcbench.engines.mujoco import engine as mujoco_engine
 from hcbench.engines.mujoco.engine import MujocoEngine
@@ -120,13 +119,13 @@ def test_mujoco_over_a_bare_c_loop(beside: Any, recipe: str, monkeypatch: pytest
 
 def test_pybullet_over_a_users_loop(beside: Any) -> None:
     setting, eighty = made("pybullet.spring-damper"), launches(80)
-    many = Stretch(SCENE, setting, [(launch.speed, launch.phase) for launch in launches(320)], ())
+    many = Batch(SCENE, setting, [(launch.speed, launch.phase) for launch in launches(320)], ())
 
     process._is_worker = False
     with WorkerPool(2) as pool:
 
         def ours() -> None:
-            pool.map(batches.together, [many, many])
+            pool.map(run_batch, [many, many])
 
         beside(
             "PyBullet, spring-damper at 1 µs, two processes",

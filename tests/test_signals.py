@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from hcbench.benchmark.folder import Folder
+from hcbench.benchmark.store import Store
 
 PROC = Path("/proc")
 pytestmark = pytest.mark.skipif(not (PROC / "self" / "stat").exists(), reason="no /proc to find processes in")
@@ -78,7 +78,7 @@ def end(process: subprocess.Popen[str], number: signal.Signals) -> None:
 def test_a_report_that_is_interrupted_leaves_nothing(tmp_path: Path, number: signal.Signals) -> None:
     (tmp_path / "study.toml").write_text(LONG.format(phases=1000, timestep=1e-8), encoding="utf-8")
     process = start(["report", "study.toml", "--out", "reports/mine", "--jobs", "2"], tmp_path)
-    wait_for("its workers", lambda: len(session(process.pid)) >= 2)
+    wait_for("its workers", lambda: len(session(process.pid)) >= 3)
     end(process, number)
     assert [path.name for path in tmp_path.iterdir()] == ["study.toml"]
 
@@ -91,9 +91,9 @@ def test_a_sweep_that_is_interrupted_leaves_whole_parts(tmp_path: Path, number: 
     end(process, number)
     files = [path.name for path in (tmp_path / "mine").rglob("*") if path.is_file()]
     assert all(re.match(r"part-|loops-|_sweep\.json|_summary\.csv|_lock", name) for name in files), files
-    parts = list(Folder(str(tmp_path / "mine")).checked(10**7))
-    assert parts
-    assert all(shares is not None for _, shares in parts), "none is damaged"
+    shards = list(Store(str(tmp_path / "mine")).verified(10**7))
+    assert shards
+    assert all(summary is not None for _, summary in shards), "none is damaged"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -20,13 +21,13 @@ import pandas as pd
 import pytest
 from sweep_engine import installed, note
 
-from hcbench.benchmark import cluster, shards, store
-from hcbench.benchmark.folder import Folder
+from hcbench.benchmark import cluster, files, plan
 from hcbench.benchmark.read import is_sweep, read
-from hcbench.benchmark.run import run_study
+from hcbench.benchmark.results import RUN_KEY
+from hcbench.benchmark.run import Progress, run_study, sweep
+from hcbench.benchmark.shard import Timeouts
+from hcbench.benchmark.store import Store
 from hcbench.benchmark.study import study_from
-from hcbench.benchmark.sweep import Progress, sweep
-from hcbench.benchmark.worker import Patience
 from hcbench.cli import run as cli
 from hcbench.errors import CannotRun, OutputError, SettingError, UserError
 
@@ -63,7 +64,7 @@ def small(
 
 @pytest.fixture(autouse=True)
 def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shards, "_IMPACTS", 16)
+    monkeypatch.setattr(plan, "_IMPACTS", 16)
 
 
 def whole(folder: Path) -> dict[str, bytes]:
@@ -80,7 +81,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, 
     """Folders of sweeps that nothing happened to, by name."""
     folder = tmp_path_factory.mktemp("undisturbed")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(shards, "_IMPACTS", 16)
+        patch.setattr(plan, "_IMPACTS", 16)
         sweep(study_from(ENGINES), folder / "engines", jobs=2)
         sweep(study_from(small()), folder / "small")
     yield {name: folder / name for name in ("engines", "small")}
@@ -96,6 +97,53 @@ def test_a_sweep_finds_what_a_run_finds(undisturbed: dict[str, Path]) -> None:
         pd.testing.assert_frame_equal(getattr(swept, name), getattr(ran, name))
     assert swept.settings == json.loads(json.dumps(ran.settings))
     assert swept.study == json.loads(json.dumps(ran.study))
+
+
+BOUNCING = """scene = "steel-plane"
+alphas = "0.004, 0.008 s/in"
+speeds = "4, 10, 16 in/s"
+loop_speeds = "10 in/s"
+phases = 2
+train_height = "10 mm"
+train_step = "1e-3 s"
+"""
+BOUNCING_RUNS = (("reference", "hunt-crossley"), ("mujoco", "impulse"), ("pybullet", "restitution"))
+
+
+def bouncing(*engines: str) -> str:
+    """A study file whose settings at 1e-3 s are dropped under gravity too."""
+    runs = [
+        f'[[run]]\nengine = "{engine}"\nrecipe = "{recipe}"\ntimesteps = "1e-3, 2e-3 s"\n'
+        for engine, recipe in BOUNCING_RUNS
+        if engine in engines
+    ]
+    return "".join([BOUNCING, *runs])
+
+
+def test_bounces_under_gravity_are_swept_too(tmp_path: Path) -> None:
+    study = study_from(tomllib.loads(bouncing("reference", "mujoco", "pybullet")))
+    sweep(study, tmp_path / "swept", jobs=2)
+    swept, ran = read(tmp_path / "swept"), run_study(study)
+    for name, results in (("swept.csv", swept), ("ran.csv", ran)):
+        (tmp_path / name).mkdir()
+        results.write(tmp_path / name)
+    assert whole(tmp_path / "swept.csv") == whole(tmp_path / "ran.csv")
+    assert list(swept.trains["engine"].unique()) == ["reference", "mujoco", "pybullet"]
+    assert not swept.trains.duplicated([*RUN_KEY, "bounce"]).any()
+    assert swept.versions == ran.versions
+
+
+@pytest.mark.parametrize("harm", [Path.unlink, lambda path: path.write_bytes(b"cut")], ids=["lost", "cut"])
+def test_lost_bounces_are_simulated_again(tmp_path: Path, harm: Callable[[Path], object]) -> None:
+    study = study_from(tomllib.loads(bouncing("reference")))
+    sweep(study, tmp_path)
+    before = whole(tmp_path)
+    harm(next(tmp_path.glob("_bounces-*")))
+    with pytest.raises(UserError, match=r"no bounces under gravity.*--resume"):
+        read(tmp_path)
+    sweep(study, tmp_path, resume=True)
+    assert whole(tmp_path) == before
+    assert len(read(tmp_path).trains) >= 3
 
 
 def test_pandas_reads_the_folder(undisturbed: dict[str, Path]) -> None:
@@ -174,11 +222,11 @@ KILLED = """
 import sys
 sys.path.insert(0, {tests!r})
 sys.path.insert(0, {package!r})
-from hcbench.benchmark import shards
-from hcbench.benchmark.sweep import sweep
+from hcbench.benchmark import plan
+from hcbench.benchmark.run import sweep
 from hcbench.benchmark.study import study_from
 from test_sweep import small
-shards._IMPACTS = 16
+plan._IMPACTS = 16
 sweep(study_from(small("tripping", "law")), {folder!r}, jobs=2, resume=True)
 """
 
@@ -204,7 +252,7 @@ def test_killed_at_any_moment_and_resumed_it_is_as_if_nothing_had_been(tmp_path:
     assert 3 <= len(before) < 5
     (killed / ".part-0000004-0123456789abcdef.parquet.new").write_bytes(b"what the killed one was writing")
     end = sweep(study, killed, jobs=2, resume=True)
-    assert end.found == len(before)
+    assert end.resumed == len(before)
     assert {n: (killed / n).stat().st_mtime_ns for n in before} == before, (
         "what is there is not written again"
     )
@@ -239,7 +287,7 @@ def test_an_interrupt_leaves_whole_parts_and_no_process(tmp_path: Path, package:
     assert children
     assert not any(Path(f"/proc/{child}").exists() for child in children)
     note(package)
-    assert sweep(study_from(small("tripping", "law")), folder, resume=True).found >= 1
+    assert sweep(study_from(small("tripping", "law")), folder, resume=True).resumed >= 1
 
 
 def parent(process: int) -> int:
@@ -253,7 +301,7 @@ def test_resuming_what_is_finished_does_nothing(tmp_path: Path) -> None:
     sweep(study_from(small()), tmp_path)
     before = whole(tmp_path)
     end = sweep(study_from(small()), tmp_path, resume=True)
-    assert (end.found, end.parts) == (5, 5)
+    assert (end.resumed, end.shards) == (5, 5)
     assert whole(tmp_path) == before
 
 
@@ -285,7 +333,7 @@ def test_a_damaged_part_is_put_aside_and_flown_again(
         read(tmp_path)
     end = sweep(study_from(small()), tmp_path, resume=True)
     assert len(end.damaged) == 1
-    assert (end.found, end.parts) == (4, 5)
+    assert (end.resumed, end.shards) == (4, 5)
     assert whole(tmp_path) == before
     assert len(list((tmp_path / "_damaged").iterdir())) == 1
     assert len(read(tmp_path).impacts) == 80
@@ -347,8 +395,8 @@ def test_another_study_does_not_get_mixed_in(tmp_path: Path) -> None:
 
 def test_another_version_does_not_get_mixed_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sweep(study_from(small()), tmp_path)
-    real = shards.versions_here
-    monkeypatch.setattr(shards, "versions_here", lambda engines: {**real(engines), "numpy": "9.9"})
+    real = plan.versions_here
+    monkeypatch.setattr(plan, "versions_here", lambda engines: {**real(engines), "numpy": "9.9"})
     with pytest.raises(UserError, match=rf"numpy {np.__version__} instead of 9\.9"):
         sweep(study_from(small()), tmp_path, resume=True)
 
@@ -381,7 +429,7 @@ def test_a_folder_of_a_later_hcbench_is_left_alone(tmp_path: Path) -> None:
 
 def test_two_sweeps_do_not_write_to_one_folder(tmp_path: Path) -> None:
     said = f"another sweep, process {os.getpid()} on .*is writing there"
-    with Folder(str(tmp_path)).locked(), pytest.raises(CannotRun, match=said):
+    with Store(str(tmp_path)).locked(), pytest.raises(CannotRun, match=said):
         sweep(study_from(small()), tmp_path)
     sweep(study_from(small()), tmp_path)
     assert not (tmp_path / "_lock").exists()
@@ -398,21 +446,21 @@ def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
 def test_a_full_disk_loses_nothing(
     tmp_path: Path, code: int, monkeypatch: pytest.MonkeyPatch, undisturbed: dict[str, Path]
 ) -> None:
-    real, left = store.Local.write, [4]
+    real, left = files.LocalFiles.write, [4]
 
-    def write(self: store.Local, name: str, content: bytes) -> None:
+    def write(self: files.LocalFiles, name: str, content: bytes) -> None:
         left[0] -= 1
         if left[0] < 0:
             raise OSError(code, os.strerror(code))
         real(self, name, content)
 
-    monkeypatch.setattr(store.Local, "write", write)
+    monkeypatch.setattr(files.LocalFiles, "write", write)
     with pytest.raises(OutputError, match=rf"{os.strerror(code)}.*--resume"):
         sweep(study_from(small()), tmp_path)
     monkeypatch.undo()
-    monkeypatch.setattr(shards, "_IMPACTS", 16)
+    monkeypatch.setattr(plan, "_IMPACTS", 16)
     end = sweep(study_from(small()), tmp_path, resume=True)
-    assert 0 < end.found < 5
+    assert 0 < end.resumed < 5
     assert whole(tmp_path) == whole(undisturbed["small"])
 
 
@@ -424,7 +472,7 @@ def test_a_file_that_cannot_be_written_whole_is_not_there(
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="No space left"):
-        store.Local(tmp_path).write("x", b"content")
+        files.LocalFiles(tmp_path).write("x", b"content")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -468,7 +516,7 @@ def test_there_a_lock_is_given_up_when_nobody_keeps_it_fresh() -> None:
     with pytest.raises(CannotRun, match="process 1 on far"):
         sweep(study_from(small()), "memory://locked", resume=True)
     memory.pipe_file("/locked/_lock", json.dumps(old).encode())
-    assert sweep(study_from(small()), "memory://locked", resume=True).parts == 5
+    assert sweep(study_from(small()), "memory://locked", resume=True).shards == 5
     assert not memory.exists("/locked/_lock")
 
 
@@ -499,7 +547,7 @@ def test_what_an_engine_dies_on_is_a_row_with_the_reason(tmp_path: Path, package
 def test_what_an_engine_hangs_on_is_a_row_with_the_reason(tmp_path: Path, package: Path) -> None:
     study = study_from(small("tripping", "law"))
     note(package, hang=[[study.speeds[6], 0.375]])
-    sweep(study, tmp_path, jobs=2, patience=Patience(start=8.0, each=0.0))  # what else it flies takes 0.1 s
+    sweep(study, tmp_path, jobs=2, timeouts=Timeouts(start=8.0, each=0.0))  # what else it flies takes 0.1 s
     table = read(tmp_path).impacts
     lost = table[table["status"] == "crashed"]
     assert lost[["speed_m_per_s", "phase", "reason"]].to_numpy().tolist() == [
@@ -554,11 +602,9 @@ def test_an_executor_that_keeps_failing_is_one_line(tmp_path: Path) -> None:
 def test_a_worker_with_something_else_installed_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from hcbench.benchmark import worker
+    from hcbench.benchmark import shard
 
-    monkeypatch.setattr(
-        worker, "versions_here", lambda engines: {"hcbench": "0.0.1", "numpy": np.__version__}
-    )
+    monkeypatch.setattr(shard, "versions_here", lambda engines: {"hcbench": "0.0.1", "numpy": np.__version__})
     with pytest.raises(CannotRun, match=r"worker: has hcbench 0\.0\.1; expected hcbench .*same everywhere"):
         sweep(study_from(small()), tmp_path)
 
@@ -584,6 +630,11 @@ def test_the_command_sweeps_resumes_and_reports(
     assert "part 0 was cut short or edited" in capsys.readouterr().err
     assert cli(["report", "swept", "--out", "page"]) == 0
     assert "Restitution" in Path("page/index.html").read_text(encoding="utf-8")
+    Path("bouncing.toml").write_text(bouncing("reference", "mujoco"))
+    assert cli(["sweep", "bouncing.toml", "--out", "bounced", "--jobs", "2"]) == 0
+    assert cli(["report", "bounced", "--out", "of-a-sweep"]) == 0
+    assert cli(["report", "bouncing.toml", "--out", "of-a-run"]) == 0
+    assert whole(Path("of-a-sweep")) == whole(Path("of-a-run"))
     assert cli(["sweep", "nowhere.toml"]) == 2
     capsys.readouterr()
     assert cli(["sweep", "study.toml", "--jobs", "1"]) == 0
@@ -601,26 +652,26 @@ import hcbench
 from distributed import Client, LocalCluster
 from hcbench.errors import CannotRun
 from hcbench.benchmark.study import study_from
-from hcbench.benchmark import shards
-from hcbench.benchmark.sweep import sweep
+from hcbench.benchmark import plan
+from hcbench.benchmark.run import sweep
 from test_sweep import small
 
 if __name__ == "__main__":
     logging.disable(logging.WARNING)
-    shards._IMPACTS = 16
+    plan._IMPACTS = 16
     study = study_from(small("tripping", "law"))
     with LocalCluster(2, threads_per_worker=1, protocol="tcp://", dashboard_address=None) as workers:
         address = workers.scheduler_address
         pids = [worker.pid for worker in workers.workers.values()]
         killed = []
         def kill(now):
-            if now.parts == 1 and not killed:
+            if now.shards == 1 and not killed:
                 with Client(address, set_as_default=False) as client:
                     one = next(iter(client.run(os.getpid).values()))
                 killed.append(one)
                 os.kill(one, 9)
         end = sweep(study, "file://" + {folder!r}, scheduler=address, progress=kill)
-        assert killed and end.parts == 5, (killed, end)
+        assert killed and end.shards == 5, (killed, end)
         hcbench.__version__ = "9.9"
         try:
             sweep(study, {folder!r} + "-other", scheduler=address)

@@ -1,4 +1,7 @@
-"""Flies a stretch of launches and says in columns what came of it; light, as engines' processes run this."""
+"""Simulates a batch of launches and returns its results as columns.
+
+It imports little, as every worker process of an engine has it.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from hcbench.impact import Impact, Launch, Status
 from hcbench.sim import registry
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from hcbench.impact import Loop
     from hcbench.scene import Scene
@@ -21,31 +24,31 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
-    """Launches of one setting, (speed m/s, phase) each. keep: the indices of those whose loops are kept."""
+class Batch:
+    """Launches of one setting, (speed m/s, phase) each. kept: the indices of those whose loops are kept."""
 
     scene: Scene
     setting: Setting
     launches: Sequence[tuple[float, float]]
-    keep: Collection[int]
+    kept: Sequence[int]
 
 
 @dataclass(frozen=True, slots=True)
-class Flown:
-    """What came of a stretch: `columns_of` its impacts, and kept loops by the launch's index."""
+class BatchResult:
+    """`columns_of` a batch's impacts, and (launch, loop) of the kept ones."""
 
     columns: Mapping[str, Any]
-    loops: Sequence[tuple[int, Loop]]
+    loops: Sequence[tuple[Launch, Loop]]
 
-    @classmethod
-    def of(cls, impacts: Sequence[Impact], keep: Collection[int]) -> Flown:
-        """Of a stretch's impacts, in order."""
-        kept = [(i, impacts[i].loop) for i in sorted(keep)]
-        return cls(columns_of(impacts), [(i, loop) for i, loop in kept if loop is not None])
+
+def result_of(impacts: Sequence[Impact], kept: Sequence[int]) -> BatchResult:
+    """What is kept of a batch's impacts."""
+    loops = [(impacts[i].launch, impacts[i].loop) for i in kept]
+    return BatchResult(columns_of(impacts), [(launch, loop) for launch, loop in loops if loop is not None])
 
 
 def columns_of(impacts: Sequence[Impact]) -> dict[str, Any]:
-    """What impacts say of themselves: column -> values, one an impact."""
+    """Column -> values, one an impact."""
     return {
         "speed_m_per_s": [impact.launch.speed for impact in impacts],
         "phase": [impact.launch.phase for impact in impacts],
@@ -61,23 +64,23 @@ def columns_of(impacts: Sequence[Impact]) -> dict[str, Any]:
     }
 
 
-def together(stretch: Stretch) -> Flown:
+def run_batch(batch: Batch) -> BatchResult:
     """All of it at once, as the engine does best."""
-    launches = [Launch(*launch) for launch in stretch.launches]
-    impacts = registry.engine(stretch.setting.engine).run(stretch.scene, stretch.setting, launches)
-    return Flown.of(impacts, stretch.keep)
+    launches = [Launch(*launch) for launch in batch.launches]
+    impacts = registry.engine(batch.setting.engine).run(batch.scene, batch.setting, launches)
+    return result_of(impacts, batch.kept)
 
 
-def alone(which: Sequence[int], stretch: Stretch) -> Iterator[Impact]:
-    """Some of it one by one: what the engine fails on is CRASHED, with the reason."""
-    engine = registry.engine(stretch.setting.engine)
+def run_one_by_one(which: Sequence[int], batch: Batch) -> Iterator[Impact]:
+    """Some of its launches, each alone: one that the engine fails on is CRASHED, with the reason."""
+    engine = registry.engine(batch.setting.engine)
     for i in which:
-        launch = Launch(*stretch.launches[i])
+        launch = Launch(*batch.launches[i])
         try:
-            (impact,) = engine.run(stretch.scene, stretch.setting, [launch])
+            (impact,) = engine.run(batch.scene, batch.setting, [launch])
         except UserError:
             raise
         except Exception as error:
-            why = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(":")
-            impact = Impact(launch, Status.CRASHED, why)
-        yield impact if i in stretch.keep else dataclasses.replace(impact, loop=None)  # light to send
+            reason = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(":")
+            impact = Impact(launch, Status.CRASHED, reason)
+        yield impact if i in batch.kept else dataclasses.replace(impact, loop=None)  # light to send

@@ -1,27 +1,45 @@
-"""Bounce trains: a drop under gravity, followed for ten bounces, beside the law's heights."""
+"""Successive bounces: a body dropped under gravity and followed for ten of them, beside the law's heights."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from hcbench import scoring
+from hcbench.benchmark.results import TRAIN_COLUMNS, run_key
+from hcbench.benchmark.tables import parquet
 from hcbench.impact import Launch
 from hcbench.laws import ode
+from hcbench.laws.force import HuntCrossley
 from hcbench.sim import registry
 from hcbench.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Mapping, Sequence
 
-    from hcbench.laws.force import HuntCrossley
+    from hcbench.benchmark.plan import Inputs, Plan
     from hcbench.scene import Scene
     from hcbench.setting import Setting
 
 BOUNCES = 10
 _SLACK = 2.0  # of the law's time for as many bounces, for engines that bounce higher
+
+
+@dataclass(frozen=True, slots=True)
+class Drop:
+    """A drop under gravity from `height` m, followed for `duration` s; with all that it takes anywhere."""
+
+    setting: Setting
+    height: float
+    duration: float
+    inputs: Inputs
+
+    def __str__(self) -> str:
+        return f"the bounces of {self.setting.engine} {self.setting.name}"
 
 
 def law_heights(law: HuntCrossley, mass: float, height: float, count: int = BOUNCES) -> list[float]:
@@ -35,21 +53,37 @@ def law_heights(law: HuntCrossley, mass: float, height: float, count: int = BOUN
     return heights
 
 
-def bounce_trains(
-    scene: Scene, settings: Iterable[tuple[HuntCrossley, Setting]], height: float
-) -> list[tuple[Any, ...]]:
-    """Rows (α, setting, bounce number, height m, the law's height m), a bounce each; fewer where it rests."""
+def plan_drops(plan: Plan) -> tuple[list[Drop], list[float]]:
+    """A drop of each setting that the study drops, for its main α, and the law's heights."""
+    study = plan.study
+    if study.train_height is None:
+        return [], []
+    law = HuntCrossley(study.scene.stiffness, study.main_alpha, study.scene.exponent)
+    heights = law_heights(law, study.scene.mass, study.train_height)
+    falls = [math.sqrt(2 * height / STANDARD_GRAVITY) for height in (study.train_height, *heights)]
+    duration = _SLACK * (falls[0] + 2 * sum(falls[1:]))
+    settings = {
+        job.setting.key: job.setting
+        for job in plan.jobs
+        if study.main_alpha in job.alphas and job.setting.timestep == study.train_step
+    }
+    return [Drop(s, study.train_height, duration, plan.inputs) for s in settings.values()], heights
+
+
+def simulate_bounces(scene: Scene, drop: Drop) -> list[float]:
+    """Heights, m, after each bounce; fewer than BOUNCES where it comes to rest."""
     heavy = dataclasses.replace(scene, gravity=STANDARD_GRAVITY)
-    rows: list[tuple[Any, ...]] = []
-    heights = lru_cache(law_heights)  # settings are many, laws few
-    for law, setting in settings:
-        truth = heights(law, scene.mass, height)
-        flights = math.sqrt(2 * height / STANDARD_GRAVITY) + sum(
-            2 * math.sqrt(2 * h / STANDARD_GRAVITY) for h in truth
-        )
-        path = registry.engine(setting.engine).trajectory(
-            heavy, setting, Launch(0.0, height=height), _SLACK * flights
-        )
-        found = scoring.bounce_heights(path, BOUNCES)
-        rows += [(law.alpha, setting, i, h, truth[i - 1]) for i, h in enumerate(found, 1)]
-    return rows
+    engine, launch = registry.engine(drop.setting.engine), Launch(0.0, height=drop.height)
+    path = engine.trajectory(heavy, drop.setting, launch, drop.duration)
+    return scoring.bounce_heights(path, BOUNCES)
+
+
+def bounce_table(plan: Plan, heights: Mapping[str, Sequence[float]], law: Sequence[float]) -> bytes:
+    """TRAIN_COLUMNS, as the bytes of a file. heights: m, by a setting's key. law: those of (16)."""
+    study, settings = plan.study, {job.setting.key: job.setting for job in plan.jobs}
+    tables = []
+    for setting_key, reached in heights.items():
+        key, count = run_key(study.scene, settings[setting_key], study.main_alpha), len(reached)
+        columns = (*key.values(), np.arange(1, count + 1), np.array(reached), np.array(law[:count]))
+        tables.append(dict(zip(TRAIN_COLUMNS, columns, strict=True)))
+    return parquet(tables, TRAIN_COLUMNS)

@@ -1,4 +1,4 @@
-"""A sweep's folder as results, for reports: what a run of the same study would have found."""
+"""Reads the results of a study out of a store: tables, scores, versions."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from hcbench import scoring
-from hcbench.benchmark.folder import SWEEP, Folder
-from hcbench.benchmark.results import LOOP_COLUMNS, RUN_KEY, Results
-from hcbench.benchmark.run import loop_table
+from hcbench.benchmark.results import LOOP_COLUMNS, RUN_KEY, TRAIN_COLUMNS, Results
+from hcbench.benchmark.store import DESCRIPTION, Store
 from hcbench.errors import UserError
 from hcbench.impact import Impact, Launch, Loop, Status
 from hcbench.laws.force import HuntCrossley
@@ -24,70 +25,87 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _LAUNCH = ["speed_m_per_s", "phase"]
+_LOOP_SAMPLES = 400  # kept of one loop; what a figure can show
 
 
 def is_sweep(folder: str | Path) -> bool:
     """Whether a path is a sweep's folder."""
-    return (Path(folder) / SWEEP).is_file()
+    return (Path(folder) / DESCRIPTION).is_file()
 
 
 def read(folder: str | Path) -> Results:
-    """All of a finished sweep, in memory: for studies of a size that a page can show.
+    """The results of a finished sweep: for studies of a size that a page can show.
 
     Raises UserError for a folder that holds no sweep, one that is not finished, or a part that is damaged.
     """
+    return results_in(Store(os.fspath(folder)))
+
+
+def results_in(store: Store) -> Results:
+    """All that is in a store, in memory. Raises as `read`."""
     import pandas as pd  # here, as a sweep itself needs none of it
 
-    place = Folder(os.fspath(folder))
-    told = place.description()
-    if told is None:
-        raise UserError("folder", f"{folder} holds no sweep", "what `hcbench sweep` wrote")
-    if (there := len(place.parts(told["parts"]))) < told["parts"]:
-        raise UserError(
-            "folder",
-            f"{folder} holds {there} of {told['parts']} parts",
-            "a finished sweep",
-            "Finish it by --resume",
-        )
-    pairs = list(place.tables(told["parts"]))
-    impacts = _by_key(rows for rows, _ in pairs)
-    loops = _by_key(loops for _, loops in pairs if loops)
-    order = list(dict.fromkeys(tuple(setting[name] for name in RUN_KEY) for setting in told["settings"]))
-    scores, thinned = [], []
-    for key in order:
-        kept = {launch: _loop(own) for launch, own in loops[key].groupby(_LAUNCH)} if key in loops else {}
-        found = [_impact(row, kept) for row in impacts[key].itertuples(index=False)]
-        law = HuntCrossley(
-            told["study"]["stiffness"], key[RUN_KEY.index("alpha_s_per_m")], told["study"]["exponent"]
-        )
-        scores.append((*key, *dataclasses.astuple(scoring.score(found, law, told["study"]["mass_kg"]))))
-        thinned += [loop_table(key, impact) for impact in found if impact.loop is not None]
+    about = store.description()
+    if about is None:
+        raise UserError("folder", f"{store.where} holds no sweep", "what `hcbench sweep` wrote")
+    tables, study = list(store.tables(about["parts"])), about["study"]
+    impacts = _by_key(rows for rows, _ in tables)
+    samples = _by_key(loops for _, loops in tables if loops)
+    keys = list(dict.fromkeys(tuple(setting[name] for name in RUN_KEY) for setting in about["settings"]))
+    loops, scores = [], []
+    for key in keys:
+        by_launch = samples[key].groupby(_LAUNCH) if key in samples else ()
+        kept = {launch: _loop(table) for launch, table in by_launch}
+        of_key = [_impact(row, kept) for row in impacts[key].itertuples(index=False)]
+        law = HuntCrossley(study["stiffness"], key[RUN_KEY.index("alpha_s_per_m")], study["exponent"])
+        scores.append((*key, *dataclasses.astuple(scoring.score(of_key, law, study["mass_kg"]))))
+        loops += [_loop_table(key, impact) for impact in of_key if impact.loop is not None]
     return Results(
-        study=told["study"],
-        settings=told["settings"],
-        versions={
-            **told["versions"],
-            "matplotlib": version("matplotlib"),
-            "python": platform.python_version(),
-        },
-        impacts=pd.concat([impacts[key] for key in order], ignore_index=True),
-        loops=pd.concat(thinned, ignore_index=True) if thinned else pd.DataFrame(columns=LOOP_COLUMNS),
+        study=study,
+        settings=about["settings"],
+        versions=_versions(about["versions"]),
+        impacts=pd.concat([impacts[key] for key in keys], ignore_index=True),
+        loops=pd.concat(loops, ignore_index=True) if loops else pd.DataFrame(columns=LOOP_COLUMNS),
         scores=pd.DataFrame(scores, columns=[*RUN_KEY, *scoring.SCORE_FIELDS]),
+        trains=_trains(store, study),
     )
 
 
-def _by_key(files: Iterable[bytes]) -> dict[tuple[Any, ...], pd.DataFrame]:
-    """Tables of all files by the values of RUN_KEY, in the files' order."""
+def _versions(versions: Mapping[str, str]) -> dict[str, str]:
+    """Of everything that makes a result what it is, and its page: those of the sweep and those of here."""
+    here = {"matplotlib": version("matplotlib"), "python": platform.python_version()}
+    packages = ("hcbench", "matplotlib", "numpy", "scipy", "python")
+    engines = {name: text for name, text in versions.items() if name not in (*packages, "pyarrow")}
+    return {**{name: {**versions, **here}[name] for name in packages}, **engines}
+
+
+def _trains(store: Store, study: Mapping[str, Any]) -> pd.DataFrame:
+    import pandas as pd
+
+    if study["train_height"] is None:
+        return pd.DataFrame(columns=TRAIN_COLUMNS)
+    if (table := store.bounces()) is None:
+        got = f"{store.where} holds no bounces under gravity, or they are damaged"
+        raise UserError("folder", got, "a finished sweep", "Finish it by --resume")
+    return _frame([table])
+
+
+def _frame(files: Iterable[bytes]) -> pd.DataFrame:
+    """Tables below one another, with texts as such."""
     import pandas as pd
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    tables = [pq.read_table(io.BytesIO(content)) for content in files]
-    if not tables:
-        return {}
-    table = pa.concat_tables(tables).to_pandas()
-    words = {name: str for name in table if isinstance(table[name].dtype, pd.CategoricalDtype)}
-    return dict(iter(table.astype(words).groupby(RUN_KEY, sort=False)))
+    table = pa.concat_tables([pq.read_table(io.BytesIO(content)) for content in files]).to_pandas()
+    texts = {name: str for name in table if isinstance(table[name].dtype, pd.CategoricalDtype)}
+    frame: pd.DataFrame = table.astype(texts)
+    return frame
+
+
+def _by_key(files: Iterable[bytes]) -> dict[tuple[Any, ...], pd.DataFrame]:
+    """Tables of all files by the values of RUN_KEY, in the files' order."""
+    contents = list(files)
+    return dict(iter(_frame(contents).groupby(RUN_KEY, sort=False))) if contents else {}
 
 
 def _loop(table: pd.DataFrame) -> Loop:
@@ -109,3 +127,16 @@ def _impact(row: Any, kept: Mapping[Any, Loop]) -> Impact:
         samples=row.samples,
         loop=kept.get(launch),
     )
+
+
+def _loop_table(key: tuple[Any, ...], impact: Impact) -> pd.DataFrame:
+    """LOOP_COLUMNS of one impact, thinned to what a figure can show. key: the values of RUN_KEY."""
+    import pandas as pd
+
+    loop = impact.loop
+    assert loop is not None
+    count = len(loop.time)
+    every = np.unique(np.linspace(0, count - 1, min(_LOOP_SAMPLES, count)).round().astype(int))
+    columns = (loop.time[every], loop.penetration[every], loop.rate[every], loop.force[every])
+    head = (*key, impact.launch.speed, impact.launch.phase)
+    return pd.DataFrame(dict(zip(LOOP_COLUMNS, (*head, *columns), strict=True)))

@@ -1,4 +1,4 @@
-"""What a study found: tidy tables, the settings used, versions and provenance. Written whole or not at all.
+"""The results of a study: tidy tables, the settings used, versions and provenance.
 
 restitution.csv  one row an impact           loops.csv     one row a sample of a kept loop
 scores.csv       one row a setting, α, step  summary.json  schema, study, settings, versions
@@ -10,7 +10,6 @@ from __future__ import annotations
 import io
 import json
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hcbench._files import json_text, write_text
@@ -19,8 +18,12 @@ from hcbench.scoring import CLAIMS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from pathlib import Path
 
     import pandas as pd
+
+    from hcbench.scene import Scene
+    from hcbench.setting import Setting
 
 SCHEMA = 1
 RUN_KEY = ["scene", "engine", "setting", "alpha_s_per_m", "timestep_s"]  # one setting at one step for one α
@@ -41,6 +44,14 @@ IMPACT_COLUMNS = [
     "force_max_n",
     "samples",
 ]
+
+
+def run_key(scene: Scene, setting: Setting, alpha: float) -> dict[str, Any]:
+    """The values of RUN_KEY."""
+    values = (scene.name, setting.engine, setting.name, alpha, setting.timestep)
+    return dict(zip(RUN_KEY, values, strict=True))
+
+
 TABLES = ("restitution", "loops", "scores", "trains")
 TRAIN_COLUMNS = [*RUN_KEY, "bounce", "height_m", "height_law_m"]
 LOOP_COLUMNS = [*RUN_KEY, "speed_m_per_s", "phase", "time_s", "penetration_m", "rate_m_per_s", "force_n"]
@@ -82,13 +93,8 @@ class Results:
 
     def write(self, folder: Path) -> None:
         """Write the files into an existing folder."""
-        tables = {
-            "restitution": self.impacts,
-            "loops": self.loops,
-            "scores": self.scores,
-            "trains": self.trains,
-        }
-        for name, table in tables.items():
+        tables = (self.impacts, self.loops, self.scores, self.trains)
+        for name, table in zip(TABLES, tables, strict=True):
             write_text(folder / f"{name}.csv", csv_text(table))
         write_text(folder / "summary.json", json_text(self.summary()))
 

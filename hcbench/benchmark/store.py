@@ -1,205 +1,218 @@
-"""Where a sweep's folder can be: a file system of this machine, or anything that fsspec opens.
-
-Files appear whole or not at all, and one sweep at a time writes. On this machine's file systems the lock ends
-with the process that holds it, however that ends; elsewhere (s3://, gs://, memory://) it is a file that its
-owner keeps fresh, and that is given up when it is not.
-"""
+"""What is in a sweep's folder: its description, its shards, its summary; and what is wrong with any of it."""
 
 from __future__ import annotations
 
+import csv
+import io
 import json
-import os
-import secrets
-import socket
-import threading
-import time
-from contextlib import contextmanager, suppress
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+import re
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING, Any
 
-from hcbench.errors import CannotRun, UserError
+from hcbench.benchmark.files import LOCK, open_files
+from hcbench.benchmark.plan import SCHEMA
+from hcbench.benchmark.results import RUN_KEY
+from hcbench.benchmark.tables import SUMMARY, digest, metadata_of, summed
+from hcbench.errors import OutputError, UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from contextlib import AbstractContextManager
+    from collections.abc import Iterator, Mapping, Sequence
 
-LOCK = "_lock"
-_FRESHEN_S, _STALE_S = 30.0, 300.0  # how often a lock file is written, and how old it is when nobody does
+    from hcbench.benchmark.files import Files
+    from hcbench.benchmark.plan import Plan
+    from hcbench.benchmark.tables import ShardFiles, Summary
+
+DESCRIPTION, SUMMARY_FILE, LOOPS, DAMAGED = "_sweep.json", "_summary.csv", "_loops", "_damaged"
+_SHARD = re.compile(r"part-(\d{7})-([0-9a-f]{16})\.parquet")
+_BOUNCES = re.compile(r"_bounces-([0-9a-f]{16})\.parquet")
 
 
-class Files(Protocol):
-    """A folder. Names are relative to it; OSError for what cannot be done."""
+class Store:
+    """The results of a study, shard by shard, in a folder; disk errors come out as OutputError.
 
-    def names(self, folder: str = "") -> list[str]:
-        """Of the files in it, or in a folder in it; sorted."""
-        ...
+    where: a path, an fsspec URL, or what to call `files`.
+    """
 
-    def read(self, name: str) -> bytes:
-        """A file's content."""
-        ...
+    def __init__(self, where: str, files: Files | None = None) -> None:
+        self.where = where
+        self._files = files or open_files(where)
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """While no other sweep writes here; CannotRun where one does."""
+        with ExitStack() as stack:
+            with self._output_errors("a folder that can be written to"):
+                stack.enter_context(self._files.locked())
+            yield
+
+    @contextmanager
+    def _output_errors(self, expected: str) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            got = f"{self.where}: {error.strerror or error}"
+            raise OutputError("folder", got, expected, "Then go on with --resume") from None
+
+    def description(self) -> dict[str, Any] | None:
+        """What is swept here; None where there is no sweep. UserError for another schema."""
+        with self._output_errors("a folder that can be read"):
+            if DESCRIPTION not in self._files.names():
+                return None
+            text = self._files.read(DESCRIPTION)
+        try:
+            description: dict[str, Any] = json.loads(text)
+        except ValueError:
+            description = {}
+        if description.get("schema") != SCHEMA or description.get("kind") != "hcbench sweep":
+            got = f"schema {description.get('schema')!r}" if description else "not JSON"
+            what = f"{self.where}: {DESCRIPTION} has {got}"
+            raise UserError("folder", what, f"schema {SCHEMA}", "Another hcbench made it")
+        return description
+
+    def create_or_verify(self, plan: Plan, resume: bool) -> None:
+        """Make the folder that of a plan, or see that it is. UserError for any other."""
+        there, content = self.description(), _json(plan.described())
+        if there is None:
+            strangers = [name for name in self._files.names() if name != LOCK]
+            if strangers:
+                got = f"{self.where} holds {strangers[0]!r} and no sweep"
+                raise UserError("folder", got, "an empty or a new folder")
+            self.write(DESCRIPTION, content)
+        elif (difference := _difference(there, json.loads(content))) is not None:
+            raise UserError(
+                "folder",
+                f"{self.where} holds another sweep: {difference}",
+                "the same study with the same versions",
+                "Take another folder, or what that sweep was begun with",
+            )
+        elif not resume:
+            got = f"{self.where} holds a sweep already"
+            raise UserError("folder", got, "a new folder", "Go on with it by --resume")
+
+    def shards(self, count: int) -> dict[int, str]:
+        """The names of the shards that are there, by number. UserError for what is none of `count` shards."""
+        shards: dict[int, str] = {}
+        with self._output_errors("a folder that can be read"):
+            tables = [n for n in self._files.names() if n.endswith(".parquet") and not _BOUNCES.fullmatch(n)]
+        for name in tables:
+            match = _SHARD.fullmatch(name)
+            number = int(match[1]) if match else count
+            if number >= count or number in shards:
+                raise UserError(
+                    "folder",
+                    f"{self.where} holds {name!r}, " + ("twice that part" if number in shards else "no part"),
+                    f"each of its {count} parts once and no other table",
+                    "Move it elsewhere: pandas would read it too",
+                )
+            shards[number] = name
+        return shards
+
+    def verified(self, count: int) -> Iterator[tuple[int, list[Summary] | None]]:
+        """Each of `count` shards that is there, by number: its part of the summary, or None if damaged.
+
+        Damaged: cut short, edited or under another's number, it or its loops. It is put aside, out of the
+        table.
+        """
+        for number, name in sorted(self.shards(count).items()):
+            with self._output_errors("a folder that can be read and written to"):
+                tables = self._read_shard(number, name)
+                if tables is None:
+                    self._files.move(name, f"{DAMAGED}/{name}")
+            yield number, metadata_of(tables[0])[1] if tables else None
+
+    def tables(self, count: int) -> Iterator[tuple[bytes, bytes]]:
+        """Impacts and kept loops of each of `count` shards. UserError for one that is missing or damaged."""
+        shards = self.shards(count)
+        if len(shards) < count:
+            got = f"{self.where} holds {len(shards)} of {count} parts"
+            raise UserError("folder", got, "a finished sweep", "Finish it by --resume")
+        for number, name in sorted(shards.items()):
+            with self._output_errors("a folder that can be read"):
+                tables = self._read_shard(number, name)
+            if tables is None:
+                got = f"{self.where}: {name} is cut short or edited"
+                raise UserError("folder", got, "what a sweep wrote", "Mend it by --resume")
+            yield tables
+
+    def _read_shard(self, number: int, name: str) -> tuple[bytes, bytes] | None:
+        """A shard's impacts and kept loops; None if damaged."""
+        impacts, loops = self._files.read(name), b""
+        if name != _shard_name(number, impacts):
+            return None
+        if loops_digest := metadata_of(impacts)[0]:
+            try:
+                loops = self._files.read(_loops_name(number, loops_digest))
+            except FileNotFoundError:
+                return None
+        return (impacts, loops) if not loops_digest or digest(loops) == loops_digest else None
+
+    def write_shard(self, shard: ShardFiles) -> None:
+        """A shard, whole or not at all: it is there when its impacts are, which come last."""
+        if shard.loops:
+            self.write(_loops_name(shard.number, digest(shard.loops)), shard.loops)
+        self.write(_shard_name(shard.number, shard.impacts), shard.impacts)
+
+    def bounces(self) -> bytes | None:
+        """The table of bounces under gravity; None where there is none that is whole."""
+        with self._output_errors("a folder that can be read"):
+            for name in filter(_BOUNCES.fullmatch, self._files.names()):
+                table = self._files.read(name)
+                if name == _bounces_name(table):
+                    return table
+        return None
+
+    def write_bounces(self, table: bytes) -> None:
+        """The table of bounces under gravity. Whatever is there instead of it is damaged, and put aside."""
+        with self._output_errors("a folder that can be read and written to"):
+            for name in filter(_BOUNCES.fullmatch, self._files.names()):
+                self._files.move(name, f"{DAMAGED}/{name}")
+        self.write(_bounces_name(table), table)
+
+    def write_summary(self, settings: Sequence[Mapping[str, Any]], summaries: Sequence[Summary]) -> None:
+        """Bring the summary up to date: one line a setting, α and step, in the study's order."""
+        lines, nothing = summed(summaries), {"impacts": 0}
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow([*RUN_KEY, *SUMMARY])
+        for setting in settings:
+            key = tuple(setting[name] for name in RUN_KEY)
+            line = lines.get(key, nothing)
+            writer.writerow([*key, *(line.get(name, "") for name in SUMMARY)])
+        self.write(SUMMARY_FILE, text.getvalue().encode())
 
     def write(self, name: str, content: bytes) -> None:
         """A file, whole or not at all."""
-        ...
-
-    def move(self, name: str, to: str) -> None:
-        """Give a file another name."""
-        ...
-
-    def locked(self) -> AbstractContextManager[None]:
-        """While no other sweep writes here; CannotRun where one does."""
-        ...
+        with self._output_errors("room for it in a folder that can be written to"):
+            self._files.write(name, content)
 
 
-def open_files(where: str) -> Files:
-    """The folder that a path or an fsspec URL means; nothing is made yet."""
-    if "://" not in where:
-        return Local(Path(where))
-    import fsspec
-
-    try:
-        system, root = fsspec.core.url_to_fs(where)
-    except (ImportError, ValueError) as error:
-        raise UserError("folder", f"{where}: {error}", "a path, or an URL that fsspec opens") from None
-    local = "file" in (system.protocol if isinstance(system.protocol, tuple) else (system.protocol,))
-    return Local(Path(root)) if local else Remote(system, root)
+def _shard_name(number: int, impacts: bytes) -> str:
+    # The number is in the digest too: a shard given another's number is found out.
+    return f"part-{number:07d}-{digest(f'{number}:'.encode() + impacts)}.parquet"
 
 
-class Local:
-    """On a file system of this machine, a shared one included."""
-
-    def __init__(self, root: Path) -> None:
-        self._root = root
-
-    def names(self, folder: str = "") -> list[str]:
-        """As Files."""
-        path = self._root / folder
-        return sorted(entry.name for entry in os.scandir(path) if entry.is_file()) if path.is_dir() else []
-
-    def read(self, name: str) -> bytes:
-        """As Files."""
-        return (self._root / name).read_bytes()
-
-    def write(self, name: str, content: bytes) -> None:
-        """As Files; on disk when it returns."""
-        path = self._root / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        neighbour = path.with_name(f".{path.name}.new")  # nobody else's, under the lock
-        try:
-            with neighbour.open("wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            neighbour.replace(path)
-        except BaseException:
-            neighbour.unlink(missing_ok=True)
-            raise
-
-    def move(self, name: str, to: str) -> None:
-        """As Files."""
-        (self._root / to).parent.mkdir(parents=True, exist_ok=True)
-        (self._root / name).replace(self._root / to)
-
-    @contextmanager
-    def locked(self) -> Iterator[None]:
-        """As Files."""
-        import fcntl
-
-        self._root.mkdir(parents=True, exist_ok=True)
-        path = self._root / LOCK
-        with path.open("a+") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                file.seek(0)
-                raise _taken(str(self._root), file.read()) from None
-            file.truncate(0)
-            file.write(json.dumps(_myself()))
-            file.flush()
-            for new in [*self._root.glob(".*.new"), *self._root.glob("*/.*.new")]:
-                new.unlink()  # what a killed sweep was writing
-            try:
-                yield
-            finally:
-                with suppress(OSError):
-                    path.unlink()
+def _loops_name(number: int, loops_digest: str) -> str:
+    return f"{LOOPS}/loops-{number:07d}-{loops_digest}.parquet"
 
 
-class Remote:
-    """Anywhere that fsspec can write, where a file appears when all of it is there."""
-
-    def __init__(self, system: Any, root: str) -> None:
-        self._system, self._root = system, root.rstrip("/")
-
-    def _path(self, name: str) -> str:
-        return f"{self._root}/{name}" if name else self._root
-
-    def names(self, folder: str = "") -> list[str]:
-        """As Files."""
-        try:
-            entries = self._system.ls(self._path(folder), detail=True, refresh=True)
-        except FileNotFoundError:
-            return []
-        return sorted(entry["name"].rpartition("/")[2] for entry in entries if entry["type"] == "file")
-
-    def read(self, name: str) -> bytes:
-        """As Files."""
-        content: bytes = self._system.cat_file(self._path(name))
-        return content
-
-    def write(self, name: str, content: bytes) -> None:
-        """As Files."""
-        self._system.makedirs(self._path(name).rpartition("/")[0], exist_ok=True)
-        self._system.pipe_file(self._path(name), content)
-
-    def move(self, name: str, to: str) -> None:
-        """As Files."""
-        self._system.makedirs(self._path(to).rpartition("/")[0], exist_ok=True)
-        self._system.mv(self._path(name), self._path(to))
-
-    @contextmanager
-    def locked(self) -> Iterator[None]:
-        """As Files, by a file that a thread keeps fresh."""
-        me = {**_myself(), "token": secrets.token_hex(8)}
-        self._claim(me)
-        done = threading.Event()
-
-        def freshen() -> None:
-            while not done.wait(_FRESHEN_S):
-                with suppress(OSError):
-                    self.write(LOCK, json.dumps({**me, "time": time.time()}).encode())
-
-        keeper = threading.Thread(target=freshen, daemon=True)
-        keeper.start()
-        try:
-            yield
-        finally:
-            done.set()
-            keeper.join()
-            with suppress(OSError):
-                self._system.rm_file(self._path(LOCK))
-
-    def _claim(self, me: dict[str, Any]) -> None:
-        if LOCK in self.names():
-            owner = self.read(LOCK).decode("utf-8", "replace")
-            with suppress(ValueError, KeyError, TypeError):
-                if time.time() - json.loads(owner)["time"] < _STALE_S:
-                    raise _taken(self._root, owner)
-        self.write(LOCK, json.dumps(me).encode())
-        if json.loads(self.read(LOCK)).get("token") != me["token"]:  # another was as quick
-            raise _taken(self._root, "")
+def _bounces_name(table: bytes) -> str:
+    return f"_bounces-{digest(table)}.parquet"
 
 
-def _myself() -> dict[str, Any]:
-    return {"host": socket.gethostname(), "pid": os.getpid(), "time": time.time()}
+def _json(content: Mapping[str, Any]) -> bytes:
+    return (json.dumps(content, indent=1, ensure_ascii=False) + "\n").encode()
 
 
-def _taken(where: str, owner: str) -> CannotRun:
-    try:
-        told = json.loads(owner)
-        who = f"another sweep, process {told['pid']} on {told['host']}, is writing there"
-    except (ValueError, KeyError, TypeError):
-        who = "another sweep is writing there"
-    return CannotRun(
-        "folder", f"{where}: {who}", "one sweep at a time", "Wait for it, or take another folder"
-    )
+def _difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
+    """What sets two sweeps apart, in words; None for nothing."""
+    old, new = there["versions"], here["versions"]
+    if old != new:
+        pairs = [(name, old.get(name, "none"), new.get(name, "none")) for name in sorted({*old, *new})]
+        return ", ".join(f"{name} {there} instead of {here}" for name, there, here in pairs if there != here)
+    for name, value in here["study"].items():
+        if there["study"].get(name) != value:
+            return f"{name} {there['study'].get(name)!r:.60} instead of {value!r:.60}"
+    for part, words in (("files", "the scene's files differ"), ("settings", "the settings differ")):
+        if there[part] != here[part]:
+            return words
+    return None if there == here else "it is cut into other parts"

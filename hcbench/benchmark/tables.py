@@ -1,4 +1,4 @@
-"""A part's impacts as the bytes of Parquet files, and what a summary says of them."""
+"""Tables as the bytes of Parquet files, and what a summary says of a shard's impacts."""
 
 from __future__ import annotations
 
@@ -13,39 +13,33 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from hcbench.benchmark.results import IMPACT_COLUMNS, LOOP_COLUMNS, RUN_KEY
-from hcbench.benchmark.run import impact_columns
+from hcbench.benchmark.results import IMPACT_COLUMNS, LOOP_COLUMNS, RUN_KEY, run_key
 from hcbench.impact import Status
-from hcbench.laws.force import HuntCrossley
+from hcbench.laws import closed_form
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from hcbench.benchmark.batch import Flown
-    from hcbench.benchmark.shards import Part
-    from hcbench.impact import Floats, Loop
+    from hcbench.benchmark.batch import BatchResult
+    from hcbench.benchmark.plan import Shard
+    from hcbench.impact import Floats, Launch, Loop
 
-_WORDS = ("scene", "engine", "setting", "status", "reason")
-_KEPT = b"hcbench.loops"  # in a part's metadata: the digest of its loops, or nothing
-_TOLD = b"hcbench.summary"  # and its share of the summary
+_TEXTS = ("scene", "engine", "setting", "status", "reason")
+_WHOLE = ("samples", "bounce")
+_LOOPS = b"hcbench.loops"  # in the metadata of a shard's table: the digest of its loops, or nothing
+_SUMMARY = b"hcbench.summary"  # and what it adds to the summary
 SUMMARY = ("impacts", "parted", "rested", "failed", "max_error_law", "rms_error_law", "max_error_linear")
-Share = dict[str, Any]
-
-
-def _schema(columns: Iterable[str]) -> Any:
-    words, kind = pa.dictionary(pa.int32(), pa.string()), {"samples": pa.int64()}
-    return pa.schema([(c, words if c in _WORDS else kind.get(c, pa.float64())) for c in columns])
+Summary = dict[str, Any]  # of the impacts of a shard for one α
 
 
 @dataclass(frozen=True, slots=True)
-class PartBytes:
-    """The files of a part. loops: of its kept loops, nothing where there are none."""
+class ShardFiles:
+    """The files of a shard. loops: of its kept loops, empty where there are none."""
 
     number: int
-    impacts: int
-    rows: bytes
+    impacts: bytes
     loops: bytes
-    shares: Sequence[Share]
+    summaries: Sequence[Summary]
 
 
 def digest(content: bytes) -> str:
@@ -53,33 +47,50 @@ def digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:16]
 
 
-def part_bytes(part: Part, flown: Sequence[Flown]) -> PartBytes:
-    """The files of a part from its stretches: the same impacts give the same bytes."""
-    told = {name: np.concatenate([own.columns[name] for own in flown]) for name in flown[0].columns}
-    rows, loops, shares = [], [], []
-    for alpha in part.alphas:
-        key = (part.scene.name, part.setting.engine, part.setting.name, alpha, part.setting.timestep)
-        law = HuntCrossley(part.scene.stiffness, alpha, part.scene.exponent)
-        columns = impact_columns(key, told, law)
-        rows.append(columns)
-        loops += [_loop(key, part.launches[i], loop) for own in flown for i, loop in own.loops]
-        shares.append({**dict(zip(RUN_KEY, key, strict=True)), **_share(columns)})
-    kept = _parquet(loops, LOOP_COLUMNS, {}) if loops else b""
-    also = {_KEPT: digest(kept).encode() if kept else b"", _TOLD: json.dumps(shares).encode()}
-    return PartBytes(part.number, len(part.launches), _parquet(rows, IMPACT_COLUMNS, also), kept, shares)
+def shard_files(shard: Shard, results: Sequence[BatchResult]) -> ShardFiles:
+    """The files of a shard from its batches: the same impacts give the same bytes."""
+    measured = {name: np.concatenate([r.columns[name] for r in results]) for name in results[0].columns}
+    tables, loops, summaries = [], [], []
+    for alpha in shard.alphas:
+        key = run_key(shard.inputs.scene, shard.setting, alpha)
+        columns = {**key, **measured, **_laws(alpha, measured["speed_in_m_per_s"])}
+        tables.append(columns)
+        loops += [_loop_columns(key, *loop) for result in results for loop in result.loops]
+        summaries.append({**key, **_summary(columns)})
+    kept = parquet(loops, LOOP_COLUMNS) if loops else b""
+    metadata = {_LOOPS: digest(kept).encode() if kept else b"", _SUMMARY: json.dumps(summaries).encode()}
+    return ShardFiles(shard.number, parquet(tables, IMPACT_COLUMNS, metadata), kept, summaries)
 
 
-def _loop(key: tuple[Any, ...], launch: tuple[float, float], loop: Loop) -> dict[str, Any]:
-    columns = (*key, *launch, loop.time, loop.penetration, loop.rate, loop.force)
+def _laws(alpha: float, speed: Floats) -> dict[str, Floats]:
+    """What the law says of each impact speed, NaN for none."""
+    touched = np.isfinite(speed)
+    law = np.full(len(speed), np.nan)
+    law[touched] = closed_form.restitution(alpha, speed[touched])
+    return {"restitution_law": law, "restitution_linear": 1.0 - alpha * speed}
+
+
+def _loop_columns(key: Mapping[str, Any], launch: Launch, loop: Loop) -> dict[str, Any]:
+    columns = (*key.values(), launch.speed, launch.phase, loop.time, loop.penetration, loop.rate, loop.force)
     return dict(zip(LOOP_COLUMNS, columns, strict=True))
 
 
-def _parquet(tables: Sequence[Mapping[str, Any]], names: Sequence[str], told: Mapping[bytes, bytes]) -> bytes:
-    schema = _schema(names)
-    found = pa.concat_tables([_table(table, schema) for table in tables]).combine_chunks()
+def parquet(
+    tables: Sequence[Mapping[str, Any]], names: Sequence[str], metadata: Mapping[bytes, bytes] | None = None
+) -> bytes:
+    """Tables below one another, as one. A column has values, or one text or float for all rows of a table."""
+    schema = pa.schema([(name, _type(name)) for name in names])
+    rows = [_table(table, schema) for table in tables] or [schema.empty_table()]
     sink = io.BytesIO()
-    pq.write_table(found.replace_schema_metadata(told or None), sink, compression="zstd")
+    table = pa.concat_tables(rows).combine_chunks().replace_schema_metadata(metadata)
+    pq.write_table(table, sink, compression="zstd")
     return sink.getvalue()
+
+
+def _type(name: str) -> Any:
+    if name in _TEXTS:
+        return pa.dictionary(pa.int32(), pa.string())
+    return pa.int64() if name in _WHOLE else pa.float64()
 
 
 def _table(columns: Mapping[str, Any], schema: Any) -> Any:
@@ -87,8 +98,8 @@ def _table(columns: Mapping[str, Any], schema: Any) -> Any:
     arrays = []
     for field in schema:
         values = columns[field.name]
-        if field.name in _WORDS:
-            arrays.append(_words([values] * length if isinstance(values, str) else values))
+        if field.name in _TEXTS:
+            arrays.append(_texts([values] * length if isinstance(values, str) else values))
         else:
             numbers = np.full(length, values) if isinstance(values, float) else values
             arrays.append(_numbers(numbers, field.type))
@@ -101,18 +112,18 @@ def _numbers(values: Any, kind: Any) -> Any:
     return pa.Array.from_buffers(kind, len(plain), [None, pa.py_buffer(plain)])
 
 
-def _words(values: Sequence[Any]) -> Any:
-    """Each word once, in the order in which they come, and which one is where."""
-    known: dict[str, int] = {}
-    places = [known.setdefault(str(word), len(known)) for word in values]
-    texts = [word.encode() for word in known]
+def _texts(values: Sequence[Any]) -> Any:
+    """Each text once, in the order in which they come, and which one is where."""
+    numbers: dict[str, int] = {}
+    places = [numbers.setdefault(str(text), len(numbers)) for text in values]
+    texts = [text.encode() for text in numbers]
     offsets = np.cumsum([0, *map(len, texts)], dtype=np.int32)
     once = pa.StringArray.from_buffers(len(texts), pa.py_buffer(offsets), pa.py_buffer(b"".join(texts)))
     return pa.DictionaryArray.from_arrays(_numbers(places, pa.int32()), once)
 
 
-def _share(columns: Mapping[str, Any]) -> Share:
-    """What one part adds to its setting's line in the summary."""
+def _summary(columns: Mapping[str, Any]) -> Summary:
+    """What one shard adds to its setting's line in the summary."""
     status = np.asarray(columns["status"])
     good = (status == Status.PARTED) | (status == Status.RESTED)
     e = columns["restitution"][good]
@@ -132,29 +143,28 @@ def _largest(values: Floats) -> float:
     return float(np.abs(values).max()) if len(values) else 0.0
 
 
-def shares_of(rows: bytes) -> tuple[str, list[Share]]:
-    """Of a part's bytes: the digest of its loops, "" for none, and its share of the summary."""
-    told = pq.read_metadata(io.BytesIO(rows)).metadata
-    shares: list[Share] = json.loads(told[_TOLD])
-    return told[_KEPT].decode(), shares
+def metadata_of(impacts: bytes) -> tuple[str, list[Summary]]:
+    """Of a shard's table: the digest of its loops, "" for none, and what it adds to the summary."""
+    metadata = pq.read_metadata(io.BytesIO(impacts)).metadata
+    summaries: list[Summary] = json.loads(metadata[_SUMMARY])
+    return metadata[_LOOPS].decode(), summaries
 
 
-def summed(shares: Iterable[Share]) -> dict[tuple[Any, ...], dict[str, Any]]:
-    """Summary lines by key, the same whatever the order of the shares: sums are rounded once."""
-    by_key: dict[tuple[Any, ...], list[Share]] = {}
-    for share in shares:
-        by_key.setdefault(tuple(share[name] for name in RUN_KEY), []).append(share)
-    lines = {}
-    for key, own in by_key.items():
-        counts = {
-            name: sum(share[name] for share in own) for name in ("impacts", "parted", "rested", "failed")
-        }
-        good = counts["parted"] + counts["rested"]
-        square = math.fsum(share["sum_square_error_law"] for share in own)
-        lines[key] = {
-            **counts,
-            "max_error_law": max(share["max_error_law"] for share in own) if good else math.nan,
-            "rms_error_law": math.sqrt(square / good) if good else math.nan,
-            "max_error_linear": max(share["max_error_linear"] for share in own) if good else math.nan,
-        }
-    return lines
+def summed(summaries: Iterable[Summary]) -> dict[tuple[Any, ...], Summary]:
+    """Lines of the summary by key, the same whatever the order of the shards: sums are rounded once."""
+    by_key: dict[tuple[Any, ...], list[Summary]] = {}
+    for summary in summaries:
+        by_key.setdefault(tuple(summary[name] for name in RUN_KEY), []).append(summary)
+    return {key: _sum(group) for key, group in by_key.items()}
+
+
+def _sum(group: Sequence[Summary]) -> Summary:
+    line: Summary = {name: sum(s[name] for s in group) for name in ("impacts", "parted", "rested", "failed")}
+    if not (good := line["parted"] + line["rested"]):
+        return {**line, "max_error_law": math.nan, "rms_error_law": math.nan, "max_error_linear": math.nan}
+    return {
+        **line,
+        "max_error_law": max(s["max_error_law"] for s in group),
+        "rms_error_law": math.sqrt(math.fsum(s["sum_square_error_law"] for s in group) / good),
+        "max_error_linear": max(s["max_error_linear"] for s in group),
+    }

@@ -24,7 +24,7 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
     """
     from hcbench._files import filled_folder
     from hcbench.benchmark.read import is_sweep, read
-    from hcbench.benchmark.run import run_with
+    from hcbench.benchmark.run import run_in_pool
     from hcbench.benchmark.study import find_study, load_study, name_of
     from hcbench.report.build import build
     from hcbench.workers import WorkerPool
@@ -40,6 +40,6 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
     folder = out or Path("reports") / name_of(path)
     with filled_folder(folder) as scratch, WorkerPool(jobs) as pool:
         with progress("impacts") as tick:
-            results = run_with(pool, plan, tick)
+            results = run_in_pool(pool, plan, tick)
         build(results, scratch, pool)
     print(folder / "index.html")

@@ -16,7 +16,7 @@ from hcbench.cli.console import jobs_option
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from hcbench.benchmark.sweep import Progress
+    from hcbench.benchmark.run import Progress
 
 
 @click.command()
@@ -38,8 +38,8 @@ def sweep(study: str, out: str | None, jobs: int, resume: bool, scheduler: str |
 
     STUDY is a study.toml, its folder, or a built-in name. The folder's _summary.csv is kept up to date.
     """
+    from hcbench.benchmark.run import sweep as run
     from hcbench.benchmark.study import find_study, load_study, name_of
-    from hcbench.benchmark.sweep import sweep as run
 
     path = find_study(study)
     plan = load_study(path)

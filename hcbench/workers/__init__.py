@@ -111,9 +111,10 @@ class WorkerPool:
     """
 
     def __init__(self, jobs: int) -> None:
-        self._workers = [Worker() for _ in range(max(1, jobs))]
+        self.jobs = max(1, jobs)
+        self._workers = [Worker() for _ in range(self.jobs)]
         free = iter(self._workers)
-        self.threads = ThreadPoolExecutor(len(self._workers), initializer=lambda: use_own_worker(next(free)))
+        self.threads = ThreadPoolExecutor(self.jobs, initializer=lambda: use_own_worker(next(free)))
 
     def __enter__(self) -> Self:
         return self

@@ -1,0 +1,120 @@
+"""Simulates one shard, or one sequence of bounces, wherever it is sent.
+
+`run_shard` and `run_bounces` are all that an executor is given. Engines run in a worker process. Where that
+crashes in a batch of launches, they are run one by one; what then fails is CRASHED, with the reason.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+from hcbench.benchmark.batch import Batch, BatchResult, result_of, run_batch, run_one_by_one
+from hcbench.benchmark.bounce_sequence import Drop, simulate_bounces
+from hcbench.benchmark.plan import Inputs, Shard, digests_of, versions_here
+from hcbench.benchmark.tables import ShardFiles, shard_files
+from hcbench.errors import CannotRun, SceneError, UserError
+from hcbench.impact import Impact, Launch, Status
+from hcbench.scene import load_scene
+from hcbench.workers import call, map_surviving_crashes, use_own_worker
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from hcbench.scene import Scene
+
+_FIRST = 64  # launches in the first batch of a shard: it shows how long contacts last
+_SAMPLES = 500_000  # steps in contact in a batch, at most: 16 MB of loops
+_STEP_S = 1e-3  # for one step of a drop: hundreds of times what it takes
+_GIVE_UP = 32  # crashes in a row: all phases of a few speeds, which fail together
+
+
+@dataclass(frozen=True, slots=True)
+class Timeouts:
+    """How long an engine may take, s: for anything at all, and for each impact on top of that.
+
+    each: None for 4 s at steps of 1 µs or more, for smaller ones in proportion: a ball at rest takes 1 s.
+    """
+
+    start: float = 60.0
+    each: float | None = None
+
+    def limit(self, timestep: float, impacts: int) -> float:
+        """For so many impacts."""
+        each = 4.0 * max(1.0, 1e-6 / timestep) if self.each is None else self.each
+        return self.start + each * impacts
+
+
+def run_shard(shard: Shard, timeouts: Timeouts) -> ShardFiles:
+    """All of a shard, as the bytes of its files.
+
+    Raises UserError for what the engine refuses, CannotRun where this is not what the shard was planned with.
+    """
+    use_own_worker()
+    scene = _scene_here(shard.inputs, shard.setting.engine)
+    results: list[BatchResult] = []
+    done, size, total = 0, _FIRST, len(shard.launches)
+    while done < total:
+        end = min(done + size, total)
+        kept = [i - done for i in shard.kept if done <= i < end]
+        results.append(_run(Batch(scene, shard.setting, shard.launches[done:end], kept), timeouts))
+        done, size = end, max(_FIRST, int(_SAMPLES // (1 + results[-1].columns["samples"].mean())))
+    return shard_files(shard, results)
+
+
+def _run(batch: Batch, timeouts: Timeouts) -> BatchResult:
+    limit = partial(timeouts.limit, batch.setting.timestep)
+    try:
+        return call(run_batch, batch, limit=limit(len(batch.launches)))
+    except UserError:
+        raise
+    except Exception:  # which launch it was, and why, is found by running each alone
+        impacts = map_surviving_crashes(
+            run_one_by_one,
+            range(len(batch.launches)),
+            batch,
+            lost=lambda i, reason: Impact(Launch(*batch.launches[i]), Status.CRASHED, reason),
+            limit=limit(1),
+            give_up=_GIVE_UP,
+        )
+        return result_of(impacts, batch.kept)
+
+
+def run_bounces(drop: Drop, timeouts: Timeouts) -> list[float]:
+    """Heights, m, after each bounce of a drop. Raises as `run_shard`, and EngineFailed for a crash."""
+    use_own_worker()
+    scene = _scene_here(drop.inputs, drop.setting.engine)
+    limit = timeouts.start + _STEP_S * drop.duration / drop.setting.timestep
+    return call(simulate_bounces, scene, drop, limit=limit)
+
+
+def _scene_here(inputs: Inputs, engine: str) -> Scene:
+    """The scene with its files as they lie here; CannotRun where anything is not as it was planned."""
+    here = versions_here([engine])
+    differ = [name for name in here if inputs.versions[name] != here[name]]
+    if differ:
+        raise CannotRun(
+            "worker",
+            f"has {', '.join(f'{name} {here[name]}' for name in differ)}",
+            ", ".join(f"{name} {inputs.versions[name]}" for name in differ),
+            "Install the same everywhere",
+        )
+    for scene in _candidates(inputs.scene):
+        if digests_of(scene, engine) == inputs.digests[engine]:
+            return dataclasses.replace(inputs.scene, models=scene.models)
+    raise CannotRun(
+        "worker",
+        f"the files of scene {inputs.scene.name!r} are not there, or not the same",
+        "those that the sweep was planned with",
+        "Keep the scene's folder where every machine sees it under the same path",
+    )
+
+
+def _candidates(scene: Scene) -> Iterator[Scene]:
+    """The scene where it lay when it was planned, else the built-in one of that name."""
+    yield scene
+    with suppress(SceneError):
+        yield load_scene(scene.name)
