@@ -11,6 +11,8 @@ from hcbench._text import sanitized
 from hcbench.engines.mujoco.backend import backend
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from hcbench.impact import Floats
 
     CollisionFilter = Literal["", "exclude", "masks", "welded", "parent"]
@@ -29,6 +31,17 @@ def body_name(model: Any, body: int) -> str:
 def geoms_of(model: Any, body: int) -> tuple[int, ...]:
     """All geoms of a body."""
     return tuple(np.flatnonzero(model.geom_bodyid == body).tolist())
+
+
+def explicit_pairs(model: Any, geoms: Sequence[int]) -> list[int]:
+    """Numbers of the <pair>s of two of these geoms."""
+    return np.flatnonzero(np.isin(model.pair_geom1, geoms) & np.isin(model.pair_geom2, geoms)).tolist()
+
+
+def integrator_name(model: Any) -> str:
+    """The integrator as XML spells it."""
+    name = str(backend().mjtIntegrator(int(model.opt.integrator)).name).removeprefix("mjINT_").lower()
+    return {"euler": "Euler", "rk4": "RK4"}.get(name, name)
 
 
 def masks_match(model: Any, geom1: int, geom2: int) -> bool:

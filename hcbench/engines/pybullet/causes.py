@@ -1,29 +1,32 @@
-"""PyBullet: what may keep a pair from bouncing as asked. Most is how Bullet starts out, so it is tried."""
+"""What may keep a pair in PyBullet from bouncing as asked. Most cannot be read from it, so it is tried."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench.engines.pybullet.backend import LASTING_SETTINGS
 from hcbench.measure import causes
 from hcbench.sim.model_under_test import Suspect
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from hcbench.engines.pybullet.place import Placement
     from hcbench.engines.pybullet.user_model import Bullet, Side
     from hcbench.impact import Impact
     from hcbench.laws.restitution import RestitutionCurve
 
-RESTITUTION, STIFFNESS, KIND = 5, 9, 10  # places in getDynamicsInfo
-_RIGID = 1  # kind of a body with maximal coordinates
+RESTITUTION, STIFFNESS, BODY_TYPE = 5, 9, 10  # places in getDynamicsInfo
+_MAXIMAL_COORDINATES = 1  # a body type
 _THRESHOLD = 0.2  # m/s, Bullet's own restitutionVelocityThreshold
 _SLOP = 1e-5  # m, Bullet's own contactSlop
+_DAMPING = 0.04  # 1/s, Bullet's own linearDamping
+_SAME_E = 0.005  # restitutions nearer than this are taken for the same
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +42,9 @@ class Context:
     foreign: Mapping[int, tuple[str, float]]
 
     @property
-    def restitutions(self) -> tuple[float, float]:
-        """Of the two links."""
-        return restitutions(self.bullet, self.place)
+    def sides(self) -> tuple[Side, Side]:
+        """The two links that meet."""
+        return self.place.first, self.place.second
 
     @property
     def slowest(self) -> float:
@@ -49,10 +52,49 @@ class Context:
         return min((i.speed_in for i in self.impacts if np.isfinite(i.speed_in)), default=0.0)
 
     @property
-    def compliant(self) -> bool:
-        """Whether one of the two has a contact stiffness, which makes springs of contacts."""
-        infos = [self.bullet.getDynamicsInfo(s.body, s.link) for s in (self.place.first, self.place.second)]
-        return any(info[STIFFNESS] > 0 for info in infos)
+    def fix_e(self) -> float:
+        """The restitution to write in a fix."""
+        e = causes.constant_e(self.impacts, self.wanted)
+        return causes.BOUNCY if e is None else e
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A call in a fix. settings: its keywords. side: the link that it sets; None for the world."""
+
+    settings: Mapping[str, float]
+    side: Side | None = None
+
+    @property
+    def text(self) -> str:
+        """As a user writes it; bodies from files are called as their files."""
+        words = ", ".join(f"{k}={v:g}" for k, v in self.settings.items())
+        if self.side is None:
+            return f"p.setPhysicsEngineParameter({words})"
+        name = self.side.name.split(".")[0]
+        body = name if name.isidentifier() else self.side.body
+        return f"p.changeDynamics({body}, {self.side.link}, {words})"
+
+    def apply(self, bullet: Bullet) -> None:
+        """Make it."""
+        if self.side is None:
+            bullet.setPhysicsEngineParameter(**self.settings)
+        else:
+            bullet.changeDynamics(self.side.body, self.side.link, **self.settings)
+
+
+def _fix(*calls: Call) -> tuple[str, Callable[[Bullet], None]]:
+    """(text, apply) of a fix that is made of calls."""
+    return "; ".join(call.text for call in calls), partial(_apply, calls=calls)
+
+
+def _apply(bullet: Bullet, calls: Sequence[Call]) -> None:
+    for call in calls:
+        call.apply(bullet)
+
+
+def _fix_restitutions(sides: Sequence[Side], values: Sequence[float]) -> tuple[str, Callable[[Bullet], None]]:
+    return _fix(*(Call({"restitution": e}, side) for side, e in zip(sides, values, strict=True)))
 
 
 def restitutions(bullet: Bullet, place: Placement) -> tuple[float, float]:
@@ -60,203 +102,147 @@ def restitutions(bullet: Bullet, place: Placement) -> tuple[float, float]:
     PyBullet tells whatever it told last.
     """
     infos = [bullet.getDynamicsInfo(side.body, side.link) for side in (place.first, place.second)]
-    first, second = (math.nan if info[KIND] == _RIGID else float(info[RESTITUTION]) for info in infos)
+    first, second = (
+        math.nan if info[BODY_TYPE] == _MAXIMAL_COORDINATES else float(info[RESTITUTION]) for info in infos
+    )
     return first, second
 
 
-def find_suspects(s: Context) -> list[Suspect]:
+def find_suspects(context: Context) -> list[Suspect]:
     """Everything that may matter here, likeliest first."""
-    return [c for check in CHECKS for c in check(s)]
+    checks = (_unset_restitutions, _restitution_product, _bullet_defaults, _few_steps, _gravity, _joint_motor)
+    return [suspect for check in checks for suspect in check(context)]
 
 
-def _set_world(bullet: Bullet, **settings: float) -> None:
-    bullet.setPhysicsEngineParameter(**settings)
-
-
-def _set_links(bullet: Bullet, sides: Sequence[tuple[int, int]], **settings: float) -> None:
-    for body, link in sides:
-        bullet.changeDynamics(body, link, **settings)
-
-
-def _link(side: Side) -> tuple[int, int]:
-    assert side.link is not None
-    return side.body, side.link
-
-
-def _call(side: Side, **settings: float) -> str:
-    """The call that sets a link; bodies from files are called as their files."""
-    words = ", ".join(f"{k}={v:g}" for k, v in settings.items())
-    name = side.name.split(".")[0]
-    return f"p.changeDynamics({name if name.isidentifier() else side.body}, {side.link}, {words})"
-
-
-def _restitution(s: Context) -> Iterator[Suspect]:
+def _unset_restitutions(c: Context) -> Iterator[Suspect]:
     """The two restitutions multiply, an unset one is 0, and one in another simulator's tag is not read."""
-    sides, values = (s.place.first, s.place.second), list(s.restitutions)
-    if any(math.isnan(value) for value in values):
+    values = list(restitutions(c.bullet, c.place))
+    if math.isnan(sum(values)):
         return
-    found = [
-        s.foreign.get(side.body) if value == 0.0 else None for side, value in zip(sides, values, strict=True)
-    ]
-    told = [(side, *tag) for side, tag in zip(sides, found, strict=True) if tag is not None]
-    values = [value if tag is None else tag[1] for value, tag in zip(values, found, strict=True)]
-    set_ones = [value for value in values if value > 0.0]
-    aim = None if s.wanted is not None else math.prod(set_ones) if set_ones else causes.BOUNCY
-    if told:
-        yield Suspect(
+    foreign = []  # (side, tag, e)
+    for i, side in enumerate(c.sides):
+        if values[i] == 0.0 and side.body in c.foreign:
+            tag, values[i] = c.foreign[side.body]
+            foreign.append((side, tag, values[i]))
+    positive = [e for e in values if e > 0.0]
+    assumed_e = None if c.wanted is not None else math.prod(positive) if positive else causes.BOUNCY
+    report = partial(Suspect, always_reported=True, assumed_e=assumed_e)
+    if foreign:
+        text, apply = _fix_restitutions([side for side, *_ in foreign], [e for *_, e in foreign])
+        yield report(
             "foreign-restitution",
             "The file has its restitution in a tag that PyBullet does not read.",
-            ", ".join(f"<{tag}> {value:g} of {side.name!r}" for side, tag, value in told),
-            f'<contact><restitution value="{told[0][2]:g}"/></contact> in the <link>, or '
-            + "; ".join(_call(side, restitution=value) for side, _, value in told),
-            partial(_both, links=[_link(side) for side, _, _ in told], values=[v for *_, v in told]),
-            always_reported=True,
-            assumed_e=aim,
+            ", ".join(f"<{tag}> {e:g} of {side.name!r}" for side, tag, e in foreign),
+            f'<contact><restitution value="{foreign[0][2]:g}"/></contact> in the <link>, or {text}',
+            apply,
         )
-    if not set_ones:
-        e = _goal(s)
-        yield Suspect(
+    if not positive:
+        yield report(
             "no-restitution",
             "Neither of the two has a restitution: an unset one is 0.",
             "restitution 0 and 0",
-            f"{_call(sides[0], restitution=e)}; {_call(sides[1], restitution=1)}",
-            partial(_both, links=[_link(side) for side in sides], values=(e, 1.0)),
-            always_reported=True,
-            assumed_e=aim,
+            *_fix_restitutions(c.sides, (c.fix_e, 1.0)),
         )
-    elif len(set_ones) == 1:
-        unset, other = sides if values[0] == 0.0 else sides[::-1]
-        yield Suspect(
+    elif len(positive) == 1:
+        unset, other = c.sides if values[0] == 0.0 else c.sides[::-1]
+        yield report(
             "other-body",
             f"The restitution of {unset.name!r} is not set: the two multiply, so the pair has e = 0.",
-            f"restitution {set_ones[0]:g} on {other.name!r}, 0 on {unset.name!r}",
-            _call(unset, restitution=1),
-            partial(_set_links, sides=[_link(unset)], restitution=1.0),
-            always_reported=True,
-            assumed_e=aim,
+            f"restitution {positive[0]:g} on {other.name!r}, 0 on {unset.name!r}",
+            *_fix_restitutions([unset], [1.0]),
         )
 
 
-def _goal(s: Context) -> float:
-    e = causes.constant_e(s.impacts, s.wanted)
-    return causes.BOUNCY if e is None else e
-
-
-def _both(bullet: Bullet, links: Sequence[tuple[int, int]], values: Sequence[float]) -> None:
-    for (body, link), value in zip(links, values, strict=True):
-        bullet.changeDynamics(body, link, restitution=value)
-
-
-def _product(s: Context) -> Iterator[Suspect]:
-    """Set, but not to what is wanted."""
-    first, second = s.restitutions
-    if s.wanted is None or not first * second > 0.0:
-        return
-    e = _goal(s)
-    if abs(first * second - e) > 0.005:
-        sides = (s.place.first, s.place.second)
+def _restitution_product(c: Context) -> Iterator[Suspect]:
+    """Both set, but not to what is wanted, or to more than 1."""
+    first, second = restitutions(c.bullet, c.place)
+    product, e = first * second, c.fix_e
+    if product > 0.0 and c.wanted is not None and abs(product - e) > _SAME_E:
         yield Suspect(
             "product",
             "The restitutions of the two multiply to another e than the one wanted.",
-            f"{first:g} x {second:g} = {first * second:.4g}, wanted {e:.4g}",
-            f"{_call(sides[0], restitution=e)}; {_call(sides[1], restitution=1)}",
-            partial(_both, links=[_link(side) for side in sides], values=(e, 1.0)),
+            f"{first:g} x {second:g} = {product:.4g}, wanted {e:.4g}",
+            *_fix_restitutions(c.sides, (e, 1.0)),
         )
 
 
-def _engine(s: Context) -> Iterator[Suspect]:
+def _bullet_defaults(c: Context) -> Iterator[Suspect]:
     """What Bullet does to a bounce unless told otherwise; none of it can be read back, so it is tried."""
-    links = [_link(s.place.first), _link(s.place.second)]
-    if s.slowest <= _THRESHOLD:
+    if c.slowest <= _THRESHOLD:
         yield Suspect(
             "velocity-threshold",
             "Below restitutionVelocityThreshold Bullet does not bounce at all.",
-            f"impacts from {s.slowest:.3g} m/s, threshold {_THRESHOLD:g} m/s unless set",
-            "p.setPhysicsEngineParameter(restitutionVelocityThreshold=0)",
-            partial(_set_world, restitutionVelocityThreshold=0.0),
+            f"impacts from {c.slowest:.3g} m/s, threshold {_THRESHOLD:g} m/s unless set",
+            *_fix(Call({"restitutionVelocityThreshold": 0.0})),
         )
+    distance = LASTING_SETTINGS["contactBreakingThreshold"]
+    text, apply = _fix(Call({"contactProcessingThreshold": 0.0}, c.place.first))
     yield Suspect(
         "predictive-contact",
         "Bullet acts on contacts before they touch: the body is stopped short and restitution is lost.",
-        f"contacts up to {0.02:g} m away are solved for, at {s.slowest * s.timestep:.3g} m a step",
-        f"{_call(s.place.first, contactProcessingThreshold=0)} "
-        f"and p.setPhysicsEngineParameter(contactBreakingThreshold=0.02)",
-        partial(_set_links, sides=links[:1], contactProcessingThreshold=0.0),
+        f"contacts up to {distance:g} m away are solved for, at {c.slowest * c.timestep:.3g} m a step",
+        f"{text} and {Call({'contactBreakingThreshold': distance}).text}",
+        apply,
     )
-    deepest = max((i.penetration_max for i in s.impacts if np.isfinite(i.penetration_max)), default=0.0)
+    deepest = max((i.penetration_max for i in c.impacts if np.isfinite(i.penetration_max)), default=0.0)
     yield Suspect(
         "slop",
         "contactSlop lets bodies overlap by as much as a hard contact's whole depth before anything acts.",
         f"contactSlop {_SLOP:g} m unless set, deepest penetration seen {deepest:.3g} m",
-        "p.setPhysicsEngineParameter(contactSlop=0)",
-        partial(_set_world, contactSlop=0.0),
+        *_fix(Call({"contactSlop": 0.0})),
     )
     yield Suspect(
         "erp",
         "Error reduction (ERP) pushes an overlap apart and adds its own speed to the rebound.",
         "contactERP and erp are 0.2 unless set",
-        "p.setPhysicsEngineParameter(contactERP=0, erp=0)",
-        partial(_set_world, contactERP=0.0, erp=0.0),
+        *_fix(Call({"contactERP": 0.0, "erp": 0.0})),
     )
     yield Suspect(
         "damping",
         "Bullet damps all motion: linearDamping and angularDamping are not 0 by themselves.",
-        f"linearDamping 0.04 /s unless set, {0.04 * s.timestep:.2g} of the speed a step",
-        _call(s.place.first, linearDamping=0, angularDamping=0),
-        partial(_set_links, sides=[(s.place.mover.body, -1)], linearDamping=0.0, angularDamping=0.0),
+        f"linearDamping {_DAMPING:g} /s unless set, {_DAMPING * c.timestep:.2g} of the speed a step",
+        *_fix(Call({"linearDamping": 0.0, "angularDamping": 0.0}, c.place.first)),
     )
 
 
-def _compliance(s: Context) -> Iterator[Suspect]:
+def _few_steps(c: Context) -> Iterator[Suspect]:
     """Restitutions above 1 together; contact stiffness and damping, which take restitution's place."""
-    first, second = s.restitutions
+    first, second = restitutions(c.bullet, c.place)
     if first * second > 1:
-        sides = (s.place.first, s.place.second)
         yield Suspect(
             "energy-gain",
             "The restitutions of the two multiply to more than 1: every bounce makes energy from nothing.",
             f"{first:g} x {second:g} = {first * second:.4g}",
-            "; ".join(_call(side, restitution=1) for side in sides),
-            partial(_both, links=[_link(side) for side in sides], values=(1.0, 1.0)),
+            *_fix_restitutions(c.sides, (1.0, 1.0)),
         )
-    elif s.compliant:
-        step = causes.StepFix(s.timestep, "p.setTimeStep({})", _set_timestep)
-        yield from causes.energy_gain(s.impacts, step)
-        yield from causes.few_steps(s.impacts, step, "a lower contactStiffness")
+    elif any(c.bullet.getDynamicsInfo(side.body, side.link)[STIFFNESS] > 0 for side in c.sides):
+        step = causes.StepFix(c.timestep, "p.setTimeStep({})", lambda p, timestep: p.setTimeStep(timestep))
+        yield from causes.energy_gain(c.impacts, step)
+        yield from causes.few_steps(c.impacts, step, "a lower contactStiffness")
 
 
-def _gravity(s: Context) -> Iterator[Suspect]:
+def _gravity(c: Context) -> Iterator[Suspect]:
     """Gravity in a step, or in a contact with a stiffness."""
     fix = "p.setTimeStep({:.2g}), or loadURDF with useMaximalCoordinates"
     return causes.gravity(
-        s.impacts, s.gravity, s.timestep, lambda longest: fix.format(longest / 5), _no_gravity
+        c.impacts,
+        c.gravity,
+        c.timestep,
+        lambda longest: fix.format(longest / 5),
+        lambda bullet: bullet.setGravity(0.0, 0.0, 0.0),
     )
 
 
-def _set_timestep(bullet: Bullet, timestep: float) -> None:
-    bullet.setPhysicsEngineParameter(fixedTimeStep=timestep)
-
-
-def _no_gravity(bullet: Bullet) -> None:
-    bullet.setGravity(0.0, 0.0, 0.0)
-
-
-def _motor(s: Context) -> Iterator[Suspect]:
+def _joint_motor(c: Context) -> Iterator[Suspect]:
     """Joints are loaded with a motor that brakes them."""
-    mover = s.place.mover
-    if mover.joint is None:
-        return
-    yield Suspect(
-        "joint-motor",
-        "PyBullet loads every joint with a velocity motor on, which brakes it.",
-        mover.words,
-        f"p.setJointMotorControl2({mover.body}, {mover.joint}, p.VELOCITY_CONTROL, force=0)",
-        partial(_release, body=mover.body, joint=mover.joint),
-    )
-
-
-def _release(bullet: Bullet, body: int, joint: int) -> None:
-    bullet.setJointMotorControl2(body, joint, bullet.module.VELOCITY_CONTROL, force=0)
-
-
-CHECKS: tuple[Any, ...] = (_restitution, _product, _engine, _compliance, _gravity, _motor)
+    mover = c.place.mover
+    if mover.joint is not None:
+        yield Suspect(
+            "joint-motor",
+            "PyBullet loads every joint with a velocity motor on, which brakes it.",
+            mover.words,
+            f"p.setJointMotorControl2({mover.body}, {mover.joint}, p.VELOCITY_CONTROL, force=0)",
+            lambda bullet: bullet.setJointMotorControl2(
+                mover.body, mover.joint, bullet.module.VELOCITY_CONTROL, force=0
+            ),
+        )

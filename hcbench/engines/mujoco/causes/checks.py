@@ -1,17 +1,17 @@
-"""MuJoCo: what may keep a pair from bouncing as asked, found in the model and in the impacts."""
+"""What may keep a pair from bouncing as asked, found in the model and in its impacts."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from hcbench.engines.mujoco.causes.contact import damped, impedance, mixing, refsafe
+from hcbench.engines.mujoco.causes.contact import mixing, refsafe, solimp, solref
 from hcbench.engines.mujoco.causes.motion import gravity, integrator, losses, margin, resolution
 
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.causes.context import Context
     from hcbench.sim.model_under_test import Suspect
 
-CHECKS = (mixing, refsafe, damped, integrator, impedance, resolution, gravity, losses, margin)
+CHECKS = (mixing, refsafe, solref, integrator, solimp, resolution, gravity, losses, margin)
 
 
 def find_suspects(s: Context) -> list[Suspect]:

@@ -1,4 +1,4 @@
-"""MuJoCo: causes in the step, the integrator, and in what else acts on the body."""
+"""Causes in the step, in the integrator, and in what else acts on the body."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.causes import fixes
 from hcbench.engines.mujoco.causes.context import Context
 from hcbench.engines.mujoco.model import body_name
@@ -31,14 +32,14 @@ def integrator(s: Context) -> Iterator[Suspect]:
             f"{what} does not survive the integrator {s.integrator}.",
             f"integrator {s.integrator}, solref {fixes.numbers(law.solref)}",
             '<option integrator="implicitfast"/>',
-            partial(fixes.set_integrator, name="IMPLICITFAST"),
+            partial(fixes.set_options, integrator=int(backend().mjtIntegrator.mjINT_IMPLICITFAST)),
         )
 
 
 def resolution(s: Context) -> Iterator[Suspect]:
     """A step that does not resolve the contact."""
     law = s.delivered
-    step = causes.StepFix(s.timestep, '<option timestep="{}"/>', fixes.set_timestep)
+    step = causes.StepFix(s.timestep, '<option timestep="{}"/>', fixes.set_options)
     stiffness = law.stiffness_damping()[0] if law is not None else 0.0
     if any(i.status is Status.DIVERGED for i in s.impacts) and stiffness * s.timestep**2 > 1:
         text, apply = step.to(math.pi / math.sqrt(stiffness) / 40)
@@ -59,7 +60,8 @@ def resolution(s: Context) -> Iterator[Suspect]:
 def gravity(s: Context) -> Iterator[Suspect]:
     """Gravity does more than its part during a step or a contact."""
     fix = "a stiffer solref and a smaller timestep, so that a contact lasts less than {:.2g} s"
-    return causes.gravity(s.impacts, s.gravity, s.timestep, fix.format, fixes.no_gravity)
+    apply = partial(fixes.set_options, gravity=0.0)
+    return causes.gravity(s.impacts, s.gravity, s.timestep, fix.format, apply)
 
 
 def losses(s: Context) -> Iterator[Suspect]:
@@ -85,7 +87,7 @@ def losses(s: Context) -> Iterator[Suspect]:
             "The model is filled with a fluid, which drags.",
             f"density {model.opt.density:g}, viscosity {model.opt.viscosity:g}",
             '<option density="0" viscosity="0"/>',
-            fixes.no_fluid,
+            partial(fixes.set_options, density=0.0, viscosity=0.0),
         )
 
 
