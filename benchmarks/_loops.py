@@ -16,8 +16,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from hcbench.engines.pybullet import simulate, world
 from hcbench.engines.pybullet.options import read_options
+from hcbench.engines.pybullet.world import PybulletWorld
 from hcbench.impact import Launch
 from hcbench.scene import Scene
 from hcbench.setting import Setting
@@ -105,9 +105,11 @@ def bare(model: Any, launches: Sequence[Launch], timestep: float, steps: int) ->
 def in_pybullet(scene: Scene, setting: Setting, launches: Sequence[Launch]) -> int:
     """Depth, rate and force of each step of each launch, until it has parted; how many steps that is."""
     mark_as_worker()  # this process is the benchmark's own
-    bullet = world._client()
-    ball, plate = world._set_up(bullet, scene, setting.timestep, read_options(setting.options))
-    radius, steps = simulate.touching_height(scene), 0
+    world = PybulletWorld(
+        scene, setting.timestep, read_options(setting.options), max(launch.speed for launch in launches)
+    )
+    bullet, ball, plate = world.bullet, world.balls[0], world.plate
+    radius, steps = world.deepest, 0
     for launch in launches:
         bullet.resetBasePositionAndOrientation(
             ball, [0, 0, radius + launch.clearance(setting.timestep)], [0, 0, 0, 1]

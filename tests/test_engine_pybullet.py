@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import pytest
 
-from hcbench.engines.pybullet import world
+from hcbench.engines.pybullet.backend import BulletClient, translated_errors
 from hcbench.engines.pybullet.engine import PybulletEngine
 from hcbench.errors import EngineFailed, EngineMissing, SceneError, SettingError
 from hcbench.impact import Impact, Launch, Status
@@ -352,8 +352,8 @@ def test_a_launch_that_cannot_arrive_is_refused() -> None:
 
 
 def _ask_for_a_file_that_is_not_there() -> None:
-    bullet = world.client()
-    with world.translated_errors(bullet):
+    bullet = BulletClient.direct()
+    with translated_errors(bullet):
         bullet.loadURDF("nowhere.urdf")
 
 

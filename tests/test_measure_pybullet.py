@@ -190,7 +190,7 @@ def measured_live(ball: str, plate: str) -> dict[str, Any]:
     """A live client, before and after; in the worker."""
     import pybullet as p
 
-    from hcbench.engines.pybullet.model_under_test import World
+    from hcbench.measure.pybullet import World
 
     c = p.connect(p.DIRECT)
     p.setPhysicsEngineParameter(fixedTimeStep=1e-3, numSubSteps=0, physicsClientId=c)

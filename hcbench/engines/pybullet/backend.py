@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from contextlib import chdir
+from contextlib import chdir, contextmanager
 from functools import partial
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
-from hcbench.errors import EngineMissing, SceneError
+from hcbench.errors import EngineFailed, EngineMissing, SceneError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
 INSTALL = "pip install 'pybullet>=3.2.7'  # wheels for CPython up to 3.11"
@@ -35,7 +35,9 @@ class BulletClient:
         self.error: type[Exception] = pybullet.error
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
-        bound = partial(getattr(self.module, name), physicsClientId=self.client)
+        function = getattr(self.module, name)
+        # Client 0 is pybullet's default: naming it costs a tenth of a short call.
+        bound = partial(function, physicsClientId=self.client) if self.client else function
         setattr(self, name, bound)
         return bound
 
@@ -45,13 +47,13 @@ class BulletClient:
         new = cls(0)
         new.client = new.module.connect(new.module.DIRECT)
         if new.client < 0:
-            raise EngineMissing("engine 'pybullet'", "no client could be connected", "", "Close some others")
+            raise EngineFailed("pybullet", "no client could be connected", "", "Close some others")
         return new
 
     def load_model(self, path: Path, slot: str = "model", **options: Any) -> list[int]:
         """Load a URDF, SDF or MJCF file, with its meshes beside it; ids of its bodies.
 
-        options: of pybullet's loader. Raises SceneError, naming `slot`, where PyBullet refuses the file.
+        options: of pybullet's loader. Raises SceneError about `slot` where PyBullet refuses the file.
         """
         loaders = {".urdf": self.loadURDF, ".sdf": self.loadSDF}
         load = loaders.get(path.suffix.lower(), self.loadMJCF)
@@ -65,6 +67,15 @@ class BulletClient:
     def bodies(self) -> list[int]:
         """Ids of all bodies."""
         return [self.getBodyUniqueId(i) for i in range(self.getNumBodies())]
+
+
+@contextmanager
+def translated_errors(bullet: BulletClient) -> Iterator[None]:
+    """What PyBullet refuses is EngineFailed."""
+    try:
+        yield
+    except bullet.error as error:
+        raise EngineFailed("pybullet", str(error), "") from error
 
 
 def version() -> str:

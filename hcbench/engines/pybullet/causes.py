@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.engines.pybullet.backend import LASTING_SETTINGS
+from hcbench.engines.pybullet.place import SlidingJoint
 from hcbench.measure import causes
 from hcbench.sim.model_under_test import Suspect
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from hcbench.engines.pybullet.place import Placement
-    from hcbench.engines.pybullet.user_model import Bullet, Side
+    from hcbench.engines.pybullet.backend import BulletClient
+    from hcbench.engines.pybullet.place import BulletPlacement
+    from hcbench.engines.pybullet.user_model import BodyPart
     from hcbench.impact import Impact
     from hcbench.laws.restitution import RestitutionCurve
 
@@ -30,19 +32,19 @@ _SAME_E = 0.005  # restitutions nearer than this are taken for the same
 
 
 @dataclass(frozen=True, slots=True)
-class Context:
-    """All that the search for causes looks at."""
+class BulletContext:
+    """What the search for causes looks at. unread: as in `LoadedWorld`."""
 
-    bullet: Bullet
-    place: Placement
+    bullet: BulletClient
+    place: BulletPlacement
     impacts: Sequence[Impact]
     wanted: RestitutionCurve | None
     timestep: float
     gravity: tuple[float, ...]
-    foreign: Mapping[int, tuple[str, float]]
+    unread: Mapping[int, tuple[str, float]]
 
     @property
-    def sides(self) -> tuple[Side, Side]:
+    def sides(self) -> tuple[BodyPart, BodyPart]:
         """The two links that meet."""
         return self.place.first, self.place.second
 
@@ -63,7 +65,7 @@ class Call:
     """A call in a fix. settings: its keywords. side: the link that it sets; None for the world."""
 
     settings: Mapping[str, float]
-    side: Side | None = None
+    side: BodyPart | None = None
 
     @property
     def text(self) -> str:
@@ -75,7 +77,7 @@ class Call:
         body = name if name.isidentifier() else self.side.body
         return f"p.changeDynamics({body}, {self.side.link}, {words})"
 
-    def apply(self, bullet: Bullet) -> None:
+    def apply(self, bullet: BulletClient) -> None:
         """Make it."""
         if self.side is None:
             bullet.setPhysicsEngineParameter(**self.settings)
@@ -83,21 +85,23 @@ class Call:
             bullet.changeDynamics(self.side.body, self.side.link, **self.settings)
 
 
-def _fix(*calls: Call) -> tuple[str, Callable[[Bullet], None]]:
+def _fix(*calls: Call) -> tuple[str, Callable[[BulletClient], None]]:
     """(text, apply) of a fix that is made of calls."""
     return "; ".join(call.text for call in calls), partial(_apply, calls=calls)
 
 
-def _apply(bullet: Bullet, calls: Sequence[Call]) -> None:
+def _apply(bullet: BulletClient, calls: Sequence[Call]) -> None:
     for call in calls:
         call.apply(bullet)
 
 
-def _fix_restitutions(sides: Sequence[Side], values: Sequence[float]) -> tuple[str, Callable[[Bullet], None]]:
+def _fix_restitutions(
+    sides: Sequence[BodyPart], values: Sequence[float]
+) -> tuple[str, Callable[[BulletClient], None]]:
     return _fix(*(Call({"restitution": e}, side) for side, e in zip(sides, values, strict=True)))
 
 
-def restitutions(bullet: Bullet, place: Placement) -> tuple[float, float]:
+def restitutions(bullet: BulletClient, place: BulletPlacement) -> tuple[float, float]:
     """Restitution of the two links that meet; NaN for a body with maximal coordinates, of which
     PyBullet tells whatever it told last.
     """
@@ -108,21 +112,21 @@ def restitutions(bullet: Bullet, place: Placement) -> tuple[float, float]:
     return first, second
 
 
-def find_suspects(context: Context) -> list[Suspect]:
+def find_suspects(context: BulletContext) -> list[Suspect]:
     """Everything that may matter here, likeliest first."""
     checks = (_unset_restitutions, _restitution_product, _bullet_defaults, _few_steps, _gravity, _joint_motor)
     return [suspect for check in checks for suspect in check(context)]
 
 
-def _unset_restitutions(c: Context) -> Iterator[Suspect]:
+def _unset_restitutions(c: BulletContext) -> Iterator[Suspect]:
     """The two restitutions multiply, an unset one is 0, and one in another simulator's tag is not read."""
     values = list(restitutions(c.bullet, c.place))
     if math.isnan(sum(values)):
         return
     foreign = []  # (side, tag, e)
     for i, side in enumerate(c.sides):
-        if values[i] == 0.0 and side.body in c.foreign:
-            tag, values[i] = c.foreign[side.body]
+        if values[i] == 0.0 and side.body in c.unread:
+            tag, values[i] = c.unread[side.body]
             foreign.append((side, tag, values[i]))
     positive = [e for e in values if e > 0.0]
     assumed_e = None if c.wanted is not None else math.prod(positive) if positive else causes.BOUNCY
@@ -153,7 +157,7 @@ def _unset_restitutions(c: Context) -> Iterator[Suspect]:
         )
 
 
-def _restitution_product(c: Context) -> Iterator[Suspect]:
+def _restitution_product(c: BulletContext) -> Iterator[Suspect]:
     """Both set, but not to what is wanted, or to more than 1."""
     first, second = restitutions(c.bullet, c.place)
     product, e = first * second, c.fix_e
@@ -166,7 +170,7 @@ def _restitution_product(c: Context) -> Iterator[Suspect]:
         )
 
 
-def _bullet_defaults(c: Context) -> Iterator[Suspect]:
+def _bullet_defaults(c: BulletContext) -> Iterator[Suspect]:
     """What Bullet does to a bounce unless told otherwise; none of it can be read back, so it is tried."""
     if c.slowest <= _THRESHOLD:
         yield Suspect(
@@ -205,7 +209,7 @@ def _bullet_defaults(c: Context) -> Iterator[Suspect]:
     )
 
 
-def _few_steps(c: Context) -> Iterator[Suspect]:
+def _few_steps(c: BulletContext) -> Iterator[Suspect]:
     """Restitutions above 1 together; contact stiffness and damping, which take restitution's place."""
     first, second = restitutions(c.bullet, c.place)
     if first * second > 1:
@@ -221,7 +225,7 @@ def _few_steps(c: Context) -> Iterator[Suspect]:
         yield from causes.few_steps(c.impacts, step, "a lower contactStiffness")
 
 
-def _gravity(c: Context) -> Iterator[Suspect]:
+def _gravity(c: BulletContext) -> Iterator[Suspect]:
     """Gravity in a step, or in a contact with a stiffness."""
     fix = "p.setTimeStep({:.2g}), or loadURDF with useMaximalCoordinates"
     return causes.gravity(
@@ -233,14 +237,14 @@ def _gravity(c: Context) -> Iterator[Suspect]:
     )
 
 
-def _joint_motor(c: Context) -> Iterator[Suspect]:
+def _joint_motor(c: BulletContext) -> Iterator[Suspect]:
     """Joints are loaded with a motor that brakes them."""
     mover = c.place.mover
-    if mover.joint is not None:
+    if isinstance(mover, SlidingJoint):
         yield Suspect(
             "joint-motor",
             "PyBullet loads every joint with a velocity motor on, which brakes it.",
-            mover.words,
+            mover.description,
             f"p.setJointMotorControl2({mover.body}, {mover.joint}, p.VELOCITY_CONTROL, force=0)",
             lambda bullet: bullet.setJointMotorControl2(
                 mover.body, mover.joint, bullet.module.VELOCITY_CONTROL, force=0

@@ -14,15 +14,14 @@ settings outlive resetSimulation. So nothing here ever steps in the user's proce
 
 from __future__ import annotations
 
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from hcbench.engines.pybullet import snippet
+from hcbench.engines.pybullet.backend import INSTALL, version
 from hcbench.engines.pybullet.options import read_options
-from hcbench.engines.pybullet.user_model import World
+from hcbench.engines.pybullet.user_model import LiveWorld
 from hcbench.engines.pybullet.world import PybulletWorld
-from hcbench.errors import EngineMissing
 from hcbench.sim.engine import SteppedEngine
 
 if TYPE_CHECKING:
@@ -40,19 +39,14 @@ class PybulletEngine(SteppedEngine):
 
     name: ClassVar[str] = "pybullet"
     title: ClassVar[str] = "PyBullet"
-    install: ClassVar[str] = "pip install 'pybullet>=3.2.7'  # wheels for CPython up to 3.11"
+    install: ClassVar[str] = INSTALL
     suffixes: ClassVar[tuple[str, ...]] = (".urdf", ".sdf")
     opens: ClassVar[tuple[str, ...]] = ("a PyBullet World",)
     own_process: ClassVar[bool] = True
 
     def version(self) -> str:
         """The wheel's version; the module itself is not imported, it prints."""
-        try:
-            return metadata.version("pybullet")
-        except metadata.PackageNotFoundError:
-            raise EngineMissing(
-                "engine 'pybullet'", "not installed", "its wheel", f"Try: {self.install}"
-            ) from None
+        return version()
 
     def recipes(self) -> Sequence[Recipe]:
         """What makes its settings."""
@@ -76,7 +70,7 @@ class PybulletEngine(SteppedEngine):
         """A path of its suffixes, several, a client's id, a BulletClient or a `World`."""
         if isinstance(source, list | tuple):
             return all(isinstance(part, str | Path) for part in source)
-        return super().accepts(source) or isinstance(source, int | World) or hasattr(source, "_client")
+        return super().accepts(source) or isinstance(source, int | LiveWorld) or hasattr(source, "_client")
 
     def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> PybulletModel:
         """A world from files, from a `World`, or from a client."""

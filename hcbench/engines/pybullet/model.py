@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
 
 REVOLUTE, PRISMATIC, SPHERICAL, PLANAR, FIXED = range(5)  # pybullet.JOINT_...: places in getJointInfo follow
-NAME, KIND, LINK_NAME, AXIS, PARENT = 1, 2, 12, 13, 16
+JOINT_NAME, JOINT_TYPE, LINK_NAME, AXIS, PARENT = 1, 2, 12, 13, 16
 
 _FREEDOMS = {REVOLUTE: 1, PRISMATIC: 1, SPHERICAL: 3, PLANAR: 3, FIXED: 0}
 _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -41,7 +41,9 @@ class BulletBody:
         self.bullet, self.number = bullet, number
         self.joints = [bullet.getJointInfo(number, j) for j in range(bullet.getNumJoints(number))]
         self.mass, _, self.inertia = bullet.getDynamicsInfo(number, -1)[:3]  # a fixed base has mass 0
-        jointed = any(joint[KIND] != FIXED for joint in self.joints) or (self.mass > 0.0 and self.joints)
+        jointed = any(joint[JOINT_TYPE] != FIXED for joint in self.joints) or (
+            self.mass > 0.0 and self.joints
+        )
         self.kind = "jointed" if jointed else "free" if self.mass > 0.0 else "fixed"
         self._tree = JointTree(self) if jointed else None
         self.refresh()
@@ -131,7 +133,9 @@ class JointTree:
         ]
         carried = {link: {-1, *body.ancestors(link)} for link in links}
         self._owners = [-1] * 6 * (body.mass > 0.0)
-        self._owners += [j for j, joint in enumerate(body.joints) for _ in range(_FREEDOMS[joint[KIND]])]
+        self._owners += [
+            j for j, joint in enumerate(body.joints) for _ in range(_FREEDOMS[joint[JOINT_TYPE]])
+        ]
         self._carries = np.array([[owner in carried[link] for owner in self._owners] for link in links])
 
     def response(self, link: int, point: Vector, direction: Vector) -> Response:
@@ -169,7 +173,7 @@ def _joint_twists(
     joint: Any, centre: Sequence[float], quaternion: Sequence[float], pivot: Vector
 ) -> list[tuple[Any, Any]]:
     """(w, v) of each degree of freedom of a joint. centre, quaternion: of its link; pivot: in that frame."""
-    kind = joint[KIND]
+    kind = joint[JOINT_TYPE]
     if kind == PLANAR:
         return [(_UNKNOWN, _UNKNOWN)] * 3  # PyBullet does not tell its axis
     where = add_scaled(centre, 1.0, rotate(quaternion, pivot))

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.pybullet.backend import version
-from hcbench.engines.pybullet.causes import Context, find_suspects, restitutions
-from hcbench.engines.pybullet.place import place
-from hcbench.engines.pybullet.user_model import Bullet, Loaded, World, find_sides, load_files
-from hcbench.engines.pybullet.user_simulation import UserSimulation
+from hcbench.engines.pybullet.causes import BulletContext, find_suspects, restitutions
+from hcbench.engines.pybullet.place import FreeBase, place
+from hcbench.engines.pybullet.user_model import LoadedWorld, find_pair, load_files, open_live
+from hcbench.engines.pybullet.user_simulation import LaunchInUserWorld
 from hcbench.errors import UserError
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
 
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
 _UNTOLD = "restitutions that PyBullet does not tell of bodies with maximal coordinates"
 
-__all__ = ["PybulletModel", "World", "open_world"]
-
 
 class PybulletModel(ModelUnderTest):
     """A PyBullet world with a pair in it.
@@ -42,24 +40,23 @@ class PybulletModel(ModelUnderTest):
 
     def __init__(
         self,
-        loaded: Loaded,
-        world: World | None,
+        world: LoadedWorld,
         request: Request,
-        build: Callable[[], tuple[Loaded, World | None]] | None,
+        build: Callable[[], LoadedWorld] | None,
         fixes: Sequence[Suspect] = (),
     ) -> None:
-        self.loaded, self.world, self.request, self.build = loaded, world, request, build
-        self.bullet = loaded.bullet
-        self.was = self.bullet.getPhysicsEngineParameters()
+        self.world, self.request, self.build = world, request, build
+        self.bullet = world.bullet
+        self._settings_before = self.bullet.getPhysicsEngineParameters()
         try:
             self._apply_request()
-            first, second = find_sides(loaded, request.pair, world)
+            first, second = find_pair(world, request.pair)
             for fix in fixes:
                 if fix.apply is not None:
                     fix.apply(self.bullet)
             start = self.bullet.saveState()
             try:
-                self.place = place(loaded, first, second)
+                self.place = place(world, first, second)
             finally:
                 self.bullet.restoreState(start)
                 self.bullet.removeState(start)
@@ -82,11 +79,11 @@ class PybulletModel(ModelUnderTest):
 
     def _put_back(self) -> None:
         """A live client gets back what the request changed; a world of our own is closed."""
-        if self.loaded.own:
+        if self.world.disconnect:
             self.bullet.disconnect()
             return
-        self.bullet.setPhysicsEngineParameter(fixedTimeStep=self.was["fixedTimeStep"])
-        self.bullet.setGravity(*(self.was[f"gravityAcceleration{axis}"] for axis in "XYZ"))
+        self.bullet.setPhysicsEngineParameter(fixedTimeStep=self._settings_before["fixedTimeStep"])
+        self.bullet.setGravity(*(self._settings_before[f"gravityAcceleration{axis}"] for axis in "XYZ"))
 
     def _gravity(self) -> tuple[float, float, float]:
         """m/s^2."""
@@ -97,21 +94,19 @@ class PybulletModel(ModelUnderTest):
     def _falls_alone(self) -> bool:
         """Whether gravity makes the two approach: not when both fall."""
         masses = [self.bullet.getDynamicsInfo(s.body, -1)[0] for s in (self.place.first, self.place.second)]
-        return self.place.mover.joint is None and min(masses) == 0.0
+        return isinstance(self.place.mover, FreeBase) and min(masses) == 0.0
 
-    def release(self, launches: Sequence[Launch]) -> UserSimulation:
+    def release(self, launches: Sequence[Launch]) -> LaunchInUserWorld:
         """The launch under way from its starting point."""
         (launch,) = launches
         if self._state is None:
             self._state = self.bullet.saveState()
-        return UserSimulation(self.bullet, self.place, launch, self._state, self.gravity)
+        return LaunchInUserWorld(self.bullet, self.place, launch, self._state, self.gravity)
 
     @property
     def step_cost(self) -> float:
         """Grows with bodies and joints."""
-        bullet = self.bullet
-        bodies = [bullet.getBodyUniqueId(i) for i in range(bullet.getNumBodies())]
-        return 1.0 + sum(1 + int(bullet.getNumJoints(body)) for body in bodies) / 5
+        return 1.0 + sum(1 + int(self.bullet.getNumJoints(body)) for body in self.bullet.bodies()) / 5
 
     def facts(self) -> Facts:
         """What the world says of itself and of the pair."""
@@ -126,9 +121,9 @@ class PybulletModel(ModelUnderTest):
         return Facts(
             engine="pybullet",
             version=version(),
-            model=self.loaded.label,
+            model=self.world.label,
             pair=(self.place.first.name, self.place.second.name),
-            moved=self.place.mover.words,
+            moved=self.place.mover.description,
             timestep=self.timestep,
             gravity=self._gravity(),
             effective_mass=self.place.effective_mass,
@@ -145,8 +140,8 @@ class PybulletModel(ModelUnderTest):
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """What may keep this pair from bouncing as asked."""
-        context = Context(
-            self.bullet, self.place, impacts, wanted, self.timestep, self._gravity(), self.loaded.foreign
+        context = BulletContext(
+            self.bullet, self.place, impacts, wanted, self.timestep, self._gravity(), self.world.unread
         )
         found = find_suspects(context)
         return found if self.build else [dataclasses.replace(c, apply=None) for c in found]
@@ -155,8 +150,7 @@ class PybulletModel(ModelUnderTest):
         """The same world made anew, with some fixes made; a live client is not touched."""
         if self.build is None:
             raise UserError("model", "a live client cannot be made anew", "files, or a function for it")
-        loaded, world = self.build()
-        return PybulletModel(loaded, world, self.request, self.build, suspects)
+        return PybulletModel(self.build(), self.request, self.build, suspects)
 
     def close(self) -> None:
         """End what is ours and put back what is not."""
@@ -173,24 +167,8 @@ def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None)
     if isinstance(source, str | list | tuple) or hasattr(source, "__fspath__"):
         paths: Sequence[str | Path] = source if isinstance(source, list | tuple) else [source]
         files = [str(path) for path in paths]
-
-        def build() -> tuple[Loaded, World | None]:
-            return load_files(files), None
-
-        return PybulletModel(*build(), request, build)
+        return PybulletModel(load_files(files), request, lambda: load_files(files))
     if rebuild is None:
-        return PybulletModel(*_live(source, own=False), request, None)
-    return PybulletModel(*_live(source, own=True), request, lambda: _live(rebuild(), own=True))
-
-
-def _live(source: Any, own: bool) -> tuple[Loaded, World]:
-    world = World(source) if isinstance(source, int) else source
-    if not isinstance(world, World) and hasattr(world, "_client"):  # a BulletClient of pybullet_utils
-        world = World(world._client)
-    if not isinstance(world, World):
-        what = "a path, an MjModel, an MjSpec, or a PyBullet World"
-        raise UserError("model", f"a {type(source).__name__}", what)
-    bullet = Bullet(world.client)
-    if not bullet.module.isConnected(world.client):
-        raise UserError("model", f"PyBullet client {world.client} is not connected", "a live client")
-    return Loaded(bullet, {}, "PyBullet world", own), world
+        return PybulletModel(open_live(source, disconnect=False), request, None)
+    first = open_live(source, disconnect=True)
+    return PybulletModel(first, request, lambda: open_live(rebuild(), disconnect=True))

@@ -63,7 +63,7 @@ _ELSEWHERE = {
 }
 
 
-class Options(OptionTable):
+class PybulletOptions(OptionTable):
     """A setting's options, checked. All empty: the models as loaded, in a world as Bullet makes it."""
 
     world: dict[str, Any] = Field({}, description="a table of setPhysicsEngineParameter's keywords")
@@ -73,9 +73,9 @@ class Options(OptionTable):
     law: Annotated[Law, PlainValidator(law_of)] | None = None
 
 
-def read_options(options: Mapping[str, Any]) -> Options:
+def read_options(options: Mapping[str, Any]) -> PybulletOptions:
     """Options from a setting; SettingError names the first word that PyBullet does not have."""
-    checked = validate(Options, options, SettingError, "pybullet option '{}'")
+    checked = validate(PybulletOptions, options, SettingError, "pybullet option '{}'")
     _check(checked.world, "world", _WORLD, "setPhysicsEngineParameter")
     _check(checked.ball, "ball", _BODY, "changeDynamics")
     _check(checked.plate, "plate", _BODY, "changeDynamics")

@@ -1,14 +1,15 @@
-"""PyBullet: from files or a live client to two sides in a world, or one line that says why not."""
+"""PyBullet worlds of a user's own, from files or live, and the two in them that meet."""
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hcbench._text import sanitized
 from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
+from hcbench.engines.pybullet.model import LINK_NAME
 from hcbench.engines.pybullet.model_file import check_user_model
 from hcbench.errors import UserError
 from hcbench.sim.names import find_part
@@ -17,12 +18,12 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _STARTING_SETTINGS = {**LASTING_SETTINGS, "fixedTimeStep": 1.0 / 240.0}
-_Part = tuple[str, str, tuple[int, int | None]]  # kind, name, (body, link or None for any)
-Bullet = BulletClient
+_NamedPart = tuple[str, str, tuple[int, int]]  # kind, name, (body, link)
+ANY_LINK = -2  # whichever link touches, as in PyBullet
 
 
 @dataclass(frozen=True, slots=True)
-class World:
+class LiveWorld:
     """A PyBullet world of the user's own, live.
 
     client: physics client id. first, second: what shall meet, the moving one first, each a body id or a
@@ -35,55 +36,74 @@ class World:
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
-    """One of the two. link: -1 is the base; None means whichever link touches."""
+class BodyPart:
+    """One of the two that meet: a link (-1: the base) of a body, or ANY_LINK of it."""
 
     name: str
     body: int
-    link: int | None
+    link: int
 
 
 @dataclass(frozen=True, slots=True)
-class Loaded:
-    """A world with what is in it.
+class LoadedWorld:
+    """A world to be measured.
 
-    names: body id -> file it came from; empty for a world that was not made of files. own: ours to end.
-    foreign: body id -> (tag, e) of a restitution that its file has in a place where PyBullet does not look.
+    label: what a report calls it. disconnect: whether to end its client at the end. pair: the two that meet,
+    as in a `LiveWorld`; () where names say. files: body id -> name of the file it came from; empty for a
+    world of the user's. unread: body id -> (tag, e) of a restitution that its file has in a place where
+    PyBullet does not look.
     """
 
     bullet: BulletClient
-    names: dict[int, str]
     label: str
-    own: bool
-    foreign: dict[int, tuple[str, float]] = field(default_factory=dict)
+    disconnect: bool
+    pair: tuple[int | tuple[int, int], ...] = ()
+    files: dict[int, str] = field(default_factory=dict)
+    unread: dict[int, tuple[str, float]] = field(default_factory=dict)
 
 
-def load_files(paths: Sequence[str]) -> Loaded:
+def load_files(paths: Sequence[str]) -> LoadedWorld:
     """A new world with the files loaded in it, as PyBullet loads them by default."""
     files = [Path(path) for path in paths]
-    foreign_in = {path: check_user_model(path) for path in files}
+    unread = [check_user_model(path) for path in files]
     bullet = BulletClient.direct()
     bullet.resetSimulation()
     bullet.setPhysicsEngineParameter(**_STARTING_SETTINGS)
-    names: dict[int, str] = {}
-    foreign: dict[int, tuple[str, float]] = {}
-    for path in files:
+    world = LoadedWorld(bullet, " + ".join(path.name for path in files), True)
+    for path, restitution in zip(files, unread, strict=True):
         for body in bullet.load_model(path):
-            names[body] = path.name
-            if (found := foreign_in[path]) is not None:
-                foreign[body] = found
-    return Loaded(bullet, names, " + ".join(path.name for path in files), True, foreign)
+            world.files[body] = path.name
+            if restitution is not None:
+                world.unread[body] = restitution
+    return world
 
 
-def find_sides(loaded: Loaded, pair: tuple[str, str] | None, world: World | None) -> tuple[Side, Side]:
-    """The two that the names mean: a file, a body, or a link ("body/link" where links share a name)."""
-    if world is not None and world.first is not None and world.second is not None:
-        first, second = (_numbered(loaded.bullet, part) for part in (world.first, world.second))
-        return first, second
-    parts = _parts(loaded)
+def open_live(source: Any, disconnect: bool) -> LoadedWorld:
+    """The world of a `LiveWorld`, a client id, or a BulletClient of pybullet_utils. UserError for others."""
+    world = LiveWorld(source) if isinstance(source, int) else source
+    if not isinstance(world, LiveWorld) and hasattr(world, "_client"):
+        world = LiveWorld(world._client)
+    if not isinstance(world, LiveWorld):
+        raise UserError("model", f"a {type(source).__name__}", "a path or a PyBullet World")
+    bullet = BulletClient(world.client)
+    if not bullet.isConnected():
+        raise UserError("model", f"PyBullet client {world.client} is not connected", "a live client")
+    pair = () if world.first is None or world.second is None else (world.first, world.second)
+    return LoadedWorld(bullet, "PyBullet world", disconnect, pair)
+
+
+def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPart, BodyPart]:
+    """The two that meet: the world's own, or what `names` mean, each a file, a body, or a link ("body/link"
+    where links share a name); without names, the world's only two bodies.
+    """
+    bullet = world.bullet
+    if world.pair:
+        one, two = (_by_id(bullet, part) for part in world.pair)
+        return one, two
+    parts = _named_parts(world)
     known = [name for _, name, _ in parts]
-    if pair is None:
-        numbers = loaded.bullet.bodies()
+    if names is None:
+        numbers = bullet.bodies()
         if len(numbers) != 2:
             raise UserError(
                 "pair",
@@ -91,36 +111,38 @@ def find_sides(loaded: Loaded, pair: tuple[str, str] | None, world: World | None
                 "two names",
                 f"Known: {', '.join(list(dict.fromkeys(known))[:12])}",
             )
-        first, second = (Side(loaded.names.get(body, f"body:{body}"), body, None) for body in numbers)
-        return first, second
-    found = [(name, find_part(parts, name if name in known else Path(name).name)[1]) for name in pair]
-    first, second = (Side(name, body, link) for name, (body, link) in found)
-    if first.body == second.body and (first.link == second.link or None in (first.link, second.link)):
-        raise UserError("pair", f"{pair[0]!r} and {pair[1]!r} are the same body", "two that can meet")
-    return first, second
+        one, two = (BodyPart(world.files.get(body, f"body:{body}"), body, ANY_LINK) for body in numbers)
+        return one, two
+    one, two = (
+        BodyPart(name, *find_part(parts, name if name in known else Path(name).name)[1]) for name in names
+    )
+    if one.body == two.body and (one.link == two.link or ANY_LINK in (one.link, two.link)):
+        raise UserError("pair", f"{one.name!r} and {two.name!r} are the same body", "two that can meet")
+    return one, two
 
 
-def _numbered(bullet: BulletClient, part: int | tuple[int, int]) -> Side:
-    body, link = (part, None) if isinstance(part, int) else part
+def _by_id(bullet: BulletClient, part: int | tuple[int, int]) -> BodyPart:
+    body, link = (part, ANY_LINK) if isinstance(part, int) else part
     try:
         name = sanitized(bullet.getBodyInfo(body)[1].decode(errors="replace"))
     except bullet.error:
         raise UserError("pair", f"no body {body} in this client", "a body id that loadURDF gave") from None
-    words = f"body {body}" if link is None else f"body {body}, link {link}"
-    return Side(f"{name} ({words})" if name else words, body, link)
+    text = f"body {body}" if link == ANY_LINK else f"body {body}, link {link}"
+    return BodyPart(f"{name} ({text})" if name else text, body, link)
 
 
-def _parts(loaded: Loaded) -> list[_Part]:
+def _named_parts(world: LoadedWorld) -> list[_NamedPart]:
     """Every name with the (body, link) that it means, bodies first; not those that several links share."""
-    bullet = loaded.bullet
-    bodies: list[_Part] = []
-    links: list[_Part] = []
+    bullet = world.bullet
+    bodies: list[_NamedPart] = []
+    links: list[_NamedPart] = []
     for body in bullet.bodies():
         base, robot = (sanitized(part.decode(errors="replace")) for part in bullet.getBodyInfo(body))
-        file = loaded.names.get(body, "")
-        bodies += [("body", name, (body, None)) for name in (f"body:{body}", file, Path(file).stem, robot)]
+        file = world.files.get(body, "")
+        names = (f"body:{body}", file, Path(file).stem, robot)
+        bodies += [("body", name, (body, ANY_LINK)) for name in names]
         joints = [bullet.getJointInfo(body, j) for j in range(bullet.getNumJoints(body))]
-        link_names = [base, *(sanitized(joint[12].decode(errors="replace")) for joint in joints)]
+        link_names = [base, *(sanitized(joint[LINK_NAME].decode(errors="replace")) for joint in joints)]
         prefixes = dict.fromkeys(["", f"body:{body}/", f"{Path(file).stem}/" if file else ""])
         links += [
             ("link", prefix + name, (body, link))

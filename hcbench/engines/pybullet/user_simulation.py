@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.engines.pybullet.place import Placement, moves, shift_base
+from hcbench.engines.pybullet.model import BulletBody
+from hcbench.engines.pybullet.vectors import dot
 from hcbench.sim.engine import Record, Simulation
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.engines.pybullet.user_model import Bullet, Side
+    from hcbench.engines.pybullet.backend import BulletClient
+    from hcbench.engines.pybullet.place import BulletPlacement
     from hcbench.impact import Launch
     from hcbench.sim.engine import Flags
 
@@ -25,25 +27,28 @@ _STALE = 0.05  # of a reported force: less change of momentum than this, and it 
 _HIDDEN = 1e-6  # of the speed: a change in a step of substeps that only a contact explains
 
 
-class UserSimulation(Simulation):
+class LaunchInUserWorld(Simulation):
     """One launch from a saved state of the user's world, which is back in it at the end.
 
-    state: the id of the saved state. free: approach acceleration by gravity, m/s².
+    state: the id of the saved state. gravity: what it adds to the approach speed, m/s².
     """
 
-    def __init__(self, bullet: Bullet, place: Placement, launch: Launch, state: int, free: float) -> None:
-        self.bullet, self.place, self.state, self.free = bullet, place, state, free
+    def __init__(
+        self, bullet: BulletClient, place: BulletPlacement, launch: Launch, state: int, gravity: float
+    ) -> None:
+        self.bullet, self.place, self.state, self.gravity = bullet, place, state, gravity
         parameters = bullet.getPhysicsEngineParameters()
         self.timestep = float(parameters["fixedTimeStep"])
         self.substeps = int(parameters["numSubSteps"]) > 1
-        self.sides = [
-            (side, sign, moves(bullet, side)) for side, sign in ((place.first, 1.0), (place.second, -1.0))
-        ]
+        sides = ((1.0, place.first), (-1.0, place.second))
+        bodies = [(sign, BulletBody(bullet, part.body), part.link) for sign, part in sides]
+        self._moving = [each for each in bodies if each[1].kind != "fixed"]
         clearance = launch.clearance(self.timestep)
-        self._launch(launch.speed, clearance)
+        bullet.restoreState(state)
+        place.launch(bullet, launch.speed, clearance)
         self._x, self._touched, self._point = -clearance, False, place.point.tolist()
         self._normal = place.normal.tolist()
-        self._before = self._rate(self._point, self._normal)
+        self._before = self._rate()
 
     def advance(self, steps: int) -> Record:
         """`steps` steps as the user's own loop would take them."""
@@ -67,7 +72,7 @@ class UserSimulation(Simulation):
             self._x, force, self._point = contact
         elif self._touched:
             self._x = min(self._x, 0.0)
-        after = self._rate(self._point, self._normal)
+        after = self._rate()
         if not math.isfinite(after):
             return math.nan, math.nan, math.nan
         x, before = self._x, self._before
@@ -81,25 +86,12 @@ class UserSimulation(Simulation):
         mass = self.place.effective_mass
         if not math.isfinite(mass):
             return force
-        mean = mass * ((before - after) / self.timestep + self.free)
+        mean = mass * ((before - after) / self.timestep + self.gravity)
         if force != 0.0 and x < 0.0 and abs(mean) < _STALE * abs(force):
             return 0.0
         if force == 0.0 and self.substeps and abs(mean) * self.timestep > _HIDDEN * mass * abs(before):
             return mean
         return force
-
-    def _launch(self, speed: float, clearance: float) -> None:
-        bullet, place = self.bullet, self.place
-        bullet.restoreState(self.state)
-        mover = place.mover
-        if mover.joint is None:
-            shift_base(bullet, mover.body, np.array([0.0, 0.0, place.lift]))
-            shift_base(bullet, mover.body, mover.direction * (place.offset - clearance))
-            bullet.resetBaseVelocity(mover.body, (mover.direction * speed).tolist(), [0.0, 0.0, 0.0])
-            return
-        start = bullet.getJointState(mover.body, mover.joint)[0] + place.offset
-        per_metre = mover.sign / place.rate
-        bullet.resetJointState(mover.body, mover.joint, start - per_metre * clearance, per_metre * speed)
 
     def _read(self) -> tuple[float, float, Sequence[float]] | None:
         """(penetration at the step's start, force of the step, point); None without a contact."""
@@ -111,35 +103,10 @@ class UserSimulation(Simulation):
         middle = [sum(c[5][k] + c[6][k] for c in contacts) / count for k in range(3)]
         return -min(c[8] for c in contacts), sum(c[9] for c in contacts), middle
 
-    def _rate(self, point: Sequence[float], normal: Sequence[float]) -> float:
+    def _rate(self) -> float:
         """Approach rate of the two along the normal, m/s."""
-        return sum(
-            sign * _along(normal, *self._motion(side), point) for side, sign, moves in self.sides if moves
-        )
-
-    def _motion(self, side: Side) -> tuple[Sequence[float], Sequence[float], Sequence[float]]:
-        """(centre, velocity, angular velocity) of the side's link."""
-        bullet = self.bullet
-        if side.link == -1:
-            centre = bullet.getBasePositionAndOrientation(side.body)[0]
-            linear, turning = bullet.getBaseVelocity(side.body)
-            return centre, linear, turning
-        state = bullet.getLinkState(side.body, side.link, computeLinkVelocity=1)
-        return state[0], state[6], state[7]
-
-
-def _along(
-    normal: Sequence[float],
-    centre: Sequence[float],
-    linear: Sequence[float],
-    turning: Sequence[float],
-    point: Sequence[float],
-) -> float:
-    """n · (v + ω x (point - centre)); plain floats, as this is asked for at every step."""
-    x, y, z = (point[k] - centre[k] for k in range(3))
-    wx, wy, wz = turning
-    return (
-        normal[0] * (linear[0] + wy * z - wz * y)
-        + normal[1] * (linear[1] + wz * x - wx * z)
-        + normal[2] * (linear[2] + wx * y - wy * x)
-    )
+        rate = 0.0
+        for sign, body, link in self._moving:
+            body.refresh()
+            rate += sign * dot(self._normal, body.velocity_at(link, self._point))
+        return rate

@@ -12,32 +12,30 @@ setting and form hold it.
 from __future__ import annotations
 
 import math
-from contextlib import ExitStack, chdir, contextmanager
+from contextlib import ExitStack
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient, translated_errors
 from hcbench.engines.pybullet.model_file import check_ball, check_plate
 from hcbench.engines.pybullet.record import force_from_momentum, overlap, touching_height
-from hcbench.errors import EngineFailed, SceneError
+from hcbench.errors import SceneError
 from hcbench.sim.engine import CannotShareError, Record, Simulation, World
 from hcbench.workers import in_worker
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from hcbench.engines.pybullet.options import Options
+    from hcbench.engines.pybullet.options import PybulletOptions
     from hcbench.impact import Floats, Launch
     from hcbench.laws.contact_law import Law
     from hcbench.scene import Scene
     from hcbench.sim.engine import Flags
 
     Step = Callable[[], Sequence[float] | None]
-
-# These outlive resetSimulation, and the first one the client too: Bullet's own values, set for each run.
-_GLOBALS = {"contactBreakingThreshold": 0.02, "numSubSteps": 0, "enableFileCaching": 0}
 
 _FAR = 10.0  # m: a place without contacts
 _BALLS_IN_WORLD = 8  # more make Bullet's broad phase slow
@@ -52,7 +50,7 @@ class PybulletWorld(World):
     nothing but gravity and the contact changes a ball's velocity.
     """
 
-    def __init__(self, scene: Scene, timestep: float, options: Options, fastest: float) -> None:
+    def __init__(self, scene: Scene, timestep: float, options: PybulletOptions, fastest: float) -> None:
         assert in_worker(), "PyBullet's settings are global: they would leak into the user's own"
         self.scene, self.options = scene, options
         self.timestep, self.gravity, self.mass = timestep, scene.gravity, scene.mass
@@ -187,15 +185,15 @@ class PybulletSimulation(Simulation):
         return forces, velocities, positions
 
 
-def _is_lossless(options: Options) -> bool:
+def _is_lossless(options: PybulletOptions) -> bool:
     """Whether nothing but gravity and Bullet's own contact changes a ball's velocity."""
     return options.law is None and options.ball.get("linearDamping") == 0.0
 
 
-def _set_up(bullet: Any, scene: Scene, timestep: float, options: Options) -> tuple[int, int]:
+def _set_up(bullet: BulletClient, scene: Scene, timestep: float, options: PybulletOptions) -> tuple[int, int]:
     """An empty world, the two bodies in it, and the options on them; the bodies' ids."""
     bullet.resetSimulation()
-    bullet.setPhysicsEngineParameter(fixedTimeStep=timestep, **{**_GLOBALS, **options.world})
+    bullet.setPhysicsEngineParameter(fixedTimeStep=timestep, **{**LASTING_SETTINGS, **options.world})
     bullet.setGravity(0.0, 0.0, -scene.gravity)
     check_ball(_urdf(scene, "ball"), scene)
     ball = _load(bullet, scene, "ball", options.maximal_coordinates)
@@ -207,29 +205,16 @@ def _set_up(bullet: Any, scene: Scene, timestep: float, options: Options) -> tup
     return ball, plate
 
 
-def _make_ready(bullet: Any, scene: Scene, options: Options, ball: int) -> None:
+def _make_ready(bullet: BulletClient, scene: Scene, options: PybulletOptions, ball: int) -> None:
     if bullet.getDynamicsInfo(ball, -1)[0] != scene.mass:
         bullet.changeDynamics(ball, -1, mass=scene.mass)
     bullet.changeDynamics(ball, -1, **options.ball)
 
 
-@contextmanager
-def translated_errors(bullet: Any) -> Iterator[None]:
-    """What PyBullet refuses is EngineFailed."""
-    try:
-        yield
-    except bullet.error as error:
-        raise EngineFailed("pybullet", str(error), "") from error
-
-
 @cache
-def client() -> Any:
-    """The module, connected: one client for the life of this process."""
-    import pybullet  # prints on import
-
-    if pybullet.connect(pybullet.DIRECT) < 0:
-        raise EngineFailed("pybullet", "no client could be connected", "")
-    return pybullet
+def client() -> BulletClient:
+    """One client for the life of this process."""
+    return BulletClient.direct()
 
 
 def _urdf(scene: Scene, role: str) -> Path:
@@ -244,17 +229,12 @@ def _urdf(scene: Scene, role: str) -> Path:
     return path
 
 
-def _load(bullet: Any, scene: Scene, role: str, maximal: bool) -> int:
-    path = _urdf(scene, role)
-    try:
-        # Bullet looks for a mesh in the working directory first, and only then beside the URDF.
-        with chdir(path.parent):
-            return int(bullet.loadURDF(path.name, useMaximalCoordinates=maximal))
-    except bullet.error as error:
-        raise SceneError(f"scene {scene.name!r}", f"{path}: {error}", "a URDF that PyBullet loads") from None
+def _load(bullet: BulletClient, scene: Scene, role: str, maximal: bool) -> int:
+    (body,) = bullet.load_model(_urdf(scene, role), f"scene {scene.name!r}", useMaximalCoordinates=maximal)
+    return body
 
 
-def _check_shapes(bullet: Any, scene: Scene, ball: int, plate: int) -> None:
+def _check_shapes(bullet: BulletClient, scene: Scene, ball: int, plate: int) -> None:
     """Bullet must see the overlap that the scene says: radii, frames and meshes are right then."""
     overlap = 1e-5
     _place(bullet, ball, touching_height(scene) - overlap)
@@ -268,5 +248,5 @@ def _check_shapes(bullet: Any, scene: Scene, ball: int, plate: int) -> None:
         )
 
 
-def _place(bullet: Any, ball: int, height: float) -> None:
+def _place(bullet: BulletClient, ball: int, height: float) -> None:
     bullet.resetBasePositionAndOrientation(ball, [0.0, 0.0, height], [0.0, 0.0, 0.0, 1.0])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from hcbench.engines.pybullet.backend import BulletClient
-from hcbench.engines.pybullet.model import KIND, PLANAR, BulletBody
+from hcbench.engines.pybullet.model import JOINT_TYPE, PLANAR, BulletBody
 from hcbench.errors import SettingError
 from hcbench.laws.contact_law import STEPS_PER_CONTACT, Law, coarse, contact_time, is_force
 
@@ -68,7 +68,7 @@ def _make_side(bullet: BulletClient, bodies: dict[int, BulletBody], part: Any) -
     joints = bodies[number].joints
     if not -1 <= link < len(joints):
         raise SettingError(f"link {link} of body {number}", "not there", f"-1 (base) to {len(joints) - 1}")
-    if any(joint[KIND] == PLANAR for joint in joints):
+    if any(joint[JOINT_TYPE] == PLANAR for joint in joints):
         raise SettingError(
             f"body {number}", "has a planar joint", "other joints: PyBullet tells no axis of it"
         )
