@@ -23,6 +23,8 @@ _HERE = Path(__file__).parent
 _SOURCES = (
     "laws/exact_step.c",
     "laws/touch_speed.c",
+    "laws/impacts.c",
+    "laws/published.c",
     "engines/mujoco/plugin/plugin.c",
     "engines/mujoco/plugin/touch.c",
     "engines/mujoco/plugin/force.c",
@@ -115,5 +117,5 @@ def library(source: str, flags: tuple[str, ...] = (), headers: tuple[Path, ...] 
 
 @functools.cache
 def law_library() -> ctypes.CDLL:
-    """The law alone, no engine: what PyBullet's plug-in uses."""
-    return library("laws/exact_step.c")
+    """The laws alone, no engine."""
+    return library("laws/impacts.c")

@@ -2,6 +2,9 @@
    no tension, with kappa = k/m, a = (3/2) alpha, x > 0 in contact. exact_step.py has the same lines in Python
    and says why. */
 
+#ifndef HCB_EXACT_STEP_C
+#define HCB_EXACT_STEP_C
+
 #include <math.h>
 
 #define HCB_SUBSTEP 0.2 /* largest sub-step, in units of 1/omega */
@@ -288,3 +291,5 @@ double hcb_restitution(double d) {
   }
   return -expm1(-w) / d;
 }
+
+#endif

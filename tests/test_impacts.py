@@ -1,0 +1,165 @@
+"""The rule for simultaneous impacts, `laws/impacts.c`: any system, no engine."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from hcbench import _compile
+from hcbench.laws.closed_form import restitution
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.impact import Floats
+
+    System = tuple[Floats, Floats, Floats, list["Contact"]]
+
+LAW, LINEAR, CONSTANT = 0, 1, 2
+DOUBLES = ctypes.POINTER(ctypes.c_double)
+
+
+class Contact(ctypes.Structure):
+    _fields_ = [
+        ("kind", ctypes.c_int),
+        *((name, ctypes.c_double) for name in ("value", "friction", "still", "bonus")),
+    ]
+
+
+@dataclass
+class After:
+    u: Floats
+    p: Floats
+    v: Floats
+    rounds: int
+
+
+def collide(M: Floats, J: Floats, v: Floats, contacts: Sequence[Contact]) -> After:
+    """Velocities after the impacts of `contacts`, whose rows of J are normal, tangent, tangent."""
+    lib = _compile.law_library()
+    lib.hcb_impacts_work.restype = ctypes.c_size_t
+    n, nv = len(contacts), len(v)
+    J, B = np.ascontiguousarray(J), np.ascontiguousarray(np.linalg.solve(M, J.T).T)
+    G, p, u = np.zeros((3 * n, 3 * n)), np.zeros(3 * n), J @ v
+    work = np.full(lib.hcb_impacts_work(n), np.nan)
+    ptr = [a.ctypes.data_as(DOUBLES) for a in (J, B, G, u, p, work)]
+    lib.hcb_coupling(n, nv, *ptr[:3])
+    rows = (Contact * n)(*contacts)
+    rounds = lib.hcb_impacts(n, ptr[2], rows, *ptr[3:])
+    return After(u, p, v + B.T @ p, rounds)
+
+
+def energy(M: Floats, v: Floats) -> float:
+    return 0.5 * float(v @ M @ v)
+
+
+def row_of_balls(masses: Sequence[float], v: Sequence[float], e: float) -> System:
+    """Balls on a line that touch: one contact between neighbours."""
+    n = len(masses)
+    J = np.zeros((3 * (n - 1), n))
+    for i in range(n - 1):
+        J[3 * i, i], J[3 * i, i + 1] = -1.0, 1.0
+    contacts = [Contact(CONSTANT, e, 0.0, 1e-9, 0.0) for _ in range(n - 1)]
+    return np.diag(np.array(masses, float)), J, np.array(v, float), contacts
+
+
+def random_system(rng: np.random.Generator) -> System:
+    """Bodies with a dense mass matrix, contacts some of which are doubled, any e and friction."""
+    nv, n = 3 * int(rng.integers(1, 6)), int(rng.integers(1, 13))
+    A = rng.normal(size=(nv, nv))
+    M = A @ A.T / nv + np.diag(10.0 ** rng.uniform(-2, 2, nv))
+    J = rng.normal(size=(3 * n, nv))
+    if n > 2 and rng.random() < 0.3:
+        J[3:6] = J[:3]
+    contacts = []
+    for _ in range(n):
+        kind = int(rng.integers(0, 3))
+        value = rng.choice([0.0, 1.0, rng.random()])
+        mu = rng.choice([0.0, rng.uniform(0, 2)])
+        contacts.append(Contact(kind, value, mu, 1e-9, 0.0))
+    return M, J, rng.normal(size=nv), contacts
+
+
+def test_energy_never_grows_and_forces_keep_their_cones() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(1500):
+        M, J, v, contacts = random_system(rng)
+        after = collide(M, J, v, contacts)
+        assert energy(M, after.v) <= energy(M, v) * (1 + 1e-12)
+        np.testing.assert_allclose(after.u, J @ after.v, atol=1e-9 * (1 + np.abs(after.u).max()))
+        for c, p in zip(contacts, after.p.reshape(-1, 3), strict=True):
+            assert p[0] >= 0.0
+            assert np.hypot(p[1], p[2]) <= 1.0101 * c.friction * p[0] + 1e-12
+
+
+def test_bonus_for_gravity_adds_no_energy_either() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(300):
+        M, J, v, contacts = random_system(rng)
+        for c in contacts:
+            c.bonus = rng.uniform(0, 1)
+        # Bodies squeezed from all sides: impulses, and their rounding, are many times the momentum.
+        assert energy(M, collide(M, J, v, contacts).v) <= energy(M, v) * (1 + 1e-9)
+
+
+def test_a_single_contact_gets_its_restitution_whatever_the_friction() -> None:
+    rng = np.random.default_rng(3)
+    worst = 0.0
+    for _ in range(500):
+        M, J, v, _ = random_system(rng)
+        if J[0] @ v > 0:
+            v = -v
+        kind, value = int(rng.integers(0, 3)), rng.uniform(0, 1)
+        speed = -float(J[0] @ v)
+        e = {LAW: float(restitution(value, speed)), LINEAR: max(0.0, 1 - value * speed), CONSTANT: value}[
+            kind
+        ]
+        mu = rng.choice([0.0, rng.uniform(0, 1)])
+        after = collide(M, J[:3], v, [Contact(kind, value, mu, 1e-9, 0.0)])
+        gains = energy(M, after.v) > energy(M, v) * (1 + 1e-12)
+        assert not gains
+        worst = max(worst, abs(after.u[0] / speed - e))
+        assert np.hypot(*after.p[1:]) <= mu * after.p[0] * (1 + 1e-9)
+    assert worst < 1e-9
+
+
+@pytest.mark.parametrize(("n", "incoming"), [(2, 1), (5, 1), (5, 2), (10, 3)])
+def test_elastic_row_sends_out_as_many_as_come_in(n: int, incoming: int) -> None:
+    v = [1.0] * incoming + [0.0] * (n - incoming)
+    after = collide(*row_of_balls([1.0] * n, v, 1.0))
+    np.testing.assert_allclose(after.v, v[::-1], atol=1e-9)
+
+
+def test_inelastic_row_is_one_binary_impact_after_another() -> None:
+    after = collide(*row_of_balls([1.0] * 5, [1, 0, 0, 0, 0], 0.9))
+    assert after.v[-1] == pytest.approx(0.95**4, abs=1e-9)
+    assert after.v[0] == pytest.approx(0.05, abs=0.01)
+
+
+def test_symmetric_blows_stay_symmetric() -> None:
+    after = collide(*row_of_balls([1.0] * 3, [1, 0, -1], 0.9))
+    np.testing.assert_allclose(after.v, [-0.9, 0, 0.9], atol=1e-12)
+
+
+def test_slow_approaches_are_left_alone() -> None:
+    M, J, v, contacts = row_of_balls([1.0, 1.0], [1e-3, 0.0], 0.5)
+    contacts[0].still = 2e-3
+    after = collide(M, J, v, contacts)
+    assert after.rounds == 0
+    np.testing.assert_array_equal(after.v, v)
+
+
+def test_sliding_ball_keeps_coulombs_impulse_and_a_slow_one_sticks() -> None:
+    M = np.diag([1.0] * 3 + [0.4 * 0.05**2] * 3)  # a ball of radius 50 mm: z up, contact below
+    r = np.array([0.0, 0.0, -0.05])
+    J = np.array([np.r_[d, np.cross(r, d)] for d in np.eye(3)[[2, 0, 1]]])
+    v = np.array([2.0, 0.0, -0.3, 0.0, 0.0, 0.0])
+    sliding = collide(M, J, v, [Contact(CONSTANT, 0.9, 0.1, 1e-9, 0.0)])
+    np.testing.assert_allclose(sliding.p, [0.57, -0.057, 0.0], atol=1e-12)
+    sticking = collide(M, J, v, [Contact(CONSTANT, 0.9, 2.0, 1e-9, 0.0)])
+    np.testing.assert_allclose(sticking.v[0], 2.0 * 5 / 7, atol=1e-12)
+    assert sticking.u[0] == pytest.approx(0.27, abs=1e-12)
