@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
+collect_ignore = ["outside"]  # run on its own, as its author would
+
+
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "adhesion: needs a contact pair's adhesion, MuJoCo 3.11 or later")
 

@@ -68,30 +68,29 @@ def impacts_of(
     for i, (launch, start, stop, n, end) in enumerate(
         zip(launches, first.tolist(), stops.tolist(), counts.tolist(), ends.tolist(), strict=True)
     ):
-        parted = end == End.PARTED
         if end not in (End.PARTED, End.RESTED, End.UNFINISHED):
-            impacts.append(_without_contact(launch, End(end), float(time[n - 1])))
-        elif not v_in[i] > 0 or (parted and v_out[i] < 0):
-            impacts.append(Impact(launch, Status.DIVERGED, _PUSHED, samples=stop - start))
+            impact = _without_contact(launch, End(end), float(time[n - 1]))
+        elif not v_in[i] > 0 or (end == End.PARTED and v_out[i] < 0):
+            impact = Impact(launch, Status.DIVERGED, _PUSHED, samples=stop - start)
         elif end == End.UNFINISHED:
-            lasted = n - start
-            reason = f"still in contact, and not at rest, after {lasted} steps ({h * lasted:.3g} s)"
-            impacts.append(Impact(launch, Status.UNFINISHED, reason, samples=stop - start))
+            lasted = f"{n - start} steps ({h * (n - start):.3g} s)"
+            reason = f"still in contact, and not at rest, after {lasted}"
+            impact = Impact(launch, Status.UNFINISHED, reason, samples=stop - start)
         else:
-            contact = slice(start, stop)
+            contact, rested = slice(start, stop), end == End.RESTED
             impact = Impact(
                 launch=launch,
-                status=Status.PARTED if parted else Status.RESTED,
-                reason="" if parted else f"still in contact {time[n - 1] - time[start]:.3g} s after touch",
+                status=Status.RESTED if rested else Status.PARTED,
+                reason=f"still in contact {time[n - 1] - time[start]:.3g} s after touch" if rested else "",
                 speed_in=v_in[i],
-                speed_out=v_out[i] if parted else 0.0,
+                speed_out=0.0 if rested else v_out[i],
                 duration=h * (stop - start),
                 penetration_max=deepest[i],
                 force_max=hardest[i],
                 samples=stop - start,
                 loop=Loop(clock[: stop - start], x[i, contact], v[i, contact], f[i, contact]),
             )
-            impacts.append(impact)
+        impacts.append(impact)
     return impacts
 
 
