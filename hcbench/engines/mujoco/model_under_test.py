@@ -10,9 +10,9 @@ import numpy as np
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.causes.checks import find_suspects
 from hcbench.engines.mujoco.causes.context import Context, asked_law, delivered_law
+from hcbench.engines.mujoco.find_pair import find_pair
 from hcbench.engines.mujoco.model import geom_name
-from hcbench.engines.mujoco.pair import find_sides
-from hcbench.engines.mujoco.place import place
+from hcbench.engines.mujoco.place import bring_to_touch
 from hcbench.engines.mujoco.user_model import start
 from hcbench.engines.mujoco.user_simulation import UserSimulation
 from hcbench.measure.causes import other_contacts
@@ -38,8 +38,8 @@ class MujocoModel(ModelUnderTest):
         self.model, self.label, self.request = model, label, request
         with captured_warnings():
             self.start, self.start_name = start(model, request.key)
-            first, second = find_sides(model, request.pair)
-            self.place = place(model, start(model, request.key)[0], first, second)
+            pair = find_pair(model, request.pair)
+            self.place = bring_to_touch(pair, start(model, request.key)[0])
         self.timestep, self.mass = float(model.opt.timestep), self.place.effective_mass
         self.gravity = float(np.dot(self._gravity(), self.place.contact.normal))
         self.others: set[int] = set()  # geoms that touched the two during an impact
@@ -71,8 +71,8 @@ class MujocoModel(ModelUnderTest):
             engine="mujoco",
             version=mujoco.__version__,
             model=self.label,
-            pair=(_shown(model, place.first, geoms), _shown(model, place.second, geoms)),
-            moved=place.carrier.words,
+            pair=(_shown(model, place.pair.first, geoms), _shown(model, place.pair.second, geoms)),
+            moved=place.joint.description,
             timestep=float(model.opt.timestep),
             gravity=tuple(float(g) for g in self._gravity()),  # type: ignore[arg-type]
             effective_mass=place.effective_mass,

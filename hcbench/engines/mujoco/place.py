@@ -1,155 +1,193 @@
-"""MuJoCo: the configuration in which a pair just touches, and the direction in which it is launched."""
+"""Brings a pair just to touch, by MuJoCo's own collision functions, and finds how to launch it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
-from hcbench.engines.mujoco.model import approach_row, effective_mass, geom_name
-from hcbench.engines.mujoco.pair import (
-    Carrier,
-    Side,
-    carriers,
-    height_field,
-    normal_between,
-    why_immobile,
-    why_no_contact,
-)
-from hcbench.engines.mujoco.touch import Approach, Contact, read_contact, side_table
+from hcbench.engines.mujoco.find_pair import immobile_error, moving_joints, no_contact_error
+from hcbench.engines.mujoco.model import effective_mass, geom_name
 from hcbench.errors import UserError
-from hcbench.sim.touch import LEAST_APPROACH, require_apart, require_reachable
+from hcbench.sim.touch import (
+    LEAST_APPROACH,
+    require_apart,
+    require_reachable,
+    travel_by_distance,
+    travel_by_scan,
+)
 
 if TYPE_CHECKING:
+    from hcbench.engines.mujoco.find_pair import MovingJoint
+    from hcbench.engines.mujoco.pair import ContactPair, PairContact
     from hcbench.impact import Floats
+
+_DEPTHS = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # of the smaller one's size: where contacts are looked for
+_OPPOSING = 0.5  # of the approach, that must be along the normal of a contact
 
 
 @dataclass(frozen=True, slots=True)
-class Placement:
-    """Where a launch starts from.
+class PairAtTouch:
+    """A pair that just touches, the moving one first.
 
-    qpos: (nq,), at touch. direction: (nv,), of the velocity that approaches at 1 m/s. start: what the rest of
-    the model is held at. overlap: how deep the two were in each other in the model's own start, m.
+    joint: what moves it. qpos: (nq,), at touch. direction: (nv,), the velocity that approaches at 1 m/s.
+    effective_mass: along the normal, kg. overlap: how deep the two were in each other at the start, m.
     """
 
-    first: Side
-    second: Side
-    carrier: Carrier
+    pair: ContactPair
+    joint: MovingJoint
     qpos: Floats
     direction: Floats
-    contact: Contact
+    contact: PairContact
     effective_mass: float
     overlap: float
 
 
-def place(model: Any, data: Any, first: Side, second: Side) -> Placement:
+def bring_to_touch(pair: ContactPair, data: Any) -> PairAtTouch:
     """Bring the two just to touch, by moving the first (or else the second) along their common normal.
 
     data: at rest in the start configuration. Raises UserError with the reason where that cannot be done.
     """
-    mujoco = backend()
-    mujoco.mj_forward(model, data)
-    distance, normal, point = normal_between(model, data, first, second)
-    size = _size(model, first, second)
+    backend().mj_forward(pair.model, data)
+    distance, normal, point = pair.nearest(data)
+    names = pair.first.name, pair.second.name
     if not np.isfinite(distance):
-        raise UserError(
-            "pair", f"no distance from {first.name!r} to {second.name!r} is known", "two solid geoms"
-        )
-    if height_field(model, first, second) < 0:
-        require_apart(
-            distance, size, first.name, second.name, "Move one away, or start from another keyframe"
-        )
+        raise UserError("pair", f"no distance from {names[0]!r} to {names[1]!r} is known", "two solid geoms")
+    overlap = 0.0
+    if pair.height_field < 0:
+        require_apart(distance, pair.size, *names, "Move one away, or start from another keyframe")
+        overlap = max(0.0, -float(distance))
     if not normal.any():
-        normal = _guess_normal(model, data, first, second)
-    sideways = False
-    for moving, sign in ((first, 1.0), (second, -1.0)):
-        for carrier in carriers(model, moving.body):
-            row = approach_row(model, data, first.body, second.body, point, normal)
-            move = _direction(row, carrier)
-            if move is None:
-                sideways = True
-                continue
-            found = Approach(model, data, first, second, move, size).touch()
-            if found is None:
-                raise why_no_contact(model, first, second)
-            sides = (first, second) if sign > 0 else (second, first)
-            return _finished(model, data, sides, carrier, move, *found, float(distance))
-    if sideways:
-        raise UserError(
-            "pair",
-            f"{first.name!r} and {second.name!r} slide past each other: no joint moves one towards the other",
-            "a free or slide joint along their common normal",
-        )
-    raise why_immobile(model, (first, second))
+        normal = _guess_normal(pair, data)
+    row = pair.approach_row(data, point, normal)
+    joints = [(p, joint) for p in (pair, pair.swapped()) for joint in moving_joints(p.model, p.first.body)]
+    for ordered, joint in joints:
+        move = _direction(row, joint)
+        if move is not None:
+            contact = _TouchSearch(pair, data, move).contact_at_touch()
+            if contact is None:
+                raise no_contact_error(pair)
+            return _at_touch(ordered, data, joint, move, contact, overlap)
+    if joints:
+        got = f"{names[0]!r} and {names[1]!r} slide past each other: no joint moves one towards the other"
+        raise UserError("pair", got, "a free or slide joint along their common normal")
+    raise immobile_error(pair)
 
 
-def _size(model: Any, first: Side, second: Side) -> float:
-    bounds = [float(model.geom_rbound[g]) for g in (*first.geoms, *second.geoms)]
-    return min([b for b in bounds if b > 0], default=0.1)
-
-
-def _guess_normal(model: Any, data: Any, first: Side, second: Side) -> Floats:
-    """For two that touch exactly at the start: the engine's own contact, or the line between centres."""
-    contact = read_contact(model, data, side_table(model, first, second))
+def _guess_normal(pair: ContactPair, data: Any) -> Floats:
+    """For two that touch exactly at the start: that of MuJoCo's contact, or the line between centres."""
+    contact = pair.contact(data)
     if contact is not None:
         return contact.normal
-    line = data.geom_xpos[second.geoms[0]] - data.geom_xpos[first.geoms[0]]
+    line = data.geom_xpos[pair.second.geoms[0]] - data.geom_xpos[pair.first.geoms[0]]
     length = float(np.linalg.norm(line))
     return line / length if length > 0 else np.array([0.0, 0.0, -1.0])
 
 
-def _direction(row: Floats, carrier: Carrier) -> Floats | None:
-    """The least velocity of the carrier's joints that approaches at 1 m/s; None where none does."""
-    along = row[list(carrier.dofs)]
+def _direction(row: Floats, joint: MovingJoint) -> Floats | None:
+    """The least velocity of a joint that approaches at 1 m/s; None where none does."""
+    along = row[list(joint.dofs)]
     squared = float(along @ along)
     if squared < LEAST_APPROACH**2:
         return None
-    out = np.zeros_like(row)
-    out[list(carrier.dofs)] = along / squared
-    return out
+    direction = np.zeros_like(row)
+    direction[list(joint.dofs)] = along / squared
+    return direction
 
 
-def _finished(
-    model: Any,
-    data: Any,
-    sides: tuple[Side, Side],
-    carrier: Carrier,
-    move: Floats,
-    qpos: Floats,
-    contact: Contact,
-    distance: float,
-) -> Placement:
-    moving, other = sides
-    row = approach_row(model, data, moving.body, other.body, contact.point, contact.normal)
+class _TouchSearch:
+    """Moves a pair along `move`, from the configuration that `data` is in, to where its contact begins."""
+
+    def __init__(self, pair: ContactPair, data: Any, move: Floats) -> None:
+        self.pair, self.data, self.move, self.start = pair, data, move, data.qpos.copy()
+
+    def contact_at_touch(self) -> PairContact | None:
+        """The contact, with `data` at touch; None where MuJoCo makes no contact of the two."""
+        travel = travel_by_distance(self._distance, self.pair.size)
+        found = self._first_opposing_contact(travel)
+        if found is None:  # MuJoCo gives the distance of some shapes only roughly
+            before, behind = self._window()
+            begun = travel_by_scan(lambda t: self._contact(t) is not None, travel - before, travel + behind)
+            found = None if begun is None else self._first_opposing_contact(begun)
+            if begun is None or found is None:
+                return None
+            travel = begun
+        depth, contact = found
+        for _ in range(2):  # the engine's own collision function has the last word on where they touch
+            travel += contact.distance - contact.onset + depth
+            contact = self._contact(travel + depth) or contact
+        self._go(travel + (contact.distance - contact.onset + depth))
+        return contact
+
+    def _go(self, travel: float) -> None:
+        """Put `data` so far along the motion, contacts and mass matrix included."""
+        model, mujoco = self.pair.model, backend()
+        self.data.qpos[:] = self.start
+        mujoco.mj_integratePos(model, self.data.qpos, self.move, travel)
+        mujoco.mj_fwdPosition(model, self.data)
+
+    def _contact(self, travel: float) -> PairContact | None:
+        self._go(travel)
+        return self.pair.contact(self.data)
+
+    def _distance(self, travel: float) -> float:
+        self._go(travel)
+        return self.pair.nearest(self.data)[0]
+
+    def _first_opposing_contact(self, travel: float) -> tuple[float, PairContact] | None:
+        """(depth, contact) at the smallest depth whose contact's normal opposes the motion.
+
+        Shallower contacts can have any normal.
+        """
+        for share in _DEPTHS:
+            contact = self._contact(travel + share * self.pair.size)
+            if contact is not None:
+                row = self.pair.approach_row(self.data, contact.point, contact.normal)
+                if abs(float(row @ self.move)) > _OPPOSING:
+                    return share * self.pair.size, contact
+        return None
+
+    def _window(self) -> tuple[float, float]:
+        """How far before and behind the rough distance a contact may begin, m."""
+        pair, field = self.pair, self.pair.height_field
+        if field < 0:
+            return pair.size, pair.size
+        bound = max(float(pair.model.geom_rbound[geom]) for geom in pair.geoms if geom != field)
+        return bound, 2 * bound + float(pair.model.hfield_size[pair.model.geom_dataid[field]][2])
+
+
+def _at_touch(
+    pair: ContactPair, data: Any, joint: MovingJoint, move: Floats, contact: PairContact, overlap: float
+) -> PairAtTouch:
+    """pair: with the moving one first. data: at touch."""
     normal = contact.normal
-    if float(row @ move) < 0:  # the contact was read with the roles the other way round
+    row = pair.approach_row(data, contact.point, normal)
+    if float(row @ move) < 0:  # the contact was read with the two the other way round
         row, normal = -row, -normal
-    direction = _direction(row, carrier)
-    mass = effective_mass(model, data, row)
+    direction, mass = _direction(row, joint), effective_mass(pair.model, data, row)
     if direction is None or not np.isfinite(mass):
-        raise UserError(
-            "pair", f"{moving.name!r} cannot move along the contact normal", "a joint that lets it"
-        )
-    _require_room(model, data, moving, other)
-    turned = Contact(normal, contact.point, contact.onset, contact.distance, contact.rows)
-    overlap = max(0.0, -distance) if height_field(model, moving, other) < 0 else 0.0
-    return Placement(moving, other, carrier, qpos, direction, turned, mass, overlap)
+        got = f"{pair.first.name!r} cannot move along the contact normal"
+        raise UserError("pair", got, "a joint that lets it")
+    _require_room(pair, data)
+    contact = replace(contact, normal=normal)
+    return PairAtTouch(pair, joint, data.qpos.copy(), direction, contact, mass, overlap)
 
 
-def _require_room(model: Any, data: Any, moving: Side, other: Side) -> None:
+def _require_room(pair: ContactPair, data: Any) -> None:
     """Refuse a touch at which other parts of what moves would be deep in something."""
-    table = side_table(model, moving, other)
-    root = int(model.body_rootid[moving.body])
-    for i in range(data.ncon):
-        contact = data.contact[i]
-        a, b = (int(g) for g in contact.geom)
-        if min(a, b) < 0 or contact.exclude or table[a] + table[b] == 3:
+    model, sides, names = pair.model, pair.sides, (pair.first.name, pair.second.name)
+    root = model.body_rootid[pair.first.body]
+    for contact in data.contact:
+        geoms = contact.geom.tolist()
+        if min(geoms) < 0 or contact.exclude or sides[geoms].sum() == 3:
             continue
-        inside = [g for g in (a, b) if int(model.body_rootid[model.geom_bodyid[g]]) == root]
-        if len(inside) == 1:
-            size = min(r for r in (model.geom_rbound[a], model.geom_rbound[b], np.inf) if r > 0)
-            mine, third = (repr(geom_name(model, g)) for g in ((a, b) if inside[0] == a else (b, a)))
+        # The one that moves with the pair first.
+        geoms.sort(key=lambda geom: model.body_rootid[model.geom_bodyid[geom]] != root)
+        moves = [model.body_rootid[model.geom_bodyid[geom]] == root for geom in geoms]
+        if moves == [True, False]:
+            size = min(r for r in (*model.geom_rbound[geoms], np.inf) if r > 0)
+            part, third = (repr(geom_name(model, geom)) for geom in geoms)
             todo = ", or start from a keyframe in which these do"
-            require_reachable(-contact.dist, size, (moving.name, other.name), (mine, third), todo)
+            require_reachable(-contact.dist, size, names, (part, third), todo)

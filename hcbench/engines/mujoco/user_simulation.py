@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
-from hcbench.engines.mujoco.model import approach_row, geom_name
-from hcbench.engines.mujoco.touch import side_table
+from hcbench.engines.mujoco.model import geom_name
 from hcbench.sim.engine import Record, Simulation
 
 if TYPE_CHECKING:
-    from hcbench.engines.mujoco.place import Placement
+    from hcbench.engines.mujoco.pair import ContactPair
+    from hcbench.engines.mujoco.place import PairAtTouch
     from hcbench.impact import Floats, Launch
     from hcbench.sim.engine import Flags
 
@@ -37,11 +37,10 @@ class UserSimulation(Simulation):
     others: geoms that touched the two in launches until now; those of this one are added.
     """
 
-    def __init__(self, model: Any, start: Any, place: Placement, launch: Launch, others: set[int]) -> None:
+    def __init__(self, model: Any, start: Any, place: PairAtTouch, launch: Launch, others: set[int]) -> None:
         self._mujoco = mujoco = backend()
         self._model, self._place = model, place
         self._h = float(model.opt.timestep)
-        self._table = side_table(model, place.first, place.second)
         self._data = copy.copy(start)
         clearance = launch.clearance(self._h)
         self._data.qpos[:] = place.qpos
@@ -101,7 +100,7 @@ class UserSimulation(Simulation):
         step = _Step(self._x, rate, force, free)
         self._touched |= force != 0.0
         if seen.ncon > self._reader.count:
-            for geom in _others(model, seen, self._table, self._place):
+            for geom in _others(seen, self._place.pair):
                 self._first_touch.setdefault(geom, self._steps - 1)
         self._x += self._h * rate
         return step
@@ -121,10 +120,10 @@ class UserSimulation(Simulation):
 class _Reader:
     """Reads depth, force and rate of the pair off an MjData that belongs to one state."""
 
-    def __init__(self, model: Any, place: Placement, data: Any) -> None:
+    def __init__(self, model: Any, place: PairAtTouch, data: Any) -> None:
         mujoco = backend()
         self.model, self.place, self.count = model, place, 0
-        self.table = side_table(model, place.first, place.second).tolist()
+        self.table = place.pair.sides.tolist()
         self.pyramid = int(model.opt.cone) == int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
         self.wrench = np.zeros(6)
         self.force_of = mujoco.mj_contactForce
@@ -135,8 +134,7 @@ class _Reader:
     def row(self, data: Any) -> Floats:
         """(nv,) approach row at the last contact, from the kinematics in `data`."""
         if self._row is None:
-            first, second = self.place.first.body, self.place.second.body
-            self._row = approach_row(self.model, data, first, second, self.point, self.normal)
+            self._row = self.place.pair.approach_row(data, self.point, self.normal)
         return self._row
 
     def read(self, data: Any, velocity: Floats) -> tuple[float | None, float, float]:
@@ -189,13 +187,14 @@ def _copy_state(model: Any, source: Any, target: Any) -> None:
     mujoco.mj_setState(model, target, state, kind)
 
 
-def _others(model: Any, data: Any, table: Any, place: Placement) -> set[int]:
+def _others(data: Any, pair: ContactPair) -> set[int]:
     """Geoms that touch the moving tree, or the other one's, besides the pair."""
-    roots = {int(model.body_rootid[b]) for b in (place.first.body, place.second.body) if b}
+    model, sides = pair.model, pair.sides
+    roots = {int(model.body_rootid[b]) for b in (pair.first.body, pair.second.body) if b}
     found = set()
     for i in range(data.ncon):
         geoms = [int(g) for g in data.contact.geom[i]]
-        if data.contact.efc_address[i] < 0 or min(geoms) < 0 or table[geoms[0]] + table[geoms[1]] == 3:
+        if data.contact.efc_address[i] < 0 or min(geoms) < 0 or sides[geoms[0]] + sides[geoms[1]] == 3:
             continue
         in_tree = [int(model.body_rootid[model.geom_bodyid[g]]) in roots for g in geoms]
         if any(in_tree):

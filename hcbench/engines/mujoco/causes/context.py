@@ -16,7 +16,7 @@ from hcbench.measure.causes import BOUNCY, constant_e
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.engines.mujoco.place import Placement
+    from hcbench.engines.mujoco.place import PairAtTouch
     from hcbench.impact import Floats, Impact
     from hcbench.laws.restitution import RestitutionCurve
 
@@ -33,7 +33,7 @@ class Context:
     """
 
     model: Any
-    place: Placement
+    place: PairAtTouch
     asked: SoftConstraint | None
     delivered: SoftConstraint | None
     impacts: Sequence[Impact]
@@ -86,13 +86,13 @@ class Context:
         return e
 
 
-def _in_order(place: Placement, geoms: tuple[int, int]) -> tuple[int, int]:
+def _in_order(place: PairAtTouch, geoms: tuple[int, int]) -> tuple[int, int]:
     """The moving one first."""
-    return geoms if geoms[0] in place.first.geoms else (geoms[1], geoms[0])
+    return geoms if geoms[0] in place.pair.first.geoms else (geoms[1], geoms[0])
 
 
 def _as_written(
-    model: Any, place: Placement, geoms: tuple[int, int]
+    model: Any, place: PairAtTouch, geoms: tuple[int, int]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """(solref, solimp) that the author wrote for two geoms: of their <pair>, else of the moving geom, or of
     the other one where that has the default.
@@ -113,7 +113,7 @@ def same(a: Sequence[float] | Floats, b: Sequence[float]) -> bool:
     return bool(np.allclose(a, b, rtol=1e-12, atol=0))
 
 
-def asked_law(model: Any, place: Placement) -> tuple[SoftConstraint | None, str]:
+def asked_law(model: Any, place: PairAtTouch) -> tuple[SoftConstraint | None, str]:
     """What the author's solref and solimp ask for, in words too; None where different contacts add up."""
     rows = place.contact.rows
     written = {_as_written(model, place, geoms) for _, _, geoms in rows}
@@ -125,7 +125,7 @@ def asked_law(model: Any, place: Placement) -> tuple[SoftConstraint | None, str]
     return law, f"{default}solref {numbers(solref)}, solimp {numbers(solimp)}"
 
 
-def delivered_law(model: Any, place: Placement) -> SoftConstraint | None:
+def delivered_law(model: Any, place: PairAtTouch) -> SoftConstraint | None:
     """What the engine made of it: mixed, clamped and kept safe; None where different contacts add up."""
     used = {(solref, solimp) for solref, solimp, _ in place.contact.rows}
     if len(used) > 1:

@@ -66,8 +66,8 @@ def gravity(s: Context) -> Iterator[Suspect]:
 
 def losses(s: Context) -> Iterator[Suspect]:
     """Damping that is not the contact's."""
-    model, dofs = s.model, list(s.place.carrier.dofs)
-    joint = body_name(model, s.place.carrier.body)
+    model, dofs = s.model, list(s.place.joint.dofs)
+    joint = body_name(model, s.place.joint.body)
     for code, field, words in (
         ("joint-damping", "dof_damping", "damping"),
         ("joint-friction", "dof_frictionloss", "frictionloss"),
