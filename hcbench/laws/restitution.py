@@ -46,8 +46,8 @@ class Restitution(RestitutionCurve):
     reading: Reading = "law"
 
     def __post_init__(self) -> None:
-        good = 0 <= self.alpha < math.inf
-        require("alpha", self.alpha, good, "0 s/m or more", error=SettingError)
+        if not 0 <= self.alpha < math.inf:
+            raise SettingError("alpha", f"{self.alpha!r} s/m", "0 s/m or more")
         good = self.reading in get_args(Reading)
         require("reading", self.reading, good, "'law' or 'linear'", error=SettingError)
 
@@ -74,7 +74,8 @@ class ConstantRestitution(RestitutionCurve):
     restitution: float
 
     def __post_init__(self) -> None:
-        _require_e(self.restitution)
+        good = 0 <= self.restitution <= 1
+        require("restitution", self.restitution, good, "0 ... 1", error=SettingError)
         object.__setattr__(self, "restitution", float(self.restitution))
 
     def at(self, speed: Floats | float) -> Floats:
@@ -99,8 +100,8 @@ class MeasuredRestitution(RestitutionCurve):
     def __post_init__(self) -> None:
         if not self.points:
             raise SettingError("restitution", "no points", "at least one pair of v and e")
-        for _, e in self.points:
-            _require_e(e)
+        good = all(0 <= e <= 1 for _, e in self.points)
+        require("restitution", self.values.tolist(), good, "0 ... 1", error=SettingError)
 
     @property
     def speeds(self) -> Floats:
@@ -120,7 +121,3 @@ class MeasuredRestitution(RestitutionCurve):
     def description(self) -> str:
         """What a report calls it."""
         return f"{len(self.points)} measured pairs"
-
-
-def _require_e(e: float) -> None:
-    require("restitution", e, 0 <= e <= 1, "0 ... 1", error=SettingError)
