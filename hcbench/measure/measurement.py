@@ -1,4 +1,4 @@
-"""What measuring a user's own model hands back."""
+"""The result of measuring a pair of a user's own model, and what it is compared with."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench import scoring
 from hcbench.errors import QuantityError
 from hcbench.impact import Status
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import ConstantRestitution, MeasuredRestitution, Restitution
 from hcbench.sim.model_under_test import Facts, Request
 
@@ -17,10 +20,11 @@ if TYPE_CHECKING:
     from hcbench.impact import Impact
     from hcbench.laws.restitution import Reading, RestitutionCurve
 
-TOLERANCE = 0.02
+TOLERANCE = 0.02  # of e
 GAIN = 1e-6  # e above 1 by more than this is energy made from nothing, not round-off
-
-NOTABLE_GAIN = 1e-3  # from which the causes of it are looked for
+NOTABLE_GAIN = 1e-3  # e above 1 by more than this: the causes are looked for
+_LOOP_STEPS = 8  # in contact, from which there is a loop to show
+_MEASURED = (Status.PARTED, Status.RESTED)
 
 
 def Wanted(
@@ -46,8 +50,8 @@ def Wanted(
 class Cause:
     """A suspect that was found to matter.
 
-    alone: largest |e - goal| at the launches that were tried, with this one fixed and nothing else. without:
-    the same with the other causes fixed and not this one. NaN where that was not tried.
+    alone: largest |e - goal| at the launches that were tried, with this one fixed and nothing else.
+    without: the same with the other causes fixed and not this one. NaN where that was not tried.
     """
 
     code: str
@@ -62,7 +66,8 @@ class Cause:
 class CurvePoint:
     """All phases of one launch speed; NaN where nothing parted or rested.
 
-    speed: launched, m/s. speed_in: mean approach speed at touch, m/s, which gravity makes differ.
+    speed: at launch, m/s. speed_in: mean at touch, m/s; gravity makes the two differ. restitution: mean e.
+    lowest, highest: e. samples: fewest steps in contact. failed: impacts without an e.
     """
 
     speed: float
@@ -76,14 +81,17 @@ class CurvePoint:
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """One pair of one model, measured."""
+    """One pair of one model, measured.
+
+    remedy: what is left with all causes fixed, as a sentence.
+    """
 
     facts: Facts
     request: Request
     impacts: tuple[Impact, ...]
     wanted: RestitutionCurve | None = None
     causes: tuple[Cause, ...] = ()
-    remedy: str = ""  # what is left when all that was found is fixed
+    remedy: str = ""
 
     @property
     def curve(self) -> list[CurvePoint]:
@@ -93,20 +101,27 @@ class Measurement:
     @property
     def measured(self) -> list[Impact]:
         """The impacts that have a restitution."""
-        return [i for i in self.impacts if i.status in (Status.PARTED, Status.RESTED)]
+        return [i for i in self.impacts if i.status in _MEASURED]
 
     @property
     def failed(self) -> list[Impact]:
         """The impacts that have none."""
-        return [i for i in self.impacts if i.status not in (Status.PARTED, Status.RESTED)]
+        return [i for i in self.impacts if i.status not in _MEASURED]
+
+    @property
+    def loops(self) -> list[Impact]:
+        """One impact a speed, of those whose contact took steps enough to show force over penetration."""
+        loops: dict[float, Impact] = {}
+        for impact in self.impacts:
+            if impact.status is Status.PARTED and impact.loop is not None and impact.samples >= _LOOP_STEPS:
+                loops.setdefault(impact.launch.speed, impact)
+        return list(loops.values())
 
     @property
     def spread(self) -> float:
         """The largest difference in e between phases of one speed; NaN with nothing to compare."""
-        return max(
-            (p.highest - p.lowest for p in self.curve if math.isfinite(p.highest)),
-            default=math.nan,
-        )
+        spreads = [point.highest - point.lowest for point in self.curve if math.isfinite(point.highest)]
+        return max(spreads, default=math.nan)
 
     @property
     def energy_gained(self) -> bool:
@@ -117,9 +132,49 @@ class Measurement:
         """(impact, e - e wanted at its approach speed) of every impact that has an e."""
         return [(i, i.restitution - float(wanted.at(i.speed_in))) for i in self.measured]
 
+    @property
+    def effective_mass(self) -> float:
+        """Of the model, or else by the change of momentum in the first impact with a loop, kg."""
+        if math.isfinite(self.facts.effective_mass):
+            return self.facts.effective_mass
+        for impact in self.impacts:
+            if impact.status is Status.PARTED and impact.loop is not None:
+                momentum = float(impact.loop.force.sum()) * self.facts.timestep
+                return momentum / (impact.speed_in + impact.speed_out)
+        return math.nan
+
+    @property
+    def law(self) -> HuntCrossley | None:
+        """The law to compare with: α as wanted, or else as fitted; k so that the hardest impact goes as deep.
+
+        None where nothing was measured that a law could be fitted to.
+        """
+        if isinstance(self.wanted, Restitution):
+            alpha = self.wanted.alpha
+        elif len(self.measured) > 1:
+            speeds = np.array([i.speed_in for i in self.measured])
+            alpha, _ = scoring.fit_alpha(speeds, np.array([i.restitution for i in self.measured]))
+        else:
+            return None
+        unit, mass = HuntCrossley(1.0, alpha), self.effective_mass
+        resolved = [i for i in self.measured if i.samples >= scoring.RESOLVED and i.penetration_max > 0]
+        if not resolved or not math.isfinite(mass):
+            return unit
+        hardest = max(resolved, key=lambda i: i.speed_in)
+        depth = float(closed_form.penetration_max(unit, mass, hardest.speed_in))
+        return HuntCrossley((depth / hardest.penetration_max) ** (unit.exponent + 1), alpha)
+
+    @property
+    def score(self) -> scoring.Score | None:
+        """Every figure of `scoring` against `law`; None without a law."""
+        law, mass = self.law, self.effective_mass
+        if law is None or not self.measured or not math.isfinite(mass):
+            return None
+        return scoring.score(self.impacts, law, mass)
+
 
 def _point(speed: float, impacts: list[Impact]) -> CurvePoint:
-    good = [i for i in impacts if i.status in (Status.PARTED, Status.RESTED)]
+    good = [i for i in impacts if i.status in _MEASURED]
     e = [i.restitution for i in good] or [math.nan]
     return CurvePoint(
         speed=speed,

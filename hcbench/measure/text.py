@@ -1,4 +1,4 @@
-"""A measurement as text and as JSON. No clock in it: the same model gives the same bytes."""
+"""A measurement as text and as JSON. It has no dates in it: the same model gives the same bytes."""
 
 from __future__ import annotations
 
@@ -8,74 +8,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench import scoring
 from hcbench._text import number, sanitized, table, without_empty
-from hcbench.impact import Status
-from hcbench.laws import closed_form
-from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
 
 if TYPE_CHECKING:
-    from hcbench import scoring
     from hcbench.impact import Impact
     from hcbench.measure.measurement import Cause, Measurement
 
 SCHEMA = 1
-_LOOP_STEPS = 8  # in contact, from which there is a loop to show
 _LOOP_SAMPLES = 200
 _LOSSY = 1e-3  # α v from which a loop of the law has an area to compare with
+_FAILURES = 3  # impacts without an e that are listed
 
 
-def effective_mass(found: Measurement) -> float:
-    """Of the model, or else of the momentum that the first resolved impact turned round, kg."""
-    mass = found.facts.effective_mass
-    if math.isfinite(mass):
-        return mass
-    for impact in found.impacts:
-        if impact.status is Status.PARTED and impact.loop is not None:
-            change = impact.speed_in + impact.speed_out
-            return float(impact.loop.force.sum()) * found.facts.timestep / change
-    return math.nan
-
-
-def law_of(found: Measurement) -> HuntCrossley | None:
-    """The law to compare with: α as wanted, or else as fitted; k so that the hardest impact goes as deep.
-
-    None where nothing was measured that a law could be fitted to.
-    """
-    from hcbench import scoring
-
-    good = found.measured
-    if isinstance(found.wanted, Restitution):
-        alpha = found.wanted.alpha
-    elif len(good) > 1:
-        speeds, e = np.array([i.speed_in for i in good]), np.array([i.restitution for i in good])
-        alpha, _ = scoring.fit_alpha(speeds, e)
-    else:
-        return None
-    resolved = [i for i in good if i.samples >= scoring.RESOLVED and i.penetration_max > 0]
-    mass = effective_mass(found)
-    if not resolved or not math.isfinite(mass):
-        return HuntCrossley(1.0, alpha)
-    hardest = max(resolved, key=lambda i: i.speed_in)
-    unit = HuntCrossley(1.0, alpha)
-    depth = float(closed_form.penetration_max(unit, mass, hardest.speed_in))
-    return HuntCrossley((depth / hardest.penetration_max) ** (unit.exponent + 1), alpha)
-
-
-def score_of(found: Measurement) -> scoring.Score | None:
-    """Every comparator figure against `law_of`; None without a law."""
-    from hcbench import scoring
-
-    law, mass = law_of(found), effective_mass(found)
-    if law is None or not found.measured or not math.isfinite(mass):
-        return None
-    return scoring.score(found.impacts, law, mass)
-
-
-def as_record(found: Measurement) -> dict[str, Any]:
-    """JSON-able; NaN stands for nothing to say."""
-    facts, score, law = found.facts, score_of(found), law_of(found)
-    fitted = not isinstance(found.wanted, Restitution)
+def as_record(measurement: Measurement) -> dict[str, Any]:
+    """The measurement for JSON; NaN where there is no such number."""
+    facts, score, law = measurement.facts, measurement.score, measurement.law
     return {
         "schema": SCHEMA,
         "kind": "hcbench measurement",
@@ -86,11 +35,11 @@ def as_record(found: Measurement) -> dict[str, Any]:
         "moved": facts.moved,
         "timestep_s": facts.timestep,
         "gravity_m_per_s2": list(facts.gravity),
-        "effective_mass_kg": effective_mass(found),
+        "effective_mass_kg": measurement.effective_mass,
         "normal": list(facts.normal),
         "settings": dict(facts.settings),
         "asked": {"restitution": list(facts.asked), "words": facts.asked_words},
-        "wanted": found.wanted.description if found.wanted else None,
+        "wanted": measurement.wanted.description if measurement.wanted else None,
         "curve": [
             {
                 "speed_m_per_s": p.speed,
@@ -101,23 +50,23 @@ def as_record(found: Measurement) -> dict[str, Any]:
                 "samples": p.samples,
                 "failed": p.failed,
             }
-            for p in found.curve
+            for p in measurement.curve
         ],
-        "phase_spread": found.spread,
-        "energy_gained": found.energy_gained,
+        "phase_spread": measurement.spread,
+        "energy_gained": measurement.energy_gained,
         "law": None
         if law is None
         else {
             "alpha_s_per_m": law.alpha,
             "stiffness_n_per_m_n": law.stiffness,
             "exponent": law.exponent,
-            "alpha_fitted": fitted,
+            "alpha_fitted": not isinstance(measurement.wanted, Restitution),
         },
         "score": None if score is None else dataclasses.asdict(score),
-        "impacts": [_impact(i) for i in found.impacts],
-        "loops": [_loop(impact) for impact in kept_loops(found)],
-        "causes": [dataclasses.asdict(c) for c in found.causes],
-        "remedy": found.remedy,
+        "impacts": [_impact(i) for i in measurement.impacts],
+        "loops": [_loop(impact) for impact in measurement.loops],
+        "causes": [dataclasses.asdict(c) for c in measurement.causes],
+        "remedy": measurement.remedy,
         "notes": list(facts.notes),
     }
 
@@ -138,15 +87,6 @@ def _impact(impact: Impact) -> dict[str, Any]:
     }
 
 
-def kept_loops(found: Measurement) -> list[Impact]:
-    """One impact a speed, of those whose contact took steps enough to be a loop."""
-    kept: dict[float, Impact] = {}
-    for impact in found.impacts:
-        if impact.status is Status.PARTED and impact.loop is not None and impact.samples >= _LOOP_STEPS:
-            kept.setdefault(impact.launch.speed, impact)
-    return list(kept.values())
-
-
 def _loop(impact: Impact) -> dict[str, Any]:
     loop = impact.loop
     assert loop is not None
@@ -162,25 +102,27 @@ def _loop(impact: Impact) -> dict[str, Any]:
     }
 
 
-def headline(found: Measurement) -> list[str]:
+def headline(measurement: Measurement) -> list[str]:
     """What was measured, in two lines."""
-    facts = found.facts
+    facts = measurement.facts
     gravity = float(np.linalg.norm(facts.gravity))
     return [
         f"{sanitized(facts.model)}: {sanitized(facts.pair[0])} on {sanitized(facts.pair[1])}",
         f"{facts.engine} {facts.version}, step {facts.timestep:.6g} s, gravity {gravity:.4g} m/s^2, "
-        f"effective mass {effective_mass(found):.4g} kg, {sanitized(facts.moved)}",
+        f"effective mass {measurement.effective_mass:.4g} kg, {sanitized(facts.moved)}",
     ]
 
 
-def as_text(found: Measurement) -> str:
-    """For a terminal."""
-    lines = [*headline(found)]
-    lines += [f"{name}: {sanitized(setting_text(value))}" for name, value in found.facts.settings.items()]
-    if found.facts.asked_words:
-        lines.append(f"the model asks for: {sanitized(found.facts.asked_words)}")
-    lines += [f"note: {sanitized(note)}" for note in found.facts.notes]
-    asked = found.facts.asked or (math.nan,) * len(found.curve)
+def as_text(measurement: Measurement) -> str:
+    """The measurement as lines for a terminal."""
+    lines = headline(measurement)
+    lines += [
+        f"{name}: {sanitized(setting_text(value))}" for name, value in measurement.facts.settings.items()
+    ]
+    if measurement.facts.asked_words:
+        lines.append(f"the model asks for: {sanitized(measurement.facts.asked_words)}")
+    lines += [f"note: {sanitized(note)}" for note in measurement.facts.notes]
+    asked = measurement.facts.asked or (math.nan,) * len(measurement.curve)
     rows = [
         (
             f"{p.speed:.4g}",
@@ -191,15 +133,15 @@ def as_text(found: Measurement) -> str:
             str(p.samples),
             str(p.failed or ""),
         )
-        for p, a in zip(found.curve, asked, strict=True)
+        for p, a in zip(measurement.curve, asked, strict=True)
     ]
     header = ("launched m/s", "at touch m/s", "e", "spread", "asked", "steps", "failed")
     lines += ["", *table(*without_empty(header, rows, "failed")), ""]
-    for impact in found.failed[:3]:
+    for impact in measurement.failed[:_FAILURES]:
         where = f"{impact.launch.speed:.4g} m/s, phase {impact.launch.phase:.3g}"
         lines.append(f"{impact.status.value} at {where}: {sanitized(impact.reason)}")
-    lines += _score_lines(found)
-    lines += cause_lines(found.causes, found.remedy)
+    lines += _score_lines(measurement)
+    lines += cause_lines(measurement.causes, measurement.remedy)
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -208,10 +150,8 @@ def setting_text(value: Any) -> str:
     return " ".join(f"{v:.6g}" for v in value) if isinstance(value, list) else str(value)
 
 
-def _score_lines(found: Measurement) -> list[str]:
-    from hcbench import scoring
-
-    score, law = score_of(found), law_of(found)
+def _score_lines(measurement: Measurement) -> list[str]:
+    score, law = measurement.score, measurement.law
     if score is None or law is None or score.rested:
         return []
     lines = [f"fitted α {score.alpha_fit:.4g} s/m (rms {score.alpha_fit_rms:.2g})"]
@@ -219,15 +159,17 @@ def _score_lines(found: Measurement) -> list[str]:
         powers = f"v^{score.energy_exponent:.3g}, the law's as v^{number(score.energy_exponent_law, '.3g')}"
         lines.append(f"energy lost goes as {powers}")
     if score.loops:
-        lossy = law.alpha * max(i.speed_in for i in found.measured) > _LOSSY
+        lossy = law.alpha * max(i.speed_in for i in measurement.measured) > _LOSSY
         area = f"area x {number(score.area_ratio, '.3g')}, " if lossy else ""
         lines.append(
             f"loops against eq. (16) of that α: force {score.loop_rms:.2g} rms of the largest, {area}largest "
             f"force x {score.force_ratio:.3g}, duration x {score.duration_ratio:.3g}, first force "
             f"{score.touch_force:.2g} of the largest"
         )
-    verdicts = {claim: getattr(score, name) for name, claim in scoring.CLAIMS.items()}
-    lines += [f"{claim}: {'yes' if seen else 'no'}" for claim, seen in verdicts.items() if seen is not None]
+    for name, claim in scoring.CLAIMS.items():
+        holds = getattr(score, name)
+        if holds is not None:
+            lines.append(f"{claim}: {'yes' if holds else 'no'}")
     if score.energy_gained:
         lines.append("ENERGY IS GAINED: some impacts leave faster than they came")
     return lines
@@ -244,10 +186,10 @@ def cause_lines(causes: tuple[Cause, ...], remedy: str) -> list[str]:
             f"  fix    {sanitized(cause.fix)}",
         ]
         if math.isfinite(cause.alone):
-            words = f"with this alone fixed e is off by {cause.alone:.2g}"
+            tried = f"with this alone fixed e is off by {cause.alone:.2g}"
             if len(causes) > 1 and math.isfinite(cause.without):
-                words += f", with the others fixed and not this by {cause.without:.2g}"
-            lines.append(f"  tried  {words}")
+                tried += f", with the others fixed and not this by {cause.without:.2g}"
+            lines.append(f"  tried  {tried}")
     if remedy:
         lines += ["", remedy]
     return lines

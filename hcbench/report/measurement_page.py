@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench._text import number, sanitized, without_empty
-from hcbench.measure.text import effective_mass, kept_loops, law_of, score_of, setting_text
+from hcbench.measure.text import setting_text
 from hcbench.report.page import Drawing, draw, render
 from hcbench.report.plot_style import INK, LAW, LIMIT, MEASURED, draw_band, draw_loop, new_figure, speed_axis
 
@@ -32,7 +32,7 @@ def measurement_page(found: Measurement) -> str:
         pair=[sanitized(name) for name in facts.pair],
         summary=_summary(found),
         curve=draw(Drawing("curve", lambda: _curve_figure(found))),
-        loops=draw(Drawing("loops", (lambda: _loops_figure(found)) if kept_loops(found) else None)),
+        loops=draw(Drawing("loops", (lambda: _loops_figure(found)) if found.loops else None)),
         header=header,
         rows=rows,
         failures=[
@@ -73,7 +73,7 @@ def _curve_figure(found: Measurement) -> Figure:
 
 def _loops_figure(found: Measurement) -> Figure:
     """Force over penetration, one loop a speed."""
-    impacts = kept_loops(found)
+    impacts = found.loops
     fastest = max(impact.speed_in for impact in impacts)
     figure = new_figure(6.4, 3.6)
     axes = figure.subplots()
@@ -127,14 +127,14 @@ def _facts(found: Measurement) -> list[tuple[str, str]]:
         ("what moves", sanitized(facts.moved)),
         ("time step", f"{facts.timestep:.6g} s"),
         ("gravity", f"{' '.join(f'{g:.4g}' for g in facts.gravity)} m/s²"),
-        ("effective mass", f"{effective_mass(found):.4g} kg"),
+        ("effective mass", f"{found.effective_mass:.4g} kg"),
         ("asks for", sanitized(facts.asked_words)),
         *((name, sanitized(setting_text(value))) for name, value in facts.settings.items()),
     ]
 
 
 def _scores(found: Measurement) -> list[tuple[str, str]]:
-    score, law = score_of(found), law_of(found)
+    score, law = found.score, found.law
     if score is None or law is None:
         return []
     rows = [
