@@ -71,7 +71,7 @@ def in_pybullet(scene: Any, law: Any, h: float, _: str) -> Iterator[Fly]:
     """Flights of a ball in PyBullet, the law attached."""
     import pybullet as bullet
 
-    from hcbench.engines.pybullet.plugin import attach as plug_in
+    from hcbench.contact import pybullet as plug_in
 
     client = bullet.connect(bullet.DIRECT)
     bullet.setTimeStep(h)

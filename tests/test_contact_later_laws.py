@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from hcbench import _compile
+from hcbench.contact import pybullet as bullet_contact
 from hcbench.engines.mujoco.plugin import attach as contact
-from hcbench.engines.pybullet.plugin import attach as bullet_contact
 from hcbench.engines.pybullet.plugin import solve
 from hcbench.errors import SettingError, UserError
 from hcbench.laws import ode

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hcbench.engines.pybullet.plugin import attach as contact
+from hcbench.contact import pybullet as contact
+from hcbench.contact.pybullet import Friction, HuntCrossley, Restitution
 from hcbench.engines.pybullet.plugin import solve
-from hcbench.engines.pybullet.plugin.attach import Friction, HuntCrossley, Restitution
 from hcbench.errors import EngineFailed, SettingError
 from hcbench.laws import closed_form
 

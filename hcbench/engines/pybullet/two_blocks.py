@@ -7,11 +7,11 @@ no impact, and it is a spring and damper. Both are right at one speed.
 from __future__ import annotations
 
 from contextlib import nullcontext
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.recipes import restitution, spring_damper
 from hcbench.sim.two_blocks import SIDES, folder
 from hcbench.tune.target import Target
@@ -44,44 +44,43 @@ def _options(blocks: TwoBlocks) -> Mapping[str, Any]:
 
 def simulate(blocks: TwoBlocks, position: float, velocity: float, forces: Floats) -> tuple[Floats, Floats]:
     """Positions and velocities at the ends of steps; in a client of its own."""
-    import pybullet as bullet
-
-    client = bullet.connect(bullet.DIRECT)
+    bullet = BulletClient.direct()
     try:
-        return _simulate(bullet, client, blocks, position, velocity, forces)
+        return _simulate(bullet, blocks, position, velocity, forces)
     finally:
-        bullet.disconnect(client)
+        bullet.disconnect()
 
 
 def _simulate(
-    bullet: Any, client: int, blocks: TwoBlocks, position: float, velocity: float, forces: Floats
+    bullet: BulletClient, blocks: TwoBlocks, position: float, velocity: float, forces: Floats
 ) -> tuple[Floats, Floats]:
     from hcbench.engines.pybullet.plugin.attach import attach
 
-    options, here = _options(blocks), {"physicsClientId": client}
-    bullet.setPhysicsEngineParameter(fixedTimeStep=blocks.timestep, **options["world"], **here)
-    planes = [_load(bullet, client, side, blocks.plane(side)) for side in SIDES]
-    ball = _load(bullet, client, "ball", position)
-    bullet.changeDynamics(ball, -1, mass=blocks.mass, **options["ball"], **here)
+    options = _options(blocks)
+    bullet.setPhysicsEngineParameter(fixedTimeStep=blocks.timestep, **options["world"])
+    planes = [_load(bullet, side, blocks.plane(side)) for side in SIDES]
+    ball = _load(bullet, "ball", position)
+    bullet.changeDynamics(ball, -1, mass=blocks.mass, **options["ball"])
     for plane in planes:
-        bullet.changeDynamics(plane, -1, **options["plate"], **here)
-    bullet.resetBaseVelocity(ball, [velocity, 0, 0], **here)
-    place = partial(bullet.getBasePositionAndOrientation, ball, **here)
-    plugged = blocks.tuned_at is None
+        bullet.changeDynamics(plane, -1, **options["plate"])
+    bullet.resetBaseVelocity(ball, [velocity, 0, 0])
     states = [(position, velocity)]
-    pairs = [(ball, plane) for plane in planes]
-    with attach(pairs, blocks.law, client=client) if plugged else nullcontext() as contact:
+    pairs, by_plugin = [(ball, plane) for plane in planes], blocks.tuned_at is None
+    with attach(pairs, blocks.law, client=bullet.client) if by_plugin else nullcontext() as law:
         for force in forces:
-            bullet.applyExternalForce(ball, -1, [force, 0, 0], place()[0], bullet.WORLD_FRAME, **here)
-            if contact is not None:
-                contact.apply()
-            bullet.stepSimulation(**here)
-            states.append((place()[0][0], bullet.getBaseVelocity(ball, **here)[0][0]))
+            centre = bullet.getBasePositionAndOrientation(ball)[0]
+            bullet.applyExternalForce(ball, -1, [force, 0, 0], centre, bullet.module.WORLD_FRAME)
+            if law is not None:
+                law.apply()
+            bullet.stepSimulation()
+            x = bullet.getBasePositionAndOrientation(ball)[0][0]
+            states.append((x, bullet.getBaseVelocity(ball)[0][0]))
     q, v = np.array(states).T
     return q, v
 
 
-def _load(bullet: Any, client: int, name: str, x: float) -> int:
+def _load(bullet: BulletClient, name: str, x: float) -> int:
     """A body of the scene, at x (m)."""
-    file, flags = str(folder() / f"{name}.urdf"), bullet.URDF_USE_INERTIA_FROM_FILE
-    return int(bullet.loadURDF(file, [x, 0, 0], flags=flags, physicsClientId=client))
+    flags = bullet.module.URDF_USE_INERTIA_FROM_FILE
+    (body,) = bullet.load_model(folder() / f"{name}.urdf", basePosition=[x, 0, 0], flags=flags)
+    return body

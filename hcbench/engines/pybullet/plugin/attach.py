@@ -16,7 +16,7 @@ still does to these: switch its linearDamping of 0.04 off if the speed between i
 over a step is found, and its order. `Restitution(alpha)` gives each impact e(v) of its own approach speed in
 the step that it happens in, for steps that do not; several contacts at once are solved together, resting ones
 rest. `TouchSpeedLaw(Flores, k, e)` is a law of `laws.published`, `ConstantRestitution(e)` one e for all
-impacts: law.py. Bullet's friction does not act between attached pairs: give the law its own.
+impacts. Bullet's friction does not act between attached pairs: give the law its own.
 
 PyBullet cannot say whether a pair was allowed to collide before: `detach` allows it, unless told otherwise.
 """
@@ -29,14 +29,11 @@ from typing import TYPE_CHECKING, Any, Self
 from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.model import BulletBody, contact_row
 from hcbench.engines.pybullet.plugin import solve
-from hcbench.engines.pybullet.plugin.pairs import LinkPair, check_step, make_pair, pairs_between
-from hcbench.engines.pybullet.plugin.solve import Touch
+from hcbench.engines.pybullet.plugin.pairs import LinkPair, check_step, make_pair
+from hcbench.engines.pybullet.plugin.solve import ContactPoint
 from hcbench.engines.pybullet.vectors import Vector, add_scaled, dot, rotate, vector
 from hcbench.errors import EngineFailed, SettingError
 from hcbench.laws.contact_law import Friction, Law, coarse, is_force, require_law
-from hcbench.laws.force import HuntCrossley
-from hcbench.laws.published import TouchSpeedLaw
-from hcbench.laws.restitution import ConstantRestitution, Restitution
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -45,19 +42,6 @@ if TYPE_CHECKING:
     Pose = tuple[Vector, Sequence[float]]  # position and quaternion (x, y, z, w) of a centre of mass frame
     # (distance, point, unit normal from the second body to the first) of two poses.
     Gap = Callable[[Pose, Pose], tuple[float, Vector, Vector]]
-
-__all__ = [
-    "ConstantRestitution",
-    "Contact",
-    "Friction",
-    "HuntCrossley",
-    "Restitution",
-    "Touch",
-    "TouchSpeedLaw",
-    "attach",
-    "cup",
-    "pairs_between",
-]
 
 _SPEED = 0.508  # m/s: 20 in/s, up to where the paper's law holds
 
@@ -88,7 +72,7 @@ def cup(ball_radius: float, cup_radius: float, centre: Sequence[float] = (0.0, 0
     return gap
 
 
-class Contact:
+class AttachedLaw:
     """A law attached to pairs of a client's bodies, until `detach` or the end of a `with` block."""
 
     def __init__(
@@ -111,13 +95,13 @@ class Contact:
         if kind is None:
             self.check()
 
-    def step(self) -> list[Touch]:
+    def step(self) -> list[ContactPoint]:
         """`apply`, then pybullet.stepSimulation()."""
         touches = self.apply()
         self._bullet.stepSimulation()
         return touches
 
-    def apply(self) -> list[Touch]:
+    def apply(self) -> list[ContactPoint]:
         """Add the law's forces for the step that comes next; what they are, for the present state.
 
         Raises EngineFailed for a state that is not finite.
@@ -163,7 +147,7 @@ class Contact:
             if enable == 0:
                 raise EngineFailed("pybullet", str(error), "bodies of this client") from error
 
-    def _find(self, pair: LinkPair, h: float, gravity: Sequence[float]) -> list[Touch]:
+    def _find(self, pair: LinkPair, h: float, gravity: Sequence[float]) -> list[ContactPoint]:
         (body1, link1), (body2, link2) = pair.first, pair.second
         touches = []
         for order, (distance, point, normal) in enumerate(self._closest(pair, h, gravity)):
@@ -183,7 +167,7 @@ class Contact:
                 if body.kind != "fixed"
             ]
             touches.append(
-                Touch(
+                ContactPoint(
                     pair=pair.ids,
                     order=order,
                     penetration=-distance,
@@ -215,7 +199,7 @@ class Contact:
             for p in points
         ]
 
-    def _push(self, touch: Touch, h: float) -> None:
+    def _push(self, touch: ContactPoint, h: float) -> None:
         (body1, body2), ((_, link1), (_, link2)) = touch.row.bodies, touch.pair
         force = add_scaled((0.0, 0.0, 0.0), touch.force, touch.normal)
         slip = math.sqrt(dot(touch.slip, touch.slip))
@@ -238,7 +222,7 @@ def attach(
     gap: Gap | None = None,
     speed: float = _SPEED,
     collide_after: bool = True,
-) -> Contact:
+) -> AttachedLaw:
     """Let `law` act on pairs of bodies of a PyBullet client, instead of Bullet's own contact.
 
     pairs: (body, body), or ((body, link), (body, link)) where a link is meant; a bare body is its base.
@@ -253,7 +237,7 @@ def attach(
     bullet = BulletClient(client)
     if not bullet.isConnected():
         raise SettingError("client", f"{client} is not connected", "the id that pybullet.connect gave")
-    contact = Contact(bullet, law, friction, gap, collide_after)
+    contact = AttachedLaw(bullet, law, friction, gap, collide_after)
     bodies: dict[int, BulletBody] = {}
     made = [make_pair(bullet, bodies, list(pair)) for pair in pairs]
     attached = _attached.setdefault(client, set())

@@ -24,7 +24,7 @@ _RELATIVE = 1e-15
 
 
 @dataclass(slots=True)
-class Touch:
+class ContactPoint:
     """One contact at the start of a step: SI, x > 0 in contact, the normal from the second body to the first.
 
     Those that only touch within the step have penetration below 0. `force` acts over the step that follows.
@@ -50,15 +50,15 @@ class Touch:
         return self.pair, self.order
 
 
-class Solver(Protocol):
+class ContactSolver(Protocol):
     """Sets the force of each contact."""
 
-    def solve(self, touches: Sequence[Touch], h: float) -> None:
+    def solve(self, touches: Sequence[ContactPoint], h: float) -> None:
         """Forces over a step of `h` s."""
         ...
 
 
-def solver_of(law: Law) -> Solver:
+def solver_of(law: Law) -> ContactSolver:
     """The solver of a law."""
     return ForceSolver(law) if isinstance(law, (HuntCrossley, TouchSpeedLaw)) else RestitutionSolver(law)
 
@@ -81,7 +81,7 @@ class ForceSolver:
         self._compiled = _compiled_euler_force()
         self._late = _LateReports()
 
-    def solve(self, touches: Sequence[Touch], h: float) -> None:
+    def solve(self, touches: Sequence[ContactPoint], h: float) -> None:
         """Other contacts of the same bodies enter to first order, as an acceleration."""
         plain = []
         for touch in touches if len(touches) > 1 else ():
@@ -99,11 +99,11 @@ class ForceSolver:
             touch.force = self._acceleration(motion, h, touch) / touch.inverse_mass
         self._late.seen({touch.key for touch in touches})
 
-    def _motion(self, touch: Touch, b: float) -> ContactOde:
+    def _motion(self, touch: ContactPoint, b: float) -> ContactOde:
         of, kappa = self._plain, self.law.stiffness * touch.inverse_mass
         return ContactOde(kappa, of.a, of.n, b, of.chi, of.e, touch.pull if of.chi else 0.0)
 
-    def _acceleration(self, motion: ContactOde, h: float, touch: Touch) -> float:
+    def _acceleration(self, motion: ContactOde, h: float, touch: ContactPoint) -> float:
         late = self._late.acceleration(motion.with_step(h), h, touch)
         if late is not None:
             return late
@@ -140,7 +140,7 @@ class _LateReports:
         """Tell which contacts this step had."""
         self._last, self._late = keys, self._late & keys
 
-    def acceleration(self, motion: ContactOde, h: float, touch: Touch) -> float | None:
+    def acceleration(self, motion: ContactOde, h: float, touch: ContactPoint) -> float | None:
         """F/m >= 0 in m/s² where a late report needs care, else None."""
         key, x, v = touch.key, touch.penetration, touch.rate
         before = x - h * v
@@ -165,7 +165,7 @@ class RestitutionSolver:
         self.law = law
         self._resting: dict[Any, float] = {}  # and by what unseen load each of them would have approached
 
-    def solve(self, touches: Sequence[Touch], h: float) -> None:
+    def solve(self, touches: Sequence[ContactPoint], h: float) -> None:
         """Gauss-Seidel on the impulses: none pulls, each contact ends at its speed or above."""
         active = [touch for touch in touches if touch.penetration >= 0.0]
         pulls, aims, resting = [], [], {}
@@ -185,7 +185,7 @@ class RestitutionSolver:
         self._resting = {t.key: resting[t.key] for t in active if t.key in resting and t.force > 0.0}
 
     @staticmethod
-    def _sweep(active: list[Touch], pulls: list[float], aims: list[float], h: float) -> None:
+    def _sweep(active: list[ContactPoint], pulls: list[float], aims: list[float], h: float) -> None:
         coupling = [[one.row.acceleration(other.row) for other in active] for one in active]
         need = [(t.rate + aim) / h + pull for t, aim, pull in zip(active, aims, pulls, strict=True)]
         for _ in range(_SWEEPS if len(active) > 1 else 1):
