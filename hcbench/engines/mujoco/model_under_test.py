@@ -14,7 +14,7 @@ from hcbench.engines.mujoco.find_pair import find_pair
 from hcbench.engines.mujoco.model import geom_name
 from hcbench.engines.mujoco.place import bring_to_touch
 from hcbench.engines.mujoco.user_model import start
-from hcbench.engines.mujoco.user_simulation import UserSimulation
+from hcbench.engines.mujoco.user_simulation import MujocoUserSimulation
 from hcbench.measure.causes import other_contacts
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
 
@@ -44,10 +44,10 @@ class MujocoModel(ModelUnderTest):
         self.gravity = float(np.dot(self._gravity(), self.place.contact.normal))
         self.others: set[int] = set()  # geoms that touched the two during an impact
 
-    def release(self, launches: Sequence[Launch]) -> UserSimulation:
+    def release(self, launches: Sequence[Launch]) -> MujocoUserSimulation:
         """The launch under way from its starting point."""
         (launch,) = launches
-        return UserSimulation(self.model, self.start, self.place, launch, self.others)
+        return MujocoUserSimulation(self.model, self.start, self.place, launch, self.others)
 
     @property
     def step_cost(self) -> float:

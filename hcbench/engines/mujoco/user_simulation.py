@@ -31,7 +31,7 @@ class _Step(NamedTuple):
 _STAGE_NOISE = 1e-9  # of the largest change of speed: below it a step under RK4 had no contact in it
 
 
-class UserSimulation(Simulation):
+class MujocoUserSimulation(Simulation):
     """One launch of a placed pair; the model is only read.
 
     others: geoms that touched the two in launches until now; those of this one are added.

@@ -132,9 +132,9 @@ class MujocoWorld(World):
         """Launches under way from their starting points."""
         return MujocoSimulation(self.pool, launches)
 
-    def follow(self, launch: Launch) -> Followed:
+    def follow(self, launch: Launch) -> FollowedLaunch:
         """One launch, bit for bit as a loop over mj_step takes it."""
-        return Followed(self.pool.model, launch)
+        return FollowedLaunch(self.pool.model, launch)
 
     def close(self) -> None:
         """Detach the plug-in, if there is one, and let MuJoCo warn as before."""
@@ -175,7 +175,7 @@ class MujocoSimulation(Simulation):
         self._states = self._states[which]
 
 
-class Followed(Simulation):
+class FollowedLaunch(Simulation):
     """One launch in the model as it was authored, whose solver starts each step from the one before."""
 
     def __init__(self, model: SceneModel, launch: Launch) -> None:
