@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hcbench.laws.published import LAWS, PrescribedRestitutionLaw
+from hcbench.laws.published import LAWS, PublishedLaw
 from hcbench.scene import scene_names
 from hcbench.sim import registry
 from hcbench.testing import LAUNCHES, EngineConformance, impacts_for, setting_for
@@ -19,7 +19,7 @@ for _name in registry.names():
 @pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.slug)
 @pytest.mark.parametrize("engine", [name for name in registry.names() if "flores" in registry.recipes(name)])
 def test_later_laws_deliver_what_follows_from_their_chi_at_every_speed_and_phase(
-    engine: str, law: type[PrescribedRestitutionLaw]
+    engine: str, law: PublishedLaw
 ) -> None:
     setting, scenes = setting_for(f"{engine}.{law.slug}", "steel-plane"), scene_names()
     asked = setting.options.get("law", setting.options)["restitution"]

@@ -29,7 +29,7 @@ from hcbench.laws.published import (
     Exact,
     Flores,
     LankaraniNikravesh,
-    PrescribedRestitutionLaw,
+    PublishedLaw,
     TouchSpeedLaw,
 )
 from hcbench.laws.restitution import ConstantRestitution
@@ -42,7 +42,6 @@ try:
 except ImportError:  # no wheel for this Python: the fixture `client` skips
     bullet = None
 
-Family = type[PrescribedRestitutionLaw]
 MASS, STIFFNESS, RADIUS = 0.45359237, 3.4064e10, 0.0508
 KAPPA = STIFFNESS / MASS
 SPEEDS = (0.0254, 0.2032, 0.508)
@@ -113,7 +112,7 @@ def test_compiled_and_python_tell_the_same_speed(x: float, v: float, chi: float,
     ("speed", "off", "without"), [(0.025, 3e-4, 1e-3), (0.1, 1e-5, 2e-4), (0.5, 2e-6, 2e-5)]
 )
 @pytest.mark.parametrize("family", [Flores, LankaraniNikravesh])
-def test_gravity_is_reckoned_with(family: Family, speed: float, off: float, without: float) -> None:
+def test_gravity_is_reckoned_with(family: PublishedLaw, speed: float, off: float, without: float) -> None:
     law, b, h = TouchSpeedLaw(family, STIFFNESS, 0.5), 9.81, 1e-5
 
     def error(load: float) -> float:
@@ -137,7 +136,7 @@ def test_gravity_is_reckoned_with(family: Family, speed: float, off: float, with
 
 @FAMILIES
 @pytest.mark.parametrize("integrator", ["Euler", "RK4"])
-def test_mujoco_delivers_what_follows_from_chi(family: Family, integrator: str) -> None:
+def test_mujoco_delivers_what_follows_from_chi(family: PublishedLaw, integrator: str) -> None:
     for asked in (0.9, 0.4):
         law = TouchSpeedLaw(family, STIFFNESS, asked)
         model = ball(1e-5, integrator)
@@ -257,7 +256,7 @@ def bounce_in_bullet(client: int, body: int, law: Any, h: float, speed: float, p
 
 
 @FAMILIES
-def test_pybullet_delivers_what_follows_from_chi(client: int, family: Family) -> None:
+def test_pybullet_delivers_what_follows_from_chi(client: int, family: PublishedLaw) -> None:
     ball, plate = bodies(client, 1e-5)
     law = TouchSpeedLaw(family, STIFFNESS, 0.6)
     with bullet_contact.attach([(ball, plate)], law, client=client) as attached:

@@ -6,7 +6,7 @@ import pytest
 
 from hcbench.errors import SettingError, UserError
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.published import LAWS, PrescribedRestitutionLaw
+from hcbench.laws.published import LAWS, PublishedLaw
 from hcbench.scene import load_scene
 from hcbench.sim import registry
 from hcbench.tune.constant import minimax_constant
@@ -57,7 +57,7 @@ def test_a_step_that_does_not_resolve_the_contact_is_refused_before_anything_run
 @pytest.mark.parametrize("engine", ["reference", "mujoco", "pybullet"])
 @pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.slug)
 def test_laws_that_came_after_are_asked_for_the_best_constant_of_the_band(
-    engine: str, law: type[PrescribedRestitutionLaw]
+    engine: str, law: PublishedLaw
 ) -> None:
     recipe = registry.recipe(f"{engine}.{law.slug}")
     target = Target(HuntCrossley(SCENE.stiffness, 0.3), SCENE.mass, 1e-5, 0.0254, 0.508)

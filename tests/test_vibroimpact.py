@@ -16,7 +16,6 @@ from hcbench.errors import UserError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.laws.hertz_elliptic import contact, sphere
-from hcbench.laws.published import Flores
 from hcbench.paper.vibroimpact.response import kelvin_voigt_blocks, linearized, orbits
 from hcbench.paper.vibroimpact.simulate import simulate
 from hcbench.paper.vibroimpact.system import SimulatedMotion, Sinusoid, VibroImpact, stored
@@ -436,4 +435,4 @@ def test_bad_numbers_are_named() -> None:
     with pytest.raises(UserError, match="gap: 0"):
         linearized(_alike(0.0))
     with pytest.raises(UserError, match="law:"):
-        kelvin_voigt_blocks(_alike(1e-3, Flores(K, 0.9, 0.4)), 0.4)
+        kelvin_voigt_blocks(_alike(1e-3, KelvinVoigt(1e8, 600.0)), 0.4)

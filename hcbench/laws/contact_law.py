@@ -115,5 +115,5 @@ def law_of(options: Mapping[str, Any]) -> Law:
 
 def contact_time(law: ForceLaw, mass: float, speed: float) -> float:
     """Duration of a contact in s at effective mass (kg) and approach speed (m/s)."""
-    one = law if isinstance(law, HuntCrossley) else law.at(speed).hunt_crossley
+    one = law if isinstance(law, HuntCrossley) else law.at(speed)
     return float(closed_form.duration(one, mass, speed))

@@ -75,8 +75,12 @@ def impact(
     depth = _depth_scale(own, mass, speed)
 
     def force(xi: Floats | float, eta: Floats | float) -> Floats:
-        # A trial step may look past parting, where the law is not defined: x = 0 continues it.
-        return own.force(np.maximum(xi, 0.0) * depth, np.asarray(eta) * speed)
+        x, v = np.asarray(xi) * depth, np.asarray(eta) * speed
+        inside = own.force(np.abs(x), v)
+        if not (x < 0.0).any():
+            return inside
+        # A trial step may look past parting, where no law is defined: mirrored about F(0, v) it stays smooth.
+        return np.where(x < 0.0, 2.0 * own.force(np.zeros_like(x), v) - inside, inside)
 
     path = _solve(force, depth / (mass * speed**2), gravity * depth / speed**2, ending, solver)
     end = float(path.t[-1])

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from hcbench.laws.force import HuntCrossley
-    from hcbench.laws.published import PrescribedRestitutionLaw
+    from hcbench.laws.published import PublishedLaw
     from hcbench.tune.target import Target
 
     Options = Mapping[str, Any]
@@ -45,7 +45,7 @@ def plug_in_recipes(engine: str, native: Sequence[Recipe], common: Options) -> t
 
     def published_law(target: Target, law: TouchSpeedLaw) -> Options:
         todo = f"Use `{constant.name}`, which has one restitution at any step" if constant else ""
-        _require_resolved(target, law.at(target.speed_max).hunt_crossley, todo)
+        _require_resolved(target, law.at(target.speed_max), todo)
         numbers = published_law_options(target, law)
         return {"law": {"kind": "force", "law": law.family.slug, **numbers}, **common}
 
@@ -95,7 +95,7 @@ def published_law_recipes(
     note: how the engine runs the law.
     """
 
-    def recipe(family: type[PrescribedRestitutionLaw]) -> Recipe:
+    def recipe(family: PublishedLaw) -> Recipe:
         def function(target: Target) -> Options:
             e, _ = minimax_constant(target)
             return options(target, TouchSpeedLaw(family, target.law.stiffness, e, target.law.exponent))

@@ -30,7 +30,7 @@ def law_expression(options: Mapping[str, Any]) -> tuple[str, str]:
     force = options["kind"] == "force"
     if "law" not in options:
         return f"contact.{'HuntCrossley' if force else 'Restitution'}({arguments(numbers)})", ""
-    family = law_named(options["law"]).__name__
+    family = law_named(options["law"]).symbol
     line = f"from hcbench.laws.published import {family}\n"
     if force:
         return f"contact.TouchSpeedLaw({family}, {arguments(numbers)})", line

@@ -104,7 +104,7 @@ def _numbers(setting: Setting, defaults: Mapping[str, float], required: Sequence
 @lru_cache(maxsize=512)  # a study asks for every speed at several phases, which the truth does not depend on
 def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float) -> Impact:
     if isinstance(law, TouchSpeedLaw):
-        law = law.at(speed).hunt_crossley
+        law = law.at(speed)
     if gravity == 0.0 and isinstance(law, HuntCrossley):
         found = _closed_hunt_crossley(law, mass, speed, timestep)
     elif gravity == 0.0 and kelvin_voigt.damping_ratio(law, mass) < 1.0:  # type: ignore[arg-type]
