@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
-from hcbench.engines.mujoco.causes.checks import find_suspects
-from hcbench.engines.mujoco.causes.context import Context, asked_law, delivered_law
+from hcbench.engines.mujoco.causes import find_suspects
+from hcbench.engines.mujoco.causes.context import Context, asked_contact
 from hcbench.engines.mujoco.find_pair import find_pair
 from hcbench.engines.mujoco.model import geom_name
 from hcbench.engines.mujoco.place import bring_to_touch
@@ -57,7 +57,7 @@ class MujocoModel(ModelUnderTest):
     def facts(self) -> Facts:
         """What the model says of itself and of the pair."""
         model, place, mujoco = self.model, self.place, backend()
-        law, words = asked_law(model, place)
+        asked, words = asked_contact(place)
         solref, solimp, geoms = place.contact.rows[0]
         settings = {
             "integrator": mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_").lower(),
@@ -78,7 +78,7 @@ class MujocoModel(ModelUnderTest):
             effective_mass=place.effective_mass,
             normal=tuple(float(x) for x in place.contact.normal),  # type: ignore[arg-type]
             settings=settings,
-            asked=law.curve(self.request.speeds) if law is not None else (),
+            asked=asked.curve(self.request.speeds) if asked is not None else (),
             asked_words=words,
             notes=tuple(self._notes()),
         )
@@ -97,16 +97,7 @@ class MujocoModel(ModelUnderTest):
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """What may keep this pair from bouncing as asked."""
-        law, _ = asked_law(self.model, self.place)
-        context = Context(
-            model=self.model,
-            place=self.place,
-            asked=law,
-            delivered=delivered_law(self.model, self.place),
-            impacts=impacts,
-            wanted=wanted,
-            gravity=tuple(self._gravity()),
-        )
+        context = Context(self.place, impacts, wanted, tuple(self._gravity()))
         return [*find_suspects(context), *other_contacts(self._others())]
 
     def _others(self) -> list[str]:

@@ -1,8 +1,9 @@
-"""MuJoCo: from whatever holds a model to an MjModel, or one line that says why not."""
+"""A user's own MuJoCo model, from whatever holds it: loaded and checked, with its start configuration."""
 
 from __future__ import annotations
 
 import copy
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,8 @@ from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.errors import EngineFailed, SceneError, UserError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from hcbench.sim.model_under_test import Request
 
 SUFFIXES = (".xml", ".mjcf", ".urdf", ".mjb", ".mjz")
@@ -29,7 +32,8 @@ def load(source: Any, request: Request) -> tuple[Any, str]:
         elif isinstance(source, mujoco.MjSpec):
             model, label = _compiled(source.copy().compile, "MjSpec"), "MjSpec"
         elif isinstance(source, str) and source.lstrip().startswith("<"):
-            model, label = _compiled(lambda: mujoco.MjModel.from_xml_string(source), "MJCF text"), "MJCF text"
+            label = "MJCF text"
+            model = _compiled(partial(mujoco.MjModel.from_xml_string, source), label)
         else:
             model, label = _from_file(mujoco, Path(source)), Path(source).name
     if any("NaN" in line for line in warnings):
@@ -46,14 +50,14 @@ def _from_file(mujoco: Any, path: Path) -> Any:
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "is not there"
         raise SceneError("model", f"{path} {what}", f"a model file: {', '.join(SUFFIXES)}")
-    if path.suffix.lower() == ".mjb":
-        return _compiled(lambda: mujoco.MjModel.from_binary_path(str(path)), str(path))
-    return _compiled(lambda: mujoco.MjModel.from_xml_path(str(path)), str(path))
+    binary = path.suffix.lower() == ".mjb"
+    read = mujoco.MjModel.from_binary_path if binary else mujoco.MjModel.from_xml_path
+    return _compiled(partial(read, str(path)), str(path))
 
 
-def _compiled(make: Any, label: str) -> Any:
+def _compiled(compile_model: Callable[[], Any], label: str) -> Any:
     try:
-        return make()
+        return compile_model()
     except (ValueError, RuntimeError, TypeError, OSError) as error:
         words = " ".join(str(error).split()).removeprefix("Error: ").removeprefix("XML Error: ")
         if "allocate" in words:
@@ -62,38 +66,34 @@ def _compiled(make: Any, label: str) -> Any:
 
 
 def _require_sound(model: Any, label: str) -> None:
-    """What the compiler lets through and no simulation survives."""
-    for slot, values in (
-        ("mass", model.body_mass),
-        ("inertia", model.body_inertia),
-        ("size", model.geom_size),
-    ):
-        bad = np.flatnonzero(~np.isfinite(np.asarray(values).reshape(len(values), -1)).all(axis=1))
+    """Refuse what the compiler lets through and no simulation survives."""
+    for kind, field in (("body", "mass"), ("body", "inertia"), ("geom", "size")):
+        values = getattr(model, f"{kind}_{field}")
+        bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
         if bad.size:
-            kind = "geom" if slot == "size" else "body"
-            raise SceneError("model", f"{label}: {slot} of {kind} {int(bad[0])} is not finite", "numbers")
-    if (np.asarray(model.body_mass) < 0).any():
+            raise SceneError("model", f"{label}: {field} of {kind} {int(bad[0])} is not finite", "numbers")
+    if (model.body_mass < 0).any():
         raise SceneError("model", f"{label}: a body of negative mass", "masses of 0 kg or more")
     if not 0 < model.opt.timestep < np.inf:
         raise SceneError("timestep", f"{label}: {model.opt.timestep!r} s", "a step above 0 s")
 
 
 def start(model: Any, key: str | None) -> tuple[Any, str]:
-    """(MjData at rest in the start configuration, its name): the keyframe asked for, the first, or qpos0."""
+    """(MjData at rest in the start configuration, its name).
+
+    key: name or number of a keyframe, or "qpos0"; None: the first keyframe, or qpos0 where there is none.
+    """
+    names = ["qpos0", *(model.key(i).name or str(i) for i in range(model.nkey))]
+    if key is None:
+        key = names[min(1, model.nkey)]
+    elif key not in names:
+        if not key.isdigit() or int(key) >= model.nkey:
+            raise UserError("key", repr(key), f"one of: {', '.join(names)}")
+        key = names[1 + int(key)]
     mujoco = backend()
     data = mujoco.MjData(model)
-    names = [model.key(i).name or str(i) for i in range(model.nkey)]
-    if key is not None and key != "qpos0" and key not in names:
-        if not key.isdigit() or int(key) >= model.nkey:
-            raise UserError("key", repr(key), f"one of: {', '.join(['qpos0', *names])}")
-        key = names[int(key)]
-    if key is None and names:
-        key = names[0]
-    if key is not None and key != "qpos0":
-        mujoco.mj_resetDataKeyframe(model, data, names.index(key))
+    if key != "qpos0":
+        mujoco.mj_resetDataKeyframe(model, data, names.index(key) - 1)
         data.qvel[:] = 0.0
-        name = f"keyframe {key!r}"
-    else:
-        name = "qpos0"
-    data.time = 0.0
-    return data, name
+        data.time = 0.0
+    return data, key if key == "qpos0" else f"keyframe {key!r}"

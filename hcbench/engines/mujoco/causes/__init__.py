@@ -1,1 +1,19 @@
-"""What keeps a pair in a MuJoCo model from bouncing, with fixes."""
+"""What may keep a pair in a MuJoCo model from bouncing as asked, with fixes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hcbench.engines.mujoco.causes.contact import mixing, refsafe, solimp, solref
+from hcbench.engines.mujoco.causes.motion import gravity, integrator, losses, margin, resolution
+
+if TYPE_CHECKING:
+    from hcbench.engines.mujoco.causes.context import Context
+    from hcbench.sim.model_under_test import Suspect
+
+CHECKS = (mixing, refsafe, solref, integrator, solimp, resolution, gravity, losses, margin)
+
+
+def find_suspects(context: Context) -> list[Suspect]:
+    """Everything that may matter here, likeliest first."""
+    return [suspect for check in CHECKS for suspect in check(context)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,21 +25,35 @@ DEFAULT_SOLREF = (0.02, 1.0)
 _DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Context:
-    """A model with a pair in it, and the impacts to explain.
+    """A pair in a model, and the impacts to explain. gravity: m/s^2."""
 
-    asked, delivered: the contact as its author wrote it and as the engine uses it; None where different ones
-    add up. gravity: m/s^2.
-    """
-
-    model: Any
     place: PairAtTouch
-    asked: SoftConstraint | None
-    delivered: SoftConstraint | None
     impacts: Sequence[Impact]
     wanted: RestitutionCurve | None
     gravity: tuple[float, ...]
+
+    @property
+    def model(self) -> Any:
+        """The MjModel."""
+        return self.place.pair.model
+
+    @cached_property
+    def asked(self) -> SoftConstraint | None:
+        """The contact as its author wrote it; None where different ones add up."""
+        return asked_contact(self.place)[0]
+
+    @cached_property
+    def delivered(self) -> SoftConstraint | None:
+        """The contact as the engine uses it; None where different ones add up."""
+        used = {row[:2] for row in self.place.contact.rows}
+        if len(used) > 1:
+            return None
+        ((solref, solimp),) = used
+        safe = not self.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_REFSAFE
+        shortest = 2 * self.timestep if safe else 0.0
+        return SoftConstraint(solref, solimp, self.timestep, shortest)  # type: ignore[arg-type]
 
     @property
     def geoms(self) -> tuple[int, int]:
@@ -86,20 +101,30 @@ class Context:
         return e
 
 
+def asked_contact(place: PairAtTouch) -> tuple[SoftConstraint | None, str]:
+    """What the author's solref and solimp ask for, in words too; None where different contacts add up."""
+    rows, model = place.contact.rows, place.pair.model
+    written = {_as_written(model, _in_order(place, geoms)) for _, _, geoms in rows}
+    if len(written) > 1:
+        return None, f"{len(rows)} different contacts add up: the model asks for no one e"
+    ((solref, solimp),) = written
+    contact = SoftConstraint(solref, solimp, float(model.opt.timestep), clamped=False)  # type: ignore[arg-type]
+    default = "default " if same(solref, DEFAULT_SOLREF) else ""
+    return contact, f"{default}solref {numbers(solref)}, solimp {numbers(solimp)}"
+
+
 def _in_order(place: PairAtTouch, geoms: tuple[int, int]) -> tuple[int, int]:
     """The moving one first."""
-    return geoms if geoms[0] in place.pair.first.geoms else (geoms[1], geoms[0])
+    return geoms if place.pair.sides[geoms[0]] == 1 else (geoms[1], geoms[0])
 
 
-def _as_written(
-    model: Any, place: PairAtTouch, geoms: tuple[int, int]
-) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """(solref, solimp) that the author wrote for two geoms: of their <pair>, else of the moving geom, or of
-    the other one where that has the default.
+def _as_written(model: Any, geoms: tuple[int, int]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """(solref, solimp) that the author wrote for two geoms: of their <pair>, else of the first of them, or of
+    the second where the first has the default.
     """
     source, ids = "pair", explicit_pairs(model, geoms)[:1]
     if not ids:
-        source, ids = "geom", list(_in_order(place, geoms))
+        source, ids = "geom", list(geoms)
     solrefs, solimps = getattr(model, f"{source}_solref")[ids], getattr(model, f"{source}_solimp")[ids]
     return _first_set(solrefs, DEFAULT_SOLREF), _first_set(solimps, _DEFAULT_SOLIMP)
 
@@ -111,26 +136,3 @@ def _first_set(values: Floats, default: tuple[float, ...]) -> tuple[float, ...]:
 def same(a: Sequence[float] | Floats, b: Sequence[float]) -> bool:
     """Equal as far as XML goes."""
     return bool(np.allclose(a, b, rtol=1e-12, atol=0))
-
-
-def asked_law(model: Any, place: PairAtTouch) -> tuple[SoftConstraint | None, str]:
-    """What the author's solref and solimp ask for, in words too; None where different contacts add up."""
-    rows = place.contact.rows
-    written = {_as_written(model, place, geoms) for _, _, geoms in rows}
-    if len(written) > 1:
-        return None, f"{len(rows)} different contacts add up: the model asks for no one e"
-    ((solref, solimp),) = written
-    law = SoftConstraint(solref, solimp, float(model.opt.timestep), clamped=False)  # type: ignore[arg-type]
-    default = "default " if same(solref, DEFAULT_SOLREF) else ""
-    return law, f"{default}solref {numbers(solref)}, solimp {numbers(solimp)}"
-
-
-def delivered_law(model: Any, place: PairAtTouch) -> SoftConstraint | None:
-    """What the engine made of it: mixed, clamped and kept safe; None where different contacts add up."""
-    used = {(solref, solimp) for solref, solimp, _ in place.contact.rows}
-    if len(used) > 1:
-        return None
-    ((solref, solimp),) = used
-    h = float(model.opt.timestep)
-    safe = not model.opt.disableflags & backend().mjtDisableBit.mjDSBL_REFSAFE
-    return SoftConstraint(solref, solimp, h, shortest=2 * h if safe else 0.0)  # type: ignore[arg-type]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from hcbench.engines.mujoco.mjcf import numbers_text
 from hcbench.engines.mujoco.model import explicit_pairs, integrator_name
 from hcbench.engines.mujoco.rows import STIFF_SOLIMP
 from hcbench.laws.kelvin_voigt import Ending, matched
@@ -11,13 +13,9 @@ from hcbench.laws.kelvin_voigt import Ending, matched
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+numbers = partial(numbers_text, number="{:.10g}".format)  # as an XML attribute has them
 _STEPS = 40  # in contact, of a spring and damper
 _LEAST_E = 0.01  # that a spring and damper are made for: e = 0 takes a damping without bounds
-
-
-def numbers(values: Sequence[float]) -> str:
-    """As an XML attribute has them."""
-    return " ".join(f"{v:.10g}" for v in values)
 
 
 def solref_of(e: float, timestep: float, integrator: str) -> tuple[float, float]:
