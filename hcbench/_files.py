@@ -1,4 +1,4 @@
-"""Files written whole or not at all, and folders that know what an earlier run wrote into them."""
+"""Files and folders that are written whole or not at all."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 MANIFEST = "hcbench-files.json"
-_FILLED = "hcbench files"
+_KIND = "hcbench files"
 
 
 def json_text(content: Any) -> str:
@@ -68,25 +68,24 @@ def _unwritable(slot: str, path: Path, error: OSError, expected: str) -> Hcbench
 
 
 @contextmanager
-def filled_folder(folder: Path) -> Iterator[Path]:
+def atomic_folder(folder: Path) -> Iterator[Path]:
     """A scratch folder whose files move into `folder` when the block ends well; else nothing is left.
 
-    Files of an earlier filling that are not of this one go, unless someone has changed them since: MANIFEST
-    lists what was written, with a digest of each.
+    Files that an earlier block wrote and this one did not are deleted, unless they were modified since:
+    MANIFEST lists what was written, with a digest of each.
     """
     made: list[Path] = []
+    scratch = None
     try:
         made = [p for p in (folder, *folder.parents) if not p.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(prefix=".hcbench-", dir=folder))
-    except OSError as error:
-        raise _unwritable("output folder", folder, error, "a folder that can be written to") from None
-    try:
         yield scratch
-        with undisturbed():
-            _move(scratch, folder)
+        with deferred_signals():
+            _move_all(scratch, folder)
     except BaseException as error:
-        shutil.rmtree(scratch, ignore_errors=True)
+        if scratch is not None:
+            shutil.rmtree(scratch, ignore_errors=True)
         for path in made:
             if path.exists() and not any(path.iterdir()):
                 path.rmdir()
@@ -96,35 +95,41 @@ def filled_folder(folder: Path) -> Iterator[Path]:
     shutil.rmtree(scratch, ignore_errors=True)
 
 
-def _move(scratch: Path, folder: Path) -> None:
-    earlier = _listed(folder)
-    (scratch / MANIFEST).unlink(missing_ok=True)  # of a filling within this one
+def _move_all(scratch: Path, folder: Path) -> None:
+    earlier = _read_manifest(folder)
+    (scratch / MANIFEST).unlink(missing_ok=True)  # of an atomic_folder within this one
     items = [item for item in sorted(scratch.rglob("*")) if item.is_file()]
-    own = {item.relative_to(scratch).as_posix(): _digest(item) for item in items}
-    # Listed before they are there: however this ends, the next filling knows what is not someone else's.
-    write_text(folder / MANIFEST, json_text({"schema": 1, "kind": _FILLED, "files": {**earlier, **own}}))
-    for item in items:
-        target = folder / item.relative_to(scratch)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        item.replace(target)
-    for name in earlier.keys() - own.keys():
+    written = {item.relative_to(scratch).as_posix(): _digest(item) for item in items}
+    # Listed before they are there: however this ends, it is known later what is not someone else's.
+    _write_manifest(folder, {**earlier, **written})
+    for item, name in zip(items, written, strict=True):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        item.replace(folder / name)
+    for name in earlier.keys() - written.keys():
         stale = folder / name
         if stale.is_file() and not stale.is_symlink() and _digest(stale) == earlier[name]:
             stale.unlink()
             if stale.parent != folder and not any(stale.parent.iterdir()):
                 stale.parent.rmdir()
-    write_text(folder / MANIFEST, json_text({"schema": 1, "kind": _FILLED, "files": own}))
+    _write_manifest(folder, written)
 
 
-def _listed(folder: Path) -> dict[str, str]:
-    """Files below `folder` that an earlier filling wrote, and their digests; none where nothing says so."""
+def _write_manifest(folder: Path, files: dict[str, str]) -> None:
+    write_text(folder / MANIFEST, json_text({"schema": 1, "kind": _KIND, "files": files}))
+
+
+def _read_manifest(folder: Path) -> dict[str, str]:
+    """Files below `folder` that were written earlier, and their digests; none where nothing says so."""
     try:
         content = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        files = content["files"] if content["kind"] == _FILLED else {}
-        below = {str(name): str(digest) for name, digest in files.items()}
+        files = content["files"] if content["kind"] == _KIND else {}
+        return {
+            str(name): str(digest)
+            for name, digest in files.items()
+            if not Path(name).is_absolute() and ".." not in Path(name).parts
+        }
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
         return {}
-    return {n: d for n, d in below.items() if not Path(n).is_absolute() and ".." not in Path(n).parts}
 
 
 def _digest(path: Path) -> str:
@@ -132,19 +137,19 @@ def _digest(path: Path) -> str:
 
 
 @contextmanager
-def undisturbed() -> Iterator[None]:
-    """Ctrl-C and its kin wait until the block is through; for moments, in the main thread."""
-    came: list[int] = []
-    kept: dict[int, Any] = {}
+def deferred_signals() -> Iterator[None]:
+    """Ctrl-C, TERM and HUP wait until the block is through; for moments, in the main thread."""
+    pending: list[int] = []
+    handlers: dict[int, Any] = {}
     if threading.current_thread() is threading.main_thread():
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):
             number = getattr(signal, name, None)
             if number is not None and callable(signal.getsignal(number)):
-                kept[number] = signal.signal(number, lambda n, _: came.append(n))
+                handlers[number] = signal.signal(number, lambda n, _: pending.append(n))
     try:
         yield
     finally:
-        for number, handler in kept.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
-    for number in came[:1]:
+    for number in pending[:1]:
         signal.raise_signal(number)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hcbench._files import MANIFEST, filled_folder
+from hcbench._files import MANIFEST, atomic_folder
 from hcbench.cli import run
 
 HCBENCH = [sys.executable, "-c", "from hcbench.cli import main; main()"]
@@ -148,7 +148,7 @@ def test_an_empty_path_is_not_the_working_directory(
 
 
 def fill(folder: Path, files: dict[str, str]) -> None:
-    with filled_folder(folder) as scratch:
+    with atomic_folder(folder) as scratch:
         for name, text in files.items():
             (scratch / name).parent.mkdir(exist_ok=True)
             (scratch / name).write_text(text, encoding="utf-8")
@@ -201,7 +201,7 @@ def test_a_list_that_is_not_ours_removes_nothing(tmp_path: Path, manifest: str) 
 
 def test_a_failed_filling_removes_nothing(tmp_path: Path) -> None:
     fill(tmp_path, {"old.csv": "1"})
-    with pytest.raises(KeyboardInterrupt), filled_folder(tmp_path) as scratch:
+    with pytest.raises(KeyboardInterrupt), atomic_folder(tmp_path) as scratch:
         (scratch / "new.csv").write_text("2", encoding="utf-8")
         raise KeyboardInterrupt
     assert there(tmp_path) == [MANIFEST, "old.csv"]

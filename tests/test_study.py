@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from hcbench._files import filled_folder
+from hcbench._files import atomic_folder
 from hcbench.benchmark.results import RUN_KEY, Results
 from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import Study, find_study, load_study, name_of, study_from
@@ -62,7 +62,7 @@ def test_the_reference_is_scored_perfect_against_its_own_law(results: Results) -
 def test_the_number_of_jobs_does_not_change_a_byte(tmp_path: Path, study: Study, results: Results) -> None:
     texts = []
     for name, found in (("two", results), ("one", run_study(study, jobs=1))):
-        with filled_folder(tmp_path / name) as scratch:
+        with atomic_folder(tmp_path / name) as scratch:
             found.write(scratch)
         texts.append({p.name: p.read_bytes() for p in sorted((tmp_path / name).iterdir())})
     tables = ["loops.csv", "restitution.csv", "scores.csv", "summary.json", "trains.csv"]

@@ -12,7 +12,7 @@ from contextlib import suppress
 
 import click
 
-from hcbench.cli._process import Interrupted, ending_well, leave_streams, take_signals, take_streams
+from hcbench.cli._process import flush_stdio, install_signal_handlers, translate_errors, wrap_stdio
 from hcbench.cli.check import check, measure
 from hcbench.cli.convert import convert
 from hcbench.cli.engines import engines
@@ -37,20 +37,20 @@ def app() -> None:
 
 
 for command in (report, sweep, tune, measure, check, paper, reference, convert, engines):
-    app.add_command(ending_well(command))
+    app.add_command(translate_errors(command))
 
 
 def main() -> None:
     """Run the command line; every way out is an exit code and at most one line."""
     try:
-        take_signals()
-        take_streams()
+        install_signal_handlers()
+        wrap_stdio()
         code = run(sys.argv[1:])
     except HcbenchError as error:
         code = _fail(error.exit_code, str(error))
     except KeyboardInterrupt:
         code = _fail(130, _INTERRUPTED)
-    leave_streams()
+    flush_stdio()
     sys.exit(code)
 
 
@@ -66,10 +66,8 @@ def run(arguments: list[str]) -> int:
         return UserError.exit_code
     except click.ClickException as error:
         return _fail(UserError.exit_code, error.format_message() + _hint(error))
-    except Interrupted as error:
+    except (KeyboardInterrupt, click.Abort) as error:
         return _fail(130, str(error) or _INTERRUPTED)
-    except (KeyboardInterrupt, click.exceptions.Abort):
-        return _fail(130, _INTERRUPTED)
     except BrokenPipeError:  # the reader of our output went away, as `head` does
         return 0
     except OSError as error:

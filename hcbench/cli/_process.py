@@ -1,4 +1,4 @@
-"""How a command ends: streams that cannot be written to, signals, mistakes under the option's own name."""
+"""The command as a process: streams that cannot be written to, signals, mistakes under the option's name."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,104 +19,85 @@ from hcbench.errors import OutputError, UserError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 _LONGEST_NAME = 255  # bytes, on every common file system
-_AGAIN_S = 1.0  # between two signals that count as two
-# A slot that is told of under another option than its own name.
-_ALSO = {"restitution": ("--restitution", "--points"), "lowest speed": ("--speeds",)}
+_REPEAT_S = 1.0  # signals that come within this time count as one
+# Slots that belong to options of another name.
+_OPTIONS = {"restitution": ("--restitution", "--points"), "lowest speed": ("--speeds",)}
 
 
-class Interrupted(Exception):  # noqa: N818 - reads as what happened
-    """Ctrl-C, as something that Click passes on without a word of its own; with what to say, if anything."""
+class _Stream(io.TextIOWrapper):
+    """A standard stream. Where one that is `required` cannot be written to, that is an OutputError."""
 
+    required: bool
 
-class _Output(io.TextIOWrapper):
-    """Standard output that says so when it cannot be written to."""
-
-    def write(self, text: str, /) -> int:
-        with _told():
-            return super().write(text)
-
-    def flush(self) -> None:
-        with _told():
-            super().flush()
-
-
-class _Notes(io.TextIOWrapper):
-    """Standard error: what cannot be said there is not worth failing for."""
+    @contextmanager
+    def _checked(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            if self.required and isinstance(error, BrokenPipeError):
+                raise
+            if self.required:
+                got = error.strerror or str(error)
+                raise OutputError("standard output", got, "one that can be written to") from None
 
     def write(self, text: str, /) -> int:
-        with suppress(OSError):
+        with self._checked():
             super().write(text)
         return len(text)
 
     def flush(self) -> None:
-        with suppress(OSError):
+        with self._checked():
             super().flush()
 
 
-@contextmanager
-def _told() -> Iterator[None]:
-    try:
-        yield
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        raise OutputError(
-            "standard output", error.strerror or str(error), "one that can be written to"
-        ) from None
-
-
-def take_streams() -> None:
-    """Make standard output tell when it fails. Raises OutputError where it is closed."""
+def wrap_stdio() -> None:
+    """Make standard output fail with OutputError, here where it is closed, and standard error not at all."""
     while (fd := os.open(os.devnull, os.O_RDWR)) <= 2:  # closed: the next file opened would be taken for it
         os.set_inheritable(fd, True)
     os.close(fd)
-    if sys.stderr is None:
-        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115 - for good
-    sys.stderr = _as(_Notes, sys.stderr)
+    null = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - for good
+    sys.stderr = _wrap(sys.stderr or null, required=False)
     if sys.stdout is None:
         raise OutputError("standard output", "closed", "one that can be written to")
-    sys.stdout = _as(_Output, sys.stdout)
+    sys.stdout = _wrap(sys.stdout, required=True)
 
 
-def _as(kind: type[io.TextIOWrapper], stream: Any) -> Any:
-    """The same stream, of another kind, and with a way to write α where the terminal has none."""
+def _wrap(stream: Any, required: bool) -> Any:
+    """The same stream, checked, and with a way to write α where the terminal has none."""
     if not isinstance(stream, io.TextIOWrapper):
         return stream
     encoding, lines, through = stream.encoding, stream.line_buffering, stream.write_through
-    return kind(stream.detach(), encoding, "backslashreplace", None, lines, through)
+    wrapped = _Stream(stream.detach(), encoding, "backslashreplace", None, lines, through)
+    wrapped.required = required
+    return wrapped
 
 
-def leave_streams() -> None:
-    """Let go of what could not be written, so that the interpreter does not try again."""
-    if sys.stdout is None:
-        return
-    try:
+def flush_stdio() -> None:
+    """Write what is left; what cannot be written is no error any more, as the interpreter tries again."""
+    if isinstance(sys.stdout, _Stream):
+        sys.stdout.required = False
         sys.stdout.flush()
-    except (OSError, OutputError, ValueError):
-        with suppress(OSError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
-def take_signals() -> None:
+def install_signal_handlers() -> None:
     """TERM and HUP end a command as Ctrl-C does: nothing is left half-written. Ignored ones stay ignored."""
-    last = -_AGAIN_S
+    last = -_REPEAT_S
 
     def interrupt(number: int, frame: object) -> None:
         nonlocal last
         before, last = last, time.monotonic()
-        if last - before >= _AGAIN_S:  # one press may come as several, while what is running is being ended
+        if last - before >= _REPEAT_S:  # one press may come as several, while what is running is being ended
             raise KeyboardInterrupt
 
-    for name in _SIGNALS:
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
             signal.signal(number, interrupt)
 
 
-def ending_well(command: click.Command) -> click.Command:
-    """The command, whose mistakes name the option that was given, and whose interrupts are ours to tell."""
+def translate_errors(command: click.Command) -> click.Command:
+    """The command, with mistakes named by the option that was given, and Ctrl-C as a silent click.Abort."""
     inner = command.callback
     assert inner is not None
 
@@ -128,8 +109,8 @@ def ending_well(command: click.Command) -> click.Command:
             if (option := _option_of(error.slot, click.get_current_context())) is None:
                 raise
             raise type(error)(option, error.got, error.expected, error.todo) from error
-        except KeyboardInterrupt:
-            raise Interrupted from None
+        except KeyboardInterrupt:  # for which Click would print an empty line
+            raise click.Abort from None
         except BrokenPipeError:  # the reader of our output went away, as `head` does; Click would exit with 1
             return 0
 
@@ -146,16 +127,13 @@ def _option_of(slot: str, context: click.Context) -> str | None:
         and context.get_parameter_source(parameter.name) is click.core.ParameterSource.COMMANDLINE
         for name in parameter.opts
     }
-    names = _ALSO.get(slot, ("--" + slot.replace("_", "-"),))
+    names = _OPTIONS.get(slot, ("--" + slot.replace("_", "-"),))
     return next((name for name in names if name in given), None)
 
 
-def path_type(**options: Any) -> click.Path:
+class PathType(click.Path):
     """A path: "" is none, and not the working directory; nor is what no disk takes."""
-    return _OutPath(**options)
 
-
-class _OutPath(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         slot = param.opts[0] if param else "path"
         if not str(value):

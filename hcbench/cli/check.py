@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli._process import path_type
+from hcbench.cli._process import PathType
 from hcbench.cli.console import as_json, jobs_option, print_json, progress
 from hcbench.errors import UserError
 
@@ -18,7 +18,7 @@ _MODELS = "MJCF or URDF files, or setup.py:function with --python."
 
 
 def _file(*names: str, help: str) -> Callable[..., Any]:  # noqa: A002 - Click's own word
-    return click.option(*names, type=path_type(path_type=Path, dir_okay=False), help=help)
+    return click.option(*names, type=PathType(path_type=Path, dir_okay=False), help=help)
 
 
 def _model_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -48,7 +48,7 @@ def _sources(models: tuple[str, ...], python: str | None) -> tuple[str, ...]:
 
 
 @click.command()
-@click.argument("models", nargs=-1, type=path_type())
+@click.argument("models", nargs=-1, type=PathType())
 @_model_options
 @click.option("--alpha", help="α to look for causes against.")
 @click.option("--restitution", help="e to look for causes against.")
@@ -97,7 +97,7 @@ def measure(
 
 
 @click.command()
-@click.argument("models", nargs=-1, type=path_type())
+@click.argument("models", nargs=-1, type=PathType())
 @_model_options
 @click.option("--alpha", help="Hold it against the law with this α.")
 @click.option("--target", "reading", type=click.Choice(["law", "linear"]), default="law", show_default=True)

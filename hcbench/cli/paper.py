@@ -6,13 +6,13 @@ from pathlib import Path
 
 import click
 
-from hcbench.cli._process import path_type
+from hcbench.cli._process import PathType
 from hcbench.cli.console import jobs_option, progress
 
 
 @click.command()
 @click.option(
-    "--out", type=path_type(path_type=Path), default=Path("reports/paper"), show_default=True,
+    "--out", type=PathType(path_type=Path), default=Path("reports/paper"), show_default=True,
     help="Folder to write to.",
 )  # fmt: skip
 @click.option("--quick", is_flag=True, help="Fewer parameters in the forced figures: a preview.")

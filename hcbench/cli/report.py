@@ -6,13 +6,13 @@ from pathlib import Path
 
 import click
 
-from hcbench.cli._process import path_type
+from hcbench.cli._process import PathType
 from hcbench.cli.console import jobs_option, progress
 
 
 @click.command()
-@click.argument("study", default="steel-1lb", type=path_type())
-@click.option("--out", type=path_type(path_type=Path), help="Folder to write to.  [default: reports/NAME]")
+@click.argument("study", default="steel-1lb", type=PathType())
+@click.option("--out", type=PathType(path_type=Path), help="Folder to write to.  [default: reports/NAME]")
 @click.option("--quick", is_flag=True, help="Fewer speeds, phases and steps: a preview.")
 @jobs_option
 def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
@@ -22,7 +22,7 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
 
     STUDY is a study.toml, its folder, or a built-in name; or the folder of a finished sweep.
     """
-    from hcbench._files import filled_folder
+    from hcbench._files import atomic_folder
     from hcbench.benchmark.read import is_sweep, read
     from hcbench.benchmark.run import run_in_pool
     from hcbench.benchmark.study import find_study, load_study, name_of
@@ -38,7 +38,7 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
     path = find_study(study)
     plan = load_study(path).quick() if quick else load_study(path)
     folder = out or Path("reports") / name_of(path)
-    with filled_folder(folder) as scratch, WorkerPool(jobs) as pool:
+    with atomic_folder(folder) as scratch, WorkerPool(jobs) as pool:
         with progress("impacts") as tick:
             results = run_in_pool(pool, plan, tick)
         build(results, scratch, pool)

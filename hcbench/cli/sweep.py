@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hcbench.cli._process import path_type
+from hcbench.cli._process import PathType
 from hcbench.cli.console import jobs_option
 
 if TYPE_CHECKING:
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("study", type=path_type())
+@click.argument("study", type=PathType())
 @click.option(
     "--out",
-    type=path_type(),
+    type=PathType(),
     help="Folder to write to: a path, or an URL such as s3://...  [default: sweeps/NAME]",
 )
 @jobs_option

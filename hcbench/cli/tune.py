@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 import click
 
-from hcbench.cli._process import Interrupted, path_type
+from hcbench.cli._process import PathType
 from hcbench.cli.console import as_json, print_json, progress
 from hcbench.errors import LimitPassed, UserError
 
@@ -63,7 +63,7 @@ class _TargetOptions(TypedDict):
 @click.option("--exponent", help="n of the law.  [default: the scene's]")
 @click.option("--max-error", type=float, help="Exit 1 when the largest error of e is above this.")
 @click.option(
-    "--write-scene", type=path_type(path_type=Path), help="Write a file that runs in the plain engine."
+    "--write-scene", type=PathType(path_type=Path), help="Write a file that runs in the plain engine."
 )
 @as_json
 def tune(
@@ -93,7 +93,7 @@ def tune(
             tuned = tuning.tune(engine, target, scene, recipe, match, integrator, report)
     except SearchInterrupted as interrupt:
         _print_interrupted(interrupt, scene, as_json)
-        raise Interrupted(f"interrupted: {interrupt}") from None
+        raise click.Abort(f"interrupted: {interrupt}") from None
     text = _snippet(tuned.setting, scene)
     if write_scene is not None:
         write_text(write_scene, registry.engine(engine).script(tuned.scene, tuned.setting))

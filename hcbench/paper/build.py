@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from hcbench._files import filled_folder, write_text
+from hcbench._files import atomic_folder, write_text
 from hcbench.laws.published import LAWS
 from hcbench.paper import forced_figures, impact_figures, later_figures, vibroimpact_figures
 from hcbench.paper.approximations import APPROXIMATIONS
@@ -61,7 +61,7 @@ def build(
     OutputError where the folder cannot be written.
     """
     plan = drawings(replace(QUICK if quick else FULL, jobs=jobs))
-    with filled_folder(folder) as scratch:
+    with atomic_folder(folder) as scratch:
         (scratch / "figures").mkdir()
         figures = {}
         for done, drawing in enumerate(plan):

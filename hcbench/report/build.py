@@ -6,7 +6,7 @@ import math
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from hcbench._files import filled_folder, write_text
+from hcbench._files import atomic_folder, write_text
 from hcbench.report import advice, ranking, tables, wording
 from hcbench.report.drawings import class_heading, drawings, loop_speeds, step_speed
 from hcbench.report.page import PAGE, draw, render
@@ -28,7 +28,7 @@ def build(results: Results, folder: Path, pool: WorkerPool | None = None) -> Pat
     The same results give the same bytes. Raises OutputError where the folder cannot be written.
     """
     view = View(results)
-    with filled_folder(folder) as scratch:
+    with atomic_folder(folder) as scratch:
         results.write(scratch)
         (scratch / "figures").mkdir()
         save = partial(draw, folder=scratch / "figures")
