@@ -126,8 +126,8 @@ def fit_alpha(speed_in: Floats, restitution: Floats) -> tuple[float, float]:
         return float(np.mean((closed_form.restitution(math.exp(log_alpha), speed_in) - restitution) ** 2))
 
     scale = float(speed_in.mean())
-    found = minimize_scalar(misfit, bounds=(math.log(1e-6 / scale), math.log(1e3 / scale)), method="bounded")
-    return math.exp(found.x), math.sqrt(found.fun)
+    best = minimize_scalar(misfit, bounds=(math.log(1e-6 / scale), math.log(1e3 / scale)), method="bounded")
+    return math.exp(best.x), math.sqrt(best.fun)
 
 
 def score_loop(impact: Impact, law: HuntCrossley, mass: float) -> LoopScore | None:
@@ -266,15 +266,15 @@ def bounce_heights(path: Trajectory, count: int) -> list[float]:
 
     Each from the highest sample of a flight and its two neighbours, by the parabola through them.
     """
-    gap, found = -path.penetration, []
+    gap, heights = -path.penetration, []
     touches = np.flatnonzero((path.force[:-1] != 0) & (path.force[1:] == 0) & (path.rate[1:] < 0))
     for start, end in pairwise([*touches, len(gap) - 1]):
         top = start + int(gap[start : end + 1].argmax())
         if 0 < top < len(gap) - 1 and gap[top] > 0 and gap[top] >= gap[top + 1]:
             before, here, after = gap[top - 1 : top + 2]
             bend = before - 2 * here + after
-            found.append(float(here - (after - before) ** 2 / (8 * bend)) if bend < 0 else float(here))
-    return found[:count]
+            heights.append(float(here - (after - before) ** 2 / (8 * bend)) if bend < 0 else float(here))
+    return heights[:count]
 
 
 def _largest(values: Floats) -> float:

@@ -95,8 +95,8 @@ def run_launches(
 
     def run(group: Sequence[Launch]) -> list[Impact]:
         nonlocal steps
-        found, steps = _run_group(world, group, steps)
-        return found
+        group_impacts, steps = _run_group(world, group, steps)
+        return group_impacts
 
     parts = [launches[i : i + size] for i in range(0, len(launches), size)]
     if world.concurrent == 1 or len(parts) == 1:
@@ -137,8 +137,8 @@ def _until_ended(
         x, v, f = np.concatenate([part[:, ended] for part in history], axis=2)[:, :, :longest]
         time = np.arange(longest, dtype=np.float64) * world.timestep
         which = left[ended].tolist()
-        found = impacts_of([launches[i] for i in which], time, x, v, f, counts[ended], ends[ended])
-        for i, impact, count in zip(which, found, counts[ended].tolist(), strict=True):
+        read = impacts_of([launches[i] for i in which], time, x, v, f, counts[ended], ends[ended])
+        for i, impact, count in zip(which, read, counts[ended].tolist(), strict=True):
             ended_impacts[i] = _explained(impact, world.diverged, simulation.remark(count))
         going = ~ended
         left, history = left[going], [part[:, going] for part in history]

@@ -1,11 +1,11 @@
 """Many balls in one MuJoCo model, each with the same bits as alone.
 
 MuJoCo's cost per step is mostly its own housekeeping, so balls that share a model are several times cheaper.
-They do not touch each other: their collisions with one another are off, and each is a constraint island of
-its own, solved and judged converged by itself. Two things would still let balls be felt by others: a warm
+They do not touch each other: their collisions with one another are off, and each is a constraint island that
+is solved and judged converged by itself. Two things would still let one ball change another's bits: a warm
 start, which is taken or not for the whole model at once, and a sparse Jacobian, which adds up in another
-order from ten balls on. The first is off in every model that is flown, the second in a crowd. A ball that
-cannot leave its axis flies on a slide, alone or not (`_mujoco_axis`).
+order from ten balls on. The first is off in every model, the second in a batch. A ball that cannot leave its
+axis moves on a slide joint, alone or not (`slide_joint`).
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class BatchedModel:
     """A compiled model of `size` balls, each free or on a slide along z.
 
     at: where position and velocity of the ball start in a full state of the model of one, which is free. A
-    state of the crowd is time, then the positions of each ball, then the velocities of each.
+    state of the batch is time, then the positions of each ball, then the velocities of each.
     """
 
     model: Any
@@ -75,8 +75,8 @@ class BatchedModel:
         states = states.copy()
         states[:, 0] = packed[0, 0]
         for start, width, inner in self._spans():
-            own = packed[:, start : start + width * self.size].reshape(-1, width)
-            states[:, inner : inner + width] = own[: len(states)]
+            balls = packed[:, start : start + width * self.size].reshape(-1, width)
+            states[:, inner : inner + width] = balls[: len(states)]
         return states
 
     def columns(self, path: Floats, component: tuple[int, int], count: int) -> Floats | None:
@@ -110,7 +110,7 @@ class BatchedModel:
 
 
 def batch_kind(loaded: SceneModel) -> Kind:
-    """How the ball of a model can fly with others and keep its bits: not at all, free, or on a slide."""
+    """How the ball of a model can share one with others and keep its bits: not at all, free, or on a slide."""
     mujoco, model = loaded.mujoco, loaded.model
     option = model.opt
     as_usual = (
@@ -145,9 +145,9 @@ def _touches_in_one_way(model: Any) -> bool:
     if ((model.geom_contype | model.geom_conaffinity) & ~_MASK).any():
         return False
     moving = model.body_weldid[model.geom_bodyid] != 0
-    found = {frozenset(pair) for pair in axis.collidable_pairs(model, moving)}
+    possible = {frozenset(pair) for pair in axis.collidable_pairs(model, moving)}
     written = {frozenset((int(a), int(b))) for a, b in zip(model.pair_geom1, model.pair_geom2, strict=True)}
-    return not found - written if written else len(found) <= 1
+    return not possible - written if written else len(possible) <= 1
 
 
 def compile_batch(loaded: SceneModel, size: int, sliding: bool) -> BatchedModel:
@@ -183,9 +183,9 @@ def _repeated(root: ET.Element, size: int) -> ET.Element:
     holders = [next(e for e in root.iter() if ball in list(e))]
     holders += [e for tag in ("contact", "tendon", "sensor") for e in root.findall(tag)]
     for holder in holders:
-        own = [e for e in holder if e is ball or any(_refers(part, names) for part in e.iter())]
+        elements = [e for e in holder if e is ball or any(_refers(part, names) for part in e.iter())]
         for i in range(1, size):
-            for element in own:
+            for element in elements:
                 holder.append(_renamed(copy.deepcopy(element), names, f"{mark}{i}"))
     return root
 
@@ -206,7 +206,7 @@ def _renamed(element: ET.Element, names: Mapping[str, set[str | None]], suffix: 
 
 def _disable_mutual_collisions(spec: Any) -> None:
     """Let balls collide with what does not move as before, and never with each other."""
-    if spec.pairs:  # all the ways to touch, as it can be a crowd; looking for more costs a sixth of a step
+    if spec.pairs:  # all ways to touch, or it would not be batched; looking for more costs a sixth of a step
         for geom in spec.geoms:
             geom.contype = geom.conaffinity = 0
         return

@@ -1,11 +1,11 @@
 """A ball that can only go up and down, in place of a free one: the same impact for a third of the cost.
 
 A sphere that falls along the axis of what it falls on, and meets no friction there, is never pushed aside or
-turned: five of a free body's six velocities stay 0. On a slide joint the ball has the other one alone. What
-MuJoCo takes for the mass that a contact feels it works out from all three directions, so that is put back.
+turned: five of a free body's six velocities stay 0. On a slide joint the ball has the other one alone. MuJoCo
+computes body_invweight0 from all three directions; a slide joint changes it, so the free body's is restored.
 
 Where one row of constraint holds a ball, its force is one division, without Newton's line search over all
-balls of a model: one sweep of Gauss and Seidel, the same to rounding, the same bits in any company.
+balls of a model: one sweep of Gauss and Seidel, the same to rounding, the same bits in any batch.
 """
 
 from __future__ import annotations
@@ -25,17 +25,16 @@ Z = 2  # the number of a position or velocity that is along the axis
 def stays_on_axis(mujoco: Any, model: Any) -> bool:
     """Whether the ball of a model, which at qpos0 just touches, can leave the vertical in no way.
 
-    For a model with one joint, the ball's <freejoint>, that can touch in the ways which its pairs and limits
-    say, or else by one pair of geoms.
+    Expects one free joint, and contact through explicit <pair>s or tendon limits, or through one pair of geoms.
     """
     joint = model.jnt_bodyid[0]
-    own = np.flatnonzero(model.geom_bodyid == joint)
+    geoms = np.flatnonzero(model.geom_bodyid == joint)
     plain = (
         model.body_parentid[joint] == 0
         and np.array_equal(model.body_quat[joint], [1.0, 0.0, 0.0, 0.0])
         and not model.body_gravcomp[joint]
-        and (model.geom_type[own] == mujoco.mjtGeom.mjGEOM_SPHERE).all()
-        and not model.geom_pos[own].any()
+        and (model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_SPHERE).all()
+        and not model.geom_pos[geoms].any()
         and not any((model.opt.wind.any(), model.opt.density, model.opt.viscosity))
         and _solves_well(mujoco, model)
     )
@@ -44,12 +43,12 @@ def stays_on_axis(mujoco: Any, model: Any) -> bool:
 
 def _solves_well(mujoco: Any, model: Any) -> bool:
     """Whether the solver may go on until it is done: cut short, a free ball's answer is another."""
-    own, usual = model.opt, mujoco.MjOption()
+    option, usual = model.opt, mujoco.MjOption()
     return bool(
-        own.iterations >= usual.iterations
-        and own.ls_iterations >= usual.ls_iterations
-        and own.tolerance <= usual.tolerance
-        and own.ls_tolerance <= usual.ls_tolerance
+        option.iterations >= usual.iterations
+        and option.ls_iterations >= usual.ls_iterations
+        and option.tolerance <= usual.tolerance
+        and option.ls_tolerance <= usual.ls_tolerance
     )
 
 

@@ -191,12 +191,12 @@ def _others(data: Any, pair: ContactPair) -> set[int]:
     """Geoms that touch the moving tree, or the other one's, besides the pair."""
     model, sides = pair.model, pair.sides
     roots = {int(model.body_rootid[b]) for b in (pair.first.body, pair.second.body) if b}
-    found = set()
+    others = set()
     for i in range(data.ncon):
         geoms = [int(g) for g in data.contact.geom[i]]
         if data.contact.efc_address[i] < 0 or min(geoms) < 0 or sides[geoms[0]] + sides[geoms[1]] == 3:
             continue
         in_tree = [int(model.body_rootid[model.geom_bodyid[g]]) in roots for g in geoms]
         if any(in_tree):
-            found |= {g for g, inside in zip(geoms, in_tree, strict=True) if not inside or all(in_tree)}
-    return found
+            others |= {g for g, inside in zip(geoms, in_tree, strict=True) if not inside or all(in_tree)}
+    return others

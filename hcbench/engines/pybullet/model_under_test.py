@@ -111,8 +111,8 @@ class PybulletModel(ModelUnderTest):
     def facts(self) -> Facts:
         """What the world says of itself and of the pair."""
         first, second = restitutions(self.bullet, self.place)
-        known = not math.isnan(first * second)
-        found = self.bullet.getPhysicsEngineParameters()
+        is_known = not math.isnan(first * second)
+        parameters = self.bullet.getPhysicsEngineParameters()
         notes = []
         if self.place.lift > 0:
             notes.append("Both files stand at the origin: the moving one was raised above the other first.")
@@ -129,12 +129,12 @@ class PybulletModel(ModelUnderTest):
             effective_mass=self.place.effective_mass,
             normal=tuple(float(x) for x in self.place.normal),  # type: ignore[arg-type]
             settings={
-                "restitution": [first, second] if known else "not told",
-                "numSubSteps": int(found["numSubSteps"]),
-                "numSolverIterations": int(found["numSolverIterations"]),
+                "restitution": [first, second] if is_known else "not told",
+                "numSubSteps": int(parameters["numSubSteps"]),
+                "numSolverIterations": int(parameters["numSolverIterations"]),
             },
-            asked=(first * second,) * len(self.request.speeds) if known else (),
-            asked_words=f"restitution {first:g} x {second:g}" if known else _UNTOLD,
+            asked=(first * second,) * len(self.request.speeds) if is_known else (),
+            asked_words=f"restitution {first:g} x {second:g}" if is_known else _UNTOLD,
             notes=tuple(notes),
         )
 
@@ -143,8 +143,8 @@ class PybulletModel(ModelUnderTest):
         context = BulletContext(
             self.bullet, self.place, impacts, wanted, self.timestep, self._gravity(), self.world.unread
         )
-        found = find_suspects(context)
-        return found if self.build else [dataclasses.replace(c, apply=None) for c in found]
+        suspects = find_suspects(context)
+        return suspects if self.build else [dataclasses.replace(s, apply=None) for s in suspects]
 
     def fixed(self, suspects: Sequence[Suspect]) -> PybulletModel:
         """The same world made anew, with some fixes made; a live client is not touched."""

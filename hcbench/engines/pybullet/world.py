@@ -240,10 +240,10 @@ def _check_shapes(bullet: BulletClient, scene: Scene, ball: int, plate: int) -> 
     _place(bullet, ball, touching_height(scene) - overlap)
     seen = [-point[8] for point in bullet.getClosestPoints(ball, plate, 0.0)]
     if not seen or abs(max(seen) - overlap) > _SHAPE_TOLERANCE:
-        found = f"{max(seen):.3e} m" if seen else "none"
+        depth = f"{max(seen):.3e} m" if seen else "none"
         raise SceneError(
             f"scene {scene.name!r}",
-            f"the URDFs of ball and plate overlap by {found} where the scene says {overlap:g} m",
+            f"the URDFs of ball and plate overlap by {depth} where the scene says {overlap:g} m",
             f"the ball to touch with its centre at z = {touching_height(scene)!r} m",
         )
 

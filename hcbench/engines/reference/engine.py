@@ -37,7 +37,7 @@ class ReferenceEngine(Engine):
 
     Settings: "hunt-crossley", options alpha (s/m), and stiffness (N/m^n) and exponent where they differ from
     the scene's; "kelvin-voigt", options stiffness (N/m) and damping (N s/m), contact ending at x = 0; the
-    laws of `reference.later_laws` by their slugs, such as "flores", options restitution (the e asked for),
+    laws of `laws.published` by their slugs, such as "flores", options restitution (the e asked for),
     and stiffness and exponent: v_i is the speed at touch of each impact. Without gravity by closed form,
     with gravity by ODE.
     """
@@ -92,8 +92,8 @@ def law_of(setting: Setting, scene: Scene) -> Law:
         return TouchSpeedLaw(
             law_named(setting.name), **_numbers(setting, defaults, required=("restitution",))
         )
-    known = ", ".join(map(repr, ["hunt-crossley", "kelvin-voigt", *slugs]))
-    raise SettingError("setting", f"{setting.name!r} of the reference", f"one of: {known}")
+    names = ", ".join(map(repr, ["hunt-crossley", "kelvin-voigt", *slugs]))
+    raise SettingError("setting", f"{setting.name!r} of the reference", f"one of: {names}")
 
 
 def _numbers(setting: Setting, defaults: Mapping[str, float], required: Sequence[str]) -> dict[str, float]:
@@ -106,15 +106,15 @@ def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float
     if isinstance(law, TouchSpeedLaw):
         law = law.at(speed)
     if gravity == 0.0 and isinstance(law, HuntCrossley):
-        found = _closed_hunt_crossley(law, mass, speed, timestep)
+        impact = _closed_hunt_crossley(law, mass, speed, timestep)
     elif gravity == 0.0 and kelvin_voigt.damping_ratio(law, mass) < 1.0:  # type: ignore[arg-type]
-        found = _closed_kelvin_voigt(law, mass, speed, timestep)  # type: ignore[arg-type]
+        impact = _closed_kelvin_voigt(law, mass, speed, timestep)  # type: ignore[arg-type]
     else:
-        found = ode.impact(law, mass, speed, gravity=gravity, count=2 * _POINTS_MIN - 1)
-    if found.loop is not None:
-        for array in (found.loop.time, found.loop.penetration, found.loop.rate, found.loop.force):
+        impact = ode.impact(law, mass, speed, gravity=gravity, count=2 * _POINTS_MIN - 1)
+    if impact.loop is not None:
+        for array in (impact.loop.time, impact.loop.penetration, impact.loop.rate, impact.loop.force):
             array.flags.writeable = False  # shared by every impact that asks for the same
-    return found
+    return impact
 
 
 def _points(duration: float, timestep: float) -> int:
