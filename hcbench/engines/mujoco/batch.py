@@ -110,7 +110,7 @@ class BatchedModel:
 
 
 def batch_kind(loaded: SceneModel) -> Kind:
-    """How the ball of a model can share one with others and keep its bits: not at all, free, or on a slide."""
+    """How a ball can share a model with others and keep its bits: not at all, free, or on a slide."""
     mujoco, model = loaded.mujoco, loaded.model
     option = model.opt
     as_usual = (

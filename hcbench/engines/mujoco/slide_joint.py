@@ -25,7 +25,7 @@ Z = 2  # the number of a position or velocity that is along the axis
 def stays_on_axis(mujoco: Any, model: Any) -> bool:
     """Whether the ball of a model, which at qpos0 just touches, can leave the vertical in no way.
 
-    Expects one free joint, and contact through explicit <pair>s or tendon limits, or through one pair of geoms.
+    Expects one free joint, and contact through explicit <pair>s, tendon limits, or one pair of geoms.
     """
     joint = model.jnt_bodyid[0]
     geoms = np.flatnonzero(model.geom_bodyid == joint)
