@@ -23,7 +23,7 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from hcbench.check.model import Outcome
+    from hcbench.check.outcome import Outcome
     from hcbench.measure.measurement import Measurement
 
 _INI = {
@@ -51,44 +51,45 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.fixture
-def restitution(request: pytest.FixtureRequest) -> Restitution:
+def restitution(request: pytest.FixtureRequest) -> RestitutionFixture:
     """Measures a model: `restitution(model, pair=...)`, then `.matches(e)`, `.follows(alpha=...)`, ...."""
-    given: dict[str, Any] = {}
+    defaults: dict[str, Any] = {}
     for name in _INI:
         value = request.config.getini(name)
         if value not in (None, "", []):
-            given[name.removeprefix("restitution_")] = value
+            defaults[name.removeprefix("restitution_")] = value
     for marker in reversed(list(request.node.iter_markers("restitution"))):  # the nearest has the last word
         unknown = sorted(set(marker.kwargs) - set(_KEYS))
         if marker.args or unknown:
             wrong = ", ".join(unknown) or "positional arguments"
             pytest.fail(f"@pytest.mark.restitution: {wrong}; expected {', '.join(_KEYS)}", pytrace=False)
-        given.update(marker.kwargs)
+        defaults.update(marker.kwargs)
     folder = request.path.parent
-    return Restitution(given, folder if folder.is_dir() else Path.cwd())
+    return RestitutionFixture(defaults, folder if folder.is_dir() else Path.cwd())
 
 
-class Restitution:
+class RestitutionFixture:
     """The fixture: call it with a model and a pair."""
 
     def __init__(self, defaults: Mapping[str, Any], folder: Path) -> None:
         self._defaults, self._folder = dict(defaults), folder
 
-    def __call__(self, model: Any, pair: Any = None, **more: Any) -> Bounce:
+    def __call__(self, model: Any, pair: Any = None, **options: Any) -> ModelBounce:
         """A model to be held against something.
 
-        model: a path (looked for in the test's own folder first), two paths, or an engine's
-        own model object. pair: names, the moving one first. more: speeds, phases, timestep, gravity, key,
-        height, engine, max_error, timeout.
+        model: a path (looked for in the test's own folder first), two paths, or an engine's own model object.
+        pair: names, the moving one first. options: speeds, phases, timestep, gravity, key, height, engine,
+        max_error, timeout.
         """
-        unknown = sorted(set(more) - set(_KEYS))
+        unknown = sorted(set(options) - set(_KEYS))
         if unknown:
             raise TypeError(f"restitution(): unknown {', '.join(unknown)}; there are {', '.join(_KEYS)}")
-        return Bounce(self._found(model), pair, {**self._defaults, **more})
+        return ModelBounce(self._resolve(model), pair, {**self._defaults, **options})
 
-    def _found(self, model: Any) -> Any:
+    def _resolve(self, model: Any) -> Any:
+        """Paths from the test's own folder, where there is such a file."""
         if isinstance(model, list | tuple):
-            return [self._found(part) for part in model]
+            return [self._resolve(part) for part in model]
         if isinstance(model, str | Path) and not str(model).lstrip().startswith("<"):
             file, colon, function = str(model).partition(".py:")
             path = f"{file}.py" if colon else str(model)
@@ -97,15 +98,15 @@ class Restitution:
         return model
 
 
-class Bounce:
-    """One model, measured when it is first held against something."""
+class ModelBounce:
+    """One model, measured when it is held against something."""
 
-    def __init__(self, model: Any, pair: Any, settings: Mapping[str, Any]) -> None:
-        self._model, self._pair, self._settings = model, pair, dict(settings)
+    def __init__(self, model: Any, pair: Any, options: Mapping[str, Any]) -> None:
+        self._model, self._pair, self._options = model, pair, dict(options)
 
     def matches(self, restitution: float, max_error: float | None = None) -> Measurement:
         """Assert one e at all speeds."""
-        return self._held(restitution=restitution, max_error=max_error)
+        return self._hold(restitution=restitution, max_error=max_error)
 
     def follows(
         self,
@@ -116,44 +117,42 @@ class Bounce:
         max_error: float | None = None,
     ) -> Measurement:
         """Assert the law of eq. (16) with α ("0.008 s/in"; reading "linear": 1 - α v), or a CSV of (v, e)."""
-        csv = None if pairs is None else Path(pairs)
-        return self._held(alpha=alpha, pairs=csv, reading=reading, max_error=max_error)
+        return self._hold(alpha=alpha, pairs=pairs, reading=reading, max_error=max_error)
 
     def equals(self, baseline: str | Path, max_error: float | None = None) -> Measurement:
         """Assert the same bounce as a baseline that `hcbench check --write-baseline` wrote."""
-        return self._held(baseline=Path(baseline), max_error=max_error)
+        return self._hold(baseline=baseline, max_error=max_error)
 
     def measured(self) -> Measurement:
         """What was measured, held against nothing."""
-        return self._held()
+        return self._hold()
 
-    def _held(self, max_error: float | None = None, **against: Any) -> Measurement:
+    def _hold(self, max_error: float | None = None, **against: Any) -> Measurement:
         __tracebackhide__ = True
-        outcome = self._outcome(max_error, against)
+        outcome = self._check(max_error, against)
         if outcome.exit_code == 1:
-            from hcbench.check.words import outcome_text
+            from hcbench.check.text import outcome_text
 
             pytest.fail(f"{outcome.message}\n{outcome_text(outcome)}", pytrace=False)
-        if outcome.found is None:
+        if outcome.measurement is None:
             pytest.fail(outcome.message, pytrace=False)
-        return outcome.found
+        return outcome.measurement
 
-    def _outcome(self, max_error: float | None, against: Mapping[str, Any]) -> Outcome:
-        from hcbench.check.plan import Ask, plan
-        from hcbench.check.run import run_check
-        from hcbench.errors import HcbenchError
+    def _check(self, max_error: float | None, against: Mapping[str, Any]) -> Outcome:
+        from hcbench.check import CheckSpec, plan, run_check
+        from hcbench.errors import HcbenchError, UserError
+        from hcbench.fields import validate
 
-        settings = dict(self._settings)
-        given = settings.pop("max_error", None)
-        limits = {
-            "max_error": max_error if max_error is not None else given,
-            "limit": settings.pop("timeout", None),
-        }
-        if isinstance(settings.get("phases"), str):
-            settings["phases"] = _whole(settings["phases"])
+        options = {**self._options, **against, "name": _name(self._model), "pair": self._pair, "model": ()}
+        options["limit"] = options.pop("timeout", None)
+        if max_error is not None:
+            options["max_error"] = max_error
+        phases = options.get("phases")
+        if isinstance(phases, str) and phases.strip().isdigit():  # from the ini file
+            options["phases"] = int(phases)
         try:
-            ask = Ask((), _name(self._model), pair=self._pair, **limits, **settings, **against)
-            return run_check(dataclasses.replace(plan(ask), source=self._model))
+            spec = validate(CheckSpec, options, UserError, "restitution: {}")
+            return run_check(dataclasses.replace(plan(spec), source=self._model))
         except HcbenchError as error:
             pytest.fail(str(error), pytrace=False)
 
@@ -161,7 +160,3 @@ class Bounce:
 def _name(model: Any) -> str:
     parts = model if isinstance(model, list | tuple) else [model]
     return " + ".join(Path(p).name if isinstance(p, str | Path) else type(p).__name__ for p in parts)
-
-
-def _whole(text: str) -> Any:
-    return int(text) if text.strip().isdigit() else text

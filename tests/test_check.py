@@ -14,12 +14,11 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from hcbench.check import Ask, Outputs, Report, Verdict, check, plan, run_check
+from hcbench.check import CheckSpec, Outputs, Report, Verdict, check, plan, run_check
 from hcbench.check.baseline import read_baseline
 from hcbench.check.junit import as_junit
-from hcbench.check.pairs import read_pairs
-from hcbench.check.studies import check_study
-from hcbench.check.words import as_markdown, as_record_of, as_text
+from hcbench.check.measured_pairs import read_pairs
+from hcbench.check.text import as_markdown, as_record_of, as_text
 from hcbench.cli import run
 from hcbench.errors import OutputError, UserError
 from hcbench.laws.restitution import Reading
@@ -33,8 +32,8 @@ GOOD, BROKEN = str(EXAMPLES / "good.xml"), str(EXAMPLES / "broken.xml")
 SPEEDS = "0.1, 0.5 m/s"
 
 
-def ask(model: str = GOOD, **more: Any) -> Ask:
-    return Ask(**{"models": (model,), "pair": "ball,plate", "speeds": SPEEDS, **more})
+def ask(model: str = GOOD, **more: Any) -> CheckSpec:
+    return CheckSpec(**{"model": model, "pair": "ball,plate", "speeds": SPEEDS, **more})
 
 
 def one(report: Report) -> Any:
@@ -74,11 +73,11 @@ def test_the_law_and_its_linear_reading_are_told_apart(reading: Reading) -> None
 def test_measured_pairs_in_the_units_of_their_header(tmp_path: Path) -> None:
     csv = tmp_path / "pairs.csv"
     csv.write_text("# a rig\nspeed [in/s],restitution\n20,0.90\n4,0.91\n")
-    outcome = one(check(Ask((GOOD,), pair="ball,plate", pairs=csv)))
+    outcome = one(check(CheckSpec(model=GOOD, pair="ball,plate", pairs=csv)))
     assert [row.speed for row in outcome.rows] == pytest.approx([4 * 0.0254, 20 * 0.0254])
     assert outcome.verdict is Verdict.PASSED
     assert outcome.rows[0].error == pytest.approx(-0.01, abs=2e-3)
-    tight = check(Ask((GOOD,), pair="ball,plate", pairs=csv, max_error=0.005))
+    tight = check(CheckSpec(model=GOOD, pair="ball,plate", pairs=csv, max_error=0.005))
     assert tight.exit_code == 1
 
 
@@ -238,14 +237,14 @@ def test_outputs_that_cannot_be_written_are_refused_first(tmp_path: Path) -> Non
 
 def test_a_pyproject_lists_checks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(EXAMPLES)
-    report = check(Ask(()))
+    report = check(CheckSpec(model=()))
     assert [o.verdict for o in report.outcomes] == [Verdict.PASSED, Verdict.FAILED]
     assert report.exit_code == 1
-    assert check(Ask((), max_error=0.5)).exit_code == 0
+    assert check(CheckSpec(model=(), max_error=0.5)).exit_code == 0
     monkeypatch.chdir(tmp_path)
-    assert check(Ask((str(EXAMPLES / "pyproject.toml"),))).exit_code == 1, "paths start at the file"
+    assert check(CheckSpec(model=str(EXAMPLES / "pyproject.toml"))).exit_code == 1, "paths start at the file"
     with pytest.raises(UserError, match=r"no model, and no pyproject\.toml"):
-        check(Ask(()))
+        check(CheckSpec(model=()))
 
 
 @pytest.mark.parametrize(
@@ -264,15 +263,15 @@ def test_a_table_with_a_mistake_names_it(tmp_path: Path, text: str, words: str) 
     file = tmp_path / "pyproject.toml"
     file.write_text(text)
     with pytest.raises(UserError, match=words) as caught:
-        check(Ask((str(file),)))
+        check(CheckSpec(model=str(file)))
     assert "\n" not in str(caught.value)
 
 
 def test_a_baseline_of_several_checks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(EXAMPLES)
     file = tmp_path / "all.json"
-    check(Ask(()), Outputs(baseline=file))
-    again = check(Ask((), baseline=file))
+    check(CheckSpec(model=()), Outputs(baseline=file))
+    again = check(CheckSpec(model=(), baseline=file))
     assert again.exit_code == 0, as_text(again)
     assert len(again.outcomes) == 2
 
@@ -315,7 +314,7 @@ pair = "ball,plate"
 restitution = 0.9
 """
     )
-    report = check(Ask((str(tmp_path / "pyproject.toml"),)))
+    report = check(CheckSpec(model=str(tmp_path / "pyproject.toml")))
     bad, good = report.outcomes
     assert bad.exit_code == report.exit_code == exit_code
     assert words in bad.message
@@ -384,10 +383,10 @@ class Tags(HTMLParser):
 def test_no_name_in_a_model_becomes_markup_or_a_command(tmp_path: Path) -> None:
     model = nasty(tmp_path)
     report = check(
-        Ask((model,), restitution=0.9, speeds=SPEEDS),
+        CheckSpec(model=model, restitution=0.9, speeds=SPEEDS),
         Outputs(tmp_path / "j.xml", tmp_path / "m.md", tmp_path / "e.png"),
     )
-    found = one(report).found
+    found = one(report).measurement
     assert found is not None
     tags = Tags()
     tags.feed(measurement_page(found))
@@ -447,8 +446,8 @@ def test_twenty_checks_give_the_same_bytes(tmp_path: Path) -> None:
 
 
 def test_another_process_gives_the_same_bytes() -> None:
-    asked = f"Ask(({BROKEN!r},), pair='ball,plate', speeds={SPEEDS!r}, restitution=0.9)"
-    imports = "from hcbench.check import *; from hcbench.check.words import as_text"
+    asked = f"CheckSpec(model={BROKEN!r}, pair='ball,plate', speeds={SPEEDS!r}, restitution=0.9)"
+    imports = "from hcbench.check import *; from hcbench.check.text import as_text"
     code = f"{imports}; print(as_text(check({asked})), end='')"
     environment = {**os.environ, "PYTHONHASHSEED": "77", "OMP_NUM_THREADS": "1"}
     done = subprocess.run(
@@ -477,13 +476,13 @@ timesteps = "1e-5 s"
 
 def test_a_study_is_checked_setting_by_setting(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text(STUDY)
-    report = check(Ask((str(tmp_path / "study.toml"),), max_error=1e-6))
+    report = check(CheckSpec(model=str(tmp_path / "study.toml"), max_error=1e-6))
     law, voigt = report.outcomes
     assert law.verdict is Verdict.PASSED
     assert voigt.verdict is Verdict.FAILED
-    assert check_study(tmp_path / "study.toml", 0.5).exit_code == 0
+    assert check(CheckSpec(model=str(tmp_path / "study.toml"), max_error=0.5)).exit_code == 0
     with pytest.raises(UserError, match="something else"):
-        check(Ask((str(tmp_path / "study.toml"),), restitution=0.9))
+        check(CheckSpec(model=str(tmp_path / "study.toml"), restitution=0.9))
 
 
 def test_markdown_has_a_row_a_check() -> None:

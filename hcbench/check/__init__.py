@@ -1,19 +1,21 @@
 """The gate: models held against a law, a constant, measured pairs, or their own past.
 
-report = check_models(Ask(models=("ball.xml",), pair="ball,plate", restitution=0.9))
-print(as_text(report)); sys.exit(report.exit_code)
+from hcbench.check import CheckSpec, check
+
+report = check(CheckSpec(models=("ball.xml",), pair="ball,plate", restitution=0.9))
+sys.exit(report.exit_code)
 """
 
 from __future__ import annotations
 
-from hcbench.check.command import check, write_outputs
-from hcbench.check.model import Check, Outcome, Outputs, Report, Verdict
-from hcbench.check.plan import Ask, plan
-from hcbench.check.run import run_check, run_checks
+from hcbench.check.command import Outputs, check
+from hcbench.check.judge import run_check, run_checks
+from hcbench.check.outcome import Outcome, Report, Verdict
+from hcbench.check.spec import Check, CheckSpec, plan
 
 __all__ = [
-    "Ask",
     "Check",
+    "CheckSpec",
     "Outcome",
     "Outputs",
     "Report",
@@ -22,5 +24,4 @@ __all__ = [
     "plan",
     "run_check",
     "run_checks",
-    "write_outputs",
 ]

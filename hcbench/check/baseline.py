@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from hcbench._files import json_text, write_text
 from hcbench.errors import UserError
 from hcbench.impact import Launch, Status
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
     from pathlib import Path
 
     from hcbench.measure.measurement import Measurement
@@ -20,50 +22,73 @@ SCHEMA = 1
 KIND = "hcbench baseline"
 
 
-@dataclass(frozen=True, slots=True)
-class Baseline:
-    """One check's measured bounce. impacts: (launch, status, e), e NaN where there was none."""
+class BaselineImpact(BaseModel):
+    """One impact; restitution None where there was none."""
+
+    model_config = ConfigDict(frozen=True)
+
+    speed_m_per_s: float = Field(gt=0, allow_inf_nan=False)
+    phase: float = Field(ge=0, lt=1)
+    height_m: float | None
+    status: Status
+    restitution: float | None
+
+    @property
+    def launch(self) -> Launch:
+        """How the body was sent."""
+        return Launch(self.speed_m_per_s, self.phase, self.height_m)
+
+
+class Baseline(BaseModel):
+    """One check's measured bounce."""
+
+    model_config = ConfigDict(frozen=True)
 
     engine: str
     version: str
-    timestep: float
-    impacts: tuple[tuple[Launch, str, float], ...]
+    timestep_s: float
+    impacts: tuple[BaselineImpact, ...] = Field(min_length=1)
 
     @property
     def speeds(self) -> tuple[float, ...]:
-        """Launch speeds, in order."""
-        return tuple(dict.fromkeys(launch.speed for launch, _, _ in self.impacts))
+        """Launch speeds, m/s, in order."""
+        return tuple(dict.fromkeys(impact.speed_m_per_s for impact in self.impacts))
+
+    @property
+    def phases(self) -> list[float]:
+        """Phases of the launches, in order."""
+        return list(dict.fromkeys(impact.phase for impact in self.impacts))
+
+    def restitutions(self) -> dict[Launch, float]:
+        """e of each launch; NaN where there was none."""
+        return {i.launch: math.nan if i.restitution is None else i.restitution for i in self.impacts}
+
+    def statuses(self) -> dict[Launch, Status]:
+        """How each launch ended."""
+        return {impact.launch: impact.status for impact in self.impacts}
 
 
 def write_baseline(path: Path, measured: Mapping[str, Measurement]) -> None:
     """Write what was measured, by the names of the checks, whole or not at all."""
-    from hcbench._files import json_text, write_text
-
-    content = {
-        "schema": SCHEMA,
-        "kind": KIND,
-        "checks": {name: _record(found) for name, found in sorted(measured.items())},
-    }
-    write_text(path, json_text(content))
+    records = {name: _record(measurement) for name, measurement in sorted(measured.items())}
+    write_text(path, json_text({"schema": SCHEMA, "kind": KIND, "checks": records}))
 
 
-def _record(found: Measurement) -> dict[str, Any]:
-    facts = found.facts
-    return {
-        "engine": facts.engine,
-        "version": facts.version,
-        "timestep_s": facts.timestep,
-        "impacts": [
-            {
-                "speed_m_per_s": i.launch.speed,
-                "phase": i.launch.phase,
-                "height_m": i.launch.height,
-                "status": i.status.value,
-                "restitution": i.restitution,
-            }
-            for i in found.impacts
-        ],
-    }
+def _record(measurement: Measurement) -> dict[str, Any]:
+    facts = measurement.facts
+    impacts = [
+        BaselineImpact(
+            speed_m_per_s=i.launch.speed,
+            phase=i.launch.phase,
+            height_m=i.launch.height,
+            status=i.status,
+            restitution=i.restitution,
+        )
+        for i in measurement.impacts
+    ]
+    return Baseline(
+        engine=facts.engine, version=facts.version, timestep_s=facts.timestep, impacts=tuple(impacts)
+    ).model_dump()
 
 
 def read_baseline(path: Path, name: str) -> Baseline:
@@ -92,26 +117,11 @@ def read_baseline(path: Path, name: str) -> Baseline:
     if record is None and len(checks) == 1:  # one model: its name may have changed
         (record,) = checks.values()
     if record is None:
-        known = ", ".join(map(str, checks)) or "none"
-        raise UserError("baseline", f"{path} has nothing on {name!r}", f"one of: {known}")
+        names = ", ".join(map(str, checks)) or "none"
+        raise UserError("baseline", f"{path} has nothing on {name!r}", f"one of: {names}")
     try:
-        return _parsed(record)
-    except (KeyError, TypeError, ValueError, AttributeError):
+        return Baseline.model_validate(record)
+    except ValidationError:
         raise UserError(
             "baseline", f"{path}: the record of {name!r} is damaged", "what was written"
         ) from None
-
-
-def _parsed(record: Mapping[str, Any]) -> Baseline:
-    impacts: Sequence[Mapping[str, Any]] = record["impacts"]
-    parsed = []
-    for entry in impacts:
-        speed, phase, height = float(entry["speed_m_per_s"]), float(entry["phase"]), entry["height_m"]
-        e = math.nan if entry["restitution"] is None else float(entry["restitution"])
-        if not (0 < speed < math.inf and 0 <= phase < 1):
-            raise ValueError("launch")
-        launch = Launch(speed, phase, None if height is None else float(height))
-        parsed.append((launch, Status(entry["status"]).value, e))
-    if not parsed:
-        raise ValueError("impacts")
-    return Baseline(str(record["engine"]), str(record["version"]), float(record["timestep_s"]), tuple(parsed))

@@ -1,90 +1,108 @@
-"""`hcbench check` without the printing: from sources and options to a report and its files."""
+"""`hcbench check` without the printing: from a specification to a report and its files."""
 
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
-from hcbench import units
+from hcbench._files import write_bytes, write_text
 from hcbench._text import sanitized
 from hcbench.check.baseline import write_baseline
-from hcbench.check.model import MAX_ERROR, Outputs, Report
-from hcbench.check.plan import Ask, plan
-from hcbench.check.run import run_checks
+from hcbench.check.judge import judge_results, run_checks
+from hcbench.check.spec import CheckSpec, plan, read_limit, read_max_error
 from hcbench.check.table import checks_of, find_table
 from hcbench.errors import OutputError, UserError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from hcbench.check.model import Check
+    from hcbench.check.outcome import Report
+    from hcbench.check.spec import Check
+    from hcbench.laws.restitution import Reading
 
     Progress = Callable[[int, int], None] | None
 
 DEFAULT_FILE = "pyproject.toml"
 
 
-def check(ask: Ask, outputs: Outputs | None = None, jobs: int = 1, progress: Progress = None) -> Report:
-    """Check what `ask.models` names and write what `outputs` asks for.
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """Where to write what; None: not at all."""
 
-    models: none for the [tool.hcbench] of ./pyproject.toml; a TOML file with such a table; a study or the
+    junit: Path | None = None
+    markdown: Path | None = None
+    png: Path | None = None
+    baseline: Path | None = None
+
+
+def check(
+    spec: CheckSpec, outputs: Outputs | None = None, jobs: int = 1, progress: Progress = None
+) -> Report:
+    """Check what `spec.model` names and write what `outputs` asks for.
+
+    model: () for the [tool.hcbench] of ./pyproject.toml; a TOML file with such a table; a study or the
         folder of its report; else a model.
     Raises UserError for what cannot be planned, and OutputError for what cannot be written.
     """
     outputs = outputs or Outputs()
-    _require_places(outputs)
-    if outputs.baseline is not None and ask.baseline is not None:
+    _require_writable(outputs)
+    if outputs.baseline is not None and spec.baseline is not None:
         raise UserError("baseline", "--baseline and --write-baseline", "one of the two")
-    report = _run(ask, jobs, progress)
-    write_outputs(report, outputs)
+    report = _run(spec, jobs, progress)
+    _write(report, outputs)
     return report
 
 
-def _run(ask: Ask, jobs: int, progress: Progress) -> Report:
-    source = Path(ask.models[0]) if ask.models else Path(DEFAULT_FILE)
-    if len(ask.models) < 2 and source.suffix.lower() == ".toml":
-        if not source.is_file() and not ask.models:
+def _run(spec: CheckSpec, jobs: int, progress: Progress) -> Report:
+    models = spec.models or (DEFAULT_FILE,)
+    source = Path(models[0])
+    is_toml = source.suffix.lower() == ".toml"
+    if len(models) == 1 and is_toml:
+        if not spec.models and not source.is_file():
             raise UserError("checks", f"no model, and no {DEFAULT_FILE} here", "a model to check")
         if find_table(source) is not None or source.name == DEFAULT_FILE:
-            return run_checks(_listed(source, ask), progress)
-    if len(ask.models) == 1 and (source.suffix.lower() == ".toml" or source.is_dir()):
-        return _study(source, ask, jobs, progress)
-    return run_checks([plan(ask)], progress)
+            return run_checks(_listed(source, spec), progress)
+    if len(models) == 1 and (is_toml or source.is_dir()):
+        return _check_study(source, spec, jobs, progress)
+    return run_checks([plan(spec)], progress)
 
 
-def _listed(path: Path, ask: Ask) -> list[Check]:
+def _listed(path: Path, spec: CheckSpec) -> list[Check]:
     """The checks of a table; what the user adds beside it counts for all of them."""
-    own = {"models", "reading", "baseline", "max_error", "limit"}
-    for field in dataclasses.fields(ask):
-        if field.name not in own and getattr(ask, field.name) is not None:
-            slot = field.name.replace("_", "-")
-            raise UserError(slot, f"given beside {path}", "it in the file, for each check")
-    checks = checks_of(path, ask.baseline)
+    for_all = {"model", "reading", "baseline", "max_error", "limit"}
+    for name in CheckSpec.model_fields:
+        if name not in for_all and getattr(spec, name) is not None:
+            raise UserError(name.replace("_", "-"), f"given beside {path}", "it in the file, for each check")
     changes: dict[str, float] = {}
-    if ask.max_error is not None:
-        changes["max_error"] = units.parse(ask.max_error, "number", "max-error")
-    if ask.limit is not None:
-        changes["limit"] = units.parse(ask.limit, "timestep", "limit")
+    if spec.max_error is not None:
+        changes["max_error"] = read_max_error(spec.max_error)
+    if spec.limit is not None:
+        changes["limit"] = read_limit(spec.limit)
+    checks = checks_of(path, spec.baseline)
     return [dataclasses.replace(check, **changes) for check in checks]  # type: ignore[arg-type]
 
 
-def _study(path: Path, ask: Ask, jobs: int, progress: Progress) -> Report:
+def _check_study(path: Path, spec: CheckSpec, jobs: int, progress: Progress) -> Report:
     from hcbench.benchmark.results import Results
-    from hcbench.benchmark.study import find_study
-    from hcbench.check.studies import check_results, check_study
+    from hcbench.benchmark.run import run_study
+    from hcbench.benchmark.study import find_study, load_study
 
-    if any(value is not None for value in (ask.restitution, ask.pairs, ask.baseline, ask.alpha, ask.pair)):
+    other = (spec.restitution, spec.pairs, spec.baseline, spec.alpha, spec.pair)
+    if any(value is not None for value in other):
         raise UserError(
             "study", f"{path} with something else to hold it against", "the α of the study itself"
         )
-    limit = MAX_ERROR if ask.max_error is None else units.parse(ask.max_error, "number", "max-error")
+    limit = read_max_error(spec.max_error)
     if path.is_dir() and (path / "summary.json").is_file():
-        return check_results(Results.read(path), limit, ask.reading)
-    return check_study(find_study(str(path)), limit, ask.reading, jobs, progress)
+        results = Results.read(path)
+    else:
+        results = run_study(load_study(find_study(str(path))), jobs, progress)
+    return judge_results(results, limit, cast("Reading", spec.reading))
 
 
-def _require_places(outputs: Outputs) -> None:
+def _require_writable(outputs: Outputs) -> None:
     """Refuse before measuring what could not be written after."""
     for field in dataclasses.fields(outputs):
         path: Path | None = getattr(outputs, field.name)
@@ -93,29 +111,27 @@ def _require_places(outputs: Outputs) -> None:
             raise OutputError(field.name, f"{sanitized(path)} {what}", "a file in a folder that is")
 
 
-def write_outputs(report: Report, outputs: Outputs) -> None:
+def _write(report: Report, outputs: Outputs) -> None:
     """Write the files asked for, each whole or not at all.
 
     A baseline is written only when everything in it was measured; else OutputError says what was not.
     """
-    if outputs == Outputs():
-        return
-    from hcbench._files import write_bytes, write_text
-    from hcbench.check.junit import as_junit
-    from hcbench.check.words import as_markdown
-
     if outputs.junit is not None:
+        from hcbench.check.junit import as_junit
+
         write_text(outputs.junit, as_junit(report))
     if outputs.markdown is not None:
+        from hcbench.check.text import as_markdown
+
         write_text(outputs.markdown, as_markdown(report))
     if outputs.png is not None:
         from hcbench.check.figure import errors_png
 
         write_bytes(outputs.png, errors_png(report))
     if outputs.baseline is not None:
-        measured = {o.name: o.found for o in report.outcomes if o.found is not None}
-        missing = [o.name for o in report.outcomes if o.found is None]
-        if missing or not measured:
-            names = ", ".join(sanitized(name) for name in missing) or "anything"
+        missing = [sanitized(o.name) for o in report.outcomes if o.measurement is None]
+        if missing or not report.outcomes:
+            names = ", ".join(missing) or "anything"
             raise OutputError("baseline", f"not written: {names} was not measured", "every check measured")
+        measured = {o.name: o.measurement for o in report.outcomes if o.measurement is not None}
         write_baseline(outputs.baseline, measured)

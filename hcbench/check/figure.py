@@ -12,7 +12,7 @@ from hcbench.report.plot_style import LAW, LIMIT, MEASURED, figure_defaults, new
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from hcbench.check.model import Outcome, Report
+    from hcbench.check.outcome import Outcome, Report
 
 
 def errors_png(report: Report) -> bytes:

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 from hcbench._text import sanitized
-from hcbench.check.model import Verdict
-from hcbench.check.words import outcome_text
+from hcbench.check.outcome import Verdict
+from hcbench.check.text import outcome_text
 
 if TYPE_CHECKING:
-    from hcbench.check.model import Report
+    from hcbench.check.outcome import Report
 
 
 def as_junit(report: Report) -> str:

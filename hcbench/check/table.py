@@ -13,54 +13,26 @@ restitution = 0.9           # or alpha, pairs (a CSV), baseline
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from hcbench._text import sanitized
-from hcbench.check.plan import Ask, plan
+from hcbench.check.spec import CheckSpec, SharedSpec, plan
 from hcbench.errors import UserError
-from hcbench.fields import Table, read_toml, validate
+from hcbench.fields import read_toml, validate
 
 if TYPE_CHECKING:
-    from hcbench.check.model import Check
+    from pathlib import Path
 
-Quantity = float | str
-Quantities = float | str | list[float | str]
-
-
-def _hyphens(name: str) -> str:
-    return name.replace("_", "-")
+    from hcbench.check.spec import Check
 
 
-class _Shared(Table):
-    model_config = ConfigDict(alias_generator=_hyphens, populate_by_name=True)
+class CheckTable(SharedSpec):
+    """The table: what all checks share, and the checks."""
 
-    max_error: float | None = None
-    speeds: Quantities | None = None
-    phases: int | list[float] | None = None
-    timestep: Quantity | None = None
-    gravity: Quantity | list[float] | None = None
-    key: str | None = None
-    height: Quantity | None = None
-    engine: str | None = None
-    limit: Quantity | None = None
-
-
-class _Entry(_Shared):
-    model: str | list[str]
-    name: str | None = None
-    pair: str | list[str] | None = None
-    alpha: Quantity | None = None
-    reading: str = "law"
-    restitution: float | None = None
-    pairs: str | None = None
-    baseline: str | None = None
-
-
-class _Checks(_Shared):
-    check: list[_Entry] = Field(min_length=1)
+    check: list[CheckSpec] = Field(min_length=1)
 
 
 def find_table(path: Path) -> dict[str, Any] | None:
@@ -77,32 +49,23 @@ def checks_of(path: Path, baseline: Path | None = None) -> list[Check]:
 
     baseline: a file to hold all of them against, instead of what they say.
     """
-    table = find_table(path)
-    if table is None:
+    content = find_table(path)
+    if content is None:
         raise UserError(
             "checks", f"{path} has no [tool.hcbench]", "a table with [[tool.hcbench.check]] entries"
         )
-    parsed = validate(_Checks, table, UserError, f"checks: {path}: [tool.hcbench] {{}}")
-    shared = parsed.model_dump(exclude={"check"}, exclude_none=True)
-    checks = []
-    for entry in parsed.check:
-        given = {**shared, **entry.model_dump(exclude_none=True)}
-        if baseline is not None:
-            given = {k: v for k, v in given.items() if k not in ("alpha", "restitution", "pairs")}
-        checks.append(plan(_ask(given, path.parent, baseline)))
-    names = [check.name for check in checks]
-    for name in names:
-        if names.count(name) > 1:
-            raise UserError("checks", f"{path}: two checks are called {sanitized(name)!r}", "a name for each")
+    table = validate(CheckTable, content, UserError, f"checks: {path}: [tool.hcbench] {{}}")
+    checks = [plan(_complete(entry, table, path.parent, baseline)) for entry in table.check]
+    name, count = Counter(check.name for check in checks).most_common(1)[0]
+    if count > 1:
+        raise UserError("checks", f"{path}: two checks are called {sanitized(name)!r}", "a name for each")
     return checks
 
 
-def _ask(given: dict[str, Any], folder: Path, baseline: Path | None) -> Ask:
-    model = given.pop("model")
-    models = [model] if isinstance(model, str) else model
-    for key in ("pairs", "baseline"):
-        if key in given:
-            given[key] = folder / given[key]
-    if baseline is not None:
-        given["baseline"] = baseline
-    return Ask(models=tuple(str(folder / part) for part in models), **given)
+def _complete(entry: CheckSpec, table: CheckTable, folder: Path, baseline: Path | None) -> CheckSpec:
+    """An entry with what the table says for all of them, and with paths from its folder."""
+    shared = {name: getattr(table, name) for name in SharedSpec.model_fields if getattr(entry, name) is None}
+    paths = {name: folder / path for name in ("pairs", "baseline") if (path := getattr(entry, name))}
+    models = {"model": tuple(str(folder / model) for model in entry.models)}
+    instead = dict.fromkeys(("alpha", "restitution", "pairs")) | {"baseline": baseline} if baseline else {}
+    return entry.model_copy(update={**shared, **paths, **models, **instead})

@@ -14,7 +14,7 @@ from hcbench.errors import UserError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-_MODELS = "MJCF or URDF files, or setup.py:function with --python."
+    from hcbench.check.spec import CheckSpec
 
 
 def _file(*names: str, help: str) -> Callable[..., Any]:  # noqa: A002 - Click's own word
@@ -41,10 +41,13 @@ def _model_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
-def _sources(models: tuple[str, ...], python: str | None) -> tuple[str, ...]:
+def _spec(models: tuple[str, ...], python: str | None, options: dict[str, object]) -> CheckSpec:
+    """What was asked for, with the names of options as those of the fields."""
+    from hcbench.check.spec import CheckSpec
+
     if python is not None and models:
         raise UserError("--python", f"given beside {' '.join(models)}", "one of the two")
-    return (python,) if python is not None else models
+    return CheckSpec.model_validate({"model": models if python is None else (python,), **options})
 
 
 @click.command()
@@ -55,45 +58,32 @@ def _sources(models: tuple[str, ...], python: str | None) -> tuple[str, ...]:
 @_file("--page", help="Also write a one-page report (HTML).")
 @as_json
 def measure(
-    models: tuple[str, ...], python: str | None, page: Path | None, as_json: bool, **given: Any
+    models: tuple[str, ...], python: str | None, page: Path | None, as_json: bool, **options: object
 ) -> None:
     """Measure how a pair bounces in your own model.
 
     Restitution, loops, and why it is not as asked, of the model as you have it.
     """
-    from hcbench import units
     from hcbench._files import write_text
-    from hcbench.measure.measure import LIMIT_S, measure
-    from hcbench.measure.measurement import Wanted
+    from hcbench.check.spec import plan
+    from hcbench.measure.measure import Job, measure_job
+    from hcbench.measure.measurement import TOLERANCE
     from hcbench.measure.text import as_record, as_text
 
-    sources = _sources(models, python)
-    if not sources:
+    spec = _spec(models, python, options)
+    if not spec.models:
         raise UserError("model", "none given", "a file, two URDF files, or --python FILE:FUNCTION")
-    alpha, constant, limit = (given.pop(name) for name in ("alpha", "restitution", "limit"))
-    if limit is not None:
-        limit = units.parse(limit, "timestep", "--limit")
-        units.require_positive(limit, "timestep", "--limit")
-    wanted = None
-    if alpha is not None or constant is not None:
-        wanted = Wanted(
-            alpha=None if alpha is None else units.parse(alpha, "alpha", "--alpha"),
-            constant=None if constant is None else units.parse(constant, "number", "--restitution"),
-        )
-    found = measure(
-        sources[0] if len(sources) == 1 else sources,
-        wanted=wanted,
-        limit=LIMIT_S if limit is None else limit,
-        **given,
-    )
+    asked = plan(spec)
+    job = Job(asked.source, asked.engine, asked.request, asked.wanted, TOLERANCE, diagnose=True)
+    measurement = measure_job(job, asked.limit)
     if page is not None:
         from hcbench.report.measurement_page import measurement_page
 
-        write_text(page, measurement_page(found))
+        write_text(page, measurement_page(measurement))
     if as_json:
-        print_json(as_record(found))
+        print_json(as_record(measurement))
     else:
-        print(as_text(found))
+        print(as_text(measurement))
 
 
 @click.command()
@@ -111,25 +101,32 @@ def measure(
 @_file("--png", help="Write the error curve.")
 @as_json
 @jobs_option
-def check(models: tuple[str, ...], python: str | None, as_json: bool, jobs: int, **given: Any) -> int:
+def check(
+    models: tuple[str, ...],
+    python: str | None,
+    write_baseline: Path | None,
+    junit: Path | None,
+    markdown: Path | None,
+    png: Path | None,
+    as_json: bool,
+    jobs: int,
+    **options: object,
+) -> int:
     """Fail when restitution is off, for your CI.
 
     MODELS are a model, a study, or a TOML file with a [tool.hcbench] table.
     Exit 0 within limits, 1 a limit passed, 2 a mistake, 3 could not run.
     """
-    from hcbench.check.command import check
-    from hcbench.check.model import Outputs
-    from hcbench.check.plan import Ask
-    from hcbench.check.words import as_record_of, as_text
+    from hcbench.check.command import Outputs, check
+    from hcbench.check.text import as_record_of, as_text
 
-    files = {name: given.pop(name) for name in ("junit", "markdown", "png")}
-    outputs = Outputs(**files, baseline=given.pop("write_baseline"))
+    outputs = Outputs(junit, markdown, png, write_baseline)
     with progress("checks") as tick:
-        report = check(Ask(_sources(models, python), **given), outputs, jobs, tick)
+        report = check(_spec(models, python, options), outputs, jobs, tick)
     if as_json:
         print_json(as_record_of(report))
     else:
         print(as_text(report), end="")
-        if outputs.baseline is not None:
-            print(f"written: {outputs.baseline}, to hold later versions against with --baseline")
+        if write_baseline is not None:
+            print(f"written: {write_baseline}, to hold later versions against with --baseline")
     return report.exit_code

@@ -156,7 +156,7 @@ def _points(text: str) -> Points:
 
     with suppress(OSError):  # pairs are no file's name, and may be longer than one can be
         if Path(text).is_file():
-            from hcbench.check.pairs import read_pairs
+            from hcbench.check.measured_pairs import read_pairs
 
             return read_pairs(Path(text))
     points = []

@@ -8,11 +8,11 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from hcbench._text import number, sanitized, table
-from hcbench.check.model import Verdict
+from hcbench.check.outcome import Verdict
 from hcbench.measure.text import as_record, cause_lines, headline
 
 if TYPE_CHECKING:
-    from hcbench.check.model import Outcome, Report, Row
+    from hcbench.check.outcome import Outcome, Report, SpeedRow
 
 SCHEMA = 1
 _MARKS = {
@@ -41,20 +41,20 @@ def summary_line(outcome: Outcome) -> str:
 def outcome_text(outcome: Outcome) -> str:
     """One check: what was measured, the curve, the verdict, and the causes where it failed."""
     lines = []
-    if outcome.found is not None:
-        lines += headline(outcome.found)
+    if outcome.measurement is not None:
+        lines += headline(outcome.measurement)
     if outcome.against:
         limit = "" if outcome.max_error != outcome.max_error else f", limit {outcome.max_error:g}"
         lines.append(f"against {outcome.against}{limit}")
     if outcome.rows:
         lines += ["", *table(_HEADER, [_cells(row) for row in outcome.rows]), ""]
     lines.append(summary_line(outcome))
-    if outcome.verdict is Verdict.FAILED and outcome.found is not None:
-        lines += cause_lines(outcome.found.causes, outcome.found.remedy)
+    if outcome.verdict is Verdict.FAILED and outcome.measurement is not None:
+        lines += cause_lines(outcome.measurement.causes, outcome.measurement.remedy)
     return "\n".join(lines)
 
 
-def _cells(row: Row) -> tuple[str, ...]:
+def _cells(row: SpeedRow) -> tuple[str, ...]:
     return (
         f"{row.speed:.4g}",
         number(row.speed_in, ".4g"),
@@ -86,7 +86,7 @@ def _record(outcome: Outcome) -> dict[str, Any]:
         "max_error": outcome.max_error,
         "worst": None if outcome.worst is None else dataclasses.asdict(outcome.worst),
         "rows": [dataclasses.asdict(row) for row in outcome.rows],
-        "measurement": None if outcome.found is None else as_record(outcome.found),
+        "measurement": None if outcome.measurement is None else as_record(outcome.measurement),
     }
 
 
@@ -97,15 +97,15 @@ def as_markdown(report: Report) -> str:
         cells = (_MARKS[o.verdict], f"**{_safe(o.name)}**", _safe(o.against), _safe(o.message))
         lines.append(f"| {' | '.join(cells)} |")
     for outcome in report.outcomes:
-        if outcome.verdict in (Verdict.PASSED, Verdict.MEASURED) or outcome.found is None:
+        if outcome.verdict in (Verdict.PASSED, Verdict.MEASURED) or outcome.measurement is None:
             continue
         lines += ["", f"<details><summary>{_safe(outcome.name)}: the curve and the cause</summary>", ""]
         lines += [f"| {' | '.join(_HEADER)} |", "|" + "---:|" * len(_HEADER)]
         lines += [f"| {' | '.join(_cells(row))} |" for row in outcome.rows]
-        for cause in outcome.found.causes:
+        for cause in outcome.measurement.causes:
             words = f"**{_safe(cause.title)}** Found: {_safe(cause.evidence)}. Fix: {_safe(cause.fix)}"
             lines += ["", f"- {words}"]
-        lines += ["", _safe(outcome.found.remedy), "", "</details>"]
+        lines += ["", _safe(outcome.measurement.remedy), "", "</details>"]
     return "\n".join(lines) + "\n"
 
 

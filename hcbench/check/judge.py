@@ -1,0 +1,176 @@
+"""Runs checks, each in a process that may crash, hang or run out of memory, and judges what they measure."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench._text import sanitized
+from hcbench.benchmark.results import RUN_KEY
+from hcbench.check.outcome import Outcome, Report, Verdict, speed_row, worst_of
+from hcbench.errors import HcbenchError, UserError
+from hcbench.impact import Status
+from hcbench.laws.restitution import Restitution
+from hcbench.measure.measure import Job, measure_job
+from hcbench.measure.measurement import TOLERANCE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import pandas as pd
+
+    from hcbench.benchmark.results import Results
+    from hcbench.check.outcome import SpeedRow
+    from hcbench.check.spec import Check
+    from hcbench.impact import Impact
+    from hcbench.laws.restitution import Reading
+    from hcbench.measure.measurement import Measurement
+
+_HAS_E = (Status.PARTED.value, Status.RESTED.value)
+_NO_END = (Status.CRASHED, Status.UNFINISHED)
+
+
+def run_checks(checks: Sequence[Check], progress: Callable[[int, int], None] | None = None) -> Report:
+    """All of them; whatever one of them does, the others still run.
+
+    progress: called with (done, in all).
+    """
+    outcomes = []
+    for i, check in enumerate(checks, 1):
+        outcomes.append(run_check(check))
+        if progress is not None:
+            progress(i, len(checks))
+    return Report(tuple(outcomes))
+
+
+def run_check(check: Check) -> Outcome:
+    """One check; errors come back as outcomes."""
+    try:
+        return judge(check, _measure(check))
+    except UserError as error:
+        verdict, message = Verdict.MISTAKE, sanitized(error)
+    except HcbenchError as error:
+        verdict, message = Verdict.COULD_NOT_RUN, sanitized(error)
+    except Exception as error:
+        verdict = Verdict.COULD_NOT_RUN
+        message = f"unexpected {type(error).__name__}: {sanitized(error)}"
+    return Outcome(check.name, verdict, message, check.against, check.allowed)
+
+
+def _measure(check: Check) -> Measurement:
+    request, baseline = check.request, check.baseline
+    if baseline is not None:
+        height = baseline.impacts[0].height_m
+        request = dataclasses.replace(
+            request, speeds=baseline.speeds, height=height, skip_redundant_phases=False
+        )
+    tolerance = TOLERANCE if check.wanted is None else min(check.max_error, TOLERANCE)
+    job = Job(check.source, check.engine, request, check.wanted, tolerance, diagnose=True)
+    return measure_job(job, check.limit)
+
+
+def judge(check: Check, measurement: Measurement) -> Outcome:
+    """Hold a measurement against what the check says. Raises UserError for a baseline of another engine."""
+    wanted = _wanted(check, measurement)
+    rows = []
+    for speed in measurement.request.speeds:
+        impacts = [i for i in measurement.impacts if i.launch.speed == speed]
+        good = [i for i in impacts if i.status in _HAS_E]
+        columns = [(i.speed_in, i.restitution, wanted(i)) for i in good]
+        speed_in, e, e_wanted = np.array(columns, dtype=float).reshape(-1, 3).T
+        rows.append(speed_row(speed, speed_in, e, e_wanted, len(impacts) - len(good)))
+    verdict, message = _verdict(check, measurement, rows)
+    worst = worst_of(rows) or rows[0]
+    return Outcome(
+        check.name, verdict, message, check.against, check.allowed, tuple(rows), worst, measurement
+    )
+
+
+def _wanted(check: Check, measurement: Measurement) -> Callable[[Impact], float]:
+    """e wanted of an impact; NaN where it is held against nothing."""
+    curve, baseline, engine = check.wanted, check.baseline, measurement.facts.engine
+    if baseline is None:
+        return lambda impact: math.nan if curve is None else float(curve.at(impact.speed_in))
+    if baseline.engine != engine:
+        raise UserError(
+            "baseline",
+            f"written with {baseline.engine}, and the model runs in {engine}",
+            "the same engine",
+            "Write a baseline of its own for each engine",
+        )
+    restitutions = baseline.restitutions()
+    return lambda impact: restitutions.get(impact.launch, math.nan)
+
+
+def _verdict(check: Check, measurement: Measurement, rows: Sequence[SpeedRow]) -> tuple[Verdict, str]:
+    endless = [impact for impact in measurement.failed if impact.status in _NO_END]
+    if endless and not measurement.measured:
+        return Verdict.COULD_NOT_RUN, f"no impact ended: {sanitized(endless[0].reason)}"
+    failed = _newly_failed(check, measurement)
+    if failed:
+        first, share = failed[0], f"{len(failed)} of {len(measurement.impacts)} impacts"
+        where = f"{first.launch.speed:.4g} m/s, phase {first.launch.phase:.3g}"
+        why = f"{first.status.value} at {where}: {sanitized(first.reason)}"
+        return Verdict.FAILED, f"{share} have no restitution: {why}"
+    worst = worst_of(rows)
+    if worst is not None:
+        verdict, message = _within(worst, check.max_error)
+        return verdict, message + (_changes(check, measurement) if verdict is Verdict.FAILED else "")
+    if check.wanted is None and check.baseline is None:
+        return Verdict.MEASURED, f"at {len(rows)} speeds, and held against nothing: no verdict"
+    return Verdict.FAILED, "nothing was measured that could be held against it"
+
+
+def _within(worst: SpeedRow, max_error: float) -> tuple[Verdict, str]:
+    message = f"largest error {worst.error:+.3g} at {worst.speed_in:.4g} m/s, limit {max_error:g}"
+    return Verdict.FAILED if abs(worst.error) > max_error else Verdict.PASSED, message
+
+
+def _newly_failed(check: Check, measurement: Measurement) -> list[Impact]:
+    """Impacts that have no e now, unless they ended the same way in the baseline."""
+    before = check.baseline.statuses() if check.baseline is not None else {}
+    return [impact for impact in measurement.failed if before.get(impact.launch) != impact.status]
+
+
+def _changes(check: Check, measurement: Measurement) -> str:
+    """What has changed since the baseline, apart from the bounce."""
+    baseline, facts = check.baseline, measurement.facts
+    if baseline is None:
+        return ""
+    changes = []
+    if baseline.version != facts.version:
+        changes.append(f"{facts.engine} was {baseline.version}, is {facts.version}")
+    if baseline.timestep_s != facts.timestep:
+        changes.append(f"the step was {baseline.timestep_s:g} s, is {facts.timestep:g} s")
+    return f" ({'; '.join(changes)})" if changes else ""
+
+
+def judge_results(results: Results, max_error: float, reading: Reading = "law") -> Report:
+    """Hold what a study found to a limit: each setting, α and step against its own law.
+
+    reading: "law" for e of eq. (16), "linear" for 1 - α v.
+    """
+    groups = results.impacts.groupby(RUN_KEY, sort=False)
+    return Report(tuple(_judge_run(key, group, max_error, reading) for key, group in groups))
+
+
+def _judge_run(key: Any, impacts: pd.DataFrame, max_error: float, reading: Reading) -> Outcome:
+    scene, engine, setting, alpha, timestep = key
+    name = f"{scene} {engine} {setting} α = {alpha:.4g} s/m, step {timestep:g} s"
+    against = Restitution(alpha, reading).description
+    rows = []
+    for speed, group in impacts.groupby("speed_m_per_s", sort=False):
+        good = group[group["status"].isin(_HAS_E)]
+        columns = ("speed_in_m_per_s", "restitution", f"restitution_{reading}")
+        speed_in, e, wanted = (good[column].to_numpy(float) for column in columns)
+        rows.append(speed_row(float(str(speed)), speed_in, e, wanted, len(group) - len(good)))
+    failed, worst = sum(row.failed for row in rows), worst_of(rows)
+    if failed or worst is None:
+        verdict = Verdict.FAILED
+        message = f"{failed} of {len(impacts)} impacts have no restitution"
+    else:
+        verdict, message = _within(worst, max_error)
+    return Outcome(name, verdict, message, against, max_error, tuple(rows), worst)

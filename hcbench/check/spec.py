@@ -1,0 +1,162 @@
+"""A check as a user writes it, on the command line, in a file or in a test, and what is to be run for it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+from pydantic import BeforeValidator, ConfigDict
+
+from hcbench import units
+from hcbench._text import sanitized
+from hcbench.check.baseline import Baseline, read_baseline
+from hcbench.check.measured_pairs import read_pairs
+from hcbench.errors import QuantityError, UserError
+from hcbench.fields import Table
+from hcbench.laws.restitution import ConstantRestitution, MeasuredRestitution, Restitution
+from hcbench.measure.measure import LIMIT_S
+from hcbench.measure.request import make_request
+
+if TYPE_CHECKING:
+    from hcbench.impact import Floats
+    from hcbench.laws.restitution import Reading, RestitutionCurve
+    from hcbench.sim.model_under_test import Request
+
+MAX_ERROR = 0.02
+MAX_DRIFT = 1e-4  # of e from a baseline: far above rounding, far below what anybody sees
+_LONGEST = 1e6  # s
+
+_FromNumpy = BeforeValidator(lambda value: value.tolist() if hasattr(value, "tolist") else value)
+Quantity = Annotated[float | str, _FromNumpy]  # in SI, or text with a unit
+Quantities = Annotated[float | str | list[float | str], _FromNumpy]
+
+
+class SharedSpec(Table):
+    """What several checks may share. None: left out. limit: time after which a model counts as hung."""
+
+    model_config = ConfigDict(alias_generator=lambda name: name.replace("_", "-"), populate_by_name=True)
+
+    max_error: Quantity | None = None
+    speeds: Quantities | None = None
+    phases: Annotated[int | list[float], _FromNumpy] | None = None
+    timestep: Quantity | None = None
+    gravity: Quantities | None = None
+    key: str | None = None
+    height: Quantity | None = None
+    engine: str | None = None
+    limit: Quantity | None = None
+
+
+class CheckSpec(SharedSpec):
+    """One check: text with units, or plain numbers in SI.
+
+    model: a file, two files, or "file.py:function". At most one of alpha, restitution, pairs (a CSV) and
+    baseline. reading: "law" for e of eq. (16), "linear" for 1 - α v.
+    """
+
+    model: str | tuple[str, ...]
+    name: str | None = None
+    pair: str | tuple[str, ...] | None = None
+    alpha: Quantity | None = None
+    reading: str = "law"
+    restitution: Quantity | None = None
+    pairs: Path | None = None
+    baseline: Path | None = None
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """The files."""
+        return (self.model,) if isinstance(self.model, str) else self.model
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One model held against one thing: `wanted` or `baseline`; neither: only measured, for a new baseline.
+
+    source: as in `measure`.
+    max_error: largest |e - wanted| allowed at any speed and phase. limit: s, after which it counts as hung.
+    """
+
+    name: str
+    source: Any
+    request: Request
+    wanted: RestitutionCurve | None
+    baseline: Baseline | None
+    max_error: float
+    engine: str | None
+    limit: float
+
+    @property
+    def against(self) -> str:
+        """What the model is held against, in words."""
+        if self.baseline is not None:
+            return f"the baseline of {self.baseline.engine} {self.baseline.version}"
+        return self.wanted.description if self.wanted is not None else "nothing: measured only"
+
+    @property
+    def allowed(self) -> float:
+        """Largest error allowed; NaN where there is nothing to err against."""
+        return math.nan if self.wanted is None and self.baseline is None else self.max_error
+
+
+def plan(spec: CheckSpec) -> Check:
+    """Look at names, units and files before anything runs. Raises UserError, and its kinds."""
+    name = sanitized(spec.name if spec.name is not None else " + ".join(Path(m).name for m in spec.models))
+    against = [k for k in ("alpha", "restitution", "pairs", "baseline") if getattr(spec, k) is not None]
+    if len(against) > 1:
+        raise UserError(name, f"{' and '.join(against)} are given", "one thing to hold the model against")
+    wanted = _wanted(spec)
+    baseline = None if spec.baseline is None else read_baseline(spec.baseline, name)
+    speeds, phases = spec.speeds, spec.phases
+    if isinstance(wanted, MeasuredRestitution):
+        if speeds is None:
+            speeds = wanted.speeds.tolist()
+        else:
+            _require_inside(units.parse_values(speeds, "speed", "speeds"), wanted)
+    if baseline is not None:
+        phases = baseline.phases
+    request = make_request(spec.pair, speeds, phases, spec.timestep, spec.gravity, spec.key, spec.height)
+    source = spec.models[0] if len(spec.models) == 1 else spec.models
+    max_error = read_max_error(spec.max_error, MAX_ERROR if baseline is None else MAX_DRIFT)
+    return Check(name, source, request, wanted, baseline, max_error, spec.engine, read_limit(spec.limit))
+
+
+def read_max_error(value: Quantity | None, default: float = MAX_ERROR) -> float:
+    """The largest error allowed. Raises QuantityError outside 0 ... 1."""
+    if value is None:
+        return default
+    max_error = units.parse(value, "number", "max-error")
+    if not 0 <= max_error <= 1:
+        raise QuantityError("max-error", f"{max_error:g}", "0 ... 1, a difference in e")
+    return max_error
+
+
+def read_limit(value: Quantity | None) -> float:
+    """The time after which a model counts as hung, s. Raises QuantityError."""
+    if value is None:
+        return LIMIT_S
+    limit = units.parse(value, "timestep", "limit")
+    if not 0 < limit <= _LONGEST:
+        raise QuantityError("limit", f"{limit:g} s", "above 0 s")
+    return limit
+
+
+def _wanted(spec: CheckSpec) -> RestitutionCurve | None:
+    if spec.alpha is not None:
+        return Restitution(units.parse(spec.alpha, "alpha", "alpha"), cast("Reading", spec.reading))
+    if spec.restitution is not None:
+        return ConstantRestitution(units.parse(spec.restitution, "number", "restitution"))
+    if spec.pairs is not None:
+        return MeasuredRestitution(read_pairs(spec.pairs))
+    return None
+
+
+def _require_inside(speeds: Floats, pairs: MeasuredRestitution) -> None:
+    low, high = pairs.speeds[0], pairs.speeds[-1]
+    outside = [v for v in speeds.tolist() if not low <= v <= high]
+    if outside:
+        raise UserError(
+            "speeds", f"{outside[0]:g} m/s", f"within the measured pairs, {low:g} ... {high:g} m/s"
+        )
