@@ -218,8 +218,8 @@ def _anchor_files(root: ET.Element, folder: Path) -> None:
 
 def _section(root: ET.Element, tag: str) -> ET.Element:
     """The last such section, as later ones win; made where there is none."""
-    found = root.findall(tag)
-    return found[-1] if found else ET.SubElement(root, tag)
+    sections = root.findall(tag)
+    return sections[-1] if sections else ET.SubElement(root, tag)
 
 
 def _named(root: ET.Element, tag: str, name: str, path: Path) -> ET.Element:
@@ -233,8 +233,8 @@ def _named(root: ET.Element, tag: str, name: str, path: Path) -> ET.Element:
 
 def _write_limits(root: ET.Element, scene: Scene, rows: Sequence[ConstraintRow], path: Path) -> None:
     """Each row the limit of a tendon between the two centres, as the scene's own `contact` is."""
-    own = _named(root, "spatial", "contact", path)
-    holder = next(section for section in root.findall("tendon") if own in list(section))
+    original = _named(root, "spatial", "contact", path)
+    holder = next(section for section in root.findall("tendon") if original in list(section))
     clearance = -scene.plate_radius - scene.ball_radius
     for i, row in enumerate(rows):
         if row.adhesion:
@@ -244,9 +244,9 @@ def _write_limits(root: ET.Element, scene: Scene, rows: Sequence[ConstraintRow],
                 "0 N: a cup's contact is a tendon's limit, and MuJoCo lets limits only push",
                 "Use the same pair in the form 'plane'",
             )
-        tendon = own
+        tendon = original
         if i > 0:
             tendon = ET.SubElement(holder, "spatial", name=f"contact.{i + 1}", group=_HIDDEN)
-            tendon.extend(copy.deepcopy(list(own)))
+            tendon.extend(copy.deepcopy(list(original)))
         tendon.attrib.update(limit_attributes(row))
         tendon.attrib.update(limited="true", range=numbers_text([0.0, clearance + row.onset]), margin="0")

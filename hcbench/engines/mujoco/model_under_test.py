@@ -9,7 +9,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.causes import find_suspects
-from hcbench.engines.mujoco.causes.context import Context, asked_contact
+from hcbench.engines.mujoco.causes.context import Context, written_contact
 from hcbench.engines.mujoco.find_pair import find_pair
 from hcbench.engines.mujoco.model import geom_name
 from hcbench.engines.mujoco.place import bring_to_touch
@@ -57,7 +57,7 @@ class MujocoModel(ModelUnderTest):
     def facts(self) -> Facts:
         """What the model says of itself and of the pair."""
         model, place, mujoco = self.model, self.place, backend()
-        asked, words = asked_contact(place)
+        written, words = written_contact(place)
         solref, solimp, geoms = place.contact.rows[0]
         settings = {
             "integrator": mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_").lower(),
@@ -78,7 +78,7 @@ class MujocoModel(ModelUnderTest):
             effective_mass=place.effective_mass,
             normal=tuple(float(x) for x in place.contact.normal),  # type: ignore[arg-type]
             settings=settings,
-            asked=asked.curve(self.request.speeds) if asked is not None else (),
+            asked=written.curve(self.request.speeds) if written is not None else (),
             asked_words=words,
             notes=tuple(self._notes()),
         )

@@ -83,20 +83,23 @@ class ContactPair:
     def contact(self, data: Any) -> PairContact | None:
         """The contact in `data`, None where there is none that acts."""
         contacts, sides = data.contact, self.sides
-        own = [i for i, (a, b) in enumerate(contacts.geom.tolist()) if sides[a] + sides[b] == 3]
-        own = [i for i in own if not contacts.exclude[i]]
-        if not own:
+        acting = [
+            i
+            for i, (a, b) in enumerate(contacts.geom.tolist())
+            if sides[a] + sides[b] == 3 and not contacts.exclude[i]
+        ]
+        if not acting:
             return None
-        signs = np.where(sides[contacts.geom[own, 0]] == 1, 1.0, -1.0)
-        normals = contacts.frame[own, :3] * signs[:, None]
+        signs = np.where(sides[contacts.geom[acting, 0]] == 1, 1.0, -1.0)
+        normals = contacts.frame[acting, :3] * signs[:, None]
         normal = np.mean(normals, axis=0)
         length = float(np.linalg.norm(normal))
-        rows = zip(contacts.solref[own], contacts.solimp[own], contacts.geom[own], strict=True)
+        rows = zip(contacts.solref[acting], contacts.solimp[acting], contacts.geom[acting], strict=True)
         return PairContact(
             normal=normal / length if length > 0 else normals[0],
-            point=np.mean(contacts.pos[own], axis=0),
-            onset=float(contacts.includemargin[own].max()),
-            distance=float(contacts.dist[own].min()),
+            point=np.mean(contacts.pos[acting], axis=0),
+            onset=float(contacts.includemargin[acting].max()),
+            distance=float(contacts.dist[acting].min()),
             rows=tuple((tuple(a.tolist()), tuple(b.tolist()), tuple(c.tolist())) for a, b, c in rows),
         )
 

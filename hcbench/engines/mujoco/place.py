@@ -106,15 +106,15 @@ class _TouchSearch:
     def contact_at_touch(self) -> PairContact | None:
         """The contact, with `data` at touch; None where MuJoCo makes no contact of the two."""
         travel = travel_by_distance(self._distance, self.pair.size)
-        found = self._first_opposing_contact(travel)
-        if found is None:  # MuJoCo gives the distance of some shapes only roughly
+        first = self._first_opposing_contact(travel)
+        if first is None:  # MuJoCo gives the distance of some shapes only roughly
             before, behind = self._window()
             begun = travel_by_scan(lambda t: self._contact(t) is not None, travel - before, travel + behind)
-            found = None if begun is None else self._first_opposing_contact(begun)
-            if begun is None or found is None:
+            first = None if begun is None else self._first_opposing_contact(begun)
+            if begun is None or first is None:
                 return None
             travel = begun
-        depth, contact = found
+        depth, contact = first
         for _ in range(2):  # the engine's own collision function has the last word on where they touch
             travel += contact.distance - contact.onset + depth
             contact = self._contact(travel + depth) or contact

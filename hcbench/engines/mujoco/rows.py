@@ -94,15 +94,15 @@ def weight(solimp: Sequence[float], depth: Floats) -> Floats:
     return np.where(depth > 0.0, d / (1.0 - d), 0.0)
 
 
-def combine(asked: Floats, weights: Floats, may_pull: Floats | bool, axis: int) -> tuple[Floats, Floats]:
+def combine(reference: Floats, weights: Floats, may_pull: Floats | bool, axis: int) -> tuple[Floats, Floats]:
     """(acceleration apart, weights of the rows that act) of rows along an axis.
 
-    asked: a_ref of each. may_pull: whether it has adhesion.
+    reference: a_ref of each. may_pull: whether it has adhesion.
     """
     while True:
-        a = (weights * asked).sum(axis=axis) / (1.0 + weights.sum(axis=axis))
+        a = (weights * reference).sum(axis=axis) / (1.0 + weights.sum(axis=axis))
         # Without a row that pulls a is larger: a row once left out never comes back.
-        pulls = (asked < np.expand_dims(a, axis)) & (weights > 0.0) & np.logical_not(may_pull)
+        pulls = (reference < np.expand_dims(a, axis)) & (weights > 0.0) & np.logical_not(may_pull)
         if not pulls.any():
             return a, weights
         weights = np.where(pulls, 0.0, weights)
@@ -110,14 +110,14 @@ def combine(asked: Floats, weights: Floats, may_pull: Floats | bool, axis: int) 
 
 def acceleration(rows: Sequence[ConstraintRow], x: Floats, v: Floats) -> Floats:
     """Acceleration apart, m/s², at penetrations (m) and rates (m/s) of the same shape."""
-    asked, weights = [], []
+    reference, weights = [], []
     for row in rows:
         depth, dw = x - row.onset, row.solimp[1]
         stiffness = row.stiffness * impedance(row.solimp, depth) / dw**2
-        asked.append(stiffness * depth + row.damping / dw * v)
+        reference.append(stiffness * depth + row.damping / dw * v)
         weights.append(weight(row.solimp, depth))
     may_pull = np.array([row.adhesion != 0.0 for row in rows]).reshape(-1, *[1] * np.ndim(x))
-    return combine(np.stack(asked), np.stack(weights), may_pull, axis=0)[0]
+    return combine(np.stack(reference), np.stack(weights), may_pull, axis=0)[0]
 
 
 def restitution(

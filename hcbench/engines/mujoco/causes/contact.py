@@ -27,13 +27,14 @@ _NOTABLE = 0.01  # of e: what a contact must be off by, or clamping must change,
 _MIXING = {"solref": "mixes the solref", "solimp": "averages the solimp"}
 
 
-def mixing(s: Context) -> Iterator[Suspect]:
+def mixing(context: Context) -> Iterator[Suspect]:
     """The geoms' parameters do not arrive as written."""
-    if s.asked is None or (explicit_pairs(s.model, s.geoms) and not s.overridden):
+    model, written = context.model, context.written
+    if written is None or (explicit_pairs(model, context.geoms) and not context.overridden):
         return
-    solref, solimp, _ = s.place.contact.rows[0]
-    if s.overridden:
-        flags = s.model.opt.enableflags & ~int(backend().mjtEnableBit.mjENBL_OVERRIDE)
+    solref, solimp, _ = context.place.contact.rows[0]
+    if context.overridden:
+        flags = model.opt.enableflags & ~int(backend().mjtEnableBit.mjENBL_OVERRIDE)
         yield Suspect(
             "override",
             "The override flag replaces every contact's solref and solimp.",
@@ -42,13 +43,14 @@ def mixing(s: Context) -> Iterator[Suspect]:
             partial(fixes.set_options, enableflags=flags),
         )
         return
-    values = {"solref": (s.asked.solref, solref), "solimp": (s.asked.solimp, solimp)}
+    values = {"solref": (written.solref, solref), "solimp": (written.solimp, solimp)}
     lost = {name: value for name, value in values.items() if not same(*value)}
-    apply = partial(fixes.set_contact, geoms=s.all_geoms, solref=s.asked.solref, solimp=s.asked.solimp)
-    ranks = [int(s.model.geom_priority[g]) for g in s.geoms]
+    geoms = context.all_geoms
+    apply = partial(fixes.set_contact, geoms=geoms, solref=written.solref, solimp=written.solimp)
+    ranks = [int(model.geom_priority[g]) for g in context.geoms]
     if lost and ranks[0] != ranks[1]:
         loser, winner = sorted((0, 1), key=lambda i: ranks[i])
-        names = [geom_name(s.model, g) for g in s.geoms]
+        names = [geom_name(model, g) for g in context.geoms]
         yield Suspect(
             "priority",
             f"Geom {names[winner]!r} has priority: the parameters of {names[loser]!r} are not used.",
@@ -57,102 +59,102 @@ def mixing(s: Context) -> Iterator[Suspect]:
             apply,
         )
         return
-    for name, (written, used) in lost.items():
+    for name, (as_written, in_contact) in lost.items():
         yield Suspect(
             f"{name}-mixing",
             f"MuJoCo {_MIXING[name]} of the two geoms: the contact does not have the one written.",
-            f"written {numbers(written)}, in the contact {numbers(used)}",
-            f'{s.names}: {name}="{numbers(written)}"',
+            f"written {numbers(as_written)}, in the contact {numbers(in_contact)}",
+            f'{context.names}: {name}="{numbers(as_written)}"',
             apply,
         )
 
 
-def refsafe(s: Context) -> Iterator[Suspect]:
+def refsafe(context: Context) -> Iterator[Suspect]:
     """A time constant below two steps is not honoured."""
-    constant, ratio = s.place.contact.rows[0][0]
-    if constant <= 0 or s.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_REFSAFE:
+    constant, ratio = context.place.contact.rows[0][0]
+    if constant <= 0 or context.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_REFSAFE:
         return
-    evidence, least = f"{2 * s.timestep:g} s is used", 2 * s.timestep
-    if s.integrator == "discrete":
-        evidence, least, constant = "no bounce is left", s.timestep, constant * ratio
+    evidence, least = f"{2 * context.timestep:g} s is used", 2 * context.timestep
+    if context.integrator == "discrete":
+        evidence, least, constant = "no bounce is left", context.timestep, constant * ratio
     if constant >= least:
         return
     step = constant * min(0.1, math.pi * ratio / 40)  # some 40 steps a contact
     yield Suspect(
         "refsafe",
         "The time constant is too short for the step: refsafe replaces it by a longer, softer one.",
-        f"solref {numbers(s.place.contact.rows[0][0])} at a step of {s.timestep:g} s: {evidence}",
+        f"solref {numbers(context.place.contact.rows[0][0])} at a step of {context.timestep:g} s: {evidence}",
         f'<option timestep="{step:.6g}"/>',
         partial(fixes.set_options, timestep=step),
     )
 
 
-def solref(s: Context) -> Iterator[Suspect]:
+def solref(context: Context) -> Iterator[Suspect]:
     """The contact is asked for, as written, another bounce than is wanted."""
-    if s.asked is None:
+    if context.written is None:
         return
-    goal, asked_e = s.goal(), s.asked_e
-    default = same(s.asked.solref, DEFAULT_SOLREF)
-    certain = default or s.asked.is_powerless
-    if not certain and (s.wanted is None or abs(asked_e - goal) < _NOTABLE):
+    goal, written_e = context.goal(), context.written_e
+    default = same(context.written.solref, DEFAULT_SOLREF)
+    certain = default or context.written.is_powerless
+    if not certain and (context.wanted is None or abs(written_e - goal) < _NOTABLE):
         return
     if default:
         code = "default-solref"
         title = "is MuJoCo's default, critically damped: it asks for next to no bounce."
-    elif s.asked.is_powerless:
+    elif context.written.is_powerless:
         code, title = "no-push", "asks for neither a spring nor a damper: nothing pushes back."
-    elif asked_e > goal:
+    elif written_e > goal:
         code, title = "lively-solref", "asks for less damping than the wanted bounce has."
     else:
         code, title = "damped-solref", "asks for more damping than the wanted bounce has."
     yield Suspect(
         code,
         f"solref {title}",
-        f"solref {numbers(s.asked.solref)} promises e = {asked_e:.3g}",
-        *_restitution_fix(s, goal),
+        f"solref {numbers(context.written.solref)} promises e = {written_e:.3g}",
+        *_restitution_fix(context, goal),
         always_reported=certain,
         apply_last=True,
-        assumed_e=None if s.wanted is not None else goal,
+        assumed_e=None if context.wanted is not None else goal,
     )
 
 
-def _restitution_fix(s: Context, e: float) -> tuple[str, Callable[[Any], None]]:
+def _restitution_fix(context: Context, e: float) -> tuple[str, Callable[[Any], None]]:
     """(text, apply) of the fix that gives the contact this e."""
-    solref, solimp = (numbers(v) for v in (fixes.solref_of(e, s.timestep, s.integrator), STIFF_SOLIMP))
-    other = ', integrator="implicitfast"' if s.integrator == "discrete" else ""
-    text = f'{s.names}: solref="{solref}" solimp="{solimp}" (e = {e:.3g}{other})'
-    return text, partial(fixes.set_restitution, geoms=s.all_geoms, e=e)
+    solref = numbers(fixes.solref_of(e, context.timestep, context.integrator))
+    other = ', integrator="implicitfast"' if context.integrator == "discrete" else ""
+    text = f'{context.names}: solref="{solref}" solimp="{numbers(STIFF_SOLIMP)}" (e = {e:.3g}{other})'
+    return text, partial(fixes.set_restitution, geoms=context.all_geoms, e=e)
 
 
-def solimp(s: Context) -> Iterator[Suspect]:
+def solimp(context: Context) -> Iterator[Suspect]:
     """solimp takes a share off spring and damper, or is clamped."""
-    if s.delivered is None or s.asked is None:
+    if context.used is None or context.written is None:
         return
-    if s.asked.overflows:
+    if context.written.overflows:
         yield Suspect(
             "solimp-power",
             "The power of solimp is too high: MuJoCo's sigmoid underflows and gives not-a-number.",
-            f"solimp {numbers(s.asked.solimp)}",
-            f"{s.names}: a power below {MAX_POWER:g} in solimp",
+            f"solimp {numbers(context.written.solimp)}",
+            f"{context.names}: a power below {MAX_POWER:g} in solimp",
             always_reported=True,
         )
         return
-    at_touch, at_depth = s.asked.impedance(0.0), s.asked.impedance(math.inf)
-    if s.delivered.solref[0] <= 0 and at_touch < at_depth:
+    at_touch, at_depth = context.written.impedance(0.0), context.written.impedance(math.inf)
+    if context.used.solref[0] <= 0 and at_touch < at_depth:
         yield Suspect(
             "impedance",
             "solimp starts below its final value: at touch the contact has but a share of its strength.",
             f"impedance {at_touch:.4g} at touch, {at_depth:.4g} at depth",
-            f'{s.names}: solimp="{numbers(STIFF_SOLIMP)}"',
-            partial(fixes.set_contact, geoms=s.all_geoms, solref=None, solimp=STIFF_SOLIMP),
+            f'{context.names}: solimp="{numbers(STIFF_SOLIMP)}"',
+            partial(fixes.set_contact, geoms=context.all_geoms, solref=None, solimp=STIFF_SOLIMP),
         )
-    if not all(MIN_IMPEDANCE <= d <= MAX_IMPEDANCE for d in s.asked.solimp[:2]):
-        yield from _clamped(s, replace(s.delivered, solimp=s.asked.solimp))
+    if not all(MIN_IMPEDANCE <= d <= MAX_IMPEDANCE for d in context.written.solimp[:2]):
+        yield from _clamped(context, replace(context.used, solimp=context.written.solimp))
 
 
-def _clamped(s: Context, contact: SoftConstraint) -> Iterator[Suspect]:
+def _clamped(context: Context, contact: SoftConstraint) -> Iterator[Suspect]:
     """Clamping the impedances of a contact changes its e."""
-    speeds = sorted({i.launch.speed for i in s.impacts})
+    speeds = sorted({i.launch.speed for i in context.impacts})
     as_used = replace(contact, clamped=True).curve(speeds)
     as_written = replace(contact, clamped=False).curve(speeds)
     worst = int(np.argmax(np.abs(np.subtract(as_written, as_used))))
@@ -163,7 +165,7 @@ def _clamped(s: Context, contact: SoftConstraint) -> Iterator[Suspect]:
         f"solimp is not used as written: impedances are held to {MIN_IMPEDANCE:g} ... {MAX_IMPEDANCE:g}.",
         f"solimp {numbers(contact.solimp)}: at {speeds[worst]:.3g} m/s e = {as_used[worst]:.3g} "
         f"where {as_written[worst]:.3g} was written",
-        *_restitution_fix(s, float(np.mean(as_written))),
+        *_restitution_fix(context, float(np.mean(as_written))),
         always_reported=True,
         apply_last=True,
     )

@@ -40,17 +40,17 @@ class Context:
         return self.place.pair.model
 
     @cached_property
-    def asked(self) -> SoftConstraint | None:
+    def written(self) -> SoftConstraint | None:
         """The contact as its author wrote it; None where different ones add up."""
-        return asked_contact(self.place)[0]
+        return written_contact(self.place)[0]
 
     @cached_property
-    def delivered(self) -> SoftConstraint | None:
+    def used(self) -> SoftConstraint | None:
         """The contact as the engine uses it; None where different ones add up."""
-        used = {row[:2] for row in self.place.contact.rows}
-        if len(used) > 1:
+        parameters = {row[:2] for row in self.place.contact.rows}
+        if len(parameters) > 1:
             return None
-        ((solref, solimp),) = used
+        ((solref, solimp),) = parameters
         safe = not self.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_REFSAFE
         shortest = 2 * self.timestep if safe else 0.0
         return SoftConstraint(solref, solimp, self.timestep, shortest)  # type: ignore[arg-type]
@@ -88,20 +88,20 @@ class Context:
         return bool(self.model.opt.enableflags & backend().mjtEnableBit.mjENBL_OVERRIDE)
 
     @property
-    def asked_e(self) -> float:
+    def written_e(self) -> float:
         """e of the contact as written, at the median launch speed; NaN without one."""
         speed = float(np.median([i.launch.speed for i in self.impacts]))
-        return self.asked.restitution(speed) if self.asked is not None else np.nan
+        return self.written.restitution(speed) if self.written is not None else np.nan
 
     def goal(self) -> float:
         """The one e that a pasted constant setting should have."""
         e = constant_e(self.impacts, self.wanted)
         if e is None:
-            e = self.asked_e if self.asked_e > 0.5 else BOUNCY
+            e = self.written_e if self.written_e > 0.5 else BOUNCY
         return e
 
 
-def asked_contact(place: PairAtTouch) -> tuple[SoftConstraint | None, str]:
+def written_contact(place: PairAtTouch) -> tuple[SoftConstraint | None, str]:
     """What the author's solref and solimp ask for, in words too; None where different contacts add up."""
     rows, model = place.contact.rows, place.pair.model
     written = {_as_written(model, _in_order(place, geoms)) for _, _, geoms in rows}

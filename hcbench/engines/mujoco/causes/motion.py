@@ -20,54 +20,54 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
-def integrator(s: Context) -> Iterator[Suspect]:
+def integrator(context: Context) -> Iterator[Suspect]:
     """Integrators that do not do what the direct format promises."""
-    law = s.delivered
-    if law is None or s.integrator not in ("RK4", "discrete"):
+    law = context.used
+    if law is None or context.integrator not in ("RK4", "discrete"):
         return
-    if law.is_impulse or s.integrator == "discrete":
+    if law.is_impulse or context.integrator == "discrete":
         what = "A one-step (impulse) solref" if law.is_impulse else "Restitution"
         yield Suspect(
             "integrator",
-            f"{what} does not survive the integrator {s.integrator}.",
-            f"integrator {s.integrator}, solref {fixes.numbers(law.solref)}",
+            f"{what} does not survive the integrator {context.integrator}.",
+            f"integrator {context.integrator}, solref {fixes.numbers(law.solref)}",
             '<option integrator="implicitfast"/>',
             partial(fixes.set_options, integrator=int(backend().mjtIntegrator.mjINT_IMPLICITFAST)),
         )
 
 
-def resolution(s: Context) -> Iterator[Suspect]:
+def resolution(context: Context) -> Iterator[Suspect]:
     """A step that does not resolve the contact."""
-    law = s.delivered
-    step = causes.StepFix(s.timestep, '<option timestep="{}"/>', fixes.set_options)
+    law = context.used
+    step = causes.StepFix(context.timestep, '<option timestep="{}"/>', fixes.set_options)
     stiffness = law.stiffness_damping()[0] if law is not None else 0.0
-    if any(i.status is Status.DIVERGED for i in s.impacts) and stiffness * s.timestep**2 > 1:
+    if any(i.status is Status.DIVERGED for i in context.impacts) and stiffness * context.timestep**2 > 1:
         text, apply = step.to(math.pi / math.sqrt(stiffness) / 40)
         yield Suspect(
             "unstable",
             "The contact is too stiff for the step: the state diverges.",
-            f"stiffness {stiffness:.3g} /s^2 at a step of {s.timestep:g} s",
+            f"stiffness {stiffness:.3g} /s^2 at a step of {context.timestep:g} s",
             f"{text} or a softer solref",
             apply,
             always_reported=True,
         )
         return
-    yield from causes.energy_gain(s.impacts, step)
+    yield from causes.energy_gain(context.impacts, step)
     if law is None or not law.is_impulse:
-        yield from causes.few_steps(s.impacts, step, "a softer solref")
+        yield from causes.few_steps(context.impacts, step, "a softer solref")
 
 
-def gravity(s: Context) -> Iterator[Suspect]:
+def gravity(context: Context) -> Iterator[Suspect]:
     """Gravity does more than its part during a step or a contact."""
     fix = "a stiffer solref and a smaller timestep, so that a contact lasts less than {:.2g} s"
     apply = partial(fixes.set_options, gravity=0.0)
-    return causes.gravity(s.impacts, s.gravity, s.timestep, fix.format, apply)
+    return causes.gravity(context.impacts, context.gravity, context.timestep, fix.format, apply)
 
 
-def losses(s: Context) -> Iterator[Suspect]:
+def losses(context: Context) -> Iterator[Suspect]:
     """Damping that is not the contact's."""
-    model, dofs = s.model, list(s.place.joint.dofs)
-    joint = body_name(model, s.place.joint.body)
+    model, dofs = context.model, list(context.place.joint.dofs)
+    joint = body_name(model, context.place.joint.body)
     for code, field, words in (
         ("joint-damping", "dof_damping", "damping"),
         ("joint-friction", "dof_frictionloss", "frictionloss"),
@@ -91,9 +91,9 @@ def losses(s: Context) -> Iterator[Suspect]:
         )
 
 
-def margin(s: Context) -> Iterator[Suspect]:
+def margin(context: Context) -> Iterator[Suspect]:
     """Contacts that act away from the surfaces."""
-    onset = s.place.contact.onset
+    onset = context.place.contact.onset
     if onset == 0:
         return
     where = "before the surfaces meet" if onset > 0 else "only below the surface"
@@ -101,7 +101,7 @@ def margin(s: Context) -> Iterator[Suspect]:
         "margin",
         f"margin and gap make the contact act {where}: the body turns round in the wrong place.",
         f"the force begins at a distance of {onset:g} m",
-        f'{s.names}: margin="0" gap="0"',
-        partial(fixes.no_margin, geoms=s.all_geoms),
+        f'{context.names}: margin="0" gap="0"',
+        partial(fixes.no_margin, geoms=context.all_geoms),
         always_reported=True,
     )

@@ -149,7 +149,7 @@ class _Terms:
         weights = np.where(depth > 0, d / (1 - d), 0.0)
         return cls(d / highest**2 * depth, v[:, None] / highest, weights)
 
-    def asked(self, stiffness: Floats, damping: Floats) -> Floats:
+    def reference(self, stiffness: Floats, damping: Floats) -> Floats:
         return self.lever * stiffness + self.rate * damping
 
 
@@ -186,10 +186,10 @@ def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGues
 def _fit_springs(samples: Samples, rows: PushingRows, springs: int) -> PushingRows:
     """The first `springs` rows fitted, beside the others as they are."""
     terms = _Terms.of(samples.x, samples.v, rows.onsets, rows.solimps)
-    asked = terms.asked(rows.stiffness, rows.damping)
-    acts = terms.weights * (asked > samples.a[:, None])
+    reference = terms.reference(rows.stiffness, rows.damping)
+    acts = terms.weights * (reference > samples.a[:, None])
     acts[:, :springs] = terms.weights[:, :springs]
-    rest = samples.a * (1 + acts.sum(axis=1)) - (acts * asked)[:, springs:].sum(axis=1)
+    rest = samples.a * (1 + acts.sum(axis=1)) - (acts * reference)[:, springs:].sum(axis=1)
     columns = samples.scaled((terms.weights * terms.lever)[:, :springs])  # 0 of a spring below all samples
     solution, _ = nonnegative_fit(columns, samples.scaled(rest))
     return replace(rows, stiffness=np.concatenate([solution, rows.stiffness[springs:]]))
@@ -213,7 +213,8 @@ class _LeastSquares:
 
     def evaluate(self, parameters: Floats) -> tuple[Floats, float]:
         """(weights of the rows that act, misfit)."""
-        a, weights = combine(self.terms.asked(*self.split(parameters)), self.terms.weights, False, axis=1)
+        reference = self.terms.reference(*self.split(parameters))
+        a, weights = combine(reference, self.terms.weights, False, axis=1)
         return weights, float(np.linalg.norm(self.samples.scaled(a) - self.goal))
 
     def linearised(self, parameters: Floats, weights: Floats) -> tuple[Floats, Floats, Floats]:

@@ -119,10 +119,10 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
         def error_at(parameters: Floats) -> float:
             return error(np.concatenate([parameters, others]))
 
-        found = minimize(
+        result = minimize(
             error_at, start, method="Nelder-Mead", options={"maxfev": evaluations, "fatol": 1e-7}
         )
-        return np.concatenate([found.x, others])
+        return np.concatenate([result.x, others])
 
     loss = max(1e-4, 1 - wanted[-1])
     start = np.array([0.45, math.log10(2.5 * loss), _LOWEST[2], _LOWEST[3], 0.5, 0.0])
@@ -131,7 +131,7 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
         return errors(parameters.T)
 
     with search.return_best_on_interrupt():
-        found = differential_evolution(
+        evolved = differential_evolution(
             population_errors,
             Bounds(_LOWEST, _HIGHEST),
             x0=np.clip(start, _LOWEST + 1e-6, _HIGHEST - 1e-6),
@@ -144,7 +144,7 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
         )
         # The best step is as high and as sharp as can be: from there S and D alone, from elsewhere all.
         sharp = polished(start[:2], start[2:], _POLISH_TWO)
-        free = polished(np.asarray(found.x), np.empty(0), _POLISH_ALL)
+        free = polished(np.asarray(evolved.x), np.empty(0), _POLISH_ALL)
     return np.asarray(np.clip(min((sharp, free), key=error), _LOWEST, _HIGHEST))
 
 
