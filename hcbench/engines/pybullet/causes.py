@@ -70,12 +70,12 @@ class Call:
     @property
     def text(self) -> str:
         """As a user writes it; bodies from files are called as their files."""
-        words = ", ".join(f"{k}={v:g}" for k, v in self.settings.items())
+        keywords = ", ".join(f"{k}={v:g}" for k, v in self.settings.items())
         if self.side is None:
-            return f"p.setPhysicsEngineParameter({words})"
+            return f"p.setPhysicsEngineParameter({keywords})"
         name = self.side.name.split(".")[0]
         body = name if name.isidentifier() else self.side.body
-        return f"p.changeDynamics({body}, {self.side.link}, {words})"
+        return f"p.changeDynamics({body}, {self.side.link}, {keywords})"
 
     def apply(self, bullet: BulletClient) -> None:
         """Make it."""
@@ -102,8 +102,8 @@ def _fix_restitutions(
 
 
 def restitutions(bullet: BulletClient, place: BulletPlacement) -> tuple[float, float]:
-    """Restitution of the two links that meet; NaN for a body with maximal coordinates, of which
-    PyBullet tells whatever it told last.
+    """Restitution of the two links that meet; NaN for a body with maximal coordinates, for which PyBullet
+    returns the value of an earlier query.
     """
     infos = [bullet.getDynamicsInfo(side.body, side.link) for side in (place.first, place.second)]
     first, second = (
@@ -171,7 +171,7 @@ def _restitution_product(c: BulletContext) -> Iterator[Suspect]:
 
 
 def _bullet_defaults(c: BulletContext) -> Iterator[Suspect]:
-    """What Bullet does to a bounce unless told otherwise; none of it can be read back, so it is tried."""
+    """What Bullet does to a bounce by default; none of it can be read back, so it is tried."""
     if c.slowest <= _THRESHOLD:
         yield Suspect(
             "velocity-threshold",

@@ -1,4 +1,4 @@
-"""PyBullet: Bullet's own contact, from stock to matched, through the contract.
+"""PyBullet behind the contract of an engine.
 
 Options of a setting (all optional; none means as loaded):
     world: keywords of setPhysicsEngineParameter. ball, plate: keywords of changeDynamics.

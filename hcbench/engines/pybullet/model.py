@@ -1,7 +1,7 @@
 """PyBullet's bodies: how points of their links move, and the effective mass that a contact feels.
 
 Bullet's own calculateMassMatrix and calculateJacobian are not used: they are right neither for spherical
-joints nor for axes that are not unit vectors, and need link frames, which Bullet tells in single precision.
+joints nor for axes that are not unit vectors, and need link frames, which it returns in single precision.
 """
 
 from __future__ import annotations
@@ -175,7 +175,7 @@ def _joint_twists(
     """(w, v) of each degree of freedom of a joint. centre, quaternion: of its link; pivot: in that frame."""
     kind = joint[JOINT_TYPE]
     if kind == PLANAR:
-        return [(_UNKNOWN, _UNKNOWN)] * 3  # PyBullet does not tell its axis
+        return [(_UNKNOWN, _UNKNOWN)] * 3  # PyBullet does not return its axis
     where = add_scaled(centre, 1.0, rotate(quaternion, pivot))
     if kind == SPHERICAL:
         return [(axis, cross(where, axis)) for axis in _AXES]

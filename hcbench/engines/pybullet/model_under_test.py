@@ -1,6 +1,6 @@
 """PyBullet: files or a live client with a pair in it, measured as loaded.
 
-Bullet keeps settings in globals of its process. Files are therefore loaded in a process of hcbench's own; a
+Bullet keeps settings in globals of its process. Files are therefore loaded in a worker process; a
 live client is measured where it is, and left in the state and with the settings it had.
 """
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from hcbench.impact import Impact, Launch
     from hcbench.laws.restitution import RestitutionCurve
 
-_UNTOLD = "restitutions that PyBullet does not tell of bodies with maximal coordinates"
+_UNKNOWN_RESTITUTIONS = "restitutions that PyBullet does not tell of bodies with maximal coordinates"
 
 
 class PybulletModel(ModelUnderTest):
@@ -134,7 +134,7 @@ class PybulletModel(ModelUnderTest):
                 "numSolverIterations": int(parameters["numSolverIterations"]),
             },
             asked=(first * second,) * len(self.request.speeds) if is_known else (),
-            asked_words=f"restitution {first:g} x {second:g}" if is_known else _UNTOLD,
+            asked_words=f"restitution {first:g} x {second:g}" if is_known else _UNKNOWN_RESTITUTIONS,
             notes=tuple(notes),
         )
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from hcbench.engines.pybullet.user_model import LoadedWorld
     from hcbench.impact import Floats
 
-_REACH = 1e4  # m: how far apart two may be found
+_REACH = 1e4  # m: the largest distance between the two at the start
 DISTANCE, NORMAL = 8, 7  # in PyBullet's closest points; the normal points at the first body
 
 
@@ -179,7 +179,7 @@ def _touch(
 def _effective_mass(
     bullet: BulletClient, first: tuple[int, int], second: tuple[int, int], point: Floats, normal: Floats
 ) -> float:
-    """1 / (J M^-1 J^T) of two (body, link), kg; NaN where neither can move, or PyBullet does not tell how."""
+    """1 / (J M^-1 J^T) of two (body, link), kg; NaN where neither can move, or a joint's axis is unknown."""
     bodies = {number: BulletBody(bullet, number) for number, _ in (first, second)}
     one, two = ((bodies[number], link) for number, link in (first, second))
     inverse = contact_row(one, two, vector(point), vector(normal)).inverse_mass

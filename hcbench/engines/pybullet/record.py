@@ -1,8 +1,8 @@
 """Penetration, rate and force of balls in PyBullet, from their positions and velocities.
 
-Little is asked of Bullet in a step: each ball's velocity, as a query costs as much as a step. Positions
+Only each ball's velocity is read in a step, as a query costs as much as a step. Positions
 follow exactly, as Bullet moves a body by its new velocity times the step. Forces are what they do to the
-momentum, Bullet's own to rounding, where nothing else slows a ball; else Bullet is asked for them.
+momentum, equal to Bullet's to rounding, where nothing else slows a ball; else they are read from Bullet.
 """
 
 from __future__ import annotations

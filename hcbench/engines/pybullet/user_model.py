@@ -1,4 +1,4 @@
-"""PyBullet worlds of a user's own, from files or live, and the two in them that meet."""
+"""PyBullet worlds of users, from files or live, and the two in them that meet."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ANY_LINK = -2  # whichever link touches, as in PyBullet
 
 @dataclass(frozen=True, slots=True)
 class LiveWorld:
-    """A PyBullet world of the user's own, live.
+    """A live PyBullet world of the user's.
 
     client: physics client id. first, second: what shall meet, the moving one first, each a body id or a
     (body id, link index); None where the request's pair names them.

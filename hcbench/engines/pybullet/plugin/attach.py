@@ -18,7 +18,8 @@ the step that it happens in, for steps that do not; several contacts at once are
 rest. `TouchSpeedLaw(Flores, k, e)` is a law of `laws.published`, `ConstantRestitution(e)` one e for all
 impacts. Bullet's friction does not act between attached pairs: give the law its own.
 
-PyBullet cannot say whether a pair was allowed to collide before: `detach` allows it, unless told otherwise.
+PyBullet does not return whether a pair was allowed to collide before: `detach` allows it, unless
+`collide_after` is False.
 """
 
 from __future__ import annotations

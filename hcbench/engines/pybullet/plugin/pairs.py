@@ -70,7 +70,7 @@ def _make_side(bullet: BulletClient, bodies: dict[int, BulletBody], part: Any) -
         raise SettingError(f"link {link} of body {number}", "not there", f"-1 (base) to {len(joints) - 1}")
     if any(joint[JOINT_TYPE] == PLANAR for joint in joints):
         raise SettingError(
-            f"body {number}", "has a planar joint", "other joints: PyBullet tells no axis of it"
+            f"body {number}", "has a planar joint", "other joints: PyBullet does not return its axis"
         )
     return bodies[number], link
 
@@ -78,7 +78,7 @@ def _make_side(bullet: BulletClient, bodies: dict[int, BulletBody], part: Any) -
 def check_step(bullet: BulletClient, pair: LinkPair, law: Law, speed: float) -> None:
     """Refuse a world that is not stepped, and a step that cannot resolve the force law at `speed` m/s.
 
-    Where the two will touch is not known yet: the masses of the two links are taken for what a contact feels.
+    Where the two will touch is not known yet, so the masses of the links stand in for the effective mass.
     """
     world = bullet.getPhysicsEngineParameters()
     if world["useRealTimeSimulation"]:

@@ -1,4 +1,4 @@
-"""Forces over a step for contacts that are found anew in each: the force law, and the restitution law."""
+"""The force of each contact over a step, by a force law or by a restitution law."""
 
 from __future__ import annotations
 
@@ -100,8 +100,8 @@ class ForceSolver:
         self._late.seen({touch.key for touch in touches})
 
     def _motion(self, touch: ContactPoint, b: float) -> ContactOde:
-        of, kappa = self._plain, self.law.stiffness * touch.inverse_mass
-        return ContactOde(kappa, of.a, of.n, b, of.chi, of.e, touch.pull if of.chi else 0.0)
+        ode, kappa = self._plain, self.law.stiffness * touch.inverse_mass
+        return ContactOde(kappa, ode.a, ode.n, b, ode.chi, ode.e, touch.pull if ode.chi else 0.0)
 
     def _acceleration(self, motion: ContactOde, h: float, touch: ContactPoint) -> float:
         late = self._late.acceleration(motion.with_step(h), h, touch)
@@ -126,9 +126,9 @@ def _compiled_euler_force() -> Any:
 class _LateReports:
     """Shapes that Bullet reports only once they overlap, as distance fields and concave meshes.
 
-    The step that touches then goes by without a force. Where such a contact first shows, the motion that it
-    should have had is known all the same, and the next position can be put right; the step after that must
-    look back at where the body should have been. At the end, the last step that shows sets the speed out.
+    The step of the touch has then passed without a force. The motion that it should have had is computed when
+    the contact is first reported, and a force is applied that puts the next position right; the step after
+    that starts from where the body should have been. The last step in contact sets the speed of departure.
     """
 
     def __init__(self) -> None:
@@ -137,7 +137,7 @@ class _LateReports:
         self._offset: dict[Any, float] = {}
 
     def seen(self, keys: set[Any]) -> None:
-        """Tell which contacts this step had."""
+        """Record which contacts this step had."""
         self._last, self._late = keys, self._late & keys
 
     def acceleration(self, motion: ContactOde, h: float, touch: ContactPoint) -> float | None:
@@ -163,7 +163,9 @@ class RestitutionSolver:
 
     def __init__(self, law: Restitution | ConstantRestitution) -> None:
         self.law = law
-        self._resting: dict[Any, float] = {}  # and by what unseen load each of them would have approached
+        self._resting: dict[
+            Any, float
+        ] = {}  # acceleration by loads that are not modelled, of each resting one
 
     def solve(self, touches: Sequence[ContactPoint], h: float) -> None:
         """Gauss-Seidel on the impulses: none pulls, each contact ends at its speed or above."""
@@ -171,7 +173,7 @@ class RestitutionSolver:
         pulls, aims, resting = [], [], {}
         for touch in active:
             load = self._resting.get(touch.key)
-            # What one step of falling gives is no impact that steps can tell from rest.
+            # Speeds below what gravity adds in one step count as rest.
             still = 1.1 * h * touch.weight
             if load is not None:
                 still = max(still, 10.0 * h * (touch.weight + abs(load)))
