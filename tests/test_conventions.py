@@ -11,14 +11,14 @@ from scipy.integrate import solve_ivp
 
 from hcbench.errors import UserError
 from hcbench.laws import closed_form
-from hcbench.laws.conventions import Conversion, Row, convert
+from hcbench.laws.conventions import Conversion, SystemValue, convert
 from hcbench.laws.published import Flores
 
 ALPHA, SPEED = 0.315, 0.4064
 E = float(closed_form.restitution(ALPHA, SPEED))
 
 
-def _row(found: Conversion, system: str, parameter: str, nth: int = 0) -> Row:
+def _row(found: Conversion, system: str, parameter: str, nth: int = 0) -> SystemValue:
     return [r for r in found.rows if (r.system, r.parameter) == (system, parameter)][nth]
 
 

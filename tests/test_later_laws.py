@@ -150,7 +150,7 @@ def test_how_far_the_promises_are_kept() -> None:
 
 def test_hu_guo_as_published_keeps_its_promise_and_the_halved_one_does_not() -> None:
     """Some public code divides χ by a further 2; that χ at e is the published one of (1 + e)/2's loss."""
-    from hcbench.laws._series import restitution_of
+    from hcbench.laws._restitution_series import restitution_of
 
     e = np.array([0.8, 0.9, 0.99])
     halved = restitution_of(HuGuo.chi_of(e) / 2.0)

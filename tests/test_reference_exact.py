@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.special import lambertw
 
 from hcbench.errors import UserError
-from hcbench.laws import _phase_path, _series, closed_form
+from hcbench.laws import _phase_path, _restitution_series, closed_form
 from hcbench.laws.force import HuntCrossley
 
 INCH, POUND, LBF = 0.0254, 0.45359237, 4.4482216152605
@@ -99,10 +99,10 @@ def law_of(d: float, speed: float = 1.0, exponent: float = 1.5, stiffness: float
 def test_restitution_agrees_with_50_digits_over_sixteen_decades() -> None:
     d = np.concatenate([np.logspace(-12, 4, 400), np.linspace(0.01, 6, 60), np.linspace(38, 46, 40)])
     truth = [true_restitution(x) for x in d.tolist()]
-    assert relative_errors(_series.restitution_of(d), truth).max() < 1e-15
+    assert relative_errors(_restitution_series.restitution_of(d), truth).max() < 1e-15
     # α = d, v = 2/3 or d = 1.5 α v with its own rounding: the contract is 4e-15.
     assert relative_errors(closed_form.restitution(d / 1.5, 1.0), truth).max() < 4e-15
-    assert relative_errors(_series.shortfall_of(d), [1 - e for e in truth]).max() < 1e-15
+    assert relative_errors(_restitution_series.one_minus_restitution(d), [1 - e for e in truth]).max() < 1e-15
 
 
 def test_no_dissipation_returns_all_of_the_speed() -> None:
@@ -115,19 +115,19 @@ def test_coefficients_are_those_of_the_function() -> None:
     """Makes the Chebyshev series of bounce.py again."""
     count = 64
     with mpmath.workdps(60):
-        top = mpmath.mpf(_series.TOP) / (_series.TOP + _series.SHIFT)
+        top = mpmath.mpf(_restitution_series.TOP) / (_restitution_series.TOP + _restitution_series.SHIFT)
         angles = [mpmath.pi * (k + mpmath.mpf(1) / 2) / count for k in range(count)]
         samples = []
         for angle in angles:
             t = top * (1 + mpmath.cos(angle)) / 2
-            d = _series.SHIFT * t / (1 - t)
+            d = _restitution_series.SHIFT * t / (1 - t)
             samples.append(((1 + d) * true_restitution(d) - 1) / t)
         made = [
             (2 if j else 1) * sum(s * mpmath.cos(j * a) for s, a in zip(samples, angles, strict=True)) / count
             for j in range(count)
         ]
     last = max(j for j, c in enumerate(made) if abs(c) > 1e-17)
-    assert tuple(float(c) for c in made[: last + 1]) == _series.SERIES
+    assert tuple(float(c) for c in made[: last + 1]) == _restitution_series.SERIES
 
 
 def test_restitution_broadcasts_alpha_over_speed() -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.summary import PAPER_RELATIVE_RADIUS, describe
+from hcbench.laws.summary import PAPER_RELATIVE_RADIUS, summarize
 
 INCH, POUND, LBF = 0.0254, 0.45359237, 4.4482216152605
 K3 = 3.1e7 * LBF / INCH**1.5  # of section 3.1
@@ -15,7 +15,7 @@ K3 = 3.1e7 * LBF / INCH**1.5  # of section 3.1
 def test_a_row_warns_where_the_papers_limits_are_passed() -> None:
     def warnings(alpha: float, speed: float, exponent: float = 1.5) -> str:
         law = HuntCrossley(K3, alpha / INCH, exponent)
-        return " | ".join(describe(law, POUND, speed * INCH, PAPER_RELATIVE_RADIUS).warnings)
+        return " | ".join(summarize(law, POUND, speed * INCH, PAPER_RELATIVE_RADIUS).warnings)
 
     assert warnings(0.008, 4) == ""
     assert "shear stress" in warnings(0.008, 16)
@@ -28,9 +28,11 @@ def test_a_row_warns_where_the_papers_limits_are_passed() -> None:
 
 def test_a_row_is_the_closed_forms() -> None:
     law = HuntCrossley(K3, 0.3)
-    row = describe(law, POUND, 0.2, PAPER_RELATIVE_RADIUS)
+    row = summarize(law, POUND, 0.2, PAPER_RELATIVE_RADIUS)
     assert row.restitution == closed_form.restitution(0.3, 0.2)
     assert row.restitution_linear == 1 - 0.3 * 0.2
     assert row.energy_loss_j == pytest.approx(0.5 * POUND * 0.2**2 * (1 - row.restitution**2), rel=1e-13)
     assert row.shear_stress_max_pa is not None
-    assert describe(HuntCrossley(K3, 0.3, 1.2), POUND, 0.2, PAPER_RELATIVE_RADIUS).shear_stress_max_pa is None
+    assert (
+        summarize(HuntCrossley(K3, 0.3, 1.2), POUND, 0.2, PAPER_RELATIVE_RADIUS).shear_stress_max_pa is None
+    )

@@ -45,7 +45,7 @@ def reference(
 
     from hcbench import units
     from hcbench.laws.force import HuntCrossley
-    from hcbench.laws.summary import PAPER_RELATIVE_RADIUS, describe
+    from hcbench.laws.summary import PAPER_RELATIVE_RADIUS, summarize
 
     alphas = np.concatenate([units.parse_values(a, "alpha", "--alpha") for a in alpha])
     speeds = np.concatenate([units.parse_values(v, "speed", "--speed") for v in speed])
@@ -57,7 +57,7 @@ def reference(
     k = units.parse(stiffness or PAPER_STIFFNESS, "stiffness", "--stiffness", 1.5 if stiffness is None else n)
     units.require_positive(m, "mass", "--mass")
     rows = [
-        describe(HuntCrossley(k, float(a), n), m, float(v), PAPER_RELATIVE_RADIUS)
+        summarize(HuntCrossley(k, float(a), n), m, float(v), PAPER_RELATIVE_RADIUS)
         for a in alphas
         for v in speeds
     ]

@@ -22,7 +22,7 @@ import numpy as np
 from hcbench.errors import UserError
 from hcbench.impact import Loop
 from hcbench.laws._phase_path import g_ratio, largest_force_rate, rate_ratio
-from hcbench.laws._series import argument_of, restitution_of, shortfall_of
+from hcbench.laws._restitution_series import inverse_restitution, one_minus_restitution, restitution_of
 from hcbench.laws.force import HuntCrossley
 
 if TYPE_CHECKING:
@@ -61,13 +61,13 @@ def alpha_of(restitution: Floats | float, speed: Floats | float) -> Floats:
             "0 < e <= 1",
             "A passive contact returns no more than it got",
         )
-    return np.asarray(argument_of(e) / (1.5 * _checked("speed", speed, "m/s", zero=False)))
+    return np.asarray(inverse_restitution(e) / (1.5 * _checked("speed", speed, "m/s", zero=False)))
 
 
 def energy_loss(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
     """ΔE = ½ m v_i² (1 - e²) in J, the area of the loop; no digits are lost as e nears 1."""
     m, v = _checked("mass", mass, "kg", zero=False), _checked("speed", speed, "m/s", zero=True)
-    shortfall = shortfall_of(np.asarray(law.dissipation * v))
+    shortfall = one_minus_restitution(np.asarray(law.dissipation * v))
     return np.asarray(0.5 * m * v**2 * shortfall * (2.0 - shortfall))
 
 

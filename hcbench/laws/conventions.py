@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
     from hcbench.laws.restitution import Reading
 
+_OVER_ALPHA = {"alpha": 1.0, "drake": 1.5, "simbody": 1.0}  # each dissipation over α
+
 TRAPS = (
     "Drake's d is 1.5 α, Simbody's c is α: the number copied from one to the other is off by half.",
     "Simbody raises x to 3/2, Drake's point contact to 1; e is the same: it depends on α v, not on k or n.",
@@ -34,7 +36,7 @@ TRAPS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class SystemValue:
     """What to write in one system. value: one number or, for solref, two."""
 
     system: str
@@ -61,7 +63,7 @@ class Conversion:
     speed: float | None
     restitution: float | None
     restitution_linear: float | None
-    rows: tuple[Row, ...]
+    rows: tuple[SystemValue, ...]
     missing: tuple[str, ...]
     traps: tuple[str, ...] = TRAPS
 
@@ -98,9 +100,8 @@ def convert(
     MuJoCo's spring. timestep (s): of MuJoCo's one-step bounce. reading: which e the engines get, that of
     (16) or 1 - α v. Raises UserError for numbers without meaning and for none or several of the first five.
     """
-    given = {
-        "alpha": alpha, "drake": drake, "simbody": simbody, "restitution": restitution, "solref": solref,
-    }  # fmt: skip
+    dissipations = {"alpha": alpha, "drake": drake, "simbody": simbody}
+    given = {**dissipations, "restitution": restitution, "solref": solref}
     names = [name for name, value in given.items() if value is not None]
     if len(names) != 1:
         raise UserError(
@@ -112,42 +113,39 @@ def convert(
     ):  # fmt: skip
         if value is not None:
             positive(slot, value, unit)
-    if solref is not None:
-        restitution = _restitution_of_solref(solref, timestep)
-    if restitution is not None:
-        found = _alpha_of(restitution, speed, reading)
-    else:
-        found = _plain(alpha, drake, simbody)
+    dissipation = dissipations.get(names[0])
+    if dissipation is not None:
+        require(names[0], dissipation, 0.0 <= dissipation < math.inf, "0 s/m or more")
+        return _conversion(dissipation / _OVER_ALPHA[names[0]], speed, contact_time, timestep, reading)
+    e = restitution if solref is None else _restitution_of_solref(solref, timestep)
+    assert e is not None
+    return _conversion(_alpha_of(e, speed, reading), speed, contact_time, timestep, reading)
+
+
+def _conversion(
+    alpha: float, speed: float | None, contact_time: float | None, timestep: float | None, reading: Reading
+) -> Conversion:
+    """α (s/m) in every convention; the rest as for `convert`."""
+    rows, missing = [*_dissipations(alpha)], []
     e, linear = None, None
-    if speed is not None:
-        require("alpha", found, math.isfinite(found * speed), "α v that is a number: a smaller α or speed")
-        e, linear = float(closed_form.restitution(found, speed)), 1.0 - found * speed
-    rows, missing = [*_dissipations(found)], []
-    target = linear if reading == "linear" else e
-    if target is None:
+    if speed is None:
         missing.append("Restitutions and solref: they need the speed at which they should hold.")
-    elif target <= 0.0:
-        missing.append(
-            f"Restitutions and solref: 1 - α v is {target:.4g} at {speed:g} m/s, below what any has."
-        )
     else:
-        rows += [
-            *_restitutions(target, found, speed or 0.0),
-            *_mujoco(target, contact_time, timestep, missing),
-        ]
-    return Conversion(found, speed, e, linear, tuple(rows), tuple(missing))
-
-
-def _plain(alpha: float | None, drake: float | None, simbody: float | None) -> float:
-    """α of whichever of the three is given."""
-    for slot, value, share in (("alpha", alpha, 1.0), ("drake", drake, 1.5), ("simbody", simbody, 1.0)):
-        if value is not None:
-            require(slot, value, 0.0 <= value < math.inf, "0 s/m or more")
-            return value / share
-    raise AssertionError  # the caller has checked
+        require("alpha", alpha, math.isfinite(alpha * speed), "α v that is a number: a smaller α or speed")
+        e, linear = float(closed_form.restitution(alpha, speed)), 1.0 - alpha * speed
+        wanted = linear if reading == "linear" else e
+        if wanted > 0.0:
+            rows += _restitutions(wanted, alpha, speed)
+            rows += _mujoco(wanted, contact_time, timestep, missing)
+        else:
+            missing.append(
+                f"Restitutions and solref: 1 - α v is {wanted:.4g} at {speed:g} m/s, below what any has."
+            )
+    return Conversion(alpha, speed, e, linear, tuple(rows), tuple(missing))
 
 
 def _alpha_of(e: float, speed: float | None, reading: Reading) -> float:
+    """α in s/m of the law that has this e at this speed (m/s)."""
     if speed is None:
         raise UserError("speed", "none", "the speed at which that restitution is meant", "e alone fixes no α")
     require("restitution", e, 0.0 < e <= 1.0, "0 < e <= 1")
@@ -171,29 +169,29 @@ def _restitution_of_solref(solref: tuple[float, float], timestep: float | None) 
     return float(kv.restitution(second, kv.Ending.FORCE))
 
 
-def _dissipations(alpha: float) -> Iterator[Row]:
-    yield Row("paper", "α", (alpha,), "s/m", "e = 1 - α v for small α v, eq. (2)")
-    yield Row("paper", "λ/k", (1.5 * alpha,), "s/m", "F = k x^n (1 + (λ/k) v), eqs. (15), (16)")
-    yield Row(
+def _dissipations(alpha: float) -> Iterator[SystemValue]:
+    yield SystemValue("paper", "α", (alpha,), "s/m", "e = 1 - α v for small α v, eq. (2)")
+    yield SystemValue("paper", "λ/k", (1.5 * alpha,), "s/m", "F = k x^n (1 + (λ/k) v), eqs. (15), (16)")
+    yield SystemValue(
         "Drake", "hunt_crossley_dissipation", (1.5 * alpha,), "s/m", "d = 1.5 α; continuous plants only"
     )
-    yield Row("Simbody", "dissipation", (alpha,), "s/m", "c = α: its force has the 3/2 written out")
+    yield SystemValue("Simbody", "dissipation", (alpha,), "s/m", "c = α: its force has the 3/2 written out")
 
 
-def _restitutions(e: float, alpha: float, speed: float) -> Iterator[Row]:
+def _restitutions(e: float, alpha: float, speed: float) -> Iterator[SystemValue]:
     at = f"matches at {speed:.6g} m/s only"
-    yield Row("PyBullet", "restitution", (e,), "", f"{at}; on one body, 1 on the other")
-    yield Row("Chrono", "restitution", (e,), "", f"{at}; NSC, or SMC with the Hooke or Hertz model")
+    yield SystemValue("PyBullet", "restitution", (e,), "", f"{at}; on one body, 1 on the other")
+    yield SystemValue("Chrono", "restitution", (e,), "", f"{at}; NSC, or SMC with the Hooke or Hertz model")
     flores = _flores_for(alpha * speed)
     note = "SMC with the Flores model at that impact speed: what it must be asked to deliver this e"
-    yield Row("Chrono", "restitution (Flores)", (flores,), "", note)
-    yield Row("LAMMPS", "damping coeff_restitution", (e,), "", f"{at}; hertz and hooke")
+    yield SystemValue("Chrono", "restitution (Flores)", (flores,), "", note)
+    yield SystemValue("LAMMPS", "damping coeff_restitution", (e,), "", f"{at}; hertz and hooke")
     note = f"{at}; before the release of 2 September 2026 it delivered {_old_tsuji(e):.4g} for this e"
-    yield Row("LAMMPS", "damping tsuji", (e,), "", note)
+    yield SystemValue("LAMMPS", "damping tsuji", (e,), "", note)
 
 
 def _flores_for(alpha_speed: float) -> float:
-    """The e to ask Flores for: χ = 8 (1 - e)/(5 e) of `later_laws` has to be (3/2) α v."""
+    """The e to ask Flores for: χ = 8 (1 - e)/(5 e) of `published` has to be (3/2) α v."""
     return 8.0 / (8.0 + 5.0 * 1.5 * alpha_speed)
 
 
@@ -210,19 +208,19 @@ def _old_tsuji(e: float) -> float:
 
 def _mujoco(
     e: float, contact_time: float | None, timestep: float | None, missing: list[str]
-) -> Iterator[Row]:
+) -> Iterator[SystemValue]:
     if timestep is None:
         missing.append("MuJoCo's one-step bounce: it needs the timestep.")
     else:
         note = "bounces in one step, Euler or implicitfast; solimp .9999 .9999 .001"
-        yield Row("MuJoCo", "solref", (0.0, -(1.0 + e) / timestep), "", note)
+        yield SystemValue("MuJoCo", "solref", (0.0, -(1.0 + e) / timestep), "", note)
     if contact_time is None:
         missing.append("MuJoCo's spring and damper: it needs the contact time.")
         return
     law = kv.matched(e, contact_time, 1.0, kv.Ending.FORCE)
     zeta = kv.damping_ratio(law, 1.0)
     note = "spring and damper per unit effective mass; constant solimp, at least 20 steps a contact"
-    yield Row("MuJoCo", "solref", (-law.stiffness, -law.damping), "1/s², 1/s", note)
+    yield SystemValue("MuJoCo", "solref", (-law.stiffness, -law.damping), "1/s², 1/s", note)
     if zeta == 0.0:
         missing.append("MuJoCo's timeconst: without damping it is infinite.")
         return
@@ -230,4 +228,4 @@ def _mujoco(
     note = "the same as timeconst, dampratio"
     if timestep is not None and timeconst < 2.0 * timestep:
         note += "; refsafe would raise timeconst to twice the step and change e"
-    yield Row("MuJoCo", "solref", (timeconst, zeta), "s, 1", note)
+    yield SystemValue("MuJoCo", "solref", (timeconst, zeta), "s, 1", note)

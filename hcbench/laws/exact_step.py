@@ -33,7 +33,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hcbench.laws._series import restitution_of
+from hcbench.laws._restitution_series import restitution_of
 from hcbench.laws.touch_speed import touch_speed
 
 _SUBSTEP = 0.2  # largest sub-step, in units of 1/ω

@@ -75,13 +75,12 @@ def matched(e: float, duration: float, mass: float, ending: Ending) -> KelvinVoi
     positive("duration", duration, "s")
     positive("mass", mass, "kg")
     zeta = damping_ratio_for(e, ending)
-    swing = 2.0 * float(_g(np.asarray(zeta))) if ending is Ending.FORCE else np.pi / np.sqrt(1.0 - zeta**2)
-    omega = float(swing / duration)
+    omega = _end(zeta, ending) / duration
     return KelvinVoigt(stiffness=mass * omega**2, damping=2.0 * zeta * mass * omega)
 
 
 @dataclass(frozen=True, slots=True)
-class Bounce:
+class KelvinVoigtImpact:
     """One impact by eq. (4), SI.
 
     force_at_touch: c v_i, the shock at first touch. force_max: the largest push, the shock included.
@@ -98,7 +97,7 @@ class Bounce:
     energy_loss: float
 
 
-def bounce(law: KelvinVoigt, mass: float, speed: float, ending: Ending) -> Bounce:
+def bounce(law: KelvinVoigt, mass: float, speed: float, ending: Ending) -> KelvinVoigtImpact:
     """All of one impact in closed form; mass kg, speed v_i m/s.
 
     With ζ = sin β and θ = ω √(1-ζ²) t: F = m ω v_i e^(-θ tan β) sin(θ + 2β) / cos β. It is largest at
@@ -120,7 +119,7 @@ def bounce(law: KelvinVoigt, mass: float, speed: float, ending: Ending) -> Bounc
         pull = shock * e
     else:
         pull = impulse * float(np.exp(-3.0 * zeta * _g(np.asarray(zeta))))
-    return Bounce(
+    return KelvinVoigtImpact(
         restitution=e,
         duration=float(swing / omega),
         penetration_max=float(speed / omega * np.exp(-zeta * _g(np.asarray(zeta)))),

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hcbench.laws._series import argument_of, restitution_of
+from hcbench.laws._restitution_series import inverse_restitution, restitution_of
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.require import positive, require
 
@@ -167,8 +167,8 @@ Exact = PublishedLaw(
     "Exact",
     "exact",
     "root of χ (1 + e) = ln(1 + χ) - ln(1 - χ e)",
-    argument_of,
-    "follows from eq. (16) by separating variables; see hcbench.laws._series",
+    inverse_restitution,
+    "follows from eq. (16) by separating variables; see hcbench.laws._restitution_series",
     takes_zero=False,
 )
 

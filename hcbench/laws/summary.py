@@ -20,7 +20,7 @@ _MOST_ALPHA_SPEED = 1e3  # e is 7e-4 there
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ImpactSummary:
     """One impact by eq. (16). No shear stress for n other than 3/2, where Hertz says nothing."""
 
     alpha_s_per_m: float
@@ -35,7 +35,7 @@ class Row:
     warnings: tuple[str, ...]
 
 
-def describe(law: HuntCrossley, mass: float, speed: float, relative_radius: float) -> Row:
+def summarize(law: HuntCrossley, mass: float, speed: float, relative_radius: float) -> ImpactSummary:
     """Everything about one impact: mass kg, speed v_i m/s, relative radius R m. Raises UserError."""
     if not law.alpha * speed <= _MOST_ALPHA_SPEED:
         raise UserError(
@@ -45,7 +45,7 @@ def describe(law: HuntCrossley, mass: float, speed: float, relative_radius: floa
     shear = None
     if law.exponent == 1.5:
         shear = hertz.from_stiffness(law.stiffness, relative_radius).shear_max(force)
-    return Row(
+    return ImpactSummary(
         alpha_s_per_m=float(law.alpha),
         speed_m_per_s=float(speed),
         restitution=float(closed_form.restitution(law.alpha, speed)),

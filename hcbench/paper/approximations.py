@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from hcbench.laws._phase_path import g_ratio
-from hcbench.laws._series import restitution_of, shortfall_of
+from hcbench.laws._restitution_series import one_minus_restitution, restitution_of
 from hcbench.laws.require import require, within
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def speed_at(
 def inward_share(u: Floats | float) -> Floats:
     """Share of the loop's area that the way in takes, over u = α v_i > 0; 1/2 as u goes to 0."""
     d = 1.5 * within("u", u, 0.0, np.inf, "α v_i of 0 or more")
-    s = shortfall_of(d)
+    s = one_minus_restitution(d)
     # 1 - G = 2 d (1/3 - d/4 + d²/5 ...): by its series where the difference would lose digits.
     terms = np.polynomial.polynomial.polyval(-np.minimum(d, 0.05), [2.0 / (i + 3) for i in range(13)])
     area = s * (2.0 - s)
@@ -82,7 +82,7 @@ class Approximation:
 
 
 def _area(u: Floats) -> Floats:
-    s = shortfall_of(1.5 * u)
+    s = one_minus_restitution(1.5 * u)
     return np.asarray(s * (2.0 - s))
 
 

@@ -102,19 +102,19 @@ def restitution_of(d: Floats) -> Floats:
     return _in_chunks(_near_restitution, lambda far: 1.0 / far, d)
 
 
-def shortfall_of(d: Floats) -> Floats:
+def one_minus_restitution(d: Floats) -> Floats:
     """1 - e over d >= 0, same shape, to the same relative error however small d is."""
     return _in_chunks(_near_loss, lambda far: 1.0 - 1.0 / far, d)
 
 
-def argument_of(e: Floats) -> Floats:
+def inverse_restitution(e: Floats) -> Floats:
     """d over 0 < e <= 1, same shape: Newton on whichever of e and 1 - e has the digits."""
     shortfall = 1.0 - e
     start = np.polynomial.polynomial.polyval(e, _START)
     d: Floats = shortfall / e * start
     for _ in range(4):
         now = restitution_of(d)
-        error = np.where(e >= 0.5, shortfall - shortfall_of(d), now - e)
+        error = np.where(e >= 0.5, shortfall - one_minus_restitution(d), now - e)
         # With u = d e: du/dd = d (1 - u) / ((1 + d) u). Its difference to e loses digits at small d.
         u_rate = (1.0 - d * now) / ((1.0 + d) * now)
         slope = np.where(d < 1e-3, -2.0 / 3.0 + 8.0 / 9.0 * d, (u_rate - now) / np.maximum(d, 1e-300))
