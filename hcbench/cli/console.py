@@ -21,6 +21,32 @@ jobs_option = click.option(
 )
 
 
+class Quantity(click.types.StringParamType):
+    """A number with or without a unit as a float in SI, or several, such as "1:20 in/s", as an array.
+
+    quantity: a name in `units.QUANTITIES`. positive: whether only values above 0 will do.
+    """
+
+    def __init__(self, quantity: str, *, several: bool = False, positive: bool = False) -> None:
+        self.quantity, self.several, self.positive = quantity, several, positive
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Read the text; QuantityError names the option."""
+        from hcbench import units
+
+        slot = param.opts[0] if param else ""
+        read = units.parse_values if self.several else units.parse
+        number = read(value, self.quantity, slot)
+        if self.positive:
+            units.require_positive(number, self.quantity, slot)
+        return number
+
+
+NUMBER, ALPHA, ALPHAS = Quantity("number"), Quantity("alpha"), Quantity("alpha", several=True)
+SPEED, SPEEDS = Quantity("speed"), Quantity("speed", several=True, positive=True)
+MASS, STEP, TIME = Quantity("mass", positive=True), Quantity("timestep", positive=True), Quantity("timestep")
+
+
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[int, int], None]]:
     """A bar on stderr that stays away where nobody looks; hands out `tick(done, total)`."""

@@ -2,45 +2,29 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypedDict, Unpack
+from typing import TYPE_CHECKING
 
 import click
 
-from hcbench.cli.console import as_json, print_json
+from hcbench.cli.console import ALPHA, NUMBER, SPEED, TIME, as_json, print_json
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
     from hcbench.laws.restitution import Reading
 
 
-class _Quantities(TypedDict):
-    """Options with a number and a unit, as text."""
-
-    alpha: str | None
-    drake: str | None
-    simbody: str | None
-    restitution: str | None
-    speed: str | None
-    contact_time: str | None
-    timestep: str | None
-
-
-# Of each option, its name in units.QUANTITIES where it is not the option's own.
-_QUANTITIES = {"drake": "alpha", "simbody": "alpha", "restitution": "number", "contact_time": "timestep"}
-
-
 @click.command()
-@click.option("--alpha", help="α of e = 1 - α v, such as '0.008 s/in'.")
-@click.option("--drake", help="Drake's hunt_crossley_dissipation.")
-@click.option("--simbody", help="Simbody's dissipation.")
-@click.option("--restitution", help="e at --speed.")
+@click.option("--alpha", type=ALPHA, help="α of e = 1 - α v, such as '0.008 s/in'.")
+@click.option("--drake", type=ALPHA, help="Drake's hunt_crossley_dissipation.")
+@click.option("--simbody", type=ALPHA, help="Simbody's dissipation.")
+@click.option("--restitution", type=NUMBER, help="e at --speed.")
 @click.option("--solref", help="The two numbers of a soft constraint's solref, such as '-2.7e8 -815'.")
-@click.option("--speed", help="Where engines with one e for all speeds should match.")
-@click.option("--contact-time", help="Duration of a contact by solref's spring, such as '0.2 ms'.")
-@click.option("--timestep", help="Step of a one-step bounce by solref.")
+@click.option("--speed", type=SPEED, help="Where engines with one e for all speeds should match.")
+@click.option("--contact-time", type=TIME, help="Duration of a contact by solref's spring, such as '0.2 ms'.")
+@click.option("--timestep", type=TIME, help="Step of a one-step bounce by solref.")
 @click.option("--target", "reading", type=click.Choice(["law", "linear"]), default="law", show_default=True)
 @as_json
-def convert(reading: Reading, solref: str | None, as_json: bool, **quantities: Unpack[_Quantities]) -> None:
+def convert(as_json: bool, reading: Reading, solref: str | None, **quantities: float | None) -> None:
     """Translate one contact between libraries.
 
     Between α, an e at a speed, and the parameters of Drake, Simbody, Chrono, LAMMPS and other engines.
@@ -48,12 +32,7 @@ def convert(reading: Reading, solref: str | None, as_json: bool, **quantities: U
     from hcbench import units
     from hcbench.laws.conventions import convert
 
-    values = {
-        name: units.parse(text, _QUANTITIES.get(name, name), "--" + name.replace("_", "-"))
-        for name, text in quantities.items()
-        if isinstance(text, str)
-    }
-    found = convert(**values, solref=_solref(solref), reading=reading)
+    found = convert(**quantities, solref=_solref(solref), reading=reading)
     if as_json:
         print_json(found.as_dict())
         return

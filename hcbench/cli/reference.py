@@ -3,36 +3,36 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
+from typing import TYPE_CHECKING
 
 import click
 
 from hcbench._text import table
-from hcbench.cli.console import as_json, print_json
+from hcbench.cli.console import ALPHAS, MASS, NUMBER, SPEEDS, as_json, print_json
 from hcbench.errors import UserError
+
+if TYPE_CHECKING:
+    from hcbench.impact import Floats
 
 PAPER_STIFFNESS = "3.1e7 lbf/in^1.5"
 
+_several = partial(click.option, multiple=True, required=True)
+
 
 @click.command()
-@click.option(
-    "--alpha", multiple=True, required=True, help="α of e = 1 - α v, such as '0.008 s/in'. Repeatable."
-)
-@click.option(
-    "--speed",
-    multiple=True,
-    required=True,
-    help="Impact speeds: '16 in/s', '4, 8 in/s', '1:20 in/s'. Repeatable.",
-)
-@click.option("--mass", default="1 lb", show_default=True, help="Effective mass.")
+@_several("--alpha", type=ALPHAS, help="α of e = 1 - α v, such as '0.008 s/in'. Repeatable.")
+@_several("--speed", type=SPEEDS, help="Impact speeds: '16 in/s', '4, 8 in/s', '1:20 in/s'. Repeatable.")
+@click.option("--mass", type=MASS, default="1 lb", show_default=True, help="Effective mass.")
 @click.option("--stiffness", help=f"k of F = k x^n; plain: N/m^n.  [default for n = 1.5: {PAPER_STIFFNESS}]")
-@click.option("--exponent", default="1.5", show_default=True, help="n of F = k x^n, 1 or more.")
+@click.option("--exponent", type=NUMBER, default="1.5", show_default=True, help="n of F = k x^n, 1 or more.")
 @as_json
 def reference(
-    alpha: tuple[str, ...],
-    speed: tuple[str, ...],
-    mass: str,
+    alpha: tuple[Floats, ...],
+    speed: tuple[Floats, ...],
+    mass: float,
     stiffness: str | None,
-    exponent: str,
+    exponent: float,
     as_json: bool,
 ) -> None:
     """Say what the law says of an impact.
@@ -47,19 +47,15 @@ def reference(
     from hcbench.laws.force import HuntCrossley
     from hcbench.laws.summary import PAPER_RELATIVE_RADIUS, summarize
 
-    alphas = np.concatenate([units.parse_values(a, "alpha", "--alpha") for a in alpha])
-    speeds = np.concatenate([units.parse_values(v, "speed", "--speed") for v in speed])
-    units.require_positive(speeds, "speed", "--speed")
-    n = units.parse(exponent, "number", "--exponent")
-    if stiffness is None and n >= 1 and n != 1.5:
-        raise UserError("--stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
-    m = units.parse(mass, "mass", "--mass")
-    k = units.parse(stiffness or PAPER_STIFFNESS, "stiffness", "--stiffness", 1.5 if stiffness is None else n)
-    units.require_positive(m, "mass", "--mass")
+    if stiffness is None and exponent >= 1 and exponent != 1.5:
+        raise UserError("--stiffness", f"missing for exponent {exponent:g}", f"k in N/m^{exponent:g}")
+    k = units.parse(
+        stiffness or PAPER_STIFFNESS, "stiffness", "--stiffness", 1.5 if stiffness is None else exponent
+    )
     rows = [
-        summarize(HuntCrossley(k, float(a), n), m, float(v), PAPER_RELATIVE_RADIUS)
-        for a in alphas
-        for v in speeds
+        summarize(HuntCrossley(k, a, exponent), mass, v, PAPER_RELATIVE_RADIUS)
+        for a in np.concatenate(alpha).tolist()
+        for v in np.concatenate(speed).tolist()
     ]
     if as_json:
         print_json([dataclasses.asdict(row) for row in rows])

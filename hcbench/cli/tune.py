@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 import click
 
 from hcbench.cli._process import PathType
-from hcbench.cli.console import as_json, print_json, progress
+from hcbench.cli.console import ALPHA, MASS, NUMBER, SPEEDS, STEP, as_json, print_json, progress
 from hcbench.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
+    from hcbench.impact import Floats
     from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.tune.choose import Match
@@ -24,33 +25,35 @@ if TYPE_CHECKING:
 
     Points = tuple[tuple[float, float], ...]
 
-_SPEEDS = "1:20 in/s"
+_SPEEDS = [0.0254, 0.508]  # m/s: 1 ... 20 in/s
 
 
 class _TargetOptions(TypedDict):
-    """The options that say what to match, as text."""
+    """The options that say what to match, SI."""
 
-    alpha: str | None
-    restitution: str | None
+    alpha: float | None
+    restitution: float | None
     points: str | None
-    timestep: str
-    speeds: str | None
+    timestep: float
+    speeds: Floats | None
     reading: Literal["law", "linear"]
     scene: str
-    mass: str | None
+    mass: float | None
     stiffness: str | None
-    exponent: str | None
+    exponent: float | None
 
 
 @click.command()
 @click.argument("engine")
-@click.option("--alpha", help="α of e = 1 - α v, such as '0.008 s/in'.")
-@click.option("--restitution", help="One e for all speeds, in place of --alpha.")
+@click.option("--alpha", type=ALPHA, help="α of e = 1 - α v, such as '0.008 s/in'.")
+@click.option("--restitution", type=NUMBER, help="One e for all speeds, in place of --alpha.")
 @click.option(
     "--points", help="Pairs v:e in place of --alpha, such as '0.1:0.95, 0.5:0.85 m/s', or a CSV file."
 )
-@click.option("--timestep", required=True, help="The engine's step, such as '1e-3' or '1 ms'.")
-@click.option("--speeds", help="The band of impact speeds.  [default: 1:20 in/s, or that of --points]")
+@click.option("--timestep", type=STEP, required=True, help="The engine's step, such as '1e-3' or '1 ms'.")
+@click.option(
+    "--speeds", type=SPEEDS, help="The band of impact speeds.  [default: 1:20 in/s, or that of --points]"
+)
 @click.option("--target", "reading", type=click.Choice(["law", "linear"]), default="law", show_default=True)
 @click.option(
     "--match", type=click.Choice(["restitution", "loop", "both"]), default="restitution", show_default=True
@@ -58,9 +61,9 @@ class _TargetOptions(TypedDict):
 @click.option("--recipe", default="auto", show_default=True, help="`hcbench engines` lists them.")
 @click.option("--integrator", help="Where an engine has several, such as RK4.  [default: the recipe's]")
 @click.option("--scene", default="steel-plane", show_default=True, help="A scene's name or folder.")
-@click.option("--mass", help="Effective mass.  [default: the scene's]")
+@click.option("--mass", type=MASS, help="Effective mass.  [default: the scene's]")
 @click.option("--stiffness", help="k of the law, N/m^n or with units.  [default: the scene's]")
-@click.option("--exponent", help="n of the law.  [default: the scene's]")
+@click.option("--exponent", type=NUMBER, help="n of the law.  [default: the scene's]")
 @click.option("--max-error", type=float, help="Exit 1 when the largest error of e is above this.")
 @click.option(
     "--write-scene", type=PathType(path_type=Path), help="Write a file that runs in the plain engine."
@@ -114,51 +117,41 @@ def _scene_and_target(options: _TargetOptions) -> tuple[Scene, Target]:
 
     scene = load_scene(options["scene"])
     ways = {name: options[name] for name in ("alpha", "restitution", "points")}
-    given = [f"--{name}" for name, text in ways.items() if text is not None]
+    given = [f"--{name}" for name, value in ways.items() if value is not None]
     if len(given) != 1:
         got = " and ".join(given) or "none"
         raise UserError("target", got, "one of --alpha, --restitution, --points")
-    n = units.parse(options["exponent"], "number", "--exponent") if options["exponent"] else scene.exponent
+    n = scene.exponent if options["exponent"] is None else options["exponent"]
     k = scene.stiffness
     if options["stiffness"]:
         k = units.parse(options["stiffness"], "stiffness", "--stiffness", n)
     elif n != scene.exponent:
         raise UserError("--stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
-    timestep = units.parse(options["timestep"], "timestep", "--timestep")
-    units.require_positive(timestep, "timestep", "--timestep")
-    mass = units.parse(options["mass"], "mass", "--mass") if options["mass"] else scene.mass
-    units.require_positive(mass, "mass", "--mass")
-    alpha = units.parse(options["alpha"], "alpha", "--alpha") if options["alpha"] is not None else 0.0
-    points = _points(options["points"]) if options["points"] is not None else ()
-    band = _band(options["speeds"], points)
-    law = HuntCrossley(k, alpha, n)
-    if options["alpha"] is not None:
-        return scene, Target(law, mass, timestep, *band, reading=options["reading"])
+    mass = scene.mass if options["mass"] is None else options["mass"]
+    points = () if options["points"] is None else _points(options["points"])
+    # Beyond several points nobody knows e.
+    speeds = [v for v, _ in points] if len(points) > 1 else _SPEEDS
+    if options["speeds"] is not None:
+        speeds = options["speeds"].tolist()
+    band = min(speeds), max(speeds)
     if options["restitution"] is not None:
-        points = ((band[0], units.parse(options["restitution"], "number", "--restitution")),)
-    return scene, Target(law, mass, timestep, *band, "points", points)
-
-
-def _band(speeds: str | None, points: Points) -> tuple[float, float]:
-    """Lowest and highest speed, m/s: as given, else those of several points: e is not known beyond them."""
-    from hcbench import units
-
-    if speeds is None and len(points) > 1:
-        return min(v for v, _ in points), max(v for v, _ in points)
-    values = units.parse_values(_SPEEDS if speeds is None else speeds, "speed", "--speeds")
-    units.require_positive(values, "speed", "--speeds")
-    return float(values.min()), float(values.max())
+        points = ((band[0], options["restitution"]),)
+    law = HuntCrossley(k, options["alpha"] or 0.0, n)
+    reading = "points" if points else options["reading"]
+    return scene, Target(law, mass, options["timestep"], *band, reading, points)
 
 
 def _points(text: str) -> Points:
     """Pairs (v m/s, e) from 'v:e, v:e unit' or from a CSV file with the columns speed and restitution."""
     from hcbench import units
 
+    is_file = False
     with suppress(OSError):  # pairs are no file's name, and may be longer than one can be
-        if Path(text).is_file():
-            from hcbench.check.measured_pairs import read_pairs
+        is_file = Path(text).is_file()
+    if is_file:
+        from hcbench.check.measured_pairs import read_pairs
 
-            return read_pairs(Path(text))
+        return read_pairs(Path(text))
     points = []
     unit = text.rsplit(":", 1)[-1].strip().partition(" ")[2]
     for pair in text.split(","):

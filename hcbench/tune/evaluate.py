@@ -22,11 +22,12 @@ if TYPE_CHECKING:
     from hcbench.sim.engine import Engine
     from hcbench.tune.target import Target
 
-HELD_OUT = 13
+HELD_OUT = 13  # speeds
 PHASES = 8
 _GOLDEN = (math.sqrt(5) - 1) / 2
 _REST_STEPS_MIN, _REST_STEPS_MAX = 200, 400_000
-_CREEP, _SHALLOW, _STILL, _DYING = 1e-5, 1e-3, 1e-4, 0.95  # m/s, of R, m/s, of the quarter before
+# A body rests that creeps slower (m/s), lies less deep (of R), and vibrates less (m/s) or less than before.
+_CREEP_MAX, _DEPTH_MAX, _VIBRATION_MAX, _DECAY_MAX = 1e-5, 1e-3, 1e-4, 0.95
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +72,8 @@ class RestResult:
 def held_out_speeds(target: Target, count: int = HELD_OUT) -> Floats:
     """Both ends of the band and the golden-ratio points between: shape (count,), m/s."""
     inside = np.sort((np.arange(1, count - 1) * _GOLDEN) % 1.0)
-    spread = np.concatenate([[0.0], inside, [1.0]])
-    return target.speed_min + (target.speed_max - target.speed_min) * spread
+    shares = np.concatenate([[0.0], inside, [1.0]])
+    return target.speed_min + (target.speed_max - target.speed_min) * shares
 
 
 def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> Evaluation:
@@ -86,15 +87,15 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
 def evaluate_impacts(impacts: Sequence[Impact], target: Target) -> Evaluation:
     """Compare impacts with the target."""
     good = [i for i in impacts if i.status in (Status.PARTED, Status.RESTED)]
-    bad = [i for i in impacts if i.status not in (Status.PARTED, Status.RESTED)]
+    failed = [i for i in impacts if i.status not in (Status.PARTED, Status.RESTED)]
     speed = np.array([i.speed_in for i in good])
-    off = np.abs(np.array([i.restitution for i in good]) - target.restitution(speed))
+    error = np.abs(np.array([i.restitution for i in good]) - target.restitution(speed))
     constant, constant_error = minimax_constant(target)
-    one_each = [i for i in good if i.launch.phase == impacts[0].launch.phase]
-    loops = [s for s in (scoring.score_loop(i, target.law, target.mass) for i in one_each) if s is not None]
+    one_phase = [i for i in good if i.launch.phase == impacts[0].launch.phase]
+    loops = [scoring.score_loop(i, target.law, target.mass) for i in one_phase]
     return Evaluation(
-        max_error=float(off.max()) if good else math.nan,
-        at_speed=float(speed[off.argmax()]) if good else math.nan,
+        max_error=float(error.max()) if good else math.nan,
+        at_speed=float(speed[error.argmax()]) if good else math.nan,
         constant=constant,
         constant_error=constant_error,
         phase_spread=scoring.phase_spread(good),
@@ -102,9 +103,9 @@ def evaluate_impacts(impacts: Sequence[Impact], target: Target) -> Evaluation:
         steps_max=max((i.samples for i in good), default=0),
         penetration_max=max((i.penetration_max for i in good), default=math.nan),
         force_max=max((i.force_max for i in good), default=math.nan),
-        loop_rms=max((s.rms for s in loops), default=math.nan),
-        failed=len(bad),
-        reason=bad[0].reason if bad else "",
+        loop_rms=max((score.rms for score in loops if score is not None), default=math.nan),
+        failed=len(failed),
+        reason=failed[0].reason if failed else "",
     )
 
 
@@ -134,13 +135,13 @@ def rest_failures(rest: RestResult, radius: float) -> list[str]:
     """What keeps a body from resting as it should, in words; none where it rests. radius: R, m."""
     if math.isnan(rest.depth):
         return ["it diverges"]
-    found = []
-    if not abs(rest.creep) < _CREEP:
-        found.append(
-            f"it {'sinks' if rest.creep > 0 else 'rises'} at {abs(rest.creep):.1e} m/s and goes on to"
-        )
-    if not rest.depth < _SHALLOW * radius:
-        found.append(f"it rests {rest.depth:.1e} m deep, {100 * rest.depth / radius:.2g} % of the radius")
-    if not (rest.buzz < _STILL or rest.decay < _DYING):
-        found.append(f"it keeps on moving at {rest.buzz:.1e} m/s (rms)")
-    return found
+    failures = []
+    if not abs(rest.creep) < _CREEP_MAX:
+        verb = "sinks" if rest.creep > 0 else "rises"
+        failures.append(f"it {verb} at {abs(rest.creep):.1e} m/s and goes on to")
+    if not rest.depth < _DEPTH_MAX * radius:
+        share = 100 * rest.depth / radius
+        failures.append(f"it rests {rest.depth:.1e} m deep, {share:.2g} % of the radius")
+    if not (rest.buzz < _VIBRATION_MAX or rest.decay < _DECAY_MAX):
+        failures.append(f"it keeps on moving at {rest.buzz:.1e} m/s (rms)")
+    return failures
