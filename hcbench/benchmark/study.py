@@ -118,7 +118,7 @@ class _File(Table):
     """A study file: its keys, without those of its runs."""
 
     schema_: StrictInt = Field(
-        1, alias="schema", ge=1, le=1, description="1; a newer hcbench may read others"
+        1, alias="schema", ge=1, le=1, description="the number 1; a newer hcbench may read others"
     )
     title: Text | None = Field(None, description="text")
     scene: Any = Field(description="a scene's name or folder")
