@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hcbench.contact import pybullet as contact
+from hcbench.errors import SettingError
 from hcbench.measure import measure
 from hcbench.measure.pybullet import World
 
@@ -177,3 +178,20 @@ def test_two_links_of_one_body_have_their_reduced_mass(tmp_path: Path) -> None:
         (touch,) = law.apply()
     bullet.disconnect(client)
     assert 1 / touch.inverse_mass == pytest.approx(1 * 3 / 4, rel=1e-6)
+
+
+def test_a_planar_joint_has_no_known_effective_mass(tmp_path: Path) -> None:
+    path = tmp_path / "planar.urdf"
+    arm = link("arm", 3, ROUND).replace("</inertial>", "</inertial>" + SPHERE)
+    parts = link("base", 1, ROUND), arm, joint("planar", "base", "arm", "0 0 -0.2")
+    path.write_text(f'<robot name="robot">{"".join(parts)}</robot>')
+    client = bullet.connect(bullet.DIRECT)
+    here = {"physicsClientId": client}
+    plate = bullet.createMultiBody(0, bullet.createCollisionShape(bullet.GEOM_PLANE, **here), **here)
+    robot = bullet.loadURDF(str(path), [0, 0, 2], **here)
+    found = measure(World(client, robot, plate), speeds=[0.5], phases=[0.5], diagnose=False)
+    with pytest.raises(SettingError, match="planar joint"):
+        contact.attach([((robot, 0), (plate, -1))], contact.Restitution(0.3), client=client)
+    bullet.disconnect(client)
+    assert np.isnan(found.facts.effective_mass)
+    assert found.measured
