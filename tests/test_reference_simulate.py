@@ -14,7 +14,7 @@ from hcbench.errors import UserError
 from hcbench.impact import Impact, Loop, Status
 from hcbench.laws import closed_form, kelvin_voigt, ode
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
-from hcbench.laws.ode import Ending, Solver
+from hcbench.laws.ode import Ending
 
 MASS, SPEED, K3 = 0.45359237, 0.4064, 3.4064e10
 TEN_DIGITS = 1e-10
@@ -161,7 +161,7 @@ def test_gravity_on_a_linear_spring_is_a_shifted_sine() -> None:
 def depth_errors(exponent: float, steps: list[float]) -> Any:
     law = HuntCrossley(1e8, 0.6, exponent)
     truth = float(closed_form.penetration_max(law, MASS, SPEED))
-    runs = [ode.impact(law, MASS, SPEED, solver=Solver(math.inf, step)) for step in steps]
+    runs = [ode.impact(law, MASS, SPEED, tolerance=math.inf, step_max=step) for step in steps]
     return np.abs(np.array([run.penetration_max for run in runs]) / truth - 1)
 
 
@@ -182,7 +182,7 @@ def test_error_follows_the_tolerance() -> None:
     law = HuntCrossley(K3, 0.6)
     e = float(closed_form.restitution(law.alpha, SPEED))
     for tolerance in (1e-4, 1e-6, 1e-8, 1e-10, 1e-12):
-        error = abs(ode.impact(law, MASS, SPEED, solver=Solver(tolerance)).restitution - e)
+        error = abs(ode.impact(law, MASS, SPEED, tolerance=tolerance).restitution - e)
         assert error < 20 * tolerance
 
 

@@ -26,24 +26,33 @@ from hcbench.laws._restitution_series import inverse_restitution, one_minus_rest
 from hcbench.laws.force import HuntCrossley
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from hcbench.impact import Floats
 
 _PANEL_NODES = 10
 
 
-def _checked(slot: str, value: Floats | float, unit: str, *, zero: bool) -> Floats:
+def _not_negative(slot: str, value: Floats | float, unit: str) -> Floats:
     values = np.asarray(value, dtype=np.float64)
-    wrong = values < 0 if zero else ~(values > 0)
+    return _refuse(slot, values, values < 0, unit, f"0 {unit} or more")
+
+
+def _positive(slot: str, value: Floats | float, unit: str) -> Floats:
+    values = np.asarray(value, dtype=np.float64)
+    return _refuse(slot, values, ~(values > 0), unit, f"above 0 {unit}")
+
+
+def _refuse(slot: str, values: Floats, wrong: NDArray[np.bool_], unit: str, expected: str) -> Floats:
     if wrong.any():
-        expected = f"0 {unit} or more" if zero else f"above 0 {unit}"
         raise UserError(slot, f"{float(values[wrong].flat[0])!r} {unit}", expected)
     return values
 
 
 def restitution(alpha: Floats | float, speed: Floats | float) -> Floats:
     """e of (16); alpha in s/m and speed in m/s broadcast. Relative error below 4e-15; 1 at d = 0."""
-    a = 1.5 * _checked("alpha", alpha, "s/m", zero=True)
-    return restitution_of(np.asarray(a * _checked("speed", speed, "m/s", zero=True)))
+    a = 1.5 * _not_negative("alpha", alpha, "s/m")
+    return restitution_of(np.asarray(a * _not_negative("speed", speed, "m/s")))
 
 
 def restitution_linear(alpha: Floats | float, speed: Floats | float) -> Floats:
@@ -53,7 +62,7 @@ def restitution_linear(alpha: Floats | float, speed: Floats | float) -> Floats:
 
 def alpha_of(restitution: Floats | float, speed: Floats | float) -> Floats:
     """α in s/m of the law that rebounds with this e (0 < e <= 1) at this speed (m/s); both broadcast."""
-    e = _checked("restitution", restitution, "", zero=False)
+    e = _positive("restitution", restitution, "")
     if (e > 1).any():
         raise UserError(
             "restitution",
@@ -61,19 +70,19 @@ def alpha_of(restitution: Floats | float, speed: Floats | float) -> Floats:
             "0 < e <= 1",
             "A passive contact returns no more than it got",
         )
-    return np.asarray(inverse_restitution(e) / (1.5 * _checked("speed", speed, "m/s", zero=False)))
+    return np.asarray(inverse_restitution(e) / (1.5 * _positive("speed", speed, "m/s")))
 
 
 def energy_loss(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
     """ΔE = ½ m v_i² (1 - e²) in J, the area of the loop; no digits are lost as e nears 1."""
-    m, v = _checked("mass", mass, "kg", zero=False), _checked("speed", speed, "m/s", zero=True)
-    shortfall = one_minus_restitution(np.asarray(law.dissipation * v))
-    return np.asarray(0.5 * m * v**2 * shortfall * (2.0 - shortfall))
+    m, v = _positive("mass", mass, "kg"), _not_negative("speed", speed, "m/s")
+    lost = one_minus_restitution(np.asarray(law.dissipation * v))
+    return np.asarray(0.5 * m * v**2 * lost * (2.0 - lost))
 
 
 def penetration_max(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
     """x_m in m, where v = 0; shape of `speed` (m/s)."""
-    m, v = _checked("mass", mass, "kg", zero=False), _checked("speed", speed, "m/s", zero=True)
+    m, v = _positive("mass", mass, "kg"), _not_negative("speed", speed, "m/s")
     n = law.exponent
     work = (n + 1.0) * m * v**2 * g_ratio(np.asarray(law.dissipation * v)) / (2.0 * law.stiffness)
     return np.asarray(work ** (1.0 / (n + 1.0)))
@@ -84,7 +93,7 @@ def force_max(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
 
     dF/dt = 0 is n m v = a k x^(n+1), which on the path is n y + (n + 1) g(y) = (n + 1) g(a v_i).
     """
-    m, v = _checked("mass", mass, "kg", zero=False), _checked("speed", speed, "m/s", zero=True)
+    m, v = _positive("mass", mass, "kg"), _not_negative("speed", speed, "m/s")
     n, k = law.exponent, law.stiffness
     d = np.asarray(law.dissipation * v)
     share = largest_force_rate(d, n)  # y / d²
@@ -121,7 +130,7 @@ def duration(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
 
     Gauss-Jacobi over cos θ with the ends' weight (1 - cos²θ)^(-n/(n+1)): dt = T0 weight (q/y) d cos θ.
     """
-    v = _checked("speed", speed, "m/s", zero=False)
+    v = _positive("speed", speed, "m/s")
     d = np.asarray(law.dissipation * v)
     width = d * np.sqrt(g_ratio(d))
     # q/y is smooth at the scale of the nearest branch points |q| = sqrt(4π): wider impacts need more nodes.
@@ -134,7 +143,7 @@ def duration(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
 
 def elastic_duration(stiffness: float, exponent: float, mass: float, speed: float) -> float:
     """Time of contact in s where nothing is lost, k in N/m^n: it goes by v^((1-n)/(1+n)), as eq. (8) says."""
-    v = float(_checked("speed", speed, "m/s", zero=False))
+    v = float(_positive("speed", speed, "m/s"))
     slowing = (1.0 - exponent) / (1.0 + exponent)
     return float(_elastic_at_one(stiffness, exponent, mass) * v**slowing)
 
@@ -163,7 +172,7 @@ def loop(law: HuntCrossley, mass: float, speed: float, count: int = 401) -> Loop
 
     An odd count has the turning point x_m in its middle. Times are from touch.
     """
-    v = _checked("speed", speed, "m/s", zero=False)
+    v = _positive("speed", speed, "m/s")
     if count < 3:
         raise UserError("count", f"{count!r}", "3 points or more")
     n = law.exponent

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class ForceLaw(Protocol):
-    """Anything that gives a normal force at x > 0; x <= 0 is not its business."""
+    """Anything that gives a normal force at x > 0; nobody asks it at x <= 0."""
 
     def force(self, x: Floats | float, v: Floats | float) -> Floats:
         """F(x, v) in N; x and v broadcast."""

@@ -1,16 +1,15 @@
 """One impact of any force law as an ODE, m x'' = -F(x, x') + m g, with touch and parting located.
 
-The truth for laws and loads that have no closed form: under gravity above all. It is solved in its own
-units, so that tolerances mean the same for steel and for rubber: rates over v_i, penetrations over the X at
-which the elastic force F(X, 0) times X is m v_i², times over X/v_i. Integrator: DOP853, order 8 (E. Hairer,
-S. P. Norsett, G. Wanner, "Solving Ordinary Differential Equations I", Springer 1993, section II.5), with its
+For laws and loads that have no closed form, above all under gravity. It is solved without units, so that
+tolerances mean the same for steel and for rubber: rates over v_i, penetrations over the X at which the
+elastic force F(X, 0) times X is m v_i², times over X/v_i. Integrator: DOP853, order 8 (E. Hairer, S. P.
+Norsett, G. Wanner, "Solving Ordinary Differential Equations I", Springer 1993, section II.5), with its
 interpolant of order 7 for everything that lies between steps.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,24 +28,9 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
     from hcbench.laws.force import ForceLaw
 
-__all__ = ["Ending", "Solver", "impact"]
+__all__ = ["Ending", "impact"]
 
 LONGEST = 1e4  # units of time X/v_i after which contact counts as never ending; a lossless one lasts about 3
-
-
-@dataclass(frozen=True, slots=True)
-class Solver:
-    """How finely to integrate.
-
-    tolerance: relative error wanted of a step; absolute a tenth of it, in units of v_i and X.
-    step_max: largest step in units of X/v_i; with a tolerance of inf it is the fixed step.
-    """
-
-    tolerance: float = 1e-13
-    step_max: float = math.inf
-
-
-DEFAULT_SOLVER = Solver()
 
 
 def impact(
@@ -57,32 +41,35 @@ def impact(
     gravity: float = 0.0,
     ending: Ending = Ending.SURFACE,
     count: int = 401,
-    solver: Solver = DEFAULT_SOLVER,
+    tolerance: float = 1e-13,
+    step_max: float = math.inf,
 ) -> Impact:
     """One impact from touch to parting.
 
-    law: one that takes v_i from each impact gets this one's. mass kg; speed v_i m/s at touch; gravity m/s²
-    towards the plate, acting through the contact too.
-    ending: parting where x = 0, or already where F = 0 (matters to laws that pull). count: points of the
-    loop, even in time. A body that turns back towards the plate before it has parted lacks the energy for
-    it: RESTED. Raises UserError for mass or speed that are not above 0, gravity below 0, fewer than 3 points.
+    mass kg; speed v_i m/s at touch; gravity m/s² towards the plate, acting through the contact too. ending:
+    parting where x = 0, or already where F = 0 (matters to laws that pull). count: points of the loop, even
+    in time. tolerance: relative error of a step; the absolute one is a tenth of it, in units of v_i and X.
+    step_max: largest step in units of X/v_i; the fixed step where the tolerance is inf. A body that turns
+    back towards the plate before it has parted lacks the energy for it: RESTED. Raises UserError for mass or
+    speed that are not above 0, gravity below 0, fewer than 3 points.
     """
     positive("mass", mass, "kg")
     positive("speed", speed, "m/s")
     require("gravity", gravity, 0 <= gravity < math.inf, "0 m/s^2 or more, towards the plate")
     require("count", count, count >= 3, "3 points or more")
-    own = law.at(speed) if isinstance(law, TouchSpeedLaw) else law
-    depth = _depth_scale(own, mass, speed)
+    force_law = law.at(speed) if isinstance(law, TouchSpeedLaw) else law
+    depth = _depth_scale(force_law, mass, speed)
 
     def force(xi: Floats | float, eta: Floats | float) -> Floats:
         x, v = np.asarray(xi) * depth, np.asarray(eta) * speed
-        inside = own.force(np.abs(x), v)
+        inside = force_law.force(np.abs(x), v)
         if not (x < 0.0).any():
             return inside
         # A trial step may look past parting, where no law is defined: mirrored about F(0, v) it stays smooth.
-        return np.where(x < 0.0, 2.0 * own.force(np.zeros_like(x), v) - inside, inside)
+        return np.where(x < 0.0, 2.0 * force_law.force(np.zeros_like(x), v) - inside, inside)
 
-    path = _solve(force, depth / (mass * speed**2), gravity * depth / speed**2, ending, solver)
+    inertia, weight = depth / (mass * speed**2), gravity * depth / speed**2
+    path = _solve(force, inertia, weight, ending, tolerance, step_max)
     end = float(path.t[-1])
     parted = bool(path.t_events[0].size or path.t_events[1].size)
     tau = np.linspace(0.0, end, count)
@@ -129,7 +116,8 @@ def _solve(
     inertia: float,
     weight: float,
     ending: Ending,
-    solver: Solver,
+    tolerance: float,
+    step_max: float,
 ) -> Any:
     """dξ/dτ = η, dη/dτ = -F inertia + weight from (0, 1). Events: x = 0, F = 0, turning, turning back."""
 
@@ -142,13 +130,13 @@ def _solve(
     def pushing(_: float, state: Floats) -> float:
         return float(force(state[0], state[1]) * inertia) if ending is Ending.FORCE else 1.0
 
-    def rate(_: float, state: Floats) -> float:
+    def turning(_: float, state: Floats) -> float:
         return float(state[1])
 
-    def back(_: float, state: Floats) -> float:
+    def turning_back(_: float, state: Floats) -> float:
         return float(state[1])
 
-    events: list[Any] = [surface, pushing, rate, back]
+    events: list[Any] = [surface, pushing, turning, turning_back]
     for event, terminal, direction in zip(events, (1, 1, 0, 1), (-1, -1, -1, 1), strict=True):
         event.terminal, event.direction = bool(terminal), direction
     path = solve_ivp(
@@ -158,10 +146,10 @@ def _solve(
         method="DOP853",
         events=events,
         dense_output=True,
-        rtol=solver.tolerance,
-        atol=solver.tolerance / 10.0,
-        max_step=solver.step_max,
-        first_step=min(solver.step_max, 1e-3) if math.isfinite(solver.tolerance) else solver.step_max,
+        rtol=tolerance,
+        atol=tolerance / 10.0,
+        max_step=step_max,
+        first_step=min(step_max, 1e-3) if math.isfinite(tolerance) else step_max,
     )
     if path.status < 0:
         raise EngineFailed("simulation", path.message, "a law that is finite and smooth for x > 0")
@@ -169,10 +157,8 @@ def _solve(
 
 
 def _largest(force: Callable[[float], float], tau: Floats, sampled: Floats) -> float:
-    """Largest force between samples: the best one, polished between its neighbours."""
+    """Largest force: that of the samples, improved between the neighbours of its sample."""
     top = int(sampled.argmax())
     low, high = tau[max(top - 1, 0)], tau[min(top + 1, len(tau) - 1)]
-    found = minimize_scalar(
-        lambda t: -force(t), bounds=(low, high), method="bounded", options={"xatol": 1e-9}
-    )
-    return max(float(sampled[top]), -float(found.fun))
+    best = minimize_scalar(lambda t: -force(t), bounds=(low, high), method="bounded", options={"xatol": 1e-9})
+    return max(float(sampled[top]), -float(best.fun))

@@ -13,7 +13,7 @@ from hcbench.errors import SettingError
 from hcbench.fields import read_numbers
 from hcbench.impact import Impact, Launch, Status
 from hcbench.laws import closed_form, kelvin_voigt, ode
-from hcbench.laws.bounces import bounce_train
+from hcbench.laws.bounces import successive_bounces
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.laws.published import LAWS, TouchSpeedLaw, law_named
 from hcbench.sim.engine import Engine
@@ -69,7 +69,7 @@ class ReferenceEngine(Engine):
         def impact_at(speed: float) -> Impact:
             return _impact(law, scene.mass, speed, scene.gravity, h)
 
-        return bounce_train(impact_at, scene.gravity, launch.clearance(h), launch.speed, times)
+        return successive_bounces(impact_at, scene.gravity, launch.clearance(h), launch.speed, times)
 
     @staticmethod
     def _one(law: Law, scene: Scene, timestep: float, launch: Launch) -> Impact:
