@@ -15,13 +15,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from hcbench.engines.mujoco.recipes.common import SPRING_SOLIMP, nonnegative_fit
-from hcbench.engines.mujoco.rows import (
-    MIN_IMPEDANCE,
-    ConstraintRow,
-    combine,
-    impedance,
-    restitution,
-)
+from hcbench.engines.mujoco.rows import MIN_IMPEDANCE, ConstraintRow, combine, impedance
 from hcbench.laws import closed_form
 
 if TYPE_CHECKING:
@@ -37,7 +31,6 @@ ITERATIONS = 80
 _CAUTION, _LEAST_CAUTION, _MOST_CAUTION = 0.1, 1e-4, 1e6  # of an iteration, relative to the misfit
 _PROGRESS = 1e-3  # the least relative fall of the misfit for a step to be taken
 _USUAL_LOG_BAND = 2.5  # log of highest over lowest penetration where a guess has the dampers it says
-_PHASES = 4  # at which the bias in e is looked at
 
 
 @dataclass(frozen=True)
@@ -55,7 +48,7 @@ class Samples:
     scale: Floats
     sensitivity: Floats
     speeds: Floats
-    bias: Floats
+    bias: Floats | float = 0.0
 
     def scaled(self, a: Floats) -> Floats:
         """An acceleration (n,), or columns (n, k), in units of misfit: of force, then of restitution."""
@@ -90,7 +83,7 @@ def sample(band: Band, speeds: Floats, points: int) -> Samples:
             sensitivity[i, place] = sign * factor * dx / (1 + law.dissipation * v) / unit
             columns.append((x, v + band.lag * a, a, scale))
     x, v, a, scale = (np.concatenate(column) for column in zip(*columns, strict=True))
-    return Samples(x, v, a, scale, sensitivity, speeds, np.zeros(len(speeds)))
+    return Samples(x, v, a, scale, sensitivity, speeds)
 
 
 @dataclass(frozen=True)
@@ -256,19 +249,3 @@ def levenberg_marquardt(samples: Samples, rows: PushingRows, count: EvaluationCo
         else:
             caution *= 3
     return PushingRows(rows.onsets, rows.solimps, *problem.split(parameters), misfit)
-
-
-def correct_bias(
-    samples: Samples,
-    rows: PushingRows,
-    alpha: float,
-    timestep: float,
-    duration: float,
-    count: EvaluationCount,
-) -> PushingRows:
-    """Fit again, aiming as much below e as a simulation of the engine's own steps comes out above it."""
-    e = restitution(rows.rows(), timestep, samples.speeds, _PHASES, duration).mean(axis=1)
-    bias = samples.bias + e - closed_form.restitution(alpha, samples.speeds)
-    if not np.isfinite(bias).all():
-        return rows
-    return levenberg_marquardt(replace(samples, bias=bias), rows, count)
