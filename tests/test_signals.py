@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from hcbench.benchmark.files import open_files
 from hcbench.benchmark.store import Store
 
 PROC = Path("/proc")
@@ -91,7 +92,7 @@ def test_a_sweep_that_is_interrupted_leaves_whole_parts(tmp_path: Path, number: 
     end(process, number)
     files = [path.name for path in (tmp_path / "mine").rglob("*") if path.is_file()]
     assert all(re.match(r"part-|loops-|_sweep\.json|_summary\.csv|_lock", name) for name in files), files
-    shards = list(Store(str(tmp_path / "mine")).verified(10**7))
+    shards = list(Store(open_files(str(tmp_path / "mine"))).verified(10**7))
     assert shards
     assert all(summary is not None for _, summary in shards), "none is damaged"
 

@@ -396,7 +396,7 @@ def test_another_study_does_not_get_mixed_in(tmp_path: Path) -> None:
 def test_another_version_does_not_get_mixed_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sweep(study_from(small()), tmp_path)
     real = plan.versions_here
-    monkeypatch.setattr(plan, "versions_here", lambda engines: {**real(engines), "numpy": "9.9"})
+    monkeypatch.setattr(plan, "versions_here", lambda *engines: {**real(*engines), "numpy": "9.9"})
     with pytest.raises(UserError, match=rf"numpy {np.__version__} instead of 9\.9"):
         sweep(study_from(small()), tmp_path, resume=True)
 
@@ -429,7 +429,7 @@ def test_a_folder_of_a_later_hcbench_is_left_alone(tmp_path: Path) -> None:
 
 def test_two_sweeps_do_not_write_to_one_folder(tmp_path: Path) -> None:
     said = f"another sweep, process {os.getpid()} on .*is writing there"
-    with Store(str(tmp_path)).locked(), pytest.raises(CannotRun, match=said):
+    with Store(files.open_files(str(tmp_path))).locked(), pytest.raises(CannotRun, match=said):
         sweep(study_from(small()), tmp_path)
     sweep(study_from(small()), tmp_path)
     assert not (tmp_path / "_lock").exists()
@@ -472,7 +472,7 @@ def test_a_file_that_cannot_be_written_whole_is_not_there(
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="No space left"):
-        files.LocalFiles(tmp_path).write("x", b"content")
+        files.open_files(str(tmp_path)).write("x", b"content")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -604,7 +604,8 @@ def test_a_worker_with_something_else_installed_is_one_line(
 ) -> None:
     from hcbench.benchmark import shard
 
-    monkeypatch.setattr(shard, "versions_here", lambda engines: {"hcbench": "0.0.1", "numpy": np.__version__})
+    other = {"hcbench": "0.0.1", "numpy": np.__version__}
+    monkeypatch.setattr(shard, "versions_here", lambda *engines: other)
     with pytest.raises(CannotRun, match=r"worker: has hcbench 0\.0\.1; expected hcbench .*same everywhere"):
         sweep(study_from(small()), tmp_path)
 

@@ -63,9 +63,9 @@ def plan_drops(plan: Plan) -> tuple[list[Drop], list[float]]:
     falls = [math.sqrt(2 * height / STANDARD_GRAVITY) for height in (study.train_height, *heights)]
     duration = _SLACK * (falls[0] + 2 * sum(falls[1:]))
     settings = {
-        job.setting.key: job.setting
-        for job in plan.jobs
-        if study.main_alpha in job.alphas and job.setting.timestep == study.train_step
+        grid.setting.key: grid.setting
+        for grid in plan.grids
+        if study.main_alpha in grid.alphas and grid.setting.timestep == study.train_step
     }
     return [Drop(s, study.train_height, duration, plan.inputs) for s in settings.values()], heights
 
@@ -80,7 +80,7 @@ def simulate_bounces(scene: Scene, drop: Drop) -> list[float]:
 
 def bounce_table(plan: Plan, heights: Mapping[str, Sequence[float]], law: Sequence[float]) -> bytes:
     """TRAIN_COLUMNS, as the bytes of a file. heights: m, by a setting's key. law: those of (16)."""
-    study, settings = plan.study, {job.setting.key: job.setting for job in plan.jobs}
+    study, settings = plan.study, {grid.setting.key: grid.setting for grid in plan.grids}
     tables = []
     for setting_key, reached in heights.items():
         key, count = run_key(study.scene, settings[setting_key], study.main_alpha), len(reached)

@@ -8,12 +8,10 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from bisect import bisect_right
 from collections import Counter
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
-from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
 from hcbench.benchmark.results import run_key
@@ -69,7 +67,7 @@ class Shard:
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class LaunchGrid:
     """A setting, launched at every speed (m/s) and phase, and compared to every α (s/m).
 
     loop_speeds: those at which loops are kept, at the middle phase.
@@ -84,57 +82,38 @@ class Job:
     def __len__(self) -> int:
         return len(self.speeds) * self.phases
 
-    def launches(self, begin: int, end: int) -> tuple[list[tuple[float, float]], list[int]]:
-        """Launches from `begin` to `end`, the phases of one speed together; and which keep their loops."""
-        places = [divmod(i, self.phases) for i in range(begin, end)]
-        launches = [(self.speeds[i], (phase + 0.5) / self.phases) for i, phase in places]
-        middle = self.phases // 2
-        kept = [
-            n for n, (i, phase) in enumerate(places) if phase == middle and self.speeds[i] in self.loop_speeds
-        ]
-        return launches, kept
-
 
 @dataclass(frozen=True)
 class Plan:
-    """The settings of a study, and its shards, made when asked for.
+    """The settings of a study, and the shards that their launches are cut into.
 
-    records: what is known of each setting, α and step, as JSON. starts: number of the first shard of each
-    job, and at the end how many there are.
+    records: what is known of each setting, α and step, as JSON. cuts: of each shard the grid, and which of
+    its launches. starts: number of the first shard of each grid, and at the end how many there are.
     """
 
     study: Study
     inputs: Inputs
     records: Sequence[Mapping[str, Any]]
-    jobs: Sequence[Job]
+    grids: Sequence[LaunchGrid]
+    cuts: Sequence[tuple[LaunchGrid, range]]
     starts: Sequence[int]
 
     def __len__(self) -> int:
-        return self.starts[-1]
+        return len(self.cuts)
 
     @property
     def impacts(self) -> int:
         """Impacts in all shards."""
-        return sum(map(len, self.jobs))
-
-    def impacts_in(self, number: int) -> int:
-        """Impacts in a shard."""
-        _, begin, end = self._find(number)
-        return end - begin
+        return sum(map(len, self.grids))
 
     def shard(self, number: int) -> Shard:
-        """One shard by its number."""
-        job, begin, end = self._find(number)
-        launches, kept = job.launches(begin, end)
-        return Shard(number, job.setting, job.alphas, tuple(launches), tuple(kept), self.inputs)
-
-    def _find(self, number: int) -> tuple[Job, int, int]:
-        """The job of a shard, and which of its launches."""
-        i = bisect_right(self.starts, number) - 1
-        job, count = self.jobs[i], self.starts[i + 1] - self.starts[i]
-        size = math.ceil(len(job) / count)
-        begin = (number - self.starts[i]) * size
-        return job, begin, min(begin + size, len(job))
+        """One shard by its number: the phases of one speed are together, loops are kept at the middle one."""
+        grid, cut = self.cuts[number]
+        places = [(grid.speeds[i // grid.phases], i % grid.phases) for i in cut]
+        launches = tuple((speed, (phase + 0.5) / grid.phases) for speed, phase in places)
+        looped = {(speed, grid.phases // 2) for speed in grid.loop_speeds}
+        kept = tuple(i for i, place in enumerate(places) if place in looped)
+        return Shard(number, grid.setting, grid.alphas, launches, kept, self.inputs)
 
     def described(self) -> dict[str, Any]:
         """Everything that makes a sweep this one, as JSON. Equal descriptions give equal bytes."""
@@ -159,21 +138,26 @@ def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
     """
     recipes = [_recipe(run) for run in study.runs]
     engines = sorted({run.engine for run in study.runs})
-    versions = versions_here(engines)  # a missing engine is said before any recipe runs
+    versions = versions_here(*engines)  # a missing engine is said before any recipe runs
     inputs = Inputs(study.scene, {name: digests_of(study.scene, name) for name in engines}, versions)
     targets = [(i, target) for i, run in enumerate(study.runs) for target in _targets(study, run)]
     records = []
-    jobs: dict[tuple[str, tuple[float, ...]], Job] = {}
+    grids: dict[tuple[str, tuple[float, ...]], LaunchGrid] = {}
     for (i, target), setting in zip(targets, _settings(study, targets, mapper), strict=True):
         run, alpha = study.runs[i], target.law.alpha
         about = {"options": setting.options, "summary": recipes[i].summary, "notes": list(recipes[i].notes)}
         records.append({**run_key(study.scene, setting, alpha), **about})
         loop_speeds = study.loop_speeds if run.speeds == study.speeds else ()
         speeds = tuple(sorted({*run.speeds, *loop_speeds}))
-        job = jobs.get((setting.key, speeds), Job(setting, (), speeds, loop_speeds, study.phases))
-        jobs[setting.key, speeds] = replace(job, alphas=tuple(dict.fromkeys((*job.alphas, alpha))))
-    counts = [_count_shards(job, study.scene) for job in jobs.values()]
-    return Plan(study, inputs, records, list(jobs.values()), list(accumulate(counts, initial=0)))
+        grid = grids.get((setting.key, speeds), LaunchGrid(setting, (), speeds, loop_speeds, study.phases))
+        grids[setting.key, speeds] = replace(grid, alphas=tuple(dict.fromkeys((*grid.alphas, alpha))))
+    cuts: list[tuple[LaunchGrid, range]] = []
+    starts = [0]
+    for grid in grids.values():
+        size, total = _shard_size(grid, study.scene), len(grid)
+        cuts += [(grid, range(begin, min(begin + size, total))) for begin in range(0, total, size)]
+        starts.append(len(cuts))
+    return Plan(study, inputs, records, list(grids.values()), cuts, starts)
 
 
 def _recipe(run: Run) -> Recipe:
@@ -203,27 +187,20 @@ def _make_setting(order: tuple[Run, Target]) -> Setting:
     return _recipe(run)(target)
 
 
-def _count_shards(job: Job, scene: Scene) -> int:
-    slowest = min(job.speeds)
+def _shard_size(grid: LaunchGrid, scene: Scene) -> int:
+    """Launches in each shard of a grid: as few shards as may be, of one size."""
+    slowest = min(grid.speeds)
     elastic = closed_form.elastic_duration(scene.stiffness, scene.exponent, scene.mass, slowest)
-    steps = math.ceil(elastic / job.setting.timestep) + 8  # a scale, no more
-    return math.ceil(len(job) / max(1, min(_IMPACTS, _STEPS // steps)))
+    steps = math.ceil(elastic / grid.setting.timestep) + 8  # a scale, no more
+    most = max(1, min(_IMPACTS, _STEPS // steps))
+    return math.ceil(len(grid) / math.ceil(len(grid) / most))
 
 
 @lru_cache(maxsize=64)
-def _version(package: str) -> str:
-    return version(package)
-
-
-@lru_cache(maxsize=64)
-def _engine_version(name: str) -> str:
-    return registry.engine(name).version()
-
-
-def versions_here(engines: Iterable[str]) -> dict[str, str]:
+def versions_here(*engines: str) -> Mapping[str, str]:
     """Of everything that the bytes of a shard depend on: package or engine -> version."""
-    packages = {name: _version(name) for name in ("hcbench", "numpy", "pyarrow", "scipy")}
-    return {**packages, **{name: _engine_version(name) for name in sorted(set(engines))}}
+    packages = {name: version(name) for name in ("hcbench", "numpy", "pyarrow", "scipy")}
+    return {**packages, **{name: registry.engine(name).version() for name in engines}}
 
 
 def digests_of(scene: Scene, engine: str) -> dict[str, str]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench import scoring
+from hcbench.benchmark.files import open_files
 from hcbench.benchmark.results import LOOP_COLUMNS, RUN_KEY, TRAIN_COLUMNS, Results
 from hcbench.benchmark.store import DESCRIPTION, Store
 from hcbench.errors import UserError
@@ -38,7 +39,7 @@ def read(folder: str | Path) -> Results:
 
     Raises UserError for a folder that holds no sweep, one that is not finished, or a part that is damaged.
     """
-    return results_in(Store(os.fspath(folder)))
+    return results_in(Store(open_files(os.fspath(folder))))
 
 
 def results_in(store: Store) -> Results:

@@ -14,7 +14,7 @@ from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from hcbench.benchmark.bounce_sequence import bounce_table, plan_drops
-from hcbench.benchmark.files import files_in_memory
+from hcbench.benchmark.files import files_in_memory, open_files
 from hcbench.benchmark.plan import make_plan
 from hcbench.benchmark.shard import Timeouts, run_bounces, run_shard
 from hcbench.benchmark.store import Store
@@ -83,7 +83,7 @@ def run_in_pool(
             progress(now.impacts, now.of)
 
     workers = Workers(pool.threads, lambda: pool.jobs, pool.map)
-    store = Store("memory", files_in_memory())
+    store = Store(files_in_memory())
     _run(make_plan(study, pool.map), store, workers, False, report, Timeouts())
     return results_in(store)
 
@@ -109,7 +109,7 @@ def sweep(
     Raises UserError for what the study asks wrongly and for a folder of something else, CannotRun where the
     folder is taken or the workers are not what they should be, OutputError where it cannot be written.
     """
-    store = Store(os.fspath(folder))
+    store = Store(open_files(os.fspath(folder)))
     with _workers(executor, scheduler, jobs) as workers:
         plan = make_plan(study, workers.mapper)
         with store.locked():
@@ -146,7 +146,8 @@ def _run(
     summaries = {number: summary for number, summary in verified.items() if summary is not None}
     damaged = tuple(number for number in verified if number not in summaries)
     resumed = len(summaries)
-    now = Progress(sum(map(plan.impacts_in, summaries)), plan.impacts, resumed, resumed, damaged)
+    impacts = sum(summary[0]["impacts"] for summary in summaries.values())
+    now = Progress(impacts, plan.impacts, resumed, resumed, damaged)
 
     def write_summary() -> float:
         store.write_summary(plan.records, list(chain.from_iterable(summaries.values())))

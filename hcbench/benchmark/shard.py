@@ -93,7 +93,7 @@ def run_bounces(drop: Drop, timeouts: Timeouts) -> list[float]:
 
 def _scene_here(inputs: Inputs, engine: str) -> Scene:
     """The scene with its files as they lie here; CannotRun where anything is not as it was planned."""
-    here = versions_here([engine])
+    here = versions_here(engine)
     differ = [name for name in here if inputs.versions[name] != here[name]]
     if differ:
         raise CannotRun(

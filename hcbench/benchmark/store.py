@@ -6,10 +6,10 @@ import csv
 import io
 import json
 import re
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
-from hcbench.benchmark.files import LOCK, open_files
+from hcbench.benchmark.files import LOCK
 from hcbench.benchmark.plan import SCHEMA
 from hcbench.benchmark.results import RUN_KEY
 from hcbench.benchmark.tables import SUMMARY, digest, metadata_of, summed
@@ -28,14 +28,10 @@ _BOUNCES = re.compile(r"_bounces-([0-9a-f]{16})\.parquet")
 
 
 class Store:
-    """The results of a study, shard by shard, in a folder; disk errors come out as OutputError.
+    """The results of a study, shard by shard, in the files of a folder. Disk errors are OutputError."""
 
-    where: a path, an fsspec URL, or what to call `files`.
-    """
-
-    def __init__(self, where: str, files: Files | None = None) -> None:
-        self.where = where
-        self._files = files or open_files(where)
+    def __init__(self, files: Files) -> None:
+        self.where, self._files = files.where, files
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -89,7 +85,34 @@ class Store:
             got = f"{self.where} holds a sweep already"
             raise UserError("folder", got, "a new folder", "Go on with it by --resume")
 
-    def shards(self, count: int) -> dict[int, str]:
+    def verified(self, count: int) -> Iterator[tuple[int, list[Summary] | None]]:
+        """Each of `count` shards that is there, by number: its part of the summary, or None if damaged.
+
+        Damaged: cut short, edited or under another's number, it or its loops. It is put aside, out of the
+        table.
+        """
+        for number, name in self._shards(count).items():
+            with self._output_errors("a folder that can be read and written to"):
+                tables = self._read_shard(number, name)
+                if tables is None:
+                    self._files.move(name, f"{DAMAGED}/{name}")
+            yield number, metadata_of(tables[0])[1] if tables else None
+
+    def tables(self, count: int) -> Iterator[tuple[bytes, bytes]]:
+        """Impacts and kept loops of each of `count` shards. UserError for one that is missing or damaged."""
+        shards = self._shards(count)
+        if len(shards) < count:
+            got = f"{self.where} holds {len(shards)} of {count} parts"
+            raise UserError("folder", got, "a finished sweep", "Finish it by --resume")
+        for number, name in shards.items():
+            with self._output_errors("a folder that can be read"):
+                tables = self._read_shard(number, name)
+            if tables is None:
+                got = f"{self.where}: {name} is cut short or edited"
+                raise UserError("folder", got, "what a sweep wrote", "Mend it by --resume")
+            yield tables
+
+    def _shards(self, count: int) -> dict[int, str]:
         """The names of the shards that are there, by number. UserError for what is none of `count` shards."""
         shards: dict[int, str] = {}
         with self._output_errors("a folder that can be read"):
@@ -107,44 +130,19 @@ class Store:
             shards[number] = name
         return shards
 
-    def verified(self, count: int) -> Iterator[tuple[int, list[Summary] | None]]:
-        """Each of `count` shards that is there, by number: its part of the summary, or None if damaged.
-
-        Damaged: cut short, edited or under another's number, it or its loops. It is put aside, out of the
-        table.
-        """
-        for number, name in sorted(self.shards(count).items()):
-            with self._output_errors("a folder that can be read and written to"):
-                tables = self._read_shard(number, name)
-                if tables is None:
-                    self._files.move(name, f"{DAMAGED}/{name}")
-            yield number, metadata_of(tables[0])[1] if tables else None
-
-    def tables(self, count: int) -> Iterator[tuple[bytes, bytes]]:
-        """Impacts and kept loops of each of `count` shards. UserError for one that is missing or damaged."""
-        shards = self.shards(count)
-        if len(shards) < count:
-            got = f"{self.where} holds {len(shards)} of {count} parts"
-            raise UserError("folder", got, "a finished sweep", "Finish it by --resume")
-        for number, name in sorted(shards.items()):
-            with self._output_errors("a folder that can be read"):
-                tables = self._read_shard(number, name)
-            if tables is None:
-                got = f"{self.where}: {name} is cut short or edited"
-                raise UserError("folder", got, "what a sweep wrote", "Mend it by --resume")
-            yield tables
-
     def _read_shard(self, number: int, name: str) -> tuple[bytes, bytes] | None:
         """A shard's impacts and kept loops; None if damaged."""
-        impacts, loops = self._files.read(name), b""
+        impacts = self._files.read(name)
         if name != _shard_name(number, impacts):
             return None
-        if loops_digest := metadata_of(impacts)[0]:
-            try:
-                loops = self._files.read(_loops_name(number, loops_digest))
-            except FileNotFoundError:
-                return None
-        return (impacts, loops) if not loops_digest or digest(loops) == loops_digest else None
+        loops_digest, _ = metadata_of(impacts)
+        if not loops_digest:
+            return impacts, b""
+        with suppress(FileNotFoundError):
+            loops = self._files.read(_loops_name(number, loops_digest))
+            if digest(loops) == loops_digest:
+                return impacts, loops
+        return None
 
     def write_shard(self, shard: ShardFiles) -> None:
         """A shard, whole or not at all: it is there when its impacts are, which come last."""

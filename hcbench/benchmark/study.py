@@ -104,7 +104,7 @@ class Study:
         )
 
 
-class _Run(Table):
+class _RunTable(Table):
     """A [[run]] of a study file."""
 
     engine: Text = Field(description="an engine's name")
@@ -114,7 +114,7 @@ class _Run(Table):
     speeds: Speeds | None = None
 
 
-class _File(Table):
+class _StudyFile(Table):
     """A study file: its keys, without those of its runs."""
 
     schema_: StrictInt = Field(
@@ -170,7 +170,7 @@ def load_study(path: str | Path) -> Study:
 
 def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | None = None) -> Study:
     """A Study from a study file's content; `folder` is where relative scene paths start."""
-    file = validate(_File, content, StudyError, f"{where}: {{}}")
+    file = validate(_StudyFile, content, StudyError, f"{where}: {{}}")
     scene = load_scene(file.scene, folder)
     if file.gravity is not None:
         scene = dataclasses.replace(scene, gravity=file.gravity)
@@ -178,7 +178,7 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
     if main_alpha not in file.alphas:
         raise StudyError(f"{where}: main_alpha", f"{main_alpha:.6g} s/m", "one of the study's alphas")
     runs = [
-        validate(_Run, run, StudyError, f"{where}: run {i}: {{}}") for i, run in enumerate(file.run, start=1)
+        validate(_RunTable, run, StudyError, f"{where}: run {i}: {{}}") for i, run in enumerate(file.run, 1)
     ]
     return Study(
         title=file.title or scene.title,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -49,7 +50,7 @@ MASS, STEP, TIME = Quantity("mass", positive=True), Quantity("timestep", positiv
 
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar on stderr that stays away where nobody looks; hands out `tick(done, total)`."""
+    """A bar on stderr with rate and time left, unless nobody looks; hands out `tick(done, total)`."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -57,10 +58,18 @@ def progress(what: str) -> Iterator[Callable[[int, int], None]]:
     if not console.is_terminal:
         yield lambda done, total: None
         return
-    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(what, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+    rate = TextColumn("{task.fields[rate]}")
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, speed_estimate_period=120.0) as bar:
+        task = bar.add_task(what, total=None, rate="")
+        first: list[tuple[float, int]] = []
+
+        def tick(done: int, total: int) -> None:
+            first[:] = first or [(time.monotonic(), done)]
+            elapsed, new = time.monotonic() - first[0][0], done - first[0][1]
+            bar.update(task, completed=done, total=total, rate=f"{new / elapsed:,.0f}/s" if new else "")
+
+        yield tick
 
 
 def print_json(content: Any) -> None:
