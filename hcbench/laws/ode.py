@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
     from hcbench.laws.force import ForceLaw
 
+    Force = Callable[[Floats | float, Floats | float], Floats]
+
 __all__ = ["Ending", "impact"]
 
 LONGEST = 1e4  # units of time X/v_i after which contact counts as never ending; a lossless one lasts about 3
@@ -59,15 +61,7 @@ def impact(
     require("count", count, count >= 3, "3 points or more")
     force_law = law.at(speed) if isinstance(law, TouchSpeedLaw) else law
     depth = _depth_scale(force_law, mass, speed)
-
-    def force(xi: Floats | float, eta: Floats | float) -> Floats:
-        x, v = np.asarray(xi) * depth, np.asarray(eta) * speed
-        inside = force_law.force(np.abs(x), v)
-        if not (x < 0.0).any():
-            return inside
-        # A trial step may look past parting, where no law is defined: mirrored about F(0, v) it stays smooth.
-        return np.where(x < 0.0, 2.0 * force_law.force(np.zeros_like(x), v) - inside, inside)
-
+    force = _force_over_units(force_law, depth, speed)
     inertia, weight = depth / (mass * speed**2), gravity * depth / speed**2
     path = _solve(force, inertia, weight, ending, tolerance, step_max)
     end = float(path.t[-1])
@@ -111,13 +105,22 @@ def _depth_scale(law: ForceLaw, mass: float, speed: float) -> float:
     return math.exp(float(brentq(excess, low, high, rtol=1e-12)))
 
 
+def _force_over_units(law: ForceLaw, depth: float, speed: float) -> Force:
+    """F in N over x/X and v/v_i; X, v_i in m and m/s."""
+
+    def force(xi: Floats | float, eta: Floats | float) -> Floats:
+        x, v = np.asarray(xi) * depth, np.asarray(eta) * speed
+        inside = law.force(np.abs(x), v)
+        if not (x < 0.0).any():
+            return inside
+        # A trial step may look past parting, where no law is defined: mirrored about F(0, v) it stays smooth.
+        return np.where(x < 0.0, 2.0 * law.force(np.zeros_like(x), v) - inside, inside)
+
+    return force
+
+
 def _solve(
-    force: Callable[[Floats | float, Floats | float], Floats],
-    inertia: float,
-    weight: float,
-    ending: Ending,
-    tolerance: float,
-    step_max: float,
+    force: Force, inertia: float, weight: float, ending: Ending, tolerance: float, step_max: float
 ) -> Any:
     """dξ/dτ = η, dη/dτ = -F inertia + weight from (0, 1). Events: x = 0, F = 0, turning, turning back."""
 

@@ -72,10 +72,10 @@ def simulate(
         tolerance=tolerance,
         energy_balance=True,
     )
-    y = np.array([[position], [velocity], [0.0], [0.0]])
     if isinstance(drive, Sinusoid):
         step_max = min(step_max, 0.1 / drive.frequency)
-    times, states, events = [0.0], [y[:, 0]], []
+    start = np.array([position, velocity, 0.0, 0.0])
+    times, states, events = [0.0], [start], []
 
     def record(_: Indices, t: Floats, y: Floats, before: Modes, after: Modes, __: Flags) -> None:
         times.append(float(t[0]))
@@ -85,12 +85,18 @@ def simulate(
             if kind is not None:
                 events.append(Event(times[-1], SIDES[side], kind, sign * float(y[1, 0])))
 
-    integrate(contact, y, np.array([[until]]), np.array([step_max]), record)
-    time = np.array(times)
-    q, v, lost, put_in = np.array(states).T
+    integrate(contact, start[:, None], np.array([[until]]), np.array([step_max]), record)
+    return _motion_of(system, np.array(times), np.array(states), tuple(events))
+
+
+def _motion_of(
+    system: VibroImpact, times: Floats, states: Floats, events: tuple[Event, ...]
+) -> SimulatedMotion:
+    """The motion with its forces and energies; states: position, velocity, energies lost and put in."""
+    q, v, lost, put_in = states.T
     half = system.gap / 2.0
     return SimulatedMotion(
-        time=time,
+        time=times,
         position=q,
         velocity=v,
         right=pressing(system.right, q - half, v),
@@ -101,7 +107,7 @@ def simulate(
         ),
         lost=lost,
         put_in=put_in,
-        events=tuple(events),
+        events=events,
     )
 
 
