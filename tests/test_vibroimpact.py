@@ -346,7 +346,8 @@ def test_over_the_gap_and_the_amplitude_too() -> None:
 def test_a_settled_motion_is_seen_to_repeat() -> None:
     system = _alike(-4e-5, HuntCrossley(K, 3.0))
     settled = orbits(system, Sinusoid(50.0, 1.0), "frequency", np.array([2e3, 4e3]), 25, 8)
-    assert settled.periods().tolist() == [1.0, 1.0]
+    apart = np.abs(np.diff(settled.position, axis=1)).max(axis=1)
+    assert (apart <= 1e-4 * settled.amplitude).all()
     linear = linearized(system)
     np.testing.assert_allclose(settled.amplitude, linear.amplitude(50.0, settled.values), rtol=2e-3)
     assert settled.touches.max() == 0.0

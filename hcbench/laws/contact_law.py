@@ -94,7 +94,7 @@ def law_of(options: Mapping[str, Any]) -> Law:
     {"kind": "force", "alpha": s/m, "stiffness": N/m^n, "exponent": 1.5} and
     {"kind": "restitution", "alpha": s/m, "reading": "law"} are eq. (16);
     {"kind": "force", "law": "flores", "restitution": e, "stiffness": N/m^n, "exponent": 1.5} and
-    {"kind": "restitution", "law": "flores", "restitution": e} a law of `reference.later_laws`, asked for e.
+    {"kind": "restitution", "law": "flores", "restitution": e} a law of `laws.published`, asked for e.
     """
     require("option 'law'", options, hasattr(options, "items"), 'a table such as {"kind": "force", ...}')
     given = dict(options)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How much the forced pictures compute: lanes of the bifurcation, its cycles, lanes of the response.
+    """How much the forced pictures compute: values of the bifurcation, its cycles, values of the response.
 
     timestep: of the engines, s, where the mass is clear; a quarter of it where it is squeezed. jobs:
     processes for the bifurcation; they change the time, not the picture.

@@ -51,18 +51,6 @@ class Orbits:
         """Half the distance between the furthest points over the kept cycles, m, shape (values,)."""
         return np.asarray(0.5 * (self.highest.max(axis=1) - self.lowest.min(axis=1)))
 
-    def periods(self, tolerance: float = 1e-4) -> Floats:
-        """Cycles after which the motion repeats, shape (values,); 0: not within half of those kept.
-
-        tolerance: largest distance of a repeat, over the amplitude.
-        """
-        count = self.position.shape[1]
-        out = np.zeros(len(self.values))
-        for period in range(count // 2, 0, -1):
-            apart = np.abs(self.position[:, period:] - self.position[:, :-period]).max(axis=1)
-            out = np.where(apart <= tolerance * self.amplitude, period, out)
-        return out
-
 
 def orbits(
     system: VibroImpact,

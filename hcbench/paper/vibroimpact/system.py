@@ -4,7 +4,7 @@ Position q is 0 in the middle. The right block is touched at q = g/2, the left o
 penetrations are x_R = q - g/2 and x_L = -q - g/2, and m q'' = F_L(x_L, -v) - F_R(x_R, v) + P(t). g > 0 is
 clearance (two impacts a cycle), g = 0 two half loops that meet (Fig. 7), g < 0 a mass squeezed from both
 sides (Figs. 8, 9). The blocks press and never pull: where a law would pull (F < 0 at x > 0), nothing acts
-until it presses again or the surfaces part. Impacts of any law are located by the integrator of `lanes`.
+until it presses again or the surfaces part.
 """
 
 from __future__ import annotations
