@@ -222,12 +222,12 @@ def test_energy_gained_is_said_whatever_the_error(results: Results) -> None:
 
 def test_runs_are_ranked_by_their_error(view: View) -> None:
     for group in tables.ranking(view):
-        grades = [row["grade"] for row in group["rows"]]
+        grades = [row["verdict"].grade for row in group["rows"]]
         assert grades == sorted(grades, key=["good", "even", "bad"].index)
 
 
 def test_claims_tell_pass_fail_and_not_resolved_apart(view: View) -> None:
-    said = {row["run"]["setting"]: [cell["words"] for cell in row["cells"]] for row in tables.claims(view)}
+    said = {row["run"].setting: [cell["words"] for cell in row["cells"]] for row in tables.claims(view)}
     assert said["law"] == ["pass"] * 4
     assert said["impulse"][:3] == ["not resolved"] * 3
     assert said["impulse"][3] == "fail"
@@ -243,8 +243,8 @@ def test_one_bad_alpha_fails_a_claim(results: Results) -> None:
 
 
 def test_lost_impacts_are_told_not_dropped(view: View) -> None:
-    lost = {row["run"]["setting"]: row for row in tables.failed_impacts(view)}
-    assert lost["broken"]["count"] == len(SPEEDS) * 2 * len(ALPHAS)
+    lost = {row["run"].setting: row for row in tables.failed_impacts(view)}
+    assert lost["broken"]["impacts"] == len(SPEEDS) * 2 * len(ALPHAS)
     assert lost["broken"]["reason"] == "the engine's process died on it"
     assert view.curve(BROKEN, ALPHAS[1]) is None
 

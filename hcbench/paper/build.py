@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,7 @@ from hcbench.paper.engines import engines_with_two_blocks
 from hcbench.paper.forced_figures import FULL, QUICK
 from hcbench.paper.printed_numbers import FACTOR_MASSES, factors, printed_numbers
 from hcbench.report.page import PAGE, Drawing, draw, render
-from hcbench.report.wording import engine_title, four_digits, listed
+from hcbench.report.wording import engine_title, listed
 from hcbench.sim import registry
 
 if TYPE_CHECKING:
@@ -22,11 +23,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from hcbench.paper.forced_figures import Effort
-    from hcbench.paper.printed_numbers import Printed
 
 ASKED = (0.3, 0.5, 0.7, 0.9)  # restitutions of the table of laws
-VERDICTS = {"agrees": "agrees", "rounded": "agrees but for rounding", "differs": "differs"}
-GRADES = {"agrees": "good", "rounded": "even", "differs": "bad"}
 
 
 def drawings(effort: Effort) -> list[Drawing]:
@@ -76,64 +74,16 @@ def build(
 
 def _page(figures: dict[str, dict[str, Any]]) -> str:
     numbers, engines = printed_numbers(), engines_with_two_blocks()
-    counts = {verdict: sum(n.verdict == verdict for n in numbers) for verdict in VERDICTS}
     return render(
         "paper.html",
         figures=figures,
-        numbers=[_number(n) for n in numbers],
-        counts={**counts, "all": len(numbers)},
-        steps=[_step(a) for a in APPROXIMATIONS],
-        masses=[f"{m:.3g}" for m in FACTOR_MASSES],
-        factors=[(f"{n:g}", [f"{x:.5f}" for x in row]) for n, row in factors()],
+        numbers=numbers,
+        counts=Counter(n.verdict for n in numbers),
+        steps=APPROXIMATIONS,
+        masses=FACTOR_MASSES,
+        factors=factors(),
         asked=ASKED,
-        laws=[_law(name) for name in LAWS],
+        laws=LAWS,
         engine_titles=listed([engine_title(name) for name in engines]),
         engine_remarks=" ".join(registry.submodule(name, "two_blocks").REMARK for name in engines),
     )
-
-
-def _number(n: Printed) -> dict[str, str]:
-    return {
-        "where": n.where,
-        "what": n.what,
-        "printed": four_digits(n.value),
-        "ours": four_digits(n.ours),
-        "unit": n.unit,
-        "difference": _difference(n.difference),
-        "verdict": VERDICTS[n.verdict],
-        "grade": GRADES[n.verdict],
-        "note": n.note,
-    }
-
-
-def _difference(relative: float) -> str:
-    """In per cent, as a factor where it is large, "0" where it is round-off."""
-    if abs(relative) > 0.5:
-        return f"× {1.0 + relative:.3g}"
-    return f"{100 * relative:+.2g} %".replace("-", "−") if abs(relative) > 5e-5 else "0"
-
-
-def _typeset(text: str) -> str:
-    """The paper's symbols as they are printed."""
-    for typed, printed in (("v_i", "vᵢ"), ("v_o", "vₒ"), ("x_m", "xₘ"), (" - ", " − ")):
-        text = text.replace(typed, printed)
-    return text
-
-
-def _step(step: Any) -> dict[str, str]:
-    return {
-        "equation": step.equation,
-        "statement": _typeset(step.statement),
-        "one": f"{step.reaches(0.01):.3g}",
-        "ten": f"{step.reaches(0.1):.3g}",
-    }
-
-
-def _law(name: str) -> dict[str, Any]:
-    law = LAWS[name]
-    return {
-        "name": name,
-        "formula": _typeset(law.formula),
-        "delivered": [f"{float(law.delivered(e)):.3f}" for e in ASKED],
-        "reference": law.reference,
-    }

@@ -6,12 +6,14 @@ import math
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from hcbench import units
 from hcbench._files import atomic_folder, write_text
-from hcbench.report import advice, ranking, tables, wording
+from hcbench.report import advice, ranking, tables
 from hcbench.report.drawings import class_heading, drawings, loop_speeds, step_speed
 from hcbench.report.page import PAGE, draw, render
 from hcbench.report.view import View
-from hcbench.scoring import CLAIMS
+from hcbench.report.wording import NBSP
+from hcbench.scoring import CLAIMS, RESOLVED
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -41,42 +43,30 @@ def _page(view: View, figures: list[dict[str, Any]]) -> str:
     height = view.study.get("train_height")
     return render(
         "report.html",
-        title=view.study["title"],
+        view=view,
         headline=advice.headline(view),
         plugins=advice.plugin_sentence(view),
-        cards=[_card(view, card) for card in advice.cards(view)],
+        cards=advice.cards(view),
+        band=advice.band_text(view),
         figures={figure["name"]: figure for figure in figures},
         headings={"coarse": class_heading(view, False), "fine": class_heading(view, True)},
-        band=advice.band_text(view),
-        main_alpha=wording.alpha(view.main_alpha),
-        main_alpha_short=wording.alpha_short(view.main_alpha),
-        alphas=[wording.alpha_short(alpha) for alpha in view.alphas],
-        contact_time=wording.rough_time(view.contact_time),
         loop_speeds=loop_speeds(view),
         step_speed=step_speed(view),
         law_exponent=_law_exponent(view),
-        drop=f"from {1e3 * float(height):.3g}{wording.NBSP}mm" if height else "",
+        drop=f"from {1e3 * float(height):.3g}{NBSP}mm" if height else "",
+        rules=ranking,
         ranking=tables.ranking(view),
         lines_to_beat=tables.lines_to_beat(view),
-        follows=wording.percent(ranking.FOLLOWS),
-        loop_right=wording.percent(ranking.LOOP_RIGHT),
-        loop_near=wording.percent(ranking.LOOP_NEAR),
         claims=CLAIMS,
         claim_rows=tables.claims(view),
-        scores=tables.scores(view),
+        tables=tables,
+        score_alphas=sorted(view.alphas, key=lambda alpha: (abs(alpha - view.main_alpha) > 1e-12, alpha)),
         settings=tables.settings(view),
         failed_impacts=tables.failed_impacts(view),
-        impacts=len(view.results.impacts),
-        provenance=tables.provenance(view),
-        versions=[(wording.engine_title(k), v) for k, v in view.results.versions.items()],
+        alphas_in_both=[f"{alpha * units.INCH:.3g} s/in ({alpha:.3g} s/m)" for alpha in view.alphas],
+        units=units,
+        RESOLVED=RESOLVED,
     )
-
-
-def _card(view: View, card: advice.AdviceCard) -> dict[str, Any]:
-    answers = [
-        {"run": tables.run_cell(view, a.runs[0]), "title": a.title, "because": a.because} for a in card.advice
-    ]
-    return {"question": card.question, "answers": answers, "note": card.note}
 
 
 def _law_exponent(view: View) -> str:

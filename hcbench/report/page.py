@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,16 +13,30 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 
+from hcbench import _text
 from hcbench._files import write_bytes
+from hcbench.report import wording
 from hcbench.report.plot_style import figure_defaults
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from matplotlib.figure import Figure
 
 PAGE = "index.html"
+# How templates write numbers and names.
+_FILTERS: dict[str, Callable[..., str]] = {
+    "alpha": wording.alpha,
+    "alpha_short": wording.alpha_short,
+    "difference": wording.difference,
+    "engine_title": wording.engine_title,
+    "fixed": _text.number,
+    "four_digits": wording.four_digits,
+    "percent": wording.percent,
+    "rough_time": wording.rough_time,
+    "sanitized": _text.sanitized,
+    "typeset": wording.typeset,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +82,7 @@ def render(template: str, **content: Any) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
+    environment.filters.update(_FILTERS)
     return environment.get_template(template).render(**content)
 
 

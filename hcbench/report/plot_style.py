@@ -9,6 +9,7 @@ from __future__ import annotations
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import cycle
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import matplotlib as mpl
@@ -45,6 +46,8 @@ DASHES: tuple[Any, ...] = (
     (0, (6, 1.5, 1.2, 1.5)), (0, (5, 1.5, 1.2, 1.5, 1.2, 1.5)), (0, (2.5, 1.2)), "-", "-",
 )  # fmt: skip
 
+_STYLE_FILE = Path(__file__).with_name("hcbench.mplstyle")
+
 # Settings in reports: colour and marker by recipe, dashes by engine.
 _RECIPES = {
     "stock": ("#D55E00", "X"),
@@ -63,45 +66,13 @@ _ENGINE_DASHES: tuple[tuple[float, ...], ...] = (
     (), (4.5, 1.6), (1.2, 1.2), (6.0, 1.5, 1.2, 1.5), (2.5, 1.0),
 )  # fmt: skip
 
-_RC: dict[str, Any] = {
-    "axes.edgecolor": GREY,
-    "axes.formatter.useoffset": False,
-    "axes.grid": True,
-    "axes.labelcolor": INK,
-    "axes.labelsize": 9.5,
-    "axes.linewidth": 0.7,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlecolor": INK,
-    "axes.titlesize": 10.5,
-    "font.family": "DejaVu Sans",
-    "font.size": 9.5,
-    "grid.color": "#e6e9ec",
-    "grid.linewidth": 0.7,
-    "legend.fontsize": 9.5,
-    "legend.frameon": False,
-    "lines.linewidth": 1.6,
-    "lines.markersize": 5.0,
-    "svg.fonttype": "path",
-    "svg.hashsalt": "hcbench",
-    "text.color": INK,
-    "text.parse_math": False,  # a setting's name may hold any sign
-    "xtick.color": "#6b747c",
-    "xtick.labelcolor": INK,
-    "xtick.labelsize": 8.5,
-    "ytick.color": "#6b747c",
-    "ytick.labelcolor": INK,
-    "ytick.labelsize": 8.5,
-}
-
 
 @contextmanager
 def figure_defaults() -> Iterator[None]:
     """Matplotlib's defaults for all figures of hcbench, and those of before afterwards."""
     with mpl.rc_context():
         mpl.rcdefaults()
-        for name, value in _RC.items():
-            mpl.rcParams[name] = value  # type: ignore[index]
+        mpl.rcParams.update(mpl.rc_params_from_file(_STYLE_FILE, use_default_template=False))
         yield
 
 

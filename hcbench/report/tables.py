@@ -6,14 +6,13 @@ import math
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from hcbench.report import wording
-from hcbench.report.advice import band_text
 from hcbench.report.drawings import class_heading
 from hcbench.report.ranking import error_ratio, grade, over_constant, verdict
 from hcbench.report.view import REFERENCE, RunKey, View, run_of_record
-from hcbench.scoring import CLAIMS, RESOLVED
+from hcbench.scoring import CLAIMS
 from hcbench.setting import Setting
 from hcbench.tune.snippet import snippet
-from hcbench.units import INCH, POUND
+from hcbench.units import INCH
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -21,48 +20,7 @@ if TYPE_CHECKING:
 Cells: TypeAlias = dict[str, Any]
 _MARKS = {"good": "✓", "even": "=", "bad": "✗"}
 _AGAINST_CONSTANT = {"good": "better than", "even": "as good as", "bad": "worse than"}
-_STATUS = {
-    "rested": "came to rest in contact",
-    "no-touch": "never touched",
-    "diverged": "diverged",
-    "crashed": "its engine crashed",
-}
-_BOUNCE_COLUMNS = {
-    "max_error_law": "largest error, law",
-    "rms_error_law": "rms error, law",
-    "constant_error_law": "best constant's, law",
-    "max_error_linear": "largest error, 1 − αv",
-    "rms_error_linear": "rms error, 1 − αv",
-    "constant_error_linear": "best constant's, 1 − αv",
-    "phase_spread": "spread over phases",
-    "alpha_fit": "fitted α, s/in",
-    "energy_exponent": "p of ΔE ∝ vᵖ",
-    "energy_gained": "gains energy",
-}
-_LOOP_COLUMNS = {
-    "samples_min": "fewest steps in contact",
-    "loops": "loops judged",
-    "loop_rms": "rms of force",
-    "area_ratio": "area / law's",
-    "force_ratio": "force / law's",
-    "penetration_ratio": "depth / law's",
-    "duration_ratio": "duration / law's",
-    "touch_force": "force at touch",
-    "tension_share": "tension share",
-}
 _PERCENT = ("loop_rms", "touch_force", "tension_share")
-
-
-def run_cell(view: View, run: RunKey) -> Cells:
-    """A run as the template names it: in the style that it has in the figures."""
-    style = view.plot_style(run)
-    return {
-        "engine": wording.engine_title(run.engine),
-        "setting": run.setting,
-        "step": run.step,
-        "colour": style.colour,
-        "dashes": " ".join(f"{d:g}" for d in style.dashes),
-    }
 
 
 def ranking(view: View) -> list[Cells]:
@@ -82,16 +40,14 @@ def ranking(view: View) -> list[Cells]:
 
 
 def _ranking_row(view: View, run: RunKey) -> Cells:
-    score, judged = view.score(run) or {}, verdict(view, run)
+    score = view.score(run) or {}
     return {
-        "run": run_cell(view, run),
+        "run": run,
         "errors": [_error_cell(view.score(run, alpha)) for alpha in view.alphas],
         "loop": wording.percent(score["loop_rms"]) if score.get("loops") else "–",
         "spread": wording.number(score.get("phase_spread", math.nan)),
         "steps": score.get("samples_min", "–"),
-        "grade": judged.grade,
-        "verdict": judged.restitution,
-        "loop_verdict": judged.loop,
+        "verdict": verdict(view, run),
     }
 
 
@@ -121,7 +77,7 @@ def claims(view: View) -> list[Cells]:
     """The paper's claims for each run over a band, the law's too: over all α, the worst answer counts."""
     return [
         {
-            "run": run_cell(view, run),
+            "run": run,
             "cells": [_claim_cell([_tristate(s[claim]) for s in view.scores(run)]) for claim in CLAIMS],
         }
         for run in view.tabled_runs
@@ -145,31 +101,8 @@ def _claim_cell(answers: list[bool | None]) -> Cells:
     return {"mark": "✗", "words": f"fail{share}", "grade": "bad"}
 
 
-def scores(view: View) -> list[Cells]:
-    """Every score of every band run: for each α, the main one first, a table of bounces and one of loops."""
-    order = sorted(view.alphas, key=lambda a: (abs(a - view.main_alpha) > 1e-12, a))
-    return [
-        {
-            "alpha": wording.alpha(alpha),
-            "tables": [
-                _score_table(view, alpha, "Bounce", _BOUNCE_COLUMNS),
-                _score_table(view, alpha, "Loop", _LOOP_COLUMNS),
-            ],
-        }
-        for alpha in order
-    ]
-
-
-def _score_table(view: View, alpha: float, caption: str, columns: Mapping[str, str]) -> Cells:
-    rows = [
-        {"run": run_cell(view, run), "cells": [_score_cell(score, column) for column in columns]}
-        for run in view.tabled_runs
-        if (score := view.score(run, alpha)) is not None
-    ]
-    return {"caption": caption, "columns": list(columns.values()), "rows": rows}
-
-
-def _score_cell(score: Mapping[str, Any], column: str) -> str:
+def score_cell(score: Mapping[str, Any], column: str) -> str:
+    """One score of a run, as text."""
     value = score[column]
     if column == "energy_gained":
         return "yes" if _tristate(value) else "no"
@@ -193,7 +126,7 @@ def settings(view: View) -> list[Cells]:
             continue
         key = run.engine, run.setting
         notes = list(record.get("notes", []))
-        entries.setdefault(key, {"run": run_cell(view, run), "summary": record["summary"], "notes": notes})
+        entries.setdefault(key, {"run": run, "summary": record["summary"], "notes": notes})
         text = snippet(Setting(*run, record["options"]), form, radius)
         of_text = alphas.setdefault(key, {}).setdefault((run.timestep, text), [])
         of_text.append(float(record["alpha_s_per_m"]))
@@ -218,31 +151,17 @@ def failed_impacts(view: View) -> list[Cells]:
     for key, group in failed:
         engine, setting, status = (str(part) for part in cast("tuple[Any, ...]", key))
         steps = sorted({float(h) for h in group["timestep_s"]})
-        run = run_cell(view, RunKey(engine, setting, steps[0]))
-        if len(steps) > 1:
-            run["step"] = f"{len(steps)} steps, {wording.time(steps[0])} … {wording.time(steps[-1])}"
+        run = RunKey(engine, setting, steps[0])
+        several = f"{len(steps)} steps, {wording.time(steps[0])} … {wording.time(steps[-1])}"
         reasons = list(dict.fromkeys(str(reason or "") for reason in group["reason"]))
         more = f"; and {len(reasons) - 1} more like it" if len(reasons) > 1 else ""
-        what = _STATUS.get(status, status)
-        rows.append({"run": run, "status": what, "count": len(group), "reason": reasons[0] + more})
+        rows.append(
+            {
+                "run": run,
+                "steps": several if len(steps) > 1 else run.step,
+                "status": status,
+                "impacts": len(group),
+                "reason": reasons[0] + more,
+            }
+        )
     return rows
-
-
-def provenance(view: View) -> list[tuple[str, str]]:
-    """What was run, in both systems of units where the paper's readers want that."""
-    study = view.study
-    gravity, radius = float(study["gravity"]), float(study["relative_radius_m"])
-    stiffness, exponent = float(study["stiffness"]), float(study["exponent"])
-    return [
-        ("scene", f"{study['scene']} ({study['form']})"),
-        ("mass", f"{view.mass:.6g} kg ({view.mass / POUND:.3g} lb)"),
-        ("relative radius", f"{1e3 * radius:.4g} mm ({radius / INCH:.3g} in)"),
-        ("stiffness k", f"{stiffness:.5g} N/m^{exponent:g}"),
-        ("exponent n", f"{exponent:g}"),
-        ("gravity", f"{gravity:g} m/s²" if gravity else "off: free flight at the plate"),
-        ("α", "; ".join(f"{a * INCH:.3g} s/in ({a:.3g} s/m)" for a in view.alphas)),
-        ("impact speeds", f"{len(study['speeds'])} from {band_text(view)}"),
-        ("phases", f"{study['phases']} places in a time step for the touch to fall"),
-        ("impacts", str(len(view.results.impacts))),
-        ("a loop is scored from", f"{RESOLVED} steps in contact"),
-    ]

@@ -77,6 +77,20 @@ def four_digits(value: float) -> str:
     return _scientific(f"{float(mantissa):g}e{exponent}")
 
 
+def difference(relative: float) -> str:
+    """A relative difference: "+3.2 %", "× 3.96" where it is large, "0" where it is round-off."""
+    if abs(relative) > 0.5:
+        return f"× {1.0 + relative:.3g}"
+    return f"{100 * relative:+.2g} %".replace("-", "−") if abs(relative) > 5e-5 else "0"
+
+
+def typeset(text: str) -> str:
+    """A formula with the paper's symbols as they are printed."""
+    for typed, printed in (("v_i", "vᵢ"), ("v_o", "vₒ"), ("x_m", "xₘ"), (" - ", " − ")):
+        text = text.replace(typed, printed)
+    return text
+
+
 def _scientific(text: str) -> str:
     """ "2.1e-05" as "2.1·10⁻⁵"."""
     mantissa, exponent = text.split("e")
