@@ -38,26 +38,34 @@ def _no_nan(content: Any) -> Any:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
+    """Write a file whole or not at all. UserError, or OutputError, where it cannot be written."""
     write_bytes(path, text.encode("utf-8"))
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all: into a neighbour first, then renamed."""
+    """Write a file whole or not at all. UserError, or OutputError, where it cannot be written."""
     try:
-        handle, neighbour = tempfile.mkstemp(prefix=".hcbench-", dir=path.parent)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-            mask = os.umask(0)
-            os.umask(mask)
-            Path(neighbour).chmod(0o666 & ~mask)  # mkstemp makes it private
-            Path(neighbour).replace(path)
-        except BaseException:
-            Path(neighbour).unlink(missing_ok=True)
-            raise
+        replace_file(path, content)
     except OSError as error:
         raise _unwritable("output", path, error, "a place that can be written to") from None
+
+
+def replace_file(path: Path, content: bytes, sync: bool = False) -> None:
+    """Write a file whole or not at all: a neighbour first, which is then renamed; OSError where that fails.
+
+    sync: wait until it is on disk.
+    """
+    neighbour = path.with_name(f".hcbench-{os.getpid()}-{threading.get_ident()}.new")
+    try:
+        with neighbour.open("wb") as file:
+            file.write(content)
+            if sync:
+                file.flush()
+                os.fsync(file.fileno())
+        neighbour.replace(path)
+    except BaseException:
+        neighbour.unlink(missing_ok=True)
+        raise
 
 
 def _unwritable(slot: str, path: Path, error: OSError, expected: str) -> HcbenchError:

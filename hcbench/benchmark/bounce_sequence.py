@@ -31,10 +31,14 @@ _SLACK = 2.0  # of the law's time for as many bounces, for engines that bounce h
 
 @dataclass(frozen=True, slots=True)
 class Drop:
-    """A drop under gravity from `height` m, followed for `duration` s; with all that it takes anywhere."""
+    """A drop under gravity, and everything that is needed to simulate it anywhere.
+
+    height: m. law_heights: after each bounce, as (16) has it, m. duration: to be simulated, s.
+    """
 
     setting: Setting
     height: float
+    law_heights: tuple[float, ...]
     duration: float
     inputs: Inputs
 
@@ -53,21 +57,21 @@ def law_heights(law: HuntCrossley, mass: float, height: float, count: int = BOUN
     return heights
 
 
-def plan_drops(plan: Plan) -> tuple[list[Drop], list[float]]:
-    """A drop of each setting that the study drops, for its main α, and the law's heights."""
-    study = plan.study
-    if study.train_height is None:
-        return [], []
+def plan_drops(plan: Plan) -> list[Drop]:
+    """A drop of each setting that the study drops, for its main α."""
+    study, height = plan.study, plan.study.train_height
+    if height is None:
+        return []
     law = HuntCrossley(study.scene.stiffness, study.main_alpha, study.scene.exponent)
-    heights = law_heights(law, study.scene.mass, study.train_height)
-    falls = [math.sqrt(2 * height / STANDARD_GRAVITY) for height in (study.train_height, *heights)]
+    heights = tuple(law_heights(law, study.scene.mass, height))
+    falls = [math.sqrt(2 * h / STANDARD_GRAVITY) for h in (height, *heights)]
     duration = _SLACK * (falls[0] + 2 * sum(falls[1:]))
     settings = {
         grid.setting.key: grid.setting
         for grid in plan.grids
         if study.main_alpha in grid.alphas and grid.setting.timestep == study.train_step
     }
-    return [Drop(s, study.train_height, duration, plan.inputs) for s in settings.values()], heights
+    return [Drop(setting, height, heights, duration, plan.inputs) for setting in settings.values()]
 
 
 def simulate_bounces(scene: Scene, drop: Drop) -> list[float]:
@@ -78,12 +82,13 @@ def simulate_bounces(scene: Scene, drop: Drop) -> list[float]:
     return scoring.bounce_heights(path, BOUNCES)
 
 
-def bounce_table(plan: Plan, heights: Mapping[str, Sequence[float]], law: Sequence[float]) -> bytes:
-    """TRAIN_COLUMNS, as the bytes of a file. heights: m, by a setting's key. law: those of (16)."""
-    study, settings = plan.study, {grid.setting.key: grid.setting for grid in plan.grids}
+def bounce_table(drops: Sequence[Drop], heights: Mapping[str, Sequence[float]], alpha: float) -> bytes:
+    """TRAIN_COLUMNS, as the bytes of a file. heights: after each bounce, m, by a setting's key."""
     tables = []
-    for setting_key, reached in heights.items():
-        key, count = run_key(study.scene, settings[setting_key], study.main_alpha), len(reached)
-        columns = (*key.values(), np.arange(1, count + 1), np.array(reached), np.array(law[:count]))
+    for drop in drops:
+        reached = np.array(heights[drop.setting.key])
+        count = len(reached)
+        key = run_key(drop.inputs.scene, drop.setting, alpha)
+        columns = (*key.values(), np.arange(1, count + 1), reached, np.array(drop.law_heights[:count]))
         tables.append(dict(zip(TRAIN_COLUMNS, columns, strict=True)))
     return parquet(tables, TRAIN_COLUMNS)

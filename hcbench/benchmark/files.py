@@ -21,6 +21,7 @@ from fsspec.core import url_to_fs
 from fsspec.implementations.local import LocalFileSystem
 from fsspec.implementations.memory import MemoryFileSystem
 
+from hcbench._files import replace_file
 from hcbench.errors import CannotRun, UserError
 
 if TYPE_CHECKING:
@@ -104,17 +105,7 @@ class LocalFiles(Files):
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file, whole or not at all; it is on disk then."""
-        path = Path(self._path_to_write(name))
-        neighbour = path.with_name(f".{path.name}.new")  # nobody else's, under the lock
-        try:
-            with neighbour.open("wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            neighbour.replace(path)
-        except BaseException:
-            neighbour.unlink(missing_ok=True)
-            raise
+        replace_file(Path(self._path_to_write(name)), content, sync=True)
 
     @contextmanager
     def locked(self) -> Iterator[None]:

@@ -156,10 +156,9 @@ def _run(
     written = write_summary()
     report_progress(now)
     if plan.study.train_height is not None and store.bounces() is None:
-        drops, law = plan_drops(plan)
+        drops = plan_drops(plan)
         heights = {drop.setting.key: h for drop, h in _imap_unordered(workers, run_bounces, drops, timeouts)}
-        in_order = {drop.setting.key: heights[drop.setting.key] for drop in drops}
-        store.write_bounces(bounce_table(plan, in_order, law))
+        store.write_bounces(bounce_table(drops, heights, plan.study.main_alpha))
     missing = [number for number in range(len(plan)) if number not in summaries]
     for shard, files in _imap_unordered(workers, run_shard, map(plan.shard, missing), timeouts):
         store.write_shard(files)
