@@ -60,10 +60,10 @@ def _quintic(s: float) -> float:
     return s * s * s * (10.0 + s * (6.0 * s - 15.0))
 
 
-ForceLaw = HuntCrossley | TouchSpeedLaw
-Law = ForceLaw | Restitution | ConstantRestitution
+PluginForceLaw = HuntCrossley | TouchSpeedLaw
+Law = PluginForceLaw | Restitution | ConstantRestitution
 _KINDS: dict[tuple[str, bool], tuple[type[Law], tuple[str, ...], tuple[str, ...]]] = {
-    # by kind, and by whether a law is named: the class, the numbers that it needs, and those that it may have
+    # (kind, whether a law is named): (class, required numbers, optional numbers)
     ("force", False): (HuntCrossley, ("alpha", "stiffness"), ("exponent",)),
     ("force", True): (TouchSpeedLaw, ("restitution", "stiffness"), ("exponent",)),
     ("restitution", False): (Restitution, ("alpha",), ()),
@@ -71,21 +71,21 @@ _KINDS: dict[tuple[str, bool], tuple[type[Law], tuple[str, ...], tuple[str, ...]
 }
 
 
-def is_force(law: Law) -> TypeGuard[ForceLaw]:
+def is_force(law: Law) -> TypeGuard[PluginForceLaw]:
     """Whether a law needs steps that resolve the contact."""
     return isinstance(law, (HuntCrossley, TouchSpeedLaw))
 
 
 def coarse(law: Law) -> str:
-    """What gives the restitution of a force law at steps that do not resolve its contact, as written."""
-    own = isinstance(law, TouchSpeedLaw)
-    return "ConstantRestitution(law.delivered)" if own else "Restitution(alpha)"
+    """The expression for a law with the same restitution at steps that do not resolve the contact."""
+    constant = isinstance(law, TouchSpeedLaw)
+    return "ConstantRestitution(law.delivered)" if constant else "Restitution(alpha)"
 
 
 def require_law(law: object) -> None:
     """Raise SettingError for what is no law of a plug-in."""
-    known = "HuntCrossley, TouchSpeedLaw, Restitution or ConstantRestitution"
-    require("law", law, isinstance(law, Law), known)
+    expected = "HuntCrossley, TouchSpeedLaw, Restitution or ConstantRestitution"
+    require("law", law, isinstance(law, Law), expected)
 
 
 def law_of(options: Mapping[str, Any]) -> Law:
@@ -113,7 +113,7 @@ def law_of(options: Mapping[str, Any]) -> Law:
     return TouchSpeedLaw(family, **numbers)
 
 
-def contact_time(law: ForceLaw, mass: float, speed: float) -> float:
+def contact_time(law: PluginForceLaw, mass: float, speed: float) -> float:
     """Duration of a contact in s at effective mass (kg) and approach speed (m/s)."""
-    one = law if isinstance(law, HuntCrossley) else law.at(speed)
-    return float(closed_form.duration(one, mass, speed))
+    at_speed = law if isinstance(law, HuntCrossley) else law.at(speed)
+    return float(closed_form.duration(at_speed, mass, speed))

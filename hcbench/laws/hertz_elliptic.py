@@ -171,7 +171,7 @@ def axis_stresses(kappa: float, poisson_ratio: float, depth: Floats | float) -> 
 
     x along the long axis. A. Sackfield, D. A. Hills, "Some useful results in the classical Hertz contact
     problem", J. Strain Analysis 18, 1983, 101-105, doi 10.1243/03093247V182101, after H. R. Thomas and V.
-    A. Hoersch, 1930. Here with e² divided out by hand, so that the circle needs no case of its own.
+    A. Hoersch, 1930. Here with e² divided out by hand, so that the circle is no special case.
     """
     zeta = np.asarray(depth, dtype=float) * kappa  # z / a
     m = 1.0 - kappa * kappa
@@ -198,5 +198,5 @@ def largest_shear(kappa: float, poisson_ratio: float) -> tuple[float, float]:
         parts = [float(s) for s in axis_stresses(kappa, poisson_ratio, depth)]
         return -0.5 * (max(parts) - min(parts))
 
-    found = minimize_scalar(shear, bounds=(1e-6, 2.0), method="bounded", options={"xatol": 1e-10})
-    return -float(found.fun), float(found.x)
+    largest = minimize_scalar(shear, bounds=(1e-6, 2.0), method="bounded", options={"xatol": 1e-10})
+    return -float(largest.fun), float(largest.x)

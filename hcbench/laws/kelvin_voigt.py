@@ -1,8 +1,8 @@
 """Closed forms of eq. (4), m x'' + c x' + k x = 0: the contact that Hunt and Crossley argue against.
 
-Two readings of where contact ends, and both are in use: at x = 0, when the body is back at the undeformed
-surface (it has been pulled for a while by then), and at F = 0, when nothing presses any more (the surface
-lags behind the body). With ζ = c / (2 √(k m)), ω = √(k/m):
+Contact is taken to end in one of two places: at x = 0, where the body is back at the undeformed surface (the
+law has pulled it for a while by then), or at F = 0, where nothing presses any more (the surface lags behind
+the body). With ζ = c / (2 √(k m)), ω = √(k/m):
 
     x = 0:  e = exp(-π ζ / √(1 - ζ²)),  t = π / (ω √(1 - ζ²));  no parting at all from ζ = 1 on
     F = 0:  e = exp(-2 ζ g(ζ)),         t = 2 g(ζ) / ω,         g(ζ) = arccos ζ / √(1 - ζ²)

@@ -1,4 +1,4 @@
-"""Contact laws that came after 1975: F = k x^n (1 + χ v/v_i), each with its own χ(e) for a wanted e.
+"""Contact laws published after 1975: F = k x^n (1 + χ v/v_i), each with another χ(e) for a wanted e.
 
 For every law of this form the restitution delivered follows exactly, whatever k, n and m are (see
 `closed_form`): with χ as d, d (1 + e) = ln(1 + d) - ln(1 - d e). So each law's promise can be compared with
@@ -9,7 +9,7 @@ The originals were not all at hand. χ has been held against independent stateme
 McWhannell, Lee-Wang, Lankarani-Nikravesh, Gonthier, Zhiying-Qishao and Flores against the multibody code DyS
 of L. Skrinjar, first author of a review of them (Int. J. Mech. Sci. 145, 2018, 171-187,
 doi 10.1016/j.ijmecsci.2018.07.010); Hunt-Crossley, Gonthier and Carvalho-Martins against the manual of the
-code EXUDYN. DOIs were found again elsewhere but for those of Herbert-McWhannell and Lee-Wang.
+code EXUDYN. All DOIs but those of Herbert-McWhannell and Lee-Wang were confirmed by a second source.
 
 Hu-Guo is stated in two forms, (3/2)(1 - e)/e and half of it, (3/2)(1 - e)/(2 e), which DyS has. The first is
 taken: it alone loses the right energy at small losses, as the authors promise; the second loses half of it.
@@ -69,7 +69,7 @@ class PublishedLaw:
         return self.chi(values)
 
     def delivered(self, e: Floats | float) -> Floats:
-        """The restitution this law gives when asked for e, same shape; at its own speed, for any k, n, m."""
+        """The restitution that this law gives when asked for e, same shape; for any k, n, m and v_i."""
         return restitution_of(self.chi_of(e))
 
 

@@ -1,4 +1,4 @@
-"""What the law says of one impact, in one row, with the limits that the paper sets to itself."""
+"""All that the law says about one impact, and where it leaves the range that the paper gives for itself."""
 
 from __future__ import annotations
 
@@ -60,21 +60,21 @@ def summarize(law: HuntCrossley, mass: float, speed: float, relative_radius: flo
 
 
 def _warnings(law: HuntCrossley, speed: float, shear: float | None) -> tuple[str, ...]:
-    found = []
+    warnings = []
     if speed > SPEED_LIMIT * (1 + 1e-12):  # 20 in/s itself, however it was converted, is within
-        found.append(
+        warnings.append(
             f"speed {speed:.4g} m/s is above {SPEED_LIMIT:.3g} m/s (20 in/s): past the paper's range of (2)"
         )
     if shear is not None and shear > hertz.SHEAR_LIMIT:
-        found.append(
+        warnings.append(
             f"shear stress {shear:.4g} Pa is above {hertz.SHEAR_LIMIT:.4g} Pa (62 000 lb/in²): "
             "the surfaces may yield (section 1.10)"
         )
     if shear is None:
-        found.append(f"no shear stress for exponent {law.exponent:g}: eq. (6) is for n = 1.5, spheres")
+        warnings.append(f"no shear stress for exponent {law.exponent:g}: eq. (6) is for n = 1.5, spheres")
     if (share := law.alpha * speed) > ALPHA_SPEED_LIMIT * (1 + 1e-12):
         gap = float(closed_form.restitution(law.alpha, speed)) - (1.0 - share)
-        found.append(
+        warnings.append(
             f"α v = {share:.3g} is above {ALPHA_SPEED_LIMIT:g}: e of (16) is {gap:.2g} above 1 - α v"
         )
-    return tuple(found)
+    return tuple(warnings)

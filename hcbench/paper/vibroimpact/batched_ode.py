@@ -125,13 +125,13 @@ class _Batch:
         self._resize(rows[free], h[free], error[free])
         speed, distance = self._speed(rows, y), self._distance(rows, y)
         narrow = self.high[rows] - self.low[rows] <= 2.0 * _EPS * self.high[rows]
-        found = ~free & (narrow | (np.abs(np.where(goal == TURN, speed, distance)) <= 1.0))
+        reached = ~free & (narrow | (np.abs(np.where(goal == TURN, speed, distance)) <= 1.0))
         turns = good & (speed < 0.0)
-        # A turning point found beyond a switch: the switch comes first.
-        crosses = ((good & ~turns) | (found & (goal == TURN))) & (distance < 0.0)
+        # A turning point beyond a switch: the switch comes first.
+        crosses = ((good & ~turns) | (reached & (goal == TURN))) & (distance < 0.0)
         self.goal[rows[turns]], self.goal[rows[crosses]] = TURN, SWITCH
         self.low[rows[turns | crosses]] = 0.0
-        takes = (good | found) & ~turns & ~crosses
+        takes = (good | reached) & ~turns & ~crosses
         search = ~takes & (self.goal[rows] != NOTHING)
         if search.any():
             self._narrow(rows[search], h[search], y[:, search])

@@ -92,10 +92,10 @@ def orbits(
     else:
         with WorkerPool(len(shares)) as pool:
             parts = pool.map(task, shares)
-    kept = np.empty((5, values.size, keep))
+    records = np.empty((5, values.size, keep))
     for i, part in enumerate(parts):
-        kept[:, i :: len(parts)] = part
-    return Orbits(over, values, *kept)
+        records[:, i :: len(parts)] = part
+    return Orbits(over, values, *records)
 
 
 def _simulate(
@@ -121,15 +121,15 @@ def _simulate(
     recorder = _CycleRecorder(y[0], cycles, keep)
     ends = np.arange(1, cycles + 1)[:, None] * period
     integrate(contact, y, ends, 0.1 * period, recorder.observe)
-    return recorder.kept
+    return recorder.record
 
 
 class _CycleRecorder:
     """State at the end of each cycle, extremes of q and number of impacts within it."""
 
     def __init__(self, position: Floats, cycles: int, keep: int) -> None:
-        self.kept = np.empty((5, position.size, keep))
-        self.column = np.full(position.size, keep - cycles)  # of `kept`, for the cycle under way
+        self.record = np.empty((5, position.size, keep))
+        self.column = np.full(position.size, keep - cycles)  # of `record`, for the cycle under way
         self.highest, self.lowest = position.copy(), position.copy()
         self.touches = np.zeros(position.size)
 
@@ -143,8 +143,8 @@ class _CycleRecorder:
         ends, y = rows[arrived], y[:, arrived]
         late = self.column[ends] >= 0
         which, column = ends[late], self.column[ends][late]
-        self.kept[:2, which, column] = y[:, late]
-        self.kept[2:, which, column] = self.highest[which], self.lowest[which], self.touches[which]
+        self.record[:2, which, column] = y[:, late]
+        self.record[2:, which, column] = self.highest[which], self.lowest[which], self.touches[which]
         self.highest[ends] = self.lowest[ends] = y[0]
         self.touches[ends] = 0.0
         self.column[ends] += 1

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from hcbench import _compile
 from hcbench.engines.pybullet.model import ContactRow
-from hcbench.laws.contact_law import ForceLaw
+from hcbench.laws.contact_law import PluginForceLaw
 from hcbench.laws.exact_step import ContactOde, advance, euler_force, touch_speed_ode, two_point_solve
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import TouchSpeedLaw
@@ -70,7 +70,7 @@ class _CLaw(ctypes.Structure):
 class ForceSolver:
     """F = k x^n (1 + a x') over a step, by exact_step.euler_force or its compiled twin."""
 
-    def __init__(self, law: ForceLaw) -> None:
+    def __init__(self, law: PluginForceLaw) -> None:
         self.law = law
         if isinstance(law, HuntCrossley) or law.chi == 0.0:
             self._plain = ContactOde(0.0, getattr(law, "dissipation", 0.0), law.exponent)
