@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def integrator(context: Context) -> Iterator[Suspect]:
-    """Integrators that do not do what the direct format promises."""
+    """Integrators under which a solref in the direct format does something else."""
     law = context.used
     if law is None or context.integrator not in ("RK4", "discrete"):
         return
