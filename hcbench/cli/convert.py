@@ -32,23 +32,23 @@ def convert(as_json: bool, reading: Reading, solref: str | None, **quantities: f
     from hcbench import units
     from hcbench.laws.conventions import convert
 
-    found = convert(**quantities, solref=_solref(solref), reading=reading)
+    contact = convert(**quantities, solref=_solref(solref), reading=reading)
     if as_json:
-        print_json(found.as_dict())
+        print_json(contact.as_dict())
         return
-    print(f"α = {found.alpha:.10g} s/m = {found.alpha * units.INCH:.10g} s/in")
-    if found.speed is not None:
-        truth = f"e of (16) {found.restitution:.10g}, 1 - α v {found.restitution_linear:.10g}"
-        print(f"at {found.speed:.6g} m/s: {truth}")
+    print(f"α = {contact.alpha:.10g} s/m = {contact.alpha * units.INCH:.10g} s/in")
+    if contact.speed is not None:
+        truth = f"e of (16) {contact.restitution:.10g}, 1 - α v {contact.restitution_linear:.10g}"
+        print(f"at {contact.speed:.6g} m/s: {truth}")
     print()
-    wide = [max(len(getattr(row, name)) for row in found.rows) for name in ("system", "parameter", "text")]
-    for row in found.rows:
+    wide = [max(len(getattr(row, name)) for row in contact.rows) for name in ("system", "parameter", "text")]
+    for row in contact.rows:
         cells = zip((row.system, row.parameter, row.text), wide, strict=True)
         print("  ".join(cell.ljust(width) for cell, width in cells), f"{row.unit:<4} {row.note}".rstrip())
-    for line in found.missing:
+    for line in contact.missing:
         print(f"missing: {line}")
     print("\ntraps:")
-    for line in found.traps:
+    for line in contact.traps:
         print(f"- {line}")
 
 

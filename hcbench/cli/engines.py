@@ -17,7 +17,7 @@ def engines(as_json: bool) -> None:
     from hcbench.errors import EngineMissing
     from hcbench.sim import registry
 
-    found = []
+    listed = []
     for name in registry.names():
         engine = registry.engine(name)
         settings = {recipe.name: recipe.summary for recipe in registry.recipes(name).values()}
@@ -25,11 +25,11 @@ def engines(as_json: bool) -> None:
             version, install = engine.version(), ""
         except EngineMissing:
             version, install = "", engine.install
-        found.append({"name": name, "version": version, "install": install, "settings": settings})
+        listed.append({"name": name, "version": version, "install": install, "settings": settings})
         if not as_json:
             print(f"{name}  {version or f'not installed: {install}'}")
             width = max(map(len, settings), default=0)
             for setting, summary in settings.items():
                 print(f"  {setting:<{width}}  {summary}")
     if as_json:
-        print_json(found)
+        print_json(listed)

@@ -172,21 +172,21 @@ def _snippet(setting: Setting, scene: Scene) -> str:
 
 
 def _print(tuned: Tuned, text: str) -> None:
-    found, target, rest = tuned.evaluation, tuned.target, tuned.rest
+    result, target, rest = tuned.evaluation, tuned.target, tuned.rest
     truth = {"law": "e of (16)", "linear": "1 - α v", "points": "the e asked for"}[target.reading]
     band = f"{target.speed_min:.4g} ... {target.speed_max:.4g} m/s"
     moves = f"creep {rest.creep:.1e} m/s, depth {rest.depth:.1e} m, buzz {rest.buzz:.1e} m/s"
-    loop = f"{_percent(found.loop_rms)} of the largest force from the law's (rms)"
-    has_loop = not math.isnan(found.loop_rms) and target.reading == "law"
+    loop = f"{_percent(result.loop_rms)} of the largest force from the law's (rms)"
+    has_loop = not math.isnan(result.loop_rms) and target.reading == "law"
     rows = {
         "setting": f"{tuned.setting.engine} {tuned.recipe.name}: {tuned.why}",
         "largest error of e": (
-            f"{found.max_error:.2g} against {truth} over {band}, held-out speeds, 8 phases"
+            f"{result.max_error:.2g} against {truth} over {band}, held-out speeds, 8 phases"
         ),
-        "best constant e": f"{found.constant:.6g}, off by {found.constant_error:.2g}",
-        "steps in contact": f"{found.steps_min} ... {found.steps_max} of {target.timestep:g} s",
-        "largest penetration": f"{found.penetration_max:.3g} m",
-        "largest force": f"{found.force_max:.4g} N",
+        "best constant e": f"{result.constant:.6g}, off by {result.constant_error:.2g}",
+        "steps in contact": f"{result.steps_min} ... {result.steps_max} of {target.timestep:g} s",
+        "largest penetration": f"{result.penetration_max:.3g} m",
+        "largest force": f"{result.force_max:.4g} N",
         **({"force loop": loop} if has_loop else {}),
         "rests under gravity": (
             f"{'yes' if rest.rests else 'no'}: {'it diverges' if math.isnan(rest.depth) else moves}"
@@ -208,12 +208,12 @@ def _print_interrupted(interrupt: SearchInterrupted, scene: Scene, as_json: bool
     """What a search had found when it was interrupted; the engine has not judged it."""
     best, text = interrupt.best, _snippet(interrupt.best, scene)
     if as_json:
-        search = {
+        progress_made = {
             "evaluations": interrupt.done,
             "at_most": interrupt.budget,
             "max_error_by_model": interrupt.error,
         }
-        head = {"schema": 1, "engine": best.engine, "recipe": best.name, "cut_short": search}
+        head = {"schema": 1, "engine": best.engine, "recipe": best.name, "cut_short": progress_made}
         print_json({**head, "timestep_s": best.timestep, "options": dict(best.options), "paste": text})
         return
     error = f"{interrupt.error:.2g} by the search's own model; the engine has not judged it"

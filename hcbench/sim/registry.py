@@ -35,11 +35,11 @@ def engine(name: str) -> Engine:
     if name not in _entry_points():
         raise _unknown("engine", name, _entry_points())
     try:
-        made = _entry_points()[name].load()()
+        adapter = _entry_points()[name].load()()
     except Exception as error:
         raise EngineFailed(f"{GROUP} {name}", f"could not be loaded: {error}", "") from error
-    assert made.name == name, f"engine {made.name!r} is registered as {name!r}"
-    return made  # type: ignore[no-any-return]
+    assert adapter.name == name, f"engine {adapter.name!r} is registered as {name!r}"
+    return adapter  # type: ignore[no-any-return]
 
 
 def submodule(name: str, part: str) -> Any:
@@ -51,10 +51,10 @@ def submodule(name: str, part: str) -> Any:
 def recipes(name: str) -> dict[str, Recipe]:
     """An engine's recipes by their names, sorted; UserError for an unknown engine."""
     try:
-        made = engine(name).recipes()
+        preferred_first = engine(name).recipes()
     except ImportError as error:
         raise EngineFailed(f"recipes of {name}", f"could not be loaded: {error}", "") from error
-    return {recipe.name: recipe for recipe in sorted(made, key=lambda recipe: recipe.name)}
+    return {recipe.name: recipe for recipe in sorted(preferred_first, key=lambda recipe: recipe.name)}
 
 
 def recipe_names() -> list[str]:
@@ -64,12 +64,12 @@ def recipe_names() -> list[str]:
 
 def recipe(name: str) -> Recipe:
     """The recipe with a name such as "engine.recipe"; UserError when it is unknown."""
-    engine_name, _, own_name = name.partition(".")
-    if engine_name not in names() or own_name not in recipes(engine_name):
+    engine_name, _, recipe_name = name.partition(".")
+    if engine_name not in names() or recipe_name not in recipes(engine_name):
         raise _unknown("recipe", name, recipe_names())
-    return recipes(engine_name)[own_name]
+    return recipes(engine_name)[recipe_name]
 
 
-def _unknown(kind: str, name: str, known: Iterable[str]) -> UserError:
-    expected = f"one of: {', '.join(known) or 'none'}"
+def _unknown(kind: str, name: str, registered: Iterable[str]) -> UserError:
+    expected = f"one of: {', '.join(registered) or 'none'}"
     return UserError(kind, repr(name), expected, "`hcbench engines` lists them")

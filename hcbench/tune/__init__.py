@@ -1,1 +1,1 @@
-"""Settings that match a law: one recipe a file."""
+"""Settings that match a law: what to match, which recipe, and how well the engine then does."""

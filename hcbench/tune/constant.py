@@ -35,8 +35,8 @@ def contact_time(target: Target, steps: float = STEPS_A_CONTACT) -> float:
     Not under `steps`, so that a coarse step still sees a contact: the spring is softer than the law then.
     """
     speed = math.sqrt(target.speed_min * target.speed_max)
-    own = float(closed_form.duration(target.law, target.mass, speed))
-    return max(own, steps * target.timestep)
+    duration = float(closed_form.duration(target.law, target.mass, speed))
+    return max(duration, steps * target.timestep)
 
 
 def spring_damper(restitution: float, duration: float, instead: str) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""A search that reports its progress, and that an interrupt does not rob of what it has found."""
+"""Searches report their progress; one that is interrupted hands out the best that it has found."""
 
 from __future__ import annotations
 
@@ -50,25 +50,18 @@ def map_result(make: Callable[[Any], Any]) -> Iterator[None]:
         raise
 
 
-class EvaluationCount:
-    """Counts the evaluations of a search and reports them."""
+class Search:
+    """Counts the evaluations of a search, reports them and remembers the best."""
 
     def __init__(self, budget: int) -> None:
         self._budget, self._done = budget, 0
+        self._best: tuple[float, Floats] | None = None
 
     def add(self, evaluations: int) -> None:
         """Count evaluations that are done or will not be needed."""
         self._done += evaluations
         if (progress := _progress.get()) is not None:
             progress(min(self._done, self._budget), self._budget)
-
-
-class Search(EvaluationCount):
-    """Counts the evaluations of a search and remembers the best of them."""
-
-    def __init__(self, budget: int) -> None:
-        super().__init__(budget)
-        self._best: tuple[float, Floats] | None = None
 
     def record(self, parameters: Floats, errors: Floats) -> None:
         """Count evaluations: errors of e, shape (n,), at parameters of shape (n, k). NaN is the worst."""

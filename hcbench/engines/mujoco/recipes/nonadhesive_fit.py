@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.recipes.staggered import Band
     from hcbench.engines.mujoco.rows import Solimp
     from hcbench.impact import Floats
-    from hcbench.tune.search import EvaluationCount
+    from hcbench.tune.search import Search
 
 _FORCE_SCALE, _RESTITUTION_SCALE = 1e-3, 2e-5  # one unit of misfit, relative and absolute
 ITERATIONS = 80
@@ -224,7 +224,7 @@ class _LeastSquares:
         return normal, np.einsum("ni,n->i", jacobian, self.goal), unit
 
 
-def levenberg_marquardt(samples: Samples, rows: PushingRows, count: EvaluationCount) -> PushingRows:
+def levenberg_marquardt(samples: Samples, rows: PushingRows, search: Search) -> PushingRows:
     """The same rows with springs and dampers that fit better; keeps the best when it does not converge.
 
     Counts ITERATIONS, whether it needs them or not.
@@ -235,9 +235,9 @@ def levenberg_marquardt(samples: Samples, rows: PushingRows, count: EvaluationCo
     normal, right, unit = problem.linearised(parameters, weights)
     for iteration in range(ITERATIONS):
         if caution >= _MOST_CAUTION:
-            count.add(ITERATIONS - iteration)
+            search.add(ITERATIONS - iteration)
             break
-        count.add(1)
+        search.add(1)
         damping = (caution * misfit) ** 2 / len(parameters)
         root = np.linalg.cholesky(normal + (damping + 1e-12 * np.trace(normal)) * np.eye(len(parameters)))
         right_side = np.linalg.solve(root, right + damping * parameters / unit)

@@ -20,7 +20,7 @@ from hcbench.engines.mujoco.rows import restitution
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.tune.recipe import Recipe, Role
-from hcbench.tune.search import EvaluationCount
+from hcbench.tune.search import Search
 from hcbench.tune.softening import resolvable_law
 
 if TYPE_CHECKING:
@@ -62,12 +62,12 @@ def staggered_push(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     knots = knots_of(band, [], _MISFIT)
     speeds = np.geomspace(target.speed_min, target.speed_max, 3 * _SPEEDS)
     samples = sample(band, speeds[1::3], _POINTS)
-    count = EvaluationCount((len(_GUESSES) + _BEST + 1) * ITERATIONS)
+    search = Search((len(_GUESSES) + _BEST + 1) * ITERATIONS)
     guesses = (initial_rows(samples, band, knots, guess) for guess in _GUESSES)
-    fits = sorted((levenberg_marquardt(samples, rows, count) for rows in guesses), key=lambda f: f.misfit)
+    fits = sorted((levenberg_marquardt(samples, rows, search) for rows in guesses), key=lambda f: f.misfit)
     # The best of them at speeds between those too: only what they leave open is still free.
     samples = sample(band, speeds, _POINTS)
-    best = min((levenberg_marquardt(samples, fit, count) for fit in fits[:_BEST]), key=lambda f: f.misfit)
+    best = min((levenberg_marquardt(samples, fit, search) for fit in fits[:_BEST]), key=lambda f: f.misfit)
     if best.misfit > _WORST:
         raise _beyond(target)
     longest = float(closed_form.duration(law, target.mass, speeds[[0, -1]]).max())
@@ -75,7 +75,7 @@ def staggered_push(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     e = restitution(best.rows(), step, speeds, _PHASES, 1.1 * longest).mean(axis=1)
     bias = e - closed_form.restitution(law.alpha, speeds)
     if np.isfinite(bias).all():  # aim as much below e as a simulation of the engine's own steps is above it
-        best = levenberg_marquardt(replace(samples, bias=bias), best, count)
+        best = levenberg_marquardt(replace(samples, bias=bias), best, search)
     return rows_options(integrator, *best.rows())
 
 
