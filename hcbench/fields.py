@@ -76,18 +76,12 @@ class InUnits:
     def read(self, value: Any) -> float | tuple[float, ...]:
         """The quantity in SI."""
         try:
-            numbers = (
-                tuple(dict.fromkeys(units.parse_values(value, self.quantity).tolist()))
-                if self.several
-                else (units.parse(value, self.quantity),)
-            )
+            if not self.several:
+                return units.parse(value, self.quantity, least=self.least, above=self.above)
+            values = units.parse_values(value, self.quantity, least=self.least, above=self.above)
+            return tuple(dict.fromkeys(values.tolist()))
         except QuantityError as error:
             raise mistake(error.expected, error.got, error.todo) from None
-        low, unit = min(numbers), units.QUANTITIES[self.quantity].unit
-        if not (low >= self.least and low > self.above):
-            bound = f"a value above {self.above:g}" if low <= self.above else f"{self.least:g} {unit} or more"
-            raise mistake(bound, f"{low:g} {unit}".strip())
-        return numbers if self.several else numbers[0]
 
 
 def _finite(value: Any) -> float:

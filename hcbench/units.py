@@ -13,8 +13,6 @@ import numpy as np
 from hcbench.errors import QuantityError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -76,41 +74,38 @@ def _factor(unit: str, si: str) -> float:
     return float(registry.Quantity(1.0, registry.parse_units(unit)).to(si).magnitude)
 
 
-def _si_unit(quantity: Quantity, exponent: float) -> str:
-    return quantity.unit.replace("^n", f"^{exponent!r}")
-
-
-def _scale(unit: str, quantity: Quantity, slot: str, text: str, exponent: float) -> float:
-    si = _si_unit(quantity, exponent)
+def _scale(unit: str, kind: Quantity, slot: str, text: str, exponent: float) -> float:
+    """What one `unit` is in the SI unit of the kind. text: all that the user wrote, for errors."""
     if not unit:
         return 1.0
-    wanted = f"a unit that converts to {si}" if si else "a plain number"
+    si = kind.unit.replace("^n", f"^{exponent!r}")
+    expected, todo = f"a unit that converts to {si}", f"Write for example {kind.example!r}"
     if len(unit) > _LONGEST_UNIT or _TOWER.search(unit):
-        raise QuantityError(
-            slot, f"{text[:80]!r}: not a unit", wanted, f"Write for example {quantity.example!r}"
-        )
+        raise QuantityError(slot, f"{text[:80]!r}: not a unit", expected if si else "a plain number", todo)
     if not si:
-        raise QuantityError(
-            slot, f"{text!r} has the unit {unit!r}", wanted, f"Write for example {quantity.example!r}"
-        )
+        raise QuantityError(slot, f"{text!r} has the unit {unit!r}", "a plain number", todo)
     try:
         return _factor(unit, si)
     except Exception as error:  # Pint raises several unrelated kinds for text that is no unit
         why = "is not a known unit" if "Undefined" in type(error).__name__ else "does not fit"
-        raise QuantityError(
-            slot,
-            f"{text!r}: {unit!r} {why}",
-            wanted,
-            f"Write for example {quantity.example!r}; plain numbers are SI",
-        ) from None
+        got = f"{text!r}: {unit!r} {why}"
+        raise QuantityError(slot, got, expected, f"{todo}; plain numbers are SI") from None
 
 
-def parse(value: object, quantity: str, slot: str = "", exponent: float = 1.5) -> float:
+def parse(
+    value: object,
+    quantity: str,
+    slot: str = "",
+    exponent: float = 1.5,
+    *,
+    least: float = -math.inf,
+    above: float = -math.inf,
+) -> float:
     """One quantity as an SI float.
 
     value: a number (SI already) or text such as "0.008 s/in". quantity: a name in QUANTITIES.
-    slot: what to call it in an error. exponent: n in N/m^n, for a stiffness.
-    Raises QuantityError for text that is no such quantity and for values that are not finite.
+    slot: what to call it in an error. exponent: n in N/m^n, for a stiffness. least, above: bounds, SI.
+    Raises QuantityError for text that is no such quantity and for values not finite or out of bounds.
     """
     kind = QUANTITIES[quantity]
     slot = slot or quantity
@@ -130,34 +125,37 @@ def parse(value: object, quantity: str, slot: str = "", exponent: float = 1.5) -
         raise QuantityError(slot, f"{value!r}", f"a number or text like {kind.example!r}")
     if not math.isfinite(number):
         raise QuantityError(slot, f"{value!r} is not finite", f"a finite number like {kind.example!r}")
+    _require_bounds(number, kind, slot, least, above)
     return number
 
 
-def parse_values(value: object, quantity: str, slot: str = "") -> Floats:
+def parse_values(
+    value: object, quantity: str, slot: str = "", *, least: float = -math.inf, above: float = -math.inf
+) -> Floats:
     """Several quantities, shape (n,), SI: "4, 8, 16 in/s", "1:20 in/s" (20 even values), "1:20:5 in/s" (5).
 
-    A list may mix all of these. Order is kept. Raises QuantityError.
+    A list may mix all of these. Order is kept. least, above: bounds, SI. Raises QuantityError.
     """
     kind = QUANTITIES[quantity]
     slot = slot or quantity
     if isinstance(value, list | tuple | np.ndarray):
-        parts = [parse_values(v, quantity, slot) for v in value]
+        parts = [parse_values(part, quantity, slot, least=least, above=above) for part in value]
         if not parts:
             raise QuantityError(slot, "an empty list", f"at least one value like {kind.example!r}")
         return np.concatenate(parts)
     if not isinstance(value, str) or not re.search(r"[:,]", value):
-        return np.array([parse(value, quantity, slot)])
+        return np.array([parse(value, quantity, slot, least=least, above=above)])
     pieces = [piece.strip() for piece in value.split(",")]
-    unit = _trailing_unit(pieces[-1])
-    out: list[float] = []
+    last_unit = _trailing_unit(pieces[-1])
+    numbers: list[float] = []
     for piece in pieces:
-        own = _trailing_unit(piece)
-        numbers = piece.removesuffix(own).strip()
-        scale = _scale(own or unit, kind, slot, value, 1.5)
-        out.extend(_expand(numbers, slot, value) * scale)
-    if not np.isfinite(out).all():
+        unit = _trailing_unit(piece)
+        scale = _scale(unit or last_unit, kind, slot, value, 1.5)
+        numbers.extend(_expand(piece.removesuffix(unit).strip(), slot, value) * scale)
+    if not np.isfinite(numbers).all():
         raise QuantityError(slot, f"{value[:80]!r} is not finite", f"finite numbers like {kind.example!r}")
-    return np.array(out)
+    _require_bounds(min(numbers), kind, slot, least, above)
+    return np.array(numbers)
 
 
 _SPAN = re.compile(rf"\s*{_PLAIN.pattern}(?:\s*:\s*{_PLAIN.pattern})*\s*(?P<unit>[^\d\s.:+\-].*)?", re.DOTALL)
@@ -184,14 +182,8 @@ def _expand(numbers: str, slot: str, text: str) -> Floats:
     return np.linspace(values[0], values[1], int(count))
 
 
-def require_positive(values: Floats | Iterable[float] | float, quantity: str, slot: str = "") -> None:
-    """Raise QuantityError unless every value is above 0."""
-    kind = QUANTITIES[quantity]
-    for value in np.atleast_1d(np.asarray(values, dtype=float)):
-        if not value > 0:
-            raise QuantityError(
-                slot or quantity,
-                f"{value:g} {kind.unit}".strip(),
-                "a value above 0",
-                f"Write for example {kind.example!r}",
-            )
+def _require_bounds(lowest: float, kind: Quantity, slot: str, least: float, above: float) -> None:
+    if lowest <= above or lowest < least:
+        expected = f"a value above {above:g}" if lowest <= above else f"{least:g} {kind.unit} or more"
+        todo = f"Write for example {kind.example!r}"
+        raise QuantityError(slot, f"{lowest:g} {kind.unit}".strip(), expected, todo)

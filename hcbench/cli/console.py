@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from contextlib import contextmanager
@@ -37,10 +38,7 @@ class Quantity(click.types.StringParamType):
 
         slot = param.opts[0] if param else ""
         read = units.parse_values if self.several else units.parse
-        number = read(value, self.quantity, slot)
-        if self.positive:
-            units.require_positive(number, self.quantity, slot)
-        return number
+        return read(value, self.quantity, slot, above=0.0 if self.positive else -math.inf)
 
 
 NUMBER, ALPHA, ALPHAS = Quantity("number"), Quantity("alpha"), Quantity("alpha", several=True)

@@ -159,8 +159,7 @@ def _points(text: str) -> Points:
         if not colon:
             expected = "pairs like '0.1:0.95, 0.5:0.85 m/s' or a CSV file that exists"
             raise UserError("--points", repr(text), expected)
-        v = units.parse(f"{speed} {unit}".strip(), "speed", "--points")
-        units.require_positive(v, "speed", "--points")
+        v = units.parse(f"{speed} {unit}".strip(), "speed", "--points", above=0)
         points.append((v, units.parse(e, "number", "--points")))
     return tuple(points)
 

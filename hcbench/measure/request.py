@@ -24,23 +24,17 @@ def make_request(
     height: Any = None,
 ) -> Request:
     """A request from what a user writes: text with units, lists, single numbers. Raises QuantityError."""
-    values = DEFAULT_SPEEDS if speeds is None else units.parse_values(speeds, "speed", "speeds").tolist()
-    units.require_positive(values, "speed", "speeds")
+    values = DEFAULT_SPEEDS if speeds is None else units.parse_values(speeds, "speed", "speeds", above=0)
     if len(set(values)) != len(values):
         raise QuantityError("speeds", f"{speeds!r} has a speed twice", "each speed once")
-    step = None if timestep is None else units.parse(timestep, "timestep", "timestep")
-    clearance = None if height is None else units.parse(height, "length", "height")
-    for slot, value, kind in (("timestep", step, "timestep"), ("height", clearance, "length")):
-        if value is not None:
-            units.require_positive(value, kind, slot)
     return Request(
         pair=_pair(pair),
         speeds=tuple(float(v) for v in values),
         phases=_phases(DEFAULT_PHASES if phases is None else phases),
-        timestep=step,
+        timestep=None if timestep is None else units.parse(timestep, "timestep", above=0),
         gravity=_gravity(gravity),
         key=None if key is None else str(key),
-        height=clearance,
+        height=None if height is None else units.parse(height, "length", "height", above=0),
         skip_redundant_phases=phases is None,
     )
 
