@@ -19,7 +19,6 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import brentq
 
 from hcbench.impact import Loop
 from hcbench.laws.force import KelvinVoigt
@@ -56,6 +55,8 @@ def damping_ratio_for(e: float, ending: Ending) -> float:
     within(
         "restitution", e, np.nextafter(0.0, 1.0), 1.0, "0 < e <= 1; no damping, however large, gives e = 0"
     )
+    from scipy.optimize import brentq  # slow to import, and not every engine needs it
+
     loss = -np.log(e)
     if ending is Ending.SURFACE:
         return float(loss / np.hypot(np.pi, loss))

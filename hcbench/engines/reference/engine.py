@@ -12,7 +12,7 @@ import hcbench
 from hcbench.errors import SettingError
 from hcbench.fields import read_numbers
 from hcbench.impact import Impact, Launch, Status
-from hcbench.laws import closed_form, kelvin_voigt, ode
+from hcbench.laws import closed_form, kelvin_voigt
 from hcbench.laws.bounces import successive_bounces
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.laws.published import LAWS, TouchSpeedLaw, law_named
@@ -110,6 +110,8 @@ def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float
     elif gravity == 0.0 and kelvin_voigt.damping_ratio(law, mass) < 1.0:  # type: ignore[arg-type]
         impact = _closed_kelvin_voigt(law, mass, speed, timestep)  # type: ignore[arg-type]
     else:
+        from hcbench.laws import ode  # slow to import: SciPy's integrators
+
         impact = ode.impact(law, mass, speed, gravity=gravity, count=2 * _POINTS_MIN - 1)
     if impact.loop is not None:
         for array in (impact.loop.time, impact.loop.penetration, impact.loop.rate, impact.loop.force):
