@@ -22,6 +22,14 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
     from hcbench.setting import Setting
 
+MEASURED = {  # column -> attribute of an Impact
+    "speed_in_m_per_s": "speed_in",
+    "speed_out_m_per_s": "speed_out",
+    "duration_s": "duration",
+    "penetration_max_m": "penetration_max",
+    "force_max_n": "force_max",
+}
+
 
 @dataclass(frozen=True, slots=True)
 class Batch:
@@ -54,13 +62,11 @@ def columns_of(impacts: Sequence[Impact]) -> dict[str, Any]:
         "phase": [impact.launch.phase for impact in impacts],
         "status": [impact.status.value for impact in impacts],
         "reason": [impact.reason for impact in impacts],
-        "speed_in_m_per_s": np.array([impact.speed_in for impact in impacts], dtype=np.float64),
-        "speed_out_m_per_s": np.array([impact.speed_out for impact in impacts], dtype=np.float64),
         "restitution": np.array([impact.restitution for impact in impacts], dtype=np.float64),
-        "duration_s": np.array([impact.duration for impact in impacts], dtype=np.float64),
-        "penetration_max_m": np.array([impact.penetration_max for impact in impacts], dtype=np.float64),
-        "force_max_n": np.array([impact.force_max for impact in impacts], dtype=np.float64),
         "samples": np.array([impact.samples for impact in impacts], dtype=np.int64),
+    } | {
+        column: np.array([getattr(impact, name) for impact in impacts], dtype=np.float64)
+        for column, name in MEASURED.items()
     }
 
 

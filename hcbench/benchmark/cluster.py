@@ -58,9 +58,11 @@ def _require_workers(client: Any, address: str) -> None:
             "one at least",
             "Start some: `dask worker`",
         ) from None
-    own = hcbench.__version__
+    here = hcbench.__version__
     # In the standard library's words: a worker without hcbench can say so.
-    for worker, found in client.run(version, "hcbench", on_error="return").items():
-        if found != own:
-            got = "no hcbench" if isinstance(found, Exception) else f"hcbench {found}"
-            raise CannotRun("worker", f"{worker} has {got}", f"hcbench {own}", f"On every worker: {_INSTALL}")
+    for worker, there in client.run(version, "hcbench", on_error="return").items():
+        if there != here:
+            got = "no hcbench" if isinstance(there, Exception) else f"hcbench {there}"
+            raise CannotRun(
+                "worker", f"{worker} has {got}", f"hcbench {here}", f"On every worker: {_INSTALL}"
+            )

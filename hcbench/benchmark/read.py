@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench import scoring
+from hcbench.benchmark.batch import MEASURED
 from hcbench.benchmark.files import open_files
 from hcbench.benchmark.results import LOOP_COLUMNS, RUN_KEY, TRAIN_COLUMNS, Results
 from hcbench.benchmark.store import DESCRIPTION, Store
@@ -120,13 +121,9 @@ def _impact(row: Any, kept: Mapping[Any, Loop]) -> Impact:
         launch=Launch(*launch),
         status=Status(row.status),
         reason=row.reason,
-        speed_in=row.speed_in_m_per_s,
-        speed_out=row.speed_out_m_per_s,
-        duration=row.duration_s,
-        penetration_max=row.penetration_max_m,
-        force_max=row.force_max_n,
         samples=row.samples,
         loop=kept.get(launch),
+        **{name: getattr(row, column) for column, name in MEASURED.items()},
     )
 
 

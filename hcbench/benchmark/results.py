@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from hcbench.setting import Setting
 
 SCHEMA = 1
+TABLES = ("restitution", "loops", "scores", "trains")
 RUN_KEY = ["scene", "engine", "setting", "alpha_s_per_m", "timestep_s"]  # one setting at one step for one α
 
 IMPACT_COLUMNS = [
@@ -44,6 +45,8 @@ IMPACT_COLUMNS = [
     "force_max_n",
     "samples",
 ]
+TRAIN_COLUMNS = [*RUN_KEY, "bounce", "height_m", "height_law_m"]
+LOOP_COLUMNS = [*RUN_KEY, "speed_m_per_s", "phase", "time_s", "penetration_m", "rate_m_per_s", "force_n"]
 
 
 def run_key(scene: Scene, setting: Setting, alpha: float) -> dict[str, Any]:
@@ -52,13 +55,8 @@ def run_key(scene: Scene, setting: Setting, alpha: float) -> dict[str, Any]:
     return dict(zip(RUN_KEY, values, strict=True))
 
 
-TABLES = ("restitution", "loops", "scores", "trains")
-TRAIN_COLUMNS = [*RUN_KEY, "bounce", "height_m", "height_law_m"]
-LOOP_COLUMNS = [*RUN_KEY, "speed_m_per_s", "phase", "time_s", "penetration_m", "rate_m_per_s", "force_n"]
-
-
 def _no_trains() -> pd.DataFrame:
-    import pandas as pd  # here, as sweeps and the processes that fly need none of it
+    import pandas as pd  # here, as sweeps and worker processes need none of it
 
     return pd.DataFrame(columns=TRAIN_COLUMNS)
 

@@ -73,7 +73,7 @@ class Store:
             if strangers:
                 got = f"{self.where} holds {strangers[0]!r} and no sweep"
                 raise UserError("folder", got, "an empty or a new folder")
-            self.write(DESCRIPTION, content)
+            self._write(DESCRIPTION, content)
         elif (difference := _difference(there, json.loads(content))) is not None:
             raise UserError(
                 "folder",
@@ -147,8 +147,8 @@ class Store:
     def write_shard(self, shard: ShardFiles) -> None:
         """A shard, whole or not at all: it is there when its impacts are, which come last."""
         if shard.loops:
-            self.write(_loops_name(shard.number, digest(shard.loops)), shard.loops)
-        self.write(_shard_name(shard.number, shard.impacts), shard.impacts)
+            self._write(_loops_name(shard.number, digest(shard.loops)), shard.loops)
+        self._write(_shard_name(shard.number, shard.impacts), shard.impacts)
 
     def bounces(self) -> bytes | None:
         """The table of bounces under gravity; None where there is none that is whole."""
@@ -164,7 +164,7 @@ class Store:
         with self._output_errors("a folder that can be read and written to"):
             for name in filter(_BOUNCES.fullmatch, self._files.names()):
                 self._files.move(name, f"{DAMAGED}/{name}")
-        self.write(_bounces_name(table), table)
+        self._write(_bounces_name(table), table)
 
     def write_summary(self, settings: Sequence[Mapping[str, Any]], summaries: Sequence[Summary]) -> None:
         """Bring the summary up to date: one line a setting, α and step, in the study's order."""
@@ -176,9 +176,9 @@ class Store:
             key = tuple(setting[name] for name in RUN_KEY)
             line = lines.get(key, nothing)
             writer.writerow([*key, *(line.get(name, "") for name in SUMMARY)])
-        self.write(SUMMARY_FILE, text.getvalue().encode())
+        self._write(SUMMARY_FILE, text.getvalue().encode())
 
-    def write(self, name: str, content: bytes) -> None:
+    def _write(self, name: str, content: bytes) -> None:
         """A file, whole or not at all."""
         with self._output_errors("room for it in a folder that can be written to"):
             self._files.write(name, content)

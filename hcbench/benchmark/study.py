@@ -68,12 +68,11 @@ class Study:
 
     def described(self) -> dict[str, Any]:
         """As JSON, defaults filled in."""
-        own = {
-            f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in ("scene", "runs")
-        }
+        names = [f.name for f in dataclasses.fields(self) if f.name not in ("scene", "runs")]
+        values = {name: getattr(self, name) for name in names}
         scene = self.scene
         return {
-            **{k: list(v) if isinstance(v, tuple) else v for k, v in own.items()},
+            **{k: list(v) if isinstance(v, tuple) else v for k, v in values.items()},
             "scene": scene.name,
             "form": scene.form,
             "gravity": scene.gravity,
@@ -147,18 +146,16 @@ def find_study(name: str) -> Path:
         for candidate in (folder / name / "study.toml", folder / f"{name}.toml"):
             if candidate.is_file():
                 return candidate
-    known = sorted(
-        {p.parent.name if p.name == "study.toml" else p.stem for f in _BUILT_IN for p in f.glob("**/*.toml")}
-    )
+    built_in = sorted({name_of(p) for folder in _BUILT_IN for p in folder.glob("**/*.toml")})
     raise StudyError(
-        "study", f"{name!r} was not found", f"a study.toml, its folder, or one of: {', '.join(known)}"
+        "study", f"{name!r} was not found", f"a study.toml, its folder, or one of: {', '.join(built_in)}"
     )
 
 
 def name_of(path: Path) -> str:
     """What a study's file is called by: its folder for a study.toml, its own name for any other."""
-    own = path.parent.resolve().name if path.name == "study.toml" else path.stem
-    return own or path.stem
+    name = path.parent.resolve().name if path.name == "study.toml" else path.stem
+    return name or path.stem
 
 
 def load_study(path: str | Path) -> Study:
