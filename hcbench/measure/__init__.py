@@ -1,4 +1,4 @@
-"""Measures a pair of the user's own model, in MuJoCo or PyBullet, as the model has it."""
+"""Measures how a pair of bodies in the user's own model bounces, as the model has it."""
 
 from __future__ import annotations
 
