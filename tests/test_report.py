@@ -324,6 +324,10 @@ def test_a_setting_looks_the_same_in_every_study() -> None:
     assert among["drake", "impulse"].dashes != among["mujoco", "impulse"].dashes
 
 
+def test_engines_have_their_titles_and_those_that_are_not_installed_their_names() -> None:
+    assert [wording.engine_title(name) for name in ("mujoco", "nowhere")] == ["MuJoCo", "nowhere"]
+
+
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=14))
 def test_labels_keep_their_order_and_never_overlap(wanted: list[float]) -> None:
     places = plot_style.declutter(np.array(wanted), 0.05, 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""The gate: models held against a law, a constant, measured pairs, or their own past.
+"""Checks whether a model's restitution is as wanted: by a law, a constant, measured pairs or a baseline.
 
 from hcbench.check import CheckSpec, check
 

@@ -1,12 +1,12 @@
-"""A baseline: the bounce of a model as it was when it was good, to hold later ones against."""
+"""A baseline: the measured bounce of a model, stored so that later versions can be compared with it."""
 
 from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from hcbench._files import json_text, write_text
 from hcbench.errors import UserError
@@ -23,7 +23,7 @@ KIND = "hcbench baseline"
 
 
 class BaselineImpact(BaseModel):
-    """One impact; restitution None where there was none."""
+    """One impact; restitution NaN where there was none, null in the file."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -31,7 +31,7 @@ class BaselineImpact(BaseModel):
     phase: float = Field(ge=0, lt=1)
     height_m: float | None
     status: Status
-    restitution: float | None
+    restitution: Annotated[float, BeforeValidator(lambda e: math.nan if e is None else e)]
 
     @property
     def launch(self) -> Launch:
@@ -59,13 +59,10 @@ class Baseline(BaseModel):
         """Phases of the launches, in order."""
         return list(dict.fromkeys(impact.phase for impact in self.impacts))
 
-    def restitutions(self) -> dict[Launch, float]:
-        """e of each launch; NaN where there was none."""
-        return {i.launch: math.nan if i.restitution is None else i.restitution for i in self.impacts}
-
-    def statuses(self) -> dict[Launch, Status]:
-        """How each launch ended."""
-        return {impact.launch: impact.status for impact in self.impacts}
+    @property
+    def by_launch(self) -> dict[Launch, BaselineImpact]:
+        """The impact of each launch."""
+        return {impact.launch: impact for impact in self.impacts}
 
 
 def write_baseline(path: Path, measured: Mapping[str, Measurement]) -> None:
@@ -92,8 +89,10 @@ def _record(measurement: Measurement) -> dict[str, Any]:
 
 
 def read_baseline(path: Path, name: str) -> Baseline:
-    """What a baseline file says of one check. Raises UserError for a file of another kind or schema, for one
-    that was damaged, and for a check that is not in it.
+    """The baseline of one check in a file.
+
+    Raises UserError for a file of another kind or schema, for one that was damaged, and for a check that is
+    not in it.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""`hcbench check` without the printing: from a specification to a report and its files."""
+"""Runs the checks of a model, of a file or of a study, and writes their results to files."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ class Outputs:
 def check(
     spec: CheckSpec, outputs: Outputs | None = None, jobs: int = 1, progress: Progress = None
 ) -> Report:
-    """Check what `spec.model` names and write what `outputs` asks for.
+    """Run the checks that a specification names, and write files of the results.
 
-    model: () for the [tool.hcbench] of ./pyproject.toml; a TOML file with such a table; a study or the
+    spec.model: () for the [tool.hcbench] of ./pyproject.toml; a TOML file with such a table; a study or the
         folder of its report; else a model.
     Raises UserError for what cannot be planned, and OutputError for what cannot be written.
     """
@@ -70,7 +70,7 @@ def _run(spec: CheckSpec, jobs: int, progress: Progress) -> Report:
 
 
 def _listed(path: Path, spec: CheckSpec) -> list[Check]:
-    """The checks of a table; what the user adds beside it counts for all of them."""
+    """The checks of a file; a limit or baseline given beside the file counts for all of them."""
     for_all = {"model", "reading", "baseline", "max_error", "limit"}
     for name in CheckSpec.model_fields:
         if name not in for_all and getattr(spec, name) is not None:
@@ -103,7 +103,7 @@ def _check_study(path: Path, spec: CheckSpec, jobs: int, progress: Progress) -> 
 
 
 def _require_writable(outputs: Outputs) -> None:
-    """Refuse before measuring what could not be written after."""
+    """Raises OutputError for a file that could not be written, before anything is measured."""
     for field in dataclasses.fields(outputs):
         path: Path | None = getattr(outputs, field.name)
         if path is not None and (path.is_dir() or not path.parent.is_dir()):

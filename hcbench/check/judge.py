@@ -101,8 +101,8 @@ def _wanted(check: Check, measurement: Measurement) -> Callable[[Impact], float]
             "the same engine",
             "Write a baseline of its own for each engine",
         )
-    restitutions = baseline.restitutions()
-    return lambda impact: restitutions.get(impact.launch, math.nan)
+    before = baseline.by_launch
+    return lambda impact: before[impact.launch].restitution if impact.launch in before else math.nan
 
 
 def _verdict(check: Check, measurement: Measurement, rows: Sequence[SpeedRow]) -> tuple[Verdict, str]:
@@ -131,7 +131,7 @@ def _within(worst: SpeedRow, max_error: float) -> tuple[Verdict, str]:
 
 def _newly_failed(check: Check, measurement: Measurement) -> list[Impact]:
     """Impacts that have no e now, unless they ended the same way in the baseline."""
-    before = check.baseline.statuses() if check.baseline is not None else {}
+    before = {} if check.baseline is None else {i.launch: i.status for i in check.baseline.impacts}
     return [impact for impact in measurement.failed if before.get(impact.launch) != impact.status]
 
 

@@ -1,4 +1,4 @@
-"""What came of checks as JUnit XML, which every CI shows."""
+"""The results of checks as JUnit XML, which CI systems show."""
 
 from __future__ import annotations
 

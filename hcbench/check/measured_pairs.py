@@ -23,9 +23,9 @@ _EXAMPLE = "Begin the file with a line like: speed [m/s],restitution"
 
 
 def read_pairs(path: Path) -> tuple[tuple[float, float], ...]:
-    """(v m/s, e) from a file, in order of speed. Separators: comma, semicolon or tab; # begins a remark.
+    """Pairs (v m/s, e) from a file, speeds rising. Separators: comma, semicolon or tab; # begins a comment.
 
-    Raises UserError that names the file, the line, what stood there and what should.
+    Raises UserError with the file, the line, what it has and what was expected.
     """
     try:
         if path.stat().st_size > _LARGEST:
@@ -43,19 +43,20 @@ def read_pairs(path: Path) -> tuple[tuple[float, float], ...]:
     speed_at, unit = _header(path, rows[0][1])
     pairs = dict[float, float]()
     for n, cells in rows[1:]:
+        where = f"{path}, line {n}"
         if len(cells) != 2:
-            raise UserError("pairs", f"{path}, line {n}: {len(cells)} cells", "2")
-        speed = _number(path, n, cells[speed_at])
-        e = _number(path, n, cells[1 - speed_at])
-        speed = units.parse(f"{speed!r} {unit}", "speed", f"{path}, line {n}")
+            raise UserError("pairs", f"{where}: {len(cells)} cells", "2")
+        for cell in (cells[speed_at], cells[1 - speed_at]):
+            if not math.isfinite(_float(cell)):
+                raise UserError("pairs", f"{where}: {sanitized(cell.strip())!r}", "a number")
+        speed = units.parse(f"{_float(cells[speed_at])!r} {unit}", "speed", where)
+        e = _float(cells[1 - speed_at])
         if not speed > 0:
-            raise UserError("pairs", f"{path}, line {n}: speed {speed:g} m/s", "above 0")
+            raise UserError("pairs", f"{where}: speed {speed:g} m/s", "above 0")
         if not 0 <= e <= 1:
-            raise UserError("pairs", f"{path}, line {n}: restitution {e:g}", "0 ... 1")
+            raise UserError("pairs", f"{where}: restitution {e:g}", "0 ... 1")
         if speed in pairs:
-            raise UserError(
-                "pairs", f"{path}, line {n}: {speed:.6g} m/s stands there twice", "each speed once"
-            )
+            raise UserError("pairs", f"{where}: {speed:.6g} m/s stands there twice", "each speed once")
         pairs[speed] = e
     if not pairs:
         raise UserError("pairs", f"{path} has a header and no pairs", "at least one")
@@ -76,36 +77,22 @@ def _header(path: Path, cells: list[str]) -> tuple[int, str]:
     ]
     at = 1 if is_e[0] and not is_e[1] else 0
     match = names[at]
-    if all(_is_number(cell) for cell in cells):
+    if not any(math.isnan(_float(cell)) for cell in cells):
         raise UserError("pairs", f"{path} has no header", "the unit of the speed in one", _EXAMPLE)
     if match is None or not match["unit"]:
-        raise UserError(
-            "pairs",
-            f"{path}: the header {sanitized(cells[at].strip())!r} names no unit",
-            "a unit of speed",
-            _EXAMPLE,
-        )
+        got = f"{path}: the header {sanitized(cells[at].strip())!r} names no unit"
+        raise UserError("pairs", got, "a unit of speed", _EXAMPLE)
     try:
         units.parse(f"1 {match['unit']}", "speed", "pairs")
     except QuantityError:
-        raise UserError(
-            "pairs",
-            f"{path}: {sanitized(match['unit'])!r} is not a unit of speed",
-            "m/s, in/s or the like",
-            _EXAMPLE,
-        ) from None
+        got = f"{path}: {sanitized(match['unit'])!r} is not a unit of speed"
+        raise UserError("pairs", got, "m/s, in/s or the like", _EXAMPLE) from None
     return at, match["unit"]
 
 
-def _is_number(text: str) -> bool:
+def _float(text: str) -> float:
+    """NaN for what is no number."""
     try:
-        float(text)
+        return float(text)
     except ValueError:
-        return False
-    return True
-
-
-def _number(path: Path, line: int, text: str) -> float:
-    if not _is_number(text) or not math.isfinite(float(text)):
-        raise UserError("pairs", f"{path}, line {line}: {sanitized(text.strip())!r}", "a number")
-    return float(text)
+        return math.nan

@@ -1,4 +1,4 @@
-"""How checks end: frozen records."""
+"""Results of checks."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def worst_of(rows: Sequence[SpeedRow]) -> SpeedRow | None:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of one check.
+    """The result of one check.
 
     against: what it was held against, in words. max_error: the limit; NaN where it was held against nothing.
     message: one line. worst: the row that decides.

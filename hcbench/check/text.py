@@ -1,4 +1,4 @@
-"""What came of checks, for a terminal, for a Markdown summary, and as JSON."""
+"""The results of checks for a terminal, as a Markdown summary, and as JSON."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _HEADER = ("launched m/s", "at touch m/s", "e", "lowest", "highest", "wanted", "
 
 
 def as_text(report: Report) -> str:
-    """For a terminal: the tables of all checks, then one line each."""
+    """The tables of all checks, then one line each, for a terminal."""
     parts = [outcome_text(outcome) for outcome in report.outcomes]
     if len(report.outcomes) > 1:
         parts.append("\n".join(summary_line(outcome) for outcome in report.outcomes))
@@ -67,7 +67,7 @@ def _cells(row: SpeedRow) -> tuple[str, ...]:
 
 
 def as_record_of(report: Report) -> dict[str, Any]:
-    """JSON-able; NaN stands for nothing to say."""
+    """What `--json` prints; NaN where a number does not apply."""
     return {
         "schema": SCHEMA,
         "kind": "hcbench check",
@@ -91,7 +91,7 @@ def _record(outcome: Outcome) -> dict[str, Any]:
 
 
 def as_markdown(report: Report) -> str:
-    """For a CI's step summary. Names come from models: nothing in them is taken as markup."""
+    """A Markdown summary for a CI step. Names come from models: nothing in them is taken as markup."""
     lines = ["### Restitution", "", "| | check | against | result |", "|---|---|---|---|"]
     for o in report.outcomes:
         cells = (_MARKS[o.verdict], f"**{_safe(o.name)}**", _safe(o.against), _safe(o.message))
@@ -110,6 +110,6 @@ def as_markdown(report: Report) -> str:
 
 
 def _safe(text: str) -> str:
-    """Text that Markdown and HTML leave alone."""
+    """Text with everything escaped that Markdown or HTML would interpret."""
     escaped = html.escape(sanitized(text), quote=True)
     return re.sub(r"[\\`*_{}\[\]()#+!|~@:]", lambda m: f"&#{ord(m[0])};", escaped)

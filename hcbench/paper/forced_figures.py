@@ -30,36 +30,37 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How much the forced pictures compute: values of the bifurcation, its cycles, values of the response.
+    """How much the forced figures compute.
 
-    timestep: of the engines, s, where the mass is clear; a quarter of it where it is squeezed. jobs:
-    processes for the bifurcation; they change the time, not the picture.
+    frequencies, cycles, drawn_cycles: of the bifurcation, the last cycles being drawn. response_frequencies:
+    of the response. timestep: of the engines, s, where the mass is clear; a quarter of it where it is
+    squeezed. jobs: processes for the bifurcation; they change the time, not the figure.
     """
 
-    values: int
+    frequencies: int
     cycles: int
-    kept: int
-    response: int
+    drawn_cycles: int
+    response_frequencies: int
     timestep: float
     jobs: int = 1
 
 
-FULL = Effort(values=240, cycles=100, kept=36, response=84, timestep=4e-6)
-QUICK = Effort(values=6, cycles=6, kept=3, response=6, timestep=2e-5)
-
+FULL = Effort(240, cycles=100, drawn_cycles=36, response_frequencies=84, timestep=4e-6)
+QUICK = Effort(6, cycles=6, drawn_cycles=3, response_frequencies=6, timestep=2e-5)
 
 LAW = constants.law(constants.ALPHAS[-1])
 SQUEEZED, FORCES = VibroImpact(constants.MASS, -1e-5, LAW, LAW), (4.0, 120.0, 400.0)
 LOOSE, PUSH = VibroImpact(constants.MASS, 1.5e-3, LAW, LAW), 150.0
-STAND_IN_SPEED = 0.4
+STAND_IN_SPEED = 0.4  # m/s, at which other contacts are as the law
 
 
 def response_figure(effort: Effort) -> Figure:
     """Amplitude over force and frequency of the squeezed mass, against the linearised one."""
     linear = linearized(SQUEEZED)
     # Two thirds of the frequencies where the peaks are.
-    near = np.linspace(0.86, 1.12, effort.response - 2 * (effort.response // 6))
-    away = (np.linspace(*ends, effort.response // 6) for ends in ((0.4, 0.84), (1.14, 1.7)))
+    sixth = effort.response_frequencies // 6
+    near = np.linspace(0.86, 1.12, effort.response_frequencies - 2 * sixth)
+    away = (np.linspace(*ends, sixth) for ends in ((0.4, 0.84), (1.14, 1.7)))
     f = np.sort(np.concatenate([near, *away])) * linear.resonance
     figure = new_figure(7.6, 4.0)
     axes = figure.subplots()
@@ -86,7 +87,7 @@ _OVERLAID = (0, 1, 5, 4)  # line styles with ever more gaps: these lines lie on 
 def _in_engine(
     name: str, tuned_at: float | None, effort: Effort
 ) -> tuple[EngineTrajectory, EngineTrajectory]:
-    """With a gap all of it, squeezed the last cycle; EngineMissing where the engine is not there."""
+    """The motion of the clear mass, and the last cycle of the squeezed one. Raises EngineMissing."""
     clear = simulate_in_engine(
         name, LOOSE, 0.0, START, CLEAR_FOR, CLEAR, timestep=effort.timestep, tuned_at=tuned_at
     )
@@ -106,9 +107,8 @@ def _contact_names(name: str, tuned_at: float | None) -> list[str]:
 
 
 def engines_figure(effort: Effort) -> tuple[Figure, str]:
-    """The clear and the squeezed mass in the engines that are installed, over the reference.
-
-    With how far each is from it: the largest distance over the reference's largest.
+    """The clear and the squeezed mass in the engines that are installed, over the reference; and, in words,
+    the largest distance of each from the reference, over the reference's largest value.
     """
     figure = new_figure(8.6, 4.4)
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
@@ -118,7 +118,7 @@ def engines_figure(effort: Effort) -> tuple[Figure, str]:
     broad: dict[str, Any] = {"color": GREY, "linewidth": 4.5, "alpha": 0.55, "label": "reference, eq. (16)"}
     handles = left.plot(clear.time * 1e3, clear.position * 1e3, **broad)
     right.plot(squeezed.position * 1e6, squeezed.resultant, **broad)
-    apart = []
+    distances = []
     cases = [(name, tuned_at) for tuned_at in (None, STAND_IN_SPEED) for name in engines_with_two_blocks()]
     for i, (name, tuned_at) in zip(cycle(_OVERLAID), cases, strict=False):
         with suppress(EngineMissing):
@@ -128,10 +128,10 @@ def engines_figure(effort: Effort) -> tuple[Figure, str]:
             label = f"{title} {'; right: '.join(contacts)}"
             handles += left.plot(free.time * 1e3, free.position * 1e3, **line, label=label)
             right.plot(pressed.position * 1e6, pressed.resultant, **line)
-            off = _off(free.time, free.position, clear, clear.position)
-            loop = _off(pressed.time, pressed.resultant, squeezed, squeezed.resultant)
+            path = _distance(free.time, free.position, clear, clear.position)
+            loop = _distance(pressed.time, pressed.resultant, squeezed, squeezed.resultant)
             both = ", ".join(f"{title} {contact}" for contact in contacts)
-            apart.append(f"{both} {_percent(off)} and {_percent(loop)}")
+            distances.append(f"{both} {_percent(path)} and {_percent(loop)}")
     left.set_xlabel("time, ms")
     left.set_ylabel("position, mm")
     left.set_title("gap 1.5 mm")
@@ -139,12 +139,13 @@ def engines_figure(effort: Effort) -> tuple[Figure, str]:
     right.set_ylabel("force against it, N")
     right.set_title("squeezed by 5 µm")
     legend_below(figure, handles)
-    return figure, f" {'; '.join(apart)}." if apart else " No engine is installed."
+    return figure, f" {'; '.join(distances)}." if distances else " No engine is installed."
 
 
-def _off(time: Floats, values: Floats, truth: SimulatedMotion, wanted: Floats) -> float:
-    """Largest distance of a series from the reference's, over its largest."""
-    return float(np.abs(values - np.interp(time, truth.time, wanted)).max() / np.abs(wanted).max())
+def _distance(time: Floats, values: Floats, reference: SimulatedMotion, expected: Floats) -> float:
+    """Largest distance of a series from the reference's, over the largest of that."""
+    errors = values - np.interp(time, reference.time, expected)
+    return float(np.abs(errors).max() / np.abs(expected).max())
 
 
 def _percent(share: float) -> str:
@@ -155,25 +156,21 @@ def bifurcation_figure(effort: Effort) -> tuple[Figure, str]:
     """Velocity once a cycle over the drive's frequency, for (16) and for its piecewise linear stand-in."""
     figure = new_figure(8.6, 6.0)
     panels = figure.subplots(2, 1, sharex=True, sharey=True)
-    f = np.linspace(60.0, 120.0, effort.values)
+    f = np.linspace(60.0, 120.0, effort.frequencies)
+    cycles, drawn = effort.cycles, effort.drawn_cycles
     stand_in = kelvin_voigt_blocks(LOOSE, STAND_IN_SPEED)
     title = f"spring and damper (4), same e and contact time at {STAND_IN_SPEED:g} m/s"
     pictures = ((LOOSE, BLUE, "eq. (16)"), (stand_in, ORANGE, title))
     for axes, (system, colour, name) in zip(panels, pictures, strict=True):
-        run = orbits(
-            system, Sinusoid(PUSH, 1.0), "frequency", f, effort.cycles, effort.kept, jobs=effort.jobs
-        )
-        _dots(axes, np.repeat(f, effort.kept), run.velocity.ravel(), colour)
+        run = orbits(system, Sinusoid(PUSH, 1.0), "frequency", f, cycles, drawn, jobs=effort.jobs)
+        _draw_dots(axes, np.repeat(f, drawn), run.velocity.ravel(), colour)
         axes.set_title(name)
         axes.set_ylabel("velocity once a cycle, m/s")
     panels[1].set_xlabel("frequency of the drive, Hz")
-    size = (
-        f" {effort.values} frequencies, {effort.cycles} cycles each from rest, the last {effort.kept} drawn."
-    )
-    return figure, size
+    return figure, f" {len(f)} frequencies, {cycles} cycles each from rest, the last {drawn} drawn."
 
 
-def _dots(axes: Axes, x: Floats, y: Floats, colour: str) -> None:
+def _draw_dots(axes: Axes, x: Floats, y: Floats, colour: str) -> None:
     """Thousands of dots as one line of round ends: a tenth of the bytes that markers take."""
     nowhere = np.full_like(x, np.nan)
     tiny = 5e-4 * float(np.ptp(x))  # a line of no length is not drawn

@@ -54,9 +54,9 @@ def _mark_depth(axes: Axes, x: float) -> None:
 
 
 def figure_1() -> tuple[Figure, str]:
-    """(a) the loop of (4), (b) the loop of (16), with the same restitution and contact time.
+    """The loops of (4) and of (16), with the same restitution and contact time.
 
-    With what (4) returns in its other reading, where contact ends as soon as the force does.
+    And, in words, what (4) returns if contact ends as soon as the force does.
     """
     law, mass = HuntCrossley(1.0, SKETCH_ALPHA_SPEED), 1.0
     e = float(closed_form.restitution(law.alpha, 1.0))

@@ -139,7 +139,7 @@ def figure_8() -> Figure:
 
 
 def figure_9() -> tuple[Figure, str]:
-    """Squeezed, no impact: the sum is nearly the ellipse of Kelvin and Voigt; with how nearly."""
+    """Squeezed, no impact: the sum is nearly the ellipse of Kelvin and Voigt; and, in words, how nearly."""
     figure, run, system = _overlap(0.3)
     linear = linearized(system)
     off = run.resultant - linear.stiffness * run.position - linear.damping * run.velocity

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pandas as pd
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
@@ -12,7 +13,6 @@ from hcbench.report.plot_style import GREY, INK, LAW, SLATE, draw_loop, new_figu
 from hcbench.units import INCH, POUND_FORCE
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -55,13 +55,10 @@ def loops_figure(view: View, runs: list[RunKey]) -> Figure:
     """Absolute loops, one panel a setting, the law's behind them."""
     law_loops = {v: view.law_loop(v) for v in sorted({v for run in runs for v in view.loops[run]})}
     figure, panels, columns = _panels(len(runs))
-    loops = [loop for run in runs for loop in view.loops[run].values()]
-    depths = [loop["penetration_m"].max() for loop in loops] + [
-        law.penetration.max() for law in law_loops.values()
-    ]
-    forces = [loop["force_n"].max() for loop in loops] + [law.force.max() for law in law_loops.values()]
-    deepest, hardest = 1e6 * max(depths), max(forces)
-    pull = min(0.0, *(loop["force_n"].min() for loop in loops))
+    loops = pd.concat([loop for run in runs for loop in view.loops[run].values()])
+    deepest = 1e6 * max(loops["penetration_m"].max(), *(law.penetration.max() for law in law_loops.values()))
+    hardest = max(loops["force_n"].max(), *(law.force.max() for law in law_loops.values()))
+    pull = min(0.0, loops["force_n"].min())
     for number, (axes, run) in enumerate(zip(panels, runs, strict=True)):
         for law in reversed(law_loops.values()):
             _draw_law_loop(axes, law.penetration * 1e6, law.force)

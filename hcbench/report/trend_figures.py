@@ -113,8 +113,7 @@ def steps_figure(view: View) -> Figure:
     law = float(closed_form.restitution(view.main_alpha, float(view.study["step_speed"])))
     steps = np.concatenate([table["timestep"].to_numpy(dtype=float) for table in curves.values()])
     ends = float(steps.min()) / 1.25, float(steps.max()) * 1.25
-    handles: dict[str, Line2D] = {}
-    errors = [0.01]
+    handles, errors = [], [0.01]
     for (left, right), engine in zip(grid, engines, strict=True):
         left.axhline(law, color=LAW, linewidth=6, zorder=1)
         for axes in (left, right):
@@ -124,8 +123,9 @@ def steps_figure(view: View) -> Figure:
             size = max(4.5, 7.5 - nth)  # where lines coincide, the ones below show as rings
             title = f"{wording.engine_title(engine)} {setting}"
             style = view.plot_styles[engine, setting]
-            handles[title] = _draw_steps(left, title, style, table, size)
-            errors.append(_draw_step_error(right, style, table, law, size))
+            handle, error = _draw_steps(left, right, title, style, table, law, size)
+            handles.append(handle)
+            errors.append(error)
         left.set_ylabel(f"{wording.engine_title(engine)}\nrestitution e")
         right.set_ylabel("error of e")
         log_axis(right, "y")
@@ -136,27 +136,22 @@ def steps_figure(view: View) -> Figure:
         axes.set_xlim(*ends)
         set_ticks(axes.xaxis, [10.0**k for k in range(-9, 1) if ends[0] <= 10.0**k <= ends[1]], wording.time)
         axes.set_xlabel("time step h")
-    legend_below(figure, [*law_handles(linear=False), *handles.values()])
+    legend_below(figure, [*law_handles(linear=False), *handles])
     return figure
 
 
-def _draw_steps(axes: Axes, title: str, style: PlotStyle, table: pd.DataFrame, size: float) -> Line2D:
-    """Draw e over the step; returns the legend's entry."""
-    known = table.dropna()
-    h, low, middle, top = (known[c].to_numpy(dtype=float) for c in ("timestep", "low", "middle", "high"))
-    draw_band(axes, h, np.minimum(low, _TOP), np.minimum(top, _TOP), style.colour)
-    axes.plot(h, middle, zorder=3, **style.line(linewidth=1.4, markersize=size))
+def _draw_steps(
+    left: Axes, right: Axes, title: str, style: PlotStyle, table: pd.DataFrame, law: float, size: float
+) -> tuple[Line2D, float]:
+    """Draw e over the step, and its largest error over the phases; the legend's entry and the least error."""
+    columns = table.dropna()
+    h, low, middle, top = (columns[c].to_numpy(dtype=float) for c in ("timestep", "low", "middle", "high"))
+    draw_band(left, h, np.minimum(low, _TOP), np.minimum(top, _TOP), style.colour)
+    left.plot(h, middle, zorder=3, **style.line(linewidth=1.4, markersize=size))
     over = top > _TOP
     if over.any():
-        axes.plot(h[over], np.full(over.sum(), _TOP - 0.03), "^", color=style.colour, markersize=7, zorder=4)
+        left.plot(h[over], np.full(over.sum(), _TOP - 0.03), "^", color=style.colour, markersize=7, zorder=4)
         title += f" (▲ up to e = {wording.number(float(top.max()))})"
-    return Line2D([], [], label=title, **style.line(linewidth=1.4))
-
-
-def _draw_step_error(axes: Axes, style: PlotStyle, table: pd.DataFrame, law: float, size: float) -> float:
-    """Draw the largest error over the phases; returns the least of them over the steps."""
-    known = table.dropna()
-    low, high = (known[c].to_numpy(dtype=float) for c in ("low", "high"))
-    error = np.maximum(np.maximum(np.abs(low - law), np.abs(high - law)), 1.15 * _FLOOR)
-    axes.plot(known["timestep"], error, zorder=3, **style.line(linewidth=1.3, markersize=size))
-    return float(error.min(initial=1.0))
+    error = np.maximum(np.maximum(np.abs(low - law), np.abs(top - law)), 1.15 * _FLOOR)
+    right.plot(h, error, zorder=3, **style.line(linewidth=1.3, markersize=size))
+    return Line2D([], [], label=title, **style.line(linewidth=1.4)), float(error.min(initial=1.0))

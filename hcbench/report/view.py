@@ -268,21 +268,15 @@ def _run_and_alpha(key: Hashable) -> tuple[RunKey, float]:
 def _curve(rows: pd.DataFrame, mass: float) -> Curve:
     """Fold phases; speeds that differ by round-off only are one speed."""
     good = rows[rows["restitution"].notna()]
-    nominal = good["speed_m_per_s"].to_numpy(dtype=float)
-    _, first, group = np.unique(np.round(nominal, 12), return_index=True, return_inverse=True)
-    v_in, e = good["speed_in_m_per_s"].to_numpy(dtype=float), good["restitution"].to_numpy(dtype=float)
-    error = np.abs(e - good["restitution_law"].to_numpy(dtype=float))
-    loss = 0.5 * mass * v_in**2 * (1 - e**2)
-    parts = [np.flatnonzero(group == i) for i in range(len(first))]
-
-    def fold(values: Floats, how: Any) -> Floats:
-        return np.array([how(values[part]) for part in parts])
-
+    v_in, e = good["speed_in_m_per_s"].astype(float), good["restitution"].astype(float)
+    error = (e - good["restitution_law"].astype(float)).abs()
+    columns = {"speed": v_in, "e": e, "error": error, "loss": 0.5 * mass * v_in**2 * (1 - e**2)}
+    by_speed = pd.DataFrame(columns).groupby(good["speed_m_per_s"].astype(float).round(12))
     return Curve(
-        speed=fold(v_in, np.median),
-        low=fold(e, np.min),
-        middle=fold(e, np.median),
-        high=fold(e, np.max),
-        error=fold(error, np.max),
-        loss=fold(loss, np.median),
+        speed=by_speed["speed"].median().to_numpy(),
+        low=by_speed["e"].min().to_numpy(),
+        middle=by_speed["e"].median().to_numpy(),
+        high=by_speed["e"].max().to_numpy(),
+        error=by_speed["error"].max().to_numpy(),
+        loss=by_speed["loss"].median().to_numpy(),
     )
