@@ -23,7 +23,7 @@ jobs_option = click.option(
 )
 
 
-class Quantity(click.types.StringParamType):
+class QuantityType(click.types.StringParamType):
     """A number with or without a unit as a float in SI, or several, such as "1:20 in/s", as an array.
 
     quantity: a name in `units.QUANTITIES`. positive: whether only values above 0 will do.
@@ -41,9 +41,11 @@ class Quantity(click.types.StringParamType):
         return read(value, self.quantity, slot, above=0.0 if self.positive else -math.inf)
 
 
-NUMBER, ALPHA, ALPHAS = Quantity("number"), Quantity("alpha"), Quantity("alpha", several=True)
-SPEED, SPEEDS = Quantity("speed"), Quantity("speed", several=True, positive=True)
-MASS, STEP, TIME = Quantity("mass", positive=True), Quantity("timestep", positive=True), Quantity("timestep")
+NUMBER = QuantityType("number")
+ALPHA, ALPHAS = QuantityType("alpha"), QuantityType("alpha", several=True)
+SPEED, SPEEDS = QuantityType("speed"), QuantityType("speed", several=True, positive=True)
+TIME, STEP = QuantityType("timestep"), QuantityType("timestep", positive=True)
+MASS = QuantityType("mass", positive=True)
 
 
 @contextmanager

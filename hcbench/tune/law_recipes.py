@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from hcbench.errors import SettingError
@@ -21,8 +22,12 @@ if TYPE_CHECKING:
     Options = Mapping[str, Any]
 
 _PLUG_IN = "A plug-in of hcbench.contact"
-_OWN_SPEED = "v_i is the speed at touch of each impact: one e for all speeds; the paper's falls with speed."
 _ATTACH = f"{_PLUG_IN}, to attach in your own simulation: no native setting."
+_RESOLVED = f"{_PLUG_IN} for steps that resolve the contact: no native setting."
+_QUARTER = "Steps of a quarter of the shortest contact or less; for longer ones take `restitution-law`."
+_IMPULSE = "Any step; the force is one impulse: forces and contact times mean nothing."
+_TOUCH_SPEED = "v_i is the speed at touch of each impact: one e for all speeds; the paper's falls with speed."
+_DELIVERED = "What it delivers follows from χ and is not what it was asked for, but for `exact`."
 
 
 def plug_in_recipes(engine: str, native: Sequence[Recipe], common: Options) -> tuple[Recipe, ...]:
@@ -32,58 +37,46 @@ def plug_in_recipes(engine: str, native: Sequence[Recipe], common: Options) -> t
     common: options of each setting, beside "law".
     """
     constant = first(native, Role.CONSTANT_E, "plane")
-    names = [recipe.name for recipe in native if recipe.role is Role.FALLING_E]
-    instead = _any_of([*names, *([constant.name] if constant else [])])
-
-    def force_law(target: Target) -> Options:
-        _require_resolved(target, target.law, "Use `restitution-law`, which needs no resolved contact")
-        return {"law": {"kind": "force", **law_options(target.law)}, **common}
-
-    def restitution_law(target: Target) -> Options:
-        law = {"kind": "restitution", "alpha": target.law.alpha, "reading": target.reading}
-        return {"law": law, **common}
+    at_any_step = [constant.name] if constant else []
+    falling = [recipe.name for recipe in native if recipe.role is Role.FALLING_E]
+    plug_in = partial(Recipe, engine, native=False, instead=_any_of([*falling, *at_any_step]))
 
     def published_law(target: Target, law: TouchSpeedLaw) -> Options:
-        todo = f"Use `{constant.name}`, which has one restitution at any step" if constant else ""
+        todo = f"Use {_any_of(at_any_step)}, which has one restitution at any step"
         _require_resolved(target, law.at(target.speed_max), todo)
-        numbers = published_law_options(target, law)
-        return {"law": {"kind": "force", "law": law.family.slug, **numbers}, **common}
+        options = {"kind": "force", "law": law.family.slug, **published_law_options(target, law)}
+        return {"law": options, **common}
 
     return (
-        Recipe(
-            engine,
+        plug_in(
             "hunt-crossley",
             Role.LAW_AND_LOOP,
-            force_law,
+            lambda target: {"law": _force_law(target), **common},
             "Plug-in: eq. (16) as contact force, for steps that resolve the contact.",
-            (
-                _ATTACH,
-                "Steps of a quarter of the shortest contact or less; for longer ones take `restitution-law`.",
-            ),
-            native=False,
+            (_ATTACH, _QUARTER),
             kinds=("law",),
-            instead=instead,
             steps_min=STEPS_PER_CONTACT,
         ),
-        Recipe(
-            engine,
+        plug_in(
             "restitution-law",
             Role.LAW,
-            restitution_law,
+            lambda target: {"law": _restitution_law(target), **common},
             "Plug-in: each impact gets the law's e of its own speed, in one step.",
-            (_ATTACH, "Any step; the force is one impulse: forces and contact times mean nothing."),
-            native=False,
+            (_ATTACH, _IMPULSE),
             one_step=True,
             kinds=("law", "linear"),
-            instead=instead,
         ),
-        *published_law_recipes(
-            engine,
-            published_law,
-            f"{_PLUG_IN} for steps that resolve the contact: no native setting.",
-            STEPS_PER_CONTACT,
-        ),
+        *published_law_recipes(engine, published_law, _RESOLVED, STEPS_PER_CONTACT),
     )
+
+
+def _force_law(target: Target) -> Options:
+    _require_resolved(target, target.law, "Use `restitution-law`, which needs no resolved contact")
+    return {"kind": "force", **law_options(target.law)}
+
+
+def _restitution_law(target: Target) -> Options:
+    return {"kind": "restitution", "alpha": target.law.alpha, "reading": target.reading}
 
 
 def published_law_recipes(
@@ -106,11 +99,7 @@ def published_law_recipes(
             Role.CONSTANT_E,
             function,
             f"{family.name}, χ = {family.formula}: asked for the best constant e of the band.",
-            (
-                _OWN_SPEED,
-                "What it delivers follows from χ and is not what it was asked for, but for `exact`.",
-                note,
-            ),
+            (_TOUCH_SPEED, _DELIVERED, note),
             native=False,
             steps_min=steps_min,
         )
