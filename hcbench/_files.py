@@ -55,7 +55,7 @@ def replace_file(path: Path, content: bytes, sync: bool = False) -> None:
 
     sync: wait until it is on disk.
     """
-    neighbour = path.with_name(f".hcbench-{os.getpid()}-{threading.get_ident()}.new")
+    neighbour = path.parent / f".hcbench-{os.getpid()}-{threading.get_ident()}.new"
     try:
         with neighbour.open("wb") as file:
             file.write(content)
