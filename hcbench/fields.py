@@ -1,6 +1,6 @@
 """Types of fields in files and options: quantities with units, numbers; and the error for what is none.
 
-class Entry(Table):
+class Entry(FileTable):
     timesteps: Steps
     alphas: Alphas | None = None
 
@@ -30,17 +30,17 @@ if TYPE_CHECKING:
 
     from hcbench.errors import UserError
 
-T = TypeVar("T", bound="Table")
+T = TypeVar("T", bound="FileTable")
 
 
-class Table(BaseModel):
+class FileTable(BaseModel):
     """A table of a file. unknown: what an error says of a key that the table does not have."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     unknown: ClassVar[tuple[str, str]] = ("unknown key", "one of")
 
 
-class OptionTable(Table):
+class OptionTable(FileTable):
     """A table of a setting's options."""
 
     unknown: ClassVar[tuple[str, str]] = ("unknown", "one of")
@@ -146,7 +146,9 @@ def validate(table: type[T], content: Mapping[str, Any], error: type[UserError],
     )
 
 
-def _place(table: type[Table], location: Sequence[int | str]) -> tuple[str, type[Table], FieldInfo | None]:
+def _place(
+    table: type[FileTable], location: Sequence[int | str]
+) -> tuple[str, type[FileTable], FieldInfo | None]:
     """(path, innermost table, field) of what an error of Pydantic is about."""
     path, field = "", None
     reached: Any = table
@@ -162,13 +164,13 @@ def _place(table: type[Table], location: Sequence[int | str]) -> tuple[str, type
     return path.lstrip("."), table, field
 
 
-def _table_in(annotation: Any) -> type[Table] | None:
-    if isinstance(annotation, type) and issubclass(annotation, Table):
+def _table_in(annotation: Any) -> type[FileTable] | None:
+    if isinstance(annotation, type) and issubclass(annotation, FileTable):
         return annotation
     return next(filter(None, map(_table_in, get_args(annotation))), None)
 
 
-def _fields(table: type[Table]) -> dict[str, FieldInfo]:
+def _fields(table: type[FileTable]) -> dict[str, FieldInfo]:
     """The fields by the names that a file has for them; not those that are there to be refused."""
     fields = table.model_fields.items()
     return {field.alias or name: field for name, field in fields if not field.exclude}

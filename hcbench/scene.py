@@ -11,7 +11,7 @@ from pydantic import Field, StrictInt, field_validator
 
 from hcbench import units
 from hcbench.errors import QuantityError, SceneError
-from hcbench.fields import Acceleration, Length, Mass, Number, Pressure, Table, read_toml, validate
+from hcbench.fields import Acceleration, FileTable, Length, Mass, Number, Pressure, read_toml, validate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -96,7 +96,7 @@ class Scene:
         )
 
 
-class _Body(Table):
+class _Body(FileTable):
     radius: Length
     young_modulus: Pressure
     poisson_ratio: Number
@@ -117,12 +117,12 @@ class _Ball(_Body):
     mass: Mass
 
 
-class _Law(Table):
+class _Law(FileTable):
     stiffness: Any = Field(description="k in N/m^exponent, or text like '3.1e7 lbf/in^1.5'")
     exponent: Number = 1.5
 
 
-class _File(Table):
+class _File(FileTable):
     """A scene.toml: its tables and keys."""
 
     schema_: StrictInt = Field(

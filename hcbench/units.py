@@ -26,7 +26,7 @@ RANGE_COUNT = 20  # "1:20 in/s" without a count: 1, 2, ..., 20
 
 
 @dataclass(frozen=True, slots=True)
-class Quantity:
+class QuantityKind:
     """A kind of number: its SI unit, which a text must convert to, and an example for errors."""
 
     name: str
@@ -37,18 +37,18 @@ class Quantity:
 QUANTITIES = {
     q.name: q
     for q in (
-        Quantity("alpha", "s/m", "0.008 s/in"),
-        Quantity("speed", "m/s", "16 in/s"),
-        Quantity("timestep", "s", "1e-3 or 1 ms"),
-        Quantity("mass", "kg", "1 lb"),
-        Quantity("length", "m", "1 in"),
-        Quantity("pressure", "Pa", "30e6 psi"),
-        Quantity("acceleration", "m/s^2", "9.81 m/s^2"),
-        Quantity("force", "N", "600 lbf"),
-        Quantity("damping", "N*s/m", "100 N*s/m"),
-        Quantity("frequency", "Hz", "100 Hz"),
-        Quantity("stiffness", "N/m^n", "3.1e7 lbf/in^1.5"),
-        Quantity("number", "", "1.5"),
+        QuantityKind("alpha", "s/m", "0.008 s/in"),
+        QuantityKind("speed", "m/s", "16 in/s"),
+        QuantityKind("timestep", "s", "1e-3 or 1 ms"),
+        QuantityKind("mass", "kg", "1 lb"),
+        QuantityKind("length", "m", "1 in"),
+        QuantityKind("pressure", "Pa", "30e6 psi"),
+        QuantityKind("acceleration", "m/s^2", "9.81 m/s^2"),
+        QuantityKind("force", "N", "600 lbf"),
+        QuantityKind("damping", "N*s/m", "100 N*s/m"),
+        QuantityKind("frequency", "Hz", "100 Hz"),
+        QuantityKind("stiffness", "N/m^n", "3.1e7 lbf/in^1.5"),
+        QuantityKind("number", "", "1.5"),
     )
 }
 
@@ -74,7 +74,7 @@ def _factor(unit: str, si: str) -> float:
     return float(registry.Quantity(1.0, registry.parse_units(unit)).to(si).magnitude)
 
 
-def _scale(unit: str, kind: Quantity, slot: str, text: str, exponent: float) -> float:
+def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float) -> float:
     """What one `unit` is in the SI unit of the kind. text: all that the user wrote, for errors."""
     if not unit:
         return 1.0
@@ -182,7 +182,7 @@ def _expand(numbers: str, slot: str, text: str) -> Floats:
     return np.linspace(values[0], values[1], int(count))
 
 
-def _require_bounds(lowest: float, kind: Quantity, slot: str, least: float, above: float) -> None:
+def _require_bounds(lowest: float, kind: QuantityKind, slot: str, least: float, above: float) -> None:
     if lowest <= above or lowest < least:
         expected = f"a value above {above:g}" if lowest <= above else f"{least:g} {kind.unit} or more"
         todo = f"Write for example {kind.example!r}"

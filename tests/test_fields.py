@@ -11,12 +11,12 @@ from pydantic import Field
 from hcbench.errors import SceneError, SettingError, StudyError
 from hcbench.fields import (
     Alpha,
+    FileTable,
     Finite,
     Mass,
     OptionTable,
     Speeds,
     Steps,
-    Table,
     Text,
     read_numbers,
     read_toml,
@@ -30,7 +30,7 @@ class Row(OptionTable):
     solref: Finite
 
 
-class File(Table):
+class File(FileTable):
     """A file."""
 
     speeds: Speeds

@@ -15,11 +15,11 @@ from hcbench.fields import (
     Alpha,
     Alphas,
     Clearance,
+    FileTable,
     Speed,
     Speeds,
     Step,
     Steps,
-    Table,
     Text,
     read_toml,
     validate,
@@ -103,7 +103,7 @@ class Study:
         )
 
 
-class _RunTable(Table):
+class _RunTable(FileTable):
     """A [[run]] of a study file."""
 
     engine: Text = Field(description="an engine's name")
@@ -113,7 +113,7 @@ class _RunTable(Table):
     speeds: Speeds | None = None
 
 
-class _StudyFile(Table):
+class _StudyFile(FileTable):
     """A study file: its keys, without those of its runs."""
 
     schema_: StrictInt = Field(

@@ -14,7 +14,7 @@ from hcbench._text import sanitized
 from hcbench.check.baseline import Baseline, read_baseline
 from hcbench.check.measured_pairs import read_pairs
 from hcbench.errors import QuantityError, UserError
-from hcbench.fields import Table
+from hcbench.fields import FileTable
 from hcbench.laws.restitution import ConstantRestitution, MeasuredRestitution, Restitution
 from hcbench.measure.measure import LIMIT_S
 from hcbench.measure.request import make_request
@@ -33,7 +33,7 @@ Quantity = Annotated[float | str, _FromNumpy]  # in SI, or text with a unit
 Quantities = Annotated[float | str | list[float | str], _FromNumpy]
 
 
-class SharedSpec(Table):
+class SharedSpec(FileTable):
     """What several checks may share. None: left out. limit: time after which a model counts as hung."""
 
     model_config = ConfigDict(alias_generator=lambda name: name.replace("_", "-"), populate_by_name=True)

@@ -12,10 +12,10 @@ from hcbench.sim.model_under_test import Request
 __all__ = ["Cause", "Measurement", "Request", "Wanted", "measure"]
 
 
-class _Callable(ModuleType):
+class _CallablePackage(ModuleType):
     """`hcbench.measure(...)` is `hcbench.measure.measure(...)`: the package has the verb's name."""
 
     __call__ = staticmethod(measure)
 
 
-sys.modules[__name__].__class__ = _Callable
+sys.modules[__name__].__class__ = _CallablePackage
