@@ -1,4 +1,4 @@
-"""Types of fields in files and options: quantities with units, numbers; and the error for what is none.
+"""Types for the fields of files and options, quantities with units among them, and one error for a wrong one.
 
 class Entry(FileTable):
     timesteps: Steps
@@ -34,7 +34,10 @@ T = TypeVar("T", bound="FileTable")
 
 
 class FileTable(BaseModel):
-    """A table of a file. unknown: what an error says of a key that the table does not have."""
+    """A table of a file: a class with its keys as annotated fields.
+
+    unknown: what an error says of a key that the table does not have.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     unknown: ClassVar[tuple[str, str]] = ("unknown key", "one of")
@@ -47,15 +50,15 @@ class OptionTable(FileTable):
 
 
 def mistake(expected: str, got: str = "", todo: str = "") -> PydanticCustomError:
-    """What a validator raises. got: "" for the value as it came."""
+    """The error that a validator raises. got: "" for the value as it came."""
     return PydanticCustomError("mistake", "{expected}", {"expected": expected, "got": got, "todo": todo})
 
 
 @dataclass(frozen=True, slots=True)
 class InUnits:
-    """Reads a quantity in SI from a number or text with a unit; or several, as a tuple without repeats.
+    """Marks a field as a quantity: a number (SI) or text with a unit, read as SI.
 
-    quantity: a name in `units.QUANTITIES`. least, above: bounds, SI.
+    quantity: a name in `units.QUANTITIES`. several: a tuple of them, each once. least, above: bounds, SI.
     """
 
     quantity: str
@@ -127,9 +130,7 @@ def validate(table: type[T], content: Mapping[str, Any], error: type[UserError],
         return table.model_validate(dict(content))
     except ValidationError as caught:
         first = caught.errors(include_url=False)[0]
-    path, inner, field = _place(table, first["loc"])
-    names = ", ".join(_fields(inner))
-    expected = _expected(field) if field else f"a table of {names}"
+    path, inner, expected = _place(table, first["loc"])
     got, todo = f"{first['input']!r:.60}", ""
     if first["type"] == "mistake":
         got, expected, todo = first["ctx"]["got"] or got, first["ctx"]["expected"], first["ctx"]["todo"]
@@ -137,31 +138,26 @@ def validate(table: type[T], content: Mapping[str, Any], error: type[UserError],
         got = "missing"
     elif first["type"] == "extra_forbidden":
         got, one_of = inner.unknown
-        expected = f"{one_of}: {names}"
-    raise error(
-        slot.replace("{}", sanitized(path)),
-        got,
-        expected or first["msg"].removeprefix("Input should be "),
-        todo,
-    )
+        expected = f"{one_of}: {', '.join(_fields(inner))}"
+    expected = expected or first["msg"].removeprefix("Input should be ")
+    raise error(slot.replace("{}", sanitized(path)), got, expected, todo)
 
 
-def _place(
-    table: type[FileTable], location: Sequence[int | str]
-) -> tuple[str, type[FileTable], FieldInfo | None]:
-    """(path, innermost table, field) of what an error of Pydantic is about."""
-    path, field = "", None
-    reached: Any = table
+def _place(table: type[FileTable], location: Sequence[int | str]) -> tuple[str, type[FileTable], str]:
+    """(path, innermost table, what was expected there) of what an error of Pydantic is about."""
+    path, expected = "", ""
+    reached: Any = table  # the type of what the path leads to
     for part in location:
         inner = _table_in(reached)
-        if isinstance(part, int) and inner is not None:
-            path, table, field = f"{path}[{part}]", inner, None
-        elif isinstance(part, str) and inner is not None:
-            table, field = inner, _fields(inner).get(part)
-            path, reached = f"{path}.{part}", field.annotation if field else None
-        elif get_origin(reached) is dict:
-            path, reached = f"{path}.{part}", get_args(reached)[1]
-    return path.lstrip("."), table, field
+        if inner is None:
+            if get_origin(reached) is dict:
+                path, reached = f"{path}.{part}", get_args(reached)[1]
+        elif isinstance(part, int):
+            path, table, expected = f"{path}[{part}]", inner, f"a table of {', '.join(_fields(inner))}"
+        else:
+            path, table, field = f"{path}.{part}", inner, _fields(inner).get(part)
+            reached, expected = (field.annotation, _expected(field)) if field else (None, "")
+    return path.lstrip("."), table, expected
 
 
 def _table_in(annotation: Any) -> type[FileTable] | None:
@@ -171,9 +167,8 @@ def _table_in(annotation: Any) -> type[FileTable] | None:
 
 
 def _fields(table: type[FileTable]) -> dict[str, FieldInfo]:
-    """The fields by the names that a file has for them; not those that are there to be refused."""
-    fields = table.model_fields.items()
-    return {field.alias or name: field for name, field in fields if not field.exclude}
+    """The fields by the names that a file has for them."""
+    return {field.alias or name: field for name, field in table.model_fields.items()}
 
 
 def _expected(field: FieldInfo) -> str:
@@ -188,7 +183,7 @@ def read_numbers(
     error: type[UserError],
     slot: str,
 ) -> dict[str, float]:
-    """OptionTable that are all numbers; raises `error` for unknown, missing and other ones."""
+    """Options that are all numbers; raises `error` for what is unknown, missing or no number."""
     table = _numbers(tuple(required), tuple(optional))
     return validate(table, options, error, slot).model_dump(exclude_unset=True)
 

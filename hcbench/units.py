@@ -107,25 +107,21 @@ def parse(
     slot: what to call it in an error. exponent: n in N/m^n, for a stiffness. least, above: bounds, SI.
     Raises QuantityError for text that is no such quantity and for values not finite or out of bounds.
     """
-    kind = QUANTITIES[quantity]
-    slot = slot or quantity
-    if isinstance(value, int | float | np.number) and not isinstance(value, bool):
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
-    elif isinstance(value, str):
+    kind, slot = QUANTITIES[quantity], slot or quantity
+    if isinstance(value, str):
         match = _NUMBER_FIRST.fullmatch(value)
         if match is None:
-            raise QuantityError(
-                slot, f"{value!r} is not a number", f"one like {kind.example!r}", "Plain numbers are SI"
-            )
+            got = f"{value!r} is not a number"
+            raise QuantityError(slot, got, f"one like {kind.example!r}", "Plain numbers are SI")
         number = float(match[1]) * _scale(match[4].strip(), kind, slot, value, exponent)
+    elif isinstance(value, int | float | np.number) and not isinstance(value, bool):
+        try:
+            number = float(value)
+        except OverflowError:  # a whole number of more than 308 digits
+            number = math.inf
     else:
         raise QuantityError(slot, f"{value!r}", f"a number or text like {kind.example!r}")
-    if not math.isfinite(number):
-        raise QuantityError(slot, f"{value!r} is not finite", f"a finite number like {kind.example!r}")
-    _require_bounds(number, kind, slot, least, above)
+    _require_bounds([number], value, kind, slot, least, above)
     return number
 
 
@@ -136,8 +132,7 @@ def parse_values(
 
     A list may mix all of these. Order is kept. least, above: bounds, SI. Raises QuantityError.
     """
-    kind = QUANTITIES[quantity]
-    slot = slot or quantity
+    kind, slot = QUANTITIES[quantity], slot or quantity
     if isinstance(value, list | tuple | np.ndarray):
         parts = [parse_values(part, quantity, slot, least=least, above=above) for part in value]
         if not parts:
@@ -152,9 +147,7 @@ def parse_values(
         unit = _trailing_unit(piece)
         scale = _scale(unit or last_unit, kind, slot, value, 1.5)
         numbers.extend(_expand(piece.removesuffix(unit).strip(), slot, value) * scale)
-    if not np.isfinite(numbers).all():
-        raise QuantityError(slot, f"{value[:80]!r} is not finite", f"finite numbers like {kind.example!r}")
-    _require_bounds(min(numbers), kind, slot, least, above)
+    _require_bounds(numbers, value, kind, slot, least, above)
     return np.array(numbers)
 
 
@@ -176,13 +169,17 @@ def _expand(numbers: str, slot: str, text: str) -> Floats:
         return np.array(values)
     count = values[2] if len(values) == 3 else RANGE_COUNT
     if count != int(count) or not 2 <= count <= 100_000:
-        raise QuantityError(
-            slot, f"{text!r} asks for {count:g} values", "a whole number from 2 to 100000", shape
-        )
+        got = f"{text!r} asks for {count:g} values"
+        raise QuantityError(slot, got, "a whole number from 2 to 100000", shape)
     return np.linspace(values[0], values[1], int(count))
 
 
-def _require_bounds(lowest: float, kind: QuantityKind, slot: str, least: float, above: float) -> None:
+def _require_bounds(
+    numbers: list[float], value: object, kind: QuantityKind, slot: str, least: float, above: float
+) -> None:
+    if not np.isfinite(numbers).all():
+        raise QuantityError(slot, f"{value!r:.80} is not finite", f"a finite number like {kind.example!r}")
+    lowest = min(numbers)
     if lowest <= above or lowest < least:
         expected = f"a value above {above:g}" if lowest <= above else f"{least:g} {kind.unit} or more"
         todo = f"Write for example {kind.example!r}"
