@@ -1,7 +1,6 @@
-"""Compiles the contact's C once for each installed engine, and keeps the result in the user's cache folder.
+"""Compiles the contact laws' C once for each installed engine; keeps the result in the user's cache folder.
 
-The layout of MuJoCo's structs comes from the headers that its wheel ships. A C compiler is looked for under
-$CC, then as cc, gcc and clang, then as the `ziglang` package. HCBENCH_COMPILED=0 turns all of this off.
+A C compiler is looked for under $CC, then as cc, gcc and clang, then as the `ziglang` package.
 """
 
 from __future__ import annotations
@@ -18,30 +17,28 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hcbench.errors import CannotRun
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 _HERE = Path(__file__).parent
-_SOURCES = (
-    "laws/exact_step.c",
-    "laws/touch_speed.c",
-    "laws/impacts.c",
-    "laws/published.c",
-    "engines/mujoco/plugin/plugin.c",
-    "engines/mujoco/plugin/touch.c",
-    "engines/mujoco/plugin/force.c",
-    "engines/mujoco/plugin/restitution.c",
-)
 _FLAGS = ("-O2", "-std=gnu11", "-fPIC", "-shared", "-ffp-contract=off")
-_LIMIT_S = 120.0
+_LIMIT_S = 600.0  # a new ziglang builds its own C library first
 
 
-class NotCompiled(Exception):  # noqa: N818 - reads as what happened
-    """No compiled path here; the message says why."""
+class NotCompiled(CannotRun):
+    """No compiled library here; the message says why."""
+
+    def __init__(self, reason: str) -> None:
+        todo = 'Or try: pip install "hcbench[plugin]"'
+        super().__init__("contact plug-ins", reason, "a C compiler, such as cc, gcc or clang", todo)
 
 
 def compiler() -> list[str]:
     """The command that compiles C; NotCompiled where there is none."""
-    if os.environ.get("HCBENCH_COMPILED", "1") == "0":
-        raise NotCompiled("HCBENCH_COMPILED=0 turns compiled contact off")
     if os.environ.get("CC"):
         return shlex.split(os.environ["CC"])
     for name in ("cc", "gcc", "clang"):
@@ -77,17 +74,13 @@ def _folder() -> Path:
     return folder if _private(folder) else Path(tempfile.mkdtemp(prefix="hcbench-"))
 
 
-def _compile(command: list[str], source: Path, target: Path) -> None:
+def _compile(command: list[str], target: Path) -> None:
     # Built beside its place and renamed into it: another process may be building the same.
     with tempfile.TemporaryDirectory(dir=target.parent) as folder:
         built = Path(folder) / target.name
         try:
             run = subprocess.run(
-                [*command, str(source), "-o", str(built), "-lm"],
-                capture_output=True,
-                text=True,
-                timeout=_LIMIT_S,
-                check=False,
+                [*command, "-o", str(built)], capture_output=True, text=True, timeout=_LIMIT_S, check=False
             )
         except (OSError, subprocess.SubprocessError) as error:
             raise NotCompiled(f"{command[0]} could not be run: {error}") from error
@@ -97,25 +90,26 @@ def _compile(command: list[str], source: Path, target: Path) -> None:
         built.replace(target)
 
 
-def library(source: str, flags: tuple[str, ...] = (), headers: tuple[Path, ...] = ()) -> ctypes.CDLL:
-    """The compiled `source` of this package, from the cache where it has been compiled before.
+def build(
+    source: str, flags: Sequence[str] = (), link: Sequence[str] = (), headers: Sequence[Path] = ()
+) -> Path:
+    """The shared library made of the C file `source` of this package; compiled unless the cache has it.
 
-    Raises NotCompiled with the reason.
+    flags, link: for the compiler, before and after the source. headers: of others; where they change, so
+    does the library. Raises NotCompiled with the reason.
     """
-    command = [*compiler(), *_FLAGS, *flags]
+    path = _HERE / source
+    command = [*compiler(), *_FLAGS, *flags, str(path), *link, "-lm"]
     key = hashlib.sha256(repr((sys.platform, platform.machine(), command)).encode())
-    for path in (*(_HERE / name for name in _SOURCES), *headers):
-        key.update(path.read_bytes())
-    target = _folder() / f"{Path(source).stem.strip('_')}-{key.hexdigest()[:20]}.so"
+    for part in (*sorted(path.parent.glob("*.[ch]")), *sorted((_HERE / "laws").glob("*.[ch]")), *headers):
+        key.update(part.read_bytes())
+    target = _folder() / f"{path.parent.parent.name}-{path.stem}-{key.hexdigest()[:20]}.so"
     if not target.exists():
-        _compile(command, _HERE / source, target)
-    try:
-        return ctypes.CDLL(str(target))
-    except OSError as error:
-        raise NotCompiled(f"{target} could not be loaded: {error}") from error
+        _compile(command, target)
+    return target
 
 
 @functools.cache
 def law_library() -> ctypes.CDLL:
     """The laws alone, no engine."""
-    return library("laws/impacts.c")
+    return ctypes.CDLL(str(build("laws/impacts.c")))

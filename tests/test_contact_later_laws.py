@@ -11,17 +11,18 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 import pytest
+from contact_scenes import plugged
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from hcbench import _compile
 from hcbench.contact import pybullet as bullet_contact
-from hcbench.engines.mujoco.plugin import attach as contact
+from hcbench.contact.mujoco import load
 from hcbench.engines.pybullet.plugin import solve
 from hcbench.errors import SettingError, UserError
 from hcbench.laws import ode
-from hcbench.laws.contact_law import law_of
+from hcbench.laws.contact_law import law_of, require_resolved
 from hcbench.laws.exact_step import ContactOde, euler_force, touch_speed_ode
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import (
@@ -49,12 +50,13 @@ PHASES = [0.06 + i / 8 for i in range(8)]
 FAMILIES = pytest.mark.parametrize("family", LAWS.values(), ids=lambda law: law.slug)
 
 
-def ball(h: float, integrator: str = "Euler", gravity: float = 0.0) -> Any:
-    return mujoco.MjModel.from_xml_string(f"""<mujoco>
+def ball(h: float, law: Any, integrator: str = "Euler", gravity: float = 0.0) -> Any:
+    spec = mujoco.MjSpec.from_string(f"""<mujoco>
       <option timestep="{h}" integrator="{integrator}" gravity="0 0 {-gravity}"/><worldbody>
       <geom name="plate" type="plane" size="1 1 1"/>
       <body pos="0 0 {RADIUS}"><freejoint/><geom name="ball" size="{RADIUS}" mass="{MASS}"/></body>
       </worldbody></mujoco>""")
+    return plugged(spec, [("ball", "plate")], law)
 
 
 def launched(model: Any, speed: float, phase: float) -> Any:
@@ -139,86 +141,78 @@ def test_gravity_is_reckoned_with(family: PublishedLaw, speed: float, off: float
 def test_mujoco_delivers_what_follows_from_chi(family: PublishedLaw, integrator: str) -> None:
     for asked in (0.9, 0.4):
         law = TouchSpeedLaw(family, STIFFNESS, asked)
-        model = ball(1e-5, integrator)
-        with contact.attach(model, ("ball", "plate"), law, compiled=True):
-            found = [bounce(model, v, p) for v in SPEEDS for p in PHASES]
+        model = ball(1e-5, law, integrator)
+        found = [bounce(model, v, p) for v in SPEEDS for p in PHASES]
         assert np.abs(np.array(found) - law.delivered).max() < 1e-5
 
 
-@pytest.mark.parametrize(("compiled", "h", "error"), [(True, 1e-6, 1e-7), (False, 1e-5, 1e-5)])
 @pytest.mark.parametrize("integrator", ["Euler", "RK4"])
-def test_mujoco_at_a_fine_step_and_in_python(integrator: str, compiled: bool, h: float, error: float) -> None:
-    law, model = TouchSpeedLaw(Flores, STIFFNESS, 0.5), ball(h, integrator)
-    with contact.attach(model, ("ball", "plate"), law, compiled=compiled):
-        for phase in PHASES if compiled else PHASES[::4]:
-            assert bounce(model, 0.2032, phase) == pytest.approx(law.delivered, abs=error)
+def test_mujoco_at_a_fine_step(integrator: str) -> None:
+    law = TouchSpeedLaw(Flores, STIFFNESS, 0.5)
+    model = ball(1e-6, law, integrator)
+    for phase in PHASES:
+        assert bounce(model, 0.2032, phase) == pytest.approx(law.delivered, abs=1e-7)
 
 
 def test_an_impact_goes_on_alike_in_another_simulation_that_has_only_its_state() -> None:
-    model, kind = ball(1e-5), mujoco.mjtState.mjSTATE_FULLPHYSICS
-    with contact.attach(model, ("ball", "plate"), TouchSpeedLaw(Flores, STIFFNESS, 0.5)):
-        one, other = launched(model, 0.3, 0.4), mujoco.MjData(model)
-        for i in range(40):
-            mujoco.mj_step(model, one)
-            state = np.zeros(mujoco.mj_stateSize(model, kind))
-            mujoco.mj_getState(model, one, state, kind)
-            if i % 3 == 0:  # in between another impact is in the way
-                other = launched(model, 0.05, 0.1)
-                mujoco.mj_step(model, other, nstep=7)
-                mujoco.mj_setState(model, other, state, kind)
-            assert np.array_equal(other.qpos, one.qpos)
-            mujoco.mj_step(model, other)
-        assert one.qvel[2] > 0
+    model, kind = ball(1e-5, TouchSpeedLaw(Flores, STIFFNESS, 0.5)), mujoco.mjtState.mjSTATE_FULLPHYSICS
+    one, other = launched(model, 0.3, 0.4), mujoco.MjData(model)
+    for i in range(40):
+        mujoco.mj_step(model, one)
+        state = np.zeros(mujoco.mj_stateSize(model, kind))
+        mujoco.mj_getState(model, one, state, kind)
+        if i % 3 == 0:  # in between another impact is in the way
+            other = launched(model, 0.05, 0.1)
+            mujoco.mj_step(model, other, nstep=7)
+            mujoco.mj_setState(model, other, state, kind)
+        assert np.array_equal(other.qpos, one.qpos)
+        mujoco.mj_step(model, other)
+    assert one.qvel[2] > 0
 
 
 def test_rollouts_differ_in_the_restitution_asked_for() -> None:
-    model, kind, asked = ball(1e-5), mujoco.mjtState.mjSTATE_FULLPHYSICS, np.array([0.3, 0.6, 0.9, 1.0])
-    state = np.zeros((4, mujoco.mj_stateSize(model, kind)))
+    kind, asked = mujoco.mjtState.mjSTATE_FULLPHYSICS, np.array([0.3, 0.6, 0.9, 1.0])
+    models = [ball(1e-5, TouchSpeedLaw(Flores, STIFFNESS, e)) for e in asked]
+    state = np.zeros((4, mujoco.mj_stateSize(models[0], kind)))
     for row, speed in zip(state, (0.05, 0.1, 0.3, 0.5), strict=True):
-        mujoco.mj_getState(model, launched(model, speed, 0.3), row, kind)
+        mujoco.mj_getState(models[0], launched(models[0], speed, 0.3), row, kind)
     before = state[:, -4].copy()
-    with contact.attach(model, ("ball", "plate"), TouchSpeedLaw(Flores, STIFFNESS, 0.8)) as law:
-        models = law.models(restitution=asked)
-        states, _ = mujoco.rollout.rollout(models, [mujoco.MjData(model) for _ in range(2)], state, nstep=60)
-        with pytest.raises(SettingError, match="alpha: given for"):
-            law.models(alpha=0.3)
-        with pytest.raises(UserError, match="infinite at e = 0"):
-            law.models(restitution=[0.5, 0.0])
+    threads = [mujoco.MjData(models[0]) for _ in range(2)]
+    states, _ = mujoco.rollout.rollout(models, threads, state, nstep=60)
     assert -states[:, -1, -4] / before == pytest.approx(Flores.delivered(asked), abs=1e-5)
 
 
 def test_a_bounce_train_ends_at_rest_at_the_static_depth() -> None:
-    model = ball(1e-5, gravity=9.81)
+    model = ball(1e-5, TouchSpeedLaw(Flores, STIFFNESS, 0.5), gravity=9.81)
     data = mujoco.MjData(model)
     data.qpos[2] += 2e-5
-    with contact.attach(model, ("ball", "plate"), TouchSpeedLaw(Flores, STIFFNESS, 0.5)):
-        mujoco.mj_step(model, data, nstep=3000)
+    mujoco.mj_step(model, data, nstep=3000)
     static = (MASS * 9.81 / STIFFNESS) ** (2 / 3)
     assert RADIUS - data.qpos[2] == pytest.approx(static, rel=1e-6)
     assert abs(data.qvel[2]) < 1e-9
 
 
 def test_two_free_balls_of_unequal_mass() -> None:
-    model = mujoco.MjModel.from_xml_string(f"""<mujoco><option timestep="1e-5" gravity="0 0 0"/><worldbody>
+    spec = mujoco.MjSpec.from_string(f"""<mujoco><option timestep="1e-5" gravity="0 0 0"/><worldbody>
       <body><freejoint/><geom name="a" size="{RADIUS}" mass="0.2"/></body>
       <body pos="{2 * RADIUS + 1e-5} 0 0"><freejoint/><geom name="b" size="{RADIUS}" mass="0.7"/></body>
       </worldbody></mujoco>""")
-    law, data = TouchSpeedLaw(LankaraniNikravesh, STIFFNESS, 0.6), mujoco.MjData(model)
+    law = TouchSpeedLaw(LankaraniNikravesh, STIFFNESS, 0.6)
+    model = plugged(spec, [("a", "b")], law)
+    data = mujoco.MjData(model)
     data.qvel[0] = 0.4
-    with contact.attach(model, ("a", "b"), law):
-        mujoco.mj_step(model, data, nstep=100)
+    mujoco.mj_step(model, data, nstep=100)
     assert (data.qvel[6] - data.qvel[0]) / 0.4 == pytest.approx(law.delivered, abs=1e-6)
     assert 0.2 * data.qvel[0] + 0.7 * data.qvel[6] == pytest.approx(0.08, abs=1e-13)
 
 
-@pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("h", [1e-4, 1e-3])
-def test_one_restitution_for_all_impacts_at_any_step(h: float, compiled: bool) -> None:
-    law, model = ConstantRestitution(float(Flores.delivered(0.8))), ball(h)
-    with contact.attach(model, ("ball", "plate"), law, compiled=compiled):
-        for speed in SPEEDS:
-            for phase in PHASES[::3]:
-                assert bounce(model, speed, phase) == pytest.approx(law.restitution, abs=1e-12)
+def test_one_restitution_for_all_impacts_at_any_step(h: float) -> None:
+    law = ConstantRestitution(float(Flores.delivered(0.8)))
+    model = ball(h, law)
+    for speed in SPEEDS:
+        for phase in PHASES[::3]:
+            assert bounce(model, speed, phase) == pytest.approx(law.restitution, abs=1e-12)
 
 
 # In PyBullet
@@ -293,11 +287,13 @@ COARSE = r"For coarser steps attach ConstantRestitution\(law\.delivered\) instea
 def test_a_step_too_coarse_names_what_has_its_restitution_at_any_step(client: int) -> None:
     law = TouchSpeedLaw(Flores, STIFFNESS, 0.5)
     with pytest.raises(SettingError, match=COARSE):
-        contact.attach(ball(1e-3), ("ball", "plate"), law)
-    with pytest.raises(SettingError, match=COARSE):
         bullet_contact.attach([bodies(client, 1e-3)], law, client=client)
-    with pytest.raises(SettingError, match=r"attach Restitution\(alpha\) instead"):
-        contact.attach(ball(1e-3), ("ball", "plate"), HuntCrossley(STIFFNESS, 0.3))
+    for one, instead in (
+        (law, r"ConstantRestitution\(law"),
+        (HuntCrossley(STIFFNESS, 0.3), r"Restitution\(alpha"),
+    ):
+        with pytest.raises(SettingError, match=f"For coarser steps take {instead}"):
+            require_resolved(one, MASS, 0.5, 1e-3)
 
 
 # As options, and as text to paste
@@ -333,21 +329,27 @@ def test_options_that_are_no_law_are_refused_by_name(options: dict[str, Any], sa
 @pytest.mark.parametrize("law", [Flores, HuntCrossley, TouchSpeedLaw, "flores", None])
 def test_what_is_no_law_cannot_be_attached(law: Any) -> None:
     with pytest.raises(SettingError, match="law"):
-        contact.attach(ball(1e-5), ("ball", "plate"), law)
+        ball(1e-5, law)
 
 
 @pytest.mark.parametrize(
     "law", [FORCE, {"kind": "restitution", "law": "carvalho-martins", "restitution": 0.8}]
 )
-def test_pasted_text_attaches_the_law_of_the_setting(law: dict[str, Any]) -> None:
-    names: dict[str, Any] = {"model": ball(1e-5)}
-    exec(snippet(Setting("mujoco", "x", 1e-5, {"law": law}), "plane", RADIUS), names)
-    with names["law"] as attached:
-        assert attached.law == law_of(law)
+def test_pasted_text_has_the_law_of_the_setting(law: dict[str, Any]) -> None:
+    text = snippet(Setting("mujoco", "x", 1e-5, {"law": law}), "plane", RADIUS)
+    exclude = '<contact><exclude body1="world" body2="ball"/></contact>' if law["kind"] == "force" else ""
+    load()
+    scene = f"""<mujoco><option timestep="1e-5" gravity="0 0 0"/>{text}{exclude}
+      <worldbody><geom name="plate" type="plane" size="1 1 1"/><body name="ball" pos="0 0 {RADIUS}">
+      <freejoint/><geom name="ball" size="{RADIUS}" mass="{MASS}"/></body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(scene)
+    given = law_of(law)
+    assert isinstance(given, TouchSpeedLaw | ConstantRestitution)
+    e = given.delivered if isinstance(given, TouchSpeedLaw) else given.restitution
+    assert bounce(model, 0.3, 0.4) == pytest.approx(e, abs=1e-5)
 
 
 def test_the_exact_law_is_asked_for_e_and_gives_it() -> None:
-    model = ball(1e-5)
     for e in (0.2, 0.5, 0.95):
-        with contact.attach(model, ("ball", "plate"), TouchSpeedLaw(Exact, STIFFNESS, e)):
-            assert bounce(model, 0.3, 0.4) == pytest.approx(e, abs=1e-5)
+        model = ball(1e-5, TouchSpeedLaw(Exact, STIFFNESS, e))
+        assert bounce(model, 0.3, 0.4) == pytest.approx(e, abs=1e-5)

@@ -15,7 +15,7 @@ import click
 from hcbench.cli._process import flush_stdio, install_signal_handlers, translate_errors, wrap_stdio
 from hcbench.cli.check import check, measure
 from hcbench.cli.convert import convert
-from hcbench.cli.engines import engines
+from hcbench.cli.engines import engines, plugin
 from hcbench.cli.paper import paper
 from hcbench.cli.reference import reference
 from hcbench.cli.report import report
@@ -36,7 +36,7 @@ def app() -> None:
     """
 
 
-for command in (report, sweep, tune, measure, check, paper, reference, convert, engines):
+for command in (report, sweep, tune, measure, check, paper, reference, convert, engines, plugin):
     app.add_command(translate_errors(command))
 
 

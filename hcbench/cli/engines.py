@@ -1,4 +1,4 @@
-"""hcbench engines: the engines, their versions and their settings."""
+"""hcbench engines and hcbench plugin: the engines, their settings, and the laws as plug-ins of theirs."""
 
 from __future__ import annotations
 
@@ -33,3 +33,16 @@ def engines(as_json: bool) -> None:
                 print(f"  {setting:<{width}}  {summary}")
     if as_json:
         print_json(listed)
+
+
+@click.command()
+@click.argument("engine")
+@click.option("--install", is_flag=True, help="Put it where the engine loads its own plug-ins from.")
+def plugin(engine: str, install: bool) -> None:
+    """Print the path of the contact laws' plug-in for an engine.
+
+    It is compiled against the installed engine when first asked for.
+    """
+    from hcbench.sim import registry
+
+    print(registry.engine(engine).plugin(install=install))

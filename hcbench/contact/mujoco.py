@@ -1,35 +1,33 @@
-"""The law as a plug-in for MuJoCo; its code is in `hcbench.engines.mujoco.plugin`."""
+"""The laws as plug-ins for MuJoCo; their code is in `hcbench.engines.mujoco.plugin`."""
 
-from hcbench.engines.mujoco.plugin.attach import (
-    ConstantRestitution,
-    Contact,
+from hcbench.engines.mujoco.plugin import (
     ContactAccuracyWarning,
-    Friction,
-    HuntCrossley,
-    PythonContactWarning,
-    Restitution,
-    Touch,
-    TouchSpeedLaw,
+    add_to_spec,
     attach,
+    config,
     hertz_stiffness,
-    pairs_between,
-    pairs_of,
+    install,
+    library,
+    load,
 )
-from hcbench.laws.published import OwnSpeedLaw
+from hcbench.laws.contact_law import Friction
+from hcbench.laws.force import HuntCrossley
+from hcbench.laws.published import OwnSpeedLaw, TouchSpeedLaw
+from hcbench.laws.restitution import ConstantRestitution, Restitution
 
 __all__ = [
     "ConstantRestitution",
-    "Contact",
     "ContactAccuracyWarning",
     "Friction",
     "HuntCrossley",
     "OwnSpeedLaw",
-    "PythonContactWarning",
     "Restitution",
-    "Touch",
     "TouchSpeedLaw",
+    "add_to_spec",
     "attach",
+    "config",
     "hertz_stiffness",
-    "pairs_between",
-    "pairs_of",
+    "install",
+    "library",
+    "load",
 ]

@@ -117,3 +117,17 @@ def contact_time(law: PluginForceLaw, mass: float, speed: float) -> float:
     """Duration of a contact in s at effective mass (kg) and approach speed (m/s)."""
     at_speed = law if isinstance(law, HuntCrossley) else law.at(speed)
     return float(closed_form.duration(at_speed, mass, speed))
+
+
+def require_resolved(law: Law, mass: float, speed: float, timestep: float) -> None:
+    """Raise SettingError for a step that cannot resolve a force law's contact at effective mass and speed."""
+    if not is_force(law):
+        return
+    lasts = contact_time(law, mass, speed)
+    if timestep > lasts / STEPS_PER_CONTACT:
+        raise SettingError(
+            f"timestep {timestep:g} s",
+            f"too coarse for the force law: ball and plate touch for {lasts:.2g} s at {speed:g} m/s",
+            f"a step of {lasts / 20:.1g} s (at most {lasts / STEPS_PER_CONTACT:.1g} s)",
+            f"For coarser steps take {coarse(law)} instead",
+        )

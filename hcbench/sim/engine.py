@@ -137,6 +137,13 @@ class Engine(ABC):
         """What makes its settings, of each role the preferred one first; modules are imported when called."""
         return ()
 
+    def plugin(self, *, install: bool = False) -> Path:
+        """The library of the contact laws for this engine, compiled when first asked for.
+
+        install: puts it where the engine loads plug-ins from. UserError where there is none.
+        """
+        raise UserError(f"engine {self.name!r}", "no plug-in", "an engine for which hcbench has one")
+
     @abstractmethod
     def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         """One impact for each launch, in order. An impact that went wrong is a record with a status.

@@ -6,7 +6,7 @@ Options of a setting (all optional; none means as authored):
         "solimp": [5 numbers], "onset": depth at which it starts, m, "adhesion": force with which it may
         pull, N}. On a plane each is a <pair>, of coincident geoms where there are several; in a cup each
         is a tendon's limit.
-    law: a plug-in of hcbench.contact in place of MuJoCo's own contact, as
+    law: a plug-in in the model, in place of MuJoCo's own contact, as
         `hcbench.laws.contact_law.law_of` reads it: {"kind": "force", "alpha": s/m, "stiffness": N/m^n,
         "exponent": n}, {"kind": "restitution", "alpha": s/m}, or with {"law": a later law's slug,
         "restitution": e} in place of alpha.
@@ -14,12 +14,11 @@ Options of a setting (all optional; none means as authored):
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from functools import lru_cache
 from importlib import metadata
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from hcbench.engines.mujoco import mjcf, snippet
+from hcbench.engines.mujoco import mjcf, plugin, snippet
 from hcbench.engines.mujoco.backend import INSTALL
 from hcbench.engines.mujoco.options import read_options
 from hcbench.engines.mujoco.scene_model import load
@@ -29,6 +28,7 @@ from hcbench.sim.engine import SteppedEngine
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     from hcbench.engines.mujoco.model_under_test import MujocoModel
     from hcbench.engines.mujoco.options import Options
@@ -63,7 +63,7 @@ class MujocoEngine(SteppedEngine):
         return RECIPES
 
     def snippet(self, setting: Setting, form: str, radius: float) -> str:
-        """What to paste of a setting, or the lines that attach a plug-in."""
+        """What to paste of a setting."""
         return snippet.snippet(setting, form, radius)
 
     def script(self, scene: Scene, setting: Setting) -> str:
@@ -71,19 +71,20 @@ class MujocoEngine(SteppedEngine):
         return mjcf.model_xml(scene, setting)
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> MujocoWorld:
-        """A scene under a setting, with its plug-in attached, for impacts at up to `fastest` m/s."""
+        """A scene under a setting, with its plug-in, for impacts at up to `fastest` m/s."""
         options = read_options(setting.options)
         if options.law is None:
             return MujocoWorld(_pool(scene, setting.timestep, options))
-        from hcbench.engines.mujoco.plugin import attach as contact
+        from hcbench.laws.contact_law import require_resolved
 
-        model = load(scene, setting.timestep, options)
-        where: dict[str, Any] = (
-            {"tendons": ["contact"]} if scene.form == "cup" else {"pairs": [("ball", "plate")]}
-        )
-        resources = ExitStack()
-        resources.enter_context(contact.attach(model.model, law=options.law, speed=fastest, **where))
-        return MujocoWorld(BatchPool.of(model), resources)
+        require_resolved(options.law, scene.mass, fastest, setting.timestep)
+        plugin.load()
+        return MujocoWorld(BatchPool.of(load(scene, setting.timestep, options)))
+
+    def plugin(self, *, install: bool = False) -> Path:
+        """The library of hcbench.hunt_crossley and hcbench.restitution."""
+
+        return plugin.install() if install else plugin.library()
 
     def accepts(self, source: Any) -> bool:
         """A path of its suffixes, MJCF text, an MjModel or an MjSpec."""

@@ -85,25 +85,33 @@ def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
     path = model_path(scene)
     root = _parse(path, path.parent, ())
     _anchor_files(root, path.parent)
-    option = _section(root, "option")
+    option = section(root, "option")
     option.set("timestep", numbers_text([timestep]))
     option.set("gravity", numbers_text([0.0, 0.0, -scene.gravity]))
     if options.integrator is not None:
         option.set("integrator", options.integrator)
-    ball = _named(root, "body", "ball", path)
+    ball = named(root, "body", "ball", path)
     set_mass(ball, scene.mass, path)
     if options.rows and scene.form == "plane":
-        geom = _named(ball, "geom", "ball", path)
-        _named(root, "geom", "plate", path)
-        for section in root.findall("contact"):
-            for pair in section.findall("pair"):
-                if {pair.get("geom1"), pair.get("geom2")} == {"ball", "plate"}:
-                    section.remove(pair)
+        geom = named(ball, "geom", "ball", path)
+        named(root, "geom", "plate", path)
+        remove_pairs(root)
         for pair in add_pairs(root, geom, ["plate"], options.rows):
             pair.set("gap", "0")
     elif options.rows:
         _write_limits(root, scene, options.rows, path)
+    if options.law is not None:
+        from hcbench.engines.mujoco.law_mjcf import write_law  # imports SciPy, as the laws do
+
+        write_law(root, scene.form, options.law, path)
     return root
+
+
+def remove_pairs(root: ET.Element) -> None:
+    for section in root.findall("contact"):
+        for pair in section.findall("pair"):
+            if {pair.get("geom1"), pair.get("geom2")} == {"ball", "plate"}:
+                section.remove(pair)
 
 
 def as_text(root: ET.Element) -> str:
@@ -125,7 +133,7 @@ def set_mass(body: ET.Element, mass: float, path: Path) -> None:
     """
     inertial = body.find("inertial")
     if inertial is None:
-        _named(body, "geom", "ball", path).set("mass", numbers_text([mass]))
+        named(body, "geom", "ball", path).set("mass", numbers_text([mass]))
         return
     try:
         ratio = mass / float(inertial.get("mass", "nan"))
@@ -147,7 +155,7 @@ def add_pairs(
     The first row is of the geom itself, others of massless copies of it.
     """
     holder = next(element for element in root.iter() if ball in list(element))
-    contact, pairs = _section(root, "contact"), []
+    contact, pairs = section(root, "contact"), []
     for i, row in enumerate(rows):
         name = _copy_name(i)
         if i > 0:
@@ -210,19 +218,19 @@ def _anchor_files(root: ET.Element, folder: Path) -> None:
     asset = list(root.iterfind("asset/*[@file]"))
     if not asset:
         return
-    compiler = _section(root, "compiler")
+    compiler = section(root, "compiler")
     for key in ("assetdir", "meshdir", "texturedir"):
         if key == "assetdir" or compiler.get(key) is not None:
             compiler.set(key, str((folder / compiler.get(key, "")).resolve()))
 
 
-def _section(root: ET.Element, tag: str) -> ET.Element:
+def section(root: ET.Element, tag: str) -> ET.Element:
     """The last such section, as later ones win; made where there is none."""
     sections = root.findall(tag)
     return sections[-1] if sections else ET.SubElement(root, tag)
 
 
-def _named(root: ET.Element, tag: str, name: str, path: Path) -> ET.Element:
+def named(root: ET.Element, tag: str, name: str, path: Path) -> ET.Element:
     for element in root.iter(tag):
         if element.get("name") == name:
             return element
@@ -233,7 +241,7 @@ def _named(root: ET.Element, tag: str, name: str, path: Path) -> ET.Element:
 
 def _write_limits(root: ET.Element, scene: Scene, rows: Sequence[ConstraintRow], path: Path) -> None:
     """Each row the limit of a tendon between the two centres, as the scene's own `contact` is."""
-    original = _named(root, "spatial", "contact", path)
+    original = named(root, "spatial", "contact", path)
     holder = next(section for section in root.findall("tendon") if original in list(section))
     clearance = -scene.plate_radius - scene.ball_radius
     for i, row in enumerate(rows):

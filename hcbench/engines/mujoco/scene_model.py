@@ -161,7 +161,7 @@ def _overlap(mujoco: Any, model: Any, data: Any, scene: Scene) -> float:
     path = str(model_path(scene))
     if scene.form == "cup":
         tendon = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, "contact")
-        if tendon < 0 or not model.tendon_limited[tendon]:
+        if tendon < 0 or not model.tendon_range[tendon][1] > 0:
             raise SceneError(path, "there is no limited tendon 'contact'", "one between the two centres")
         return float(data.ten_length[tendon] - model.tendon_range[tendon][1])
     ball, plate = (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in ("ball", "plate"))

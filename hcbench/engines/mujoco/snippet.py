@@ -1,11 +1,10 @@
-"""A MuJoCo setting as its user writes it: MJCF, or the lines that attach a plug-in."""
+"""A MuJoCo setting as its user writes it: MJCF."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from hcbench.engines.mujoco.mjcf import rows_snippet
-from hcbench.tune.snippet import law_expression
 
 if TYPE_CHECKING:
     from hcbench.setting import Setting
@@ -14,7 +13,8 @@ if TYPE_CHECKING:
 def snippet(setting: Setting, form: str, radius: float) -> str:
     """What to paste; see `Engine.snippet`."""
     if "law" in setting.options:
-        law, line = law_expression(setting.options["law"])
-        where = f'law={law}, tendons=["contact"]' if form == "cup" else f'[("ball", "plate")], {law}'
-        return f"from hcbench.contact import mujoco as contact\n{line}\nlaw = contact.attach(model, {where})"
+        from hcbench.engines.mujoco.law_mjcf import law_snippet  # imports SciPy, as the laws do
+        from hcbench.laws.contact_law import law_of
+
+        return law_snippet(law_of(setting.options["law"]), form)
     return rows_snippet(setting, form, radius) if setting.options.get("rows") else setting.options_text

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, require_feature
 from hcbench.engines.mujoco.mjcf import add_pairs, as_text, numbers_text, set_mass
+from hcbench.engines.mujoco.plugin import add_to_spec
 from hcbench.engines.mujoco.recipes.staggered import staggered_rows
 from hcbench.sim.two_blocks import SIDES, folder
 from hcbench.tune.target import Target
@@ -31,21 +31,21 @@ def own_contact(squeezed: bool) -> str:
 
 def simulate(blocks: TwoBlocks, position: float, velocity: float, forces: Floats) -> tuple[Floats, Floats]:
     """Positions and velocities at the ends of steps."""
-    from hcbench.engines.mujoco.plugin.attach import attach
-
     mujoco = backend()
     if blocks.tuned_at is not None:
         require_feature(mujoco, "adhesion")
-    model = mujoco.MjModel.from_xml_string(mjcf(blocks))
+    spec = mujoco.MjSpec.from_string(mjcf(blocks))
+    if blocks.tuned_at is None:
+        for side in SIDES:
+            add_to_spec(spec, blocks.law, geoms=("ball", side))
+    model = spec.compile()
     data = mujoco.MjData(model)
     data.qpos[0], data.qvel[0] = position, velocity
     states = [(position, velocity)]
-    plugged = blocks.tuned_at is None
-    with attach(model, [("ball", side) for side in SIDES], blocks.law) if plugged else nullcontext():
-        for force in forces:
-            data.ctrl[0] = force
-            mujoco.mj_step(model, data)
-            states.append((float(data.qpos[0]), float(data.qvel[0])))
+    for force in forces:
+        data.ctrl[0] = force
+        mujoco.mj_step(model, data)
+        states.append((float(data.qpos[0]), float(data.qvel[0])))
     q, v = np.array(states).T
     return q, v
 

@@ -117,15 +117,13 @@ class MujocoWorld(World):
 
     diverged = "MuJoCo gave up: a position, velocity or acceleration was not finite or above 1e10"
 
-    def __init__(self, pool: BatchPool, resources: ExitStack | None = None) -> None:
+    def __init__(self, pool: BatchPool) -> None:
         self.pool = pool
         scene = pool.model.scene
         self.timestep, self.gravity, self.mass = pool.model.timestep, scene.gravity, scene.mass
         self.places = pool.threads * (pool.max_batch if pool.max_batch > 1 else _ALONE)
         self.concurrent = 1 if pool.threads == 1 else _CONCURRENT
         self._resources = ExitStack()
-        if resources is not None:
-            self._resources.push(resources)
         self._resources.enter_context(captured_warnings())
 
     def release(self, launches: Sequence[Launch]) -> MujocoSimulation:
@@ -137,7 +135,7 @@ class MujocoWorld(World):
         return FollowedLaunch(self.pool.model, launch)
 
     def close(self) -> None:
-        """Detach the plug-in, if there is one, and let MuJoCo warn as before."""
+        """Let MuJoCo warn as before."""
         self._resources.close()
 
 

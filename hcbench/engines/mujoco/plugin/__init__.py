@@ -1,1 +1,216 @@
-"""The law as a plug-in for MuJoCo."""
+"""Contact laws as plug-ins of MuJoCo's own kind: `hcbench.hunt_crossley` and `hcbench.restitution`.
+
+    from hcbench.contact import mujoco as contact
+
+    spec = mujoco.MjSpec.from_file("scene.xml")
+    contact.add_to_spec(spec, HuntCrossley(stiffness=3.4e10, alpha=0.315), geoms=("ball", "plate"))
+    model = spec.compile()
+
+Or name them in MJCF and call `load()` before it is compiled; docs/plugins.md lists the keys. The force laws
+are for steps that resolve the contact; `Restitution` and `ConstantRestitution` set e in steps of any length.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import shutil
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from hcbench import _compile
+from hcbench.engines.mujoco.backend import backend
+from hcbench.errors import CannotRun, OutputError, SettingError
+from hcbench.laws import hertz
+from hcbench.laws.contact_law import Friction, Law, is_force, require_law
+from hcbench.laws.published import TouchSpeedLaw
+from hcbench.laws.restitution import ConstantRestitution, Restitution
+from hcbench.sim.names import suggest_names
+
+if TYPE_CHECKING:
+    from hcbench.scene import Material
+
+FORCE, RESTITUTION = "hcbench.hunt_crossley", "hcbench.restitution"
+INSTALLED = "libhcbench.so"
+# Shapes whose contacts MuJoCo finds less exactly than steel penetrates.
+_INEXACT = {
+    "mjGEOM_MESH": "a mesh",
+    "mjGEOM_HFIELD": "a height field",
+    "mjGEOM_SDF": "a signed distance field",
+}
+
+
+class ContactAccuracyWarning(UserWarning):
+    """The engine's own contact geometry of this pair is wrong by more than the law can bear."""
+
+
+def library() -> Path:
+    """The plug-ins' library for the installed MuJoCo, compiled when first asked for.
+
+    CannotRun without a C compiler.
+    """
+    folder = Path(backend().__file__).parent
+    include = folder / "include"
+    headers = sorted((include / "mujoco").glob("*.h"))
+    engine = [*folder.glob("libmujoco*.so*"), *folder.glob("libmujoco*.dylib"), *folder.glob("mujoco.dll")]
+    if not headers or not engine:
+        raise CannotRun("MuJoCo's plug-ins", f"no headers or no library in {folder}", "MuJoCo's own wheel")
+    text = {header.name: header.read_text(encoding="utf-8") for header in headers}
+    differs = {  # between versions
+        "HCB_PRECONTACT": "mjPreContact;" in text["mjdata.h"],
+        "HCB_ISLAND_ROWS": "iefc_D;" in text["mjdata.h"],
+        "HCB_SURFACE_VELOCITY": "surfacevel[3];" in text["mjdata.h"],
+        "HCB_TENDON_ROWS_IN_MODEL": "ten_J_rownnz;" in text["mjmodel.h"],
+    }
+    flags = [f"-I{include}", *(f"-D{name}" for name, is_so in differs.items() if is_so)]
+    link = [str(engine[0]), f"-Wl,-rpath,{folder}"]
+    return _compile.build("engines/mujoco/plugin/plugin.c", flags, link, headers)
+
+
+@functools.cache
+def load() -> None:
+    """Make the plug-ins known to MuJoCo, for this process: before a model that has them is read."""
+    mujoco, built = backend(), library()
+    if (there := _installed()).exists() and there.read_bytes() != built.read_bytes():
+        todo = "Run `hcbench plugin mujoco --install` again, or delete it"
+        raise CannotRun(str(there), "of another version of hcbench or MuJoCo", "this one's plug-ins", todo)
+    mujoco.mj_loadPluginLibrary(str(built))
+
+
+def _installed() -> Path:
+    return Path(backend().__file__).parent / "plugin" / INSTALLED
+
+
+def install() -> Path:
+    """Put the library where MuJoCo, whoever imports it, loads its own plug-ins from; returns its path."""
+    path = _installed()
+    try:
+        path.parent.mkdir(exist_ok=True)
+        shutil.copyfile(library(), path)
+    except OSError as error:
+        raise OutputError(
+            str(path), str(error.strerror or error), "a folder that can be written to"
+        ) from None
+    return path
+
+
+def config(law: Law, friction: Friction | None = None, **more: str) -> tuple[str, dict[str, str]]:
+    """The plug-in of a law, and its instance's config but for the pair. more: other keys, as they are."""
+    require_law(law)
+    if not is_force(law):
+        if friction is not None:
+            raise SettingError(
+                "friction", "given for a restitution law", "none", "MuJoCo's own friction stays"
+            )
+        if isinstance(law, ConstantRestitution):
+            return RESTITUTION, {"restitution": repr(law.restitution)} | more
+        assert isinstance(law, Restitution)
+        return RESTITUTION, {"alpha": repr(float(law.alpha)), "reading": law.reading} | more
+    keys = {"stiffness": repr(float(law.stiffness)), "exponent": repr(float(law.exponent))}
+    if isinstance(law, TouchSpeedLaw):
+        keys |= {"law": law.family.slug, "restitution": repr(float(law.restitution))}
+    else:
+        keys["alpha"] = repr(float(law.alpha))
+    if friction is not None:
+        keys |= {"friction": repr(friction.static), "dynamic_friction": repr(friction.dynamic)}
+        keys["slip_speed"] = repr(friction.slip_speed)
+    return FORCE, keys | more
+
+
+def add_to_spec(
+    spec: Any,
+    law: Law,
+    *,
+    geoms: tuple[str, str] | None = None,
+    bodies: tuple[str, str] | None = None,
+    tendon: str | None = None,
+    friction: Friction | None = None,
+    name: str = "",
+    **more: str,
+) -> str:
+    """Add a law to an MjSpec, for one pair by names; returns the name of the plug-in's instance.
+
+    geoms, bodies, tendon: one of them; of a tendon its upper limit is the contact. friction: of a force law;
+    a restitution law keeps MuJoCo's. more: further keys of the config, such as alpha="name of a numeric".
+    A force law turns MuJoCo's own contact between the two bodies off, or the tendon's limit.
+
+    Raises SettingError for what cannot be a pair, CannotRun without a C compiler.
+    """
+    plugin, keys = config(law, friction, **more)
+    named = [kind for kind, value in (("geoms", geoms), ("bodies", bodies), ("tendon", tendon)) if value]
+    if len(named) != 1:
+        raise SettingError("pair", " and ".join(named) or "none", "one of geoms, bodies and tendon")
+    if tendon is not None:
+        keys["tendon"] = tendon
+        _element(spec, "tendon", tendon)
+        if is_force(law):
+            _element(spec, "tendon", tendon).limited = 0
+    else:
+        kind, pair = ("geom", geoms) if geoms else ("body", bodies)
+        assert pair is not None
+        if isinstance(pair, str) or len(pair) != 2:
+            raise SettingError(f"{kind} pair", repr(pair), "two names, such as ('ball', 'plate')")
+        found = [_element(spec, kind, one) for one in pair]
+        owners = [one.parent if kind == "geom" else one for one in found]
+        keys |= {f"{kind}1": pair[0], f"{kind}2": pair[1]}
+        if is_force(law):
+            _warn_of_shapes(found if kind == "geom" else [geom for one in found for geom in one.geoms])
+            for owner, one in zip(owners, pair, strict=True):
+                owner.name = owner.name or f"body of {one}"  # an exclusion names bodies
+            both = {owner.name for owner in owners}
+            if both not in ({one.bodyname1, one.bodyname2} for one in spec.excludes):
+                spec.add_exclude(bodyname1=owners[0].name, bodyname2=owners[1].name)
+    load()
+    name = name or f"{plugin} {len(spec.plugins) + 1}"
+    spec.activate_plugin(plugin)
+    instance = spec.add_plugin(name=name, plugin_name=plugin, active=True)
+    instance.config = keys
+    return name
+
+
+def _element(spec: Any, kind: str, name: str) -> Any:
+    found = getattr(spec, kind)(name) if isinstance(name, str) else None
+    if found is None:
+        names = [one.name for one in getattr(spec, "bodies" if kind == "body" else f"{kind}s") if one.name]
+        raise SettingError(f"{kind} {name!r}", "not in the model", *suggest_names(str(name), names))
+    return found
+
+
+def _warn_of_shapes(geoms: list[Any]) -> None:
+    mujoco = backend()
+    for geom in geoms:
+        for shape, words in _INEXACT.items():
+            if geom.type == getattr(mujoco.mjtGeom, shape):
+                warnings.warn(
+                    f"geom {geom.name!r} is {words}: MuJoCo's contact with it is off by more than the 1e-6 to"
+                    " 2e-5 m that steel penetrates. Use primitive geoms (sphere, plane, capsule, cylinder,"
+                    " box) or a tendon's limit where that matters",
+                    ContactAccuracyWarning,
+                    stacklevel=3,
+                )
+
+
+def hertz_stiffness(model: Any, geom1: str, geom2: str, material1: Material, material2: Material) -> float:
+    """K of F = k x^(3/2) in N/m^1.5, eq. (5), from the radii of two geoms: spheres, or one and a plane."""
+    mujoco, radii = backend(), []
+    for name in (geom1, geom2):
+        geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name)
+        if geom < 0:
+            raise SettingError(f"geom {name!r}", "not in the model", "the name of a geom")
+        kind = mujoco.mjtGeom(int(model.geom_type[geom]))
+        if kind not in (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_PLANE):
+            raise SettingError(f"geom {name!r}", "neither a sphere nor a plane", "a stiffness of your own")
+        is_plane = kind == mujoco.mjtGeom.mjGEOM_PLANE
+        radii.append(math.inf if is_plane else float(model.geom_size[geom, 0]))
+    return hertz.spheres(radii[0], radii[1], material1, material2).stiffness
+
+
+def attach(*_: Any, **__: Any) -> NoReturn:
+    """Gone: the law is part of the model now."""
+    raise SettingError(
+        "attach",
+        "gone: the law is a plug-in of the model, which copies, saved models and threads keep",
+        'add_to_spec(spec, law, geoms=("ball", "plate")) and model = spec.compile(), with a mujoco.MjSpec',
+        "docs/plugins.md shows it in MJCF",
+    )

@@ -1,143 +1,222 @@
-/* The force law: the force over the step of each contact, equal and opposite on its bodies. */
+/* hcbench.hunt_crossley: MuJoCo's collision functions say where pairs touch, from before touch on, and each contact
+   gets the force that carries it along the law's motion over the step. */
+
+#define HCB_COARSE 1.0 /* (omega h)^2 beyond which a step is too coarse */
+
+typedef struct {
+  int instance, id, order, body[2];
+  double x, v, inverse_mass, force, point[3], normal[3], slip[3], *row, *solved;
+  hcb_law law;
+} touch;
+
+typedef struct {
+  int instance, id, geom1, geom2;
+  double reach;
+} candidate;
+
+/* How far a geom's surface can move in a step, m. */
+static double travel(const mjModel* m, const mjData* d, int geom) {
+  int body = m->geom_bodyid[geom];
+  double v[3];
+  const double* w = d->cvel + 6 * body;
+  if (m->body_weldid[body] == 0) return 1e-12;
+  velocity_at(m, d, body, d->geom_xpos + 3 * geom, v);
+  double turning = m->geom_type[geom] == mjGEOM_PLANE ? 0 : sqrt(dot(w, w)) * m->geom_rbound[geom];
+  return m->opt.timestep * (sqrt(dot(v, v)) + turning) + 1e-12;
+}
+
+static int apart(const mjModel* m, const mjData* d, int g1, int g2, double reach) {
+  const double *c1 = d->geom_xpos + 3 * g1, *c2 = d->geom_xpos + 3 * g2, *R = d->geom_xmat + 9 * g1;
+  double r1 = m->geom_rbound[g1], r2 = m->geom_rbound[g2];
+  double between[3] = {c2[0] - c1[0], c2[1] - c1[1], c2[2] - c1[2]};
+  if (m->geom_type[g1] == mjGEOM_PLANE) {
+    return r2 > 0 && between[0] * R[2] + between[1] * R[5] + between[2] * R[8] > r2 + reach;
+  }
+  double sum = r1 + r2 + reach;
+  return r1 > 0 && r2 > 0 && dot(between, between) > sum * sum;
+}
+
+/* Pairs that may touch within the step; returns how many, of at most `room`. */
+static int near_pairs(const mjModel* m, mjData* d, int first, candidate* near) {
+  int count = 0;
+  for (int i = first; i < m->nplugin; i++) {
+    const instance* own = instance_of(d, i);
+    if (m->plugin[i] != m->plugin[first]) continue;
+    if (own->tendon >= 0) {
+      double reach = m->opt.timestep * fabs(d->ten_velocity[own->tendon]) + 1e-12;
+      if (d->ten_length[own->tendon] + reach >= m->tendon_range[2 * own->tendon + 1]) {
+        near[count++] = (candidate){i, 0, -1, -1, reach};
+      }
+    }
+    for (int k = 0; k < own->pairs; k++) {
+      int g1 = own->pair[2 * k], g2 = own->pair[2 * k + 1];
+      double reach = travel(m, d, g1) + travel(m, d, g2);
+      if (!apart(m, d, g1, g2, reach)) near[count++] = (candidate){i, k, g1, g2, reach};
+    }
+  }
+  return count;
+}
+
+/* MuJoCo's own contacts of a pair, from `reach` before touch on. */
+static int narrow_phase(const mjModel* m, mjData* d, const candidate* near, touch* out) {
+  mjfCollision function = mjCOLLISIONFUNC[m->geom_type[near->geom1]][m->geom_type[near->geom2]];
+  if (!function) return 0;
+#ifdef HCB_PRECONTACT
+  mjPreContact found[mjMAXCONPAIR];
+#else
+  mjContact found[mjMAXCONPAIR];
+#endif
+  int count = function(m, d, found, near->geom1, near->geom2, near->reach);
+  for (int i = 0; i < count; i++) {
+    touch* c = out + i;
+    double v1[3], v2[3];
+#ifdef HCB_PRECONTACT
+    const double* normal = found[i].normal;
+#else
+    const double* normal = found[i].frame;
+#endif
+    *c = (touch){.instance = near->instance, .id = near->id, .order = i, .x = -found[i].dist};
+    memcpy(c->point, found[i].pos, sizeof(c->point));
+    memcpy(c->normal, normal, sizeof(c->normal));
+    c->body[0] = m->geom_bodyid[near->geom1];
+    c->body[1] = m->geom_bodyid[near->geom2];
+    velocity_at(m, d, c->body[0], c->point, v1);
+    velocity_at(m, d, c->body[1], c->point, v2);
+    for (int j = 0; j < 3; j++) c->slip[j] = v2[j] - v1[j];
+    c->v = -dot(c->slip, c->normal);
+    for (int j = 0; j < 3; j++) c->slip[j] += c->v * c->normal[j];
+  }
+  return count;
+}
+
+static hcb_law law_of(const mjModel* m, const instance* own, double inverse_mass, double b) {
+  hcb_law law = {value_of(m, &own->stiffness) * inverse_mass, 1.5 * value_of(m, &own->alpha), own->exponent, b, 0, 1, 0, 0};
+  if (own->asked_for_e) {
+    law.a = 0;
+    law.chi = hcb_chi(own->law, value_of(m, &own->e));
+    law.e = hcb_restitution(law.chi);
+    law.load = b;
+  }
+  return law;
+}
 
 /* What the other contacts do to the approach of one, to first order, enters as an acceleration. */
-static void couple(const mjModel* m, const mjData* d, const hcb_table* t, touch* all, int count, int* uses) {
-  memset(uses, 0, m->nbody * sizeof(int));
-  for (int i = 0; i < count; i++) {
-    uses[m->body_rootid[all[i].body[0]]]++;
-    uses[m->body_rootid[all[i].body[1]]]++;
-  }
-  uses[0] = 0;
+static void couple(const mjModel* m, touch* all, int count) {
   for (int i = 0; i < count; i++) {
     hcb_law own = all[i].law;
     own.b = 0;
     all[i].force = -acceleration(&own, all[i].x, all[i].v) / all[i].inverse_mass;
   }
   for (int i = 0; i < count; i++) {
-    touch* c = all + i;
-    int shared = uses[m->body_rootid[c->body[0]]] > 1 || uses[m->body_rootid[c->body[1]]] > 1;
-    if (!shared && !c->dense) continue;
     for (int j = 0; j < count; j++) {
-      touch* o = all + j;
-      if (i == j || o->force == 0) continue;
-      double sum = c->dense && o->dense ? row_dot(m->nv, c->row, o->solved) : 0;
-      for (int s = 0; s < 4; s++) {
-        int body = c->body[s / 2];
-        if (t->body[body] != FREE || o->body[s % 2] != body) continue;
-        double both = mobility(m, d, body, c->point, c->normal, o->point, o->normal);
-        sum += s / 2 == s % 2 ? both : -both;
-      }
-      c->law.b -= sum * o->force;
+      if (i != j && all[j].force != 0) all[i].law.b -= row_dot(m->nv, all[i].row, all[j].solved) * all[j].force;
     }
   }
 }
 
-static double friction_at(const hcb_pair* p, double slip) {
-  double s = slip / p->slip_speed, static_ = p->static_friction, dynamic = p->dynamic_friction;
-  if (s >= 3) return dynamic;
-  if (s >= 1) {
-    double z = (s - 1) / 2;
-    return static_ - (static_ - dynamic) * z * z * z * (10 + z * (6 * z - 15));
-  }
-  return static_ * s * s * s * (10 + s * (6 * s - 15));
+/* Coulomb friction regularised around rest: `contact_law.Friction`. */
+static double friction_at(const instance* own, double slip) {
+  double s = slip / own->slip_speed, z = (s - 1) / 2, drop = own->static_friction - own->dynamic_friction;
+  if (s >= 3) return own->dynamic_friction;
+  if (s >= 1) return own->static_friction - drop * z * z * z * (10 + z * (6 * z - 15));
+  return own->static_friction * s * s * s * (10 + s * (6 * s - 15));
 }
 
-static void push(const mjModel* m, mjData* d, int kind, int body, const double* point, const double* force) {
-  const double zero[3] = {0, 0, 0}, *R = d->xmat + 9 * body, *origin = d->xpos + 3 * body;
-  if (kind == FIXED) return;
-  if (kind == JOINTED) {
-    apply_ft(m, d, force, zero, point, body, d->qfrc_passive);
-    return;
-  }
-  double arm[3] = {point[0] - origin[0], point[1] - origin[1], point[2] - origin[2]}, torque[3];
-  double* q = d->qfrc_passive + m->body_dofadr[body];
-  cross(torque, arm, force);
-  for (int i = 0; i < 3; i++) {
-    q[i] += force[i];
-    q[3 + i] += R[i] * torque[0] + R[3 + i] * torque[1] + R[6 + i] * torque[2];
-  }
+static void push(const mjModel* m, mjData* d, const touch* c, double* work) {
+  const instance* own = instance_of(d, c->instance);
+  double slip = sqrt(dot(c->slip, c->slip)), *row = work, *solved = work + m->nv;
+  for (int j = 0; j < m->nv; j++) d->qfrc_passive[j] += c->force * c->row[j];
+  if (own->tendon >= 0 || own->static_friction == 0 || slip == 0) return;
+  double along[3] = {c->slip[0] / slip, c->slip[1] / slip, c->slip[2] / slip};
+  make_rows(m, d, c->body, c->point, along, 1, row);
+  mj_solveM(m, d, solved, row, 1);
+  /* A step can stop the slip, never turn it around. */
+  double most = slip / (m->opt.timestep * row_dot(m->nv, row, solved));
+  double drag = fmin(friction_at(own, slip) * c->force, most);
+  for (int j = 0; j < m->nv; j++) d->qfrc_passive[j] -= drag * row[j];
 }
 
-static void push_pair(const mjModel* m, mjData* d, const hcb_table* t, const touch* c, double* work) {
-  const hcb_pair* p = t->pair + c->pair;
-  if (p->tendon >= 0) {
-    for (int j = 0; j < m->nv; j++) d->qfrc_passive[j] += c->force * c->row[j];
-    return;
+static void set_force(const mjModel* m, instance* memory, touch* c, int stage) {
+  double h = m->opt.timestep, plain = 0;
+  c->force = 0;
+  if (!isfinite(c->x) || !isfinite(c->v) || !(c->inverse_mass > 0)) return;
+  double deep = fmax(c->x, c->x + h * c->v); /* a coarse step goes through the contact at once */
+  if (h * h * frequency_squared(&c->law, deep) > HCB_COARSE && !memory->warned) {
+    memory->warned = 1;
+    mju_warning("plugin %s, instance \"%s\": the step of %g s is too coarse for this contact; take a shorter one, or "
+                "%s", FORCE_NAME, mj_id2name(m, mjOBJ_PLUGIN, c->instance), h, RESTITUTION_NAME);
   }
-  double force[3], opposite[3], slip = sqrt(dot(c->slip, c->slip)), drag = 0;
-  if (p->static_friction > 0 && slip > 0) {
-    double along[3] = {c->slip[0] / slip, c->slip[1] / slip, c->slip[2] / slip};
-    double inverse_mass = free_mobility(m, d, t->body, c, along);
-    if (c->dense) {
-      double *row = work, *solved = work + m->nv;
-      make_row(m, d, t->body, c, along, row, solved, work + 2 * m->nv);
-      inverse_mass += row_dot(m->nv, row, solved);
-    }
-    /* A step can stop the slip, never turn it around. */
-    drag = fmin(friction_at(p, slip) * c->force, slip / (m->opt.timestep * inverse_mass)) / slip;
-  }
-  for (int i = 0; i < 3; i++) {
-    force[i] = c->force * c->normal[i] - drag * c->slip[i];
-    opposite[i] = -force[i];
-  }
-  push(m, d, t->body[c->body[1]], c->body[1], c->point, force);
-  push(m, d, t->body[c->body[0]], c->body[0], c->point, opposite);
-}
-
-static void set_force(const mjModel* m, hcb_table* t, touch* c, int stage) {
-  double h = m->opt.timestep, plain = 0, stages[3];
-  if (!isfinite(c->x) || !isfinite(c->v) || !isfinite(c->inverse_mass)) {
-    __atomic_add_fetch(&t->not_finite, 1, __ATOMIC_RELAXED);
-    c->force = 0;
-    return;
-  }
-  if (h * h * frequency_squared(&c->law, c->x) > HCB_COARSE) __atomic_add_fetch(&t->too_coarse, 1, __ATOMIC_RELAXED);
-  if (!stage) {
-    plain = hcb_euler_force(&c->law, h, c->x, c->v);
-  } else if (stage == 1) {
-    hcb_rk4_stage_forces(&c->law, h, c->x, c->v, stages);
-    plan* made = stages[0] > 0 || stages[1] > 0 || stages[2] > 0 ? new_plan(c->pair, c->order) : NULL;
-    for (int i = 0; made && i < 3; i++) made->value[i] = stages[i] / c->inverse_mass;
-    plain = stages[0];
-  } else {
-    plan* made = planned(c->pair, c->order);
+  if (stage > 1) {
+    plan* made = planned(memory, c->instance, c->id, c->order);
     c->force = made ? made->value[stage == 4 ? 2 : 1] : 0;
     return;
+  }
+  if (!stage) {
+    plain = hcb_euler_force(&c->law, h, c->x, c->v);
+  } else {
+    double stages[3];
+    hcb_rk4_stage_forces(&c->law, h, c->x, c->v, stages);
+    plan* made = new_plan(memory, c->instance, c->id, c->order);
+    for (int i = 0; i < 3; i++) made->value[i] = stages[i] / c->inverse_mass;
+    plain = stages[0];
   }
   c->force = plain / c->inverse_mass;
 }
 
-/* pair, x, v, F, effective mass, point, normal, law's a. */
-static void write_report(const touch* c, double* out) {
-  const double row[HCB_REPORT] = {c->pair, c->x, c->v, c->force, 1 / c->inverse_mass, c->point[0], c->point[1],
-                                  c->point[2], c->normal[0], c->normal[1], c->normal[2], c->law.a};
-  memcpy(out, row, sizeof(row));
+/* Rows, masses and laws of what was found. */
+static void prepare(const mjModel* m, mjData* d, touch* all, int count, double* rows) {
+  int nv = m->nv;
+  double *gravity = rows, *solved;
+  rows += nv;
+  solved = rows + (size_t)count * nv;
+  for (int i = 0; i < count; i++) {
+    touch* c = all + i;
+    const instance* own = instance_of(d, c->instance);
+    c->row = rows + (size_t)i * nv;
+    c->solved = solved + (size_t)i * nv;
+    if (own->tendon >= 0) {
+      tendon_row(m, d, own->tendon, c->row);
+    } else {
+      make_rows(m, d, c->body, c->point, c->normal, 1, c->row);
+    }
+  }
+  mj_solveM(m, d, solved, rows, count);
+  int falls = gravity_force(m, d, gravity);
+  for (int i = 0; i < count; i++) {
+    touch* c = all + i;
+    c->inverse_mass = row_dot(nv, c->row, c->solved);
+    c->law = law_of(m, instance_of(d, c->instance), c->inverse_mass, falls ? -row_dot(nv, c->solved, gravity) : 0);
+    if (c->x > 0) set_touch_speed(&c->law, c->x, c->v);
+  }
 }
 
-static void add_forces(const mjModel* m, mjData* d, hcb_table* t, int stage, double* report, int* reported) {
-  int room, dense, nv = m->nv;
-  mark_stack(d);
-  candidate* near = stack(d, (t->pairs + 1) * sizeof(candidate), sizeof(double));
-  double* travels = stack(d, m->ngeom * sizeof(double), sizeof(double));
-  memset(travels, 0, m->ngeom * sizeof(double));
-  int pairs = near_pairs(m, d, t, near, travels, &room, &dense);
-  if (pairs) {
-    touch* all = stack(d, (room + mjMAXCONPAIR) * sizeof(touch), sizeof(double));
-    double* rows = stack(d, (2 * dense + 6) * (size_t)nv * sizeof(double), sizeof(double));
-    double* work = rows + 2 * (size_t)dense * nv;
-    int count = gather(m, d, t, near, pairs, all, rows, work);
-    if (count > 1 && stage < 2) couple(m, d, t, all, count, stack(d, m->nbody * sizeof(int), sizeof(int)));
-    for (int i = 0; i < count; i++) {
-      set_force(m, t, all + i, stage);
-      if (report) {
-        if (i < *reported) write_report(all + i, report + HCB_REPORT * i);
-      } else if (all[i].force > 0) {
-        push_pair(m, d, t, all + i, work);
-      }
-    }
-    if (reported && *reported > count) *reported = count;
-  } else if (reported) {
-    *reported = 0;
+static void add_forces(const mjModel* m, mjData* d, int first) {
+  instance* memory = instance_of(d, first);
+  int stage = stage_of(m, d, memory), pairs = 0, count = 0, nv = m->nv;
+  for (int i = first; i < m->nplugin; i++) {
+    if (m->plugin[i] == m->plugin[first]) pairs += 1 + instance_of(d, i)->pairs;
   }
-  free_stack(d);
+  mj_markStack(d);
+  candidate* near = mj_stackAllocByte(d, pairs * sizeof(candidate), sizeof(double));
+  pairs = near_pairs(m, d, first, near);
+  touch* all = pairs ? mj_stackAllocByte(d, pairs * mjMAXCONPAIR * sizeof(touch), sizeof(double)) : NULL;
+  for (int k = 0; k < pairs; k++) {
+    int tendon = instance_of(d, near[k].instance)->tendon;
+    if (tendon < 0) {
+      count += narrow_phase(m, d, near + k, all + count);
+    } else {
+      double x = d->ten_length[tendon] - m->tendon_range[2 * tendon + 1];
+      all[count++] = (touch){.instance = near[k].instance, .x = x, .v = d->ten_velocity[tendon]};
+    }
+  }
+  if (count) {
+    double* rows = stack(d, (2 * (size_t)count + 3) * nv);
+    prepare(m, d, all, count, rows);
+    if (count > 1 && stage < 2) couple(m, all, count);
+    for (int i = 0; i < count; i++) {
+      set_force(m, memory, all + i, stage);
+      if (all[i].force > 0) push(m, d, all + i, rows + (2 * (size_t)count + 1) * nv);
+    }
+  }
+  mj_freeStack(d);
 }

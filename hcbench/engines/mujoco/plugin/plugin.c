@@ -1,242 +1,296 @@
-/* The law as callbacks of MuJoCo: mjcb_contactfilter takes attached pairs out of the engine's own contact,
-   mjcb_passive adds the law's force (or rewrites the constraint rows of a restitution law). Compiled against
-   the headers of the installed mujoco; a model says which table of pairs is its own by a mark in opt.o_margin,
-   which its copies carry along. */
+/* Two plug-ins of MuJoCo's own kind (mjpPlugin, passive forces):
+
+     hcbench.hunt_crossley   the contact force of a law, for steps that resolve the contact; MuJoCo's own contact of
+                             the pair must be off
+     hcbench.restitution     e(v) of each impact, for steps of any length; MuJoCo's own contact of the pair stays on
+
+   Each instance is one pair: of geoms, of bodies, or the upper limit of a tendon. All there is to know stands in
+   the instance's config; docs/plugins.md lists the keys. A number may be the name of a <numeric> instead, whose
+   value is then read in every step. All instances of a plug-in are worked out together, by the first one. */
 
 #include <mujoco/mujoco.h>
-#include <stddef.h>
+#include <stdarg.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "../../../laws/exact_step.c"
+#include "../../../laws/impacts.c"
+#include "../../../laws/published.c"
 
-enum { FORCE = 1, RESTITUTION = 2, LINEAR = 1, CONSTANT = 2, FIXED = 0, FREE = 1, JOINTED = 2, TABLES = 4096, ROWS = 10 };
-#define MARK 1e-305 /* opt.o_margin = MARK * table: no margin at all, should anybody use it */
-#define HCB_REPORT 12
-#define HCB_COARSE 1.0 /* (omega h)^2 beyond which a step is too coarse */
-#define HCB_STILL 1.1 /* steps of falling whose speed counts as rest */
-#define HCB_RIGID 1e-9 /* compliance of a restitution row, in units of the pair's own inverse mass */
+enum { ROWS = 10, NAME = 64 };
 
-typedef struct { /* mirrored by _native.Pair */
-  int kind, geom1, geom2, tendon, side, slot, reading, own;
-  double stiffness, alpha, exponent, static_friction, dynamic_friction, slip_speed;
-} hcb_pair;
+static const char* const FORCE_NAME = "hcbench.hunt_crossley";
+static const char* const RESTITUTION_NAME = "hcbench.restitution";
+static const char* const force_keys[] = {"geom1", "geom2", "body1", "body2", "tendon", "stiffness", "exponent", "alpha",
+                                         "law", "restitution", "friction", "dynamic_friction", "slip_speed"};
+static const char* const restitution_keys[] = {"geom1", "geom2", "body1", "body2", "tendon", "alpha", "reading",
+                                               "restitution", "compensate_gravity"};
 
-typedef struct { /* mirrored by _native.Table */
-  int pairs, geom_pairs, restitution_pairs, unused; /* sorted by geoms; tendons last */
-  const hcb_pair* pair;
-  const int* body; /* FIXED, FREE or JOINTED */
-  long long not_finite, too_coarse;
-} hcb_table;
+typedef struct { /* a number of the config, or where in numeric_data it is */
+  double value;
+  int numeric;
+} number;
 
-typedef struct {
-  int pair, order, body[2], dense;
-  double x, v, inverse_mass, force, point[3], normal[3], slip[3], *row, *solved;
-  hcb_law law;
-} touch;
-
-typedef struct {
-  int pair, order, rows, cone;
-  double value[ROWS], compliance, force;
+typedef struct { /* what stages of a Runge-Kutta step share of one contact */
+  int instance, id, order, rows;
+  double value[ROWS];
 } plan;
 
-static hcb_table* tables[TABLES];
-static mjfGeneric passive_before;
-static mjfConFilt filter_before;
-static mjfCollision (*collide)[mjNGEOMTYPES];
-static void (*apply_ft)(const mjModel*, mjData*, const mjtNum*, const mjtNum*, const mjtNum*, int, mjtNum*);
-static void (*jacobian)(const mjModel*, const mjData*, mjtNum*, mjtNum*, const mjtNum*, int);
-static void (*solve)(const mjModel*, mjData*, mjtNum*, const mjtNum*, int);
-static void (*mark_stack)(mjData*);
-static void (*free_stack)(mjData*);
-static void* (*stack)(mjData*, size_t, size_t);
+typedef struct { /* an instance, in mjData.plugin_data */
+  int is_force, tendon, pairs, *pair, linear, compensate, asked_for_e, warned;
+  char law[NAME];
+  number stiffness, alpha, e;
+  double exponent, static_friction, dynamic_friction, slip_speed;
+  char* text; /* the config that all this was read from */
+  int length;
+  /* of the first instance: the Runge-Kutta step that is under way */
+  double time, step, *impulse;
+  int stage, plans, room;
+  plan* planned;
+} instance;
 
-/* What the stages of a Runge-Kutta step share: the first one plans, the others carry out. */
-static _Thread_local struct {
-  const mjData* data;
-  double time, step;
-  int stage, count, room;
-  plan* plans;
-} memory;
+static instance* instance_of(const mjData* d, int i) { return (instance*)d->plugin_data[i]; }
 
-void hcb_connect(void** f) {
-  collide = (mjfCollision(*)[mjNGEOMTYPES])f[0];
-  *(void**)&apply_ft = f[1];
-  *(void**)&jacobian = f[2];
-  *(void**)&solve = f[3];
-  *(void**)&mark_stack = f[4];
-  *(void**)&free_stack = f[5];
-  *(void**)&stack = f[6];
+static const char* config(const mjModel* m, int i, const char* key) {
+  const char* text = mj_getPluginConfig(m, i, key);
+  return text ? text : "";
 }
 
-void hcb_chain(void* passive, void* filter) {
-  *(void**)&passive_before = passive;
-  *(void**)&filter_before = filter;
+static int is_force(const mjModel* m, int i) { return !strcmp(mjp_getPluginAtSlot(m->plugin[i])->name, FORCE_NAME); }
+
+/* Stops with a message that names the instance. */
+static void fail(const mjModel* m, int i, const char* format, ...) {
+  char text[512];
+  const char* name = mj_id2name(m, mjOBJ_PLUGIN, i);
+  va_list values;
+  va_start(values, format);
+  vsnprintf(text, sizeof(text), format, values);
+  va_end(values);
+  mju_error("plugin %s, instance \"%s\": %s", is_force(m, i) ? FORCE_NAME : RESTITUTION_NAME, name ? name : "", text);
 }
 
-void hcb_set_table(int id, hcb_table* table) { tables[id] = table; }
+static double value_of(const mjModel* m, const number* n) { return n->numeric < 0 ? n->value : m->numeric_data[n->numeric]; }
 
-/* Values that the loader compares with what the Python bindings say: the layout is right or unused. */
-void hcb_probe(const mjModel* m, const mjData* d, double* out) {
-  double values[] = {mjVERSION_HEADER, sizeof(mjContact), m->nq, m->nv, m->nbody, m->ngeom, m->ntendon,
-                     m->opt.timestep, m->opt.o_margin, m->opt.o_friction[4], m->opt.integrator,
-                     m->opt.enableflags, m->geom_rbound[m->ngeom - 1], m->body_mass[m->nbody - 1],
-                     (double)(size_t)m->body_inertia, (double)(size_t)m->geom_bodyid,
-                     (double)(size_t)d->qpos, (double)(size_t)d->qvel, (double)(size_t)d->qfrc_passive,
-                     (double)(size_t)d->geom_xpos, (double)(size_t)d->ximat, (double)(size_t)d->cvel,
-                     (double)(size_t)d->subtree_com, (double)(size_t)d->ten_length, d->ncon, d->nefc, d->time,
-                     (double)(size_t)d->efc_KBIP, (double)(size_t)d->efc_pos, (double)(size_t)d->efc_margin,
-                     (double)(size_t)d->efc_R, (double)(size_t)d->efc_D, d->ncon ? d->contact[0].dist : 0,
-                     d->ncon ? d->contact[0].efc_address : 0, d->ncon ? d->contact[0].friction[0] : 0};
-  memcpy(out, values, sizeof(values));
-}
-
-static hcb_table* table_of(const mjModel* m) {
-  double id = m->opt.o_margin / MARK;
-  if (!(id > 0.5 && id < TABLES)) return NULL;
-  int k = (int)(id + 0.5);
-  return m->opt.o_margin == k * MARK ? tables[k] : NULL;
-}
-
-static int find(const hcb_table* t, int g1, int g2) {
-  int low = 0, high = t->geom_pairs - 1;
-  if (g1 > g2) {
-    int g = g1;
-    g1 = g2;
-    g2 = g;
+/* The number under `key`, of low ... high; NAN for `otherwise` where it must be given. */
+static number read_number(const mjModel* m, int i, const char* key, double otherwise, double low, double high) {
+  const char* text = config(m, i, key);
+  char* end;
+  number read = {otherwise, -1};
+  if (!*text && isnan(otherwise)) fail(m, i, "config \"%s\" is missing", key);
+  if (!*text) return read;
+  read.value = strtod(text, &end);
+  if (end == text || *end) {
+    int id = mj_name2id(m, mjOBJ_NUMERIC, text);
+    if (id < 0) fail(m, i, "config \"%s\": \"%s\" is no number, and there is no <numeric> of that name", key, text);
+    read.numeric = m->numeric_adr[id];
   }
-  while (low <= high) {
-    int k = (low + high) / 2;
-    const hcb_pair* p = t->pair + k;
-    if (p->geom1 == g1 && p->geom2 == g2) return k;
-    if (p->geom1 < g1 || (p->geom1 == g1 && p->geom2 < g2)) {
-      low = k + 1;
-    } else {
-      high = k - 1;
+  if (!(value_of(m, &read) >= low && value_of(m, &read) <= high)) {
+    fail(m, i, "config \"%s\": %g, needs %g ... %g", key, value_of(m, &read), low, high);
+  }
+  return read;
+}
+
+static int read_id(const mjModel* m, int i, const char* key, int type, const char* kind) {
+  const char* text = config(m, i, key);
+  int id = *text ? mj_name2id(m, type, text) : -1;
+  if (!*text) fail(m, i, "config \"%s\" is missing: give geom1 and geom2, body1 and body2, or tendon", key);
+  if (id < 0) fail(m, i, "config \"%s\": there is no %s \"%s\"", key, kind, text);
+  return id;
+}
+
+static int masks_meet(const mjModel* m, int g1, int g2) {
+  return (m->geom_contype[g1] & m->geom_conaffinity[g2]) || (m->geom_contype[g2] & m->geom_conaffinity[g1]);
+}
+
+/* Whether MuJoCo makes contacts of two geoms itself. */
+static int is_native(const mjModel* m, int g1, int g2) {
+  int b1 = m->geom_bodyid[g1], b2 = m->geom_bodyid[g2], w1 = m->body_weldid[b1], w2 = m->body_weldid[b2];
+  int p1 = m->body_weldid[m->body_parentid[w1]], p2 = m->body_weldid[m->body_parentid[w2]];
+  for (int k = 0; k < m->npair; k++) {
+    int a = m->pair_geom1[k], b = m->pair_geom2[k];
+    if ((a == g1 && b == g2) || (a == g2 && b == g1)) return 1;
+  }
+  for (int k = 0; k < m->nexclude; k++) {
+    if (m->exclude_signature[k] == (b1 << 16) + b2 || m->exclude_signature[k] == (b2 << 16) + b1) return 0;
+  }
+  if (w1 && w2 && (w1 == p2 || w2 == p1) && !(m->opt.disableflags & mjDSBL_FILTERPARENT)) return 0;
+  return w1 != w2 && masks_meet(m, g1, g2);
+}
+
+static void add_pair(const mjModel* m, int i, instance* own, int g1, int g2) {
+  if (m->body_weldid[m->geom_bodyid[g1]] == m->body_weldid[m->geom_bodyid[g2]]) {
+    fail(m, i, "geoms \"%s\" and \"%s\" are fixed to the same body", mj_id2name(m, mjOBJ_GEOM, g1),
+         mj_id2name(m, mjOBJ_GEOM, g2));
+  }
+  if (is_force(m, i) && is_native(m, g1, g2)) {
+    const char *n1 = mj_id2name(m, mjOBJ_GEOM, g1), *n2 = mj_id2name(m, mjOBJ_GEOM, g2);
+    fail(m, i, "MuJoCo's own contact of the geoms \"%s\" and \"%s\" is on as well: add <exclude body1=.. body2=..> "
+         "to <contact>, or contype=\"0\" conaffinity=\"0\" to one", n1 ? n1 : "", n2 ? n2 : "");
+  }
+  int type1 = m->geom_type[g1], type2 = m->geom_type[g2], swap = type1 > type2;
+  if (type1 == mjGEOM_PLANE && type2 == mjGEOM_PLANE) fail(m, i, "two planes have no contact");
+  own->pair = realloc(own->pair, 2 * (own->pairs + 1) * sizeof(int));
+  own->pair[2 * own->pairs] = swap ? g2 : g1; /* as collision functions want them */
+  own->pair[2 * own->pairs++ + 1] = swap ? g1 : g2;
+}
+
+static void read_pairs(const mjModel* m, int i, instance* own) {
+  own->pairs = 0;
+  own->tendon = -1;
+  if (*config(m, i, "tendon")) {
+    own->tendon = read_id(m, i, "tendon", mjOBJ_TENDON, "tendon");
+    if (is_force(m, i) == m->tendon_limited[own->tendon]) {
+      fail(m, i, "tendon \"%s\" must have a range and limited=\"%s\"", config(m, i, "tendon"),
+           is_force(m, i) ? "false: the force takes the place of its limit" : "true");
     }
-  }
-  return -1;
-}
-
-int hcb_filter(const mjModel* m, mjData* d, int g1, int g2) {
-  const hcb_table* t = table_of(m);
-  int k = t ? find(t, g1, g2) : -1;
-  if (k >= 0 && t->pair[k].kind == FORCE) return 1;
-  if (filter_before) return filter_before(m, d, g1, g2);
-  return !((m->geom_contype[g1] & m->geom_conaffinity[g2]) || (m->geom_contype[g2] & m->geom_conaffinity[g1]));
-}
-
-static double dot(const double* a, const double* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-static void cross(double* out, const double* a, const double* b) {
-  out[0] = a[1] * b[2] - a[2] * b[1];
-  out[1] = a[2] * b[0] - a[0] * b[2];
-  out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
-static void velocity_at(const mjModel* m, const mjData* d, int body, const double* p, double* out) {
-  const double *w = d->cvel + 6 * body, *com = d->subtree_com + 3 * m->body_rootid[body];
-  double arm[3] = {p[0] - com[0], p[1] - com[1], p[2] - com[2]};
-  cross(out, w, arm);
-  for (int i = 0; i < 3; i++) out[i] += w[3 + i];
-}
-
-/* Acceleration along n at p of a free body under a unit force along N at P. */
-static double mobility(const mjModel* m, const mjData* d, int body, const double* p, const double* n,
-                       const double* P, const double* N) {
-  const double *c = d->xipos + 3 * body, *R = d->ximat + 9 * body, *I = m->body_inertia + 3 * body;
-  double arm[3] = {p[0] - c[0], p[1] - c[1], p[2] - c[2]}, Arm[3] = {P[0] - c[0], P[1] - c[1], P[2] - c[2]};
-  double t[3], T[3], sum = dot(n, N) / m->body_mass[body];
-  cross(t, arm, n);
-  cross(T, Arm, N);
-  for (int i = 0; i < 3; i++) {
-    sum += (R[i] * t[0] + R[3 + i] * t[1] + R[6 + i] * t[2]) * (R[i] * T[0] + R[3 + i] * T[1] + R[6 + i] * T[2]) / I[i];
-  }
-  return sum;
-}
-
-static void gravity_on(const mjModel* m, int body, double* out) {
-  for (int i = 0; i < 3; i++) {
-    out[i] = m->opt.disableflags & mjDSBL_GRAVITY ? 0 : m->opt.gravity[i] * (1 - m->body_gravcomp[body]);
-  }
-}
-
-/* The law of a pair. Its slot is two inert fields of mjOption, a factor on k and alpha, that copies can vary. */
-static hcb_law law_of(const mjModel* m, const hcb_pair* p, double inverse_mass, double b) {
-  const double* slots[] = {m->opt.o_solref, m->opt.o_solimp, m->opt.o_solimp + 2, m->opt.o_friction,
-                           m->opt.o_friction + 2};
-  const double own[] = {1, p->alpha}, *s = p->slot < 0 ? own : slots[p->slot];
-  hcb_law law = {p->stiffness * s[0] * inverse_mass, 1.5 * s[1], p->exponent, b, 0, 1, 0, 0};
-  if (p->own && s[1] > 0) {
-    law.a = 0;
-    law.chi = 1.5 * s[1];
-    law.e = hcb_restitution(law.chi);
-    law.load = b;
-  }
-  return law;
-}
-
-static int stage_of(const mjModel* m, const mjData* d) {
-  double h = m->opt.timestep;
-  if (m->opt.integrator != mjINT_RK4) return 0;
-  int stage = memory.data == d && memory.step == h ? memory.stage : 0;
-  if (stage && stage != 3 && d->time == memory.time + 0.5 * h) {
-    memory.stage = stage == 2 ? 3 : 2;
-  } else if (stage == 3 && d->time == memory.time + h) {
-    memory.stage = 4;
+  } else if (*config(m, i, "body1") || *config(m, i, "body2")) {
+    int b1 = read_id(m, i, "body1", mjOBJ_BODY, "body"), b2 = read_id(m, i, "body2", mjOBJ_BODY, "body");
+    for (int masked = 1; masked >= 0 && own->pairs == 0; masked--) { /* geoms that may meet, or else all */
+      for (int k = 0; k < m->body_geomnum[b1] * m->body_geomnum[b2]; k++) {
+        int g1 = m->body_geomadr[b1] + k / m->body_geomnum[b2], g2 = m->body_geomadr[b2] + k % m->body_geomnum[b2];
+        int planes = m->geom_type[g1] == mjGEOM_PLANE && m->geom_type[g2] == mjGEOM_PLANE;
+        if (!planes && (!masked || masks_meet(m, g1, g2))) add_pair(m, i, own, g1, g2);
+      }
+    }
+    if (own->pairs == 0) fail(m, i, "the two bodies have no geoms that could meet");
   } else {
-    memory.data = d;
-    memory.step = h;
-    memory.time = d->time;
-    memory.stage = 1;
-    memory.count = 0;
+    int g1 = read_id(m, i, "geom1", mjOBJ_GEOM, "geom"), g2 = read_id(m, i, "geom2", mjOBJ_GEOM, "geom");
+    add_pair(m, i, own, g1, g2);
   }
-  return memory.stage;
 }
 
-static plan* planned(int pair, int order) {
-  for (int i = 0; i < memory.count; i++) {
-    if (memory.plans[i].pair == pair && memory.plans[i].order == order) return memory.plans + i;
+static void read_force(const mjModel* m, int i, instance* own) {
+  int named = *config(m, i, "law") != 0;
+  own->stiffness = read_number(m, i, "stiffness", NAN, 0, INFINITY);
+  own->exponent = read_number(m, i, "exponent", 1.5, 1, 100).value;
+  snprintf(own->law, NAME, "%s", config(m, i, "law"));
+  if (named == (*config(m, i, "alpha") != 0)) fail(m, i, "needs \"alpha\", or \"law\" and \"restitution\"");
+  if (named) {
+    own->e = read_number(m, i, "restitution", NAN, 0, 1);
+    double chi = hcb_chi(own->law, value_of(m, &own->e));
+    if (isnan(chi)) fail(m, i, "there is no law \"%s\", only: %s", own->law, HCB_PUBLISHED);
+    if (isinf(chi)) fail(m, i, "config \"restitution\": the law \"%s\" needs one above 0", own->law);
+  } else {
+    own->alpha = read_number(m, i, "alpha", NAN, 0, INFINITY);
   }
-  return NULL;
+  own->asked_for_e = named;
+  own->static_friction = read_number(m, i, "friction", 0, 0, INFINITY).value;
+  own->dynamic_friction = read_number(m, i, "dynamic_friction", own->static_friction, 0, own->static_friction).value;
+  own->slip_speed = read_number(m, i, "slip_speed", 1e-3, 1e-300, INFINITY).value;
 }
 
-static plan* new_plan(int pair, int order) {
-  if (memory.count == memory.room) {
-    int room = memory.room ? 2 * memory.room : 16;
-    plan* more = realloc(memory.plans, room * sizeof(plan));
-    if (!more) return NULL;
-    memory.plans = more;
-    memory.room = room;
+static void read_restitution(const mjModel* m, int i, instance* own) {
+  const char *reading = config(m, i, "reading"), *compensate = config(m, i, "compensate_gravity");
+  own->asked_for_e = *config(m, i, "restitution") != 0;
+  if (own->asked_for_e == (*config(m, i, "alpha") != 0)) fail(m, i, "needs either \"alpha\" or \"restitution\"");
+  if (own->asked_for_e) {
+    own->e = read_number(m, i, "restitution", NAN, 0, 1);
+  } else {
+    own->alpha = read_number(m, i, "alpha", NAN, 0, INFINITY);
   }
-  plan* made = memory.plans + memory.count++;
-  made->pair = pair;
-  made->order = order;
-  return made;
+  own->linear = !strcmp(reading, "linear");
+  own->compensate = !strcmp(compensate, "true");
+  if (*reading && !own->linear && strcmp(reading, "law")) fail(m, i, "config \"reading\": \"%s\", needs law or linear", reading);
+  if (*compensate && !own->compensate && strcmp(compensate, "false")) {
+    fail(m, i, "config \"compensate_gravity\": \"%s\", needs true or false", compensate);
+  }
 }
 
-#include "touch.c"
+/* Reads the config if it is not what was read before: `rollout` steps other models with the same mjData. */
+static void refresh(const mjModel* m, instance* own, int i) {
+  const char* text = m->plugin_attr + m->plugin_attradr[i];
+  int end = i + 1 < m->nplugin ? m->plugin_attradr[i + 1] : (int)m->npluginattr, length = end - m->plugin_attradr[i];
+  if (own->text && own->length == length && !memcmp(own->text, text, length)) return;
+  read_pairs(m, i, own);
+  if (is_force(m, i)) {
+    read_force(m, i, own);
+  } else {
+    read_restitution(m, i, own);
+  }
+  own->text = realloc(own->text, length);
+  own->length = length;
+  memcpy(own->text, text, length);
+}
+
+static int is_first(const mjModel* m, int i) {
+  for (int j = 0; j < i; j++) {
+    if (m->plugin[j] == m->plugin[i]) return 0;
+  }
+  return 1;
+}
+
+#include "contacts.c"
 
 #include "force.c"
 #include "restitution.c"
 
-void hcb_passive(const mjModel* m, mjData* d) {
-  if (passive_before) passive_before(m, d);
-  hcb_table* t = table_of(m);
-  if (!t || m->opt.disableflags & (mjDSBL_CONTACT | mjDSBL_CONSTRAINT)) return;
-  /* MuJoCo resets what is not finite before we see it, and keeps count. */
-  if (d->warning[mjWARN_BADQPOS].number || d->warning[mjWARN_BADQVEL].number || d->warning[mjWARN_BADQACC].number) {
-    __atomic_add_fetch(&t->not_finite, 1, __ATOMIC_RELAXED);
+static void compute(const mjModel* m, mjData* d, int i, int capability) {
+  (void)capability;
+  if (!is_first(m, i) || m->opt.disableflags & (mjDSBL_CONTACT | mjDSBL_CONSTRAINT)) return;
+  for (int j = i; j < m->nplugin; j++) {
+    if (m->plugin[j] == m->plugin[i]) refresh(m, instance_of(d, j), j);
   }
-  int stage = stage_of(m, d);
-  add_forces(m, d, t, stage, NULL, NULL);
-  rewrite_rows(m, d, t, stage);
+  if (instance_of(d, i)->is_force) {
+    add_forces(m, d, i);
+  } else {
+    add_impacts(m, d, i);
+  }
 }
 
-/* Contacts of the force law at the present state: rows of HCB_REPORT numbers; at most `room`. */
-int hcb_report(const mjModel* m, mjData* d, double* out, int room) {
-  hcb_table* t = table_of(m);
-  if (!t) return 0;
-  add_forces(m, d, t, m->opt.integrator == mjINT_RK4 ? 1 : 0, out, &room);
-  return room;
+static int init(const mjModel* m, mjData* d, int i) {
+  instance* own = calloc(1, sizeof(instance));
+  if (!own) return -1;
+  d->plugin_data[i] = (uintptr_t)own;
+  own->is_force = is_force(m, i);
+  refresh(m, own, i);
+  return 0;
+}
+
+static void destroy(mjData* d, int i) {
+  instance* own = instance_of(d, i);
+  if (!own) return;
+  free(own->pair);
+  free(own->text);
+  free(own->impulse);
+  free(own->planned);
+  free(own);
+  d->plugin_data[i] = 0;
+}
+
+/* Nothing outlives a step, so a copy has all it needs from its own init. */
+static void copy(mjData* to, const mjModel* m, const mjData* from, int i) {
+  (void)m, (void)from;
+  instance_of(to, i)->stage = 0;
+}
+
+static void reset(const mjModel* m, mjtNum* state, void* data, int i) {
+  (void)m, (void)state, (void)i;
+  if (data) ((instance*)data)->stage = 0;
+}
+
+static int no_state(const mjModel* m, int i) {
+  (void)m, (void)i;
+  return 0;
+}
+
+/* Runs when the library is loaded; a copy in MuJoCo's own folder may have been before. */
+__attribute__((constructor)) static void register_plugins(void) {
+  mjpPlugin plugin;
+  if (mjp_getPlugin(FORCE_NAME, NULL)) return;
+  mjp_defaultPlugin(&plugin);
+  plugin.capabilityflags = mjPLUGIN_PASSIVE;
+  plugin.nstate = no_state;
+  plugin.init = init;
+  plugin.destroy = destroy;
+  plugin.copy = copy;
+  plugin.reset = reset;
+  plugin.compute = compute;
+  plugin.name = FORCE_NAME;
+  plugin.attributes = force_keys;
+  plugin.nattribute = sizeof(force_keys) / sizeof(*force_keys);
+  mjp_registerPlugin(&plugin);
+  plugin.name = RESTITUTION_NAME;
+  plugin.attributes = restitution_keys;
+  plugin.nattribute = sizeof(restitution_keys) / sizeof(*restitution_keys);
+  mjp_registerPlugin(&plugin);
 }

@@ -1,26 +1,27 @@
-/* The restitution law: the rows of a contact that MuJoCo found get the acceleration that makes this very
-   step end at e(v) of this very approach, or at rest. The solver does the rest: friction, several contacts,
-   resting loads. */
+/* hcbench.restitution: impacts are worked out from the velocities at the start of the step, all at once (impacts.c),
+   and enter as a force over this step. The rows that MuJoCo made for these contacts then only let rest: they are
+   rewritten, before their reference acceleration is worked out, to e = 0 with friction, or to silence for contacts
+   that part. So resting loads, stacks and friction at rest are the solver's. */
 
-/* Implicit integrators take qfrc_constraint, whose rounding grows as 1/compliance; others take qacc. */
-static int takes_forces(const mjModel* m) {
-  if (m->opt.integrator == mjINT_IMPLICIT || m->opt.integrator == mjINT_IMPLICITFAST) return 1;
-  if (m->opt.integrator != mjINT_EULER || m->opt.disableflags & mjDSBL_EULERDAMP) return 0;
-  for (int j = 0; j < m->nv; j++) {
-    if (m->dof_damping[j] != 0) return 1;
-  }
-  return 0;
-}
+#define HCB_STILL 1.1      /* steps of falling whose speed counts as rest */
+#define HCB_REST 1e-9      /* compliance of a resting row, in units of the pair's own inverse mass; ... */
+#define HCB_REST_FORCE 1e-8 /* ... where the integrator takes the force, whose rounding grows as 1/compliance */
+#define HCB_SILENT -1e10   /* m/s^2: a row that never pushes */
 
-/* A row that yields by `compliance` times its own share is asked for as much more as it will yield. */
-static void set_row(mjData* d, int row, double acceleration_, double compliance, double force) {
+typedef struct { /* a contact of a law: rows of the solver from `row` on */
+  int instance, id, order, tendon, body[2], row, rows, dim, cone, touches, rests;
+  double rate[6], friction[5], slip;
+  const double *point, *frame;
+  hcb_contact law;
+} blow;
+
+static void set_row(mjData* d, int row, double acceleration_, double compliance) {
   double* KBIP = d->efc_KBIP + 4 * row;
   d->efc_R[row] = fmax(d->efc_R[row] * KBIP[2] / (1 - KBIP[2]) * compliance, mjMINVAL);
   d->efc_D[row] = 1 / d->efc_R[row];
-  /* mj_referenceConstraint comes next and computes -B vel - K I (pos - margin). */
-  KBIP[0] = 1;
+  KBIP[0] = 1; /* mj_referenceConstraint comes next and computes -B vel - K I (pos - margin) */
   KBIP[1] = 0;
-  d->efc_margin[row] = d->efc_pos[row] + (acceleration_ + d->efc_R[row] * force) / KBIP[2];
+  d->efc_margin[row] = d->efc_pos[row] + acceleration_ / KBIP[2];
 #ifdef HCB_ISLAND_ROWS
   if (d->nisland > 0) {
     int island_row = d->map_efc2iefc[row];
@@ -30,161 +31,201 @@ static void set_row(mjData* d, int row, double acceleration_, double compliance,
 #endif
 }
 
-/* Approach of a contact by gravity, and by gravity on one of its bodies alone, which the other may bear. */
-static void gravity_along(const mjModel* m, const hcb_table* t, const mjContact* c, double* both, double* most) {
-  double g[3];
-  *both = *most = 0;
+/* Implicit integrators take qfrc_constraint, others qacc. */
+static double rest_compliance(const mjModel* m) {
+  int damped = 0;
+  for (int j = 0; j < m->nv; j++) damped |= m->dof_damping[j] != 0;
+  if (m->opt.integrator == mjINT_EULER && damped && !(m->opt.disableflags & mjDSBL_EULERDAMP)) return HCB_REST_FORCE;
+  return m->opt.integrator == mjINT_IMPLICIT || m->opt.integrator == mjINT_IMPLICITFAST ? HCB_REST_FORCE : HCB_REST;
+}
+
+static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, double compliance) {
+  plan now = {.rows = b->rows}, *made = stage > 1 ? planned(memory, b->instance, b->id, b->order) : NULL;
+  double h = m->opt.timestep, mu = b->friction[0];
+  for (int i = 0; i < b->rows; i++) {
+    int k = b->cone ? 1 + i / 2 : i;
+    double tangential = b->cone ? (i % 2 ? -1 : 1) * b->friction[k - 1] * b->rate[k] : 0;
+    now.value[i] = i && !b->cone ? -b->rate[k] / h : (-b->rate[0] - tangential - mu * b->slip) / h;
+    if (!b->rests || stage > 1) now.value[i] = i && !b->cone ? 0 : HCB_SILENT; /* new ones wait for the next step */
+  }
+  if (stage == 1) {
+    made = new_plan(memory, b->instance, b->id, b->order);
+    made->rows = now.rows;
+    memcpy(made->value, now.value, sizeof(now.value));
+  }
+  if (made && made->rows == now.rows) now = *made;
+  if (b->cone) compliance /= fmax(2 * mu * mu, 1e-12); /* a pyramid's rows have 2 mu^2 in theirs */
+  for (int i = 0; i < now.rows; i++) set_row(d, b->row + i, now.value[i], compliance);
+}
+
+/* Speed that gravity gives in a step to one of the bodies alone, which the other may bear. */
+static double fall(const mjModel* m, const int body[2], const double* normal) {
+  double g[3], most = 0;
   for (int side = 0; side < 2; side++) {
-    int body = m->geom_bodyid[c->geom[side]];
-    if (t->body[body] == FIXED) continue;
-    gravity_on(m, body, g);
-    double one = (side ? -1 : 1) * dot(g, c->frame);
-    *both += one;
-    *most = fmax(*most, one);
+    gravity_on(m, body[side], g);
+    most = fmax(most, (side ? -1 : 1) * dot(g, normal));
   }
+  return m->opt.timestep * most;
 }
 
-/* Whether the bodies of a contact have no other: then its force is known beforehand. */
-static int alone(const mjModel* m, const mjData* d, const mjContact* c) {
-  int r1 = m->body_rootid[m->geom_bodyid[c->geom[0]]], r2 = m->body_rootid[m->geom_bodyid[c->geom[1]]], count = 0;
-  for (int i = 0; i < d->ncon; i++) {
-    const mjContact* o = d->contact + i;
-    if (o->efc_address < 0 || o->geom[0] < 0 || o->geom[1] < 0) continue;
-    for (int side = 0; side < 2; side++) {
-      int root = m->body_rootid[m->geom_bodyid[o->geom[side]]];
-      count += root && (root == r1 || root == r2);
-    }
-  }
-  return count == (r1 != 0) + (r2 != 0);
+static hcb_contact law_of_contact(const mjModel* m, const instance* own, double friction, double fall_) {
+  int kind = own->asked_for_e ? HCB_CONSTANT : own->linear ? HCB_LINEAR : HCB_LAW;
+  return (hcb_contact){kind, value_of(m, own->asked_for_e ? &own->e : &own->alpha), friction, HCB_STILL * fall_ + 1e-9, 0};
 }
 
-static double compliance_of(const mjModel* m, int known) {
-  return !takes_forces(m) ? HCB_RIGID : known ? 1e-3 : 1e-8;
-}
-
-static double inverse_mass_at(const mjModel* m, mjData* d, const hcb_table* t, const mjContact* c) {
-  touch at = {0};
-  memcpy(at.point, c->pos, sizeof(at.point));
-  at.body[0] = m->geom_bodyid[c->geom[0]];
-  at.body[1] = m->geom_bodyid[c->geom[1]];
-  double sum = free_mobility(m, d, t->body, &at, c->frame);
-  if (t->body[at.body[0]] != JOINTED && t->body[at.body[1]] != JOINTED) return sum;
-  mark_stack(d);
-  double* work = stack(d, 5 * (size_t)m->nv * sizeof(double), sizeof(double));
-  make_row(m, d, t->body, &at, c->frame, work, work + m->nv, work + 2 * m->nv);
-  sum += row_dot(m->nv, work, work + m->nv);
-  free_stack(d);
-  return sum;
-}
-
-/* The speed to leave with. What one step of falling gives is no impact that steps can tell from rest. */
-static double parting_speed(const mjModel* m, const hcb_pair* p, double approach, double gravity) {
-  double alpha = law_of(m, p, 1, 0).a / 1.5;
-  if (!(approach > fmax(0, HCB_STILL * m->opt.timestep * gravity))) return 0;
-  if (p->reading == CONSTANT) return approach * alpha;
-  return approach * (p->reading == LINEAR ? fmax(0, 1 - alpha * approach) : hcb_restitution(1.5 * alpha * approach));
-}
-
-/* Accelerations of a contact's rows, and the force that they will take. */
-static void targets(const mjModel* m, mjData* d, const hcb_table* t, const hcb_pair* p, const mjContact* c,
-                    plan* out) {
-  int b1 = m->geom_bodyid[c->geom[0]], b2 = m->geom_bodyid[c->geom[1]];
-  double v1[3], v2[3], rate[6], turn[3], h = m->opt.timestep;
-  velocity_at(m, d, b1, c->pos, v1);
-  velocity_at(m, d, b2, c->pos, v2);
+static void read_contact(const mjModel* m, const mjData* d, const mjContact* c, blow* b) {
+  double v1[3], v2[3], turn[3];
+  b->body[0] = m->geom_bodyid[c->geom[0]];
+  b->body[1] = m->geom_bodyid[c->geom[1]];
+  b->tendon = -1;
+  b->point = c->pos;
+  b->frame = c->frame;
+  b->dim = c->dim;
+  b->cone = c->dim > 1 && m->opt.cone == mjCONE_PYRAMIDAL;
+  b->row = c->efc_address;
+  b->rows = b->cone ? 2 * (c->dim - 1) : c->dim;
+  b->touches = c->dist <= 0;
+  for (int i = 0; i < 5; i++) b->friction[i] = c->dim > 1 ? c->friction[i] : 0;
+  velocity_at(m, d, b->body[0], c->pos, v1);
+  velocity_at(m, d, b->body[1], c->pos, v2);
   for (int i = 0; i < 3; i++) {
     v2[i] -= v1[i];
-    turn[i] = d->cvel[6 * b2 + i] - d->cvel[6 * b1 + i];
+    turn[i] = d->cvel[6 * b->body[1] + i] - d->cvel[6 * b->body[0] + i];
   }
   for (int i = 0; i < 3; i++) {
-    rate[i] = dot(v2, c->frame + 3 * i);
-    rate[3 + i] = dot(turn, c->frame + 3 * i);
-  }
+    b->rate[i] = dot(v2, c->frame + 3 * i);
+    b->rate[3 + i] = dot(turn, c->frame + 3 * i);
 #ifdef HCB_SURFACE_VELOCITY
-  for (int i = 0; i < 3; i++) rate[1 + i] += c->surfacevel[i];
+    b->rate[i] += i ? c->surfacevel[i - 1] : 0;
 #endif
-  double gravity, most;
-  gravity_along(m, t, c, &gravity, &most);
-  double parting = parting_speed(m, p, -rate[0], most);
-  int rows = out->cone ? 2 * (c->dim - 1) : c->dim;
-  for (int i = 0; i < rows; i++) {
-    int k = out->cone ? 1 + i / 2 : i;
-    double sign = i % 2 ? -1 : 1;
-    if (out->cone) {
-      out->value[i] = (parting - rate[0] - sign * c->friction[k - 1] * rate[k]) / h;
-    } else {
-      out->value[i] = ((i ? 0 : parting) - rate[i]) / h;
-    }
-  }
-  double slip = fabs(rate[1]) + fabs(rate[2]);
-  out->rows = rows;
-  out->compliance = compliance_of(m, parting > 0 && (c->dim == 1 || slip <= 1e-6 * parting) && alone(m, d, c));
-  out->force = fmax(0, (parting - rate[0]) / h + gravity) / inverse_mass_at(m, d, t, c) / (out->cone ? rows : 1);
-}
-
-/* All stages of a Runge-Kutta step push alike; what touches only between stages waits for the next step. */
-static void set_rows(mjData* d, hcb_table* t, int stage, plan* now, int row) {
-  if (!isfinite(now->value[0])) __atomic_add_fetch(&t->not_finite, 1, __ATOMIC_RELAXED);
-  plan* made = NULL;
-  if (stage == 1) {
-    made = new_plan(now->pair, now->order);
-    if (made) *made = *now;
-  } else if (stage > 1) {
-    made = planned(now->pair, now->order);
-    if (!made || made->rows != now->rows) {
-      made = NULL;
-      now->force = 0;
-      for (int j = 0; j < now->rows; j++) now->value[j] = j && !now->cone ? 0 : -1e10;
-    }
-  }
-  if (!made) made = now;
-  for (int j = 0; j < made->rows; j++) {
-    set_row(d, row + j, made->value[j], made->compliance, j && !made->cone ? 0 : made->force);
   }
 }
 
-static int tendon_pair(const mjModel* m, const mjData* d, const hcb_table* t, int row) {
-  int tendon = d->efc_id[row];
-  double length = d->ten_length[tendon], *range = m->tendon_range + 2 * tendon;
-  for (int k = t->geom_pairs; k < t->pairs; k++) {
-    const hcb_pair* p = t->pair + k;
-    double left = p->side > 0 ? range[1] - length : length - range[0];
-    if (p->kind == RESTITUTION && p->tendon == tendon && left == d->efc_pos[row]) return k;
+static int pair_of(const instance* own, int g1, int g2) {
+  for (int k = 0; k < own->pairs; k++) {
+    int a = own->pair[2 * k], b = own->pair[2 * k + 1];
+    if ((a == g1 && b == g2) || (a == g2 && b == g1)) return k;
   }
   return -1;
 }
 
-static void rewrite_tendon_rows(const mjModel* m, mjData* d, hcb_table* t, int stage) {
-  for (int i = 0; i < d->nefc; i++) {
-    int k = d->efc_type[i] == mjCNSTR_LIMIT_TENDON ? tendon_pair(m, d, t, i) : -1;
-    if (k < 0) continue;
-    const hcb_pair* p = t->pair + k;
-    double approach = p->side * d->ten_velocity[p->tendon], h = m->opt.timestep;
-    mark_stack(d);
-    double *row = stack(d, 2 * (size_t)m->nv * sizeof(double), sizeof(double)), *solved = row + m->nv;
-    tendon_row(m, d, p->tendon, -p->side, row);
-    solve(m, d, solved, row, 1);
-    double gravity = gravity_on_row(m, t, row), parting = parting_speed(m, p, approach, gravity);
-    plan now = {.pair = k, .rows = 1, .value = {(parting + approach) / h}};
-    now.compliance = compliance_of(m, parting > 0);
-    now.force = fmax(0, now.value[0] + gravity) / row_dot(m->nv, row, solved);
-    free_stack(d);
-    set_rows(d, t, stage, &now, i);
+static int gather(const mjModel* m, mjData* d, int first, blow* all) {
+  int count = 0;
+  for (int i = first; i < m->nplugin; i++) {
+    const instance* own = instance_of(d, i);
+    int order = 0;
+    if (m->plugin[i] != m->plugin[first]) continue;
+    for (int k = 0; k < d->ncon && own->tendon < 0; k++) {
+      const mjContact* c = d->contact + k;
+      int id = c->efc_address >= 0 && c->geom[0] >= 0 && c->geom[1] >= 0 ? pair_of(own, c->geom[0], c->geom[1]) : -1;
+      if (id < 0) continue;
+      blow* b = all + count;
+      order = count && all[count - 1].instance == i && all[count - 1].id == id ? order + 1 : 0;
+      *b = (blow){.instance = i, .id = id, .order = order};
+      read_contact(m, d, c, b);
+      b->law = law_of_contact(m, own, b->friction[0], fall(m, b->body, c->frame));
+      count++;
+    }
+    for (int k = 0; k < d->nefc && own->tendon >= 0; k++) {
+      if (d->efc_type[k] != mjCNSTR_LIMIT_TENDON || d->efc_id[k] != own->tendon) continue;
+      double length = d->ten_length[own->tendon], *range = m->tendon_range + 2 * own->tendon;
+      if (range[1] - length != d->efc_pos[k]) continue; /* the lower limit */
+      blow* b = all + count++;
+      *b = (blow){.instance = i, .tendon = own->tendon, .row = k, .rows = 1, .dim = 1, .touches = length >= range[1]};
+      b->rate[0] = -d->ten_velocity[own->tendon];
+      b->law = law_of_contact(m, own, 0, 0);
+    }
   }
+  return count;
 }
 
-static void rewrite_rows(const mjModel* m, mjData* d, hcb_table* t, int stage) {
-  int before = -1, order = 0;
-  if (t->restitution_pairs == 0) return;
-  for (int i = 0; i < d->ncon; i++) {
-    const mjContact* c = d->contact + i;
-    int k = c->efc_address >= 0 && c->geom[0] >= 0 && c->geom[1] >= 0 ? find(t, c->geom[0], c->geom[1]) : -1;
-    if (k < 0 || t->pair[k].kind != RESTITUTION) continue;
-    order = k == before ? order + 1 : 0;
-    before = k;
-    plan now = {.pair = k, .order = order, .cone = c->dim > 1 && m->opt.cone == mjCONE_PYRAMIDAL};
-    targets(m, d, t, t->pair + k, c, &now);
-    set_rows(d, t, stage, &now, c->efc_address);
+/* The parting speed up to which a contact rests: gravity may close it within the step. Forces of RK4 do work on the
+   way, so there it is less. */
+static double parts_above(const mjModel* m, double still) {
+  return m->opt.integrator == mjINT_RK4 ? 1e-3 * still : still;
+}
+
+/* Impacts of contacts that touch, into d->qfrc_passive and `impulse`; which of them rest then, and slip how fast. */
+static void collide(const mjModel* m, mjData* d, blow* all, int count, double* impulse, const double* gravity,
+                    int falls) {
+  int n = 0, nv = m->nv, *rests;
+  double h = m->opt.timestep;
+  size_t rows = 3 * (size_t)count;
+  mj_markStack(d);
+  hcb_contact* c = mj_stackAllocByte(d, count * sizeof(hcb_contact), sizeof(double));
+  blow** of = mj_stackAllocByte(d, count * sizeof(blow*), sizeof(double));
+  for (int i = 0; i < count; i++) {
+    if (all[i].touches) of[n++] = all + i;
   }
-  if (t->pairs > t->geom_pairs) rewrite_tendon_rows(m, d, t, stage);
+  rests = mj_stackAllocByte(d, count * sizeof(int), sizeof(double));
+  double* J = malloc((2 * rows * nv + rows * rows + hcb_impacts_work(count) + 4 * rows) * sizeof(double));
+  double *B = J + rows * nv, *G = B + rows * nv, *u = G + rows * rows, *p = u + rows, *slip = p + rows;
+  double *free_ = slip + rows, *work = free_ + rows;
+  for (int i = 0; i < n; i++) {
+    const blow* b = of[i];
+    double* row = J + 3 * (size_t)i * nv;
+    memset(row, 0, 3 * (size_t)nv * sizeof(double));
+    if (b->tendon >= 0) {
+      tendon_row(m, d, b->tendon, row);
+    } else {
+      make_rows(m, d, b->body, b->point, b->frame, b->dim > 1 ? 3 : 1, row);
+    }
+    for (int k = 0; k < 3; k++) u[3 * i + k] = k && b->dim == 1 ? 0 : b->rate[k];
+    c[i] = b->law;
+  }
+  mj_solveM(m, d, B, J, 3 * n);
+  hcb_coupling(n, nv, J, B, G);
+  for (int i = 0; i < 3 * n; i++) free_[i] = falls ? h * row_dot(nv, B + (size_t)i * nv, gravity) : 0;
+  for (int i = 0; i < n; i++) {
+    int gives_back = instance_of(d, of[i]->instance)->compensate;
+    if (of[i]->tendon >= 0) c[i].still += HCB_STILL * fmax(0, -free_[3 * i]);
+    c[i].bonus = gives_back ? fmax(0, -free_[3 * i]) : 0;
+  }
+  hcb_impacts(n, G, c, u, p, work);
+  for (int i = 0; i < 3 * n; i++) {
+    free_[i] += u[i];
+    for (int j = 0; j < nv && p[i] != 0; j++) impulse[j] += p[i] * J[(size_t)i * nv + j];
+  }
+  for (int i = 0; i < n; i++) rests[i] = of[i]->rests = u[3 * i] <= parts_above(m, c[i].still);
+  hcb_resting_slip(n, G, c, free_, rests, slip, work);
+  for (int i = 0; i < n; i++) of[i]->slip = fmin(slip[i], hypot(u[3 * i + 1], u[3 * i + 2]));
+  free(J);
+  mj_freeStack(d);
+}
+
+static void check_options(const mjModel* m, int first) {
+  if (m->opt.solver == mjSOL_PGS) fail(m, first, "the solver PGS has made up its mind before; take Newton or CG");
+  if (m->opt.integrator > mjINT_IMPLICITFAST) fail(m, first, "the integrator must be Euler, implicit, implicitfast or RK4");
+  if (m->opt.enableflags & mjENBL_OVERRIDE) fail(m, first, "the flag override must be off");
+}
+
+static void add_impacts(const mjModel* m, mjData* d, int first) {
+  instance* memory = instance_of(d, first);
+  int stage = stage_of(m, d, memory), nv = m->nv, busy = 0;
+  double h = m->opt.timestep;
+  check_options(m, first);
+  mj_markStack(d);
+  blow* all = mj_stackAllocByte(d, (d->ncon + d->nefc + 1) * sizeof(blow), sizeof(double));
+  int count = gather(m, d, first, all);
+  if (stage < 2) {
+    double *impulse = stack(d, nv), *gravity = stack(d, nv);
+    for (int i = 0; i < count; i++) {
+      blow* b = all + i;
+      b->rests = b->touches && b->rate[0] <= parts_above(m, b->law.still);
+      int slides = b->rests && b->friction[0] > 0 && hypot(b->rate[1], b->rate[2]) > 1e-6 * b->law.still;
+      busy |= b->touches && (-b->rate[0] > b->law.still || slides || b->tendon >= 0);
+    }
+    memset(impulse, 0, nv * sizeof(double));
+    if (busy) collide(m, d, all, count, impulse, gravity, gravity_force(m, d, gravity));
+    if (stage) {
+      memory->impulse = realloc(memory->impulse, (nv + 1) * sizeof(double));
+      memcpy(memory->impulse, impulse, nv * sizeof(double));
+    }
+    for (int j = 0; j < nv && busy; j++) d->qfrc_passive[j] += impulse[j] / h;
+  } else {
+    for (int j = 0; j < nv; j++) d->qfrc_passive[j] += memory->impulse[j] / h;
+  }
+  double compliance = rest_compliance(m);
+  for (int i = 0; i < count; i++) set_rows(m, d, memory, all + i, stage, compliance);
+  mj_freeStack(d);
 }

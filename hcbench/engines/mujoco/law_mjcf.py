@@ -1,0 +1,55 @@
+"""A contact law in MJCF: its plug-in in a scene, and as text to paste."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from typing import TYPE_CHECKING
+
+from hcbench.engines.mujoco.mjcf import as_text, named, remove_pairs, section
+from hcbench.engines.mujoco.plugin import config
+from hcbench.laws.contact_law import is_force
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from hcbench.laws.contact_law import Law
+
+
+def write_law(root: ET.Element, form: str, law: Law, path: Path) -> None:
+    """The law's plug-in, and MuJoCo's own contact off where a force takes its place."""
+    if is_force(law) and form == "cup":
+        named(root, "spatial", "contact", path).set("limited", "false")
+    elif is_force(law):
+        plate = named(root, "geom", "plate", path)
+        holder = next((body for body in root.iter("body") if plate in list(body)), None)
+        other = "world" if holder is None else holder.get("name", "")
+        remove_pairs(root)
+        ET.SubElement(section(root, "contact"), "exclude", body1=other, body2="ball")
+    root.append(_extension(law, form))
+    named(root, "body", "ball", path).insert(0, ET.Element("plugin", instance="contact"))
+
+
+def _extension(law: Law, form: str) -> ET.Element:
+    """The section that declares a law's plug-in for the ball and the plate, or for the tendon of a cup."""
+    name, keys = config(law) if is_force(law) else config(law, compensate_gravity="true")
+    pair = {"tendon": "contact"} if form == "cup" else {"geom1": "ball", "geom2": "plate"}
+    extension = ET.Element("extension")
+    instance = ET.SubElement(ET.SubElement(extension, "plugin", plugin=name), "instance", name="contact")
+    for key, value in (pair | keys).items():
+        ET.SubElement(instance, "config", key=key, value=value)
+    return extension
+
+
+def law_snippet(law: Law, form: str) -> str:
+    """What to paste of a law into a model of one's own, for the geoms "ball" and "plate"."""
+    off = "of a tendon that is limited"
+    if is_force(law):
+        off = (
+            'and limited="false" on the tendon'
+            if form == "cup"
+            else 'and <exclude body1="world" body2="ball"/>'
+        )
+    elif form == "plane":
+        off = "MuJoCo's own contact stays on"
+    head = f"<!-- once `hcbench plugin mujoco --install` has run; {off} -->"
+    return f"{head}\n{as_text(_extension(law, form))}".strip()

@@ -1,0 +1,111 @@
+/* What both plug-ins need of a contact: velocities, rows of the Jacobian, gravity, and the stages of RK4. */
+
+static double dot(const double* a, const double* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+static double row_dot(int nv, const double* a, const double* b) {
+  double sum = 0;
+  for (int j = 0; j < nv; j++) sum += a[j] * b[j];
+  return sum;
+}
+
+static void velocity_at(const mjModel* m, const mjData* d, int body, const double* p, double* out) {
+  const double *w = d->cvel + 6 * body, *com = d->subtree_com + 3 * m->body_rootid[body];
+  double x = p[0] - com[0], y = p[1] - com[1], z = p[2] - com[2];
+  out[0] = w[3] + w[1] * z - w[2] * y;
+  out[1] = w[4] + w[2] * x - w[0] * z;
+  out[2] = w[5] + w[0] * y - w[1] * x;
+}
+
+static double* stack(mjData* d, size_t count) { return mj_stackAllocByte(d, (count + 1) * sizeof(double), sizeof(double)); }
+
+/* Rows of b2's velocity minus b1's at a point along `count` directions. */
+static void make_rows(const mjModel* m, mjData* d, const int body[2], const double* point, const double* directions,
+                      int count, double* rows) {
+  int nv = m->nv;
+  mj_markStack(d);
+  double* jac = stack(d, 3 * (size_t)nv);
+  memset(rows, 0, (size_t)count * nv * sizeof(double));
+  for (int side = 0; side < 2; side++) {
+    if (m->body_weldid[body[side]] == 0) continue;
+    mj_jac(m, d, jac, NULL, point, body[side]);
+    for (int k = 0; k < count; k++) {
+      const double* n = directions + 3 * k;
+      for (int j = 0; j < nv; j++) {
+        double along = n[0] * jac[j] + n[1] * jac[nv + j] + n[2] * jac[2 * nv + j];
+        rows[(size_t)k * nv + j] += side ? along : -along;
+      }
+    }
+  }
+  mj_freeStack(d);
+}
+
+/* The row of the rate at which a tendon leaves its upper limit. */
+static void tendon_row(const mjModel* m, const mjData* d, int tendon, double* row) {
+  memset(row, 0, m->nv * sizeof(double));
+#ifdef HCB_TENDON_ROWS_IN_MODEL
+  const int *count = m->ten_J_rownnz, *start = m->ten_J_rowadr, *column = m->ten_J_colind;
+#else
+  const int *count = d->ten_J_rownnz, *start = d->ten_J_rowadr, *column = d->ten_J_colind;
+  if (!(m->opt.jacobian == mjJAC_SPARSE || (m->opt.jacobian == mjJAC_AUTO && m->nv >= 60))) {
+    for (int j = 0; j < m->nv; j++) row[j] = -d->ten_J[(size_t)tendon * m->nv + j];
+    return;
+  }
+#endif
+  for (int j = 0; j < count[tendon]; j++) row[column[start[tendon] + j]] = -d->ten_J[start[tendon] + j];
+}
+
+static void gravity_on(const mjModel* m, int body, double* out) {
+  int off = (m->opt.disableflags & mjDSBL_GRAVITY) || m->body_weldid[body] == 0;
+  for (int i = 0; i < 3; i++) out[i] = off ? 0 : m->opt.gravity[i] * (1 - m->body_gravcomp[body]);
+}
+
+/* The force of gravity alone, shape (nv,); whether there is any. */
+static int gravity_force(const mjModel* m, mjData* d, double* force) {
+  double g[3], zero[3] = {0, 0, 0};
+  int any = 0;
+  memset(force, 0, m->nv * sizeof(double));
+  for (int body = 1; body < m->nbody; body++) {
+    gravity_on(m, body, g);
+    if (!dot(g, g) || !m->body_mass[body]) continue;
+    for (int i = 0; i < 3; i++) g[i] *= m->body_mass[body];
+    mj_applyFT(m, d, g, zero, d->xipos + 3 * body, body, force);
+    any = 1;
+  }
+  return any;
+}
+
+/* Which stage of a Runge-Kutta step this is, 1 ... 4; 0 for other integrators. */
+static int stage_of(const mjModel* m, const mjData* d, instance* memory) {
+  double h = m->opt.timestep;
+  if (m->opt.integrator != mjINT_RK4) return 0;
+  int stage = memory->step == h ? memory->stage : 0;
+  if (stage && stage != 3 && d->time == memory->time + 0.5 * h) {
+    memory->stage = stage == 2 ? 3 : 2;
+  } else if (stage == 3 && d->time == memory->time + h) {
+    memory->stage = 4;
+  } else {
+    memory->step = h;
+    memory->time = d->time;
+    memory->stage = 1;
+    memory->plans = 0;
+  }
+  return memory->stage;
+}
+
+static plan* planned(const instance* memory, int instance_, int id, int order) {
+  for (int i = 0; i < memory->plans; i++) {
+    plan* p = memory->planned + i;
+    if (p->instance == instance_ && p->id == id && p->order == order) return p;
+  }
+  return NULL;
+}
+
+static plan* new_plan(instance* memory, int instance_, int id, int order) {
+  if (memory->plans == memory->room) {
+    memory->room = memory->room ? 2 * memory->room : 16;
+    memory->planned = realloc(memory->planned, memory->room * sizeof(plan));
+  }
+  plan* made = memory->planned + memory->plans++;
+  *made = (plan){.instance = instance_, .id = id, .order = order};
+  return made;
+}
