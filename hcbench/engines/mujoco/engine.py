@@ -18,7 +18,7 @@ from functools import lru_cache
 from importlib import metadata
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from hcbench.engines.mujoco import mjcf, plugin, snippet
+from hcbench.engines.mujoco import mjcf, snippet
 from hcbench.engines.mujoco.backend import INSTALL
 from hcbench.engines.mujoco.options import read_options
 from hcbench.engines.mujoco.scene_model import load
@@ -75,6 +75,7 @@ class MujocoEngine(SteppedEngine):
         options = read_options(setting.options)
         if options.law is None:
             return MujocoWorld(_pool(scene, setting.timestep, options))
+        from hcbench.engines.mujoco import plugin  # imports SciPy, as the laws do
         from hcbench.laws.contact_law import require_resolved
 
         require_resolved(options.law, scene.mass, fastest, setting.timestep)
@@ -83,6 +84,7 @@ class MujocoEngine(SteppedEngine):
 
     def plugin(self, *, install: bool = False) -> Path:
         """The library of hcbench.hunt_crossley and hcbench.restitution."""
+        from hcbench.engines.mujoco import plugin
 
         return plugin.install() if install else plugin.library()
 

@@ -108,10 +108,11 @@ def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
 
 
 def remove_pairs(root: ET.Element) -> None:
-    for section in root.findall("contact"):
-        for pair in section.findall("pair"):
+    """Take away the <pair>s of ball and plate."""
+    for contact in root.findall("contact"):
+        for pair in contact.findall("pair"):
             if {pair.get("geom1"), pair.get("geom2")} == {"ball", "plate"}:
-                section.remove(pair)
+                contact.remove(pair)
 
 
 def as_text(root: ET.Element) -> str:
@@ -231,6 +232,7 @@ def section(root: ET.Element, tag: str) -> ET.Element:
 
 
 def named(root: ET.Element, tag: str, name: str, path: Path) -> ET.Element:
+    """The element of that name; SceneError where there is none."""
     for element in root.iter(tag):
         if element.get("name") == name:
             return element
