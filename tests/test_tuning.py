@@ -156,23 +156,23 @@ def test_the_written_script_does_in_plain_pybullet_what_tune_says(tmp_path: Path
 
 
 @pytest.mark.parametrize("recipe", ["hunt-crossley", "restitution-law"])
-def test_a_plug_in_pastes_as_the_lines_that_attach_it(recipe: str) -> None:
+def test_a_plug_in_pastes_as_mjcf(recipe: str) -> None:
+    from hcbench.contact.mujoco import load
     from hcbench.engines.mujoco.mjcf import model_xml
     from hcbench.setting import Setting
 
     wanted = target(1e-6 if recipe == "hunt-crossley" else 1e-3)
     setting = registry.recipe(f"mujoco.{recipe}")(wanted)
-    plain = Setting("mujoco", "stock", setting.timestep)
-    model = mujoco.MjModel.from_xml_string(model_xml(SCENE, plain))
-    names: dict[str, object] = {"model": model}
-    exec(snippet(setting, "plane", SCENE.relative_radius), names)
+    plain = model_xml(SCENE, Setting("mujoco", "stock", setting.timestep))
+    pasted = snippet(setting, "plane", SCENE.relative_radius)
+    load()
+    model = mujoco.MjModel.from_xml_string(plain.replace("</mujoco>", f"{pasted}</mujoco>"))
     data = mujoco.MjData(model)
     data.qpos[2] += 2.3 * setting.timestep * 0.3
     data.qvel[2] = -0.3
     start = data.qpos[2]
     while not (data.qvel[2] > 0 and data.qpos[2] > start):
         mujoco.mj_step(model, data)
-    names["law"].detach()  # type: ignore[attr-defined]
     assert data.qvel[2] / 0.3 == pytest.approx(float(closed_form.restitution(ALPHA, 0.3)), abs=1e-7)
 
 

@@ -39,9 +39,9 @@ def engines(as_json: bool) -> None:
 @click.argument("engine")
 @click.option("--install", is_flag=True, help="Put it where the engine loads its own plug-ins from.")
 def plugin(engine: str, install: bool) -> None:
-    """Print the path of the contact laws' plug-in for an engine.
+    """Print where the contact laws' plug-in is.
 
-    It is compiled against the installed engine when first asked for.
+    The one for ENGINE: it is compiled against the installed engine when first asked for.
     """
     from hcbench.sim import registry
 

@@ -41,15 +41,15 @@ def _extension(law: Law, form: str) -> ET.Element:
 
 
 def law_snippet(law: Law, form: str) -> str:
-    """What to paste of a law into a model of one's own, for the geoms "ball" and "plate"."""
-    off = "of a tendon that is limited"
-    if is_force(law):
-        off = (
-            'and limited="false" on the tendon'
-            if form == "cup"
-            else 'and <exclude body1="world" body2="ball"/>'
+    """What to paste of a law into a model of one's own, whose bodies and geoms are called as a scene's."""
+    lines = [
+        "<!-- once `hcbench plugin mujoco --install` has run -->",
+        as_text(_extension(law, form)).strip(),
+    ]
+    if is_force(law) and form == "cup":
+        lines.insert(
+            1, '<!-- limited="false" on the tendon "contact": the force takes the place of its limit -->'
         )
-    elif form == "plane":
-        off = "MuJoCo's own contact stays on"
-    head = f"<!-- once `hcbench plugin mujoco --install` has run; {off} -->"
-    return f"{head}\n{as_text(_extension(law, form))}".strip()
+    elif is_force(law):
+        lines.append('<contact><exclude body1="world" body2="ball"/></contact>')
+    return "\n".join(lines)
