@@ -58,6 +58,21 @@ def test_auto_chooses_by_step_and_wish_and_says_why(
     assert "steps" in why
 
 
+@pytest.mark.parametrize(
+    ("wanted", "recipe"),
+    [(["--alpha", "0.3", "--match", "both"], "law"), (["--restitution", "0.8"], "bounce")],
+)
+def test_recipes_of_an_engine_written_elsewhere_are_chosen_by_their_roles(
+    monkeypatch: pytest.MonkeyPatch, wanted: list[str], recipe: str
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent / "outside"))
+    command = [sys.executable, "-c", "from hcbench.cli import main; main()", "tune", "rk4", "--json"]
+    done = subprocess.run(
+        [*command, *wanted, "--timestep", "1e-6"], capture_output=True, text=True, check=True
+    )
+    assert json.loads(done.stdout)["recipe"] == recipe
+
+
 def test_in_a_true_cup_the_rows_only_push() -> None:
     cup = load_scene("steel-cup")
     chosen, _ = choose("mujoco", target(1e-6), cup, "both")
