@@ -127,6 +127,15 @@ def test_a_contact_that_neither_parts_nor_rests_is_unfinished_after_five_seconds
     assert counts[0] == CONTACT_S / 0.01 + 1
 
 
+def test_a_body_that_creeps_in_an_overlap_without_any_force_is_at_rest() -> None:
+    rule = StopRule.for_launches([Launch(1.0)], 0.01, 0.0)
+    force = np.zeros((1, 300))
+    force[0, :3] = 1.0
+    counts, why = rule.add(np.full((1, 300), 1e-5), np.where(force > 0, 0.5, -1e-5), force)
+    assert why.tolist() == [End.RESTED]
+    assert counts[0] == 3 + 128
+
+
 # --- one mistake, one refusal --------------------------------------------------------------------------
 
 

@@ -33,6 +33,9 @@ REST_SHARE, REST_STEPS = 1e-6, 32
 # ... or for 128 steps and half of the contact no faster than gravity makes it in 1.5 steps. In so many steps
 # the weight pushes it further in than that speed can carry it out: it cannot part any more.
 FALL_STEPS, FALLING_STEPS = 1.5, 128
+# ... or for 128 steps and half of the contact slower than 1e-3 of its speed at touch, without any force:
+# it lies within an overlap that the engine lets pass, such as Bullet's contactSlop.
+IDLE_SHARE, IDLE_STEPS = 1e-3, 128
 
 
 class End(IntEnum):
@@ -55,7 +58,8 @@ class StopRule:
     flight_steps: steps within which a touch must come. contact_steps: and a contact end. rest_speed: m/s.
     fall: speed that gravity gives in a step, m/s. deepest: m, penetration beyond which nothing is seen.
     steps: seen so far. touch: the step in which the force first acted, or beyond every step. last_moving,
-    last_faster: the last step that was faster than `rest_speed`, and than gravity makes a body at rest.
+    last_faster, last_driven: the last step that was faster than `rest_speed`; than gravity makes a body at
+    rest; and in which a force acted or the body was not idle.
     """
 
     flight_steps: Whole
@@ -66,6 +70,7 @@ class StopRule:
     touch: Whole
     last_moving: Whole
     last_faster: Whole
+    last_driven: Whole
     steps: int = 0
 
     @classmethod
@@ -87,6 +92,7 @@ class StopRule:
             touch=never,
             last_moving=moving,
             last_faster=moving.copy(),
+            last_driven=moving.copy(),
         )
 
     def add(self, x: Floats, v: Floats, f: Floats) -> tuple[Whole, NDArray[np.int64]]:
@@ -102,7 +108,7 @@ class StopRule:
         checks = [
             (End.NOT_FINITE, not_finite(x, v, f)),
             (End.PARTED, after & (x <= 0.0) & (v < 0.0) & ~acting),
-            (End.RESTED, self._rested(after, v, step)),
+            (End.RESTED, self._rested(after, v, acting, step)),
         ]
         if self.deepest < math.inf:
             checks.insert(1, (End.TOO_DEEP, x > self.deepest))
@@ -122,21 +128,24 @@ class StopRule:
                 why[ended & np.broadcast_to(flag, x.shape)[each, first]] = end
         return np.where(ended, step[0] + first + 1, 0), why
 
-    def _rested(self, after: Flags, v: Floats, step: Whole) -> Flags:
+    def _rested(self, after: Flags, v: Floats, acting: Flags, step: Whole) -> Flags:
         slow = self.rest_speed[:, None]
         still = after & (v <= slow) & (v >= -slow)
         lasted, self.last_moving = _slow_for(still, self.last_moving, step)
         rested: Flags = lasted >= REST_STEPS
+        half = (step - np.minimum(self.touch[:, None], step)) // 2
+        idle = after & ~acting & (np.abs(v) <= IDLE_SHARE / REST_SHARE * slow)
+        lasted, self.last_driven = _slow_for(idle, self.last_driven, step)
+        rested |= lasted >= np.maximum(IDLE_STEPS, half)
         if self.fall > 0.0:
             falling = after & (np.abs(v) <= FALL_STEPS * self.fall)
             lasted, self.last_faster = _slow_for(falling, self.last_faster, step)
-            half = (step - np.minimum(self.touch[:, None], step)) // 2
             rested |= lasted >= np.maximum(FALLING_STEPS, half)
         return rested
 
     def keep(self, which: Flags) -> None:
         """Watch only these from now on."""
-        for name in ("flight_steps", "rest_speed", "touch", "last_moving", "last_faster"):
+        for name in ("flight_steps", "rest_speed", "touch", "last_moving", "last_faster", "last_driven"):
             setattr(self, name, getattr(self, name)[which])
 
 
