@@ -38,7 +38,7 @@ def as_record(measurement: Measurement) -> dict[str, Any]:
         "effective_mass_kg": measurement.effective_mass,
         "normal": list(facts.normal),
         "settings": dict(facts.settings),
-        "asked": {"restitution": list(facts.asked), "words": facts.asked_words},
+        "asked": {"restitution": list(facts.asked), "words": facts.asked_description},
         "wanted": measurement.wanted.description if measurement.wanted else None,
         "curve": [
             {
@@ -119,8 +119,8 @@ def as_text(measurement: Measurement) -> str:
     lines += [
         f"{name}: {sanitized(setting_text(value))}" for name, value in measurement.facts.settings.items()
     ]
-    if measurement.facts.asked_words:
-        lines.append(f"the model asks for: {sanitized(measurement.facts.asked_words)}")
+    if measurement.facts.asked_description:
+        lines.append(f"the model asks for: {sanitized(measurement.facts.asked_description)}")
     lines += [f"note: {sanitized(note)}" for note in measurement.facts.notes]
     asked = measurement.facts.asked or (math.nan,) * len(measurement.curve)
     rows = [

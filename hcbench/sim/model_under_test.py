@@ -53,7 +53,7 @@ class Suspect:
     """Something in a model that may keep it from bouncing as asked.
 
     code: short and stable. title: the sentence that names it. evidence: numbers found. fix: text to paste.
-    apply: makes the fix in a copy of the subject's own state; None where it cannot be tried.
+    apply: makes the fix in the engine's own form of the model; None where it cannot be tried.
     always_reported: even where the measured e is as asked, as it speaks of what the model asks for.
     assumed_e: e that the fix is written for, where nobody said which e is wanted; e is then compared with it.
     apply_last: its fix depends on the step and integrator, so it is made after those that change them.
@@ -73,11 +73,11 @@ class Suspect:
 class Facts:
     """What a model says of itself and of its pair, SI.
 
-    pair: as the model names the two, the moving one first. moved: what carries it, in words.
+    pair: as the model names the two, the moving one first. moved: the joint or base that moves it, as a phrase.
     effective_mass: 1 / (J M^-1 J^T) along the contact normal, kg. normal: unit vector, from the moving
     one towards the other. settings: the engine's own words for what decides the bounce.
     asked: e that the model asks for at each speed of the request; () where it cannot be said.
-    asked_words: where that comes from. notes: sentences a reader must know.
+    asked_description: what in the model asks for it. notes: sentences a reader must know.
     """
 
     engine: str
@@ -91,7 +91,7 @@ class Facts:
     normal: Vector
     settings: Mapping[str, Any] = field(default_factory=dict)
     asked: tuple[float, ...] = ()
-    asked_words: str = ""
+    asked_description: str = ""
     notes: tuple[str, ...] = ()
 
 

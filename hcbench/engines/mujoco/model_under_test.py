@@ -79,7 +79,7 @@ class MujocoModel(ModelUnderTest):
             normal=tuple(float(x) for x in place.contact.normal),  # type: ignore[arg-type]
             settings=settings,
             asked=written.curve(self.request.speeds) if written is not None else (),
-            asked_words=words,
+            asked_description=words,
             notes=tuple(self._notes()),
         )
 

@@ -134,7 +134,7 @@ class PybulletModel(ModelUnderTest):
                 "numSolverIterations": int(parameters["numSolverIterations"]),
             },
             asked=(first * second,) * len(self.request.speeds) if is_known else (),
-            asked_words=f"restitution {first:g} x {second:g}" if is_known else _UNKNOWN_RESTITUTIONS,
+            asked_description=f"restitution {first:g} x {second:g}" if is_known else _UNKNOWN_RESTITUTIONS,
             notes=tuple(notes),
         )
 
