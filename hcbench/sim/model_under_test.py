@@ -73,7 +73,7 @@ class Suspect:
 class Facts:
     """What a model says of itself and of its pair, SI.
 
-    pair: as the model names the two, the moving one first. moved: the joint or base that moves it, as a phrase.
+    pair: as the model names the two, the moving one first. moved: what moves it, as a phrase.
     effective_mass: 1 / (J M^-1 J^T) along the contact normal, kg. normal: unit vector, from the moving
     one towards the other. settings: the engine's own words for what decides the bounce.
     asked: e that the model asks for at each speed of the request; () where it cannot be said.
