@@ -124,6 +124,30 @@ def test_a_baseline_that_is_not_one_is_refused(tmp_path: Path, change: dict[str,
         check(ask(baseline=file))
 
 
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"restitution": None},
+        {"restitution": True},
+        {"restitution": -1},
+        {"restitution": 1e999},
+        {"status": "crashed", "restitution": None},
+        {"status": "crashed"},
+        {"height_m": 1e308},
+        {"speed_m_per_s": True},
+        {"speed_m_per_s": 0.1, "phase": 0.5},
+    ],
+)
+def test_a_damaged_baseline_is_refused(tmp_path: Path, damage: dict[str, Any]) -> None:
+    impact = {"phase": 0.5, "height_m": None, "status": "parted", "restitution": 0.9}
+    impacts = [{**impact, "speed_m_per_s": speed, **damage} for speed in (0.1, 0.5)]
+    entry = {"engine": "mujoco", "version": "3", "timestep_s": 0.002, "impacts": impacts}
+    file = tmp_path / "baseline.json"
+    file.write_text(json.dumps({"schema": 1, "kind": "hcbench baseline", "checks": {"good.xml": entry}}))
+    with pytest.raises(UserError, match="damaged"):
+        plan(ask(baseline=file))
+
+
 def test_a_baseline_of_another_engine_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "baseline.json"
     check(ask(), Outputs(baseline=file))
@@ -210,6 +234,7 @@ def test_pairs_from_no_file_or_no_text(tmp_path: Path) -> None:
         ({"restitution": 0.9, "max_error": 3}, "max-error"),
         ({"restitution": 0.9, "max_error": "wide"}, "not a number"),
         ({"restitution": 0.9, "limit": 0}, "above 0"),
+        ({"restitution": 0.9, "height": 1e308}, "up to 10000 m"),
         ({"restitution": 0.9, "speeds": "0 m/s"}, "above 0"),
     ],
 )
@@ -255,6 +280,10 @@ def test_a_pyproject_lists_checks(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         ("[[tool.hcbench.check]]\nmodle = 'x'\n", "modle|model"),
         ("[[tool.hcbench.check]]\nmodel = 1\n", "model"),
         ("[[tool.hcbench.check]]\nmodel = 'x'\nmax-error = 'lots'\n", "max-error"),
+        ("[[tool.hcbench.check]]\nmodel = 'x'\nmax-error = true\n", "max-error: True; expected a number"),
+        ("[[tool.hcbench.check]]\nmodel = 'x'\nspeeds = [0.1, true]\n", "speeds"),
+        ("[[tool.hcbench.check]]\nmodel = 'x'\nphases = true\n", "phases"),
+        ("[tool.hcbench]\nlimit = false\n[[tool.hcbench.check]]\nmodel = 'x'\n", "limit"),
         ("not toml", "not TOML"),
         ("[[tool.hcbench.check]]\nmodel='a'\n[[tool.hcbench.check]]\nmodel='a'\n", "two checks"),
     ],
@@ -483,6 +512,21 @@ def test_a_study_is_checked_setting_by_setting(tmp_path: Path) -> None:
     assert check(CheckSpec(model=str(tmp_path / "study.toml"), max_error=0.5)).exit_code == 0
     with pytest.raises(UserError, match="something else"):
         check(CheckSpec(model=str(tmp_path / "study.toml"), restitution=0.9))
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        *(("limit", "-5"), ("limit", "5"), ("speeds", "0.1"), ("phases", "2"), ("timestep", "1e-3")),
+        *(("gravity", "0"), ("height", "1"), ("engine", "mujoco"), ("max-error", "7"), ("max-error", "-1")),
+    ],
+)
+def test_a_study_refuses_what_it_would_ignore(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str
+) -> None:
+    (tmp_path / "study.toml").write_text(STUDY)
+    assert run(["check", str(tmp_path / "study.toml"), f"--{option}", value]) == 2
+    assert capsys.readouterr().err.startswith(f"hcbench: --{option}: ")
 
 
 def test_markdown_has_a_row_a_check() -> None:

@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    StrictFloat,
+    ValidationError,
+    model_validator,
+)
 
 from hcbench._files import json_text, write_text
 from hcbench.errors import UserError
 from hcbench.impact import Launch, Status
+from hcbench.measure.request import MAX_HEIGHT
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -20,6 +29,7 @@ if TYPE_CHECKING:
 
 SCHEMA = 1
 KIND = "hcbench baseline"
+_Number = Annotated[StrictFloat, Field(allow_inf_nan=False)]
 
 
 class BaselineImpact(BaseModel):
@@ -27,11 +37,18 @@ class BaselineImpact(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    speed_m_per_s: float = Field(gt=0, allow_inf_nan=False)
-    phase: float = Field(ge=0, lt=1)
-    height_m: float | None
+    speed_m_per_s: _Number = Field(gt=0)
+    phase: _Number = Field(ge=0, lt=1)
+    height_m: Annotated[_Number, Field(gt=0, le=MAX_HEIGHT)] | None
     status: Status
-    restitution: Annotated[float, BeforeValidator(lambda e: math.nan if e is None else e)]
+    restitution: Annotated[StrictFloat, BeforeValidator(lambda e: math.nan if e is None else e)]
+
+    @model_validator(mode="after")
+    def _require_restitution(self) -> Self:
+        measured = self.status in (Status.PARTED, Status.RESTED)
+        if not (0 <= self.restitution < math.inf if measured else math.isnan(self.restitution)):
+            raise ValueError("a restitution where one was measured, and only there")
+        return self
 
     @property
     def launch(self) -> Launch:
@@ -46,8 +63,16 @@ class Baseline(BaseModel):
 
     engine: str
     version: str
-    timestep_s: float
+    timestep_s: _Number = Field(gt=0)
     impacts: tuple[BaselineImpact, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _require_something_measured(self) -> Self:
+        if len(self.by_launch) < len(self.impacts) or len({impact.height_m for impact in self.impacts}) > 1:
+            raise ValueError("each launch once, all from one height")
+        if all(math.isnan(impact.restitution) for impact in self.impacts):
+            raise ValueError("at least one restitution")
+        return self
 
     @property
     def speeds(self) -> tuple[float, ...]:

@@ -71,10 +71,9 @@ def _run(spec: CheckSpec, jobs: int, progress: Progress) -> Report:
 
 def _listed(path: Path, spec: CheckSpec) -> list[Check]:
     """The checks of a file; a limit or baseline given beside the file counts for all of them."""
-    for_all = {"model", "reading", "baseline", "max_error", "limit"}
-    for name in CheckSpec.model_fields:
-        if name not in for_all and getattr(spec, name) is not None:
-            raise UserError(name.replace("_", "-"), f"given beside {path}", "it in the file, for each check")
+    _require_only(
+        spec, {"baseline", "max_error", "limit"}, f"given beside {path}", "it in the file, for each check"
+    )
     changes: dict[str, float] = {}
     if spec.max_error is not None:
         changes["max_error"] = read_max_error(spec.max_error)
@@ -89,17 +88,22 @@ def _check_study(path: Path, spec: CheckSpec, jobs: int, progress: Progress) -> 
     from hcbench.benchmark.run import run_study
     from hcbench.benchmark.study import find_study, load_study
 
-    other = (spec.restitution, spec.pairs, spec.baseline, spec.alpha, spec.pair)
-    if any(value is not None for value in other):
-        raise UserError(
-            "study", f"{path} with something else to hold it against", "the α of the study itself"
-        )
+    got = f"given beside {path}: something else than the study's own"
+    _require_only(spec, {"reading", "max_error"}, got, "the α, speeds and steps of the study itself")
     limit = read_max_error(spec.max_error)
     if path.is_dir() and (path / "summary.json").is_file():
         results = Results.read(path)
     else:
         results = run_study(load_study(find_study(str(path))), jobs, progress)
     return judge_results(results, limit, cast("Reading", spec.reading))
+
+
+def _require_only(spec: CheckSpec, used: set[str], got: str, expected: str) -> None:
+    """Raises UserError for what was given and would be ignored."""
+    for name, value in spec:
+        if name not in used | {"model"} and value != CheckSpec.model_fields[name].default:
+            slot = "target" if name == "reading" else name.replace("_", "-")
+            raise UserError(slot, got, expected)
 
 
 def _require_writable(outputs: Outputs) -> None:
@@ -129,7 +133,9 @@ def _write(report: Report, outputs: Outputs) -> None:
 
         write_bytes(outputs.png, errors_png(report))
     if outputs.baseline is not None:
-        missing = [sanitized(o.name) for o in report.outcomes if o.measurement is None]
+        missing = [
+            sanitized(o.name) for o in report.outcomes if o.measurement is None or not o.measurement.measured
+        ]
         if missing or not report.outcomes:
             names = ", ".join(missing) or "anything"
             raise OutputError("baseline", f"not written: {names} was not measured", "every check measured")

@@ -14,7 +14,7 @@ from hcbench._text import sanitized
 from hcbench.check.baseline import Baseline, read_baseline
 from hcbench.check.measured_pairs import read_pairs
 from hcbench.errors import QuantityError, UserError
-from hcbench.fields import FileTable
+from hcbench.fields import FileTable, mistake
 from hcbench.laws.restitution import ConstantRestitution, MeasuredRestitution, Restitution
 from hcbench.measure.measure import LIMIT_S
 from hcbench.measure.request import make_request
@@ -28,9 +28,18 @@ MAX_ERROR = 0.02
 MAX_DRIFT = 1e-4  # of e from a baseline: far above rounding, far below what anybody sees
 _LONGEST = 1e6  # s
 
-_FromNumpy = BeforeValidator(lambda value: value.tolist() if hasattr(value, "tolist") else value)
-Quantity = Annotated[float | str, _FromNumpy]  # in SI, or text with a unit
-Quantities = Annotated[float | str | list[float | str], _FromNumpy]
+
+def _no_truth_value(value: Any) -> Any:
+    """The value, of NumPy or not; true and false are no numbers, alone or in a list."""
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if any(isinstance(each, bool) for each in (value if isinstance(value, list | tuple) else [value])):
+        raise mistake("a number, or text with a unit")
+    return value
+
+
+_Plain = BeforeValidator(_no_truth_value)
+Quantity = Annotated[float | str, _Plain]  # in SI, or text with a unit
+Quantities = Annotated[float | str | list[float | str], _Plain]
 
 
 class SharedSpec(FileTable):
@@ -40,7 +49,7 @@ class SharedSpec(FileTable):
 
     max_error: Quantity | None = None
     speeds: Quantities | None = None
-    phases: Annotated[int | list[float], _FromNumpy] | None = None
+    phases: Annotated[int | list[float], _Plain] | None = None
     timestep: Quantity | None = None
     gravity: Quantities | None = None
     key: str | None = None

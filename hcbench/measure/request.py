@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 MAX_PHASES = 1000
+MAX_HEIGHT = 1e4  # m
 
 
 def make_request(
@@ -34,7 +35,7 @@ def make_request(
         timestep=None if timestep is None else units.parse(timestep, "timestep", above=0),
         gravity=_gravity(gravity),
         key=None if key is None else str(key),
-        height=None if height is None else units.parse(height, "length", "height", above=0),
+        height=_height(height),
         skip_redundant_phases=phases is None,
     )
 
@@ -49,6 +50,15 @@ def _pair(pair: Sequence[str] | str | None) -> tuple[str, str] | None:
             "pair", repr(pair), "two names, the moving one first", "Write for example --pair ball,plate"
         )
     return names[0], names[1]
+
+
+def _height(height: Any) -> float | None:
+    if height is None:
+        return None
+    clearance = units.parse(height, "length", "height", above=0)
+    if clearance > MAX_HEIGHT:
+        raise QuantityError("height", f"{clearance:g} m", f"up to {MAX_HEIGHT:g} m")
+    return clearance
 
 
 def _phases(phases: int | Sequence[float]) -> tuple[float, ...]:
