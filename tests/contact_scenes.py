@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
+import pytest
 
 from hcbench.contact.mujoco import ConstantRestitution, add_to_spec
 
@@ -23,6 +24,12 @@ BALL, BOX = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_BOX
 RADIUS = 0.05
 
 
+def require_plugins_in_specs() -> None:
+    """Skip the test where the installed MuJoCo takes plug-ins in MJCF only."""
+    if not hasattr(mujoco.MjSpec, "activate_plugin"):
+        pytest.skip("this MuJoCo's MjSpec takes no plug-ins")
+
+
 @dataclass
 class Scene:
     """Bodies that meet each other and, if there is a floor, the floor, by one law.
@@ -36,6 +43,7 @@ class Scene:
 
     def model(self) -> Any:
         """Compiled, with an instance of the plug-in for each pair of bodies that have geoms."""
+        require_plugins_in_specs()
         bodies = [body for body in self.spec.bodies if body.geoms]
         for one, two in combinations(bodies, 2):
             if self.law is not None:
@@ -205,6 +213,7 @@ def plugged(
     spec: Any, pairs: Sequence[tuple[str, str]], law: Law, tendon: str | None = None, **more: Any
 ) -> Any:
     """A model of an MjSpec in which a law acts on pairs of geoms, and on a tendon's limit."""
+    require_plugins_in_specs()
     for pair in pairs:
         add_to_spec(spec, law, geoms=pair, **more)
     if tendon is not None:

@@ -22,6 +22,7 @@ from contact_scenes import (
     pile,
     plugged,
     rack,
+    require_plugins_in_specs,
     row,
     run,
     stack,
@@ -43,7 +44,7 @@ from hcbench.tune.target import Target
 
 try:
     from mujoco import batch
-except ImportError:
+except (ImportError, AttributeError):
     batch = None
 
 ALPHA = 0.008 / 0.0254
@@ -191,6 +192,7 @@ def spec(h: float = 1e-5, more: str = "") -> Any:
 
 
 def test_a_law_is_added_to_a_spec_and_stays_in_its_xml() -> None:
+    require_plugins_in_specs()
     made = spec()
     name = contact.add_to_spec(made, LAW, geoms=("ball", "plate"), friction=Friction(0.3, 0.2))
     model = made.compile()
@@ -232,6 +234,7 @@ def test_stiffness_by_hertz_is_that_of_the_paper() -> None:
 
 
 def test_shapes_that_mujoco_sees_too_coarsely_are_warned_of() -> None:
+    require_plugins_in_specs()
     turns = np.linspace(0, 2 * np.pi, 13)[:-1]
     points = [
         (np.cos(a) * np.sin(p), np.sin(a) * np.sin(p), np.cos(p)) for p in (0.5, 1.5, 2.5) for a in turns
@@ -246,6 +249,8 @@ def test_shapes_that_mujoco_sees_too_coarsely_are_warned_of() -> None:
 
 
 def test_what_has_no_law_moves_bit_for_bit_as_before() -> None:
+    require_plugins_in_specs()
+
     def scene() -> Any:
         made = world(1e-3)
         add_body(made, "ball", (0, 0, RADIUS + 1e-4))
@@ -342,6 +347,20 @@ def test_the_command_prints_a_path_that_plain_mujoco_loads(capsys: Any, tmp_path
         assert done.stderr == ""
 
 
+def test_install_puts_it_beside_mujocos_own_and_an_old_one_is_told(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Any
+) -> None:
+    place = tmp_path / "plugin" / "libhcbench.so"
+    monkeypatch.setattr("hcbench.engines.mujoco.plugin._installed", lambda: place)
+    assert run_command(["plugin", "mujoco", "--install"]) == 0
+    assert capsys.readouterr().out.strip() == str(place)
+    assert place.read_bytes() == contact.library().read_bytes()
+    contact.load.__wrapped__()  # the same library once more
+    place.write_bytes(b"old")
+    with pytest.raises(CannotRun, match="--install` again"):
+        contact.load.__wrapped__()
+
+
 def test_an_engine_without_plug_ins_says_so(capsys: Any) -> None:
     assert run_command(["plugin", "reference"]) == 2
     assert "no plug-in" in capsys.readouterr().err
@@ -380,6 +399,7 @@ def oblique(seed: int, cone: str) -> tuple[float, float, float, float]:
         (Restitution(0.315), HALF)[int(rng.integers(2))],
     )
     gravity = float(rng.choice([0, 9.81]))
+    require_plugins_in_specs()
     spec = world(float(10 ** rng.uniform(-4, -2.3)), gravity=gravity, friction=mu, cone=cone)
     kind = (mujoco.mjtGeom.mjGEOM_SPHERE, BOX)[int(rng.integers(2))]
     quat = np.array([1, *rng.uniform(-0.6, 0.6, 3)])

@@ -10,9 +10,12 @@ from hcbench.engines.mujoco.plugin import config
 from hcbench.laws.contact_law import is_force
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from hcbench.laws.contact_law import Law
+
+_PAIRS = {"cup": {"tendon": "contact"}, "plane": {"geom1": "ball", "geom2": "plate"}}
 
 
 def write_law(root: ET.Element, form: str, law: Law, path: Path) -> None:
@@ -25,26 +28,25 @@ def write_law(root: ET.Element, form: str, law: Law, path: Path) -> None:
         other = "world" if holder is None else holder.get("name", "")
         remove_pairs(root)
         ET.SubElement(section(root, "contact"), "exclude", body1=other, body2="ball")
-    root.append(_extension(law, form))
+    root.append(extension(law, _PAIRS[form]))
     named(root, "body", "ball", path).insert(0, ET.Element("plugin", instance="contact"))
 
 
-def _extension(law: Law, form: str) -> ET.Element:
-    """The section that declares a law's plug-in for the ball and the plate, or for the tendon of a cup."""
+def extension(law: Law, pair: Mapping[str, str]) -> ET.Element:
+    """The section that declares a law's plug-in. pair: the keys of its config that say of what."""
     name, keys = config(law) if is_force(law) else config(law, compensate_gravity="true")
-    pair = {"tendon": "contact"} if form == "cup" else {"geom1": "ball", "geom2": "plate"}
-    extension = ET.Element("extension")
-    instance = ET.SubElement(ET.SubElement(extension, "plugin", plugin=name), "instance", name="contact")
-    for key, value in (pair | keys).items():
+    made = ET.Element("extension")
+    instance = ET.SubElement(ET.SubElement(made, "plugin", plugin=name), "instance", name="contact")
+    for key, value in (*pair.items(), *keys.items()):
         ET.SubElement(instance, "config", key=key, value=value)
-    return extension
+    return made
 
 
 def law_snippet(law: Law, form: str) -> str:
     """What to paste of a law into a model of one's own, whose bodies and geoms are called as a scene's."""
     lines = [
         "<!-- once `hcbench plugin mujoco --install` has run -->",
-        as_text(_extension(law, form)).strip(),
+        as_text(extension(law, _PAIRS[form])).strip(),
     ]
     if is_force(law) and form == "cup":
         lines.insert(

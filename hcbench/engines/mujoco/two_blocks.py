@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, require_feature
+from hcbench.engines.mujoco.law_mjcf import extension
 from hcbench.engines.mujoco.mjcf import add_pairs, as_text, numbers_text, set_mass
-from hcbench.engines.mujoco.plugin import add_to_spec
+from hcbench.engines.mujoco.plugin import load
 from hcbench.engines.mujoco.recipes.staggered import staggered_rows
 from hcbench.sim.two_blocks import SIDES, folder
 from hcbench.tune.target import Target
@@ -34,11 +35,13 @@ def simulate(blocks: TwoBlocks, position: float, velocity: float, forces: Floats
     mujoco = backend()
     if blocks.tuned_at is not None:
         require_feature(mujoco, "adhesion")
-    spec = mujoco.MjSpec.from_string(mjcf(blocks))
+    root = ET.fromstring(mjcf(blocks))
     if blocks.tuned_at is None:
-        for side in SIDES:
-            add_to_spec(spec, blocks.law, geoms=("ball", side))
-    model = spec.compile()
+        load()
+        pair = {"body1": "world", "body2": "ball"}
+        root.append(extension(blocks.law, pair))
+        ET.SubElement(ET.SubElement(root, "contact"), "exclude", pair)
+    model = mujoco.MjModel.from_xml_string(as_text(root))
     data = mujoco.MjData(model)
     data.qpos[0], data.qvel[0] = position, velocity
     states = [(position, velocity)]

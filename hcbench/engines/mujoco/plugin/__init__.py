@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from hcbench import _compile
 from hcbench.engines.mujoco.backend import backend
-from hcbench.errors import CannotRun, OutputError, SettingError
+from hcbench.errors import CannotRun, EngineMissing, OutputError, SettingError
 from hcbench.laws import hertz
 from hcbench.laws.contact_law import Friction, Law, is_force, require_law
 from hcbench.laws.published import TouchSpeedLaw
@@ -161,6 +161,9 @@ def add_to_spec(
             both = {owner.name for owner in owners}
             if both not in ({one.bodyname1, one.bodyname2} for one in spec.excludes):
                 spec.add_exclude(bodyname1=owners[0].name, bodyname2=owners[1].name)
+    if not hasattr(spec, "activate_plugin"):
+        version, todo = backend().__version__, "Or name the plug-in in MJCF: docs/plugins.md"
+        raise EngineMissing(f"mujoco {version}", "its MjSpec takes no plug-ins", "a later version", todo)
     load()
     name = name or f"{plugin} {len(spec.plugins) + 1}"
     spec.activate_plugin(plugin)
