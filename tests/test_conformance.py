@@ -10,10 +10,12 @@ from hcbench.scene import scene_names
 from hcbench.sim import registry
 from hcbench.testing import LAUNCHES, EngineConformance, impacts_for, setting_for
 
+DAMPED = {"pybullet": {"stock_damping": 0.01}}  # its linearDamping of 0.04 slows the flight
+
 for _name in registry.names():
     if registry.recipes(_name):
         _title = f"Test{_name.title()}"
-        globals()[_title] = type(_title, (EngineConformance,), {"engine": _name})
+        globals()[_title] = type(_title, (EngineConformance,), {"engine": _name, **DAMPED.get(_name, {})})
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.slug)

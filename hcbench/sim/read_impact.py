@@ -50,15 +50,7 @@ def impacts_of(
     has touched, the speed out the first after the force has ceased for good: so under gravity the
     restitution is that of the contact alone, not of the flight before and after it.
     """
-    step = np.arange(x.shape[1], dtype=np.int32)
-    counts = counts.astype(np.int32)
-    with np.errstate(all="ignore"):
-        acting = (f != 0.0) & (step < counts[:, None])
-        first = acting.argmax(axis=1).astype(np.int32)
-        stops = x.shape[1] - acting[:, ::-1].argmax(axis=1).astype(np.int32)
-        inside = (step >= first[:, None]) & (step < stops[:, None])
-        deepest = np.where(inside, x, -np.inf).max(axis=1).tolist()
-        hardest = np.where(inside, f, -np.inf).max(axis=1).tolist()
+    first, stops, deepest, hardest = _contact(x, f, counts.astype(np.int32))
     each = np.arange(len(x))
     v_in = v[each, first].tolist()
     v_out = (-v[each, np.minimum(stops, counts - 1)]).tolist()
@@ -92,6 +84,21 @@ def impacts_of(
             )
         impacts.append(impact)
     return impacts
+
+
+def _contact(
+    x: Floats, f: Floats, counts: NDArray[np.int32]
+) -> tuple[NDArray[np.int32], NDArray[np.int32], list[float], list[float]]:
+    """First step in which the force acts, one after the last, greatest penetration and force; (b,) each."""
+    step = np.arange(x.shape[1], dtype=np.int32)
+    with np.errstate(all="ignore"):
+        acting = (f != 0.0) & (step < counts[:, None])
+        first = acting.argmax(axis=1).astype(np.int32)
+        stops = x.shape[1] - acting[:, ::-1].argmax(axis=1).astype(np.int32)
+        inside = (step >= first[:, None]) & (step < stops[:, None])
+        deepest = np.where(inside, x, -np.inf).max(axis=1).tolist()
+        hardest = np.where(inside, f, -np.inf).max(axis=1).tolist()
+    return first, stops, deepest, hardest
 
 
 def _without_contact(launch: Launch, end: End, lasted: float) -> Impact:
