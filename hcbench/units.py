@@ -52,10 +52,12 @@ QUANTITIES = {
     )
 }
 
-_PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
-_NUMBER_FIRST = re.compile(rf"\s*({_PLAIN.pattern})\s*(.*)", re.DOTALL)
-
-
+_PLAIN = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_NUMBER = re.compile(rf"\s*({_PLAIN})\s*(.*)", re.DOTALL)
+_PIECE = re.compile(
+    rf"\s*(?P<range>{_PLAIN}(?:\s*:\s*{_PLAIN}){{0,2}})\s*(?P<unit>[^\d\s.:+\-].*)?", re.DOTALL
+)
+_SHAPE = 'a list like "4, 8, 16 in/s" or a range "1:20 in/s", "1:20:5 in/s" (first:last:count)'
 _LONGEST_UNIT = 60
 _TOWER = re.compile(r"(\*\*|\^)[^*^/]*(\*\*|\^)|\d{4}")  # powers of powers: Pint would compute them
 
@@ -109,11 +111,11 @@ def parse(
     """
     kind, slot = QUANTITIES[quantity], slot or quantity
     if isinstance(value, str):
-        match = _NUMBER_FIRST.fullmatch(value)
+        match = _NUMBER.fullmatch(value)
         if match is None:
             got = f"{value!r} is not a number"
             raise QuantityError(slot, got, f"one like {kind.example!r}", "Plain numbers are SI")
-        number = float(match[1]) * _scale(match[4].strip(), kind, slot, value, exponent)
+        number = float(match[1]) * _scale(match[2].strip(), kind, slot, value, exponent)
     elif isinstance(value, int | float | np.number) and not isinstance(value, bool):
         try:
             number = float(value)
@@ -140,38 +142,28 @@ def parse_values(
         return np.concatenate(parts)
     if not isinstance(value, str) or not re.search(r"[:,]", value):
         return np.array([parse(value, quantity, slot, least=least, above=above)])
-    pieces = [piece.strip() for piece in value.split(",")]
-    last_unit = _trailing_unit(pieces[-1])
+    pieces = [_PIECE.fullmatch(piece) for piece in value.split(",")]
     numbers: list[float] = []
     for piece in pieces:
-        unit = _trailing_unit(piece)
-        scale = _scale(unit or last_unit, kind, slot, value, 1.5)
-        numbers.extend(_expand(piece.removesuffix(unit).strip(), slot, value) * scale)
+        if piece is None or pieces[-1] is None:
+            raise QuantityError(slot, f"{value!r}", _SHAPE)
+        unit = piece["unit"] or pieces[-1]["unit"] or ""
+        scale = _scale(unit.strip(), kind, slot, value, 1.5)
+        numbers.extend(_expand(piece["range"], slot, value) * scale)
     _require_bounds(numbers, value, kind, slot, least, above)
     return np.array(numbers)
 
 
-_SPAN = re.compile(rf"\s*{_PLAIN.pattern}(?:\s*:\s*{_PLAIN.pattern})*\s*(?P<unit>[^\d\s.:+\-].*)?", re.DOTALL)
-
-
-def _trailing_unit(piece: str) -> str:
-    match = _SPAN.fullmatch(piece)
-    return (match["unit"] or "").strip() if match else ""
-
-
-def _expand(numbers: str, slot: str, text: str) -> Floats:
-    parts = [part.strip() for part in numbers.split(":")]
-    shape = 'a list like "4, 8, 16 in/s" or a range "1:20 in/s", "1:20:5 in/s" (first:last:count)'
-    if len(parts) > 3 or not all(_PLAIN.fullmatch(part) for part in parts):
-        raise QuantityError(slot, f"{text!r}", shape)
-    values = [float(part) for part in parts]
-    if len(values) == 1:
-        return np.array(values)
-    count = values[2] if len(values) == 3 else RANGE_COUNT
+def _expand(text: str, slot: str, value: str) -> Floats:
+    """The numbers of "first", "first:last" or "first:last:count"."""
+    first, *rest = (float(part) for part in text.split(":"))
+    if not rest:
+        return np.array([first])
+    count = rest[1] if len(rest) == 2 else RANGE_COUNT
     if count != int(count) or not 2 <= count <= 100_000:
-        got = f"{text!r} asks for {count:g} values"
-        raise QuantityError(slot, got, "a whole number from 2 to 100000", shape)
-    return np.linspace(values[0], values[1], int(count))
+        got = f"{value!r} asks for {count:g} values"
+        raise QuantityError(slot, got, "a whole number from 2 to 100000", _SHAPE)
+    return np.linspace(first, rest[0], int(count))
 
 
 def _require_bounds(
