@@ -160,7 +160,7 @@ def _expand(text: str, slot: str, value: str) -> Floats:
     if not rest:
         return np.array([first])
     count = rest[1] if len(rest) == 2 else RANGE_COUNT
-    if count != int(count) or not 2 <= count <= 100_000:
+    if not 2 <= count <= 100_000 or count != int(count):
         got = f"{value!r} asks for {count:g} values"
         raise QuantityError(slot, got, "a whole number from 2 to 100000", _SHAPE)
     return np.linspace(first, rest[0], int(count))
