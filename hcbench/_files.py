@@ -9,11 +9,12 @@ import math
 import os
 import shutil
 import signal
+import stat
 import tempfile
 import threading
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from hcbench.errors import HcbenchError, OutputError, UserError
 
@@ -43,11 +44,40 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all. UserError, or OutputError, where it cannot be written."""
+    """Write a file whole or not at all, or through a device or pipe, and through links to either.
+
+    UserError, or OutputError, where it cannot be written.
+    """
     try:
-        replace_file(path, content)
+        stream = _open_stream(path)
+        if stream is None:
+            replace_file(path.resolve(), content)
+        else:
+            with stream:
+                stream.write(content)
     except OSError as error:
         raise _unwritable("output", path, error, "a place that can be written to") from None
+
+
+def _open_stream(path: Path) -> BinaryIO | None:
+    """What an output is written through; None for a regular file, there or not. OSError for all else."""
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        return None
+    for descriptor in (1, 2):  # /dev/stdout may lead to a file, which must not be replaced under the shell
+        with suppress(OSError):
+            if os.path.samestat(os.fstat(descriptor), status):
+                return os.fdopen(descriptor, "wb", closefd=False)
+    if stat.S_ISCHR(status.st_mode) or stat.S_ISFIFO(status.st_mode):
+        return path.open("wb")
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError(errno.EINVAL, "neither a file, a character device nor a pipe")
+    if not os.access(path, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    return None
 
 
 def replace_file(path: Path, content: bytes, sync: bool = False) -> None:

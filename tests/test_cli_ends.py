@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from hcbench._files import MANIFEST, atomic_folder
+from hcbench._files import MANIFEST, atomic_folder, write_bytes
 from hcbench.cli import run
+from hcbench.errors import OutputError
 
 HCBENCH = [sys.executable, "-c", "from hcbench.cli import main; main()"]
 REFERENCE = ["reference", "--alpha", "0.1", "--speed", "0.1"]
@@ -145,6 +147,51 @@ def test_an_empty_path_is_not_the_working_directory(
     assert run(arguments) == 2
     assert capsys.readouterr().err.startswith(f"hcbench: {option}: an empty path; expected a path")
     assert there(study) == ["study.toml"]
+
+
+def test_an_output_is_written_through_what_is_no_file(tmp_path: Path) -> None:
+    import threading
+
+    pipe, link, file = tmp_path / "pipe", tmp_path / "link", tmp_path / "file"
+    os.mkfifo(pipe)
+    got: list[bytes] = []
+    reader = threading.Thread(target=lambda: got.append(pipe.read_bytes()))
+    reader.start()
+    write_bytes(pipe, b"through")
+    reader.join()
+    assert got == [b"through"]
+    assert pipe.is_fifo()
+    link.symlink_to("/dev/null")
+    write_bytes(link, b"gone")
+    assert link.readlink() == Path("/dev/null")
+    assert Path("/dev/null").is_char_device()
+    link.unlink()
+    link.symlink_to(file)
+    write_bytes(link, b"kept")
+    assert link.is_symlink()
+    assert file.read_bytes() == b"kept"
+
+
+def test_an_output_that_cannot_be_written_is_refused_and_left(tmp_path: Path) -> None:
+    socket_path, link = tmp_path / "s", tmp_path / "full"
+    link.symlink_to("/dev/full")
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(socket_path))
+        for path in (socket_path, link, tmp_path):
+            with pytest.raises(OutputError, match="output"):
+                write_bytes(path, b"x")
+    assert socket_path.is_socket()
+    assert link.readlink() == Path("/dev/full")
+
+
+def test_standard_output_in_a_file_keeps_both(tmp_path: Path) -> None:
+    file, link = tmp_path / "out", tmp_path / "link"
+    link.symlink_to("/dev/stdout")
+    code = f"from pathlib import Path; from hcbench._files import write_bytes as w; w(Path({str(link)!r}), b'1\\n')"
+    with file.open("wb") as stream:
+        subprocess.run([sys.executable, "-c", f"{code}; print(2)"], stdout=stream, check=True)
+    assert file.read_bytes().split() == [b"1", b"2"]
+    assert link.readlink() == Path("/dev/stdout")
 
 
 def fill(folder: Path, files: dict[str, str]) -> None:
