@@ -38,6 +38,15 @@ def _no_nan(content: Any) -> Any:
     return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
+def read_text(path: Path, encoding: str = "utf-8", most: int = 64 << 20) -> str:
+    """A text file of at most `most` bytes; OSError for a longer one, whatever size it says it has."""
+    with path.open("rb") as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise OSError(errno.EFBIG, f"has more than {most >> 20} MiB")
+    return content.decode(encoding)
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a file whole or not at all. UserError, or OutputError, where it cannot be written."""
     write_bytes(path, text.encode("utf-8"))

@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, PlainValidator, StrictStr, Va
 from pydantic_core import PydanticCustomError, core_schema
 
 from hcbench import units
+from hcbench._files import read_text
 from hcbench._text import sanitized
 from hcbench.errors import QuantityError
 
@@ -112,7 +113,7 @@ Steps = Annotated[tuple[float, ...], InUnits("timestep", several=True, above=0.0
 def read_toml(path: Path, error: type[UserError], slot: str, expected: str = "a TOML file") -> dict[str, Any]:
     """The content of a TOML file; raises `error` where there is none. expected: what the file should be."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(read_text(path, most=16 << 20))
     except FileNotFoundError:
         raise error(slot, f"{path} does not exist", expected) from None
     except (OSError, UnicodeDecodeError) as caught:

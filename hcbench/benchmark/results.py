@@ -12,7 +12,7 @@ import json
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from hcbench._files import json_text, write_text
+from hcbench._files import json_text, read_text, write_text
 from hcbench.errors import UserError
 from hcbench.scoring import CLAIMS
 
@@ -100,7 +100,7 @@ class Results:
     def read(cls, folder: Path) -> Results:
         """Read what `write` wrote; UserError for a folder that is not one, or of another schema."""
         try:
-            summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+            summary = json.loads(read_text(folder / "summary.json"))
             tables = [_read_table(folder / f"{name}.csv") for name in TABLES]
         except (OSError, ValueError) as error:
             raise UserError("results", f"{folder}: {error}", "a folder that `hcbench report` wrote") from None

@@ -16,7 +16,7 @@ from pydantic import (
     model_validator,
 )
 
-from hcbench._files import json_text, write_text
+from hcbench._files import json_text, read_text, write_text
 from hcbench.errors import UserError
 from hcbench.impact import Launch, Status
 from hcbench.measure.request import MAX_HEIGHT
@@ -120,7 +120,7 @@ def read_baseline(path: Path, name: str) -> Baseline:
     not in it.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_text(path))
     except OSError as error:
         todo = "Write one with --write-baseline"
         raise UserError("baseline", f"{path}: {error.strerror}", "a file", todo) from None

@@ -9,6 +9,7 @@ import re
 from typing import TYPE_CHECKING
 
 from hcbench import units
+from hcbench._files import read_text
 from hcbench._text import sanitized
 from hcbench.errors import QuantityError, UserError
 
@@ -28,12 +29,10 @@ def read_pairs(path: Path) -> tuple[tuple[float, float], ...]:
     Raises UserError with the file, the line, what it has and what was expected.
     """
     try:
-        if path.stat().st_size > _LARGEST:
-            raise UserError("pairs", f"{path} has more than {_LARGEST >> 20} MiB", f"up to {MOST} pairs")
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path, "utf-8-sig", _LARGEST)
     except (OSError, UnicodeDecodeError) as error:
         why = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
-        raise UserError("pairs", f"{path}: {why}", "a CSV file") from None
+        raise UserError("pairs", f"{path}: {why}", f"a CSV file of up to {MOST} pairs") from None
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
     lines = [(n, line) for n, line in lines if not line.lstrip().startswith("#")]
     if not lines:
