@@ -212,7 +212,6 @@ def test_pairs_are_read_as_people_write_them(tmp_path: Path, text: str) -> None:
     assert [x for pair in read_pairs(file) for x in pair] == pytest.approx([0.1, 0.95, 0.5, 0.9])
 
 
-@pytest.mark.timeout(60)
 def test_an_input_without_an_end_is_not_read_to_it(tmp_path: Path) -> None:
     endless = tmp_path / "endless.toml"
     endless.symlink_to("/dev/zero")

@@ -187,7 +187,7 @@ def test_an_output_that_cannot_be_written_is_refused_and_left(tmp_path: Path) ->
 def test_standard_output_in_a_file_keeps_both(tmp_path: Path) -> None:
     file, link = tmp_path / "out", tmp_path / "link"
     link.symlink_to("/dev/stdout")
-    code = f"from pathlib import Path; from hcbench._files import write_bytes as w; w(Path({str(link)!r}), b'1\\n')"
+    code = f"import pathlib, hcbench._files as files; files.write_bytes(pathlib.Path({str(link)!r}), b'1 ')"
     with file.open("wb") as stream:
         subprocess.run([sys.executable, "-c", f"{code}; print(2)"], stdout=stream, check=True)
     assert file.read_bytes().split() == [b"1", b"2"]
