@@ -12,17 +12,19 @@ import signal
 import stat
 import tempfile
 import threading
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from hcbench.errors import HcbenchError, OutputError, UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator, Mapping
 
 MANIFEST = "hcbench-files.json"
 _KIND = "hcbench files"
+_SCRATCH = (".hcbench-", ".scratch")  # how the names of scratch folders begin and end
+_SUFFIXES = (".html", ".svg", ".png", ".csv", ".json")  # of what is written into folders
 
 
 def json_text(content: Any) -> str:
@@ -115,31 +117,60 @@ def _unwritable(slot: str, path: Path, error: OSError, expected: str) -> Hcbench
 
 
 @contextmanager
-def atomic_folder(folder: Path) -> Iterator[Path]:
+def atomic_folder(folder: Path, *names: str) -> Iterator[Path]:
     """A scratch folder whose files move into `folder` when the block ends well; else nothing is left.
 
-    Files that an earlier block wrote and this one did not are deleted, unless they were modified since:
-    MANIFEST lists what was written, with a digest of each.
+    names: files that it will write, as far as they are known before. Files that an earlier block wrote and
+    this one did not are deleted, unless they were modified since: MANIFEST lists what was written, with a
+    digest of each. OutputError, and nothing is written, where a file that is not of an earlier block, or a
+    link within the folder, is in the way.
     """
     made: list[Path] = []
-    scratch = None
     try:
         made = [p for p in (folder, *folder.parents) if not p.exists()]
         folder.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(prefix=".hcbench-", dir=folder))
-        yield scratch
-        with deferred_signals():
-            _move_all(scratch, folder)
+        _require_ours(folder, names, _read_manifest(folder))
+        with _scratch_in(folder) as scratch:
+            yield scratch
+            with deferred_signals():
+                _move_all(scratch, folder)
     except BaseException as error:
-        if scratch is not None:
-            shutil.rmtree(scratch, ignore_errors=True)
         for path in made:
             if path.exists() and not any(path.iterdir()):
                 path.rmdir()
         if isinstance(error, OSError):
             raise _unwritable("output folder", folder, error, "a folder that can be written to") from None
         raise
-    shutil.rmtree(scratch, ignore_errors=True)
+
+
+@contextmanager
+def _scratch_in(folder: Path) -> Iterator[Path]:
+    """A new folder in `folder`, locked until the block ends; those go that killed processes left there."""
+    with _locked(folder):  # so that none is taken for left between its making and its locking
+        for left in folder.glob(f"{_SCRATCH[0]}*{_SCRATCH[1]}"):
+            with suppress(OSError), _locked(left, wait=False):
+                shutil.rmtree(left, ignore_errors=True)
+        scratch = Path(tempfile.mkdtemp(_SCRATCH[1], _SCRATCH[0], folder))
+        lock = ExitStack()
+        lock.enter_context(_locked(scratch))
+    with lock:
+        try:
+            yield scratch
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)
+
+
+@contextmanager
+def _locked(folder: Path, wait: bool = True) -> Iterator[None]:
+    """While no other process has the folder; OSError where one has it and `wait` is False."""
+    import fcntl
+
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW * (not wait))
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB * (not wait))
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def _move_all(scratch: Path, folder: Path) -> None:
@@ -147,6 +178,7 @@ def _move_all(scratch: Path, folder: Path) -> None:
     (scratch / MANIFEST).unlink(missing_ok=True)  # of an atomic_folder within this one
     items = [item for item in sorted(scratch.rglob("*")) if item.is_file()]
     written = {item.relative_to(scratch).as_posix(): _digest(item) for item in items}
+    _require_ours(folder, written, earlier)
     # Listed before they are there: however this ends, it is known later what is not someone else's.
     _write_manifest(folder, {**earlier, **written})
     for item, name in zip(items, written, strict=True):
@@ -154,11 +186,31 @@ def _move_all(scratch: Path, folder: Path) -> None:
         item.replace(folder / name)
     for name in earlier.keys() - written.keys():
         stale = folder / name
-        if stale.is_file() and not stale.is_symlink() and _digest(stale) == earlier[name]:
+        is_report_file = stale.suffix in _SUFFIXES and stale.is_file() and not _is_behind_link(folder, name)
+        if is_report_file and _digest(stale) == earlier[name]:
             stale.unlink()
             if stale.parent != folder and not any(stale.parent.iterdir()):
                 stale.parent.rmdir()
     _write_manifest(folder, written)
+
+
+def _is_behind_link(folder: Path, name: str) -> bool:
+    return Path(os.path.realpath(folder / name)) != Path(os.path.realpath(folder)) / name
+
+
+def _require_ours(folder: Path, names: Iterable[str], earlier: Mapping[str, str]) -> None:
+    """Raises OutputError where writing a file would replace what an earlier block did not write."""
+    for name in (MANIFEST, *names):
+        path = folder / name
+        is_ours = path.is_file() and (name == MANIFEST or name in earlier)
+        in_the_way = path.parent.is_file() or (path.exists() and not is_ours)
+        if in_the_way or _is_behind_link(folder, name):
+            raise OutputError(
+                "output folder",
+                f"{path} is not of an earlier report",
+                "a folder without it",
+                "Move it away, or take another folder",
+            )
 
 
 def _write_manifest(folder: Path, files: dict[str, str]) -> None:

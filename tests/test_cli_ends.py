@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import socket
 import subprocess
@@ -244,6 +245,61 @@ def test_a_list_that_is_not_ours_removes_nothing(tmp_path: Path, manifest: str) 
     (folder / MANIFEST).write_text(text, encoding="utf-8")
     fill(folder, {"index.html": "1"})
     assert there(tmp_path) == ["mine.txt", f"out/{MANIFEST}", "out/index.html", "out/mine.txt"]
+
+
+@pytest.mark.parametrize("name", ["index.html", "figures/a.svg", "figures"])
+def test_a_file_of_someone_else_is_not_overwritten(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text("precious", encoding="utf-8")
+    with pytest.raises(OutputError, match="not of an earlier report"):
+        fill(tmp_path, {"index.html": "1", "figures/a.svg": "1"})
+    assert (tmp_path / name).read_text(encoding="utf-8") == "precious"
+    assert there(tmp_path) == [name]
+
+
+def test_the_file_in_the_way_is_named_before_anything_runs(tmp_path: Path) -> None:
+    (tmp_path / "index.html").write_text("precious", encoding="utf-8")
+    with pytest.raises(OutputError, match=r"index\.html"), atomic_folder(tmp_path, "index.html"):
+        raise AssertionError("has begun")
+
+
+@pytest.mark.parametrize("name", ["figures", "index.html", MANIFEST])
+def test_no_link_leads_out_of_the_folder(tmp_path: Path, name: str) -> None:
+    folder, outside = tmp_path / "out", tmp_path / "outside"
+    fill(folder, {"figures/a.svg": "1", "index.html": "1"})
+    (folder / name).rename(outside)
+    (folder / name).symlink_to(outside)
+    before = [p.read_bytes() for p in sorted(tmp_path.rglob("*")) if p.is_file()]
+    with pytest.raises(OutputError, match=name):
+        fill(folder, {"figures/a.svg": "2", "index.html": "2"})
+    assert [p.read_bytes() for p in sorted(tmp_path.rglob("*")) if p.is_file()] == before
+
+
+def test_an_edited_list_deletes_nothing_behind_a_link_nor_of_another_kind(tmp_path: Path) -> None:
+    folder, outside = tmp_path / "out", tmp_path / "outside"
+    outside.mkdir()
+    fill(folder, {"index.html": "1", "figures/a.svg": "1"})
+    for path in (outside / "a.svg", folder / "notes.txt"):
+        path.write_text("1", encoding="utf-8")
+    (folder / "others").symlink_to(outside)
+    content = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    digest = content["files"]["index.html"]
+    content["files"] |= {"others/a.svg": digest, "notes.txt": digest}
+    (folder / MANIFEST).write_text(json.dumps(content), encoding="utf-8")
+    fill(folder, {"index.html": "2"})
+    assert there(tmp_path) == [f"out/{MANIFEST}", "out/index.html", "out/notes.txt", "outside/a.svg"]
+
+
+def test_what_a_killed_report_left_goes_and_what_runs_stays(tmp_path: Path) -> None:
+    code = "import os, pathlib, hcbench._files as f\n"
+    code += f"with f.atomic_folder(pathlib.Path({str(tmp_path)!r})): os.kill(os.getpid(), 9)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == -9
+    (left,) = tmp_path.iterdir()
+    with atomic_folder(tmp_path) as running:
+        assert not left.exists()
+        fill(tmp_path, {"index.html": "1"})
+        assert running.is_dir()
+    assert not list(tmp_path.glob(".hcbench-*"))
 
 
 def test_a_failed_filling_removes_nothing(tmp_path: Path) -> None:

@@ -476,6 +476,16 @@ def test_a_file_that_cannot_be_written_whole_is_not_there(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_full_disk_leaves_no_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full() -> dict[str, Any]:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(files, "_myself", full)
+    with pytest.raises(OutputError, match="No space left"):
+        sweep(study_from(small()), tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_read_wants_a_finished_sweep(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="holds no sweep"):
         read(tmp_path)

@@ -119,12 +119,12 @@ class LocalFiles(Files):
             except BlockingIOError:
                 file.seek(0)
                 raise _taken(self.where, file.read()) from None
-            file.truncate(0)
-            file.write(json.dumps(_myself()))
-            file.flush()
-            for unfinished in [*path.parent.glob(".*.new"), *path.parent.glob("*/.*.new")]:
-                unfinished.unlink()  # what a killed sweep was writing
             try:
+                file.truncate(0)
+                file.write(json.dumps(_myself()))
+                file.flush()
+                for unfinished in [*path.parent.glob(".*.new"), *path.parent.glob("*/.*.new")]:
+                    unfinished.unlink()  # what a killed sweep was writing
                 yield
             finally:
                 with suppress(OSError):

@@ -27,6 +27,7 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
     from hcbench.benchmark.run import run_in_pool
     from hcbench.benchmark.study import find_study, load_study, name_of
     from hcbench.report.build import build
+    from hcbench.report.page import PAGE
     from hcbench.workers import WorkerPool
 
     if is_sweep(study):
@@ -38,7 +39,7 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
     path = find_study(study)
     plan = load_study(path).quick() if quick else load_study(path)
     folder = out or Path("reports") / name_of(path)
-    with atomic_folder(folder) as scratch, WorkerPool(jobs) as pool:
+    with atomic_folder(folder, PAGE) as scratch, WorkerPool(jobs) as pool:
         with progress("impacts") as tick:
             results = run_in_pool(pool, plan, tick)
         build(results, scratch, pool)

@@ -59,7 +59,7 @@ def build(
     OutputError where the folder cannot be written.
     """
     plan = drawings(replace(QUICK if quick else FULL, jobs=jobs))
-    with atomic_folder(folder) as scratch:
+    with atomic_folder(folder, PAGE) as scratch:
         (scratch / "figures").mkdir()
         figures = {}
         for done, drawing in enumerate(plan):

@@ -30,7 +30,7 @@ def build(results: Results, folder: Path, pool: WorkerPool | None = None) -> Pat
     The same results give the same bytes. Raises OutputError where the folder cannot be written.
     """
     view = View(results)
-    with atomic_folder(folder) as scratch:
+    with atomic_folder(folder, PAGE) as scratch:
         results.write(scratch)
         (scratch / "figures").mkdir()
         save = partial(draw, folder=scratch / "figures")
