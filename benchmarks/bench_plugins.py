@@ -114,7 +114,8 @@ def rise(scene: scenes.Scene, seconds: float) -> float:
         mujoco.mj_forward(model, data)
         now = float(data.energy.sum())
         highest, before = max(highest, now - start - own), now
-    return highest / max(abs(start), 1e-9)
+    broken = any(warning.number for warning in data.warning)
+    return np.inf if broken else highest / max(abs(start), 1e-9)
 
 
 def energies(quick: bool) -> Iterator[Claim]:
@@ -140,7 +141,7 @@ def energies(quick: bool) -> Iterator[Claim]:
         scenes.pile(seed, steps[seed % len(steps)], LAWS[seed % 5]) for seed in range(5 if quick else 20)
     ]
     yield (
-        f"mujoco restitution, {len(piles)} piles: energy won",
+        f"mujoco restitution, {len(piles)} piles, implicit: energy won",
         "1e-9",
         max(rise(one, seconds) for one in piles),
     )

