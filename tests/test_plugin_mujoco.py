@@ -494,9 +494,10 @@ def test_a_rack_breaks_without_winning_energy(law: Any) -> None:
 
 
 @pytest.mark.parametrize("law", [HALF, Restitution(0.315)], ids=["half", "law"])
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
 @pytest.mark.parametrize(("n", "h"), [(3, 5e-3), (5, 2e-3), (10, 1e-3)])
-def test_stacks_stand(n: int, h: float, law: Any) -> None:
-    seen = run(stack(n, h, law), 1.5)
+def test_stacks_stand(n: int, h: float, integrator: str, law: Any) -> None:
+    seen = run(stack(n, h, law, integrator=integrator), 1.5)
     upright = RADIUS * (2 * np.arange(n) + 1)
     assert np.abs(seen.data.qpos[2::7] - upright).max() < 1e-3 * (1 if h < 5e-3 else 1.5)
     assert np.abs(seen.data.qpos[0::7]).max() < 1e-6

@@ -10,7 +10,7 @@
 
 typedef struct { /* a contact of a law: rows of the solver from `row` on */
   int instance, id, order, tendon, body[2], row, rows, dim, cone, touches, rests;
-  double rate[6], friction[5], slip;
+  double rate[6], friction[5], slip, parting;
   const double *point, *frame;
   hcb_contact law;
 } blow;
@@ -42,10 +42,11 @@ static double rest_compliance(const mjModel* m) {
 static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, double compliance) {
   plan now = {.rows = b->rows}, *made = stage > 1 ? planned(memory, b->instance, b->id, b->order) : NULL;
   double h = m->opt.timestep, mu = b->friction[0];
+  double closing = stage ? fmax(0, b->parting) : 0; /* RK4 moves on the way: back to where it was, for no work */
   for (int i = 0; i < b->rows; i++) {
     int k = b->cone ? 1 + i / 2 : i;
     double tangential = b->cone ? (i % 2 ? -1 : 1) * b->friction[k - 1] * b->rate[k] : 0;
-    now.value[i] = i && !b->cone ? -b->rate[k] / h : (-b->rate[0] - tangential - mu * b->slip) / h;
+    now.value[i] = i && !b->cone ? -b->rate[k] / h : (-b->rate[0] - tangential - mu * b->slip - closing) / h;
     if (!b->rests || stage > 1) now.value[i] = i && !b->cone ? 0 : HCB_SILENT; /* new ones wait for the next step */
   }
   if (stage == 1) {
@@ -139,12 +140,6 @@ static int gather(const mjModel* m, mjData* d, int first, blow* all) {
   return count;
 }
 
-/* The parting speed up to which a contact rests: gravity may close it within the step. Forces of RK4 do work on the
-   way, so there it is less. */
-static double parts_above(const mjModel* m, double still) {
-  return m->opt.integrator == mjINT_RK4 ? 1e-3 * still : still;
-}
-
 /* Impacts of contacts that touch, into d->qfrc_passive and `impulse`; which of them rest then, and slip how fast. */
 static void collide(const mjModel* m, mjData* d, blow* all, int count, double* impulse, const double* gravity,
                     int falls) {
@@ -186,9 +181,12 @@ static void collide(const mjModel* m, mjData* d, blow* all, int count, double* i
     free_[i] += u[i];
     for (int j = 0; j < nv && p[i] != 0; j++) impulse[j] += p[i] * J[(size_t)i * nv + j];
   }
-  for (int i = 0; i < n; i++) rests[i] = of[i]->rests = u[3 * i] <= parts_above(m, c[i].still);
+  for (int i = 0; i < n; i++) rests[i] = of[i]->rests = u[3 * i] <= c[i].still;
   hcb_resting_slip(n, G, c, free_, rests, slip, work);
-  for (int i = 0; i < n; i++) of[i]->slip = fmin(slip[i], hypot(u[3 * i + 1], u[3 * i + 2]));
+  for (int i = 0; i < n; i++) {
+    of[i]->parting = u[3 * i];
+    of[i]->slip = fmin(slip[i], hypot(u[3 * i + 1], u[3 * i + 2]));
+  }
   free(J);
   mj_freeStack(d);
 }
@@ -211,7 +209,8 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
     double *impulse = stack(d, nv), *gravity = stack(d, nv);
     for (int i = 0; i < count; i++) {
       blow* b = all + i;
-      b->rests = b->touches && b->rate[0] <= parts_above(m, b->law.still);
+      b->rests = b->touches && b->rate[0] <= b->law.still;
+      b->parting = b->rate[0];
       int slides = b->rests && b->friction[0] > 0 && hypot(b->rate[1], b->rate[2]) > 1e-6 * b->law.still;
       busy |= b->touches && (-b->rate[0] > b->law.still || slides || b->tendon >= 0);
     }
