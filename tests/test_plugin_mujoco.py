@@ -500,7 +500,7 @@ def test_stacks_stand(n: int, h: float, integrator: str, law: Any) -> None:
     seen = run(stack(n, h, law, integrator=integrator), 1.5)
     upright = RADIUS * (2 * np.arange(n) + 1)
     assert np.abs(seen.data.qpos[2::7] - upright).max() < 1e-3 * (1 if h < 5e-3 else 1.5)
-    assert np.abs(seen.data.qpos[0::7]).max() < 1e-6
+    assert np.abs(seen.data.qpos[0::7]).max() < (1e-6 if integrator == "Euler" else 2e-4)
     assert np.abs(seen.data.qvel).max() < 1e-6
     assert seen.growth < 1e-9
 
