@@ -12,7 +12,7 @@ import signal
 import stat
 import tempfile
 import threading
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -146,7 +146,8 @@ def atomic_folder(folder: Path, *names: str) -> Iterator[Path]:
 @contextmanager
 def _scratch_in(folder: Path) -> Iterator[Path]:
     """A new folder in `folder`, locked until the block ends; those go that killed processes left there."""
-    with _locked(folder):  # so that none is taken for left between its making and its locking
+    # Locked, so that none is taken for left between its making and its locking; one's own scratch folder is.
+    with nullcontext() if folder.name.endswith(_SCRATCH[1]) else _locked(folder):
         for left in folder.glob(f"{_SCRATCH[0]}*{_SCRATCH[1]}"):
             with suppress(OSError), _locked(left, wait=False):
                 shutil.rmtree(left, ignore_errors=True)
@@ -162,9 +163,12 @@ def _scratch_in(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def _locked(folder: Path, wait: bool = True) -> Iterator[None]:
-    """While no other process has the folder; OSError where one has it and `wait` is False."""
-    import fcntl
-
+    """While no other process has the folder; OSError where one has it and `wait` is False. Not on Windows."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW * (not wait))
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB * (not wait))

@@ -361,3 +361,9 @@ def test_a_mistake_in_a_value_names_its_option(
     assert caught.out == ""
     (line,) = caught.err.splitlines()
     assert line.startswith(f"hcbench: {says}")
+
+
+def test_a_folder_within_a_scratch_folder_is_written_without_waiting_for_itself(tmp_path: Path) -> None:
+    with atomic_folder(tmp_path / "out") as outer, atomic_folder(outer) as inner:
+        (inner / "page.html").write_text("page")
+    assert (tmp_path / "out" / "page.html").read_text() == "page"
