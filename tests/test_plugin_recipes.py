@@ -12,6 +12,7 @@ from hcbench.sim import registry
 from hcbench.tune.constant import minimax_constant
 from hcbench.tune.evaluate import Evaluation, evaluate
 from hcbench.tune.target import Target
+from hcbench.workers import call
 
 SCENE = load_scene("steel-plane")
 ALPHAS = (0.002, 0.016)
@@ -76,3 +77,22 @@ def test_laws_that_came_after_refuse_what_they_have_no_sense_for(engine: str, in
         recipe(Target(law, mass, 1e-6, 0.1, 0.5, "points", ((0.1, 0.0),)))
     with pytest.raises(SettingError, match=f"timestep: 0.001 s.*`{instead}`"):
         recipe(Target(law, mass, 1e-3, 0.1, 0.5, "points", ((0.1, 0.8),)))
+
+
+def _run_beside_another_client() -> float:
+    """The error of e in a client that is not the process's first; in the worker."""
+    from hcbench.engines.pybullet import world
+    from hcbench.engines.pybullet.backend import BulletClient
+
+    other = BulletClient.direct()
+    world.client.cache_clear()
+    try:
+        return verdict("pybullet.restitution-law", 0.008, 1e-3).max_error
+    finally:
+        world.client().disconnect()
+        world.client.cache_clear()
+        other.disconnect()
+
+
+def test_the_plug_in_acts_in_the_client_of_its_world() -> None:
+    assert call(_run_beside_another_client, limit=60) < 1e-12

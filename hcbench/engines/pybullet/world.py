@@ -101,7 +101,7 @@ class PybulletWorld(World):
         if scene.form == "cup":
             gap = contact.cup(scene.ball_radius, -scene.plate_radius, (0.0, 0.0, -scene.plate_radius))
         pairs = [(self.balls[0], self.plate)]
-        attached = contact.attach(pairs, law, gap=gap, speed=fastest)
+        attached = contact.attach(pairs, law, client=self.bullet.client, gap=gap, speed=fastest)
         self._plugin.enter_context(attached)
         return lambda: [sum(touch.force for touch in attached.step())]
 
