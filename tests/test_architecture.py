@@ -62,8 +62,7 @@ def test_imports_run_one_way(path: Path) -> None:
 
 
 # Short re-exports that keep documented imports alive, and the table of other libraries' words.
-PENDING = {"_compile.py"}
-ABOUT_ENGINES = PENDING | {
+ABOUT_ENGINES = {
     "contact/mujoco.py",
     "contact/pybullet.py",
     "measure/pybullet.py",

@@ -118,6 +118,12 @@ def test_the_stop_rule_does_not_depend_on_how_steps_are_chunked() -> None:
     assert ends[0] == ends[1] == ends[2]
 
 
+def test_a_long_fall_at_a_fine_step_is_waited_for() -> None:
+    # 2 m at 1 µs: longer than any contact may last.
+    rule = StopRule.for_launches([Launch(0.0, height=2.0)], 1e-6, 9.81)
+    assert rule.flight_steps[0] > (2 * 2.0 / 9.81) ** 0.5 / 1e-6
+
+
 def test_a_contact_that_neither_parts_nor_rests_is_unfinished_after_five_seconds() -> None:
     rule = StopRule.for_launches([Launch(1.0)], 0.01, 0.0)
     step = np.arange(700.0)

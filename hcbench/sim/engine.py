@@ -194,11 +194,11 @@ class Engine(ABC):
         if not setting.timestep > 0:
             raise SettingError("timestep", f"{setting.timestep!r} s", "a step above 0 s")
         for launch in launches:
-            _check(launch, scene.gravity)
+            _check(launch)
         return self.impacts(scene, setting, launches)
 
 
-def _check(launch: Launch, gravity: float) -> None:
+def _check(launch: Launch) -> None:
     height = launch.height or 0.0
     if not math.isfinite(launch.speed + launch.phase + height + sum(launch.slip) + sum(launch.spin)):
         raise SettingError("launch", f"{launch!r}", "finite numbers")

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     Flags = NDArray[np.bool_]
 
 # A touch must come within so many times the flight, and steps: Bullet's acts from 10 µm deep on.
-FLIGHT_SLACK, FLIGHT_SLACK_STEPS = 4.0, 5000
+FLIGHT_SLACK, FLIGHT_SLACK_STEPS, FLIGHT_STEPS_MAX = 4.0, 5000, 2_000_000
 CONTACT_S = 5.0  # s: no bounce that anybody measures lasts longer
-CONTACT_STEPS_MIN, STEPS_MAX = 500, 500_000  # steps: of a contact at least, of a launch at most
+CONTACT_STEPS_MIN, CONTACT_STEPS_MAX = 500, 500_000  # steps of a contact: at least, at most
 # A body is at rest that has moved slower than 1e-6 of its speed at touch for 32 steps, ...
 REST_SHARE, REST_STEPS = 1e-6, 32
 # ... or for 128 steps and half of the contact no faster than gravity makes it in 1.5 steps. In so many steps
@@ -79,9 +79,9 @@ class StopRule:
     ) -> StopRule:
         """A rule that has seen no step yet. gravity: into the plate, m/s²."""
         flights = np.array([launch.flight_time(timestep, gravity) for launch in launches]) / timestep
-        flight_steps = np.minimum(np.ceil(FLIGHT_SLACK * flights) + FLIGHT_SLACK_STEPS, STEPS_MAX)
+        flight_steps = np.minimum(np.ceil(FLIGHT_SLACK * flights) + FLIGHT_SLACK_STEPS, FLIGHT_STEPS_MAX)
         speeds = np.array([launch.touch_speed(timestep, gravity) for launch in launches])
-        contact = max(CONTACT_STEPS_MIN, min(math.ceil(CONTACT_S / timestep), STEPS_MAX))
+        contact = max(CONTACT_STEPS_MIN, min(math.ceil(CONTACT_S / timestep), CONTACT_STEPS_MAX))
         never, moving = np.full(len(launches), np.iinfo(np.int64).max), np.full(len(launches), -1)
         return cls(
             flight_steps=flight_steps.astype(np.int64),
