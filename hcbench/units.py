@@ -53,10 +53,14 @@ QUANTITIES = {
 }
 
 _PLAIN = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_NUMBER = re.compile(rf"\s*({_PLAIN})\s*(.*)", re.DOTALL)
+_NUMBER = re.compile(rf"\s*({_PLAIN})\s*+(?!,)(.*)", re.DOTALL)
 _PIECE = re.compile(
     rf"\s*(?P<range>{_PLAIN}(?:\s*:\s*{_PLAIN}){{0,2}})\s*(?P<unit>[^\d\s.:+\-].*)?", re.DOTALL
 )
+_UNIT = re.compile(r"[\w\s*/^().·+-]+")  # Pint would pass over comments, and read quotes as inches or feet
+_ANGLE = "1 rpm is 1/60 Hz and 1 rad/s is 1/(2π) Hz"  # Pint takes a radian for 1: off by 2π
+# A comma between whole digits: "1,5" may be 1.5 or 1 and 5; "1,2,3" is a list; "1,050" is none.
+_DECIMAL_COMMA = re.compile(r"(?<![\w.,+-])[-+]?\d+,\d+(?!\d|,\d)|,0\d")
 _SHAPE = 'a list like "4, 8, 16 in/s" or a range "1:20 in/s", "1:20:5 in/s" (first:last:count)'
 _LONGEST_UNIT = 60
 _TOWER = re.compile(r"(\*\*|\^)[^*^/]*(\*\*|\^)|\d{4}")  # powers of powers: Pint would compute them
@@ -73,7 +77,10 @@ def _registry() -> Any:
 def _factor(unit: str, si: str) -> float:
     """What one `unit` is in `si`; raises whatever Pint raises for text that is not such a unit."""
     registry = _registry()
-    return float(registry.Quantity(1.0, registry.parse_units(unit)).to(si).magnitude)
+    quantity = registry.Quantity(1.0, registry.parse_units(unit))
+    if "radian" in str(quantity.to_root_units().units):
+        raise ValueError(unit)
+    return float(quantity.to(si).magnitude)
 
 
 def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float) -> float:
@@ -82,13 +89,15 @@ def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float)
         return 1.0
     si = kind.unit.replace("^n", f"^{exponent!r}")
     expected, todo = f"a unit that converts to {si}", f"Write for example {kind.example!r}"
-    if len(unit) > _LONGEST_UNIT or _TOWER.search(unit):
+    if len(unit) > _LONGEST_UNIT or _TOWER.search(unit) or not _UNIT.fullmatch(unit):
         raise QuantityError(slot, f"{text[:80]!r}: not a unit", expected if si else "a plain number", todo)
     if not si:
         raise QuantityError(slot, f"{text!r} has the unit {unit!r}", "a plain number", todo)
     try:
         return _factor(unit, si)
     except Exception as error:  # Pint raises several unrelated kinds for text that is no unit
+        if type(error) is ValueError and kind.name == "frequency":
+            raise QuantityError(slot, f"{text!r} is an angle in time", expected, _ANGLE) from None
         why = "is not a known unit" if "Undefined" in type(error).__name__ else "does not fit"
         got = f"{text!r}: {unit!r} {why}"
         raise QuantityError(slot, got, expected, f"{todo}; plain numbers are SI") from None
@@ -113,8 +122,9 @@ def parse(
     if isinstance(value, str):
         match = _NUMBER.fullmatch(value)
         if match is None:
-            got = f"{value!r} is not a number"
-            raise QuantityError(slot, got, f"one like {kind.example!r}", "Plain numbers are SI")
+            near = _near(value)
+            todo = f"Write {near!r} if that is meant" if near else "Plain numbers are SI"
+            raise QuantityError(slot, f"{value!r} is not a number", f"one like {kind.example!r}", todo)
         number = float(match[1]) * _scale(match[2].strip(), kind, slot, value, exponent)
     elif isinstance(value, int | float | np.number) and not isinstance(value, bool):
         try:
@@ -127,12 +137,20 @@ def parse(
     return number
 
 
+def _near(text: str) -> str:
+    """The quantity that a text with a decimal comma, two signs or a typographer's minus may mean; or ""."""
+    near = re.sub(r"(\d),(\d)", r"\1.\2", text.replace("−", "-"))
+    near = re.sub(r"^\s*([-+])[-+]+", r"\1", near)
+    return near if near != text and _NUMBER.fullmatch(near) else ""
+
+
 def parse_values(
     value: object, quantity: str, slot: str = "", *, least: float = -math.inf, above: float = -math.inf
 ) -> Floats:
     """Several quantities, shape (n,), SI: "4, 8, 16 in/s", "1:20 in/s" (20 even values), "1:20:5 in/s" (5).
 
-    A list may mix all of these. Order is kept. least, above: bounds, SI. Raises QuantityError.
+    A list may mix all of these. A unit at the end alone holds for the whole list; otherwise each item has its
+    own, or none has one. Order is kept. least, above: bounds, SI. Raises QuantityError.
     """
     kind, slot = QUANTITIES[quantity], slot or quantity
     if isinstance(value, list | tuple | np.ndarray):
@@ -142,13 +160,19 @@ def parse_values(
         return np.concatenate(parts)
     if not isinstance(value, str) or not re.search(r"[:,]", value):
         return np.array([parse(value, quantity, slot, least=least, above=above)])
-    pieces = [_PIECE.fullmatch(piece) for piece in value.split(",")]
+    pieces = [piece for piece in map(_PIECE.fullmatch, value.split(",")) if piece]
+    if len(pieces) <= value.count(","):
+        raise QuantityError(slot, f"{value!r}", _SHAPE)
+    if comma := _DECIMAL_COMMA.search(value):
+        got, near = f"{value!r} has a comma between digits", comma[0].replace(",", ".")
+        raise QuantityError(slot, got, f"{near!r}, or a space after the comma of a list")
+    *units, last = ((piece["unit"] or "").strip() for piece in pieces)
+    if any(units) and not all((*units, last)):
+        expected = "one unit at the end for the whole list, or one at each value"
+        raise QuantityError(slot, f"{value!r} has units at some values only", expected)
     numbers: list[float] = []
-    for piece in pieces:
-        if piece is None or pieces[-1] is None:
-            raise QuantityError(slot, f"{value!r}", _SHAPE)
-        unit = piece["unit"] or pieces[-1]["unit"] or ""
-        scale = _scale(unit.strip(), kind, slot, value, 1.5)
+    for piece, unit in zip(pieces, (*units, last), strict=True):
+        scale = _scale(unit or last, kind, slot, value, 1.5)
         numbers.extend(_expand(piece["range"], slot, value) * scale)
     _require_bounds(numbers, value, kind, slot, least, above)
     return np.array(numbers)

@@ -106,7 +106,18 @@ def test_a_study_without_an_essential_is_refused_by_name(key: str) -> None:
         study_from({k: v for k, v in CONTENT.items() if k != key})
 
 
-@pytest.mark.parametrize(("key", "value"), [("phases", 0), ("phases", 1.5), ("schema", 9), ("run", "x")])
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("phases", 0),
+        ("phases", 1.5),
+        ("schema", 9),
+        ("run", "x"),
+        ("step_speed", -1),
+        ("step_speed", 0.123),
+        ("main_alpha", 0.123),
+    ],
+)
 def test_a_wrong_value_is_refused_by_name(key: str, value: object) -> None:
     with pytest.raises(StudyError, match=key):
         study_from({**CONTENT, key: value})

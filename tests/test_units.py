@@ -62,6 +62,12 @@ def test_lists_and_ranges_mix_and_keep_their_order() -> None:
         "1:2:1 m/s",
         "1:2:1e9 m/s",
         "1:2:2.5",
+        "1 in/s, 2",
+        "1, 2 in/s, 3 m/s",
+        "1 m/s # of the sensor",
+        "1 m/s 3",
+        "1 m/s;2 m/s",
+        "1 m/s/rad",
         True,
     ],
 )
@@ -86,3 +92,39 @@ def test_any_text_is_a_finite_number_or_a_quantity_error(text: str) -> None:
     except QuantityError:
         return
     assert all(math.isfinite(v) for v in found)
+
+
+@pytest.mark.parametrize(
+    ("text", "quantity", "meant"),
+    [
+        ("0,3 s/m", "alpha", "'0.3 s/m'"),
+        ("--0.3", "alpha", "'-0.3'"),
+        ("−0.3", "acceleration", "'-0.3'"),
+        ("1 rpm", "frequency", "1/60 Hz"),
+        ("6.28 rad/s", "frequency", "1/(2π) Hz"),
+        ("360 deg/s", "frequency", "1/(2π) Hz"),
+    ],
+)
+def test_a_near_miss_is_refused_with_what_was_meant(text: str, quantity: str, meant: str) -> None:
+    with pytest.raises(QuantityError, match="expected") as caught:
+        units.parse(text, quantity)
+    assert meant in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "text", ["1,5", "0,3 m/s", "1,5:2,5:3 m/s", "1,5, 2", "1,250,000 m/s", "1,050 m/s", "1,234.5"]
+)
+def test_a_comma_that_may_be_a_decimal_point_makes_no_list(text: str) -> None:
+    with pytest.raises(QuantityError, match="comma between digits"):
+        units.parse_values(text, "speed")
+
+
+@given(st.lists(st.floats(1e-3, 1e3), min_size=1, max_size=5), st.sampled_from([",", ", ", " , "]))
+def test_a_unit_at_the_end_holds_for_the_whole_list_as_at_each_value(values: list[float], comma: str) -> None:
+    texts = [repr(value) for value in values]
+    found = units.parse_values(f"{comma.join(texts)} in/s", "speed")
+    assert found == pytest.approx(units.parse_values(comma.join(f"{t} in/s" for t in texts), "speed"))
+    assert found == pytest.approx(np.array(values) * 0.0254)
+    if len(texts) > 1:
+        with pytest.raises(QuantityError, match="some values"):
+            units.parse_values(f"{texts[0]} in/s{comma}{comma.join(texts[1:])}", "speed")

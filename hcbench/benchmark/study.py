@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -174,6 +175,9 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
     main_alpha = file.alphas[len(file.alphas) // 2] if file.main_alpha is None else file.main_alpha
     if main_alpha not in file.alphas:
         raise StudyError(f"{where}: main_alpha", f"{main_alpha:.6g} s/m", "one of the study's alphas")
+    step_speed = file.step_speed or file.speeds[len(file.speeds) // 2]
+    if not any(math.isclose(step_speed, speed) for speed in (*file.speeds, *file.loop_speeds)):
+        raise StudyError(f"{where}: step_speed", f"{step_speed:.6g} m/s", "one of the study's speeds")
     runs = [
         validate(_RunTable, run, StudyError, f"{where}: run {i}: {{}}") for i, run in enumerate(file.run, 1)
     ]
@@ -185,7 +189,7 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
         loop_speeds=file.loop_speeds,
         phases=file.phases,
         main_alpha=main_alpha,
-        step_speed=file.step_speed or file.speeds[len(file.speeds) // 2],
+        step_speed=step_speed,
         runs=tuple(
             Run(run.engine, run.recipe, run.timesteps, run.alphas or file.alphas, run.speeds or file.speeds)
             for run in runs
