@@ -12,14 +12,12 @@ import signal
 import stat
 import tempfile
 import threading
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 from hcbench.errors import HcbenchError, OutputError, UserError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
 
 MANIFEST = "hcbench-files.json"
 _KIND = "hcbench files"

@@ -11,25 +11,20 @@ from __future__ import annotations
 
 import math
 import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_args, get_origin
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, StrictStr, ValidationError, create_model
+from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError, core_schema
 
 from hcbench import units
 from hcbench._files import read_text
 from hcbench._text import sanitized
-from hcbench.errors import QuantityError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from pydantic.fields import FieldInfo
-
-    from hcbench.errors import UserError
+from hcbench.errors import QuantityError, UserError
 
 T = TypeVar("T", bound="FileTable")
 

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from pydantic import Field, StrictInt, field_validator
 
 from hcbench import units
 from hcbench.errors import QuantityError, SceneError
 from hcbench.fields import Acceleration, FileTable, Length, Mass, Number, Pressure, read_toml, validate
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
 
 FILE = "scene.toml"
 _PACKAGE = Path(__file__).parent

@@ -7,20 +7,15 @@ e = 1 - α v_i of eq. (2). They part ways as α v_i grows.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.impact import Impact, Loop, Status
+from hcbench.impact import Floats, Impact, Loop, Status, Trajectory
 from hcbench.laws import closed_form
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from hcbench.impact import Floats, Trajectory
-    from hcbench.laws.force import HuntCrossley
+from hcbench.laws.force import HuntCrossley
 
 RESOLVED = 20  # steps in contact from which a loop can be compared
 _FINE = 100  # and from which its ends say how the force starts and stops

@@ -13,15 +13,16 @@ A claim that does not apply, or a recipe that refuses a scene, is a skip with it
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from contextlib import closing
 from functools import cache
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from hcbench.errors import EngineMissing, SettingError
-from hcbench.impact import Impact, Launch
+from hcbench.impact import Floats, Impact, Launch
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.scene import Scene, load_scene, scene_names
@@ -32,11 +33,6 @@ from hcbench.sim.engine import SteppedEngine
 from hcbench.tune.recipe import Recipe, Role
 from hcbench.tune.target import Target
 from hcbench.workers import call
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from hcbench.impact import Floats
 
 SPEEDS, PHASES = (0.05, 0.21, 0.47), tuple((i + 0.5) / 8 for i in range(8))
 LAUNCHES = tuple(Launch(v, p) for v in SPEEDS for p in PHASES)

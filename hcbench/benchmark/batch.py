@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.errors import UserError
-from hcbench.impact import Impact, Launch, Status
+from hcbench.impact import Impact, Launch, Loop, Status
 from hcbench.sim import registry
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from hcbench.impact import Loop
     from hcbench.scene import Scene
     from hcbench.setting import Setting
 

@@ -13,9 +13,10 @@ import secrets
 import socket
 import threading
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fsspec.core import url_to_fs
 from fsspec.implementations.local import LocalFileSystem
@@ -23,9 +24,6 @@ from fsspec.implementations.memory import MemoryFileSystem
 
 from hcbench._files import replace_file
 from hcbench.errors import CannotRun, UserError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 LOCK = "_lock"
 _FRESHEN_S, _STALE_S = 30.0, 300.0  # how often a lock file is written, and how old it is when nobody does

@@ -7,28 +7,24 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import TYPE_CHECKING, Any, TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
 from hcbench.benchmark.bounce_sequence import bounce_table, plan_drops
 from hcbench.benchmark.files import files_in_memory, open_files
-from hcbench.benchmark.plan import make_plan
+from hcbench.benchmark.plan import Plan, make_plan
+from hcbench.benchmark.results import Results
 from hcbench.benchmark.shard import Timeouts, run_bounces, run_shard
 from hcbench.benchmark.store import Store
+from hcbench.benchmark.study import Study
+from hcbench.benchmark.tables import Summary
 from hcbench.errors import CannotRun, HcbenchError
 from hcbench.workers import WorkerPool
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-    from pathlib import Path
-
-    from hcbench.benchmark.plan import Plan
-    from hcbench.benchmark.results import Results
-    from hcbench.benchmark.study import Study
-    from hcbench.benchmark.tables import Summary
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")

@@ -7,10 +7,10 @@ crashes in a batch of launches, they are run one by one; what then fails is CRAS
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 from hcbench.benchmark.batch import Batch, BatchResult, result_of, run_batch, run_one_by_one
 from hcbench.benchmark.bounce_sequence import Drop, simulate_bounces
@@ -18,13 +18,8 @@ from hcbench.benchmark.plan import Inputs, Shard, digests_of, versions_here
 from hcbench.benchmark.tables import ShardFiles, shard_files
 from hcbench.errors import CannotRun, SceneError, UserError
 from hcbench.impact import Impact, Launch, Status
-from hcbench.scene import load_scene
+from hcbench.scene import Scene, load_scene
 from hcbench.workers import call, map_surviving_crashes, use_own_worker
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from hcbench.scene import Scene
 
 _FIRST = 64  # launches in the first batch of a shard: it shows how long contacts last
 _SAMPLES = 500_000  # steps in contact in a batch, at most: 16 MB of loops

@@ -6,21 +6,15 @@ import csv
 import io
 import json
 import re
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from hcbench.benchmark.files import LOCK
-from hcbench.benchmark.plan import SCHEMA
+from hcbench.benchmark.files import LOCK, Files
+from hcbench.benchmark.plan import SCHEMA, Plan
 from hcbench.benchmark.results import RUN_KEY
-from hcbench.benchmark.tables import SUMMARY, digest, metadata_of, summed
+from hcbench.benchmark.tables import SUMMARY, ShardFiles, Summary, digest, metadata_of, summed
 from hcbench.errors import OutputError, UserError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from hcbench.benchmark.files import Files
-    from hcbench.benchmark.plan import Plan
-    from hcbench.benchmark.tables import ShardFiles, Summary
 
 DESCRIPTION, SUMMARY_FILE, LOOPS, DAMAGED = "_sweep.json", "_summary.csv", "_loops", "_damaged"
 _SHARD = re.compile(r"part-(\d{7})-([0-9a-f]{16})\.parquet")

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydantic import Field, StrictInt
 
@@ -26,10 +27,6 @@ from hcbench.fields import (
     validate,
 )
 from hcbench.scene import Scene, load_scene
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
 
 _MOST_PHASES = 1000
 _PACKAGE = Path(__file__).parents[1]

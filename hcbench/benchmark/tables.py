@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from hcbench.benchmark.results import IMPACT_COLUMNS, LOOP_COLUMNS, RUN_KEY, run_key
-from hcbench.impact import Status
+from hcbench.impact import Floats, Launch, Loop, Status
 from hcbench.laws import closed_form
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from hcbench.benchmark.batch import BatchResult
     from hcbench.benchmark.plan import Shard
-    from hcbench.impact import Floats, Launch, Loop
 
 _TEXTS = ("scene", "engine", "setting", "status", "reason")
 _WHOLE = ("samples", "bounce")

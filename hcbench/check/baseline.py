@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Self
 
 from pydantic import (
     BaseModel,
@@ -19,13 +21,8 @@ from pydantic import (
 from hcbench._files import json_text, read_text, write_text
 from hcbench.errors import UserError
 from hcbench.impact import Launch, Status
+from hcbench.measure.measurement import Measurement
 from hcbench.measure.request import MAX_HEIGHT
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from hcbench.measure.measurement import Measurement
 
 SCHEMA = 1
 KIND = "hcbench baseline"

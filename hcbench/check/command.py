@@ -11,7 +11,7 @@ from hcbench._files import write_bytes, write_text
 from hcbench._text import sanitized
 from hcbench.check.baseline import write_baseline
 from hcbench.check.judge import judge_results, run_checks
-from hcbench.check.spec import CheckSpec, plan, read_limit, read_max_error
+from hcbench.check.spec import Check, CheckSpec, plan, read_limit, read_max_error
 from hcbench.check.table import checks_of, find_table
 from hcbench.errors import OutputError, UserError
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from hcbench.check.outcome import Report
-    from hcbench.check.spec import Check
     from hcbench.laws.restitution import Reading
 
     Progress = Callable[[int, int], None] | None

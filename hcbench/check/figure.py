@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+
+from matplotlib.axes import Axes
 
 from hcbench._text import sanitized
+from hcbench.check.outcome import Outcome, Report
 from hcbench.report.page import png_bytes
 from hcbench.report.plot_style import LAW, LIMIT, MEASURED, figure_defaults, new_figure, speed_axis
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from hcbench.check.outcome import Outcome, Report
 
 
 def errors_png(report: Report) -> bytes:

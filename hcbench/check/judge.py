@@ -9,25 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench._text import sanitized
-from hcbench.benchmark.results import RUN_KEY
-from hcbench.check.outcome import Outcome, Report, Verdict, speed_row, worst_of
+from hcbench.benchmark.results import RUN_KEY, Results
+from hcbench.check.outcome import Outcome, Report, SpeedRow, Verdict, speed_row, worst_of
 from hcbench.errors import HcbenchError, UserError
-from hcbench.impact import Status
-from hcbench.laws.restitution import Restitution
+from hcbench.impact import Impact, Status
+from hcbench.laws.restitution import Reading, Restitution
 from hcbench.measure.measure import Job, measure_job
-from hcbench.measure.measurement import TOLERANCE
+from hcbench.measure.measurement import TOLERANCE, Measurement
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     import pandas as pd
 
-    from hcbench.benchmark.results import Results
-    from hcbench.check.outcome import SpeedRow
     from hcbench.check.spec import Check
-    from hcbench.impact import Impact
-    from hcbench.laws.restitution import Reading
-    from hcbench.measure.measurement import Measurement
 
 _HAS_E = (Status.PARTED.value, Status.RESTED.value)
 _NO_END = (Status.CRASHED, Status.UNFINISHED)

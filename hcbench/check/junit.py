@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 from hcbench._text import sanitized
-from hcbench.check.outcome import Verdict
+from hcbench.check.outcome import Report, Verdict
 from hcbench.check.text import outcome_text
-
-if TYPE_CHECKING:
-    from hcbench.check.outcome import Report
 
 
 def as_junit(report: Report) -> str:

@@ -6,15 +6,12 @@ import csv
 import io
 import math
 import re
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from hcbench import units
 from hcbench._files import read_text
 from hcbench._text import sanitized
 from hcbench.errors import QuantityError, UserError
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 MOST = 500
 _LARGEST = 1 << 20  # bytes

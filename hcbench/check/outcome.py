@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hcbench.errors import CannotRun, LimitPassed, UserError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from hcbench.impact import Floats
-    from hcbench.measure.measurement import Measurement
+from hcbench.impact import Floats
+from hcbench.measure.measurement import Measurement
 
 
 class Verdict(StrEnum):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import Annotated, Any, cast
 
 from pydantic import BeforeValidator, ConfigDict
 
@@ -15,14 +15,17 @@ from hcbench.check.baseline import Baseline, read_baseline
 from hcbench.check.measured_pairs import read_pairs
 from hcbench.errors import QuantityError, UserError
 from hcbench.fields import FileTable, mistake
-from hcbench.laws.restitution import ConstantRestitution, MeasuredRestitution, Restitution
+from hcbench.impact import Floats
+from hcbench.laws.restitution import (
+    ConstantRestitution,
+    MeasuredRestitution,
+    Reading,
+    Restitution,
+    RestitutionCurve,
+)
 from hcbench.measure.measure import LIMIT_S
 from hcbench.measure.request import make_request
-
-if TYPE_CHECKING:
-    from hcbench.impact import Floats
-    from hcbench.laws.restitution import Reading, RestitutionCurve
-    from hcbench.sim.model_under_test import Request
+from hcbench.sim.model_under_test import Request
 
 MAX_ERROR = 0.02
 MAX_DRIFT = 1e-4  # of e from a baseline: far above rounding, far below what anybody sees

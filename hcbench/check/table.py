@@ -14,19 +14,15 @@ restitution = 0.9           # or alpha, pairs (a CSV), baseline
 from __future__ import annotations
 
 from collections import Counter
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from pydantic import Field
 
 from hcbench._text import sanitized
-from hcbench.check.spec import CheckSpec, SharedSpec, plan
+from hcbench.check.spec import Check, CheckSpec, SharedSpec, plan
 from hcbench.errors import UserError
 from hcbench.fields import read_toml, validate
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from hcbench.check.spec import Check
 
 
 class CheckTable(SharedSpec):

@@ -5,14 +5,11 @@ from __future__ import annotations
 import dataclasses
 import html
 import re
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hcbench._text import number, sanitized, table
-from hcbench.check.outcome import Verdict
+from hcbench.check.outcome import Outcome, Report, SpeedRow, Verdict
 from hcbench.measure.text import as_record, cause_lines, headline
-
-if TYPE_CHECKING:
-    from hcbench.check.outcome import Outcome, Report, SpeedRow
 
 SCHEMA = 1
 _MARKS = {

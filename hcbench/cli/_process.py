@@ -8,16 +8,14 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from hcbench.errors import OutputError, UserError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 _LONGEST_NAME = 255  # bytes, on every common file system
 _REPEAT_S = 1.0  # signals that come within this time count as one

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 import os
 import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from hcbench._files import json_text
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 CORES = os.cpu_count() or 1
 

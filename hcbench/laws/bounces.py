@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 
-from hcbench.impact import Trajectory
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from hcbench.impact import Floats, Impact
+from hcbench.impact import Floats, Impact, Trajectory
 
 _REST_SPEED = 1e-6  # m/s: touching slower than this counts as rest
 

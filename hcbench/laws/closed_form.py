@@ -15,20 +15,16 @@ speeds below 0 (and 0 where an impact is needed) and a mass that is not above 0.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hcbench.errors import UserError
-from hcbench.impact import Loop
+from hcbench.impact import Floats, Loop
 from hcbench.laws._phase_path import g_ratio, largest_force_rate, rate_ratio
 from hcbench.laws._restitution_series import inverse_restitution, one_minus_restitution, restitution_of
 from hcbench.laws.force import HuntCrossley
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from hcbench.impact import Floats
 
 _PANEL_NODES = 10
 

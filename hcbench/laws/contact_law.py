@@ -8,9 +8,10 @@ set the speed after each impact instead, for steps of any length.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import Any, TypeGuard
 
 from hcbench.errors import SettingError
 from hcbench.fields import read_numbers
@@ -19,9 +20,6 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import TouchSpeedLaw, law_named
 from hcbench.laws.require import require as require_that
 from hcbench.laws.restitution import ConstantRestitution, Restitution
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 require = partial(require_that, error=SettingError)
 STEPS_PER_CONTACT = 4.0  # fewer, and the force over a step is no longer well defined

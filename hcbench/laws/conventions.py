@@ -9,18 +9,15 @@ only.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hcbench.errors import UserError
 from hcbench.laws import closed_form
 from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.require import positive, require
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from hcbench.laws.restitution import Reading
+from hcbench.laws.restitution import Reading
 
 _OVER_ALPHA = {"alpha": 1.0, "drake": 1.5, "simbody": 1.0}  # each dissipation over α
 

@@ -8,14 +8,12 @@ Interpreted as Damping in Vibroimpact", J. Appl. Mech. 42(2), 1975, doi 10.1115/
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
+from hcbench.impact import Floats
 from hcbench.laws.require import require
-
-if TYPE_CHECKING:
-    from hcbench.impact import Floats
 
 
 class ForceLaw(Protocol):

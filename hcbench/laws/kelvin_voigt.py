@@ -16,16 +16,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.impact import Loop
+from hcbench.impact import Floats, Loop
 from hcbench.laws.force import KelvinVoigt
 from hcbench.laws.require import positive, within
-
-if TYPE_CHECKING:
-    from hcbench.impact import Floats
 
 
 class Ending(StrEnum):

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, minimize_scalar
 
 from hcbench.errors import EngineFailed, UserError
-from hcbench.impact import Impact, Launch, Loop, Status
+from hcbench.impact import Floats, Impact, Launch, Loop, Status
 from hcbench.laws.kelvin_voigt import Ending
 from hcbench.laws.published import TouchSpeedLaw
 from hcbench.laws.require import positive, require
@@ -25,7 +25,6 @@ from hcbench.laws.require import positive, require
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from hcbench.impact import Floats
     from hcbench.laws.force import ForceLaw
 
     Force = Callable[[Floats | float, Floats | float], Floats]

@@ -19,17 +19,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hcbench.impact import Floats
 from hcbench.laws._restitution_series import inverse_restitution, restitution_of
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.require import positive, require
-
-if TYPE_CHECKING:
-    from hcbench.impact import Floats
 
 Curve = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 

@@ -22,17 +22,14 @@ z) with e² = z_F/((9/8) u²), a little faster.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import gammainc, hyp1f1
 
+from hcbench.impact import Floats
 from hcbench.laws._phase_path import g_ratio
 from hcbench.laws.kelvin_voigt import Ending
 from hcbench.laws.require import positive, require, within
-
-if TYPE_CHECKING:
-    from hcbench.impact import Floats
 
 
 @dataclass(frozen=True, slots=True)

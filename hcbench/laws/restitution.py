@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
 from hcbench.errors import SettingError
+from hcbench.impact import Floats
 from hcbench.laws import closed_form
 from hcbench.laws.require import require
-
-if TYPE_CHECKING:
-    from hcbench.impact import Floats
 
 Reading = Literal["law", "linear"]  # which e an α stands for: that of eq. (16), or 1 - α v of eq. (2)
 

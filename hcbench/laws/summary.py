@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from hcbench.errors import UserError
 from hcbench.laws import closed_form, hertz
+from hcbench.laws.force import HuntCrossley
 from hcbench.units import INCH
-
-if TYPE_CHECKING:
-    from hcbench.laws.force import HuntCrossley
 
 PAPER_RELATIVE_RADIUS = 2 * INCH  # 1/(1/R1 + 1/R2) of section 3.1: 1 in convex on 2 in concave
 SPEED_LIMIT = 20 * INCH  # m/s, section 1.2: impact speeds below 20 in/s

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from hcbench.impact import Status
+from hcbench.impact import Impact, Status
+from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measure.measurement import NOTABLE_GAIN, TOLERANCE
 from hcbench.sim.model_under_test import Suspect
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-
-    from hcbench.impact import Impact
-    from hcbench.laws.restitution import RestitutionCurve
 
 FEW_STEPS = 12  # in contact, up to which the phase of the touch decides about e
 NOTABLE_GRAVITY = TOLERANCE  # of the impact speed, gained in a step or a contact: e then shifts by as much

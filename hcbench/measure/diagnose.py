@@ -13,14 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.errors import HcbenchError
-from hcbench.impact import Status
+from hcbench.impact import Impact, Launch, Status
 from hcbench.measure.measurement import NOTABLE_GAIN, TOLERANCE, Cause
 from hcbench.sim import simulate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from hcbench.impact import Impact, Launch
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.model_under_test import ModelUnderTest, Suspect
 

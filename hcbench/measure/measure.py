@@ -6,29 +6,24 @@ import dataclasses
 import os
 import re
 import runpy
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hcbench._text import sanitized
 from hcbench.errors import EngineFailed, HcbenchError, SceneError, UserError
-from hcbench.laws.restitution import ConstantRestitution
+from hcbench.impact import Impact
+from hcbench.laws.restitution import ConstantRestitution, RestitutionCurve
 from hcbench.measure.diagnose import diagnose, goal_of
 from hcbench.measure.measurement import TOLERANCE, Measurement
 from hcbench.measure.request import make_request
 from hcbench.sim import registry, simulate
-from hcbench.sim.model_under_test import Request
+from hcbench.sim.engine import Engine
+from hcbench.sim.model_under_test import ModelUnderTest, Request
 from hcbench.workers import WorkerDied, call
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from hcbench.impact import Impact
-    from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.sim.engine import Engine
-    from hcbench.sim.model_under_test import ModelUnderTest
 
 LIMIT_S = 60.0  # for one model, which takes a second or two on an idle machine
 LEAST_MEMORY = 4 << 30  # bytes that any model may take

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hcbench import scoring
 from hcbench.errors import QuantityError
-from hcbench.impact import Status
+from hcbench.impact import Impact, Status
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.restitution import ConstantRestitution, MeasuredRestitution, Restitution
+from hcbench.laws.restitution import (
+    ConstantRestitution,
+    MeasuredRestitution,
+    Reading,
+    Restitution,
+    RestitutionCurve,
+)
 from hcbench.sim.model_under_test import Facts, Request
-
-if TYPE_CHECKING:
-    from hcbench.impact import Impact
-    from hcbench.laws.restitution import Reading, RestitutionCurve
 
 TOLERANCE = 0.02  # of e
 GAIN = 1e-6  # e above 1 by more than this is energy made from nothing, not round-off

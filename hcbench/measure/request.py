@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 from hcbench import units
 from hcbench.errors import QuantityError, UserError
 from hcbench.sim.model_under_test import DEFAULT_PHASES, DEFAULT_SPEEDS, Request, Vector
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 MAX_PHASES = 1000
 MAX_HEIGHT = 1e4  # m

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hcbench import scoring
 from hcbench._text import number, sanitized, table, without_empty
+from hcbench.impact import Impact
 from hcbench.laws.restitution import Restitution
-
-if TYPE_CHECKING:
-    from hcbench.impact import Impact
-    from hcbench.measure.measurement import Cause, Measurement
+from hcbench.measure.measurement import Cause, Measurement
 
 SCHEMA = 1
 _LOOP_SAMPLES = 200

@@ -8,20 +8,16 @@ equation numbers are those of Hunt & Crossley 1975, doi 10.1115/1.3423596.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import brentq
 
+from hcbench.impact import Floats
 from hcbench.laws._phase_path import g_ratio
 from hcbench.laws._restitution_series import one_minus_restitution, restitution_of
 from hcbench.laws.require import require, within
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from hcbench.impact import Floats
 
 
 def speed_at(

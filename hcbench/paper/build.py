@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from hcbench._files import atomic_folder, write_text
 from hcbench.laws.published import LAWS
 from hcbench.paper import forced_figures, impact_figures, later_figures, vibroimpact_figures
 from hcbench.paper.approximations import APPROXIMATIONS
 from hcbench.paper.engines import engines_with_two_blocks
-from hcbench.paper.forced_figures import FULL, QUICK
+from hcbench.paper.forced_figures import FULL, QUICK, Effort
 from hcbench.paper.printed_numbers import FACTOR_MASSES, factors, printed_numbers
 from hcbench.report.page import PAGE, Drawing, draw, render
 from hcbench.report.wording import engine_title, listed
 from hcbench.sim import registry
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from hcbench.paper.forced_figures import Effort
 
 ASKED = (0.3, 0.5, 0.7, 0.9)  # restitutions of the table of laws
 

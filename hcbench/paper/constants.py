@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hcbench.laws import hertz
 from hcbench.laws.force import HuntCrossley
+from hcbench.laws.hertz import HertzContact
 from hcbench.scene import Material
 from hcbench.units import INCH, POUND, POUND_FORCE, PSI
-
-if TYPE_CHECKING:
-    from hcbench.laws.hertz import HertzContact
 
 MASS = POUND
 STIFFNESS = 3.1e7 * POUND_FORCE / INCH**1.5  # K3 as printed, N/m^1.5

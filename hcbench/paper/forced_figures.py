@@ -5,27 +5,22 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from hcbench.errors import EngineMissing
+from hcbench.impact import Floats
 from hcbench.paper import constants
-from hcbench.paper.engines import engines_with_two_blocks, simulate_in_engine
+from hcbench.paper.engines import EngineTrajectory, engines_with_two_blocks, simulate_in_engine
 from hcbench.paper.vibroimpact.response import kelvin_voigt_blocks, linearized, orbits
 from hcbench.paper.vibroimpact.simulate import simulate
-from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
+from hcbench.paper.vibroimpact.system import SimulatedMotion, Sinusoid, VibroImpact
 from hcbench.report.plot_style import BLUE, GREY, ORANGE, legend_below, new_figure, numbered_line
 from hcbench.report.wording import engine_title
 from hcbench.sim import registry
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from hcbench.impact import Floats
-    from hcbench.paper.engines import EngineTrajectory
-    from hcbench.paper.vibroimpact.system import SimulatedMotion
 
 
 @dataclass(frozen=True, slots=True)

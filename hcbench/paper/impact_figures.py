@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from hcbench.laws import closed_form
 from hcbench.laws import kelvin_voigt as kv
@@ -23,10 +23,6 @@ from hcbench.report.plot_style import (
     second_axis,
 )
 from hcbench.units import INCH, POUND_FORCE
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 SKETCH_ALPHA_SPEED = 0.5  # α v of the sketches: a loss large enough to be seen
 LOOP_COLOURS = (GREEN, BLUE, ORANGE, PURPLE)

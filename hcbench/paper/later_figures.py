@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from hcbench.impact import Floats
 from hcbench.laws import closed_form, quadratic
 from hcbench.laws.kelvin_voigt import Ending
 from hcbench.laws.published import LAWS
@@ -24,12 +26,6 @@ from hcbench.report.plot_style import (
     new_figure,
     numbered_line,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from hcbench.impact import Floats
-
 
 LEVELS = (0.01, 0.1)  # errors that are marked
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from hcbench.laws import closed_form, hertz, ode
 from hcbench.laws.force import HuntCrossley
@@ -12,9 +13,6 @@ from hcbench.laws.hertz_elliptic import largest_shear
 from hcbench.paper import constants
 from hcbench.report.wording import four_digits
 from hcbench.units import INCH, POUND, POUND_FORCE, PSI
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 Agreement = Literal["agrees", "rounded", "differs"]
 STEEL_DENSITY = 7850.0  # kg/m³, of carbon steel

@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from hcbench.impact import Floats
 from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.paper.impact_figures import name_axes
 from hcbench.paper.vibroimpact.response import linearized
 from hcbench.paper.vibroimpact.simulate import simulate
-from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
+from hcbench.paper.vibroimpact.system import SimulatedMotion, Sinusoid, VibroImpact
 from hcbench.report.plot_style import BLUE, GREEN, GREY, INK, ORANGE, new_figure
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from hcbench.impact import Floats
-    from hcbench.paper.vibroimpact.system import SimulatedMotion
 
 # Sketches in units of their own, k = m = 1, with a loss large enough to be seen.
 ALPHA = 0.35

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from hcbench.laws import closed_form
 from hcbench.report import wording
@@ -18,12 +18,8 @@ from hcbench.report.ranking import (
     stock_runs,
     verdict,
 )
+from hcbench.report.view import RunKey, View
 from hcbench.units import INCH
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from hcbench.report.view import RunKey, View
 
 # What a headline says of the verdict.
 _PROMISES = {

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+
+from matplotlib.figure import Figure
 
 from hcbench.report import bounce_figures, loop_figures, restitution_figures, trend_figures, wording
 from hcbench.report.advice import band_text
 from hcbench.report.page import Drawing
 from hcbench.report.ranking import overview_runs
-from hcbench.report.view import REFERENCE, STEPS_TO_RESOLVE
+from hcbench.report.view import REFERENCE, STEPS_TO_RESOLVE, RunKey, View
 from hcbench.units import INCH
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from matplotlib.figure import Figure
-
-    from hcbench.report.view import RunKey, View
 
 
 def drawings(view: View) -> list[Drawing]:

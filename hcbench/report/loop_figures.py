@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from hcbench.impact import Floats
 from hcbench.report import wording
 from hcbench.report.plot_style import GREY, INK, LAW, SLATE, draw_loop, new_figure, second_axis
+from hcbench.report.view import RunKey, View
 from hcbench.units import INCH, POUND_FORCE
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from hcbench.impact import Floats
-    from hcbench.report.view import RunKey, View
 
 LOOP_SAMPLES = 8  # from which a loop has a shape to look at
 _SAME_SCALE = 2.0  # within this factor of the law's penetration and force a loop shares the law's frame

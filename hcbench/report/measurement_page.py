@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from hcbench.measure.measurement import Measurement
 from hcbench.measure.text import setting_text
 from hcbench.report.page import Drawing, draw, render
 from hcbench.report.plot_style import INK, LAW, LIMIT, MEASURED, draw_band, draw_loop, new_figure, speed_axis
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from hcbench.measure.measurement import Measurement
 
 
 def measurement_page(measurement: Measurement) -> str:

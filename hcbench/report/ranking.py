@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hcbench.report.view import REFERENCE, RunKey, View
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
 
 STOCK = "stock"  # the setting with nothing set
 FOLLOWS = 0.1  # of the best constant's error: from here down a setting follows the law

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -24,9 +25,6 @@ from hcbench.report.plot_style import (
     speed_axis,
 )
 from hcbench.report.view import REFERENCE, Curve, RunKey, View, engines_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 _FLOOR = 1e-7  # errors below are drawn here: no figure needs to tell 1e-12 from 1e-15
 _BAND_SHOWN = 1e-4  # of e: a smaller spread over the phases is not to be seen

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from collections.abc import Mapping
+from typing import Any, TypeAlias, cast
 
 from hcbench.report import wording
 from hcbench.report.drawings import class_heading
@@ -13,9 +14,6 @@ from hcbench.scoring import CLAIMS
 from hcbench.setting import Setting
 from hcbench.tune.snippet import snippet
 from hcbench.units import INCH
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 Cells: TypeAlias = dict[str, Any]
 _MARKS = {"good": "✓", "even": "=", "bad": "✗"}

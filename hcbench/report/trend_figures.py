@@ -12,6 +12,7 @@ from hcbench.report import wording
 from hcbench.report.plot_style import (
     LAW,
     SLATE,
+    PlotStyle,
     draw_band,
     legend_below,
     log_axis,
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from hcbench.impact import Floats
-    from hcbench.report.plot_style import PlotStyle
 
 _FLOOR = 1e-7  # errors below are drawn here
 _TOP = 1.12  # of e: what bounces higher than this is an arrow at the frame

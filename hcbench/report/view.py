@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import pandas as pd
 
-from hcbench.benchmark.results import RUN_KEY
+from hcbench.benchmark.results import RUN_KEY, Results
+from hcbench.impact import Floats, Loop
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.report.plot_style import PlotStyle, plot_styles
 from hcbench.report.wording import NBSP, engine_title, span, time
-
-if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable, Mapping
-
-    from hcbench.benchmark.results import Results
-    from hcbench.impact import Floats, Loop
 
 REFERENCE = "reference"  # the engine of the law
 LAW_SETTING = "hunt-crossley"  # its setting that is the law itself

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from hcbench.errors import HcbenchError
 from hcbench.sim import registry
 from hcbench.units import INCH
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 NBSP = "\u00a0"  # between a number and its unit: never broken over two lines
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

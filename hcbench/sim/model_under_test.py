@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from hcbench.impact import Launch
+from hcbench.impact import Impact, Launch
+from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.engine import World
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from hcbench.impact import Impact
-    from hcbench.laws.restitution import RestitutionCurve
 
 DEFAULT_SPEEDS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0)
 DEFAULT_PHASES = 4

@@ -12,14 +12,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.impact import not_finite
+from hcbench.impact import Floats, Launch, not_finite
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
-
-    from hcbench.impact import Floats, Launch
 
     Whole = NDArray[np.int64]
     Flags = NDArray[np.bool_]

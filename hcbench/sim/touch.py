@@ -6,14 +6,11 @@ An engine moves one of the two along a line and says how far apart they are, or 
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 
 from hcbench.errors import SceneError, UserError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 DEEPEST = 0.1  # of the smaller one's size: an overlap at the start up to which it is just moved out
 LEAST_APPROACH = 1e-3  # share of a joint's motion that must be along the normal for it to launch a body

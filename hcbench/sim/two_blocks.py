@@ -15,14 +15,10 @@ An engine that can simulate it has a module `two_blocks` in its package (`regist
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
+from hcbench.laws.force import HuntCrossley
 from hcbench.scene import built_in_folder
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from hcbench.laws.force import HuntCrossley
 
 NAME = "two-blocks"
 RADIUS = 0.0508  # m, of the sphere: the relative radius of section 3.1; no force depends on it

@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING, Literal
 
 from hcbench.errors import SettingError
 from hcbench.sim import registry
-from hcbench.tune.recipe import Role, first
+from hcbench.tune.recipe import Recipe, Role, first
 from hcbench.tune.softening import FEWEST_STEPS, steps_per_contact
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.scene import Scene
-    from hcbench.tune.recipe import Recipe
     from hcbench.tune.target import Target
 
 Match = Literal["restitution", "loop", "both"]

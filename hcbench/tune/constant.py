@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.kelvin_voigt import Ending, damping_ratio_for
-
-if TYPE_CHECKING:
-    from hcbench.tune.target import Target
+from hcbench.tune.target import Target
 
 # ln e of a spring-damper that only pushes tends to -2 at critical damping.
 LOWEST_UNDERDAMPED = math.exp(-2.0)

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench import scoring
-from hcbench.impact import Launch, Status
+from hcbench.impact import Floats, Impact, Launch, Status
 from hcbench.tune.constant import minimax_constant
 from hcbench.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.impact import Floats, Impact
     from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.sim.engine import Engine

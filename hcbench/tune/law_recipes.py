@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.contact_law import STEPS_PER_CONTACT
-from hcbench.laws.published import LAWS, TouchSpeedLaw
+from hcbench.laws.published import LAWS, PublishedLaw, TouchSpeedLaw
 from hcbench.tune.constant import minimax_constant
 from hcbench.tune.recipe import Recipe, Role, first
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from hcbench.laws.force import HuntCrossley
-    from hcbench.laws.published import PublishedLaw
     from hcbench.tune.target import Target
 
     Options = Mapping[str, Any]

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hcbench.errors import SettingError
 from hcbench.setting import Setting
 from hcbench.tune.search import map_result
-from hcbench.tune.target import require_kind
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
-
-    from hcbench.tune.target import Target, TargetKind
+from hcbench.tune.target import Target, TargetKind, require_kind
 
 
 class Role(StrEnum):

@@ -7,15 +7,12 @@ T ∝ k^(-1/(n+1)).
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hcbench.laws import closed_form
-
-if TYPE_CHECKING:
-    from hcbench.laws.force import HuntCrossley
-    from hcbench.tune.target import Target
+from hcbench.laws.force import HuntCrossley
+from hcbench.tune.target import Target
 
 FEWEST_STEPS = 10.0  # with fewer the law's own loop is lost anyway
 SOFTENED_STEPS = 24.0

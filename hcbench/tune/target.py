@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from hcbench import scoring
 from hcbench.errors import SettingError
-from hcbench.laws.restitution import MeasuredRestitution, Restitution
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from hcbench.impact import Floats
-    from hcbench.laws.force import HuntCrossley
-    from hcbench.laws.restitution import RestitutionCurve
+from hcbench.impact import Floats
+from hcbench.laws.force import HuntCrossley
+from hcbench.laws.restitution import MeasuredRestitution, Restitution, RestitutionCurve
 
 TargetKind = Literal["law", "linear", "points"]
 # What the law may be off by to be worth a try, as a share of what one e for all speeds is off by.

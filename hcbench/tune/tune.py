@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from hcbench.errors import UserError
 from hcbench.sim import registry
-from hcbench.tune.choose import choose
-from hcbench.tune.evaluate import evaluate, rest_failures, rest_test
-from hcbench.tune.recipe import Role, first
+from hcbench.tune.choose import Match, choose
+from hcbench.tune.evaluate import Evaluation, RestResult, evaluate, rest_failures, rest_test
+from hcbench.tune.recipe import Recipe, Role, first
 from hcbench.tune.search import report_progress
 
 if TYPE_CHECKING:
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 
     from hcbench.scene import Scene
     from hcbench.setting import Setting
-    from hcbench.tune.choose import Match
-    from hcbench.tune.evaluate import Evaluation, RestResult
-    from hcbench.tune.recipe import Recipe
     from hcbench.tune.target import Target
 
 _SAME_LOOP = 0.05  # rms of the force over its largest: below it the loop counts as the law's

@@ -10,9 +10,10 @@ A worker is a fresh interpreter, which does not run the user's main module again
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from hcbench.errors import CannotRun
 from hcbench.workers.process import (
@@ -24,9 +25,6 @@ from hcbench.workers.process import (
     use_own_worker,
     worker_of_thread,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
 
 __all__ = [
     "WorkerDied",

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
 from hcbench.errors import EngineFailed, EngineMissing
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 INSTALL = "pip install mujoco"
 # What older versions lack: the class and the attribute that show it, and the first version that has it.

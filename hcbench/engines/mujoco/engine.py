@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from hcbench.engines.mujoco import mjcf, snippet
 from hcbench.engines.mujoco.backend import INSTALL
-from hcbench.engines.mujoco.options import read_options
+from hcbench.engines.mujoco.options import Options, read_options
 from hcbench.engines.mujoco.scene_model import load
 from hcbench.engines.mujoco.world import BatchPool, MujocoWorld
 from hcbench.errors import EngineMissing, UserError
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from hcbench.engines.mujoco.model_under_test import MujocoModel
-    from hcbench.engines.mujoco.options import Options
     from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.sim.model_under_test import Request

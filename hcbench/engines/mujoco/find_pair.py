@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model import body_name, collision_filter, geom_name, geoms_of
 from hcbench.engines.mujoco.pair import ContactPair, NamedGeoms
 from hcbench.errors import UserError
 from hcbench.sim.names import find_part
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 
 @dataclass(frozen=True, slots=True)

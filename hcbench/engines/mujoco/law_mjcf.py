@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from pathlib import Path
 
 from hcbench.engines.mujoco.mjcf import as_text, named, remove_pairs, section
 from hcbench.engines.mujoco.plugin import config
-from hcbench.laws.contact_law import is_force
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from hcbench.laws.contact_law import Law
+from hcbench.laws.contact_law import Law, is_force
 
 _PAIRS = {"cup": {"tendon": "contact"}, "plane": {"geom1": "ball", "geom2": "plate"}}
 

@@ -8,20 +8,15 @@ from __future__ import annotations
 
 import copy
 import xml.etree.ElementTree as ET
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 
 from hcbench._text import shortest
-from hcbench.engines.mujoco.options import read_options
+from hcbench.engines.mujoco.options import Options, read_options
+from hcbench.engines.mujoco.rows import ConstraintRow
 from hcbench.errors import SceneError, SettingError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from hcbench.engines.mujoco.options import Options
-    from hcbench.engines.mujoco.rows import ConstraintRow
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
+from hcbench.scene import Scene
+from hcbench.setting import Setting
 
 _HIDDEN = "3"  # a group that MuJoCo's viewer does not draw: coincident copies would flicker
 _MASSLESS = {"mass": "0", "contype": "0", "conaffinity": "0"}

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import copy
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -15,14 +16,10 @@ from hcbench.engines.mujoco.model import geom_name
 from hcbench.engines.mujoco.place import bring_to_touch
 from hcbench.engines.mujoco.user_model import start
 from hcbench.engines.mujoco.user_simulation import MujocoUserSimulation
+from hcbench.impact import Impact, Launch
+from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measure.causes import other_contacts
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from hcbench.impact import Impact, Launch
-    from hcbench.laws.restitution import RestitutionCurve
 
 
 class MujocoModel(ModelUnderTest):

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 from pydantic import Field, field_validator
 
 from hcbench.engines.mujoco.rows import ConstraintRow
 from hcbench.errors import SettingError
 from hcbench.fields import Finite, OptionTable, mistake, validate
-from hcbench.laws.contact_law import law_of
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from hcbench.laws.contact_law import Law
+from hcbench.laws.contact_law import Law, law_of
 
 _Integrator = Literal["Euler", "implicit", "implicitfast", "RK4", "discrete"]
 INTEGRATORS: tuple[str, ...] = get_args(_Integrator)

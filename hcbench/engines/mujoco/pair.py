@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model import approach_row
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from hcbench.impact import Floats
+from hcbench.impact import Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
-from hcbench.engines.mujoco.find_pair import immobile_error, moving_joints, no_contact_error
+from hcbench.engines.mujoco.find_pair import MovingJoint, immobile_error, moving_joints, no_contact_error
 from hcbench.engines.mujoco.model import effective_mass, geom_name
+from hcbench.engines.mujoco.pair import ContactPair, PairContact
 from hcbench.errors import UserError
+from hcbench.impact import Floats
 from hcbench.sim.touch import (
     LEAST_APPROACH,
     require_apart,
@@ -18,11 +20,6 @@ from hcbench.sim.touch import (
     travel_by_distance,
     travel_by_scan,
 )
-
-if TYPE_CHECKING:
-    from hcbench.engines.mujoco.find_pair import MovingJoint
-    from hcbench.engines.mujoco.pair import ContactPair, PairContact
-    from hcbench.impact import Floats
 
 _DEPTHS = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # of the smaller one's size: where contacts are looked for
 _OPPOSING = 0.5  # of the approach, that must be along the normal of a contact

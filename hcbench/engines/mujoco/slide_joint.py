@@ -10,14 +10,12 @@ balls of a model: one sweep of Gauss and Seidel, the same to rounding, the same 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hcbench.engines.mujoco.model import masks_match
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 Z = 2  # the number of a position or velocity that is along the axis
 

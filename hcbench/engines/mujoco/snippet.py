@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hcbench.engines.mujoco.mjcf import rows_snippet
-
-if TYPE_CHECKING:
-    from hcbench.setting import Setting
+from hcbench.setting import Setting
 
 
 def snippet(setting: Setting, form: str, radius: float) -> str:

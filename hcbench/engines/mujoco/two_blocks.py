@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,12 +11,9 @@ from hcbench.engines.mujoco.law_mjcf import extension
 from hcbench.engines.mujoco.mjcf import add_pairs, as_text, numbers_text, set_mass
 from hcbench.engines.mujoco.plugin import load
 from hcbench.engines.mujoco.recipes.staggered import staggered_rows
-from hcbench.sim.two_blocks import SIDES, folder
+from hcbench.impact import Floats
+from hcbench.sim.two_blocks import SIDES, TwoBlocks, folder
 from hcbench.tune.target import Target
-
-if TYPE_CHECKING:
-    from hcbench.impact import Floats
-    from hcbench.sim.two_blocks import TwoBlocks
 
 REMARK = "MuJoCo's staggered pairs lie on it too."
 # Both blocks press a squeezed body at once, and all rows share in the highest impedance: 0.05 of four tried

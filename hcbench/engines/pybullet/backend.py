@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from contextlib import chdir, contextmanager
 from functools import partial
 from importlib import metadata
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from hcbench.errors import EngineFailed, EngineMissing, SceneError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
 
 INSTALL = "pip install 'pybullet>=3.2.7'  # wheels for CPython up to 3.11"
 # Bullet's own values of what outlives resetSimulation; contactBreakingThreshold, a global of the process,

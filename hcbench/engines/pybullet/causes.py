@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.engines.pybullet.backend import LASTING_SETTINGS
-from hcbench.engines.pybullet.place import SlidingJoint
+from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
+from hcbench.engines.pybullet.place import BulletPlacement, SlidingJoint
+from hcbench.engines.pybullet.user_model import BodyPart
+from hcbench.impact import Impact
+from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measure import causes
 from hcbench.sim.model_under_test import Suspect
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from hcbench.engines.pybullet.backend import BulletClient
-    from hcbench.engines.pybullet.place import BulletPlacement
-    from hcbench.engines.pybullet.user_model import BodyPart
-    from hcbench.impact import Impact
-    from hcbench.laws.restitution import RestitutionCurve
 
 RESTITUTION, STIFFNESS, BODY_TYPE = 5, 9, 10  # places in getDynamicsInfo
 _MAXIMAL_COORDINATES = 1  # a body type

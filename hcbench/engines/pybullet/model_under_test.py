@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,14 +20,9 @@ from hcbench.engines.pybullet.place import FreeBase, place
 from hcbench.engines.pybullet.user_model import LoadedWorld, find_pair, load_files, open_live
 from hcbench.engines.pybullet.user_simulation import LaunchInUserWorld
 from hcbench.errors import UserError
+from hcbench.impact import Impact, Launch
+from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    from hcbench.impact import Impact, Launch
-    from hcbench.laws.restitution import RestitutionCurve
 
 _UNKNOWN_RESTITUTIONS = "restitutions that PyBullet does not tell of bodies with maximal coordinates"
 

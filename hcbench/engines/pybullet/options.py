@@ -7,16 +7,14 @@ would refuse is refused before anything runs.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 from pydantic import Field, PlainValidator, StrictBool
 
 from hcbench.errors import SettingError
 from hcbench.fields import OptionTable, validate
 from hcbench.laws.contact_law import Law, law_of
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 # Keywords of setPhysicsEngineParameter and of changeDynamics, by the type that PyBullet asks for.
 _WORLD: dict[str, type] = {

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.model import JOINT_NAME, JOINT_TYPE, PRISMATIC, BulletBody, contact_row
-from hcbench.engines.pybullet.user_model import ANY_LINK, BodyPart
+from hcbench.engines.pybullet.user_model import ANY_LINK, BodyPart, LoadedWorld
 from hcbench.engines.pybullet.vectors import vector
 from hcbench.errors import UserError
+from hcbench.impact import Floats
 from hcbench.sim.touch import LEAST_APPROACH, require_apart, require_reachable, travel_by_distance
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from hcbench.engines.pybullet.backend import BulletClient
-    from hcbench.engines.pybullet.user_model import LoadedWorld
-    from hcbench.impact import Floats
 
 _REACH = 1e4  # m: the largest distance between the two at the start
 DISTANCE, NORMAL = 8, 7  # in PyBullet's closest points; the normal points at the first body

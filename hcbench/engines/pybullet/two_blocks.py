@@ -6,21 +6,17 @@ no impact, and it is a spring and damper. Both are right at one speed.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import nullcontext
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.recipes import restitution, spring_damper
-from hcbench.sim.two_blocks import SIDES, folder
+from hcbench.impact import Floats
+from hcbench.sim.two_blocks import SIDES, TwoBlocks, folder
 from hcbench.tune.target import Target
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from hcbench.impact import Floats
-    from hcbench.sim.two_blocks import TwoBlocks
 
 REMARK = (
     "PyBullet's own contact is right at one speed, here 0.4 m/s, and parts from the reference after the first"

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hcbench._text import sanitized
 from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
@@ -13,9 +14,6 @@ from hcbench.engines.pybullet.model import LINK_NAME
 from hcbench.engines.pybullet.model_file import check_user_model
 from hcbench.errors import UserError
 from hcbench.sim.names import find_part
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 _STARTING_SETTINGS = {**LASTING_SETTINGS, "fixedTimeStep": 1.0 / 240.0}
 _NamedPart = tuple[str, str, tuple[int, int]]  # kind, name, (body, link)

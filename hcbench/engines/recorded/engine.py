@@ -10,14 +10,13 @@ import numpy as np
 
 import hcbench
 from hcbench.errors import SettingError
-from hcbench.impact import Impact, Trajectory
+from hcbench.impact import Impact, Launch, Trajectory
 from hcbench.sim.engine import Engine
 from hcbench.sim.read_impact import impact_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.impact import Launch
     from hcbench.scene import Scene
     from hcbench.setting import Setting
 

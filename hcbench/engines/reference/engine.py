@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 import hcbench
 from hcbench.errors import SettingError
 from hcbench.fields import read_numbers
-from hcbench.impact import Impact, Launch, Status
+from hcbench.impact import Impact, Launch, Status, Trajectory
 from hcbench.laws import closed_form, kelvin_voigt
 from hcbench.laws.bounces import successive_bounces
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.laws.published import LAWS, TouchSpeedLaw, law_named
+from hcbench.scene import Scene
+from hcbench.setting import Setting
 from hcbench.sim.engine import Engine
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from hcbench.impact import Trajectory
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
-    from hcbench.tune.recipe import Recipe
+from hcbench.tune.recipe import Recipe
 
 Law = HuntCrossley | KelvinVoigt | TouchSpeedLaw
 

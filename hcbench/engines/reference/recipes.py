@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from hcbench.laws import closed_form
 from hcbench.tune.constant import minimax_constant
 from hcbench.tune.law_recipes import law_options, published_law_options, published_law_recipes
 from hcbench.tune.recipe import Recipe, Role
-
-if TYPE_CHECKING:
-    from hcbench.tune.target import Target
+from hcbench.tune.target import Target
 
 _SAMPLING = "The step only says how densely the loop is sampled."
 

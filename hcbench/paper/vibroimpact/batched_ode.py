@@ -11,16 +11,14 @@ is as exact as the steps are; and the result of an oscillator does not depend on
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from hcbench.errors import EngineFailed
-
-if TYPE_CHECKING:
-    from hcbench.impact import Floats
+from hcbench.impact import Floats
 
 Modes: TypeAlias = NDArray[np.int8]
 Indices: TypeAlias = NDArray[np.intp]

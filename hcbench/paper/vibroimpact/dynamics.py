@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from hcbench.laws.force import HuntCrossley
+from hcbench.laws.force import ForceLaw, HuntCrossley
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
-    from hcbench.laws.force import ForceLaw
     from hcbench.paper.vibroimpact.batched_ode import Indices, Modes
 
 APART, CONTACT, PULLED_OFF = 0, 1, 2  # pulled off: still inside the block's surface, but the law would pull

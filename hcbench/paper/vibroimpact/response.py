@@ -9,23 +9,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
+from hcbench.impact import Floats
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.kelvin_voigt import Ending, matched
 from hcbench.laws.require import positive, require
-from hcbench.paper.vibroimpact.batched_ode import integrate
+from hcbench.paper.vibroimpact.batched_ode import Flags, Indices, Modes, integrate
 from hcbench.paper.vibroimpact.dynamics import APART, TwoSidedContact
 from hcbench.paper.vibroimpact.simulate import motion_size, tangent
 from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
 from hcbench.workers import WorkerPool
-
-if TYPE_CHECKING:
-    from hcbench.impact import Floats
-    from hcbench.paper.vibroimpact.batched_ode import Flags, Indices, Modes
 
 Over = Literal["frequency", "amplitude", "gap"]
 

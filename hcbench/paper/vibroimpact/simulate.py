@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hcbench.errors import HcbenchError, UserError
-from hcbench.laws.force import HuntCrossley
+from hcbench.impact import Floats
+from hcbench.laws.force import ForceLaw, HuntCrossley
 from hcbench.laws.require import positive, require
-from hcbench.paper.vibroimpact.batched_ode import integrate
+from hcbench.paper.vibroimpact.batched_ode import Flags, Indices, Modes, integrate
 from hcbench.paper.vibroimpact.dynamics import APART, CONTACT, PULLED_OFF, SIGNS, TwoSidedContact
 from hcbench.paper.vibroimpact.system import (
     Drive,
@@ -23,11 +23,6 @@ from hcbench.paper.vibroimpact.system import (
     pressing,
     stored,
 )
-
-if TYPE_CHECKING:
-    from hcbench.impact import Floats
-    from hcbench.laws.force import ForceLaw
-    from hcbench.paper.vibroimpact.batched_ode import Flags, Indices, Modes
 
 SIDES: tuple[Side, Side] = ("right", "left")
 _KINDS: dict[tuple[int, int], Kind] = {

@@ -12,18 +12,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 from scipy.integrate import quad
 
 from hcbench.errors import UserError
-from hcbench.laws.force import HuntCrossley
+from hcbench.impact import Floats
+from hcbench.laws.force import ForceLaw, HuntCrossley
 from hcbench.laws.require import positive, require
-
-if TYPE_CHECKING:
-    from hcbench.impact import Floats
-    from hcbench.laws.force import ForceLaw
 
 Drive: TypeAlias = Callable[[float], float]
 

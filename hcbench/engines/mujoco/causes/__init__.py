@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hcbench.engines.mujoco.causes.contact import mixing, refsafe, solimp, solref
+from hcbench.engines.mujoco.causes.context import Context
 from hcbench.engines.mujoco.causes.motion import gravity, integrator, losses, margin, resolution
-
-if TYPE_CHECKING:
-    from hcbench.engines.mujoco.causes.context import Context
-    from hcbench.sim.model_under_test import Suspect
+from hcbench.sim.model_under_test import Suspect
 
 CHECKS = (mixing, refsafe, solref, integrator, solimp, resolution, gravity, losses, margin)
 

@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.causes import fixes
-from hcbench.engines.mujoco.causes.context import DEFAULT_SOLREF, same
+from hcbench.engines.mujoco.causes.context import DEFAULT_SOLREF, Context, same
 from hcbench.engines.mujoco.causes.fixes import numbers
 from hcbench.engines.mujoco.model import explicit_pairs, geom_name
-from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MAX_POWER, MIN_IMPEDANCE, STIFF_SOLIMP
+from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MAX_POWER, MIN_IMPEDANCE, STIFF_SOLIMP, SoftConstraint
 from hcbench.sim.model_under_test import Suspect
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from hcbench.engines.mujoco.causes.context import Context
-    from hcbench.engines.mujoco.rows import SoftConstraint
 
 _NOTABLE = 0.01  # of e: what a contact must be off by, or clamping must change, to be named
 _MIXING = {"solref": "mixes the solref", "solimp": "averages the solimp"}

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hcbench.engines.mujoco.mjcf import numbers_text
 from hcbench.engines.mujoco.model import explicit_pairs, integrator_name
 from hcbench.engines.mujoco.rows import STIFF_SOLIMP
 from hcbench.laws.kelvin_voigt import Ending, matched
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 numbers = partial(numbers_text, number="{:.10g}".format)  # as an XML attribute has them
 _STEPS = 40  # in contact, of a spring and damper

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,9 +15,6 @@ from hcbench.engines.mujoco.model import body_name
 from hcbench.impact import Status
 from hcbench.measure import causes
 from hcbench.sim.model_under_test import Suspect
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 
 def integrator(context: Context) -> Iterator[Suspect]:

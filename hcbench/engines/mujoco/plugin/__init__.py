@@ -17,7 +17,7 @@ import math
 import shutil
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 from hcbench import _compile
 from hcbench.engines.mujoco.backend import backend
@@ -26,10 +26,8 @@ from hcbench.laws import hertz
 from hcbench.laws.contact_law import Friction, Law, is_force, require_law
 from hcbench.laws.published import TouchSpeedLaw
 from hcbench.laws.restitution import ConstantRestitution, Restitution
+from hcbench.scene import Material
 from hcbench.sim.names import suggest_names
-
-if TYPE_CHECKING:
-    from hcbench.scene import Material
 
 FORCE, RESTITUTION = "hcbench.hunt_crossley", "hcbench.restitution"
 INSTALLED = "libhcbench.so"

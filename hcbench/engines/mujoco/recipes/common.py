@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.optimize import nnls
 
-from hcbench.engines.mujoco.rows import MIN_IMPEDANCE
+from hcbench.engines.mujoco.rows import MIN_IMPEDANCE, ConstraintRow
+from hcbench.impact import Floats
 from hcbench.tune.recipe import Integrators
-
-if TYPE_CHECKING:
-    from hcbench.engines.mujoco.rows import ConstraintRow
-    from hcbench.impact import Floats
 
 # Of springs that start at a depth of their own: the least impedance throughout.
 SPRING_SOLIMP = (MIN_IMPEDANCE, MIN_IMPEDANCE, 1.0, 0.5, 1.0)

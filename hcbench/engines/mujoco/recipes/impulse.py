@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hcbench.engines.mujoco.recipes.common import rows_options
 from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, STIFF_SOLIMP, ConstraintRow
 from hcbench.tune.constant import minimax_constant
 from hcbench.tune.recipe import Integrators, Recipe, Role
-
-if TYPE_CHECKING:
-    from hcbench.tune.target import Target
+from hcbench.tune.target import Target
 
 
 def impulse(target: Target, integrator: str = "Euler", spring: float = 0.0) -> dict[str, Any]:

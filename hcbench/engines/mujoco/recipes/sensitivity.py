@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from hcbench.impact import Floats
 from hcbench.laws import closed_form
-
-if TYPE_CHECKING:
-    from hcbench.impact import Floats
-    from hcbench.laws.force import HuntCrossley
+from hcbench.laws.force import HuntCrossley
 
 _POINTS = 501
 

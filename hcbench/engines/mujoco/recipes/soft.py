@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.optimize import Bounds, differential_evolution, minimize
@@ -18,13 +18,11 @@ from scipy.optimize import Bounds, differential_evolution, minimize
 from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
 from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, impedance
 from hcbench.errors import SettingError
+from hcbench.impact import Floats
 from hcbench.tune.recipe import Recipe, Role
 from hcbench.tune.search import Search, map_result
 from hcbench.tune.softening import FEWEST_STEPS
-
-if TYPE_CHECKING:
-    from hcbench.impact import Floats
-    from hcbench.tune.target import Target
+from hcbench.tune.target import Target
 
 _SPEEDS = 12
 _WIDTH = 1500.0  # steps at the highest speed: fewer and the touch's phase shows in e

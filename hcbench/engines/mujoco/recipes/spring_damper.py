@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
 from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, STIFF_SOLIMP, ConstraintRow
 from hcbench.tune import constant
 from hcbench.tune.recipe import Recipe, Role
-
-if TYPE_CHECKING:
-    from hcbench.tune.target import Target
+from hcbench.tune.target import Target
 
 
 def spring_damper(target: Target, integrator: str = "Euler") -> dict[str, Any]:

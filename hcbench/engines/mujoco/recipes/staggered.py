@@ -9,8 +9,9 @@ known (`sensitivity`): springs and dampers come out of one linear problem, a non
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,15 +19,11 @@ from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, SPRING_SOLIMP, no
 from hcbench.engines.mujoco.recipes.sensitivity import restitution_sensitivity
 from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, weight
 from hcbench.errors import SettingError
+from hcbench.impact import Floats
+from hcbench.laws.force import HuntCrossley
 from hcbench.tune.recipe import Recipe, Role
 from hcbench.tune.softening import resolvable_law
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from hcbench.impact import Floats
-    from hcbench.laws.force import HuntCrossley
-    from hcbench.tune.target import Target
+from hcbench.tune.target import Target
 
 _GRID = 1200
 _SPEEDS = 50

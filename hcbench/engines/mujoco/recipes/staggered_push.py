@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,9 +22,7 @@ from hcbench.laws import closed_form
 from hcbench.tune.recipe import Recipe, Role
 from hcbench.tune.search import Search
 from hcbench.tune.softening import resolvable_law
-
-if TYPE_CHECKING:
-    from hcbench.tune.target import Target
+from hcbench.tune.target import Target
 
 # The best ones of many, tried over n, alpha and bands; dampers are for a band of penetrations of 11 to 1.
 _GUESSES = [

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -18,14 +18,12 @@ from scipy.optimize import least_squares
 from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
 from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, restitution
 from hcbench.errors import SettingError
+from hcbench.impact import Floats
 from hcbench.laws import closed_form
 from hcbench.tune.constant import contact_time
 from hcbench.tune.recipe import Recipe, Role
 from hcbench.tune.search import Search, map_result
-
-if TYPE_CHECKING:
-    from hcbench.impact import Floats
-    from hcbench.tune.target import Target
+from hcbench.tune.target import Target
 
 _SPEEDS, _PHASES = 12, 2
 _STEPS = 200  # of the model in a contact, where the engine's own are more

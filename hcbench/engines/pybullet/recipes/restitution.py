@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hcbench.tune.constant import minimax_constant
 from hcbench.tune.recipe import Recipe, Role
-
-if TYPE_CHECKING:
-    from hcbench.tune.target import Target
+from hcbench.tune.target import Target
 
 # What stands between the number and the bounce out of the box: a speed threshold of 0.2 m/s, error reduction
 # and slop that add or eat speed, and damping of free flight.

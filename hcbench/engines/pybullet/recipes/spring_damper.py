@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hcbench.engines.pybullet.recipes.restitution import BALL, WORLD
 from hcbench.errors import SettingError
 from hcbench.tune import constant
 from hcbench.tune.recipe import Recipe, Role
-
-if TYPE_CHECKING:
-    from hcbench.tune.target import Target
+from hcbench.tune.target import Target
 
 # Bullet puts the springs of the two bodies in series: the plate's must not yield.
 RIGID = 1e30
