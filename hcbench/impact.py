@@ -35,8 +35,10 @@ class Launch:
     phase: where in a time step the touch falls, 0 <= phase < 1. With a clearance of (whole steps + phase)
         steps of flight, engines that only look at step boundaries see the touch up to one step late.
     height: clearance at release, m. None: two to three steps of flight, so that no time is spent in the air.
-    slip: tangential velocity at release, m/s, along the two directions that follow the normal.
-    spin: angular velocity at release, rad/s, in world coordinates.
+    slip: velocity of the body along the plate at release, m/s: along the direction that it is sent in (x in a
+        scene), and across it.
+    spin: angular velocity at release, rad/s, about these two and about the normal away from the plate. With
+        spin[1] > 0 the body rolls on: its contact point slides by slip[0] - R spin[1].
     """
 
     speed: float
@@ -81,6 +83,40 @@ class Trajectory:
     force: Floats
 
 
+# Rows of what is recorded along the plate at each step, in the directions of `Launch`: velocity of the
+# contact point over it, m/s; spin, rad/s; friction on the body, N; kinetic energy but for the rate's, J.
+SLIP, SPIN, FRICTION, ENERGY = slice(0, 2), slice(2, 5), slice(5, 7), 7
+
+
+@dataclass(frozen=True, slots=True)
+class Tangential:
+    """What an oblique impact did along the plate, in the directions of `Launch`.
+
+    slip_in, slip_out: velocity of the contact point over the plate, before and after, m/s.
+    spin_in, spin_out: angular velocity, rad/s. impulse: of friction on the body, N s.
+    normal_impulse: N s. energy_in, energy_out: kinetic energy of the whole motion, J.
+    """
+
+    slip_in: tuple[float, ...]
+    slip_out: tuple[float, ...]
+    spin_in: tuple[float, ...]
+    spin_out: tuple[float, ...]
+    impulse: tuple[float, ...]
+    normal_impulse: float
+    energy_in: float
+    energy_out: float
+
+    @property
+    def impulse_ratio(self) -> float:
+        """Impulse of friction over that of the normal force: by Coulomb's law at most μ."""
+        return math.hypot(*self.impulse) / self.normal_impulse
+
+    @property
+    def energy_lost(self) -> float:
+        """Share of the kinetic energy that was lost, below 0 where some was gained."""
+        return 1.0 - self.energy_out / self.energy_in
+
+
 Loop = Trajectory  # of the contact alone: force over penetration
 
 
@@ -98,6 +134,7 @@ class Impact:
     force_max: float = np.nan
     samples: int = 0  # steps in which the contact force acted
     loop: Loop | None = None
+    tangential: Tangential | None = None  # of a measured impact whose launch is oblique
 
     @property
     def is_measured(self) -> bool:

@@ -44,6 +44,7 @@ class Scene:
     form: "cup", the true concave plate; "plane", the equivalent sphere 1/(1/R1 + 1/R2) on a plane.
     ball_radius: R1, m. plate_radius: R2, m, negative when concave, inf when flat.
     stiffness: k, N/m^exponent. gravity: m/s^2 towards the plate, 0 for launches in free flight.
+    friction: Coulomb's μ between the two.
     models: engine name -> role -> file, as the engine loads it.
     Raises SceneError for values that no such scene has.
     """
@@ -60,6 +61,7 @@ class Scene:
     exponent: float = 1.5
     gravity: float = 0.0
     models: Mapping[str, Mapping[str, Path]] = field(default_factory=dict, hash=False)
+    friction: float = 0.0
 
     def __post_init__(self) -> None:
         R1, R2 = self.ball_radius, self.plate_radius
@@ -85,6 +87,17 @@ class Scene:
         _require("law.stiffness", 0 < k < math.inf, f"{k!r} N/m^{n:g}", "above 0")
         _require("law.exponent", 1 <= n < math.inf, f"{n!r}", "1 or more")
         _require("gravity", 0 <= g < math.inf, f"{g!r} m/s^2", "0 m/s^2 or more, towards the plate")
+        _require("friction", 0 <= self.friction < math.inf, f"{self.friction!r}", "0 or more")
+
+    @property
+    def touch_radius(self) -> float:
+        """Radius of the sphere that stands for the ball in the scene's form, m."""
+        return self.ball_radius if self.form == "cup" else self.relative_radius
+
+    @property
+    def inertia(self) -> float:
+        """Moment of inertia of the ball, solid and of its own radius whatever stands for it, kg m²."""
+        return 0.4 * self.mass * self.ball_radius**2
 
     @property
     def relative_radius(self) -> float:
@@ -129,6 +142,7 @@ class _File(FileTable):
     title: str = Field(default="", description="text")
     form: Literal["cup", "plane"] = Field(description="'cup' or 'plane'")
     gravity: Acceleration = 0.0
+    friction: Number = 0.0
     ball: _Ball = Field(description="a [ball] table")
     plate: _Body = Field(description="a [plate] table")
     law: _Law = Field(description="a [law] table")
@@ -189,6 +203,7 @@ def _scene(file: _File, folder: Path) -> Scene:
         stiffness=units.parse(law.stiffness, "stiffness", "law.stiffness", law.exponent),
         exponent=law.exponent,
         gravity=file.gravity,
+        friction=file.friction,
         models={
             engine: {role: _model(folder, engine, role, name) for role, name in roles.items()}
             for engine, roles in file.models.items()

@@ -25,6 +25,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
+import numpy as np
+
 from hcbench.errors import EngineFailed, SettingError, UserError
 
 if TYPE_CHECKING:
@@ -47,11 +49,19 @@ class Record:
 
     force: the normal contact force that acts in the step; exactly 0 where the contact did not act. All three
     are NaN from the step on at which the engine gave up.
+    tangential: what was seen along the plate, shape (8, b, n), rows as `hcbench.impact` numbers them; None
+    where no launch is oblique, or from an engine that knows the normal direction only.
     """
 
     penetration: Floats
     rate: Floats
     force: Floats
+    tangential: Floats | None = None
+
+    def rows(self) -> Floats:
+        """All of it, one quantity below the other, shape (3 or 11, b, n)."""
+        normal = np.stack([self.penetration, self.rate, self.force])
+        return normal if self.tangential is None else np.concatenate([normal, self.tangential])
 
 
 class CannotShareError(Exception):

@@ -20,6 +20,7 @@ from hcbench.sim import registry
 from hcbench.sim.engine import CannotShareError
 from hcbench.sim.read_impact import NOT_FINITE, impacts_of
 from hcbench.sim.stop import StopRule
+from hcbench.sim.tangential import with_tangential
 from hcbench.workers import call, map_surviving_crashes, redirect_output
 
 if TYPE_CHECKING:
@@ -121,25 +122,26 @@ def _until_ended(
 ) -> tuple[list[Impact], int]:
     rule = StopRule.for_launches(launches, world.timestep, world.gravity, world.deepest)
     left, longest = np.arange(len(launches)), 0
-    history: list[Floats] = []  # of shape (3, b, n) each
+    history: list[Floats] = []  # of shape (3 or 11, b, n) each
     ended_impacts: dict[int, Impact] = {}
     while left.size:
         # Nobody knows how long a contact lasts that is longer than expected: a share of what was.
         steps = rule.steps // _CHUNK_SHARE if rule.steps else expected
-        record = simulation.advance(max(_CHUNK_MIN, steps))
-        chunk = np.stack([record.penetration, record.rate, record.force])
+        chunk = simulation.advance(max(_CHUNK_MIN, steps)).rows()
         history.append(chunk)
-        counts, ends = rule.add(*chunk)
+        counts, ends = rule.add(*chunk[:3])
         ended = counts > 0
         if not ended.any():
             continue
         longest = int(counts.max())
-        x, v, f = np.concatenate([part[:, ended] for part in history], axis=2)[:, :, :longest]
+        rows = np.concatenate([part[:, ended] for part in history], axis=2)[:, :, :longest]
         time = np.arange(longest, dtype=np.float64) * world.timestep
         which = left[ended].tolist()
+        x, v, f = rows[:3]
         read = impacts_of([launches[i] for i in which], time, x, v, f, counts[ended], ends[ended])
-        for i, impact, count in zip(which, read, counts[ended].tolist(), strict=True):
-            ended_impacts[i] = _explained(impact, world.diverged, simulation.remark(count))
+        for k, (i, impact, count) in enumerate(zip(which, read, counts[ended].tolist(), strict=True)):
+            whole = with_tangential(impact, rows[:, k, :count], world.timestep, world.mass)
+            ended_impacts[i] = _explained(whole, world.diverged, simulation.remark(count))
         going = ~ended
         left, history = left[going], [part[:, going] for part in history]
         if left.size:

@@ -95,11 +95,36 @@ def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
             pair.set("gap", "0")
     elif options.rows:
         _write_limits(root, scene, options.rows, path)
+    if scene.friction:
+        _write_friction(root, scene, path)
     if options.law is not None:
         from hcbench.engines.mujoco.law_mjcf import write_law  # imports SciPy, as the laws do
 
         write_law(root, scene.form, options.law, path)
     return root
+
+
+def _write_friction(root: ET.Element, scene: Scene, path: Path) -> None:
+    """Coulomb's friction in every contact of ball and plate that does not say its own, and a ball that turns
+    as the scene's does.
+    """
+    if scene.form == "cup":
+        given = f"{scene.friction!r} in the form 'cup'"
+        todo = "Use the same pair in the form 'plane'"
+        raise SettingError(
+            "friction", given, "0: a cup's contact is a tendon's limit, without friction", todo
+        )
+    sliding, ball = numbers_text([scene.friction]), named(root, "body", "ball", path)
+    for inertial in ball.findall("inertial"):
+        ball.remove(inertial)
+    mass, inertia = numbers_text([scene.mass]), numbers_text([scene.inertia] * 3)
+    ball.insert(0, ET.Element("inertial", pos="0 0 0", mass=mass, diaginertia=inertia))
+    for name in ("ball", "plate"):
+        geom = named(root, "geom", name, path)
+        geom.attrib.update(condim="3", friction=sliding)
+    for pair in root.iterfind("contact/pair"):
+        if pair.get("condim") == "1" and pair.get("friction") is None:
+            pair.attrib.update(condim="3", friction=f"{sliding} {sliding}")
 
 
 def remove_pairs(root: ET.Element) -> None:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.errors import SettingError
+from hcbench.sim.tangential import rows_of_ball
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,13 +62,18 @@ class Workspace:
 
 
 def record(
-    model: SceneModel, workspace: Workspace, states: Floats, most: int, warm: Floats | None = None
+    model: SceneModel,
+    workspace: Workspace,
+    states: Floats,
+    most: int,
+    warm: Floats | None = None,
+    oblique: bool = False,
 ) -> tuple[Floats, Floats] | None:
     """Take up to `most` steps from states of shape (b, nstate), as many as there is room for.
 
-    warm: where MuJoCo's solver starts from, shape (nv,).
-    Penetration, rate and force at the start of each step, shape (3, b, n), NaN from where MuJoCo gave up,
-    and the states after. None where it gave up on a whole batch, for the sake of one ball in it.
+    warm: where MuJoCo's solver starts from, shape (nv,). oblique: whether to look along the plate too.
+    What `Record.rows` has of each step, shape (3 or 11, b, n), NaN from where MuJoCo gave up, and the states
+    after. None where it gave up on a whole batch, for the sake of one ball in it.
     """
     batch, packed = workspace.batch, workspace.batch.pack(states)
     count = max(1, min(most, workspace.buffer.size // packed.size))
@@ -88,6 +94,8 @@ def record(
     paths = _Paths(batch, states, path, sensed)
     with np.errstate(all="ignore"):  # what is not finite is told by the record
         seen = _on_plane(model, paths) if model.clearance is None else _in_cup(model, paths, model.clearance)
+        if oblique:
+            seen = np.concatenate([seen, _along_plate(model, paths)])
     if gave_up:
         seen[:, np.maximum.accumulate(stopped, axis=1)] = np.nan
     return seen, batch.unpack(path[:, -1], states)
@@ -110,6 +118,10 @@ class _Paths:
         values[:, 1:] = values[:, :1] if after is None else after
         return values
 
+    def vector(self, kind: int, i: int, count: int = 3) -> Floats:
+        """Several components of a state from `i` on, shape (b, n + 1, count)."""
+        return np.stack([self.state(kind, k) for k in range(i, i + count)], axis=-1)
+
     def acceleration(self, i: int) -> Floats:
         """A component of the acceleration that each ball's sensor reads, the model's last; shape (b, n)."""
         rows, n, _ = self.sensed.shape
@@ -130,13 +142,31 @@ def _on_plane(model: SceneModel, paths: _Paths) -> Floats:
     return seen
 
 
+def _along_plate(model: SceneModel, paths: _Paths) -> Floats:
+    """What `Record.tangential` has. MuJoCo gives the spin of a free body in the body's own frame."""
+    velocity, turned = paths.vector(1, 0), paths.vector(0, 3, 4)[:, :-1]
+    spin, axis = paths.vector(1, 3)[:, :-1], turned[..., 1:]
+    spin = spin + 2.0 * np.cross(axis, np.cross(axis, spin) + turned[..., :1] * spin)
+    gained = np.diff(velocity, axis=1) / model.timestep + [0.0, 0.0, model.scene.gravity]
+    deeper = np.broadcast_to([0.0, 0.0, -1.0], gained.shape)
+    if model.clearance is not None:
+        deeper = np.stack(_from_centre(model, paths, model.clearance)[1], axis=-1)
+    return rows_of_ball(model.scene, velocity[:, :-1], spin, deeper, gained)
+
+
+def _from_centre(model: SceneModel, paths: _Paths, clearance: float) -> tuple[Floats, list[Floats]]:
+    """How far the ball's centre is from that of the cup, and the unit vector there, by component; (b, n)."""
+    touch = model.origin[model.at[0] : model.at[0] + 3]
+    centre = touch + np.array([0.0, 0.0, clearance])
+    away = [paths.state(0, i)[:, :-1] - centre[i] for i in range(3)]
+    distance = np.sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2)
+    return distance, [a / np.maximum(distance, np.finfo(float).tiny) for a in away]
+
+
 def _in_cup(model: SceneModel, paths: _Paths, clearance: float) -> Floats:
     """Penetration is how far the centre is out of the sphere in which it is free: no engine in that."""
-    touch = model.origin[model.at[0] : model.at[0] + 3]
     up = np.array([0.0, 0.0, 1.0])
-    away = [paths.state(0, i)[:, :-1] - (touch + clearance * up)[i] for i in range(3)]
-    distance = np.sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2)
-    deeper = [a / np.maximum(distance, np.finfo(float).tiny) for a in away]
+    distance, deeper = _from_centre(model, paths, clearance)
     speeds = [paths.state(1, i) for i in range(3)]
 
     def along(vector: list[Floats]) -> Floats:

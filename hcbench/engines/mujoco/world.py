@@ -152,11 +152,13 @@ class MujocoSimulation(Simulation):
         """Up to `steps` steps, as many as there is room for."""
         while True:
             with self._pool.workspace(self._next_batch(steps)) as workspace:
-                recorded = record(self._pool.model, workspace, self._states, steps)
+                oblique = self._leaves_axis
+                recorded = record(self._pool.model, workspace, self._states, steps, oblique=oblique)
             if recorded is not None:
                 seen, self._states = recorded
                 self._steps += seen.shape[2]
-                return Record(*seen)
+                x, v, f = seen[:3]
+                return Record(x, v, f, seen[3:] if oblique else None)
             self._alone = True  # MuJoCo gave up on a whole batch for the sake of one ball
 
     def _next_batch(self, steps: int) -> BatchedModel:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench.sim.tangential import rows_of_ball
+
 if TYPE_CHECKING:
     from hcbench.impact import Floats
     from hcbench.scene import Scene
@@ -18,17 +20,12 @@ if TYPE_CHECKING:
 _ROUND_OFF = 16 * np.finfo(float).eps  # of what a step adds up: a smaller change of velocity is no force
 
 
-def touching_height(scene: Scene) -> float:
-    """Height of the ball's centre over the plate's lowest point at touch, m."""
-    return scene.ball_radius if scene.form == "cup" else scene.relative_radius
-
-
 def overlap(scene: Scene, position: Floats, velocity: Floats) -> tuple[Floats, Floats, Floats]:
     """Penetration, its rate, and the unit vector that leads deeper: no mesh, no engine.
 
     position, velocity: the ball's, shape (..., 3).
     """
-    radius = touching_height(scene)
+    radius = scene.touch_radius
     above, falling, down = radius - position[..., 2], -velocity[..., 2], np.array([0.0, 0.0, -1.0])
     if scene.form == "plane":
         return above, falling, down
@@ -41,6 +38,17 @@ def overlap(scene: Scene, position: Floats, velocity: Floats) -> tuple[Floats, F
         deeper = np.where(z[..., None] >= 0.0, down, away / distance[..., None])
     # Above the centre: height over the lowest point.
     return np.where(z >= 0.0, above, distance - (bowl - radius)), np.where(z >= 0.0, falling, out), deeper
+
+
+def tangential_rows(scene: Scene, timestep: float, motion: Floats, deeper: Floats) -> Floats:
+    """What `Record.tangential` has of each step, shape (8, b, n).
+
+    motion: velocity and spin before all steps and after each, shape (n + 1, b, 2, 3).
+    """
+    velocity, spin = motion[:-1, :, 0], motion[:-1, :, 1]
+    gained = np.diff(motion[:, :, 0], axis=0) / timestep + [0.0, 0.0, scene.gravity]
+    vectors = (velocity, spin, np.broadcast_to(deeper, velocity.shape), gained)
+    return rows_of_ball(scene, *(vector.swapaxes(0, 1) for vector in vectors))
 
 
 def force_from_momentum(scene: Scene, timestep: float, velocity: Floats, deeper: Floats) -> Floats:

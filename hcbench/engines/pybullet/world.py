@@ -20,7 +20,11 @@ import numpy as np
 
 from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient, translated_errors
 from hcbench.engines.pybullet.model_file import check_ball, check_plate
-from hcbench.engines.pybullet.record import force_from_momentum, overlap, touching_height
+from hcbench.engines.pybullet.record import (
+    force_from_momentum,
+    overlap,
+    tangential_rows,
+)
 from hcbench.errors import SceneError
 from hcbench.sim.engine import CannotShareError, Record, Simulation, World
 from hcbench.workers import in_worker
@@ -54,7 +58,7 @@ class PybulletWorld(World):
         assert in_worker(), "PyBullet's settings are global: they would leak into the user's own"
         self.scene, self.options = scene, options
         self.timestep, self.gravity, self.mass = timestep, scene.gravity, scene.mass
-        self.deepest = touching_height(scene)
+        self.deepest = scene.touch_radius
         self.places = _BALLS_IN_WORLD if options.law is None else 1  # a plug-in looks at one pair
         self.reports_force = not _is_lossless(options)
         self.bullet = client()
@@ -66,6 +70,11 @@ class PybulletWorld(World):
 
     def release(self, launches: Sequence[Launch]) -> PybulletSimulation:
         """A ball where each launch starts and any others far away, with nothing remembered."""
+        oblique = any(launch.is_oblique for launch in launches)
+        if (
+            oblique and len(launches) > 1
+        ):  # how often Bullet's solver sweeps over friction depends on all balls
+            raise CannotShareError
         with translated_errors(self.bullet):
             self._add_balls(len(launches) - len(self.balls))
             # Contacts are kept from step to step, and with them forces: remove those of the launches before.
@@ -74,9 +83,9 @@ class PybulletWorld(World):
                 self.bullet.resetBaseVelocity(ball, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
             self.bullet.performCollisionDetection()
             for ball, launch in zip(self.balls, launches, strict=False):
-                _place(self.bullet, ball, touching_height(self.scene) + launch.clearance(self.timestep))
+                _place(self.bullet, ball, self.scene.touch_radius + launch.clearance(self.timestep))
                 self.bullet.resetBaseVelocity(ball, [*launch.slip, -launch.speed], [*launch.spin])
-        return PybulletSimulation(self, len(launches))
+        return PybulletSimulation(self, len(launches), oblique)
 
     def close(self) -> None:
         """Detach the plug-in, if there is one."""
@@ -128,24 +137,28 @@ class PybulletWorld(World):
 
 
 class PybulletSimulation(Simulation):
-    """Launches under way; the position of one that is alone is read, of several worked out and checked."""
+    """Launches under way; the position of one that is alone is read, of several worked out and checked.
 
-    def __init__(self, world: PybulletWorld, count: int) -> None:
-        self._world, self._reads_position = world, count == 1
+    oblique: whether to look along the plate too.
+    """
+
+    def __init__(self, world: PybulletWorld, count: int, oblique: bool) -> None:
+        self._world, self._reads_position, self._oblique = world, count == 1, oblique
         self._which = list(range(count))
-        self._position, self._velocity = self._positions(), self._velocities()
+        self._position, self._motion = self._positions(), self._motions()
 
     def advance(self, steps: int) -> Record:
         """`steps` steps of all balls. Raises CannotShareError where one is not where its velocity took it."""
         world = self._world
         with translated_errors(world.bullet):
-            forces, velocities, positions = self._step(steps)
-        v = np.concatenate([self._velocity[None], np.reshape(velocities, (steps, -1, 3))])
+            forces, motions, positions = self._step(steps)
+        motion = np.concatenate([self._motion[None], np.reshape(motions, (steps, -1, 2, 3))])
+        v = motion[:, :, 0]
         if self._reads_position:
             p = np.concatenate([self._position[None], np.reshape(positions, (steps, -1, 3))])
         else:
             p = np.cumsum(np.concatenate([self._position[None], world.timestep * v[1:]]), axis=0)
-        self._position, self._velocity = p[-1], v[-1]
+        self._position, self._motion = p[-1], motion[-1]
         x, rate, deeper = overlap(world.scene, p[:-1], v[:-1])
         if world.reports_force:
             force = np.reshape(np.array(forces, dtype=np.float64), (steps, -1))[:, self._which]
@@ -153,36 +166,40 @@ class PybulletSimulation(Simulation):
             force = force_from_momentum(world.scene, world.timestep, v, deeper)
         if not (self._reads_position or np.array_equal(self._positions(), p[-1])):
             raise CannotShareError
-        return Record(x.T, rate.T, force.T)
+        along_plate = tangential_rows(world.scene, world.timestep, motion, deeper)
+        return Record(x.T, rate.T, force.T, along_plate if self._oblique else None)
 
     def keep(self, which: Flags) -> None:
         """Record only these from now on."""
         self._which = [ball for ball, going in zip(self._which, which.tolist(), strict=True) if going]
-        self._position, self._velocity = self._position[which], self._velocity[which]
+        self._position, self._motion = self._position[which], self._motion[which]
 
     def _positions(self) -> Floats:
         place = self._world.bullet.getBasePositionAndOrientation
         return np.array([place(self._world.balls[i])[0] for i in self._which])
 
-    def _velocities(self) -> Floats:
+    def _motions(self) -> Floats:
+        """Velocity and spin of each ball, shape (b, 2, 3)."""
         motion = self._world.bullet.getBaseVelocity
-        return np.array([motion(self._world.balls[i])[0] for i in self._which])
+        return np.array([motion(self._world.balls[i]) for i in self._which])
 
     def _step(self, steps: int) -> tuple[list[Any], list[float], list[float]]:
-        """Forces that each step reported, velocities after each, and positions where they are read."""
+        """Forces that each step reported, velocity and spin after it, and positions where they are read."""
         step, bullet = self._world.step, self._world.bullet
         place, motion = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity
         balls = [self._world.balls[i] for i in self._which]
         forces: list[Any] = []
-        velocities: list[float] = []
+        motions: list[float] = []
         positions: list[float] = []
         for _ in range(steps):
             forces.append(step())
             for ball in balls:
-                velocities += motion(ball)[0]
+                velocity, spin = motion(ball)
+                motions += velocity
+                motions += spin
                 if self._reads_position:
                     positions += place(ball)[0]
-        return forces, velocities, positions
+        return forces, motions, positions
 
 
 def _is_lossless(options: PybulletOptions) -> bool:
@@ -201,14 +218,19 @@ def _set_up(bullet: BulletClient, scene: Scene, timestep: float, options: Pybull
     plate = _load(bullet, scene, "plate", options.maximal_coordinates)
     _check_shapes(bullet, scene, ball, plate)
     _make_ready(bullet, scene, options, ball)
-    bullet.changeDynamics(plate, -1, **options.plate)
+    neutral = {"lateralFriction": 1.0} if scene.friction else {}  # Bullet multiplies those of the two
+    bullet.changeDynamics(plate, -1, **{**neutral, **options.plate})
     return ball, plate
 
 
 def _make_ready(bullet: BulletClient, scene: Scene, options: PybulletOptions, ball: int) -> None:
-    if bullet.getDynamicsInfo(ball, -1)[0] != scene.mass:
+    if scene.friction:  # then the ball is turned, and its inertia is not what Bullet makes of the sphere
+        inertia = [scene.inertia] * 3  # without its mass a body of maximal coordinates would get any
+        bullet.changeDynamics(ball, -1, mass=scene.mass, localInertiaDiagonal=inertia)
+    elif bullet.getDynamicsInfo(ball, -1)[0] != scene.mass:
         bullet.changeDynamics(ball, -1, mass=scene.mass)
-    bullet.changeDynamics(ball, -1, **options.ball)
+    friction = {"lateralFriction": scene.friction} if scene.friction else {}
+    bullet.changeDynamics(ball, -1, **{**friction, **options.ball})
 
 
 @cache
@@ -237,14 +259,14 @@ def _load(bullet: BulletClient, scene: Scene, role: str, maximal: bool) -> int:
 def _check_shapes(bullet: BulletClient, scene: Scene, ball: int, plate: int) -> None:
     """Bullet must see the overlap that the scene says: radii, frames and meshes are right then."""
     overlap = 1e-5
-    _place(bullet, ball, touching_height(scene) - overlap)
+    _place(bullet, ball, scene.touch_radius - overlap)
     seen = [-point[8] for point in bullet.getClosestPoints(ball, plate, 0.0)]
     if not seen or abs(max(seen) - overlap) > _SHAPE_TOLERANCE:
         depth = f"{max(seen):.3e} m" if seen else "none"
         raise SceneError(
             f"scene {scene.name!r}",
             f"the URDFs of ball and plate overlap by {depth} where the scene says {overlap:g} m",
-            f"the ball to touch with its centre at z = {touching_height(scene)!r} m",
+            f"the ball to touch with its centre at z = {scene.touch_radius!r} m",
         )
 
 

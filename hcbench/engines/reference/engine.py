@@ -13,7 +13,7 @@ import hcbench
 from hcbench.errors import SettingError
 from hcbench.fields import read_numbers
 from hcbench.impact import Impact, Launch, Status, Trajectory
-from hcbench.laws import closed_form, kelvin_voigt
+from hcbench.laws import closed_form, coulomb, kelvin_voigt
 from hcbench.laws.bounces import successive_bounces
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.laws.published import LAWS, TouchSpeedLaw, law_named
@@ -35,7 +35,7 @@ class ReferenceEngine(Engine):
     the scene's; "kelvin-voigt", options stiffness (N/m) and damping (N s/m), contact ending at x = 0; the
     laws of `laws.published` by their slugs, such as "flores", options restitution (the e asked for),
     and stiffness and exponent: v_i is the speed at touch of each impact. Without gravity by closed form,
-    with gravity by ODE.
+    with gravity by ODE. Along the plate Coulomb's law with the scene's friction, in closed form.
     """
 
     name: ClassVar[str] = "reference"
@@ -72,7 +72,10 @@ class ReferenceEngine(Engine):
         speed = launch.touch_speed(timestep, scene.gravity)
         if speed == 0.0:
             return Impact(launch, Status.NO_TOUCH, "released at rest and without gravity")
-        return replace(_impact(law, scene.mass, speed, scene.gravity, timestep), launch=launch)
+        impact = _impact(law, scene.mass, speed, scene.gravity, timestep)
+        if not (launch.is_oblique and impact.is_measured):
+            return replace(impact, launch=launch)
+        return replace(impact, launch=launch, tangential=coulomb.tangential(impact, launch, scene))
 
 
 def law_of(setting: Setting, scene: Scene) -> Law:
