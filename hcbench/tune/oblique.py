@@ -41,8 +41,8 @@ class ObliqueResult:
     """What the engine did with a setting where bodies slide and spin.
 
     friction: μ. max_error: largest |e - target|, e of the normal direction; at: the launch that has it, None
-    where nothing was measured. impulse_error: largest distance of the impulse of friction from Coulomb's, over
-    μ times the normal impulse. energy_gained: largest share of the kinetic energy, 0 or below where none was.
+    where nothing was measured. impulse_error: largest distance of friction's impulse from Coulomb's law, over
+    that of sliding, μ J_n. energy_gained: largest share of the kinetic energy, 0 or below where none was.
     failed: impacts that gave no restitution, with the first reason.
     """
 
