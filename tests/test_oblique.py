@@ -130,7 +130,7 @@ def test_a_loop_by_hand_in_plain_mujoco_agrees(launch: Launch) -> None:
 
 def pybullet_by_hand(launch: Launch, options: Mapping[str, Any], timestep: float) -> list[float]:
     """Velocity and spin after the bounce of a ball on a plane, in a loop as a user writes it."""
-    from pybullet_utils.bullet_client import BulletClient
+    from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
 
     p = BulletClient()
     p.setPhysicsEngineParameter(fixedTimeStep=timestep, **options["world"])
