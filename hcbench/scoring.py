@@ -89,7 +89,7 @@ CLAIMS = {
     "starts_at_zero": "the force starts at zero",
     "no_tension": "the bodies never pull on each other",
     "sharp_at_origin": "the loop comes to a sharp point at the origin",
-    "cubic_loss": "the energy lost grows as the cube of the impact speed",
+    "cubic_loss": "the energy lost grows with the impact speed as that of eq. (16)",
 }
 
 

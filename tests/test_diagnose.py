@@ -83,7 +83,7 @@ PLANTED: dict[str, tuple[Planted, str, float | None]] = {
         "refsafe",
         None,
     ),
-    "solref mixed": (Planted('solref=".02 .1"', option=f'{STILL} timestep=".0005"'), "solref-mixing", None),
+    "solref mixed": (Planted('solref=".02 .1"', option=f'{STILL} timestep=".00025"'), "solref-mixing", None),
     "solimp mixed": (Planted(IMPULSE, 'solref="0 -950"'), "solimp-mixing", None),
     "the other's priority": (Planted(IMPULSE, 'priority="1"'), "priority", None),
     "the override flag": (
@@ -250,7 +250,7 @@ def build():
     p.setPhysicsEngineParameter(contactBreakingThreshold=0.02, numSubSteps=0, physicsClientId=c)
     p.setTimeStep({timestep}, physicsClientId=c)
     p.setGravity(0, 0, {gravity}, physicsClientId=c)
-    world = dict(restitutionVelocityThreshold=0, contactSlop=0, contactERP=0, erp=0)
+    world = dict(restitutionVelocityThreshold=0, contactSlop=0, contactERP=0)
     world.update({world})
     p.setPhysicsEngineParameter(**world, physicsClientId=c)
     plate = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE, physicsClientId=c), physicsClientId=c)

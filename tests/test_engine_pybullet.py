@@ -40,7 +40,6 @@ WORLD = {
     "restitutionVelocityThreshold": 0.0,
     "contactSlop": 0.0,
     "contactERP": 0.0,
-    "erp": 0.0,
     "contactBreakingThreshold": 0.02,
 }
 BALL = {"linearDamping": 0.0, "angularDamping": 0.0, "contactProcessingThreshold": 0.0}

@@ -342,7 +342,7 @@ def test_what_keeps_a_body_from_resting_is_named_and_nothing_else() -> None:
     radius = 0.05
     assert rest_failures(RestResult(True, 1e-7, 1e-6, 1e-3, 0.5), radius) == []
     (sinks,) = rest_failures(RestResult(False, 1e-4, 1e-6, 0.0, 0.0), radius)
-    assert sinks == "it sinks at 1.0e-04 m/s and goes on to"
+    assert sinks == "it still sinks at 1.0e-04 m/s when the test ends"
     (deep,) = rest_failures(RestResult(False, 0.0, 1e-3, 1e-3, 0.5), radius)
     assert "2 % of the radius" in deep
     (moves,) = rest_failures(RestResult(False, 0.0, 1e-6, 1e-3, 1.0), radius)

@@ -59,9 +59,7 @@ def _measure(check: Check) -> Measurement:
     request, baseline = check.request, check.baseline
     if baseline is not None:
         height = baseline.impacts[0].height_m
-        request = dataclasses.replace(
-            request, speeds=baseline.speeds, height=height, skip_redundant_phases=False
-        )
+        request = dataclasses.replace(request, speeds=baseline.speeds, height=height, adapt_phases=False)
     tolerance = TOLERANCE if check.wanted is None else min(check.max_error, TOLERANCE)
     job = Job(check.source, check.engine, request, check.wanted, tolerance, diagnose=True)
     return measure_job(job, check.limit)

@@ -73,7 +73,8 @@ def diagnose(
     hint = _constant_e_hint(impacts, goal, tolerance) if trials.max_error(fixes) > tolerance else ""
     if not causes:
         return (), hint or "No cause was found among those that hcbench knows."
-    return tuple(causes), f"{_summary(fixes, trials, tolerance)} {hint}".rstrip()
+    basis = "" if assumed is None else f"Nobody said which e is wanted: e = {assumed:.4g} was assumed."
+    return tuple(causes), " ".join(filter(None, (_summary(fixes, trials, tolerance), basis, hint)))
 
 
 class _Trials:

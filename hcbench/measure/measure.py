@@ -15,12 +15,12 @@ from typing import Any
 
 from hcbench._text import sanitized
 from hcbench.errors import EngineFailed, HcbenchError, SceneError, UserError
-from hcbench.impact import Impact
 from hcbench.laws.restitution import ConstantRestitution, RestitutionCurve
 from hcbench.measure.diagnose import diagnose, goal_of
 from hcbench.measure.measurement import TOLERANCE, Measurement
+from hcbench.measure.phases import impacts_of
 from hcbench.measure.request import make_request
-from hcbench.sim import registry, simulate
+from hcbench.sim import registry
 from hcbench.sim.engine import Engine
 from hcbench.sim.model_under_test import ModelUnderTest, Request
 from hcbench.workers import WorkerDied, call
@@ -28,7 +28,6 @@ from hcbench.workers import WorkerDied, call
 LIMIT_S = 60.0  # for one model, which takes a second or two on an idle machine
 LEAST_MEMORY = 4 << 30  # bytes that any model may take
 MEMORY_SHARE = 0.8  # of the machine's memory, which a model may take if that is more
-LONG_CONTACT = 500  # steps, from which the phase of the touch is worth a part in a thousand
 
 _PYTHON = re.compile(r"(?P<file>.+\.py):(?P<function>[A-Za-z_]\w*)")
 
@@ -68,7 +67,8 @@ def measure(
         Files are measured in a process of their own; objects in this one, and left as they were.
     pair: names of two bodies or geoms (URDF: links or files), the moving one first; "a,b" or ("a", "b").
     speeds: launch speeds, m/s or text like "1:20 in/s".
-    phases: how many, or which, of a time step; None: 4, and fewer where they cannot matter.
+    phases: how many, or which, of a time step; None: 4, one where they cannot matter, and up to 32 where e
+        scatters over them.
     timestep: s. gravity: m/s^2, a vector or a number along -z. key: keyframe. height: clearance, m.
     engine: the name of one; None: the first that opens such a model.
     wanted: e to compare with. tolerance: |e - wanted| from which causes are looked for.
@@ -128,24 +128,11 @@ def _measured_in_worker(job: Job) -> Measurement:
 def _measured(job: Job) -> Measurement:
     request = job.request
     with _open(job) as model:
-        impacts = _impacts(model, request)
+        impacts = impacts_of(model, request)
         facts = model.facts()
         goal = goal_of(facts.asked, request.speeds, job.wanted)
         diagnosis = diagnose(model, impacts, goal, job.wanted, job.tolerance) if job.diagnose else ((), "")
     return Measurement(facts, request, tuple(impacts), job.wanted, *diagnosis)
-
-
-def _impacts(model: ModelUnderTest, request: Request) -> list[Impact]:
-    """One for each launch; those that repeat a long contact at another phase are left out where asked."""
-    launches = request.launches()
-    if not request.skip_redundant_phases:
-        return simulate.impacts_in(model, launches)
-    phases = len(request.phases)
-    impacts = []
-    for i, impact in enumerate(simulate.impacts_in(model, launches[::phases])):
-        others = launches[i * phases + 1 : (i + 1) * phases] if impact.samples < LONG_CONTACT else []
-        impacts += [impact, *simulate.impacts_in(model, others)]
-    return impacts
 
 
 def _memory() -> int:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from hcbench import scoring
 from hcbench.errors import QuantityError
-from hcbench.impact import Impact, Status
+from hcbench.impact import Floats, Impact, Status
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import (
@@ -67,8 +68,8 @@ class Cause:
 class CurvePoint:
     """All phases of one launch speed; NaN where nothing parted or rested.
 
-    speed: at launch, m/s. speed_in: mean at touch, m/s; gravity makes the two differ. restitution: mean e.
-    lowest, highest: e. samples: fewest steps in contact. failed: impacts without an e.
+    speed: at launch, m/s. speed_in: mean at touch, m/s; gravity makes the two differ. restitution: mean of e
+    over the step. lowest, highest: e. samples: fewest steps in contact. failed: impacts without an e.
     """
 
     speed: float
@@ -145,17 +146,25 @@ class Measurement:
         return math.nan
 
     @property
+    def _fitted_alpha(self) -> float:
+        """α of the law that describes e over speed, s/m; NaN where none does: where it is off by more than
+        TOLERANCE (rms), or by more than half of what one e for all speeds would be.
+        """
+        speeds = np.array([i.speed_in for i in self.measured])
+        e = np.array([i.restitution for i in self.measured])
+        if len({i.launch.speed for i in self.measured}) < 2:
+            return math.nan
+        alpha, rms = scoring.fit_alpha(speeds, e)
+        return alpha if rms <= max(min(TOLERANCE, 0.5 * float(np.std(e))), GAIN) else math.nan
+
+    @property
     def law(self) -> HuntCrossley | None:
         """The law to compare with: α as wanted, or else as fitted; k so that the hardest impact goes as deep.
 
-        None where nothing was measured that a law could be fitted to.
+        None where no α was given and no law describes what was measured.
         """
-        if isinstance(self.wanted, Restitution):
-            alpha = self.wanted.alpha
-        elif len(self.measured) > 1:
-            speeds = np.array([i.speed_in for i in self.measured])
-            alpha, _ = scoring.fit_alpha(speeds, np.array([i.restitution for i in self.measured]))
-        else:
+        alpha = self.wanted.alpha if isinstance(self.wanted, Restitution) else self._fitted_alpha
+        if math.isnan(alpha):
             return None
         unit, mass = HuntCrossley(1.0, alpha), self.effective_mass
         resolved = [i for i in self.measured if i.samples >= scoring.RESOLVED and i.penetration_max > 0]
@@ -180,9 +189,19 @@ def _point(speed: float, impacts: list[Impact]) -> CurvePoint:
     return CurvePoint(
         speed=speed,
         speed_in=float(np.mean([i.speed_in for i in good])) if good else math.nan,
-        restitution=float(np.mean(e)),
+        restitution=float(np.average(e, weights=_phase_weights([i.launch.phase for i in good] or [0.5]))),
         lowest=min(e),
         highest=max(e),
         samples=min((i.samples for i in good), default=0),
         failed=len(impacts) - len(good),
     )
+
+
+def _phase_weights(phases: Sequence[float]) -> Floats:
+    """The share of a step that each phase stands for: half of the gaps on both sides; they add up to 1."""
+    order = np.argsort(phases)
+    ordered = np.asarray(phases)[order]
+    gaps = np.diff(np.append(ordered, ordered[0] + 1.0))
+    weights = np.empty(len(ordered))
+    weights[order] = (gaps + np.roll(gaps, 1)) / 2
+    return weights

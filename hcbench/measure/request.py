@@ -34,7 +34,7 @@ def make_request(
         gravity=_gravity(gravity),
         key=None if key is None else str(key),
         height=_height(height),
-        skip_redundant_phases=phases is None,
+        adapt_phases=phases is None,
     )
 
 

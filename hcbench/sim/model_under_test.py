@@ -26,8 +26,8 @@ class Request:
     key: name or number of the keyframe that everything starts from, "qpos0" for the model's zero;
         None: the first keyframe, or qpos0 where there is none.
     height: clearance at release, m; None: two to three steps of flight.
-    skip_redundant_phases: one phase only at speeds where the contact takes so many steps that the phase does
-        not matter.
+    adapt_phases: one phase only at speeds where the contact takes so many steps that the phase does not
+        matter, more of them where e scatters.
     """
 
     pair: tuple[str, str] | None = None
@@ -37,7 +37,7 @@ class Request:
     gravity: Vector | None = None
     key: str | None = None
     height: float | None = None
-    skip_redundant_phases: bool = False
+    adapt_phases: bool = False
 
     def launches(self) -> list[Launch]:
         """One for each speed and phase, speeds in order."""

@@ -137,7 +137,7 @@ def rest_failures(rest: RestResult, radius: float) -> list[str]:
     failures = []
     if not abs(rest.creep) < _CREEP_MAX:
         verb = "sinks" if rest.creep > 0 else "rises"
-        failures.append(f"it {verb} at {abs(rest.creep):.1e} m/s and goes on to")
+        failures.append(f"it still {verb} at {abs(rest.creep):.1e} m/s when the test ends")
     if not rest.depth < _DEPTH_MAX * radius:
         share = 100 * rest.depth / radius
         failures.append(f"it rests {rest.depth:.1e} m deep, {share:.2g} % of the radius")

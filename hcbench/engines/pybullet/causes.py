@@ -67,9 +67,7 @@ class Call:
         keywords = ", ".join(f"{k}={v:g}" for k, v in self.settings.items())
         if self.side is None:
             return f"p.setPhysicsEngineParameter({keywords})"
-        name = self.side.name.split(".")[0]
-        body = name if name.isidentifier() else self.side.body
-        return f"p.changeDynamics({body}, {self.side.link}, {keywords})"
+        return f"p.changeDynamics({self.side.variable}, {self.side.link}, {keywords})"
 
     def apply(self, bullet: BulletClient) -> None:
         """Make it."""
@@ -192,8 +190,8 @@ def _bullet_defaults(c: BulletContext) -> Iterator[Suspect]:
     yield Suspect(
         "erp",
         "Error reduction (ERP) pushes an overlap apart and adds its own speed to the rebound.",
-        "contactERP and erp are 0.2 unless set",
-        *_fix(Call({"contactERP": 0.0, "erp": 0.0})),
+        "contactERP is 0.2 unless set; erp, which holds joints and constraints together, is left as it is",
+        *_fix(Call({"contactERP": 0.0})),
     )
     yield Suspect(
         "damping",

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from hcbench.engines.pybullet.aside import release_aside, run_aside
 from hcbench.engines.pybullet.backend import version
 from hcbench.engines.pybullet.causes import BulletContext, find_suspects, restitutions
 from hcbench.engines.pybullet.place import FreeBase, place
@@ -22,6 +23,7 @@ from hcbench.engines.pybullet.user_simulation import LaunchInUserWorld
 from hcbench.errors import UserError
 from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
+from hcbench.sim.engine import Simulation
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
 
 _UNKNOWN_RESTITUTIONS = "restitutions that PyBullet does not tell of bodies with maximal coordinates"
@@ -51,17 +53,11 @@ class PybulletModel(ModelUnderTest):
             for fix in fixes:
                 if fix.apply is not None:
                     fix.apply(self.bullet)
-            start = self.bullet.saveState()
-            try:
-                self.place = place(world, first, second)
-            finally:
-                self.bullet.restoreState(start)
-                self.bullet.removeState(start)
+            self.place = run_aside(self.bullet, lambda: place(world, first, second))
             parameters = self.bullet.getPhysicsEngineParameters()
             self.timestep, self.mass = float(parameters["fixedTimeStep"]), self.place.effective_mass
             along = float((np.array(self._gravity()) * self.place.normal).sum())
             self.gravity = along if self._falls_alone() else 0.0
-            self._state: int | None = None  # where launches start from, once there was one
         except BaseException:
             self._put_back()
             raise
@@ -93,12 +89,12 @@ class PybulletModel(ModelUnderTest):
         masses = [self.bullet.getDynamicsInfo(s.body, -1)[0] for s in (self.place.first, self.place.second)]
         return isinstance(self.place.mover, FreeBase) and min(masses) == 0.0
 
-    def release(self, launches: Sequence[Launch]) -> LaunchInUserWorld:
-        """The launch under way from its starting point."""
+    def release(self, launches: Sequence[Launch]) -> Simulation:
+        """The launch under way from its starting point, in a world that knows of no other launch."""
         (launch,) = launches
-        if self._state is None:
-            self._state = self.bullet.saveState()
-        return LaunchInUserWorld(self.bullet, self.place, launch, self._state, self.gravity)
+        return release_aside(
+            self.bullet, lambda: LaunchInUserWorld(self.bullet, self.place, launch, self.gravity)
+        )
 
     @property
     def step_cost(self) -> float:
@@ -151,8 +147,6 @@ class PybulletModel(ModelUnderTest):
 
     def close(self) -> None:
         """End what is ours and put back what is not."""
-        if self._state is not None:
-            self.bullet.removeState(self._state)
         self._put_back()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -41,6 +42,13 @@ class BodyPart:
     body: int
     link: int
 
+    @property
+    def variable(self) -> int | str:
+        """What a script calls the body: as its file, numbered where several came from one; or its id."""
+        stem, _, copy = self.name.partition(".")
+        name = stem + "".join(f"_{number}" for number in re.findall(r" \((\d+)\)$", copy))
+        return name if name.isidentifier() else self.body
+
 
 @dataclass(frozen=True, slots=True)
 class LoadedWorld:
@@ -70,7 +78,8 @@ def load_files(paths: Sequence[str]) -> LoadedWorld:
     world = LoadedWorld(bullet, " + ".join(path.name for path in files), True)
     for path, restitution in zip(files, unread, strict=True):
         for body in bullet.load_model(path):
-            world.files[body] = path.name
+            copies = sum(Path(name).name.partition(" (")[0] == path.name for name in world.files.values())
+            world.files[body] = f"{path.name} ({copies + 1})" if copies else path.name
             if restitution is not None:
                 world.unread[body] = restitution
     return world

@@ -28,15 +28,10 @@ _HIDDEN = 1e-6  # of the speed: a change in a step of substeps that only a conta
 
 
 class LaunchInUserWorld(Simulation):
-    """One launch from a saved state of the user's world, which is back in it at the end.
+    """One launch in the user's world as it is; nothing puts it back. gravity: as a `World` has it, m/s²."""
 
-    state: the id of the saved state. gravity: what it adds to the approach speed, m/s².
-    """
-
-    def __init__(
-        self, bullet: BulletClient, place: BulletPlacement, launch: Launch, state: int, gravity: float
-    ) -> None:
-        self.bullet, self.place, self.state, self.gravity = bullet, place, state, gravity
+    def __init__(self, bullet: BulletClient, place: BulletPlacement, launch: Launch, gravity: float) -> None:
+        self.bullet, self.place, self.gravity = bullet, place, gravity
         parameters = bullet.getPhysicsEngineParameters()
         self.timestep = float(parameters["fixedTimeStep"])
         self.substeps = int(parameters["numSubSteps"]) > 1
@@ -44,7 +39,6 @@ class LaunchInUserWorld(Simulation):
         bodies = [(sign, BulletBody(bullet, part.body), part.link) for sign, part in sides]
         self._moving = [each for each in bodies if each[1].kind != "fixed"]
         clearance = launch.clearance(self.timestep)
-        bullet.restoreState(state)
         place.launch(bullet, launch.speed, clearance)
         self._x, self._touched, self._point = -clearance, False, place.point.tolist()
         self._normal = place.normal.tolist()
@@ -60,10 +54,6 @@ class LaunchInUserWorld(Simulation):
 
     def keep(self, which: Flags) -> None:
         """There is one launch only."""
-
-    def close(self) -> None:
-        """Back to the saved state."""
-        self.bullet.restoreState(self.state)
 
     def _step(self) -> tuple[float, float, float]:
         self.bullet.stepSimulation()

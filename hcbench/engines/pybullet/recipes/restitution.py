@@ -14,7 +14,6 @@ WORLD: dict[str, Any] = {
     "restitutionVelocityThreshold": 0.0,
     "contactSlop": 0.0,
     "contactERP": 0.0,
-    "erp": 0.0,
     "contactBreakingThreshold": 0.02,
 }
 BALL: dict[str, Any] = {"linearDamping": 0.0, "angularDamping": 0.0, "contactProcessingThreshold": 0.0}
@@ -40,6 +39,8 @@ RESTITUTION = Recipe(
     (
         "The restitutions of the two bodies multiply: e goes on the ball and 1 on the plate.",
         "All of it must be set before the first step.",
+        "erp is left as it is: 0 would let constraints and the joints of rigid bodies drift apart;"
+        " contactERP=0 is all that a bounce needs.",
         "contactBreakingThreshold outlives resetSimulation and leaks into other clients of the process.",
         "Maximal coordinates (loadURDF's useMaximalCoordinates) keep e under gravity;"
         " Bullet's default rebounds from v + g dt.",

@@ -1,0 +1,63 @@
+"""At which phases of a time step a pair is launched: as many as it takes to find how far e scatters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from hcbench.impact import Impact
+from hcbench.measure.causes import FEW_STEPS
+from hcbench.sim import simulate
+from hcbench.sim.model_under_test import ModelUnderTest, Request
+
+LONG_CONTACT = 500  # steps, from which the phase of the touch is worth a part in a thousand
+_NARROWEST = 1 / 256  # of a step: two phases nearer than this are not told apart
+_SAME_E = 2e-3  # neighbours nearer than this have nothing between them
+_SAME_SHARE = 0.2  # of the scatter found so far: the same
+_PHASES_MAX = 32  # a speed
+
+
+def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
+    """One for each launch asked for, in order; where no phases were asked for, those that matter.
+
+    A long contact is launched at one phase, others at those of the request. Where few steps decide, the gap
+    between two neighbours that differ is halved until the scatter of e is found.
+    """
+    if not request.adapt_phases:
+        return simulate.impacts_in(model, request.launches())
+    return [impact for speed in request.speeds for impact in _at_speed(model, request, speed)]
+
+
+def _at_speed(model: ModelUnderTest, request: Request, speed: float) -> list[Impact]:
+    first, *others = replace(request, speeds=(speed,)).launches()
+    impacts = simulate.impacts_in(model, [first])
+    if impacts[0].samples >= LONG_CONTACT:
+        return impacts
+    impacts += simulate.impacts_in(model, others)
+    while min(i.samples for i in impacts) <= FEW_STEPS and (new := _between(impacts)):
+        launches = [replace(first, phase=phase) for phase in new[: _PHASES_MAX - len(impacts)]]
+        impacts = sorted(
+            impacts + simulate.impacts_in(model, launches), key=lambda impact: impact.launch.phase
+        )
+    return impacts
+
+
+def _between(impacts: Sequence[Impact]) -> list[float]:
+    """Phases half-way between neighbours whose e differ, the most different first; none once all is known.
+
+    The step after the last phase is that of the first again.
+    """
+    if len(impacts) >= _PHASES_MAX:
+        return []
+    e = np.array([impact.restitution for impact in impacts])
+    scatter = float(np.nanmax(e) - np.nanmin(e)) if np.isfinite(e).any() else 0.0
+    phases = [impact.launch.phase for impact in impacts]
+    gaps = []
+    for (a, one), (b, two) in pairwise([*zip(phases, e, strict=True), (phases[0] + 1.0, e[0])]):
+        step = abs(one - two)
+        if step > max(_SAME_E, _SAME_SHARE * scatter) and b - a > _NARROWEST:
+            gaps.append((step, (a + b) / 2 % 1.0))
+    return [phase for _, phase in sorted(gaps, key=lambda gap: (-gap[0], gap[1]))]
