@@ -12,10 +12,13 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe
-from typing import Any, NoReturn, TypeVar, final
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, final
 
 from hcbench.errors import EngineFailed
-from hcbench.sim.engine import Flags, Record, Simulation
+from hcbench.sim.engine import Record, Simulation
+
+if TYPE_CHECKING:
+    from hcbench.sim.engine import Flags
 
 Answer = TypeVar("Answer")
 

@@ -7,11 +7,14 @@ put back. restoreState alone would not do: a contact of the launch before surviv
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.sim import forked
-from hcbench.sim.engine import Flags, Record, Simulation
+from hcbench.sim.engine import Record, Simulation
+
+if TYPE_CHECKING:
+    from hcbench.sim.engine import Flags
 
 Answer = TypeVar("Answer")
 
