@@ -1,7 +1,5 @@
 """A setting: what a user can set in an engine, as plain data that can be hashed, stored and pasted."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field

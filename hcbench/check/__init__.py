@@ -6,8 +6,6 @@ report = check(CheckSpec(models=("ball.xml",), pair="ball,plate", restitution=0.
 sys.exit(report.exit_code)
 """
 
-from __future__ import annotations
-
 from hcbench.check.command import Outputs, check
 from hcbench.check.judge import run_check, run_checks
 from hcbench.check.outcome import Outcome, Report, Verdict

@@ -1,7 +1,5 @@
 """The error curves of checks as a PNG."""
 
-from __future__ import annotations
-
 import math
 
 from matplotlib.axes import Axes

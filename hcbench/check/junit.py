@@ -1,7 +1,5 @@
 """The results of checks as JUnit XML, which CI systems show."""
 
-from __future__ import annotations
-
 from xml.etree import ElementTree as ET
 
 from hcbench._text import sanitized

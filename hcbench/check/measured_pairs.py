@@ -1,7 +1,5 @@
 """Measured pairs (v, e) from a CSV with the unit of v in its header: `speed [in/s],restitution`."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

@@ -1,7 +1,5 @@
 """Results of checks."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

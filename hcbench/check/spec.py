@@ -1,7 +1,5 @@
 """A check as a user writes it, on the command line, in a file or in a test, and what is to be run for it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

@@ -11,8 +11,6 @@ pair = "ball,plate"
 restitution = 0.9           # or alpha, pairs (a CSV), baseline
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The results of checks for a terminal, as a Markdown summary, and as JSON."""
 
-from __future__ import annotations
-
 import dataclasses
 import html
 import re

@@ -1,7 +1,5 @@
 """The command as a process: streams that cannot be written to, signals, mistakes under the option's name."""
 
-from __future__ import annotations
-
 import functools
 import io
 import os

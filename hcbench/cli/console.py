@@ -1,7 +1,5 @@
 """What the commands share: options, tables, JSON, progress."""
 
-from __future__ import annotations
-
 import math
 import os
 import time

@@ -1,7 +1,5 @@
 """hcbench engines and hcbench plugin: the engines, their settings, and the laws as plug-ins of theirs."""
 
-from __future__ import annotations
-
 import click
 
 from hcbench.cli.console import as_json, print_json

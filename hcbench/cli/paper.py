@@ -1,7 +1,5 @@
 """hcbench paper: Hunt & Crossley 1975 as a page."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

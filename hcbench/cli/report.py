@@ -1,7 +1,5 @@
 """hcbench report: a study in, a page out."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

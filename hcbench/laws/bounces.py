@@ -1,7 +1,5 @@
 """Successive bounces: flights under gravity joined by impacts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

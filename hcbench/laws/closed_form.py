@@ -12,8 +12,6 @@ Everything is vectorised over speeds; a law with α = 0 is served by the same fo
 speeds below 0 (and 0 where an impact is needed) and a mass that is not above 0.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Literal
 

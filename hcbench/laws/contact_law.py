@@ -5,8 +5,6 @@ laws published later, whose α falls as 1/v_i from impact to impact. `Restitutio
 set the speed after each impact instead, for steps of any length.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

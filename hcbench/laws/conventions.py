@@ -6,8 +6,6 @@ family. Engines that know a constant restitution, or a spring and damper, can ma
 only.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass

@@ -12,8 +12,6 @@ T. Schwager, T. Pöschel, "Coefficient of restitution and linear-dashpot model r
 Neither e depends on the impact speed: so ΔE ∝ v_i², and that is the paper's objection (section 1.7).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 

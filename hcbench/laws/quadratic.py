@@ -19,8 +19,6 @@ before parting, the fault that section 1.5 finds with (4). Contact that cannot p
 z) with e² = z_F/((9/8) u²), a little faster.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Restitution over impact speed, e(v): as wanted of a contact, or as a plug-in gives it to each impact."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

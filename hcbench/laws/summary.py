@@ -1,7 +1,5 @@
 """All that the law says about one impact, and where it leaves the range that the paper gives for itself."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from hcbench.errors import UserError

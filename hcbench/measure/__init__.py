@@ -1,7 +1,5 @@
 """Measures how a pair of bodies in the user's own model bounces, as the model has it."""
 
-from __future__ import annotations
-
 import sys
 from types import ModuleType
 

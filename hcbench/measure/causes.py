@@ -1,7 +1,5 @@
 """Suspects that need no engine: what may keep any pair from bouncing as expected, read from its impacts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A measurement as text and as JSON. It has no dates in it: the same model gives the same bytes."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

@@ -6,8 +6,6 @@ takes ½ m v_i² (1 - G) on the way in and ½ m v_i² (G - e²) on the way out. 
 equation numbers are those of Hunt & Crossley 1975, doi 10.1115/1.3423596.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The paper as a page: every figure redrawn, every printed number beside ours."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace

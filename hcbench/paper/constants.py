@@ -1,7 +1,5 @@
 """The case of section 3.1."""
 
-from __future__ import annotations
-
 from hcbench.laws import hertz
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.hertz import HertzContact

@@ -1,7 +1,5 @@
 """The forced mass of section 3.1: its response, its bifurcations, and the same mass in the engines."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import cycle

@@ -1,7 +1,5 @@
 """Figs. 1 to 4: one impact."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure

@@ -1,7 +1,5 @@
 """Figures that the paper does not have: how good its steps are, and what came after."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

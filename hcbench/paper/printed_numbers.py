@@ -1,7 +1,5 @@
 """Every number the paper prints that can be computed, as printed and as computed here."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

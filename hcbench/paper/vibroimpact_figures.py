@@ -1,7 +1,5 @@
 """Figs. 5 to 9: a mass between two blocks."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure

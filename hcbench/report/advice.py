@@ -1,7 +1,5 @@
 """Which setting to use when: sentences and cards that follow from the ranking."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

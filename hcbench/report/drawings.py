@@ -1,7 +1,5 @@
 """Every figure of the report: how it is drawn, what it shows in words, or why there is nothing to draw."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from functools import partial

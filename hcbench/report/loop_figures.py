@@ -1,7 +1,5 @@
 """Force over penetration: Fig. 4 of the paper redrawn, with each setting's loops over the law's."""
 
-from __future__ import annotations
-
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure

@@ -1,7 +1,5 @@
 """One page on one measurement: self-contained HTML that works offline and prints."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pages that stand alone: figures are drawn, saved and embedded in the page, and templates filled in."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re

@@ -4,8 +4,6 @@ Figures are drawn with matplotlib's object interface, on its bundled font, from 
 matplotlibrc changes nothing, and the same numbers give the same bytes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """How well each run follows the law, by rules that the page states too; which runs are the best."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

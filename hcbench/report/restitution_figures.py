@@ -1,7 +1,5 @@
 """Restitution over impact speed, and how far it is off: every setting, every α."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page's tables as rows of text; the template only lays them out."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any, TypeAlias, cast

@@ -1,7 +1,5 @@
 """Numbers and names as people read them: the one place that figures, tables and sentences go by."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Finds the parts of a model that a user names, and suggests the nearest name for one that is not there."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable, Sequence
 from typing import TypeVar

@@ -3,8 +3,6 @@
 An engine moves one of the two along a line and says how far apart they are, or whether it makes a contact.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 

@@ -12,8 +12,6 @@ An engine that can simulate it has a module `two_blocks` in its package (`regist
         A sentence on how the engine's own contact compares with the law.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

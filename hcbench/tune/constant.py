@@ -1,7 +1,5 @@
 """The best that one number can do: a constant e for a band of speeds, and the spring-damper that has it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

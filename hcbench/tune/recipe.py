@@ -1,7 +1,5 @@
 """What a recipe is: a function from targets to one engine's settings, with what a choice goes by."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum

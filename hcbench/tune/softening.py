@@ -4,8 +4,6 @@ e of (16) depends on α v_i alone, so k is free where only e is wanted. At a giv
 T ∝ k^(-1/(n+1)).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a setting should match."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal

@@ -8,8 +8,6 @@ A worker is a fresh interpreter, which does not run the user's main module again
 `if __name__ == "__main__"`. Functions and values cross by pickle, functions by their module's name.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial

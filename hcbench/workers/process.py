@@ -1,7 +1,5 @@
 """One worker process as its parent sees it, and the main loop that it runs."""
 
-from __future__ import annotations
-
 import atexit
 import ctypes
 import os

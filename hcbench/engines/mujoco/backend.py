@@ -1,7 +1,5 @@
 """The mujoco package: importing it, what an older version lacks, its warnings and its fatal errors."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
 from typing import Any

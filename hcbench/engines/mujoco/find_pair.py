@@ -1,7 +1,5 @@
 """Which parts of a MuJoCo model the names of a pair mean, which joints move them, and why some never meet."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any

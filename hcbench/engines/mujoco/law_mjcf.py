@@ -1,7 +1,5 @@
 """A contact law in MJCF: its plug-in in a scene, and as text to paste."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a MuJoCo setting may say, checked strictly: MuJoCo itself clamps, warns or ignores in silence."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args

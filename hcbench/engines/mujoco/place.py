@@ -1,7 +1,5 @@
 """Brings a pair just to touch, by MuJoCo's own collision functions, and finds how to launch it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

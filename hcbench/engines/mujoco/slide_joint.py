@@ -8,8 +8,6 @@ Where one row of constraint holds a ball, its force is one division, without New
 balls of a model: one sweep of Gauss and Seidel, the same to rounding, the same bits in any batch.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

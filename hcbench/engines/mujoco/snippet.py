@@ -1,7 +1,5 @@
 """A MuJoCo setting as its user writes it: MJCF."""
 
-from __future__ import annotations
-
 from hcbench.engines.mujoco.mjcf import rows_snippet
 from hcbench.setting import Setting
 

@@ -1,7 +1,5 @@
 """The scene `two-blocks` in MuJoCo, by the plug-in or by `staggered` pairs: see `hcbench.sim.two_blocks`."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 
 import numpy as np

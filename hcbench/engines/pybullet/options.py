@@ -4,8 +4,6 @@ PyBullet ignores negative numbers in silence. So what it would drop is refused h
 would refuse is refused before anything runs.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Annotated, Any

@@ -1,7 +1,5 @@
 """Where a pair in PyBullet just touches, and what is moved to launch it from there."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

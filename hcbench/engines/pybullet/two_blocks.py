@@ -4,8 +4,6 @@ Bullet's own contact is a restitution where the body is clear of the blocks; whe
 no impact, and it is a spring and damper. Both are right at one speed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import nullcontext
 from typing import Any

@@ -1,7 +1,5 @@
 """Settings of the reference: eq. (16), the Kelvin-Voigt contrast of Fig. 1, and laws published later."""
 
-from __future__ import annotations
-
 import math
 
 from hcbench.laws import closed_form

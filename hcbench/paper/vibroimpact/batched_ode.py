@@ -8,8 +8,6 @@ again, shorter, so that it ends there. So position is monotone within a step and
 is as exact as the steps are; and the result of an oscillator does not depend on the others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Protocol, TypeAlias
 

@@ -4,8 +4,6 @@ Section 3.1: "in some instances the response is significantly at variance with t
 linearized model". All values of a parameter are simulated side by side by `batched_ode`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import partial

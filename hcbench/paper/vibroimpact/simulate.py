@@ -1,7 +1,5 @@
 """Simulates a mass between two blocks: its motion, its events and its energy balance."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

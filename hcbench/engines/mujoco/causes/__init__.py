@@ -1,7 +1,5 @@
 """What may keep a pair in a MuJoCo model from bouncing as asked, with fixes."""
 
-from __future__ import annotations
-
 from hcbench.engines.mujoco.causes.contact import mixing, refsafe, solimp, solref
 from hcbench.engines.mujoco.causes.context import Context
 from hcbench.engines.mujoco.causes.motion import gravity, integrator, losses, margin, resolution

@@ -1,7 +1,5 @@
 """Causes in the parameters of the contact, which do not arrive as written or ask for no bounce."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Fixes that the diagnosis suggests: numbers for a user to paste, and changes to a copy of the model."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from typing import Any

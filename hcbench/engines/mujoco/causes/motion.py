@@ -1,7 +1,5 @@
 """Causes in the step, in the integrator, and in what else acts on the body."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from functools import partial

@@ -10,8 +10,6 @@ Or name them in MJCF and call `load()` before it is compiled; docs/plugins.md li
 are for steps that resolve the contact; `Restitution` and `ConstantRestitution` set e in steps of any length.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 import shutil

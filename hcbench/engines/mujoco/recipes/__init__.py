@@ -1,7 +1,5 @@
 """Settings of MuJoCo, the preferred ones of each role first."""
 
-from __future__ import annotations
-
 from hcbench.engines.mujoco.recipes.impulse import IMPULSE
 from hcbench.engines.mujoco.recipes.soft import SOFT
 from hcbench.engines.mujoco.recipes.spring_damper import SPRING_DAMPER

@@ -1,7 +1,5 @@
 """What the recipes of MuJoCo's own contact share."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """MuJoCo, coarse steps: the bounce in a single step."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from hcbench.engines.mujoco.recipes.common import rows_options

@@ -1,7 +1,5 @@
 """How much e changes where a contact's force is not quite the law's: a formula, no simulation."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from hcbench.impact import Floats

@@ -6,8 +6,6 @@ F (1 + a v), and the restitution of that is the restitution of eq. (16), whateve
 step can be is set by MuJoCo's arithmetic, which underflows beyond a power of about 1020 (at midpoint 0.5).
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import Any

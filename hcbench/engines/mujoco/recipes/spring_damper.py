@@ -1,7 +1,5 @@
 """MuJoCo: a linear spring and damper with the law's contact time."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

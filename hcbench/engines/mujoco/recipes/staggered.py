@@ -7,8 +7,6 @@ restitution depends on the ratio of damping to elastic force alone, and how it c
 known (`sensitivity`): springs and dampers come out of one linear problem, a non-negative least-squares fit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

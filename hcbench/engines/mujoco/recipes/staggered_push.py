@@ -1,7 +1,5 @@
 """MuJoCo: eq. (16) with rows that only push, for true cups (tendon limits) and for MuJoCo before 3.11."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -6,8 +6,6 @@ each other. Five numbers of the damper are fitted to the restitution wanted, on 
 equals the engine's step to round-off; the start is the closed form for n = 1.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Settings of PyBullet, the preferred ones of each role first."""
 
-from __future__ import annotations
-
 from hcbench.engines.pybullet.recipes.restitution import RESTITUTION
 from hcbench.engines.pybullet.recipes.spring_damper import SPRING_DAMPER
 from hcbench.tune.law_recipes import plug_in_recipes

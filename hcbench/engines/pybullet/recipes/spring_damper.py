@@ -1,7 +1,5 @@
 """PyBullet: contactStiffness and contactDamping with the law's contact time."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
