@@ -94,6 +94,7 @@ Finite = Annotated[float, PlainValidator(_finite), Field(description="a finite n
 Number = Annotated[float, InUnits("number")]
 Length = Annotated[float, InUnits("length")]
 Clearance = Annotated[float, InUnits("length", above=0.0)]
+Clearances = Annotated[tuple[float, ...], InUnits("length", several=True, above=0.0)]
 Mass = Annotated[float, InUnits("mass")]
 Pressure = Annotated[float, InUnits("pressure")]
 Acceleration = Annotated[float, InUnits("acceleration")]

@@ -47,6 +47,17 @@ class Launch:
     slip: tuple[float, float] = (0.0, 0.0)
     spin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
+    @classmethod
+    def dropped(cls, speed: float, phase: float, timestep: float, gravity: float) -> Launch:
+        """A fall that ends at `speed`, m/s, in a step's `phase`: from rest but for a part of a step's gain.
+
+        gravity: into the plate, m/s². Semi-implicit steps h that start at v keep (v + g h/2)² + 2 g z.
+        """
+        gain = gravity * timestep
+        steps = max(0.0, math.floor(speed / gain - 0.5 - phase)) + phase
+        start = max(0.0, speed - gain * (steps + 0.5))
+        return cls(start, phase, timestep * steps * (start + gain * (steps + 1.0) / 2.0))
+
     @property
     def is_oblique(self) -> bool:
         """Whether the body arrives otherwise than along the normal and without spin."""

@@ -44,6 +44,8 @@ class Scene:
     form: "cup", the true concave plate; "plane", the equivalent sphere 1/(1/R1 + 1/R2) on a plane.
     ball_radius: R1, m. plate_radius: R2, m, negative when concave, inf when flat.
     stiffness: k, N/m^exponent. gravity: m/s^2 towards the plate, 0 for launches in free flight.
+    off_axis: how far from a cup's axis the ball's centre is when it touches, m; it is launched along the
+    normal there.
     friction: Coulomb's μ between the two.
     models: engine name -> role -> file, as the engine loads it.
     Raises SceneError for values that no such scene has.
@@ -60,6 +62,7 @@ class Scene:
     stiffness: float
     exponent: float = 1.5
     gravity: float = 0.0
+    off_axis: float = 0.0
     models: Mapping[str, Mapping[str, Path]] = field(default_factory=dict, hash=False)
     friction: float = 0.0
 
@@ -88,6 +91,13 @@ class Scene:
         _require("law.exponent", 1 <= n < math.inf, f"{n!r}", "1 or more")
         _require("gravity", 0 <= g < math.inf, f"{g!r} m/s^2", "0 m/s^2 or more, towards the plate")
         _require("friction", 0 <= self.friction < math.inf, f"{self.friction!r}", "0 or more")
+        off, room = self.off_axis, -R2 - R1 if self.form == "cup" else 0.0
+        _require(
+            "off_axis",
+            off == 0 or 0 < off < room,
+            f"{off!r} m in the form {self.form!r}",
+            f"0 m, or less than |R2| - R1 = {room!r} m" if room else "0 m: a plane has no axis",
+        )
 
     @property
     def touch_radius(self) -> float:
@@ -98,6 +108,27 @@ class Scene:
     def inertia(self) -> float:
         """Moment of inertia of the ball, solid and of its own radius whatever stands for it, kg m²."""
         return 0.4 * self.mass * self.ball_radius**2
+
+    @property
+    def tilt(self) -> float:
+        """Angle between the axis and the normal at the touch, rad, in the plane of x and z."""
+        return math.asin(self.off_axis / (-self.plate_radius - self.ball_radius)) if self.off_axis else 0.0
+
+    @property
+    def normal(self) -> tuple[float, float, float]:
+        """The unit vector away from the plate at the touch."""
+        return -math.sin(self.tilt), 0.0, math.cos(self.tilt)
+
+    @property
+    def touch_offset(self) -> tuple[float, float, float]:
+        """From where the ball's centre is when it touches on the axis to where it touches, m."""
+        lift = (-self.plate_radius - self.ball_radius) * (1.0 - math.cos(self.tilt)) if self.off_axis else 0.0
+        return self.off_axis, 0.0, lift
+
+    @property
+    def normal_gravity(self) -> float:
+        """What of gravity acts along the normal at the touch, m/s^2, into the plate."""
+        return self.gravity * math.cos(self.tilt)
 
     @property
     def relative_radius(self) -> float:

@@ -9,11 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from itertools import pairwise
 
 import numpy as np
 
-from hcbench.impact import Floats, Impact, Loop, Status, Trajectory
+from hcbench.impact import Floats, Impact, Loop, Status
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 
@@ -254,22 +253,6 @@ def phase_spread(impacts: Sequence[Impact]) -> float:
     for impact in impacts:
         by_speed.setdefault(impact.launch.speed, []).append(impact.restitution)
     return max((max(e) - min(e) for e in by_speed.values() if len(e) > 1), default=math.nan)
-
-
-def bounce_heights(path: Trajectory, count: int) -> list[float]:
-    """Heights over the surface, m, to which a body rises after each bounce; `count` at most.
-
-    Each from the highest sample of a flight and its two neighbours, by the parabola through them.
-    """
-    gap, heights = -path.penetration, []
-    touches = np.flatnonzero((path.force[:-1] != 0) & (path.force[1:] == 0) & (path.rate[1:] < 0))
-    for start, end in pairwise([*touches, len(gap) - 1]):
-        top = start + int(gap[start : end + 1].argmax())
-        if 0 < top < len(gap) - 1 and gap[top] > 0 and gap[top] >= gap[top + 1]:
-            before, here, after = gap[top - 1 : top + 2]
-            bend = before - 2 * here + after
-            heights.append(float(here - (after - before) ** 2 / (8 * bend)) if bend < 0 else float(here))
-    return heights[:count]
 
 
 def _largest(values: Floats) -> float:

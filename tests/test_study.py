@@ -65,7 +65,7 @@ def test_the_number_of_jobs_does_not_change_a_byte(tmp_path: Path, study: Study,
         with atomic_folder(tmp_path / name) as scratch:
             found.write(scratch)
         texts.append({p.name: p.read_bytes() for p in sorted((tmp_path / name).iterdir())})
-    tables = ["loops.csv", "restitution.csv", "scores.csv", "summary.json", "trains.csv"]
+    tables = ["loops.csv", "restitution.csv", "rests.csv", "scores.csv", "summary.json", "trains.csv"]
     assert sorted(texts[0]) == ["hcbench-files.json", *tables]
     assert texts[0] == texts[1]
 

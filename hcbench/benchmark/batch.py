@@ -32,33 +32,31 @@ MEASURED = {  # column -> attribute of an Impact
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Launches of one setting, (speed m/s, phase) each. kept: the indices of those whose loops are kept."""
+    """Launches of one setting. kept: the indices of those whose loops are kept."""
 
     scene: Scene
     setting: Setting
-    launches: Sequence[tuple[float, float]]
+    launches: Sequence[Launch]
     kept: Sequence[int]
 
 
 @dataclass(frozen=True, slots=True)
 class BatchResult:
-    """`columns_of` a batch's impacts, and (launch, loop) of the kept ones."""
+    """`columns_of` a batch's impacts, and (index, loop) of the kept ones."""
 
     columns: Mapping[str, Any]
-    loops: Sequence[tuple[Launch, Loop]]
+    loops: Sequence[tuple[int, Loop]]
 
 
 def result_of(impacts: Sequence[Impact], kept: Sequence[int]) -> BatchResult:
     """What is kept of a batch's impacts."""
-    loops = [(impacts[i].launch, impacts[i].loop) for i in kept]
-    return BatchResult(columns_of(impacts), [(launch, loop) for launch, loop in loops if loop is not None])
+    loops = [(i, impacts[i].loop) for i in kept]
+    return BatchResult(columns_of(impacts), [(i, loop) for i, loop in loops if loop is not None])
 
 
 def columns_of(impacts: Sequence[Impact]) -> dict[str, Any]:
     """Column -> values, one an impact."""
     return {
-        "speed_m_per_s": [impact.launch.speed for impact in impacts],
-        "phase": [impact.launch.phase for impact in impacts],
         "status": [impact.status.value for impact in impacts],
         "reason": [impact.reason for impact in impacts],
         "restitution": np.array([impact.restitution for impact in impacts], dtype=np.float64),
@@ -71,8 +69,7 @@ def columns_of(impacts: Sequence[Impact]) -> dict[str, Any]:
 
 def run_batch(batch: Batch) -> BatchResult:
     """All of it at once, as the engine does best."""
-    launches = [Launch(*launch) for launch in batch.launches]
-    impacts = registry.engine(batch.setting.engine).run(batch.scene, batch.setting, launches)
+    impacts = registry.engine(batch.setting.engine).run(batch.scene, batch.setting, batch.launches)
     return result_of(impacts, batch.kept)
 
 
@@ -80,7 +77,7 @@ def run_one_by_one(which: Sequence[int], batch: Batch) -> Iterator[Impact]:
     """Some of its launches, each alone: one that the engine fails on is CRASHED, with the reason."""
     engine = registry.engine(batch.setting.engine)
     for i in which:
-        launch = Launch(*batch.launches[i])
+        launch = batch.launches[i]
         try:
             (impact,) = engine.run(batch.scene, batch.setting, [launch])
         except UserError:

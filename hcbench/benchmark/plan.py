@@ -15,6 +15,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from hcbench.benchmark.results import run_key
+from hcbench.impact import Launch
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim import registry
@@ -51,14 +52,15 @@ class Inputs:
 class Shard:
     """Some launches of one setting, and everything that is needed to simulate them anywhere.
 
-    number: of all shards of the study. alphas: those that the setting is compared to, s/m.
-    launches: (speed m/s, phase). kept: the indices of those whose loops are kept.
+    number: of all shards of the study. alphas: those that the setting is compared to, s/m. asked: of each
+    launch the speed at touch, m/s, and the phase. kept: the indices of those whose loops are kept.
     """
 
     number: int
     setting: Setting
     alphas: tuple[float, ...]
-    launches: tuple[tuple[float, float], ...]
+    asked: tuple[tuple[float, float], ...]
+    launches: tuple[Launch, ...]
     kept: tuple[int, ...]
     inputs: Inputs
 
@@ -68,11 +70,13 @@ class Shard:
 
 @dataclass(frozen=True, slots=True)
 class LaunchGrid:
-    """A setting, launched at every speed (m/s) and phase, and compared to every α (s/m).
+    """A setting, launched or dropped at every speed (m/s) and phase, and compared to every α (s/m).
 
     loop_speeds: those at which loops are kept, at the middle phase.
     """
 
+    scene: Scene
+    dropped: bool
     setting: Setting
     alphas: tuple[float, ...]
     speeds: tuple[float, ...]
@@ -82,17 +86,24 @@ class LaunchGrid:
     def __len__(self) -> int:
         return len(self.speeds) * self.phases
 
+    def launch(self, speed: float, phase: float) -> Launch:
+        """How a body is sent to touch at a speed (m/s) and phase."""
+        if not self.dropped:
+            return Launch(speed, phase)
+        return Launch.dropped(speed, phase, self.setting.timestep, self.scene.normal_gravity)
+
 
 @dataclass(frozen=True)
 class Plan:
     """The settings of a study, and the shards that their launches are cut into.
 
-    records: what is known of each setting, α and step, as JSON. cuts: of each shard the grid, and which of
-    its launches. starts: number of the first shard of each grid, and at the end how many there are.
+    inputs: by a scene's name. records: what is known of each setting, α and step, as JSON. cuts: of each
+    shard the grid, and which of its launches. starts: number of the first shard of each grid, and at the end
+    how many there are.
     """
 
     study: Study
-    inputs: Inputs
+    inputs: Mapping[str, Inputs]
     records: Sequence[Mapping[str, Any]]
     grids: Sequence[LaunchGrid]
     cuts: Sequence[tuple[LaunchGrid, range]]
@@ -110,10 +121,15 @@ class Plan:
         """One shard by its number: the phases of one speed are together, loops are kept at the middle one."""
         grid, cut = self.cuts[number]
         places = [(grid.speeds[i // grid.phases], i % grid.phases) for i in cut]
-        launches = tuple((speed, (phase + 0.5) / grid.phases) for speed, phase in places)
+        asked = tuple((speed, (phase + 0.5) / grid.phases) for speed, phase in places)
         looped = {(speed, grid.phases // 2) for speed in grid.loop_speeds}
         kept = tuple(i for i, place in enumerate(places) if place in looped)
-        return Shard(number, grid.setting, grid.alphas, launches, kept, self.inputs)
+        launches = tuple(grid.launch(*each) for each in asked)
+        return Shard(number, grid.setting, grid.alphas, asked, launches, kept, self.inputs_of(grid))
+
+    def inputs_of(self, grid: LaunchGrid) -> Inputs:
+        """What the results of a grid depend on besides its setting."""
+        return replace(self.inputs[grid.scene.name], scene=grid.scene)
 
     def described(self) -> dict[str, Any]:
         """Everything that makes a sweep this one, as JSON. Equal descriptions give equal bytes."""
@@ -122,8 +138,8 @@ class Plan:
             "kind": "hcbench sweep",
             "study": self.study.described(),
             "settings": self.records,
-            "versions": self.inputs.versions,
-            "files": self.inputs.digests,
+            "versions": {k: v for inputs in self.inputs.values() for k, v in inputs.versions.items()},
+            "files": {name: inputs.digests for name, inputs in self.inputs.items()},
             "impacts": self.impacts,
             "parts": len(self),
             "parts_of_settings": self.starts,
@@ -139,22 +155,28 @@ def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
     recipes = [_recipe(run) for run in study.runs]
     engines = sorted({run.engine for run in study.runs})
     versions = versions_here(*engines)  # a missing engine is said before any recipe runs
-    inputs = Inputs(study.scene, {name: digests_of(study.scene, name) for name in engines}, versions)
+    scenes = {scene.name: scene for scene in (study.scene, *(run.scene for run in study.runs))}
+    inputs = {
+        name: Inputs(scene, {engine: digests_of(scene, engine) for engine in engines}, versions)
+        for name, scene in scenes.items()
+    }
     targets = [(i, target) for i, run in enumerate(study.runs) for target in _targets(study, run)]
     records = []
-    grids: dict[tuple[str, tuple[float, ...]], LaunchGrid] = {}
+    grids: dict[tuple[Any, ...], LaunchGrid] = {}
     for (i, target), setting in zip(targets, _settings(study, targets, mapper), strict=True):
         run, alpha = study.runs[i], target.law.alpha
         about = {"options": setting.options, "summary": recipes[i].summary, "notes": list(recipes[i].notes)}
-        records.append({**run_key(study.scene, setting, alpha), **about})
+        records.append({**run_key(run.scene, setting, alpha), **about})
         loop_speeds = study.loop_speeds if run.speeds == study.speeds else ()
         speeds = tuple(sorted({*run.speeds, *loop_speeds}))
-        grid = grids.get((setting.key, speeds), LaunchGrid(setting, (), speeds, loop_speeds, study.phases))
-        grids[setting.key, speeds] = replace(grid, alphas=tuple(dict.fromkeys((*grid.alphas, alpha))))
+        key = (run.scene, run.dropped, setting.key, speeds)
+        new = LaunchGrid(run.scene, run.dropped, setting, (), speeds, loop_speeds, study.phases)
+        grid = grids.get(key, new)
+        grids[key] = replace(grid, alphas=tuple(dict.fromkeys((*grid.alphas, alpha))))
     cuts: list[tuple[LaunchGrid, range]] = []
     starts = [0]
     for grid in grids.values():
-        size, total = _shard_size(grid, study.scene), len(grid)
+        size, total = _shard_size(grid), len(grid)
         cuts += [(grid, range(begin, min(begin + size, total))) for begin in range(0, total, size)]
         starts.append(len(cuts))
     return Plan(study, inputs, records, list(grids.values()), cuts, starts)
@@ -165,7 +187,8 @@ def _recipe(run: Run) -> Recipe:
 
 
 def _targets(study: Study, run: Run) -> list[Target]:
-    scene, low, high = study.scene, min(study.speeds), max(study.speeds)
+    band = run.speeds if run.dropped else study.speeds
+    scene, low, high = run.scene, min(band), max(band)
     laws = [HuntCrossley(scene.stiffness, alpha, scene.exponent) for alpha in run.alphas]
     return [Target(law, scene.mass, timestep, low, high) for timestep in run.timesteps for law in laws]
 
@@ -187,9 +210,9 @@ def _make_setting(order: tuple[Run, Target]) -> Setting:
     return _recipe(run)(target)
 
 
-def _shard_size(grid: LaunchGrid, scene: Scene) -> int:
+def _shard_size(grid: LaunchGrid) -> int:
     """Launches in each shard of a grid: as few shards as may be, of one size."""
-    slowest = min(grid.speeds)
+    scene, slowest = grid.scene, min(grid.speeds)
     elastic = closed_form.elastic_duration(scene.stiffness, scene.exponent, scene.mass, slowest)
     steps = math.ceil(elastic / grid.setting.timestep) + 8  # a scale, no more
     most = max(1, min(_IMPACTS, _STEPS // steps))

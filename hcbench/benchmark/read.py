@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import json
 import os
 import platform
 from importlib.metadata import version
@@ -14,8 +15,9 @@ import numpy as np
 
 from hcbench import scoring
 from hcbench.benchmark.batch import MEASURED
+from hcbench.benchmark.bounce_sequence import RESTS
 from hcbench.benchmark.files import open_files
-from hcbench.benchmark.results import LOOP_COLUMNS, RUN_KEY, TRAIN_COLUMNS, Results
+from hcbench.benchmark.results import LOOP_COLUMNS, REST_COLUMNS, RUN_KEY, Results
 from hcbench.benchmark.store import DESCRIPTION, Store
 from hcbench.errors import UserError
 from hcbench.impact import Impact, Launch, Loop, Status
@@ -69,7 +71,7 @@ def results_in(store: Store) -> Results:
         impacts=pd.concat([impacts[key] for key in keys], ignore_index=True),
         loops=pd.concat(loops, ignore_index=True) if loops else pd.DataFrame(columns=LOOP_COLUMNS),
         scores=pd.DataFrame(scores, columns=[*RUN_KEY, *scoring.SCORE_FIELDS]),
-        trains=_trains(store, study),
+        **_drops(store, study),
     )
 
 
@@ -81,15 +83,18 @@ def _versions(versions: Mapping[str, str]) -> dict[str, str]:
     return {**{name: {**versions, **here}[name] for name in packages}, **engines}
 
 
-def _trains(store: Store, study: Mapping[str, Any]) -> pd.DataFrame:
+def _drops(store: Store, study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    """The tables of drops under gravity."""
     import pandas as pd
+    import pyarrow.parquet as pq
 
     if study["train_height"] is None:
-        return pd.DataFrame(columns=TRAIN_COLUMNS)
+        return {}
     if (table := store.bounces()) is None:
         got = f"{store.where} holds no bounces under gravity, or they are damaged"
         raise UserError("folder", got, "a finished sweep", "Finish it by --resume")
-    return _frame([table])
+    rests = json.loads((pq.read_metadata(io.BytesIO(table)).metadata or {}).get(RESTS, b"[]"))
+    return {"trains": _frame([table]), "rests": pd.DataFrame(rests, columns=REST_COLUMNS)}
 
 
 def _frame(files: Iterable[bytes]) -> pd.DataFrame:

@@ -1,7 +1,9 @@
 """The results of a study: tidy tables, the settings used, versions and provenance.
 
 restitution.csv  one row an impact           loops.csv     one row a sample of a kept loop
-scores.csv       one row a setting, α, step  summary.json  schema, study, settings, versions
+scores.csv       one row a setting, α, step  trains.csv    one row a bounce of a drop under gravity
+rests.csv        one row a drop: how the body lies at the end
+summary.json     schema, study, settings, versions
 hcbench-files.json: what of a folder was written, so that the next time clears up after this one.
 """
 
@@ -26,8 +28,17 @@ if TYPE_CHECKING:
     from hcbench.setting import Setting
 
 SCHEMA = 1
-TABLES = ("restitution", "loops", "scores", "trains")
-RUN_KEY = ["scene", "engine", "setting", "alpha_s_per_m", "timestep_s"]  # one setting at one step for one α
+TABLES = ("restitution", "loops", "scores", "trains", "rests")
+CONDITIONS = ["gravity_m_per_s2", "off_axis_m"]  # under which a setting ran, beside its scene
+_LATER = ("rests",)  # tables that results have had since there were any without
+RUN_KEY = [
+    "scene",
+    *CONDITIONS,
+    "engine",
+    "setting",
+    "alpha_s_per_m",
+    "timestep_s",
+]  # a setting at a step for an α
 
 IMPACT_COLUMNS = [
     *RUN_KEY,
@@ -45,20 +56,22 @@ IMPACT_COLUMNS = [
     "force_max_n",
     "samples",
 ]
-TRAIN_COLUMNS = [*RUN_KEY, "bounce", "height_m", "height_law_m"]
+TRAIN_COLUMNS = [*RUN_KEY, "bounce", "touch_s", "parting_s", "height_m", "height_law_m"]
+REST_COLUMNS = [*RUN_KEY, "followed_s", "depth_m", "motion_m"]
 LOOP_COLUMNS = [*RUN_KEY, "speed_m_per_s", "phase", "time_s", "penetration_m", "rate_m_per_s", "force_n"]
 
 
 def run_key(scene: Scene, setting: Setting, alpha: float) -> dict[str, Any]:
     """The values of RUN_KEY."""
-    values = (scene.name, setting.engine, setting.name, alpha, setting.timestep)
+    place = (scene.name, scene.gravity, scene.off_axis)
+    values = (*place, setting.engine, setting.name, alpha, setting.timestep)
     return dict(zip(RUN_KEY, values, strict=True))
 
 
-def _no_trains() -> pd.DataFrame:
+def _none(columns: list[str]) -> pd.DataFrame:
     import pandas as pd  # here, as sweeps and worker processes need none of it
 
-    return pd.DataFrame(columns=TRAIN_COLUMNS)
+    return pd.DataFrame(columns=columns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +88,8 @@ class Results:
     impacts: pd.DataFrame
     loops: pd.DataFrame
     scores: pd.DataFrame
-    trains: pd.DataFrame = field(default_factory=_no_trains)
+    trains: pd.DataFrame = field(default_factory=lambda: _none(TRAIN_COLUMNS))
+    rests: pd.DataFrame = field(default_factory=lambda: _none(REST_COLUMNS))
 
     def summary(self) -> dict[str, Any]:
         """The part that is not a table, JSON-able."""
@@ -91,7 +105,7 @@ class Results:
 
     def write(self, folder: Path) -> None:
         """Write the files into an existing folder."""
-        tables = (self.impacts, self.loops, self.scores, self.trains)
+        tables = (self.impacts, self.loops, self.scores, self.trains, self.rests)
         for name, table in zip(TABLES, tables, strict=True):
             write_text(folder / f"{name}.csv", csv_text(table))
         write_text(folder / "summary.json", json_text(self.summary()))
@@ -101,7 +115,8 @@ class Results:
         """Read what `write` wrote; UserError for a folder that is not one, or of another schema."""
         try:
             summary = json.loads(read_text(folder / "summary.json"))
-            tables = [_read_table(folder / f"{name}.csv") for name in TABLES]
+            paths = [folder / f"{name}.csv" for name in TABLES]
+            tables = [_read_table(path) for path in paths if path.exists() or path.stem not in _LATER]
         except (OSError, ValueError) as error:
             raise UserError("results", f"{folder}: {error}", "a folder that `hcbench report` wrote") from None
         if summary.get("schema") != SCHEMA:
@@ -111,7 +126,16 @@ class Results:
                 f"schema {SCHEMA}",
                 "Run the study again with this version of hcbench",
             )
+        for table in (*tables, *summary["settings"]):
+            _fill_conditions(table, summary["study"])
         return cls(summary["study"], summary["settings"], summary["versions"], *tables)
+
+
+def _fill_conditions(table: Any, study: Mapping[str, Any]) -> None:
+    """Give an older table, or record, the columns that all of its rows share: there was one gravity then."""
+    for name, value in zip(CONDITIONS, (study.get("gravity", 0.0), 0.0), strict=True):
+        if name not in table:
+            table[name] = value
 
 
 def _read_table(path: Path) -> pd.DataFrame:

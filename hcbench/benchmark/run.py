@@ -153,8 +153,10 @@ def _run(
     report_progress(now)
     if plan.study.train_height is not None and store.bounces() is None:
         drops = plan_drops(plan)
-        heights = {drop.setting.key: h for drop, h in _imap_unordered(workers, run_bounces, drops, timeouts)}
-        store.write_bounces(bounce_table(drops, heights, plan.study.main_alpha))
+        order = {id(drop): i for i, drop in enumerate(drops)}
+        seen = {order[id(drop)]: end for drop, end in _imap_unordered(workers, run_bounces, drops, timeouts)}
+        ends = [seen[i] for i in range(len(drops))]
+        store.write_bounces(bounce_table(list(zip(drops, ends, strict=True)), plan.study.main_alpha))
     missing = [number for number in range(len(plan)) if number not in summaries]
     for shard, files in _imap_unordered(workers, run_shard, map(plan.shard, missing), timeouts):
         store.write_shard(files)

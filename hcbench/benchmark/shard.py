@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from functools import partial
 
 from hcbench.benchmark.batch import Batch, BatchResult, result_of, run_batch, run_one_by_one
-from hcbench.benchmark.bounce_sequence import Drop, simulate_bounces
+from hcbench.benchmark.bounce_sequence import Drop, Dropped, simulate_bounces
 from hcbench.benchmark.plan import Inputs, Shard, digests_of, versions_here
 from hcbench.benchmark.tables import ShardFiles, shard_files
 from hcbench.errors import CannotRun, SceneError, UserError
-from hcbench.impact import Impact, Launch, Status
+from hcbench.impact import Impact, Status
 from hcbench.scene import Scene, load_scene
 from hcbench.workers import call, map_surviving_crashes, use_own_worker
 
@@ -71,15 +71,15 @@ def _run(batch: Batch, timeouts: Timeouts) -> BatchResult:
             run_one_by_one,
             range(len(batch.launches)),
             batch,
-            lost=lambda i, reason: Impact(Launch(*batch.launches[i]), Status.CRASHED, reason),
+            lost=lambda i, reason: Impact(batch.launches[i], Status.CRASHED, reason),
             limit=limit(1),
             give_up=_GIVE_UP,
         )
         return result_of(impacts, batch.kept)
 
 
-def run_bounces(drop: Drop, timeouts: Timeouts) -> list[float]:
-    """Heights, m, after each bounce of a drop. Raises as `run_shard`, and EngineFailed for a crash."""
+def run_bounces(drop: Drop, timeouts: Timeouts) -> Dropped:
+    """What became of a drop. Raises as `run_shard`, and EngineFailed for a crash."""
     use_own_worker()
     scene = _scene_here(drop.inputs, drop.setting.engine)
     limit = timeouts.start + _STEP_S * drop.duration / drop.setting.timestep

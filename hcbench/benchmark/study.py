@@ -1,4 +1,4 @@
-"""A study: a scene x engines x recipes x α x speeds x phases x steps, and how its file is read."""
+"""A study: scenes x engines x recipes x α x speeds x phases x steps, and how its file is read."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ from typing import Any
 
 from pydantic import Field, StrictInt
 
-from hcbench.errors import StudyError
+from hcbench.errors import SceneError, StudyError
 from hcbench.fields import (
     Acceleration,
     Alpha,
     Alphas,
     Clearance,
+    Clearances,
     FileTable,
+    Length,
     Speed,
     Speeds,
     Step,
@@ -35,21 +37,35 @@ _BUILT_IN = (_PACKAGE.parent / "reports", _PACKAGE / "data" / "studies")  # a ch
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One line of a study: a recipe at some steps, over some speeds, for some α."""
+    """One line of a study: a recipe at some steps, over some speeds, for some α.
+
+    scene: with the run's own gravity and place off the axis. dropped: bodies fall to touch at these speeds;
+    else they are launched at them.
+    """
 
     engine: str
     recipe: str
     timesteps: tuple[float, ...]
     alphas: tuple[float, ...]
     speeds: tuple[float, ...]
+    scene: Scene
+    dropped: bool = False
+
+    def described(self) -> dict[str, Any]:
+        """As JSON."""
+        names = [f.name for f in dataclasses.fields(self) if f.name != "scene"]
+        scene = self.scene
+        place = {"scene": scene.name, "gravity": scene.gravity, "off_axis": scene.off_axis}
+        return {name: getattr(self, name) for name in names} | place
 
 
 @dataclass(frozen=True, slots=True)
 class Study:
     """What to run. SI. `loop_speeds` are launched too, and their loops kept (at the middle phase).
 
-    main_alpha, step_speed: the α and the speed that figures of one α or one speed show. train_height, m, and
-    train_step, s: settings at that step are dropped from there under gravity too, for ten bounces.
+    scene: the main one; each run has its own. main_alpha, step_speed: the α and the speed that figures of one
+    α or one speed show. train_height, m: settings that run under gravity are dropped from there and followed
+    bounce after bounce until they rest; those at the step train_step, s, too, without having to.
     """
 
     title: str
@@ -78,7 +94,8 @@ class Study:
             "stiffness": scene.stiffness,
             "exponent": scene.exponent,
             "relative_radius_m": scene.relative_radius,
-            "runs": [dataclasses.asdict(run) for run in self.runs],
+            "scenes": {run.scene.name: _described(run.scene) for run in self.runs},
+            "runs": [run.described() for run in self.runs],
         }
 
     def quick(self) -> Study:
@@ -86,15 +103,19 @@ class Study:
 
         Curves of fewer α than the study's are left out: they are there for settings that take a search.
         """
-        thin = {self.speeds: self.speeds[3::4] or self.speeds}
+        speeds = self.speeds[3::4] or self.speeds
         runs = tuple(
-            dataclasses.replace(run, speeds=thin.get(run.speeds, run.speeds), timesteps=run.timesteps[::2])
+            dataclasses.replace(
+                run,
+                speeds=speeds if run.speeds == self.speeds else run.speeds,
+                timesteps=run.timesteps if run.dropped else run.timesteps[::2],
+            )
             for run in self.runs
-            if run.speeds != self.speeds or set(run.alphas) == set(self.alphas)
+            if run.dropped or run.speeds != self.speeds or set(run.alphas) == set(self.alphas)
         )
         return dataclasses.replace(
             self,
-            speeds=thin[self.speeds],
+            speeds=speeds,
             phases=max(1, self.phases // 2),
             runs=runs,
             title=f"{self.title} (quick)",
@@ -109,6 +130,10 @@ class _RunTable(FileTable):
     timesteps: Steps
     alphas: Alphas | None = None
     speeds: Speeds | None = None
+    heights: Clearances | None = None
+    scene: Any = None
+    gravity: Acceleration | None = None
+    off_axis: Length = 0.0
 
 
 class _StudyFile(FileTable):
@@ -175,9 +200,9 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
     step_speed = file.step_speed or file.speeds[len(file.speeds) // 2]
     if not any(math.isclose(step_speed, speed) for speed in (*file.speeds, *file.loop_speeds)):
         raise StudyError(f"{where}: step_speed", f"{step_speed:.6g} m/s", "one of the study's speeds")
-    runs = [
-        validate(_RunTable, run, StudyError, f"{where}: run {i}: {{}}") for i, run in enumerate(file.run, 1)
-    ]
+    lines = [(f"{where}: run {i}", run) for i, run in enumerate(file.run, 1)]
+    tables = [(line, validate(_RunTable, run, StudyError, f"{line}: {{}}")) for line, run in lines]
+    runs = tuple(_run(table, line, file, scene, folder) for line, table in tables)
     return Study(
         title=file.title or scene.title,
         scene=scene,
@@ -187,10 +212,31 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
         phases=file.phases,
         main_alpha=main_alpha,
         step_speed=step_speed,
-        runs=tuple(
-            Run(run.engine, run.recipe, run.timesteps, run.alphas or file.alphas, run.speeds or file.speeds)
-            for run in runs
-        ),
+        runs=runs,
         train_height=file.train_height,
         train_step=file.train_step,
     )
+
+
+def _run(table: _RunTable, where: str, file: _StudyFile, scene: Scene, folder: Path | None) -> Run:
+    own = scene
+    if table.scene is not None:
+        own = dataclasses.replace(load_scene(table.scene, folder), gravity=scene.gravity)
+    gravity = own.gravity if table.gravity is None else table.gravity
+    try:
+        own = dataclasses.replace(own, gravity=gravity, off_axis=table.off_axis)
+    except SceneError as error:
+        raise StudyError(f"{where}: {error.slot}", error.got, error.expected, error.todo) from None
+    speeds = table.speeds or file.speeds
+    if table.heights is not None:
+        if not own.gravity or table.speeds is not None:
+            given = "given beside speeds" if table.speeds is not None else "given without gravity"
+            raise StudyError(f"{where}: heights", given, 'heights alone, with gravity = "9.81 m/s^2"')
+        speeds = tuple(math.sqrt(2.0 * own.gravity * height) for height in table.heights)
+    alphas, dropped = table.alphas or file.alphas, table.heights is not None
+    return Run(table.engine, table.recipe, table.timesteps, alphas, speeds, own, dropped)
+
+
+def _described(scene: Scene) -> dict[str, Any]:
+    """What tells a scene's form, as JSON."""
+    return {"form": scene.form, "relative_radius_m": scene.relative_radius}

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from hcbench.benchmark.results import IMPACT_COLUMNS, LOOP_COLUMNS, RUN_KEY, run_key
-from hcbench.impact import Floats, Launch, Loop, Status
+from hcbench.impact import Floats, Loop, Status
 from hcbench.laws import closed_form
 
 if TYPE_CHECKING:
@@ -49,16 +49,19 @@ def digest(content: bytes) -> str:
 def shard_files(shard: Shard, results: Sequence[BatchResult]) -> ShardFiles:
     """The files of a shard from its batches: the same impacts give the same bytes."""
     measured = {name: np.concatenate([r.columns[name] for r in results]) for name in results[0].columns}
+    asked = dict(zip(("speed_m_per_s", "phase"), np.array(shard.asked).T, strict=True))
+    starts = np.cumsum([0, *(len(result.columns["status"]) for result in results)]).tolist()
+    kept = [(begin + i, loop) for begin, r in zip(starts, results, strict=False) for i, loop in r.loops]
     tables, loops, summaries = [], [], []
     for alpha in shard.alphas:
         key = run_key(shard.inputs.scene, shard.setting, alpha)
-        columns = {**key, **measured, **_laws(alpha, measured["speed_in_m_per_s"])}
+        columns = {**key, **asked, **measured, **_laws(alpha, measured["speed_in_m_per_s"])}
         tables.append(columns)
-        loops += [_loop_columns(key, *loop) for result in results for loop in result.loops]
+        loops += [_loop_columns(key, shard.asked[i], loop) for i, loop in kept]
         summaries.append({**key, **_summary(columns)})
-    kept = parquet(loops, LOOP_COLUMNS) if loops else b""
-    metadata = {_LOOPS: digest(kept).encode() if kept else b"", _SUMMARY: json.dumps(summaries).encode()}
-    return ShardFiles(shard.number, parquet(tables, IMPACT_COLUMNS, metadata), kept, summaries)
+    looped = parquet(loops, LOOP_COLUMNS) if loops else b""
+    metadata = {_LOOPS: digest(looped).encode() if looped else b"", _SUMMARY: json.dumps(summaries).encode()}
+    return ShardFiles(shard.number, parquet(tables, IMPACT_COLUMNS, metadata), looped, summaries)
 
 
 def _laws(alpha: float, speed: Floats) -> dict[str, Floats]:
@@ -69,8 +72,8 @@ def _laws(alpha: float, speed: Floats) -> dict[str, Floats]:
     return {"restitution_law": law, "restitution_linear": 1.0 - alpha * speed}
 
 
-def _loop_columns(key: Mapping[str, Any], launch: Launch, loop: Loop) -> dict[str, Any]:
-    columns = (*key.values(), launch.speed, launch.phase, loop.time, loop.penetration, loop.rate, loop.force)
+def _loop_columns(key: Mapping[str, Any], asked: tuple[float, float], loop: Loop) -> dict[str, Any]:
+    columns = (*key.values(), *asked, loop.time, loop.penetration, loop.rate, loop.force)
     return dict(zip(LOOP_COLUMNS, columns, strict=True))
 
 

@@ -257,7 +257,7 @@ def run_of_record(record: Mapping[str, Any]) -> RunKey:
 
 
 def _run_and_alpha(key: Hashable) -> tuple[RunKey, float]:
-    _, engine, setting, alpha, timestep = cast("tuple[Any, ...]", key)
+    *_, engine, setting, alpha, timestep = cast("tuple[Any, ...]", key)
     return _run(engine, setting, timestep), float(alpha)
 
 

@@ -37,9 +37,10 @@ def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
             "Drop from lower, or in the form 'plane'",
         )
     states, (position, velocity) = np.tile(model.origin, (len(gaps), 1)), model.at
-    states[:, position + 2] += gaps
-    states[:, velocity : velocity + 2] = [launch.slip for launch in launches]
-    states[:, velocity + 2] = [-launch.speed for launch in launches]
+    away = np.array(model.scene.normal)
+    states[:, position : position + 3] += model.scene.touch_offset + np.outer(gaps, away)
+    states[:, velocity : velocity + 3] = np.outer([-launch.speed for launch in launches], away)
+    states[:, velocity : velocity + 2] += [launch.slip for launch in launches]
     states[:, velocity + 3 : velocity + 6] = [launch.spin for launch in launches]
     return states
 

@@ -120,7 +120,7 @@ class MujocoWorld(World):
     def __init__(self, pool: BatchPool) -> None:
         self.pool = pool
         scene = pool.model.scene
-        self.timestep, self.gravity, self.mass = pool.model.timestep, scene.gravity, scene.mass
+        self.timestep, self.gravity, self.mass = pool.model.timestep, scene.normal_gravity, scene.mass
         self.places = pool.threads * (pool.max_batch if pool.max_batch > 1 else _ALONE)
         self.concurrent = 1 if pool.threads == 1 else _CONCURRENT
         self._resources = ExitStack()
@@ -145,7 +145,8 @@ class MujocoSimulation(Simulation):
     def __init__(self, pool: BatchPool, launches: Sequence[Launch]) -> None:
         self._pool = pool
         self._states = states_at_release(pool.model, launches)
-        self._leaves_axis = any(launch.is_oblique for launch in launches)
+        off_axis = pool.model.scene.off_axis > 0.0
+        self._leaves_axis = off_axis or any(launch.is_oblique for launch in launches)
         self._alone, self._size, self._steps = False, 0, 0
 
     def advance(self, steps: int) -> Record:

@@ -57,7 +57,7 @@ class PybulletWorld(World):
     def __init__(self, scene: Scene, timestep: float, options: PybulletOptions, fastest: float) -> None:
         assert in_worker(), "PyBullet's settings are global: they would leak into the user's own"
         self.scene, self.options = scene, options
-        self.timestep, self.gravity, self.mass = timestep, scene.gravity, scene.mass
+        self.timestep, self.gravity, self.mass = timestep, scene.normal_gravity, scene.mass
         self.deepest = scene.touch_radius
         self.places = _BALLS_IN_WORLD if options.law is None else 1  # a plug-in looks at one pair
         self.reports_force = not _is_lossless(options)
@@ -79,12 +79,15 @@ class PybulletWorld(World):
             self._add_balls(len(launches) - len(self.balls))
             # Contacts are kept from step to step, and with them forces: remove those of the launches before.
             for ball in self.balls:
-                _place(self.bullet, ball, _FAR)
+                _place(self.bullet, ball, np.array([0.0, 0.0, _FAR]))
                 self.bullet.resetBaseVelocity(ball, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
             self.bullet.performCollisionDetection()
+            away = np.array(self.scene.normal)
+            touch = np.array([0.0, 0.0, self.scene.touch_radius]) + self.scene.touch_offset
             for ball, launch in zip(self.balls, launches, strict=False):
-                _place(self.bullet, ball, self.scene.touch_radius + launch.clearance(self.timestep))
-                self.bullet.resetBaseVelocity(ball, [*launch.slip, -launch.speed], [*launch.spin])
+                _place(self.bullet, ball, touch + launch.clearance(self.timestep) * away)
+                velocity = [*launch.slip, 0.0] - launch.speed * away
+                self.bullet.resetBaseVelocity(ball, velocity.tolist(), [*launch.spin])
         return PybulletSimulation(self, len(launches), oblique)
 
     def close(self) -> None:
@@ -259,7 +262,7 @@ def _load(bullet: BulletClient, scene: Scene, role: str, maximal: bool) -> int:
 def _check_shapes(bullet: BulletClient, scene: Scene, ball: int, plate: int) -> None:
     """Bullet must see the overlap that the scene says: radii, frames and meshes are right then."""
     overlap = 1e-5
-    _place(bullet, ball, scene.touch_radius - overlap)
+    _place(bullet, ball, np.array([0.0, 0.0, scene.touch_radius - overlap]))
     seen = [-point[8] for point in bullet.getClosestPoints(ball, plate, 0.0)]
     if not seen or abs(max(seen) - overlap) > _SHAPE_TOLERANCE:
         depth = f"{max(seen):.3e} m" if seen else "none"
@@ -270,5 +273,5 @@ def _check_shapes(bullet: BulletClient, scene: Scene, ball: int, plate: int) -> 
         )
 
 
-def _place(bullet: BulletClient, ball: int, height: float) -> None:
-    bullet.resetBasePositionAndOrientation(ball, [0.0, 0.0, height], [0.0, 0.0, 0.0, 1.0])
+def _place(bullet: BulletClient, ball: int, position: Floats) -> None:
+    bullet.resetBasePositionAndOrientation(ball, position.tolist(), [0.0, 0.0, 0.0, 1.0])
