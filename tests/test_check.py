@@ -16,9 +16,8 @@ import pytest
 
 from hcbench.check import CheckSpec, Outputs, Report, Verdict, check, plan, run_check
 from hcbench.check.baseline import read_baseline
-from hcbench.check.junit import as_junit
 from hcbench.check.measured_pairs import read_pairs
-from hcbench.check.text import as_markdown, as_record_of, as_text
+from hcbench.check.text import as_junit, as_markdown, as_record_of, as_text
 from hcbench.cli import run
 from hcbench.errors import OutputError, UserError
 from hcbench.laws.restitution import Reading

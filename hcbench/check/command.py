@@ -13,6 +13,7 @@ from hcbench.check.baseline import write_baseline
 from hcbench.check.judge import judge_results, run_checks
 from hcbench.check.spec import Check, CheckSpec, plan, read_limit, read_max_error
 from hcbench.check.table import checks_of, find_table
+from hcbench.check.text import as_junit, as_markdown
 from hcbench.errors import OutputError, UserError
 
 if TYPE_CHECKING:
@@ -120,12 +121,8 @@ def _write(report: Report, outputs: Outputs) -> None:
     A baseline is written only when everything in it was measured; else OutputError says what was not.
     """
     if outputs.junit is not None:
-        from hcbench.check.junit import as_junit
-
         write_text(outputs.junit, as_junit(report))
     if outputs.markdown is not None:
-        from hcbench.check.text import as_markdown
-
         write_text(outputs.markdown, as_markdown(report))
     if outputs.png is not None:
         from hcbench.check.figure import errors_png

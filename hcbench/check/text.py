@@ -1,9 +1,10 @@
-"""The results of checks for a terminal, as a Markdown summary, and as JSON."""
+"""The results of checks for a terminal, as JSON, as a Markdown summary, and as JUnit XML for CI systems."""
 
 import dataclasses
 import html
 import re
 from typing import Any
+from xml.etree import ElementTree as ET
 
 from hcbench._text import number, sanitized, table
 from hcbench.check.outcome import Outcome, Report, SpeedRow, Verdict
@@ -102,6 +103,31 @@ def as_markdown(report: Report) -> str:
             lines += ["", f"- {words}"]
         lines += ["", _safe(outcome.measurement.remedy), "", "</details>"]
     return "\n".join(lines) + "\n"
+
+
+def as_junit(report: Report) -> str:
+    """One test suite, a test case a check. Times are left out: the same run gives the same bytes."""
+    outcomes = report.outcomes
+    failures = sum(o.verdict is Verdict.FAILED for o in outcomes)
+    errors = sum(o.verdict in (Verdict.MISTAKE, Verdict.COULD_NOT_RUN) for o in outcomes)
+    counts = {"tests": str(len(outcomes)), "failures": str(failures), "errors": str(errors)}
+    suites = ET.Element("testsuites", counts)
+    suite = ET.SubElement(suites, "testsuite", {"name": "hcbench", **counts})
+    for outcome in outcomes:
+        case = ET.SubElement(
+            suite, "testcase", {"classname": "hcbench.check", "name": sanitized(outcome.name), "time": "0"}
+        )
+        if outcome.verdict is Verdict.FAILED:
+            body = ET.SubElement(case, "failure", {"message": sanitized(outcome.message)})
+        elif outcome.verdict in (Verdict.PASSED, Verdict.MEASURED):
+            body = ET.SubElement(case, "system-out")
+        else:
+            body = ET.SubElement(
+                case, "error", {"message": sanitized(outcome.message), "type": outcome.verdict.value}
+            )
+        body.text = outcome_text(outcome)
+    ET.indent(suites)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(suites, encoding="unicode")}\n'
 
 
 def _safe(text: str) -> str:

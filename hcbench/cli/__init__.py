@@ -16,10 +16,8 @@ from hcbench.cli._process import flush_stdio, install_signal_handlers, translate
 from hcbench.cli.check import check, measure
 from hcbench.cli.convert import convert
 from hcbench.cli.engines import engines, plugin
-from hcbench.cli.paper import paper
 from hcbench.cli.reference import reference
-from hcbench.cli.report import report
-from hcbench.cli.sweep import sweep
+from hcbench.cli.report import paper, report, sweep
 from hcbench.cli.tune import tune
 from hcbench.errors import HcbenchError, UserError
 

@@ -18,7 +18,7 @@ from functools import lru_cache
 from importlib import metadata
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from hcbench.engines.mujoco import mjcf, snippet
+from hcbench.engines.mujoco import mjcf
 from hcbench.engines.mujoco.backend import INSTALL
 from hcbench.engines.mujoco.options import Options, read_options
 from hcbench.engines.mujoco.scene_model import load
@@ -62,8 +62,14 @@ class MujocoEngine(SteppedEngine):
         return RECIPES
 
     def snippet(self, setting: Setting, form: str, radius: float) -> str:
-        """What to paste of a setting."""
-        return snippet.snippet(setting, form, radius)
+        """What to paste of a setting: MJCF."""
+        if "law" not in setting.options:
+            rows = mjcf.rows_snippet(setting, form, radius) if setting.options.get("rows") else ""
+            return rows or setting.options_text
+        from hcbench.engines.mujoco.law_mjcf import law_snippet  # imports SciPy, as the laws do
+        from hcbench.laws.contact_law import law_of
+
+        return law_snippet(law_of(setting.options["law"]), form)
 
     def script(self, scene: Scene, setting: Setting) -> str:
         """The scene's MJCF under a setting."""

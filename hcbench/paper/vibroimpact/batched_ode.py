@@ -1,4 +1,4 @@
-"""Integrates many small oscillators side by side with NumPy, and ends steps where their equations change.
+"""Integrates many masses between blocks side by side with NumPy, and ends steps where their equations change.
 
 The state of an oscillator is y = (position, velocity, anything that is integrated along). Between switches,
 such as touch and parting, its rates are smooth. Each oscillator takes DOP853 steps (E. Hairer, S. P. Norsett,
@@ -9,21 +9,18 @@ is as exact as the steps are; and the result of an oscillator does not depend on
 """
 
 from collections.abc import Callable
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from hcbench.errors import EngineFailed
 from hcbench.impact import Floats
+from hcbench.paper.vibroimpact.dynamics import Flags, Indices, Modes, TwoSidedContact
 
-Modes: TypeAlias = NDArray[np.int8]
-Indices: TypeAlias = NDArray[np.intp]
-Flags: TypeAlias = NDArray[np.bool_]
 # Called with each step taken: the oscillators, t, y, their modes up to there and from there on, and which of
 # them have reached a checkpoint.
-Observer: TypeAlias = Callable[[Indices, "Floats", "Floats", Modes, Modes, Flags], None]
+Observer: TypeAlias = Callable[[Indices, Floats, Floats, Modes, Modes, Flags], None]
 
 NOTHING, TURN, SWITCH = 0, 1, 2
 
@@ -37,45 +34,8 @@ _AHEAD = 1e-7  # of a step: how far ahead a slope is taken
 _LARGEST_GROWTH, _LARGEST_CUT = 4.0, 0.2  # of one step from the last
 
 
-class HybridSystem(Protocol):
-    """Oscillators whose equations depend on modes, which change at switches.
-
-    `rows` are the numbers of the oscillators that the columns of the other arrays belong to.
-    """
-
-    @property
-    def size(self) -> Floats:
-        """The size of each component of y over the motion, shape (components, oscillators)."""
-        ...
-
-    @property
-    def tolerance(self) -> float:
-        """The error of a step over `size`."""
-        ...
-
-    def first_modes(self, y: Floats) -> Modes:
-        """The modes of all oscillators at t = 0, shape (sides, oscillators)."""
-        ...
-
-    def rates(self, t: Floats, y: Floats, mode: Modes, rows: Indices) -> Floats:
-        """dy/dt, shape of y."""
-        ...
-
-    def distance(self, y: Floats, mode: Modes, rows: Indices) -> tuple[Floats, Indices]:
-        """How far the nearest switch is, over the size of the motion (below 0: beyond), and its number."""
-        ...
-
-    def transition(self, y: Floats, mode: Modes, switch: Indices, rows: Indices) -> Modes:
-        """The modes after these switches, and after any that come with them; shape of `mode`."""
-        ...
-
-    def first_step(self, mode: Modes, rows: Indices) -> Floats:
-        """The step in s to begin these modes with, shape (rows,)."""
-        ...
-
-
 def integrate(
-    system: HybridSystem, y: Floats, checkpoints: Floats, step_max: Floats, observe: Observer
+    system: TwoSidedContact, y: Floats, checkpoints: Floats, step_max: Floats, observe: Observer
 ) -> None:
     """Move every oscillator from y at t = 0 through its checkpoints.
 
@@ -99,7 +59,7 @@ class _Batch:
     """
 
     def __init__(
-        self, system: HybridSystem, y: Floats, checkpoints: Floats, step_max: Floats, observe: Observer
+        self, system: TwoSidedContact, y: Floats, checkpoints: Floats, step_max: Floats, observe: Observer
     ) -> None:
         self.system, self.checkpoints, self.step_max, self.observe = system, checkpoints, step_max, observe
         count = y.shape[1]

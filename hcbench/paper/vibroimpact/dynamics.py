@@ -1,18 +1,18 @@
 """The equations of a mass between two blocks for `batched_ode`: rates, switches and modes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
+from hcbench.impact import Floats
 from hcbench.laws.force import ForceLaw, HuntCrossley
 
-if TYPE_CHECKING:
-    from hcbench.impact import Floats
-    from hcbench.paper.vibroimpact.batched_ode import Indices, Modes
+Modes: TypeAlias = NDArray[np.int8]
+Indices: TypeAlias = NDArray[np.intp]
+Flags: TypeAlias = NDArray[np.bool_]
 
 APART, CONTACT, PULLED_OFF = 0, 1, 2  # pulled off: still inside the block's surface, but the law would pull
 SIGNS = np.array([[1.0], [-1.0]])  # right and left block
@@ -20,16 +20,18 @@ _AT_SURFACE = 1e-14  # of the length scale
 _EPS = float(np.finfo(float).eps)
 _SHALLOWEST = 1e-9  # of the length scale: F(x, v)/F(x, 0) has no meaning nearer to x = 0
 
-Drives: TypeAlias = Callable[["Floats", "Indices"], "Floats"]  # P in N at times (s) of oscillators
+Drives: TypeAlias = Callable[[Floats, Indices], Floats]  # P in N at times (s) of oscillators
 
 
 @dataclass(frozen=True, slots=True)
 class TwoSidedContact:
-    """A batch of masses between blocks, as `batched_ode.HybridSystem`.
+    """A batch of masses between blocks, whose equations depend on modes, which change at switches.
 
-    y is position, velocity and, if the energy balance is kept, the energies lost and put in. Switch 0 or 1 is
-    the surface of the right or left block, 2 or 3 where its force ends or returns. half_gap: g/2 of each, m.
-    length, speed: the size of each motion, m, m/s. tolerance: error of a step over those sizes.
+    y is position, velocity and, if the energy balance is kept, the energies lost and put in; shape
+    (components, masses). `rows` are the numbers of the masses that the columns of the other arrays belong to.
+    Switch 0 or 1 is the surface of the right or left block, 2 or 3 where its force ends or returns.
+    half_gap: g/2 of each, m. length, speed: the size of each motion, m, m/s; size: that of each component of
+    y. tolerance: error of a step over those sizes.
     """
 
     laws: tuple[ForceLaw, ForceLaw]
@@ -48,7 +50,7 @@ class TwoSidedContact:
         object.__setattr__(self, "size", np.array([self.length, self.speed, *rest]))
 
     def rates(self, t: Floats, y: Floats, mode: Modes, rows: Indices) -> Floats:
-        """See `HybridSystem`."""
+        """dy/dt, shape of y."""
         x, w = self._sides(y, rows)
         force = np.where(mode == CONTACT, self._forces(x, w), 0.0)
         drive = self.drive(t, rows)
@@ -62,7 +64,10 @@ class TwoSidedContact:
         return out
 
     def distance(self, y: Floats, mode: Modes, rows: Indices) -> tuple[Floats, Indices]:
-        """Of surfaces over the size of the motion; of forces F(x, v)/F(x, 0). See `HybridSystem`."""
+        """How far the nearest switch is (below 0: beyond), and its number.
+
+        Of surfaces over the size of the motion; of forces F(x, v)/F(x, 0).
+        """
         x, w = self._sides(y, rows)
         surface = np.where(mode == APART, -x, x) / self.length[rows]
         ratio = self._force_ratio(x, w, rows)
@@ -71,7 +76,7 @@ class TwoSidedContact:
         return distances.min(axis=0), distances.argmin(axis=0)
 
     def transition(self, y: Floats, mode: Modes, switch: Indices, rows: Indices) -> Modes:
-        """Apart <-> contact at a surface, contact <-> pulled off where a force ends; see `HybridSystem`."""
+        """The modes after these switches, apart <-> contact at surfaces, contact <-> pulled off at forces."""
         x, w = self._sides(y, rows)
         side = np.array([[0], [1]])
         # With no gap one side is met where the other is left: both go by the speed.
@@ -82,7 +87,7 @@ class TwoSidedContact:
         return np.where(surface, np.where(w > 0.0, CONTACT, APART), mode).astype(np.int8)
 
     def first_modes(self, y: Floats) -> Modes:
-        """At x = 0 the speed, then the drive, tells contact from flight; see `HybridSystem`."""
+        """The modes at t = 0, shape (sides, masses): at x = 0 the speed, then the drive, tells."""
         rows = np.arange(y.shape[1])
         x, w = self._sides(y, rows)
         push = SIGNS * self.drive(np.zeros(rows.size), rows)
@@ -92,7 +97,7 @@ class TwoSidedContact:
         return np.where(x > 0.0, inside, at_surface).astype(np.int8)
 
     def first_step(self, mode: Modes, rows: Indices) -> Floats:
-        """Short in contact, as x^n has no derivatives where it begins; see `HybridSystem`.
+        """The step in s to begin these modes with: short in contact, where x^n begins without derivatives.
 
         With n = 3/2 the motion begins as x = v t - C t^(7/2): the error of the step is about the tolerance.
         """

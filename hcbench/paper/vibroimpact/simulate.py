@@ -8,8 +8,17 @@ from hcbench.errors import HcbenchError, UserError
 from hcbench.impact import Floats
 from hcbench.laws.force import ForceLaw, HuntCrossley
 from hcbench.laws.require import positive, require
-from hcbench.paper.vibroimpact.batched_ode import Flags, Indices, Modes, integrate
-from hcbench.paper.vibroimpact.dynamics import APART, CONTACT, PULLED_OFF, SIGNS, TwoSidedContact
+from hcbench.paper.vibroimpact.batched_ode import integrate
+from hcbench.paper.vibroimpact.dynamics import (
+    APART,
+    CONTACT,
+    PULLED_OFF,
+    SIGNS,
+    Flags,
+    Indices,
+    Modes,
+    TwoSidedContact,
+)
 from hcbench.paper.vibroimpact.system import (
     Drive,
     Event,
