@@ -46,7 +46,7 @@ def one(report: Report) -> Any:
 def test_a_good_model_passes_and_a_broken_one_fails_with_its_cause() -> None:
     report = check(ask(restitution=0.9))
     assert report.exit_code == 0
-    assert one(report).worst.error == pytest.approx(0, abs=1e-4)
+    assert one(report).worst.error == pytest.approx(0, abs=3e-3)
     report = check(ask(BROKEN, restitution=0.9))
     assert report.exit_code == 1
     assert one(report).worst.error < -0.05
@@ -75,7 +75,7 @@ def test_measured_pairs_in_the_units_of_their_header(tmp_path: Path) -> None:
     outcome = one(check(CheckSpec(model=GOOD, pair="ball,plate", pairs=csv)))
     assert [row.speed for row in outcome.rows] == pytest.approx([4 * 0.0254, 20 * 0.0254])
     assert outcome.verdict is Verdict.PASSED
-    assert outcome.rows[0].error == pytest.approx(-0.01, abs=2e-3)
+    assert outcome.rows[0].error == pytest.approx(-0.01, abs=3e-3)
     tight = check(CheckSpec(model=GOOD, pair="ball,plate", pairs=csv, max_error=0.005))
     assert tight.exit_code == 1
 
@@ -101,7 +101,7 @@ def test_a_baseline_tells_what_else_changed(tmp_path: Path) -> None:
     file.write_text(json.dumps(record))
     text = as_text(check(ask(baseline=file)))
     assert "mujoco was 2.0.0, is " in text
-    assert "the step was 0.001 s, is 0.002 s" in text
+    assert "the step was 0.001 s, is 0.0002 s" in text
 
 
 @pytest.mark.parametrize(
@@ -450,7 +450,7 @@ def test_loops_are_in_the_record_and_on_the_page() -> None:
     text = (
         Path(GOOD)
         .read_text()
-        .replace('solref="0 -950"', 'solref="-10000 -20"')
+        .replace('solref="0 -9500"', 'solref="-10000 -20"')
         .replace('"0.002"', '"0.0002"')
     )
     found = measure(text, "ball,plate", speeds=SPEEDS)
@@ -582,7 +582,8 @@ def test_writing_a_baseline_judges_nothing_and_says_where_it_is(
 
 
 def test_no_error_is_a_negative_zero() -> None:
-    report = check(ask(restitution=one(check(ask())).rows[0].restitution + 1e-9))
+    e = one(check(ask(phases=1))).rows[0].restitution
+    report = check(ask(phases=1, restitution=e + 1e-9))
     assert -1e-5 < one(report).rows[0].error < 0
     assert "-0.0000" not in as_text(report)
     assert "+0.0000" in as_text(report)

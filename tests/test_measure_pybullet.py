@@ -94,7 +94,7 @@ def bounce_by_hand(
         p.stepSimulation(physicsClientId=c)
         acting = any(point[9] > 0 for point in p.getContactPoints(body, 0, physicsClientId=c))
         if acting and not hit:
-            into, hit = -before, True
+            into, hit = gravity * h - before, True  # Bullet's restitution is of the speed at the step's end
         if hit and not acting and before > 0:
             p.disconnect(c)
             return into, before

@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 import numpy as np
 
 from hcbench.errors import EngineFailed, SettingError, UserError
+from hcbench.sim.read_impact import SpeedReading
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -96,7 +97,7 @@ class World(ABC):
     timestep: s. gravity: m/s², along the normal, into the plate. mass: effective mass along the normal, kg.
     places: launches that one simulation carries. concurrent: simulations that may be under way at once, each
     in a thread of its own. deepest: penetration beyond which the engine cannot see the contact any more, m.
-    diverged: the reason to give where numbers are not finite.
+    diverged: the reason to give where numbers are not finite. speed_reading: which speeds e is the ratio of.
     """
 
     timestep: float
@@ -106,6 +107,7 @@ class World(ABC):
     concurrent: int = 1
     deepest: float = math.inf
     diverged: str = "position, velocity or force is not finite"
+    speed_reading: SpeedReading = SpeedReading.TOUCH_PLANE
 
     @abstractmethod
     def release(self, launches: Sequence[Launch]) -> Simulation:

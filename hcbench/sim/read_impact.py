@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,14 +17,52 @@ if TYPE_CHECKING:
 
     from hcbench.impact import Floats, Trajectory
 
+    States = tuple[Floats, Floats]
+
 NOT_FINITE = "position, velocity or force is not finite"
 _TOO_DEEP = "went through the plate: deeper than its own radius"
 _TURNED_BACK = "turned back without a contact force of the pair"
 _PUSHED = "turned back by something else than the contact of the pair"
 
 
+class SpeedReading(StrEnum):
+    """Which speeds before and after a contact e is the ratio of, at a step h under gravity g into the plate.
+
+    Without gravity all are the same. An engine's `World` says which is its own.
+    TOUCH_PLANE: at the touch plane, for a contact that acts from there on. In free flight semi-implicit
+        Euler, which moves by the new velocity, keeps (v + g h/2)² - 2 g x exactly, penetration x, rate v: at
+        x = 0 that is the square of the speed at touch, whichever step sees it.
+    TOUCH_PLANE_EXACT_FLIGHT: as well, of steps that are exact in free flight and keep v² - 2 g x, as RK4.
+    STEP_END: an engine that reverses the speed at the end of the step, v + g h.
+    STEP_START: an engine that reverses the speed at the start of the step, v.
+    """
+
+    TOUCH_PLANE = "touch plane"
+    TOUCH_PLANE_EXACT_FLIGHT = "touch plane, exact flight"
+    STEP_END = "step's end"
+    STEP_START = "step's start"
+
+    def speeds(self, before: States, after: States, fall: float, gravity: float) -> tuple[Floats, Floats]:
+        """Speed in and out, m/s, shape (n,). before, after: (penetration m, rate m/s), (n,) each, of the last
+        free state before the contact and the first after it. fall: g h, m/s. gravity: g, m/s².
+        """
+        (x_in, v_in), (x_out, v_out) = before, after
+        if gravity == 0.0:
+            return v_in, -v_out
+        if self is SpeedReading.STEP_END:
+            return v_in + fall, -v_out
+        if self is SpeedReading.STEP_START:
+            return v_in, -v_out
+        half = fall / 2 if self is SpeedReading.TOUCH_PLANE else 0.0
+
+        def at_plane(x: Floats, v: Floats) -> Floats:
+            return np.asarray(np.sqrt(np.maximum(0.0, (v + half) ** 2 - 2.0 * gravity * x)))
+
+        return at_plane(x_in, v_in), at_plane(x_out, v_out)
+
+
 def impact_of(launch: Launch, trajectory: Trajectory) -> Impact:
-    """Read one impact off a trajectory; `impacts_of` says how."""
+    """Read one impact off a trajectory without gravity; `impacts_of` says how."""
     x, v, f = trajectory.penetration[None], trajectory.rate[None], trajectory.force[None]
     step = float(trajectory.time[1] - trajectory.time[0]) if len(trajectory.time) > 1 else 1.0
     counts, ends = StopRule.for_launches([launch], step, 0.0).add(x, v, f)
@@ -41,20 +80,23 @@ def impacts_of(
     f: Floats,
     counts: NDArray[np.int64],
     ends: NDArray[np.int64],
+    gravity: float = 0.0,
+    reading: SpeedReading = SpeedReading.TOUCH_PLANE,
 ) -> list[Impact]:
     """Read impacts off trajectories that share their times, shape (n,), even.
 
     x, v, f: penetration, rate and force as in `Trajectory`, shape (b, n); of each, the first `counts` steps
-    are its own, and `ends` says why it is over (`End`), shape (b,).
-    Contact is the run of steps in which the force acts. The speed in is the last one that no contact force
-    has touched, the speed out the first after the force has ceased for good: so under gravity the
-    restitution is that of the contact alone, not of the flight before and after it.
+    are its own, and `ends` says why it is over (`End`), shape (b,). gravity: into the plate, m/s².
+    Contact is the run of steps in which the force acts. Speeds are read, as the engine's `reading` says, off
+    the last state that no contact force has touched and the first after the force has ceased for good.
     """
     first, stops, deepest, hardest = _contact(x, f, counts.astype(np.int32))
-    each = np.arange(len(x))
-    v_in = v[each, first].tolist()
-    v_out = (-v[each, np.minimum(stops, counts - 1)]).tolist()
+    each, after = np.arange(len(x)), np.minimum(stops, counts - 1)
     h = float(time[1] - time[0]) if len(time) > 1 else 0.0
+    came, left = (x[each, first], v[each, first]), (x[each, after], v[each, after])
+    approaches, comes_on = (came[1] > 0.0).tolist(), (left[1] > 0.0).tolist()
+    with np.errstate(invalid="ignore"):
+        v_in, v_out = (speed.tolist() for speed in reading.speeds(came, left, gravity * h, gravity))
     clock = time - time[0]
     impacts = []
     for i, (launch, start, stop, n, end) in enumerate(
@@ -62,7 +104,7 @@ def impacts_of(
     ):
         if end not in (End.PARTED, End.RESTED, End.UNFINISHED):
             impact = _without_contact(launch, End(end), float(time[n - 1]))
-        elif not v_in[i] > 0 or (end == End.PARTED and v_out[i] < 0):
+        elif not approaches[i] or (end == End.PARTED and comes_on[i]):
             impact = Impact(launch, Status.DIVERGED, _PUSHED, samples=stop - start)
         elif end == End.UNFINISHED:
             lasted = f"{n - start} steps ({h * (n - start):.3g} s)"

@@ -138,7 +138,15 @@ def _until_ended(
         time = np.arange(longest, dtype=np.float64) * world.timestep
         which = left[ended].tolist()
         x, v, f = rows[:3]
-        read = impacts_of([launches[i] for i in which], time, x, v, f, counts[ended], ends[ended])
+        read = impacts_of(
+            [launches[i] for i in which],
+            time,
+            *(x, v, f),
+            counts[ended],
+            ends[ended],
+            world.gravity,
+            world.speed_reading,
+        )
         for k, (i, impact, count) in enumerate(zip(which, read, counts[ended].tolist(), strict=True)):
             whole = with_tangential(impact, rows[:, k, :count], world.timestep, world.mass)
             ended_impacts[i] = _explained(whole, world.diverged, simulation.remark(count))

@@ -12,6 +12,7 @@ import numpy as np
 from hcbench.errors import SceneError, SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim.engine import Record, Simulation, SteppedEngine, World
+from hcbench.sim.read_impact import SpeedReading
 from hcbench.tune.recipe import Recipe, Role
 
 if TYPE_CHECKING:
@@ -79,6 +80,7 @@ class RkWorld(World):
             self.stages = 1
         else:
             sampled = HuntCrossley(**setting.options).force
+            self.speed_reading = SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
             self.force = lambda x, v: np.where(x > 0.0, sampled(np.maximum(x, 0.0), v), 0.0)
             self.stages = 4
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from hcbench._text import sanitized
 from hcbench.engines.mujoco.backend import backend
+from hcbench.sim.read_impact import SpeedReading
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,6 +43,12 @@ def integrator_name(model: Any) -> str:
     """The integrator as XML spells it."""
     name = str(backend().mjtIntegrator(int(model.opt.integrator)).name).removeprefix("mjINT_").lower()
     return {"euler": "Euler", "rk4": "RK4"}.get(name, name)
+
+
+def speed_reading(model: Any) -> SpeedReading:
+    """MuJoCo's contact acts from the touch plane on; only RK4 is exact in free flight."""
+    exact = int(model.opt.integrator) == int(backend().mjtIntegrator.mjINT_RK4)
+    return SpeedReading.TOUCH_PLANE_EXACT_FLIGHT if exact else SpeedReading.TOUCH_PLANE
 
 
 def masks_match(model: Any, geom1: int, geom2: int) -> bool:

@@ -12,7 +12,7 @@ from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.causes import find_suspects
 from hcbench.engines.mujoco.causes.context import Context, written_contact
 from hcbench.engines.mujoco.find_pair import find_pair
-from hcbench.engines.mujoco.model import geom_name
+from hcbench.engines.mujoco.model import geom_name, speed_reading
 from hcbench.engines.mujoco.place import bring_to_touch
 from hcbench.engines.mujoco.user_model import start
 from hcbench.engines.mujoco.user_simulation import MujocoUserSimulation
@@ -39,6 +39,7 @@ class MujocoModel(ModelUnderTest):
             self.place = bring_to_touch(pair, start(model, request.key)[0])
         self.timestep, self.mass = float(model.opt.timestep), self.place.effective_mass
         self.gravity = float(np.dot(self._gravity(), self.place.contact.normal))
+        self.speed_reading = speed_reading(model)
         self.others: set[int] = set()  # geoms that touched the two during an impact
 
     def release(self, launches: Sequence[Launch]) -> MujocoUserSimulation:

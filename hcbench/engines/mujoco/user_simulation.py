@@ -51,7 +51,7 @@ class MujocoUserSimulation(Simulation):
         self._staged = int(model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4)
         self._seen = mujoco.MjData(model) if self._staged else self._data
         self._reader = _Reader(model, place, _with_kinematics(self._data, model))
-        self._x, self._touched, self._steps = -clearance, False, 0
+        self._x, self._rate, self._touched, self._steps = -clearance, launch.speed, False, 0
         self._last: _Step | None = None  # RK4 only: waits for the one after it
         self._others = others
         self._first_touch: dict[int, int] = {}  # geoms that touched the two, and in which step first
@@ -94,15 +94,17 @@ class MujocoUserSimulation(Simulation):
         depth, force, rate = self._reader.read(seen, before)
         if depth is not None:
             self._x = depth
-        elif self._touched:
-            self._x = min(self._x, 0.0)
+        elif self._steps > 1:
+            # As the integrator has moved it: by the new velocity, under RK4 by the mean.
+            self._x += self._h * (0.5 * (self._rate + rate) if self._staged else rate)
+            self._x = min(self._x, 0.0) if self._touched else self._x
+        self._rate = rate
         free = float(self._reader.row(seen) @ seen.qacc_smooth) if self._staged else 0.0
         step = _Step(self._x, rate, force, free)
         self._touched |= force != 0.0
         if seen.ncon > self._reader.count:
             for geom in _others(seen, self._place.pair):
                 self._first_touch.setdefault(geom, self._steps - 1)
-        self._x += self._h * rate
         return step
 
     def _with_hidden_force(self, step: _Step, after: _Step) -> _Step:

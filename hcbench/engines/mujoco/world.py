@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from hcbench.engines.mujoco.backend import captured_warnings
 from hcbench.engines.mujoco.batch import BatchedModel, batch_kind, compile_batch
+from hcbench.engines.mujoco.model import speed_reading
 from hcbench.engines.mujoco.record import Workspace, record, states_at_release
 from hcbench.engines.mujoco.slide_joint import has_one_constraint
 from hcbench.sim.engine import Record, Simulation, World
@@ -121,6 +122,7 @@ class MujocoWorld(World):
         self.pool = pool
         scene = pool.model.scene
         self.timestep, self.gravity, self.mass = pool.model.timestep, scene.normal_gravity, scene.mass
+        self.speed_reading = speed_reading(pool.model.model)
         self.places = pool.threads * (pool.max_batch if pool.max_batch > 1 else _ALONE)
         self.concurrent = 1 if pool.threads == 1 else _CONCURRENT
         self._resources = ExitStack()

@@ -18,7 +18,7 @@ from hcbench.measure import causes
 from hcbench.sim.model_under_test import Suspect
 
 RESTITUTION, STIFFNESS, BODY_TYPE = 5, 9, 10  # places in getDynamicsInfo
-_MAXIMAL_COORDINATES = 1  # a body type
+MAXIMAL_COORDINATES = 1  # a body type
 _THRESHOLD = 0.2  # m/s, Bullet's own restitutionVelocityThreshold
 _SLOP = 1e-5  # m, Bullet's own contactSlop
 _DAMPING = 0.04  # 1/s, Bullet's own linearDamping
@@ -99,7 +99,7 @@ def restitutions(bullet: BulletClient, place: BulletPlacement) -> tuple[float, f
     """
     infos = [bullet.getDynamicsInfo(side.body, side.link) for side in (place.first, place.second)]
     first, second = (
-        math.nan if info[BODY_TYPE] == _MAXIMAL_COORDINATES else float(info[RESTITUTION]) for info in infos
+        math.nan if info[BODY_TYPE] == MAXIMAL_COORDINATES else float(info[RESTITUTION]) for info in infos
     )
     return first, second
 
@@ -219,7 +219,7 @@ def _few_steps(c: BulletContext) -> Iterator[Suspect]:
 
 def _gravity(c: BulletContext) -> Iterator[Suspect]:
     """Gravity in a step, or in a contact with a stiffness."""
-    fix = "p.setTimeStep({:.2g}), or loadURDF with useMaximalCoordinates"
+    fix = "a stiffer contact, or p.setTimeStep({:.2g})"
     return causes.gravity(
         c.impacts,
         c.gravity,

@@ -16,8 +16,16 @@ import numpy as np
 
 from hcbench.engines.pybullet.aside import release_aside, run_aside
 from hcbench.engines.pybullet.backend import version
-from hcbench.engines.pybullet.causes import BulletContext, find_suspects, restitutions
+from hcbench.engines.pybullet.causes import (
+    BODY_TYPE,
+    MAXIMAL_COORDINATES,
+    STIFFNESS,
+    BulletContext,
+    find_suspects,
+    restitutions,
+)
 from hcbench.engines.pybullet.place import FreeBase, place
+from hcbench.engines.pybullet.record import speed_reading
 from hcbench.engines.pybullet.user_model import LoadedWorld, find_pair, load_files, open_live
 from hcbench.engines.pybullet.user_simulation import LaunchInUserWorld
 from hcbench.errors import UserError
@@ -25,6 +33,7 @@ from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.engine import Simulation
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
+from hcbench.sim.read_impact import SpeedReading
 
 _UNKNOWN_RESTITUTIONS = "restitutions that PyBullet does not tell of bodies with maximal coordinates"
 
@@ -58,6 +67,7 @@ class PybulletModel(ModelUnderTest):
             self.timestep, self.mass = float(parameters["fixedTimeStep"]), self.place.effective_mass
             along = float((np.array(self._gravity()) * self.place.normal).sum())
             self.gravity = along if self._falls_alone() else 0.0
+            self.speed_reading = self._reading()
         except BaseException:
             self._put_back()
             raise
@@ -83,6 +93,11 @@ class PybulletModel(ModelUnderTest):
         parameters = self.bullet.getPhysicsEngineParameters()
         x, y, z = (float(parameters[f"gravityAcceleration{axis}"]) for axis in "XYZ")
         return x, y, z
+
+    def _reading(self) -> SpeedReading:
+        infos = [self.bullet.getDynamicsInfo(s.body, s.link) for s in (self.place.first, self.place.second)]
+        told = [info for info in infos if info[BODY_TYPE] != MAXIMAL_COORDINATES]  # as of `restitutions`
+        return speed_reading(any(info[STIFFNESS] > 0 for info in told), rigid=not told)
 
     def _falls_alone(self) -> bool:
         """Whether gravity makes the two approach: not when both fall."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.tangential import rows_of_ball
 
 if TYPE_CHECKING:
@@ -18,6 +19,17 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
 
 _ROUND_OFF = 16 * np.finfo(float).eps  # of what a step adds up: a smaller change of velocity is no force
+
+
+def speed_reading(springs: bool, rigid: bool) -> SpeedReading:
+    """Which speeds a contact of Bullet's turns round.
+
+    springs: it has a contactStiffness, or a force law, and acts from the touch plane on. Else its restitution
+    is of the speed at the step's end; of that at its start where `rigid`: of a body with maximal coordinates.
+    """
+    if springs:
+        return SpeedReading.TOUCH_PLANE
+    return SpeedReading.STEP_START if rigid else SpeedReading.STEP_END
 
 
 def overlap(scene: Scene, position: Floats, velocity: Floats) -> tuple[Floats, Floats, Floats]:

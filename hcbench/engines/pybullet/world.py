@@ -23,9 +23,11 @@ from hcbench.engines.pybullet.model_file import check_ball, check_plate
 from hcbench.engines.pybullet.record import (
     force_from_momentum,
     overlap,
+    speed_reading,
     tangential_rows,
 )
 from hcbench.errors import SceneError
+from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.engine import CannotShareError, Record, Simulation, World
 from hcbench.workers import in_worker
 
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
     from hcbench.laws.contact_law import Law
     from hcbench.scene import Scene
     from hcbench.sim.engine import Flags
+    from hcbench.sim.read_impact import SpeedReading
 
     Step = Callable[[], Sequence[float] | None]
 
@@ -58,7 +61,7 @@ class PybulletWorld(World):
         assert in_worker(), "PyBullet's settings are global: they would leak into the user's own"
         self.scene, self.options = scene, options
         self.timestep, self.gravity, self.mass = timestep, scene.normal_gravity, scene.mass
-        self.deepest = scene.touch_radius
+        self.deepest, self.speed_reading = scene.touch_radius, _speed_reading(options)
         self.places = _BALLS_IN_WORLD if options.law is None else 1  # a plug-in looks at one pair
         self.reports_force = not _is_lossless(options)
         self.bullet = client()
@@ -208,6 +211,13 @@ class PybulletSimulation(Simulation):
 def _is_lossless(options: PybulletOptions) -> bool:
     """Whether nothing but gravity and Bullet's own contact changes a ball's velocity."""
     return options.law is None and options.ball.get("linearDamping") == 0.0
+
+
+def _speed_reading(options: PybulletOptions) -> SpeedReading:
+    if options.law is None:
+        return speed_reading("contactStiffness" in options.ball, options.maximal_coordinates)
+    # A plug-in that sets speeds takes those at the step's start.
+    return speed_reading(not isinstance(options.law, RestitutionCurve), rigid=True)
 
 
 def _set_up(bullet: BulletClient, scene: Scene, timestep: float, options: PybulletOptions) -> tuple[int, int]:
