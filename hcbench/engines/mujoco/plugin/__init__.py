@@ -14,6 +14,7 @@ import functools
 import math
 import shutil
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -138,25 +139,16 @@ def add_to_spec(
     if len(named) != 1:
         raise SettingError("pair", " and ".join(named) or "none", "one of geoms, bodies and tendon")
     if tendon is not None:
+        limited = _element(spec, "tendon", tendon)
         keys["tendon"] = tendon
-        _element(spec, "tendon", tendon)
         if is_force(law):
-            _element(spec, "tendon", tendon).limited = 0
+            limited.limited = 0
     else:
         kind, pair = ("geom", geoms) if geoms else ("body", bodies)
-        assert pair is not None
-        if isinstance(pair, str) or len(pair) != 2:
-            raise SettingError(f"{kind} pair", repr(pair), "two names, such as ('ball', 'plate')")
-        found = [_element(spec, kind, one) for one in pair]
-        owners = [one.parent if kind == "geom" else one for one in found]
-        keys |= {f"{kind}1": pair[0], f"{kind}2": pair[1]}
+        parts = _parts(spec, kind, pair)
+        keys |= {f"{kind}{i}": part.name for i, part in enumerate(parts, 1)}
         if is_force(law):
-            _warn_of_shapes(found if kind == "geom" else [geom for one in found for geom in one.geoms])
-            for owner, one in zip(owners, pair, strict=True):
-                owner.name = owner.name or f"body of {one}"  # an exclusion names bodies
-            both = {owner.name for owner in owners}
-            if both not in ({one.bodyname1, one.bodyname2} for one in spec.excludes):
-                spec.add_exclude(bodyname1=owners[0].name, bodyname2=owners[1].name)
+            _exclude(spec, kind, parts)
     if not hasattr(spec, "activate_plugin"):
         version, todo = backend().__version__, "Or name the plug-in in MJCF: docs/plugins.md"
         raise EngineMissing(f"mujoco {version}", "its MjSpec takes no plug-ins", "a later version", todo)
@@ -168,6 +160,23 @@ def add_to_spec(
     return name
 
 
+def _parts(spec: Any, kind: str, pair: Any) -> list[Any]:
+    if isinstance(pair, str) or len(pair) != 2:
+        raise SettingError(f"{kind} pair", repr(pair), "two names, such as ('ball', 'plate')")
+    return [_element(spec, kind, one) for one in pair]
+
+
+def _exclude(spec: Any, kind: str, parts: Sequence[Any]) -> None:
+    """Turn MuJoCo's own contact between the bodies of two parts off."""
+    _warn_of_shapes(parts if kind == "geom" else [geom for body in parts for geom in body.geoms])
+    owners = [part.parent if kind == "geom" else part for part in parts]
+    for owner, part in zip(owners, parts, strict=True):
+        owner.name = owner.name or f"body of {part.name}"  # an exclusion names bodies
+    both = {owner.name for owner in owners}
+    if both not in ({one.bodyname1, one.bodyname2} for one in spec.excludes):
+        spec.add_exclude(bodyname1=owners[0].name, bodyname2=owners[1].name)
+
+
 def _element(spec: Any, kind: str, name: str) -> Any:
     found = getattr(spec, kind)(name) if isinstance(name, str) else None
     if found is None:
@@ -176,7 +185,7 @@ def _element(spec: Any, kind: str, name: str) -> Any:
     return found
 
 
-def _warn_of_shapes(geoms: list[Any]) -> None:
+def _warn_of_shapes(geoms: Sequence[Any]) -> None:
     mujoco = backend()
     for geom in geoms:
         for shape, words in _INEXACT.items():
@@ -186,7 +195,7 @@ def _warn_of_shapes(geoms: list[Any]) -> None:
                     " 2e-5 m that steel penetrates. Use primitive geoms (sphere, plane, capsule, cylinder,"
                     " box) or a tendon's limit where that matters",
                     ContactAccuracyWarning,
-                    stacklevel=3,
+                    stacklevel=4,
                 )
 
 

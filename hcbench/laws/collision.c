@@ -1,0 +1,206 @@
+/* Contacts that collide together in one instant: compression, restitution and friction, the RULE of impacts.c. */
+
+#ifndef HCB_COLLISION_C
+#define HCB_COLLISION_C
+
+#include <string.h>
+
+#include "exact_step.c"
+
+#define HCB_SWEEPS 200
+#define HCB_SETTLED 1e-12 /* of the approach: a sweep that changes less is the last */
+#define HCB_LEAST_FRICTION 1e-9
+
+enum { HCB_LAW = 0, HCB_LINEAR = 1, HCB_CONSTANT = 2 };
+
+/* kind, value: e is that of eq. (16) for alpha = value, or 1 - value v, or value. friction: Coulomb's coefficient.
+   still: m/s, approaches up to it are no impacts. bonus: m/s added to the parting speed, as far as e <= 1 (what
+   gravity takes in the step, where speeds at the step's end are meant). */
+typedef struct {
+  int kind;
+  double value, friction, still, bonus;
+} hcb_contact;
+
+/* e at an approach of `speed` > 0 m/s. */
+double hcb_contact_restitution(const hcb_contact* c, double speed) {
+  double e = c->kind == HCB_CONSTANT ? c->value
+             : c->kind == HCB_LINEAR ? 1 - c->value * speed
+                                     : hcb_restitution(1.5 * c->value * speed);
+  return fmin(1, fmax(0, e) + fmax(0, c->bonus) / speed);
+}
+
+/* Contacts that collide together, as local arrays: m rows are 3 each. G is symmetric. */
+typedef struct {
+  int n, m;
+  double *G, *before, *lam, *add, *target, *p, *v, *best_p, *best_v;
+} hcb_group;
+
+static void add_impulse(const hcb_group* g, int row, double impulse, double* v) {
+  const double* column = g->G + (size_t)row * g->m;
+  if (impulse == 0) return;
+  for (int j = 0; j < g->m; j++) v[j] += column[j] * impulse;
+}
+
+/* Work of impulses that take the rates from u to v: the change of the kinetic energy. */
+static double work_of(int m, const double* p, const double* u, const double* v) {
+  double sum = 0;
+  for (int i = 0; i < m; i++) sum += p[i] * (u[i] + v[i]);
+  return 0.5 * sum;
+}
+
+/* The share t of 0 ... 1 up to which e0 + lin t + quad t^2 stays below 0; e0 <= 0 <= quad. */
+static double share_within(double e0, double lin, double quad) {
+  double root = sqrt(fmax(0, lin * lin - 4 * quad * fmin(0, e0)));
+  double t = lin > 0 ? -2 * fmin(0, e0) / (lin + root) : quad > 0 ? (root - lin) / (2 * quad) : 0;
+  return fmin(1, fmax(0, t));
+}
+
+static double diagonal(const hcb_group* g, int row) { return g->G[(size_t)row * g->m + row]; }
+
+/* 1/largest eigenvalue of a contact's tangential block. */
+static double tangential_step(const hcb_group* g, int i) {
+  double a = diagonal(g, 3 * i + 1), b = g->G[(size_t)(3 * i + 1) * g->m + 3 * i + 2], d = diagonal(g, 3 * i + 2);
+  double largest = 0.5 * (a + d) + sqrt(0.25 * (a - d) * (a - d) + b * b);
+  return largest > 0 ? 1 / largest : 0;
+}
+
+/* Frictionless compression into p and v; lam keeps its normal impulses. */
+static void compress(hcb_group* g) {
+  double fastest = 0, lin = 0, quad = 0;
+  memcpy(g->v, g->before, g->m * sizeof(double));
+  for (int i = 0; i < g->n; i++) {
+    double u = g->before[3 * i];
+    g->lam[i] = -u / diagonal(g, 3 * i);
+    fastest = fmax(fastest, -u);
+    add_impulse(g, 3 * i, g->lam[i], g->v);
+  }
+  if (g->n == 1) {
+    g->v[0] = 0;
+    return;
+  }
+  for (int round = 0; round < 2; round++) { /* the same share of all, then sweeps; the last scaling bounds energy */
+    for (int sweep = 0; round && sweep < HCB_SWEEPS; sweep++) {
+      double change = 0;
+      for (int i = 0; i < g->n; i++) {
+        double W = diagonal(g, 3 * i), d = fmax(-g->lam[i], -g->v[3 * i] / W);
+        g->lam[i] += d;
+        add_impulse(g, 3 * i, d, g->v);
+        change = fmax(change, fabs(d) * W);
+      }
+      if (change < HCB_SETTLED * fastest) break;
+    }
+    lin = quad = 0;
+    for (int i = 0; i < g->n; i++) {
+      lin -= g->lam[i] * g->before[3 * i];
+      quad += g->lam[i] * (g->v[3 * i] - g->before[3 * i]);
+    }
+    double scale = quad > 0 ? lin / quad : 0;
+    for (int i = 0; i < g->n; i++) g->lam[i] *= scale;
+    for (int j = 0; j < g->m; j++) g->v[j] = g->before[j] + scale * (g->v[j] - g->before[j]);
+  }
+}
+
+/* What each contact gives back, as far as the energy of the compression reaches; p and v are after it. */
+static void restitute(hcb_group* g, const hcb_contact* c, const int* of) {
+  double loss = 0, lin = 0, quad = 0, s = 1;
+  memset(g->p, 0, g->m * sizeof(double));
+  memset(g->add, 0, g->m * sizeof(double));
+  for (int i = 0; i < g->n; i++) {
+    g->p[3 * i] = hcb_contact_restitution(c + of[i], -g->before[3 * i]) * g->lam[i];
+    add_impulse(g, 3 * i, g->p[3 * i], g->add);
+    loss -= 0.5 * g->lam[i] * (g->before[3 * i] + g->v[3 * i]);
+  }
+  for (int i = 0; i < g->n; i++) {
+    lin += g->p[3 * i] * g->v[3 * i];
+    quad += g->p[3 * i] * g->add[3 * i];
+  }
+  if (g->n > 1 && 0.5 * quad + lin > loss) s = share_within(-loss, lin, 0.5 * quad);
+  for (int i = 0; i < g->n; i++) g->p[3 * i] = g->lam[i] + s * g->p[3 * i];
+  for (int j = 0; j < g->m; j++) g->v[j] += s * g->add[j];
+}
+
+/* One sweep of Coulomb's law with the parting speeds held, tangential steps scaled by `scale`; largest change. */
+static double friction_sweep(hcb_group* g, const hcb_contact* c, const int* of, double scale, int tangents) {
+  double change = 0;
+  for (int i = 0; i < g->n; i++) {
+    double W = diagonal(g, 3 * i), *p = g->p + 3 * i, *v = g->v + 3 * i, d = fmax(-p[0], (g->target[i] - v[0]) / W);
+    p[0] += d;
+    add_impulse(g, 3 * i, d, g->v);
+    change = fmax(change, fabs(d) * W);
+    double step = scale * tangential_step(g, i), limit = c[of[i]].friction * p[0];
+    if (!tangents || step == 0) continue;
+    double t1 = p[1] - step * v[1], t2 = p[2] - step * v[2], size = hypot(t1, t2), share = size > limit ? limit / size : 1;
+    double d1 = share * t1 - p[1], d2 = share * t2 - p[2];
+    p[1] += d1;
+    p[2] += d2;
+    add_impulse(g, 3 * i + 1, d1, g->v);
+    add_impulse(g, 3 * i + 2, d2, g->v);
+    change = fmax(change, hypot(d1, d2) / step * scale);
+  }
+  return change;
+}
+
+static int cones_kept(const hcb_group* g, const hcb_contact* c, const int* of) {
+  for (int i = 0; i < g->n; i++) {
+    if (hypot(g->p[3 * i + 1], g->p[3 * i + 2]) > 1.01 * c[of[i]].friction * g->p[3 * i]) return 0;
+  }
+  return 1;
+}
+
+/* The same start for all contacts at once, so that what is symmetric stays so. */
+static void start_friction(hcb_group* g, const hcb_contact* c, const int* of) {
+  double lin = 0, quad = 0;
+  memset(g->add, 0, g->m * sizeof(double));
+  for (int i = 0; i < g->n; i++) {
+    double step = tangential_step(g, i), *t = g->p + 3 * i, limit = c[of[i]].friction * t[0], *v = g->v + 3 * i;
+    double size = step * hypot(v[1], v[2]), share = size > limit ? limit / size : 1;
+    for (int k = 1; k < 3; k++) {
+      t[k] = -share * step * v[k];
+      add_impulse(g, 3 * i + k, t[k], g->add);
+      lin -= t[k] * v[k];
+    }
+  }
+  for (int i = 0; i < g->n; i++) {
+    for (int k = 1; k < 3; k++) quad += g->p[3 * i + k] * g->add[3 * i + k];
+  }
+  double scale = quad > 0 ? fmin(1, lin / quad) : 0;
+  for (int i = 0; i < g->n; i++) {
+    for (int k = 1; k < 3; k++) g->p[3 * i + k] *= scale;
+  }
+  for (int j = 0; j < g->m; j++) g->v[j] += scale * g->add[j];
+}
+
+static void rub(hcb_group* g, const hcb_contact* c, const int* of) {
+  double most = 0, fastest = 0, change = INFINITY, e0, e1, lin = 0, quad = 0, th = 1;
+  for (int i = 0; i < g->n; i++) {
+    if (g->p[3 * i] > 0) most = fmax(most, c[of[i]].friction);
+    for (int k = 0; k < 3; k++) fastest = fmax(fastest, fabs(g->before[3 * i + k]));
+  }
+  if (most < HCB_LEAST_FRICTION) return;
+  memcpy(g->best_p, g->p, g->m * sizeof(double));
+  memcpy(g->best_v, g->v, g->m * sizeof(double));
+  for (int i = 0; i < g->n; i++) g->target[i] = g->p[3 * i] > 0 ? g->v[3 * i] : fmin(g->v[3 * i], 0);
+  if (g->n > 1) start_friction(g, c, of);
+  double settled = HCB_SETTLED * fastest;
+  for (double scale = 1; scale > 0.1 && change > settled; scale *= 0.5) {
+    for (int sweep = 0; sweep < HCB_SWEEPS && change > settled; sweep++) change = friction_sweep(g, c, of, scale, 1);
+  }
+  for (int sweep = 0; sweep < HCB_SWEEPS && change > 0.01 * settled; sweep++) {
+    change = friction_sweep(g, c, of, 1, 0); /* the parting speeds come last: they are exact, the cones nearly */
+    if (g->n == 1) break;
+  }
+  e0 = work_of(g->m, g->best_p, g->before, g->best_v);
+  e1 = work_of(g->m, g->p, g->before, g->v);
+  if (!(change <= 1e-6 * fastest || g->n == 1) || !cones_kept(g, c, of)) th = 0;
+  for (int j = 0; j < g->m; j++) {
+    lin += (g->p[j] - g->best_p[j]) * g->best_v[j];
+    quad += 0.5 * (g->p[j] - g->best_p[j]) * (g->v[j] - g->best_v[j]);
+  }
+  if (e1 > 0 && th > 0) th = share_within(e0, lin, quad);
+  for (int j = 0; th < 1 && j < g->m; j++) {
+    g->p[j] = g->best_p[j] + th * (g->p[j] - g->best_p[j]);
+    g->v[j] = g->best_v[j] + th * (g->v[j] - g->best_v[j]);
+  }
+}
+
+#endif
