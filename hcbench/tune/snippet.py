@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from hcbench._text import shortest
-from hcbench.laws.published import law_named
 from hcbench.sim import registry
 
 if TYPE_CHECKING:
@@ -22,19 +21,6 @@ def snippet(setting: Setting, form: str, radius: float) -> str:
     if setting.engine not in registry.names():
         return setting.options_text
     return registry.engine(setting.engine).snippet(setting, form, radius)
-
-
-def law_expression(options: Mapping[str, Any]) -> tuple[str, str]:
-    """The law of a setting's option "law" as an expression, and the import line that it needs, or ""."""
-    numbers = {key: value for key, value in options.items() if key not in ("kind", "law")}
-    force = options["kind"] == "force"
-    if "law" not in options:
-        return f"contact.{'HuntCrossley' if force else 'Restitution'}({arguments(numbers)})", ""
-    family = law_named(options["law"]).symbol
-    line = f"from hcbench.laws.published import {family}\n"
-    if force:
-        return f"contact.TouchSpeedLaw({family}, {arguments(numbers)})", line
-    return f"contact.ConstantRestitution({family}.delivered({shortest(numbers['restitution'])}))", line
 
 
 def arguments(values: Mapping[str, Any]) -> str:

@@ -2,7 +2,7 @@
 
 Options of a setting (all optional; none means as loaded):
     world: keywords of setPhysicsEngineParameter. ball, plate: keywords of changeDynamics.
-    law: a plug-in of hcbench.contact in place of Bullet's own contact, as
+    law: the plug-in, in place of Bullet's own contact or before it, as
         `hcbench.laws.contact_law.law_of` reads it: {"kind": "force", "alpha": s/m, "stiffness": N/m^n,
         "exponent": n}, {"kind": "restitution", "alpha": s/m}, or with {"law": a later law's slug,
         "restitution": e} in place of alpha.
@@ -22,6 +22,7 @@ from hcbench.engines.pybullet.backend import INSTALL, version
 from hcbench.engines.pybullet.options import read_options
 from hcbench.engines.pybullet.user_model import LiveWorld
 from hcbench.engines.pybullet.world import PybulletWorld
+from hcbench.errors import UserError
 from hcbench.sim.engine import SteppedEngine
 
 if TYPE_CHECKING:
@@ -55,8 +56,8 @@ class PybulletEngine(SteppedEngine):
         return RECIPES
 
     def snippet(self, setting: Setting, form: str, radius: float) -> str:
-        """What to paste of a setting, or the lines that attach a plug-in."""
-        return snippet.snippet(setting)
+        """What to paste of a setting."""
+        return snippet.snippet(setting, form)
 
     def script(self, scene: Scene, setting: Setting) -> str:
         """A Python script that drops the ball on the plane."""
@@ -65,6 +66,16 @@ class PybulletEngine(SteppedEngine):
     def load(self, scene: Scene, setting: Setting, fastest: float) -> PybulletWorld:
         """A scene under a setting, with its plug-in attached, for impacts at up to `fastest` m/s."""
         return PybulletWorld(scene, setting.timestep, read_options(setting.options), fastest)
+
+    def plugin(self, *, install: bool = False) -> Path:
+        """The library of hunt_crossley and restitution, for pybullet.loadPlugin."""
+        from hcbench.engines.pybullet import plugin
+
+        if install:
+            raise UserError(
+                "--install", "PyBullet has no folder of its own for plug-ins", "pybullet.loadPlugin(path)"
+            )
+        return plugin.library()
 
     def accepts(self, source: Any) -> bool:
         """A path of its suffixes, several, a client's id, a BulletClient or a `World`."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 from hcbench._text import shortest
+from hcbench.engines.pybullet import plugin
 from hcbench.errors import SettingError
-from hcbench.tune.snippet import arguments, law_expression
+from hcbench.laws.contact_law import is_force, law_of
+from hcbench.tune.snippet import arguments
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -15,22 +18,21 @@ if TYPE_CHECKING:
     from hcbench.setting import Setting
 
 
-def snippet(setting: Setting) -> str:
+def snippet(setting: Setting, form: str = "plane") -> str:
     """What to paste; see `Engine.snippet`."""
-    if "law" in setting.options:
-        law, line = law_expression(setting.options["law"])
-        call = f"law = contact.attach([(ball, plate)], {law})\nlaw.step()  # for pybullet.stepSimulation()"
-        return f"from hcbench.contact import pybullet as contact\n{line}\n{call}"
-    if {"world", "ball", "plate"} & set(setting.options):
-        return _calls(setting, lambda body, keyword: f'loadURDF("{body}.urdf"{keyword})')
+    if {"world", "ball", "plate", "law"} & set(setting.options):
+        calls = _calls(setting, lambda body, keyword: f'loadURDF("{body}.urdf"{keyword})', "path")
+        law = law_of(setting.options["law"]) if "law" in setting.options else None
+        in_cup = form == "cup" and law is not None and is_force(law)
+        return f"{calls}\n{_CUP}" if in_cup else calls
     return setting.options_text
 
 
 def script(scene: Scene, setting: Setting) -> str:
     """A Python script that drops the ball; see `Engine.script`."""
-    if scene.form != "plane" or not {"world", "ball"} & set(setting.options):
+    if scene.form != "plane" or not {"world", "ball", "law"} & set(setting.options):
         given = f"pybullet {setting.name!r} in the form {scene.form!r}"
-        expected = "a setting of Bullet's own contact, in the form 'plane'"
+        expected = "a setting of Bullet's own contact or a plug-in, in the form 'plane'"
         raise SettingError("write-scene", given, expected)
     radius = shortest(scene.relative_radius)
     bodies = {
@@ -38,12 +40,16 @@ def script(scene: Scene, setting: Setting) -> str:
         f"pybullet.GEOM_SPHERE, radius={radius}), basePosition=[0, 0, {radius}]",
         "plate": "createMultiBody(0, pybullet.createCollisionShape(pybullet.GEOM_PLANE)",
     }
-    setup = _calls(setting, lambda body, keyword: f"{bodies[body]}{keyword})")
+    path = repr(str(plugin.library())) if "law" in setting.options else ""
+    setup = _calls(setting, lambda body, keyword: f"{bodies[body]}{keyword})", path)
     return _SCRIPT.format(setup=setup, step=shortest(setting.timestep), radius=radius)
 
 
-def _calls(setting: Setting, make: Callable[[str, str], str]) -> str:
-    """The calls, in the order that works. make: a body and the last argument to the call that makes it."""
+def _calls(setting: Setting, make: Callable[[str, str], str], path: str) -> str:
+    """The calls, in the order that works.
+
+    make: a body and the last argument to the call that makes it. path: of the plug-in, as an expression.
+    """
     options = setting.options
     world = {"fixedTimeStep": setting.timestep, **options.get("world", {})}
     keyword = ", useMaximalCoordinates=True" if options.get("maximal_coordinates") else ""
@@ -53,8 +59,14 @@ def _calls(setting: Setting, make: Callable[[str, str], str]) -> str:
         *(f"{body} = pybullet.{make(body, keyword)}" for body in bodies),
         *(f"pybullet.changeDynamics({b}, -1, {arguments(options[b])})" for b in bodies if options.get(b)),
     ]
+    if "law" in options:
+        law = json.dumps(plugin.command(law_of(options["law"])))
+        lines.append(f"plugin = pybullet.loadPlugin({path})  # `hcbench plugin pybullet` prints the path")
+        lines.append(f"pybullet.executePluginCommand(plugin, {law}, [ball, -1, plate, -1])")
     return "\n".join(lines)
 
+
+_CUP = "# with cup=RADIUS,X,Y,Z as well: the cup's, and its centre in the frame of the plate"
 
 _SCRIPT = '''"""A ball dropped on a plane in PyBullet: prints restitution against impact speed (m/s)."""
 
@@ -72,7 +84,8 @@ for speed in (0.05, 0.1, 0.2, 0.3, 0.4, 0.5):
         pybullet.stepSimulation()
         up = pybullet.getBaseVelocity(ball)[0][2]
         touched = touched or up > -0.999 * speed
-        if touched and pybullet.getBasePositionAndOrientation(ball)[0][2] > {radius} and up > 0:
+        height = pybullet.getBasePositionAndOrientation(ball)[0][2]
+        if touched and up > 0 and height > {radius} + 2 * {step} * up:
             break
     print(speed, up / speed)
 '''

@@ -5,7 +5,6 @@ no impact, and it is a spring and damper. Both are right at one speed.
 """
 
 from collections.abc import Mapping
-from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -48,7 +47,7 @@ def simulate(blocks: TwoBlocks, position: float, velocity: float, forces: Floats
 def _simulate(
     bullet: BulletClient, blocks: TwoBlocks, position: float, velocity: float, forces: Floats
 ) -> tuple[Floats, Floats]:
-    from hcbench.engines.pybullet.plugin.attach import attach
+    from hcbench.engines.pybullet import plugin
 
     options = _options(blocks)
     bullet.setPhysicsEngineParameter(fixedTimeStep=blocks.timestep, **options["world"])
@@ -59,16 +58,14 @@ def _simulate(
         bullet.changeDynamics(plane, -1, **options["plate"])
     bullet.resetBaseVelocity(ball, [velocity, 0, 0])
     states = [(position, velocity)]
-    pairs, by_plugin = [(ball, plane) for plane in planes], blocks.tuned_at is None
-    with attach(pairs, blocks.law, client=bullet.client) if by_plugin else nullcontext() as law:
-        for force in forces:
-            centre = bullet.getBasePositionAndOrientation(ball)[0]
-            bullet.applyExternalForce(ball, -1, [force, 0, 0], centre, bullet.module.WORLD_FRAME)
-            if law is not None:
-                law.apply()
-            bullet.stepSimulation()
-            x = bullet.getBasePositionAndOrientation(ball)[0][0]
-            states.append((x, bullet.getBaseVelocity(ball)[0][0]))
+    for plane in planes if blocks.tuned_at is None else ():
+        plugin.add(blocks.law, ball, plane, client=bullet.client)
+    for force in forces:
+        centre = bullet.getBasePositionAndOrientation(ball)[0]
+        bullet.applyExternalForce(ball, -1, [force, 0, 0], centre, bullet.module.WORLD_FRAME)
+        bullet.stepSimulation()
+        x = bullet.getBasePositionAndOrientation(ball)[0][0]
+        states.append((x, bullet.getBaseVelocity(ball)[0][0]))
     q, v = np.array(states).T
     return q, v
 

@@ -12,12 +12,12 @@ setting and form hold it.
 from __future__ import annotations
 
 import math
-from contextlib import ExitStack
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.pybullet import plugin
 from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient, translated_errors
 from hcbench.engines.pybullet.model_file import check_ball, check_plate
 from hcbench.engines.pybullet.record import (
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 
     from hcbench.engines.pybullet.options import PybulletOptions
     from hcbench.impact import Floats, Launch
-    from hcbench.laws.contact_law import Law
     from hcbench.scene import Scene
     from hcbench.sim.engine import Flags
     from hcbench.sim.read_impact import SpeedReading
@@ -62,14 +61,15 @@ class PybulletWorld(World):
         self.scene, self.options = scene, options
         self.timestep, self.gravity, self.mass = timestep, scene.normal_gravity, scene.mass
         self.deepest, self.speed_reading = scene.touch_radius, _speed_reading(options)
-        self.places = _BALLS_IN_WORLD if options.law is None else 1  # a plug-in looks at one pair
-        self.reports_force = not _is_lossless(options)
+        self.places = _BALLS_IN_WORLD
+        self.reports_force = options.ball.get("linearDamping") != 0.0
         self.bullet = client()
-        self._plugin = ExitStack()
         with translated_errors(self.bullet):
             ball, self.plate = _set_up(self.bullet, scene, timestep, options)
-            self.balls = [ball]
-            self.step = self._own_step() if options.law is None else self._plugin_step(options.law, fastest)
+            self.balls, self._fastest = [ball], fastest
+            self._laws: list[int] = []
+            self._add_law(ball)
+            self.step = self._step()
 
     def release(self, launches: Sequence[Launch]) -> PybulletSimulation:
         """A ball where each launch starts and any others far away, with nothing remembered."""
@@ -93,10 +93,6 @@ class PybulletWorld(World):
                 self.bullet.resetBaseVelocity(ball, velocity.tolist(), [*launch.spin])
         return PybulletSimulation(self, len(launches), oblique)
 
-    def close(self) -> None:
-        """Detach the plug-in, if there is one."""
-        self._plugin.close()
-
     def _add_balls(self, count: int) -> None:
         """So many more balls like the first; none of them collides with another."""
         if count <= 0:
@@ -104,27 +100,40 @@ class PybulletWorld(World):
         for _ in range(count):
             ball = _load(self.bullet, self.scene, "ball", self.options.maximal_coordinates)
             _make_ready(self.bullet, self.scene, self.options, ball)
+            self._add_law(ball)
             self.balls.append(ball)
         for ball in self.balls:
             self.bullet.setCollisionFilterGroupMask(ball, -1, _BALLS, _PLATE)
         self.bullet.setCollisionFilterGroupMask(self.plate, -1, _PLATE, _PLATE | _BALLS)
 
-    def _plugin_step(self, law: Law, fastest: float) -> Step:
-        from hcbench.engines.pybullet.plugin import attach as contact
+    def _add_law(self, ball: int) -> None:
+        law = self.options.law
+        if law is None:
+            return
+        bowl = -self.scene.plate_radius
+        made = plugin.add(
+            law,
+            ball,
+            self.plate,
+            client=self.bullet.client,
+            cup=(bowl, 0.0, 0.0, bowl) if self.scene.form == "cup" else None,
+            speed=self._fastest,
+            compensate_gravity=True,
+        )
+        self._laws.append(made)
 
-        scene, gap = self.scene, None
-        if scene.form == "cup":
-            gap = contact.cup(scene.ball_radius, -scene.plate_radius, (0.0, 0.0, -scene.plate_radius))
-        pairs = [(self.balls[0], self.plate)]
-        attached = contact.attach(pairs, law, client=self.bullet.client, gap=gap, speed=fastest)
-        self._plugin.enter_context(attached)
-        return lambda: [sum(touch.force for touch in attached.step())]
-
-    def _own_step(self) -> Step:
-        """A step with Bullet's own contact, which returns the normal force on each ball where it must."""
+    def _step(self) -> Step:
+        """A step that returns the normal force of the contact on each ball, where it must."""
         move: Step = self.bullet.stepSimulation
         if not self.reports_force:
             return move
+        if self._laws:
+
+            def step_with_law() -> Sequence[float]:
+                move()
+                return [plugin.force(law, client=self.bullet.client) for law in self._laws]
+
+            return step_with_law
         parts = (self.options.ball, self.options.plate)
         reach = min(part.get("contactProcessingThreshold", math.inf) for part in parts)
         contacts = self.bullet.getContactPoints
@@ -206,11 +215,6 @@ class PybulletSimulation(Simulation):
                 if self._reads_position:
                     positions += place(ball)[0]
         return forces, motions, positions
-
-
-def _is_lossless(options: PybulletOptions) -> bool:
-    """Whether nothing but gravity and Bullet's own contact changes a ball's velocity."""
-    return options.law is None and options.ball.get("linearDamping") == 0.0
 
 
 def _speed_reading(options: PybulletOptions) -> SpeedReading:

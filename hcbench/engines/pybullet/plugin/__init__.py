@@ -1,1 +1,147 @@
-"""The law as a plug-in for PyBullet."""
+"""Contact laws as a plug-in of Bullet's own kind, for any script with PyBullet.
+
+    from hcbench.contact import pybullet as contact
+
+    contact.add(HuntCrossley(stiffness=3.4e10, alpha=0.315), ball, plate)
+    pybullet.stepSimulation()  # as always
+
+`add` loads the plug-in and sends it one line of text, as any script may; docs/plugins.md has the lines. The
+force laws are for steps that resolve the contact; `Restitution` and `ConstantRestitution` set e at any step.
+"""
+
+from __future__ import annotations
+
+import functools
+import struct
+from typing import TYPE_CHECKING, Any
+
+from hcbench import _compile
+from hcbench._text import shortest
+from hcbench.engines.pybullet.backend import BulletClient
+from hcbench.engines.pybullet.model import LINK_NAME
+from hcbench.errors import EngineFailed, SettingError
+from hcbench.laws.contact_law import Friction, Law, is_force, require_law, require_resolved
+from hcbench.laws.published import TouchSpeedLaw
+from hcbench.laws.restitution import ConstantRestitution, Restitution
+from hcbench.sim.names import suggest_names
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    Side = int | tuple[int, int | str]  # a body, or a body and its link by number or name
+
+_SPEED = 0.508  # m/s: 20 in/s, up to where the paper's law holds
+
+
+@functools.cache
+def library() -> Path:
+    """The plug-in's library, compiled when first asked for. CannotRun without a C compiler."""
+    return _compile.build("engines/pybullet/plugin/plugin.c", link=["-ldl"])
+
+
+def load(client: int = 0) -> int:
+    """The plug-in's number in a client, loaded if it is not yet."""
+    bullet = BulletClient(client)
+    if not bullet.isConnected():
+        raise SettingError("client", f"{client} is not connected", "the id that pybullet.connect gave")
+    number = int(bullet.loadPlugin(str(library())))
+    if number < 0:
+        raise EngineFailed("pybullet", f"does not load {library()}", "PyBullet 3.2.5 or later")
+    return number
+
+
+def command(
+    law: Law,
+    friction: Friction | float | None = None,
+    cup: Sequence[float] | None = None,
+    compensate_gravity: bool = False,
+) -> str:
+    """The text of executePluginCommand that adds a law. The rest as in `add`."""
+    require_law(law)
+    keys: dict[str, Any]
+    if isinstance(law, ConstantRestitution):
+        keys = {"constant": law.restitution}
+    elif isinstance(law, Restitution):
+        keys = {"alpha": law.alpha} | ({"reading": "linear"} if law.reading == "linear" else {})
+    else:
+        keys = {"stiffness": law.stiffness, "exponent": law.exponent}
+        if isinstance(law, TouchSpeedLaw):
+            keys |= {"law": law.family.slug, "restitution": law.restitution}
+        else:
+            keys["alpha"] = law.alpha
+    if isinstance(friction, Friction) and is_force(law):
+        keys |= {"friction": friction.static, "dynamic_friction": friction.dynamic}
+        keys["slip_speed"] = friction.slip_speed
+    elif friction is not None:
+        keys["friction"] = friction.dynamic if isinstance(friction, Friction) else friction
+    if cup is not None and is_force(law):
+        keys["cup"] = ",".join(shortest(float(part)) for part in cup)
+    if compensate_gravity and not is_force(law):
+        keys["compensate_gravity"] = "true"
+    name = "hunt_crossley" if is_force(law) else "restitution"
+    words = (
+        f"{key}={value if isinstance(value, str) else shortest(float(value))}" for key, value in keys.items()
+    )
+    return " ".join([name, *words])
+
+
+def add(
+    law: Law, first: Side, second: Side, *, client: int = 0, friction: Friction | float | None = None,
+    cup: Sequence[float] | None = None, speed: float = _SPEED, compensate_gravity: bool = False,
+) -> int:  # fmt: skip
+    """Let a law act between two bodies of a client in every step from now on; returns its number.
+
+    first, second: a body, whose base is meant, or (body, link) with the link's number or name; -2 means any.
+    friction: a coefficient, or `Friction` for a force law; the product of the bodies' own where not given.
+    cup: (radius, x, y, z) of the spherical cup that the first body, a sphere, lies in: its centre in the
+        frame of the second body's centre of mass, m. For a force law: a mesh would be less exact.
+    speed: largest approach speed expected, m/s: a step too coarse for a force law there is refused.
+    compensate_gravity: e of a restitution law is that of the speeds before and after the whole step, as far
+        as e at the impact stays below 1.
+
+    A force law takes the place of Bullet's own contact of the pair. resetSimulation ends all laws.
+    Raises SettingError for what cannot be a pair or a law, CannotRun without a C compiler.
+    """
+    text, bullet = command(law, friction, cup, compensate_gravity), BulletClient(client)
+    plugin = load(client)
+    sides = [part for side in (first, second) for part in _side(bullet, side)]
+    number = int(bullet.executePluginCommand(plugin, text, sides))
+    if number < 0:
+        said = bytes(bullet.executePluginCommand(plugin, "message")[2][:-1]).decode()
+        raise SettingError("contact law", said, "", "docs/plugins.md has the commands and their keys")
+    if is_force(law):
+        masses = [bullet.getDynamicsInfo(sides[i], max(sides[i + 1], -1))[0] for i in (0, 2)]
+        mass = 1.0 / sum(1.0 / one for one in masses if one > 0.0)
+        world = bullet.getPhysicsEngineParameters()
+        try:
+            require_resolved(law, mass, speed, world["fixedTimeStep"] / max(world["numSubSteps"], 1))
+        except SettingError:
+            remove(number, client=client)
+            raise
+    return number
+
+
+def remove(number: int, *, client: int = 0) -> None:
+    """End a law; Bullet's own contact of its pair is on again. SettingError where there is no such law."""
+    if BulletClient(client).executePluginCommand(load(client), "remove", [number]) < 0:
+        raise SettingError(f"contact law {number}", "not in this client", "a number that `add` returned")
+
+
+def force(number: int, *, client: int = 0) -> float:
+    """The normal force of a law in the last (sub)step, N, of all its contacts together."""
+    answer = BulletClient(client).executePluginCommand(load(client), "force", [number])
+    if isinstance(answer, int):
+        raise SettingError(f"contact law {number}", "not in this client", "a number that `add` returned")
+    return float(struct.unpack("d", bytes(part & 255 for part in answer[2]))[0])
+
+
+def _side(bullet: BulletClient, side: Any) -> tuple[int, int]:
+    """(body, link) as numbers; what they mean, the plug-in checks."""
+    body, link = (side, -1) if isinstance(side, int) else side
+    if isinstance(link, int):
+        return body, link
+    links = [bullet.getJointInfo(body, i)[LINK_NAME].decode() for i in range(bullet.getNumJoints(body))]
+    if link not in links:
+        raise SettingError(f"link {link!r} of body {body}", "not there", *suggest_names(link, links))
+    return body, links.index(link)

@@ -1,0 +1,311 @@
+/* Bodies of a client: masses, states, and what a force at a point of a link does to all of its body's freedoms.
+   Bullet's own mass matrix and Jacobian are not used: they are wrong for spherical joints and for axes that are no
+   unit vectors, and need link frames, which the client has in single precision. */
+
+typedef struct {
+  b3DynamicsInfo info;
+  int parent, joint;
+  double axis[3], pivot[3]; /* of its joint, in the frame of its centre of mass */
+  double pose[7], motion[6]; /* position, quaternion; velocity, angular velocity */
+} link_state;
+
+typedef struct {
+  int id, links, stale, freedoms, is_tree, placed; /* no freedoms: it cannot move; placed: its position matters */
+  long tick;
+  link_state *base, *link; /* base = link - 1 */
+  /* of a tree: each freedom's link, and its twist (angular velocity, velocity at the origin) */
+  int owner[DOFS + 6];
+  double twist_w[DOFS + 6][3], twist_v[DOFS + 6][3], *inverse_mass, falling[DOFS + 6];
+} body;
+
+typedef struct { /* what one step pushed, for the substeps that come after */
+  int body, link;
+  double arm[3], force[3];
+} pushed;
+
+typedef struct block {
+  struct block* next;
+  size_t used, room;
+  double data[];
+} block;
+
+typedef struct {
+  void *client, *server, *status;
+  b3State* state;
+  body** bodies;
+  struct law* laws;
+  pushed* pushes;
+  block* memory;
+  struct contact* contacts;
+  int body_count, law_count, next_id, push_count, push_room, contact_room, is_substep, substeps;
+  long tick;
+  double h, gravity[3];
+  char message[1024];
+} world;
+
+static double dot(const double* a, const double* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+static void cross(const double* a, const double* b, double* out) {
+  double x = a[1] * b[2] - a[2] * b[1], y = a[2] * b[0] - a[0] * b[2], z = a[0] * b[1] - a[1] * b[0];
+  out[0] = x, out[1] = y, out[2] = z;
+}
+
+/* By a unit quaternion (x, y, z, w); by its inverse for way -1. */
+static void rotate(const double* q, const double* v, int way, double* out) {
+  double twice[3], again[3];
+  cross(q, v, twice);
+  for (int i = 0; i < 3; i++) twice[i] *= 2 * way;
+  cross(q, twice, again);
+  for (int i = 0; i < 3; i++) out[i] = v[i] + q[3] * twice[i] + way * again[i];
+}
+
+static double* take(world* w, size_t count) { /* until the tick's end */
+  if (!w->memory || w->memory->room - w->memory->used < count) {
+    size_t room = count > 1 << 15 ? count : 1 << 15;
+    block* made = malloc(sizeof(block) + room * sizeof(double));
+    *made = (block){w->memory, 0, room};
+    w->memory = made;
+  }
+  w->memory->used += count;
+  return w->memory->data + w->memory->used - count;
+}
+
+static void free_taken(world* w) {
+  while (w->memory && w->memory->next) {
+    block* next = w->memory->next;
+    free(w->memory);
+    w->memory = next;
+  }
+  if (w->memory) w->memory->used = 0;
+}
+
+static void* send(const world* w, void* command) { return b3SubmitClientCommandAndWaitStatus(w->client, command); }
+
+/* The state of a body into w->state: past Bullet's client, which would copy 30 kB of it twice. */
+static int request_state(world* w, const body* b) {
+  typedef unsigned char (*process)(void*, const void*, void*, char*, int);
+  void* command = b3RequestActualStateCommandInit(w->client, b->id);
+  b3RequestActualStateCommandComputeLinkVelocity(command, b->links > 0);
+  b3RequestActualStateCommandComputeForwardKinematics(command, b->links > 0);
+  (*(process**)w->server)[PROCESS_COMMAND](w->server, command, w->status, (char*)w->state, sizeof(b3State));
+  return b3GetStatusType(w->status) == STATE_COMPLETED;
+}
+
+/* Masses and joints. 0 if there is no such body, or one of more links than Bullet reports. */
+static int read_body(world* w, body* b) {
+  b3JointInfo joint;
+  b->links = b3GetNumJoints(w->client, b->id);
+  free(b->base);
+  b->base = calloc(b->links + 1, sizeof(link_state));
+  b->link = b->base + 1;
+  b->is_tree = 0;
+  for (int i = -1; i < b->links; i++) {
+    link_state* l = b->link + i;
+    double back[3];
+    if (!b3GetDynamicsInfo(send(w, b3GetDynamicsInfoCommandInit(w->client, b->id, i)), &l->info)) return 0;
+    if (i < 0) continue;
+    b3GetJointInfo(w->client, b->id, i, &joint);
+    l->joint = joint.type;
+    l->parent = joint.parent;
+    memcpy(l->axis, joint.axis, sizeof(l->axis));
+    for (int k = 0; k < 3; k++) back[k] = -l->info.frame[k];
+    rotate(l->info.frame + 3, back, -1, l->pivot);
+    b->is_tree |= joint.type != FIXED || b->base->info.mass > 0;
+  }
+  b->freedoms = b->base->info.mass > 0 && !b->base->info.dynamic_type ? 6 : 0;
+  for (int i = 0; i < 6; i++) b->owner[i] = -1;
+  for (int i = 0; i < b->links && b->links < DOFS; i++) {
+    int many = b->link[i].joint == FIXED ? 0 : b->link[i].joint < SPHERICAL ? 1 : 3;
+    for (int k = 0; k < many && b->freedoms < DOFS + 6; k++) b->owner[b->freedoms++] = i;
+  }
+  free(b->inverse_mass);
+  b->inverse_mass = b->is_tree ? calloc((size_t)b->freedoms * b->freedoms + 1, sizeof(double)) : NULL;
+  b->stale = 0;
+  return b->links < DOFS;
+}
+
+/* A body by its id, read when it is first asked for and after its masses have changed; NULL if there is none. */
+static body* body_of(world* w, int id) {
+  body* found = NULL;
+  for (int i = 0; i < w->body_count && !found; i++) {
+    if (w->bodies[i]->id == id) found = w->bodies[i];
+  }
+  if (!found) {
+    send(w, b3InitRequestBodyInfoCommand(w->client, id));
+    found = calloc(1, sizeof(body));
+    *found = (body){.id = id, .stale = 1, .tick = -1};
+    w->bodies = realloc(w->bodies, (w->body_count + 1) * sizeof(body*));
+    w->bodies[w->body_count++] = found;
+  }
+  return found->stale && !read_body(w, found) ? NULL : found;
+}
+
+static void forget_bodies(world* w) {
+  for (int i = 0; i < w->body_count; i++) {
+    free(w->bodies[i]->base);
+    free(w->bodies[i]->inverse_mass);
+    free(w->bodies[i]);
+  }
+  w->body_count = 0;
+}
+
+static int carries(const body* b, int owner, int link) {
+  while (link > owner) link = b->link[link].parent; /* a parent has the smaller number */
+  return link == owner || owner < 0;
+}
+
+static void set_twist(body* b, int k, const double* axis, const double* through, int turns) {
+  memcpy(turns ? b->twist_w[k] : b->twist_v[k], axis, 3 * sizeof(double));
+  if (turns) cross(through, axis, b->twist_v[k]);
+  if (!turns) memset(b->twist_w[k], 0, 3 * sizeof(double));
+}
+
+static void set_twists(body* b) {
+  static const double unit[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  int k = 0;
+  for (; k < b->freedoms && b->owner[k] < 0; k++) set_twist(b, k, unit[k % 3], b->base->pose, k < 3);
+  while (k < b->freedoms) {
+    const link_state* l = b->link + b->owner[k];
+    double where[3], axis[3];
+    rotate(l->pose + 3, l->pivot, 1, where);
+    for (int i = 0; i < 3; i++) where[i] += l->pose[i];
+    rotate(l->pose + 3, l->axis, 1, axis);
+    if (l->joint < SPHERICAL) {
+      set_twist(b, k++, axis, where, l->joint == REVOLUTE);
+    } else {
+      for (int i = 0; i < 3; i++) set_twist(b, k++, unit[i], where, 1);
+    }
+  }
+}
+
+/* The inverse of a symmetric positive matrix in its place; a freedom without inertia does not move. */
+static void invert(double* a, int n) {
+  for (int k = 0; k < n; k++) {
+    double pivot = a[k * n + k] > 0 ? 1 / a[k * n + k] : 0;
+    a[k * n + k] = 1;
+    for (int j = 0; j < n; j++) a[k * n + j] *= pivot;
+    for (int i = 0; i < n; i++) {
+      if (i == k) continue;
+      double factor = a[i * n + k];
+      a[i * n + k] = 0;
+      for (int j = 0; j < n; j++) a[i * n + j] -= factor * a[k * n + j];
+    }
+  }
+}
+
+/* M = sum of m Jv^T Jv + Jw^T I Jw over the links, inverted, and what gravity does. */
+static void read_tree(world* w, body* b) {
+  int n = b->freedoms;
+  double force[DOFS + 6] = {0}, J[DOFS + 6][6];
+  set_twists(b);
+  memset(b->inverse_mass, 0, (size_t)n * n * sizeof(double));
+  for (int l = -1; l < b->links; l++) {
+    const link_state* one = b->link + l;
+    for (int k = 0; k < n; k++) {
+      memset(J[k], 0, sizeof(J[k]));
+      if (!carries(b, b->owner[k], l)) continue;
+      cross(b->twist_w[k], one->pose, J[k]);
+      for (int i = 0; i < 3; i++) J[k][i] += b->twist_v[k][i];
+      rotate(one->pose + 3, b->twist_w[k], -1, J[k] + 3);
+      force[k] += one->info.mass * dot(J[k], w->gravity);
+      for (int j = 0; j <= k; j++) {
+        double sum = one->info.mass * dot(J[j], J[k]);
+        for (int i = 0; i < 3; i++) sum += one->info.inertia[i] * J[j][3 + i] * J[k][3 + i];
+        b->inverse_mass[k * n + j] += sum;
+        if (j != k) b->inverse_mass[j * n + k] += sum;
+      }
+    }
+  }
+  invert(b->inverse_mass, n);
+  for (int k = 0; k < n; k++) {
+    b->falling[k] = 0;
+    for (int j = 0; j < n; j++) b->falling[k] += b->inverse_mass[k * n + j] * force[j];
+  }
+}
+
+/* A body with its state at this tick; NULL if it is gone. */
+static body* refreshed(world* w, int id) {
+  body* b = body_of(w, id);
+  if (!b || b->tick == w->tick || (b->freedoms == 0 && !b->placed)) return b;
+  if (!request_state(w, b)) return NULL;
+  memcpy(b->base->pose, w->state->q, sizeof(b->base->pose));
+  memcpy(b->base->motion, w->state->qdot, sizeof(b->base->motion));
+  for (int i = 0; i < b->links; i++) {
+    memcpy(b->link[i].pose, w->state->link[i], sizeof(b->base->pose));
+    memcpy(b->link[i].motion, w->state->velocity[i], sizeof(b->base->motion));
+  }
+  if (b->is_tree) read_tree(w, b);
+  if (!b->is_tree) memcpy(b->falling, w->gravity, sizeof(w->gravity));
+  b->tick = w->tick;
+  return b;
+}
+
+static void velocity_at(const body* b, int link, const double* point, double* out) {
+  const link_state* l = b->link + link;
+  double arm[3] = {point[0] - l->pose[0], point[1] - l->pose[1], point[2] - l->pose[2]};
+  cross(l->motion + 3, arm, out);
+  for (int i = 0; i < 3; i++) out[i] += l->motion[i];
+}
+
+/* The row of the Jacobian of a point's velocity along a direction, times `sign`; and M^-1 times it. */
+static void make_row(const body* b, int link, const double* point, const double* direction, double sign, double* row,
+                     double* solved) {
+  const link_state* l = b->link + link;
+  int n = b->freedoms;
+  double moment[3], arm[3] = {point[0] - l->pose[0], point[1] - l->pose[1], point[2] - l->pose[2]};
+  if (!b->is_tree && n) {
+    cross(arm, direction, moment);
+    rotate(l->pose + 3, moment, -1, row + 3);
+    for (int i = 0; i < 3; i++) {
+      row[i] = sign * direction[i];
+      row[3 + i] *= sign;
+      solved[i] = row[i] / l->info.mass;
+      solved[3 + i] = l->info.inertia[i] > 0 ? row[3 + i] / l->info.inertia[i] : 0;
+    }
+    return;
+  }
+  cross(point, direction, moment);
+  for (int k = 0; k < n; k++) {
+    row[k] = carries(b, b->owner[k], link) ? sign * (dot(b->twist_v[k], direction) + dot(b->twist_w[k], moment)) : 0;
+  }
+  for (int k = 0; k < n; k++) {
+    solved[k] = 0;
+    for (int j = 0; j < n; j++) solved[k] += b->inverse_mass[k * n + j] * row[j];
+  }
+}
+
+static void apply(const world* w, int id, int link, const double* force, const double* point) {
+  void* command = b3ApplyExternalForceCommandInit(w->client);
+  b3ApplyExternalForce(command, id, link, force, point, WORLD_FRAME);
+  send(w, command);
+}
+
+/* A force for the (sub)step that comes next. */
+static void push(world* w, const body* b, int link, const double* point, const double* force) {
+  if (b->freedoms == 0) return;
+  apply(w, b->id, link, force, point);
+  if (w->substeps < 2) return;
+  if (w->push_count == w->push_room) {
+    w->push_room = 2 * w->push_room + 16;
+    w->pushes = realloc(w->pushes, w->push_room * sizeof(pushed));
+  }
+  pushed* made = w->pushes + w->push_count++;
+  *made = (pushed){.body = b->id, .link = link};
+  for (int i = 0; i < 3; i++) made->arm[i] = point[i] - b->link[link].pose[i];
+  memcpy(made->force, force, sizeof(made->force));
+}
+
+/* Bullet keeps external forces over all substeps of a step: take back those of the substep before. */
+static void take_back(world* w) {
+  for (int k = 0; k < w->push_count && w->is_substep; k++) {
+    const pushed* p = w->pushes + k;
+    const body* b = refreshed(w, p->body);
+    double point[3], back[3];
+    for (int i = 0; b && i < 3; i++) {
+      point[i] = b->link[p->link].pose[i] + p->arm[i];
+      back[i] = -p->force[i];
+    }
+    if (b) apply(w, p->body, p->link, back, point);
+  }
+  w->push_count = 0;
+}

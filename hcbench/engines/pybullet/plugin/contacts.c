@@ -1,0 +1,137 @@
+/* Pairs that a law is for, where they touch, and what a force there does. */
+
+enum { CUP = 100, ANY = -2 }; /* a shape, beside SPHERE and PLANE; any link */
+
+typedef struct law {
+  int id, is_force, body[2], link[2]; /* link -2: any */
+  hcb_law motion;                     /* of a force law, but for the mass; kappa: the stiffness */
+  hcb_contact impact;                 /* of a restitution law */
+  double friction, dynamic_friction, slip_speed; /* friction below 0: the product of the bodies' own */
+  int compensate, warned, shape[2];   /* shape: SPHERE, PLANE or CUP where the distance is worked out here, else 0 */
+  double radius[2], axis[3], size[2]; /* axis: a plane's normal or a cup's centre, in its body; size: of what turns */
+  double force;                       /* normal force of the last step, N */
+} law;
+
+typedef struct contact {
+  law* of;
+  body* body[2];
+  int link[2];
+  double at[3], frame[3][3], distance, rate[3]; /* the normal points at the first body; rate > 0 parts */
+  double *row[2][3], *solved[2][3], inverse_mass, fall, weight;
+} contact;
+
+static double sign_of(int side) { return side ? -1 : 1; }
+
+static int moves(const contact* c, int side) { return c->body[side]->freedoms > 0; }
+
+/* Relative acceleration along one row by a unit force along another, 1/kg. */
+static double coupling(const contact* a, int i, const contact* b, int j) {
+  double sum = 0;
+  for (int s = 0; s < 4; s++) {
+    if (a->body[s / 2] != b->body[s % 2]) continue;
+    const double *row = a->row[s / 2][i], *solved = b->solved[s % 2][j];
+    for (int k = 0; k < a->body[s / 2]->freedoms; k++) sum += row[k] * solved[k];
+  }
+  return sum;
+}
+
+static void add_rows(world* w, contact* c, int first, int count) {
+  for (int side = 0; side < 2; side++) {
+    int n = c->body[side]->freedoms;
+    for (int k = first; k < first + count; k++) {
+      c->row[side][k] = take(w, 2 * (size_t)n);
+      c->solved[side][k] = c->row[side][k] + n;
+      make_row(c->body[side], c->link[side], c->at, c->frame[k], sign_of(side), c->row[side][k], c->solved[side][k]);
+    }
+  }
+}
+
+/* Rates along the normal and two tangents, the normal's row, and what gravity does; c has bodies, points, normal. */
+static void complete(world* w, contact* c) {
+  double *n = c->frame[0], *t = c->frame[1], slip[3] = {0, 0, 0}, size;
+  int axis = fabs(n[0]) < 0.6 ? 0 : 1;
+  for (int i = 0; i < 3; i++) t[i] = (i == axis) - n[axis] * n[i];
+  size = sqrt(dot(t, t));
+  for (int i = 0; i < 3; i++) t[i] /= size;
+  cross(n, t, c->frame[2]);
+  c->weight = c->fall = 0;
+  add_rows(w, c, 0, 1);
+  for (int side = 0; side < 2; side++) {
+    double v[3];
+    if (!moves(c, side)) continue;
+    velocity_at(c->body[side], c->link[side], c->at, v);
+    for (int i = 0; i < 3; i++) slip[i] += sign_of(side) * v[i];
+    c->weight = fmax(c->weight, -sign_of(side) * dot(w->gravity, n));
+    for (int k = 0; k < c->body[side]->freedoms; k++) c->fall -= c->row[side][0][k] * c->body[side]->falling[k];
+  }
+  for (int k = 0; k < 3; k++) c->rate[k] = dot(slip, c->frame[k]);
+  c->inverse_mass = coupling(c, 0, c, 0);
+}
+
+static double friction_of(const contact* c) {
+  double own = c->body[0]->link[c->link[0]].info.friction * c->body[1]->link[c->link[1]].info.friction;
+  return c->of->friction >= 0 ? c->of->friction : own;
+}
+
+/* A force on the first body, and its opposite on the second. */
+static void push_both(world* w, const contact* c, const double* force) {
+  double back[3] = {-force[0], -force[1], -force[2]};
+  push(w, c->body[0], c->link[0], c->at, force);
+  push(w, c->body[1], c->link[1], c->at, back);
+}
+
+static contact* room_for(world* w, int count) {
+  if (count > w->contact_room) {
+    w->contact_room = 2 * count;
+    w->contacts = realloc(w->contacts, w->contact_room * sizeof(contact));
+  }
+  return w->contacts;
+}
+
+/* A point that Bullet, or `exact_point`, found; both forces act in one place, on the surface of the body that moves. */
+static int set_contact(world* w, law* of, const b3Contact* p, contact* c) {
+  c->of = of;
+  c->distance = p->distance;
+  memcpy(c->frame[0], p->normal, sizeof(p->normal));
+  for (int side = 0; side < 2; side++) {
+    c->link[side] = p->link[side];
+    if (!(c->body[side] = refreshed(w, p->body[side]))) return 0;
+  }
+  double share = moves(c, 0) ? moves(c, 1) ? 0.5 : 1 : 0;
+  for (int i = 0; i < 3; i++) c->at[i] = share * p->on[0][i] + (1 - share) * p->on[1][i];
+  complete(w, c);
+  return isfinite(c->distance) && isfinite(c->rate[0]) && c->inverse_mass > 0;
+}
+
+/* Distance, points and normal of a sphere and a plane, a sphere, or the cup that it lies in. */
+static int exact_point(world* w, const law* l, b3Contact* p) {
+  int ball = l->shape[0] == SPHERE ? 0 : 1, other = !ball;
+  double away[3], centre[3], n[3], distance, size;
+  const body* b[2];
+  for (int side = 0; side < 2; side++) {
+    p->body[side] = l->body[side];
+    p->link[side] = l->link[side];
+    if (!(b[side] = refreshed(w, l->body[side]))) return 0;
+  }
+  const double *at = b[ball]->link[l->link[ball]].pose, *pose = b[other]->link[l->link[other]].pose;
+  if (l->shape[other] != SPHERE) rotate(pose + 3, l->axis, 1, n);
+  for (int i = 0; i < 3; i++) {
+    centre[i] = pose[i] + (l->shape[other] == CUP ? n[i] : 0);
+    away[i] = at[i] - centre[i];
+  }
+  size = sqrt(dot(away, away));
+  if (l->shape[other] == PLANE) {
+    distance = dot(away, n) - l->radius[ball];
+  } else {
+    int inside = l->shape[other] == CUP ? -1 : 1;
+    distance = inside * (size - l->radius[other]) - l->radius[ball];
+    for (int i = 0; i < 3; i++) n[i] = size > 0 ? inside * away[i] / size : i == 2;
+  }
+  p->distance = distance;
+  for (int i = 0; i < 3; i++) {
+    p->normal[i] = ball ? -n[i] : n[i];
+    p->on[ball][i] = at[i] - l->radius[ball] * n[i];
+    p->on[other][i] = p->on[ball][i] - distance * n[i];
+  }
+  return 1;
+}

@@ -1,0 +1,321 @@
+/* A plug-in of Bullet's own kind, for any script:
+
+     plugin = pybullet.loadPlugin(path)
+     pybullet.executePluginCommand(plugin, "hunt_crossley stiffness=3.4e10 alpha=0.315", [ball, -1, plate, -1])
+     pybullet.executePluginCommand(plugin, "restitution alpha=0.315", [ball, -1, plate, -1])
+
+   returns the law's number, or -1 with a message on stderr; docs/plugins.md lists the commands and their keys. Laws act
+   before each (sub)step, by external forces; each client has its own. resetSimulation ends them all, as ids mean other
+   bodies then. Text, because Bullet hands numbers over in single precision. Never unload: Bullet's next loadPlugin
+   would crash; `remove` ends a law. */
+
+#include "bullet.c"
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "../../../laws/friction.c"
+#include "../../../laws/impacts.c"
+#include "../../../laws/published.c"
+
+#include "bodies.c"
+#include "contacts.c"
+
+#include "force.c"
+#include "restitution.c"
+
+static int fail(world* w, const char* format, ...) {
+  va_list values;
+  va_start(values, format);
+  vsnprintf(w->message, sizeof(w->message), format, values);
+  va_end(values);
+  fprintf(stderr, "hcbench: %s\n", w->message);
+  return 0;
+}
+
+static int is_key(const char* known, const char* key, size_t length) {
+  for (; *known; known += strcspn(known, " ") + (known[strcspn(known, " ")] == ' ')) {
+    if (strcspn(known, " ") == length && !strncmp(known, key, length)) return 1;
+  }
+  return 0;
+}
+
+/* The value of `key` in "name key=value key=value"; its length, 0 if it is not there. */
+static size_t value_of(const char* text, const char* key, const char** value) {
+  size_t length = strlen(key);
+  for (const char* at = strchr(text, ' '); at; at = strchr(at + 1, ' ')) {
+    if (strncmp(at + 1, key, length) || at[1 + length] != '=') continue;
+    *value = at + 2 + length;
+    return strcspn(*value, " ");
+  }
+  return 0;
+}
+
+static int check_keys(world* w, const char* text, const char* known) {
+  for (const char* at = strchr(text, ' '); at; at = strchr(at + 1, ' ')) {
+    size_t length = strcspn(at + 1, "= ");
+    if (length == 0 && (at[1] == ' ' || !at[1])) continue;
+    if (at[1 + length] != '=') return fail(w, "\"%s\": needs key=value after \"%.*s\"", text, (int)length, at + 1);
+    if (!is_key(known, at + 1, length)) return fail(w, "no key \"%.*s\", only: %s", (int)length, at + 1, known);
+  }
+  return 1;
+}
+
+/* The number under `key`, of low ... high; NAN for `otherwise` where it must be given. */
+static int read_number(world* w, const char* text, const char* key, double otherwise, double low, double high, double* out) {
+  const char* value = "";
+  char* end;
+  size_t length = value_of(text, key, &value);
+  *out = otherwise;
+  if (!length) return !isnan(otherwise) || fail(w, "\"%s\": %s= is missing", text, key);
+  *out = strtod(value, &end);
+  if (end != value + length) return fail(w, "%s=%.*s: no number", key, (int)length, value);
+  return (*out >= low && *out <= high) || fail(w, "%s=%g: needs %g ... %g", key, *out, low, high);
+}
+
+static int is_value(const char* text, const char* key, const char* value) {
+  const char* found;
+  size_t length = value_of(text, key, &found);
+  return length == strlen(value) && !strncmp(found, value, length);
+}
+
+static int read_force(world* w, const char* text, law* l) {
+  const char* name;
+  size_t length = value_of(text, "law", &name);
+  double alpha, e;
+  hcb_law* motion = &l->motion;
+  if (!check_keys(w, text, "stiffness exponent alpha law restitution friction dynamic_friction slip_speed cup")) return 0;
+  if (!read_number(w, text, "stiffness", NAN, 0, INFINITY, &motion->kappa)) return 0;
+  if (!read_number(w, text, "exponent", 1.5, 1, 100, &motion->n)) return 0;
+  if (!read_number(w, text, "alpha", length ? -1 : NAN, 0, INFINITY, &alpha)) return 0;
+  if (!read_number(w, text, "restitution", length ? NAN : -1, 0, 1, &e)) return 0;
+  if (length ? alpha >= 0 : e >= 0) return fail(w, "\"%s\": needs alpha=, or law= and restitution=", text);
+  if (!read_number(w, text, "friction", -1, 0, INFINITY, &l->friction)) return 0;
+  if (!read_number(w, text, "dynamic_friction", -1, 0, INFINITY, &l->dynamic_friction)) return 0;
+  if (!read_number(w, text, "slip_speed", 1e-3, 1e-300, INFINITY, &l->slip_speed)) return 0;
+  motion->a = 1.5 * alpha;
+  motion->e = 1;
+  if (length) {
+    char slug[64];
+    snprintf(slug, sizeof(slug), "%.*s", (int)length, name);
+    motion->a = 0;
+    motion->chi = hcb_chi(slug, e);
+    if (isnan(motion->chi)) return fail(w, "there is no law \"%s\", only: %s", slug, HCB_PUBLISHED);
+    if (isinf(motion->chi)) return fail(w, "restitution=%g: the law \"%s\" needs one above 0", e, slug);
+    motion->e = hcb_restitution(motion->chi);
+  }
+  return 1;
+}
+
+static int read_restitution(world* w, const char* text, law* l) {
+  double alpha, e;
+  if (!check_keys(w, text, "alpha constant reading friction compensate_gravity")) return 0;
+  if (!read_number(w, text, "alpha", -1, 0, INFINITY, &alpha)) return 0;
+  if (!read_number(w, text, "constant", -1, 0, 1, &e)) return 0;
+  if (!read_number(w, text, "friction", -1, 0, INFINITY, &l->friction)) return 0;
+  if ((alpha >= 0) == (e >= 0)) return fail(w, "\"%s\": needs either alpha= or constant=", text);
+  const char* reading = "law";
+  size_t length = value_of(text, "reading", &reading);
+  int linear = is_value(text, "reading", "linear");
+  if (length && !linear && !is_value(text, "reading", "law")) {
+    return fail(w, "reading=%.*s: needs law or linear", (int)length, reading);
+  }
+  l->impact.kind = e >= 0 ? HCB_CONSTANT : linear ? HCB_LINEAR : HCB_LAW;
+  l->impact.value = e >= 0 ? e : alpha;
+  l->compensate = is_value(text, "compensate_gravity", "true");
+  return 1;
+}
+
+/* A single sphere or plane in the middle of its link: what `exact_point` can do. */
+static int simple_shape(world* w, law* l, int side) {
+  b3Shapes found = {0, NULL};
+  if (l->link[side] == ANY || body_of(w, l->body[side])->base->info.type != MULTI_BODY) return 0; /* Bullet tells no others */
+  send(w, b3InitRequestCollisionShapeInformation(w->client, l->body[side], l->link[side]));
+  b3GetCollisionShapeInformation(w->client, &found);
+  if (found.count != 1) return 0;
+  const b3Shape* s = found.shapes;
+  if (dot(s->frame, s->frame) > 0 || fabs(s->frame[6]) < 1) return 0;
+  l->radius[side] = s->size[0];
+  if (s->type == PLANE) memcpy(l->axis, s->size, sizeof(l->axis));
+  return s->type == SPHERE || s->type == PLANE ? s->type : 0;
+}
+
+static int read_shapes(world* w, const char* text, law* l) {
+  double *c = l->axis, radius;
+  const char* given;
+  int used = 0;
+  for (int side = 0; side < 2; side++) l->shape[side] = simple_shape(w, l, side);
+  if (value_of(text, "cup", &given)) {
+    if (sscanf(given, "%lf,%lf,%lf,%lf%n", &radius, c, c + 1, c + 2, &used) < 4 || (given[used] && given[used] != ' ')) {
+      return fail(w, "cup=: needs radius,x,y,z: the cup's radius and its centre in the frame of the second body, m");
+    }
+    if (l->shape[0] != SPHERE || radius <= l->radius[0]) return fail(w, "cup=: the first body must be a smaller sphere");
+    l->radius[1] = radius;
+    l->shape[1] = CUP;
+  } else if (!l->shape[0] || !l->shape[1] || (l->shape[0] == PLANE && l->shape[1] == PLANE)) {
+    l->shape[0] = l->shape[1] = 0;
+  }
+  for (int side = 0; side < 2; side++) { /* of what Bullet finds */
+    double low[3], high[3];
+    if (l->shape[0]) body_of(w, l->body[side])->placed = 1;
+    b3GetStatusAABB(send(w, b3RequestCollisionInfoCommandInit(w->client, l->body[side])), -1, low, high);
+    for (int i = 0; i < 3; i++) low[i] -= high[i];
+    l->size[side] = sqrt(dot(low, low));
+  }
+  return 1;
+}
+
+static void collide(world* w, const law* l, int enable) {
+  for (int k = 0; l->is_force && k < 2; k++) {
+    if (!body_of(w, l->body[k])) return;
+  }
+  for (int i = -1; l->is_force && i < body_of(w, l->body[0])->links; i++) {
+    for (int j = -1; j < body_of(w, l->body[1])->links; j++) {
+      if ((l->link[0] != ANY && l->link[0] != i) || (l->link[1] != ANY && l->link[1] != j)) continue;
+      void* command = b3CollisionFilterCommandInit(w->client);
+      b3SetCollisionFilterPair(command, l->body[0], l->body[1], i, j, enable);
+      send(w, command);
+    }
+  }
+}
+
+static int read_pair(world* w, const b3Arguments* given, law* l) {
+  body* b[2];
+  if (given->ints != 4) return fail(w, "%d integers, needs four: body, link, body, link (-1: base, -2: any)", given->ints);
+  for (int side = 0; side < 2; side++) {
+    l->body[side] = given->value[2 * side];
+    l->link[side] = given->value[2 * side + 1];
+    if (!(b[side] = body_of(w, l->body[side]))) return fail(w, "no body %d", l->body[side]);
+    if (l->link[side] < ANY || l->link[side] >= b[side]->links) {
+      return fail(w, "body %d has no link %d", l->body[side], l->link[side]);
+    }
+    for (int i = 0; i < b[side]->links; i++) {
+      if (b[side]->link[i].joint == PLANAR) return fail(w, "body %d has a planar joint, whose axis Bullet does not tell", b[side]->id);
+    }
+  }
+  if (b[0] == b[1] && l->link[0] == l->link[1]) return fail(w, "body %d is given twice", b[0]->id);
+  if (!b[0]->freedoms && !b[1]->freedoms) return fail(w, "neither body %d nor body %d can move", b[0]->id, b[1]->id);
+  for (int i = 0; i < w->law_count; i++) {
+    const law* other = w->laws + i;
+    int same = !memcmp(other->body, l->body, sizeof(l->body)) && !memcmp(other->link, l->link, sizeof(l->link));
+    int swapped = other->body[0] == l->body[1] && other->body[1] == l->body[0];
+    swapped = swapped && other->link[0] == l->link[1] && other->link[1] == l->link[0];
+    if (same || swapped) return fail(w, "bodies %d and %d have law %d: remove it first", b[0]->id, b[1]->id, other->id);
+  }
+  return 1;
+}
+
+static int add_law(world* w, const b3Arguments* given, int is_force) {
+  law l = {.id = w->next_id, .is_force = is_force};
+  if (!read_pair(w, given, &l) || !(is_force ? read_force : read_restitution)(w, given->text, &l)) return -1;
+  if (is_force && !read_shapes(w, given->text, &l)) return -1;
+  collide(w, &l, 0);
+  w->laws = realloc(w->laws, (w->law_count + 1) * sizeof(law));
+  w->laws[w->law_count++] = l;
+  return w->next_id++;
+}
+
+static void drop(world* w, int i) { memmove(w->laws + i, w->laws + i + 1, (--w->law_count - i) * sizeof(law)); }
+
+static int number_of(world* w, const b3Arguments* given) {
+  for (int i = 0; given->ints == 1 && i < w->law_count; i++) {
+    if (w->laws[i].id == given->value[0]) return i;
+  }
+  fail(w, "\"%s\": needs the number of a law of this client", given->text);
+  return -1;
+}
+
+int initPlugin(b3Context* context) {
+  const char* missing = find_functions(__builtin_return_address(0));
+  if (missing) {
+    fprintf(stderr, "hcbench: this Bullet has no %s\n", missing);
+    return 0;
+  }
+  world* w = calloc(1, sizeof(world));
+  w->client = context->client;
+  w->server = context->server;
+  w->status = calloc(1, 1 << 20);
+  w->state = calloc(1, sizeof(b3State));
+  context->user = w;
+  return PROTOCOL;
+}
+
+void exitPlugin(b3Context* context) {
+  world* w = context->user;
+  if (!w) return;
+  forget_bodies(w);
+  free_taken(w);
+  free(w->memory);
+  free(w->contacts);
+  free(w->pushes);
+  free(w->bodies);
+  free(w->laws);
+  free(w->status);
+  free(w->state);
+  free(w);
+  context->user = NULL;
+}
+
+/* Returns a law's number, 0, or -1; `force` and `message` bring data along. */
+int executePluginCommand(b3Context* context, const b3Arguments* given) {
+  static const char* const known[] = {"hunt_crossley", "restitution", "remove", "force", "message"};
+  world* w = context->user;
+  static _Thread_local b3Data data;
+  size_t length = strcspn(given->text, " ");
+  int which = 0;
+  while (which < 5 && (strlen(known[which]) != length || strncmp(known[which], given->text, length))) which++;
+  if (which < 2) return add_law(w, given, which == 0);
+  if (which == 4) {
+    data = (b3Data){1, strlen(w->message) + 1, w->message};
+    context->data = &data;
+    return 0;
+  }
+  int i = which < 5 ? number_of(w, given) : fail(w, "no command \"%.*s\", only: hunt_crossley, restitution, remove, force, message", (int)length, given->text) - 1;
+  if (i < 0) return -1;
+  if (which == 2) {
+    collide(w, w->laws + i, 1);
+    drop(w, i);
+  } else {
+    data = (b3Data){0, sizeof(double), (const char*)&w->laws[i].force};
+    context->data = &data;
+  }
+  return 0;
+}
+
+int preTickPluginCallback(b3Context* context) {
+  world* w = context->user;
+  b3Parameters now;
+  if (!w || w->law_count == 0) return 0;
+  b3GetStatusPhysicsSimulationParameters(send(w, b3InitRequestPhysicsParamCommand(w->client)), &now);
+  w->substeps = now.substeps;
+  w->h = now.time_step / (now.substeps > 1 ? now.substeps : 1);
+  memcpy(w->gravity, now.gravity, sizeof(w->gravity));
+  w->tick++;
+  free_taken(w);
+  for (int i = 0; i < w->law_count; i++) w->laws[i].force = 0;
+  take_back(w);
+  add_forces(w);
+  add_impacts(w);
+  w->is_substep = 1;
+  return 0;
+}
+
+/* Bullet tells of these after each command, before the next. */
+int processNotifications(b3Context* context) {
+  world* w = context->user;
+  for (int k = 0; w && k < context->count; k++) {
+    const b3Notification* n = context->notifications + k;
+    if (n->type == SIMULATION_STEPPED) w->is_substep = 0;
+    if (n->type == SIMULATION_RESET) w->law_count = 0, forget_bodies(w);
+    if (n->type != BODY_REMOVED && n->type != LINK_DYNAMICS_CHANGED) continue;
+    for (int i = w->law_count - 1; n->type == BODY_REMOVED && i >= 0; i--) {
+      if (w->laws[i].body[0] == n->of.body || w->laws[i].body[1] == n->of.body) drop(w, i);
+    }
+    for (int i = 0; i < w->body_count; i++) {
+      if (w->bodies[i]->id == n->of.body) w->bodies[i]->stale = 1;
+    }
+  }
+  return 0;
+}

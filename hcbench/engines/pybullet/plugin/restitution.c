@@ -1,0 +1,95 @@
+/* restitution: impacts are worked out from the velocities at the start of the (sub)step, all at once (impacts.c), and
+   enter as forces over it. Bullet's own contact, with its restitution 0, then lets rest what is left without approach.
+
+   Bullet stops what would touch within the step, before it touches, so that is when it collides here: a contact at a
+   distance d that approaches faster than d/h, gravity of the step included. */
+
+#define HCB_STILL 1.1 /* steps of falling whose speed counts as rest */
+#define HCB_NEAR 4    /* contacts farther than so many steps of the fastest one have no part in what happens */
+
+static law* law_of(const world* w, const b3Contact* p) {
+  for (int i = 0; i < w->law_count; i++) {
+    law* l = w->laws + i;
+    for (int s = 0; s < 2 && !l->is_force; s++) {
+      int fits = l->body[s] == p->body[0] && l->body[!s] == p->body[1];
+      fits = fits && (l->link[s] == ANY || l->link[s] == p->link[0]);
+      if (fits && (l->link[!s] == ANY || l->link[!s] == p->link[1])) return l;
+    }
+  }
+  return NULL;
+}
+
+/* Bullet's contacts of pairs that have a law, at the present positions. */
+static int find_contacts(world* w, int laws, const law* only) {
+  b3Contacts found;
+  int count = 0;
+  send(w, b3InitPerformCollisionDetectionCommand(w->client));
+  void* query = b3InitRequestContactPointInformation(w->client);
+  if (laws == 1) {
+    b3SetContactFilterBodyA(query, only->body[0]);
+    b3SetContactFilterBodyB(query, only->body[1]);
+  }
+  send(w, query);
+  b3GetContactPointInformation(w->client, &found);
+  for (int i = 0; i < found.count; i++) {
+    const b3Contact* p = found.points + i;
+    law* l = law_of(w, p);
+    contact* c = room_for(w, count + 1) + count;
+    if (!l || !set_contact(w, l, p, c)) continue;
+    double reach = INFINITY;
+    for (int s = 0; s < 2; s++) reach = fmin(reach, c->body[s]->link[c->link[s]].info.processing_threshold);
+    count += c->distance <= reach;
+  }
+  return count;
+}
+
+/* Whether any contact collides in this step; `near` of them, the first ones then, may take part. */
+static int sort_out(world* w, int count, hcb_contact* laws, int* near) {
+  double fastest = 0;
+  int busy = 0;
+  *near = 0;
+  for (int i = 0; i < count; i++) {
+    const double* u = w->contacts[i].rate;
+    fastest = fmax(fastest, sqrt(dot(u, u)));
+  }
+  for (int i = 0; i < count; i++) {
+    contact* c = w->contacts + i;
+    double d = fmax(0, c->distance) / w->h;
+    if (d > HCB_NEAR * fastest + w->h * fabs(c->fall)) continue;
+    hcb_contact* impact = laws + *near;
+    *impact = c->of->impact;
+    impact->friction = friction_of(c);
+    impact->still = fmax(HCB_STILL * w->h * c->weight + 1e-9, d - w->h * c->fall);
+    impact->bonus = c->of->compensate ? fmax(0, w->h * c->fall) : 0;
+    busy |= -c->rate[0] > impact->still;
+    w->contacts[(*near)++] = *c;
+  }
+  return busy;
+}
+
+static void add_impacts(world* w) {
+  int laws = 0, n = 0, count;
+  const law* only = NULL;
+  for (int i = 0; i < w->law_count; i++) {
+    if (!w->laws[i].is_force) laws++, only = w->laws + i;
+  }
+  if (laws == 0 || (count = find_contacts(w, laws, only)) == 0) return;
+  hcb_contact* c = (hcb_contact*)take(w, (size_t)count * sizeof(hcb_contact) / sizeof(double) + 1);
+  if (!sort_out(w, count, c, &n)) return;
+  size_t rows = 3 * (size_t)n;
+  double *G = take(w, rows * rows), *u = take(w, rows), *p = take(w, rows), *work = take(w, hcb_impacts_work(n));
+  contact* all = w->contacts;
+  for (int i = 0; i < n; i++) add_rows(w, all + i, 1, 2);
+  for (size_t i = 0; i < rows; i++) {
+    u[i] = all[i / 3].rate[i % 3];
+    for (size_t j = 0; j <= i; j++) G[i * rows + j] = G[j * rows + i] = coupling(all + i / 3, i % 3, all + j / 3, j % 3);
+  }
+  hcb_impacts(n, G, c, u, p, work);
+  for (int i = 0; i < n; i++) {
+    double force[3] = {0, 0, 0};
+    if (p[3 * i] == 0) continue;
+    for (int k = 0; k < 9; k++) force[k % 3] += p[3 * i + k / 3] / w->h * all[i].frame[k / 3][k % 3];
+    push_both(w, all + i, force);
+    all[i].of->force += p[3 * i] / w->h;
+  }
+}
