@@ -19,7 +19,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from hcbench.errors import CannotRun
+from hcbench.errors import CannotRun, UserError
 
 _HERE = Path(__file__).parent
 _FLAGS = ("-O2", "-std=gnu11", "-fPIC", "-shared", "-ffp-contract=off")
@@ -35,9 +35,12 @@ class NotCompiled(CannotRun):
 
 
 def compiler() -> list[str]:
-    """The command that compiles C; NotCompiled where there is none."""
-    if os.environ.get("CC"):
-        return shlex.split(os.environ["CC"])
+    """The command that compiles C. NotCompiled where there is none, UserError where $CC is no command."""
+    if named := os.environ.get("CC"):
+        try:
+            return shlex.split(named)
+        except ValueError as error:
+            raise UserError("$CC", f"{named!r}: {error}", "a compiler, as the shell would read it") from None
     for name in ("cc", "gcc", "clang"):
         if shutil.which(name):
             return [name]

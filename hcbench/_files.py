@@ -30,6 +30,14 @@ def json_text(content: Any) -> str:
     return json.dumps(_no_nan(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
+def parse_json(text: str | bytes) -> Any:
+    """What JSON says; ValueError for what is none, or is nested deeper than anyone writes."""
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+
+
 def _no_nan(content: Any) -> Any:
     if isinstance(content, dict):
         return {k: _no_nan(v) for k, v in content.items()}
@@ -222,7 +230,7 @@ def _write_manifest(folder: Path, files: dict[str, str]) -> None:
 def _read_manifest(folder: Path) -> dict[str, str]:
     """Files below `folder` that were written earlier, and their digests; none where nothing says so."""
     try:
-        content = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        content = parse_json(read_text(folder / MANIFEST))
         files = content["files"] if content["kind"] == _KIND else {}
         return {
             str(name): str(digest)

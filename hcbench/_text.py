@@ -10,10 +10,13 @@ _LONGEST = 200
 _UNSEEN = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}  # control, direction, line: all that does not print
 
 
-def sanitized(text: object) -> str:
-    """One line without control characters: no name can move a cursor, break a line or end a table."""
-    shown = "".join("?" if unicodedata.category(c) in _UNSEEN else c for c in str(text))
-    return shown if len(shown) <= _LONGEST else f"{shown[:_LONGEST]}..."
+def sanitized(text: object, longest: int = _LONGEST) -> str:
+    """One line without control characters: no name can move a cursor, break a line or end a table.
+
+    longest: characters, before what is cut off.
+    """
+    shown = "".join("?" if unicodedata.category(c) in _UNSEEN else c for c in str(text)[: longest + 1])
+    return shown if len(shown) <= longest else f"{shown[:longest]}..."
 
 
 def table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:

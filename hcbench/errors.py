@@ -12,10 +12,15 @@
     │   └── OutputError        a folder or file that could not be written
     └── LimitPassed          exit 1: a measured number is outside the limit that was set
 
-One message is one line that names the slot, what came, what was expected and what to do next.
+One message is one line of at most LONGEST characters, free of control characters, that names the slot, what
+came, what was expected and what to do next.
 """
 
 from __future__ import annotations
+
+from hcbench._text import sanitized
+
+LONGEST = 300  # characters of a message
 
 
 class HcbenchError(Exception):
@@ -25,12 +30,20 @@ class HcbenchError(Exception):
 
     def __init__(self, slot: str, got: str, expected: str, todo: str = "") -> None:
         self.slot, self.got, self.expected, self.todo = slot, got, expected, todo
-        message = f"{slot}: {got}; expected {expected}" if expected else f"{slot}: {got}"
-        super().__init__(f"{message}. {todo}" if todo else message)
+        parts = [sanitized(" ".join(part.split()), LONGEST) for part in (slot, got, expected, todo)]
+        while (excess := len(_message(*parts)) - LONGEST) > 0:  # the longest part gives way
+            i = max(range(4), key=lambda i: len(parts[i]))
+            parts[i] = sanitized(parts[i], max(20, len(parts[i]) - excess - 3))
+        super().__init__(_message(*parts))
 
     def __reduce__(self) -> tuple[type[HcbenchError], tuple[str, str, str, str]]:
         # Crosses process borders whole: Exception's own pickling keeps the message only.
         return type(self), (self.slot, self.got, self.expected, self.todo)
+
+
+def _message(slot: str, got: str, expected: str, todo: str) -> str:
+    message = f"{slot}: {got}; expected {expected}" if expected else f"{slot}: {got}"
+    return f"{message}. {todo}" if todo else message
 
 
 class UserError(HcbenchError):

@@ -45,6 +45,15 @@ class OptionTable(FileTable):
     unknown: ClassVar[tuple[str, str]] = ("unknown", "one of")
 
 
+class ResultTable(FileTable):
+    """The part that every JSON file of results has: what was run, with what. Others keys are theirs."""
+
+    model_config = ConfigDict(extra="allow")
+    study: dict[str, Any]
+    settings: list[dict[str, Any]]
+    versions: dict[str, str]
+
+
 def mistake(expected: str, got: str = "", todo: str = "") -> PydanticCustomError:
     """The error that a validator raises. got: "" for the value as it came."""
     return PydanticCustomError("mistake", "{expected}", {"expected": expected, "got": got, "todo": todo})
@@ -114,7 +123,7 @@ def read_toml(path: Path, error: type[UserError], slot: str, expected: str = "a 
         raise error(slot, f"{path} does not exist", expected) from None
     except (OSError, UnicodeDecodeError) as caught:
         raise error(slot, f"{path}: {sanitized(caught)}", "a readable TOML file") from None
-    except tomllib.TOMLDecodeError as caught:
+    except (tomllib.TOMLDecodeError, RecursionError) as caught:
         raise error(slot, f"{path} is not TOML: {sanitized(caught)}", "TOML", "Mend that line") from None
 
 
@@ -132,7 +141,7 @@ def validate(table: type[T], content: Mapping[str, Any], error: type[UserError],
     if first["type"] == "mistake":
         got, expected, todo = first["ctx"]["got"] or got, first["ctx"]["expected"], first["ctx"]["todo"]
     elif first["type"] == "missing":
-        got = "missing"
+        got, expected = "missing", expected or "a value"
     elif first["type"] == "extra_forbidden":
         got, one_of = inner.unknown
         expected = f"{one_of}: {', '.join(_fields(inner))}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +22,7 @@ POUND = 0.45359237  # kg
 POUND_FORCE = 4.4482216152605  # N
 PSI = 6894.757293168361  # Pa
 STANDARD_GRAVITY = 9.80665  # m/s²
+SMALLEST, LARGEST = 1e-30, 1e30  # of a quantity but 0: the squares of others leave a float's range
 RANGE_COUNT = 20  # "1:20 in/s" without a count: 1, 2, ..., 20
 
 
@@ -154,10 +155,11 @@ def parse_values(
     """
     kind, slot = QUANTITIES[quantity], slot or quantity
     if isinstance(value, list | tuple | np.ndarray):
-        parts = [parse_values(part, quantity, slot, least=least, above=above) for part in value]
-        if not parts:
+        if not len(value):
             raise QuantityError(slot, "an empty list", f"at least one value like {kind.example!r}")
-        return np.concatenate(parts)
+        one = partial(parse, quantity=quantity, slot=slot, least=least, above=above)
+        several = partial(parse_values, quantity=quantity, slot=slot, least=least, above=above)
+        return np.concatenate([several(v) if isinstance(v, str) else [one(v)] for v in value])
     if not isinstance(value, str) or not re.search(r"[:,]", value):
         return np.array([parse(value, quantity, slot, least=least, above=above)])
     pieces = [piece for piece in map(_PIECE.fullmatch, value.split(",")) if piece]
@@ -195,6 +197,10 @@ def _require_bounds(
 ) -> None:
     if not np.isfinite(numbers).all():
         raise QuantityError(slot, f"{value!r:.80} is not finite", f"a finite number like {kind.example!r}")
+    sizes = np.abs([number for number in numbers if number])
+    if sizes.size and not SMALLEST <= sizes.min() <= sizes.max() <= LARGEST:
+        got = f"{value!r:.80} is not within what is computed"
+        raise QuantityError(slot, got, f"0, or a size of {SMALLEST:g} ... {LARGEST:g} {kind.unit}".strip())
     lowest = min(numbers)
     if lowest <= above or lowest < least:
         expected = f"a value above {above:g}" if lowest <= above else f"{least:g} {kind.unit} or more"

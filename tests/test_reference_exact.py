@@ -77,16 +77,24 @@ def true_extremes(law: HuntCrossley, mass: float, speed: float) -> tuple[float, 
 
 
 def true_duration(law: HuntCrossley, mass: float, speed: float) -> float:
-    """∫ m dv / F by tanh-sinh quadrature in 60 digits; nodes may round onto its integrable ends."""
-    with mpmath.workdps(60):
-        n, a = mpmath.mpf(law.exponent), mpmath.mpf(law.alpha) * 3 / 2
+    """∫ sin(θ)^-p (q/y) dθ in 30 digits over θ = s^((n+1)/2), whose ends are smooth; q/y by Lambert's W."""
+    with mpmath.workdps(30):
+        n, d = mpmath.mpf(law.exponent), mpmath.mpf(law.alpha) * 3 / 2 * speed
+        g = d - mpmath.log1p(d)
+        top, power, p = mpmath.sqrt(2 * g), (n + 1) / 2, (n - 1) / (n + 1)
 
-        def slowness(w: Mp) -> Mp:
-            x = _true_depth(law, mass, speed, w)
-            return mass / (law.stiffness * x**n * (1 + a * w)) if x else mpmath.mpf(0)
+        def ratio(q: Mp) -> Mp:
+            w = mpmath.lambertw(-mpmath.exp(-1 - q * q / 2), -1 if q > 0 else 0).real
+            return q / (-1 - w) if abs(q) > 1e-12 else mpmath.mpf(1)
 
-        out = -true_restitution(a * speed) * speed
-        return float(mpmath.re(mpmath.quad(slowness, [out, 0, speed])))
+        def integrand(s: Mp) -> Mp:
+            theta = s**power
+            shape = (mpmath.sin(theta) / theta if theta else mpmath.mpf(1)) ** -p
+            return power * shape * (ratio(top * mpmath.cos(theta)) + ratio(-top * mpmath.cos(theta)))
+
+        ends = [(mpmath.pi * part) ** (1 / power) for part in (0, mpmath.mpf("0.25"), mpmath.mpf("0.5"))]
+        depth = ((n + 1) * mass * speed**2 * g / (law.stiffness * d**2)) ** (1 / (n + 1))
+        return float(2 * depth * d / ((n + 1) * speed * top) * mpmath.quad(integrand, ends))
 
 
 def law_of(d: float, speed: float = 1.0, exponent: float = 1.5, stiffness: float = K3) -> HuntCrossley:
@@ -250,6 +258,22 @@ def test_extremes_and_duration_agree_with_many_digits(d: float, n: float) -> Non
     assert closed_form.penetration_max(law, POUND, 0.4) == pytest.approx(depth, rel=2e-15)
     assert closed_form.force_max(law, POUND, 0.4) == pytest.approx(force, rel=4e-15)
     assert closed_form.duration(law, POUND, 0.4) == pytest.approx(true_duration(law, POUND, 0.4), rel=1e-12)
+
+
+@pytest.mark.parametrize("n", [1.0, 1.5, 6.0, 10.0])
+@pytest.mark.parametrize(("share", "good"), [(0.05, 1e-13), (2.0, 1e-13), (200.0, 1e-10), (1000.0, 5e-10)])
+def test_duration_is_as_exact_as_it_says(share: float, good: float, n: float) -> None:
+    law = HuntCrossley(K3, share / 0.4, n)
+    assert closed_form.duration(law, POUND, 0.4) == pytest.approx(true_duration(law, POUND, 0.4), rel=good)
+
+
+def test_where_nothing_bounces_there_is_no_quadrature() -> None:
+    """1e20 asked for 736 GiB of nodes."""
+    for alpha in (2500.1, 1e20):
+        with pytest.raises(UserError, match="up to 1000"):
+            closed_form.duration(HuntCrossley(K3, alpha), POUND, 0.4)
+        with pytest.raises(UserError, match="up to 1000"):
+            closed_form.loop(HuntCrossley(K3, alpha), POUND, 0.4)
 
 
 def test_without_dissipation_the_spring_is_left() -> None:

@@ -22,7 +22,7 @@ from fsspec.core import url_to_fs
 from fsspec.implementations.local import LocalFileSystem
 from fsspec.implementations.memory import MemoryFileSystem
 
-from hcbench._files import replace_file
+from hcbench._files import parse_json, replace_file
 from hcbench.errors import CannotRun, UserError
 
 LOCK = "_lock"
@@ -91,10 +91,10 @@ class Files:
         if LOCK in self.names():
             owner = self.read(LOCK).decode("utf-8", "replace")
             with suppress(ValueError, KeyError, TypeError):
-                if time.time() - json.loads(owner)["time"] < _STALE_S:
+                if time.time() - parse_json(owner)["time"] < _STALE_S:
                     raise _taken(self.where, owner)
         self.write(LOCK, json.dumps(me).encode())
-        if json.loads(self.read(LOCK)).get("token") != me["token"]:  # another was as quick
+        if parse_json(self.read(LOCK)).get("token") != me["token"]:  # another was as quick
             raise _taken(self.where, "")
 
 
@@ -154,7 +154,7 @@ def _myself() -> dict[str, Any]:
 
 def _taken(where: str, owner: str) -> CannotRun:
     try:
-        content = json.loads(owner)
+        content = parse_json(owner)
         who = f"another sweep, process {content['pid']} on {content['host']}, is writing there"
     except (ValueError, KeyError, TypeError):
         who = "another sweep is writing there"

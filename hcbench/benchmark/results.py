@@ -14,8 +14,9 @@ import json
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from hcbench._files import json_text, read_text, write_text
+from hcbench._files import json_text, parse_json, read_text, write_text
 from hcbench.errors import UserError
+from hcbench.fields import ResultTable, validate
 from hcbench.scoring import CLAIMS
 
 if TYPE_CHECKING:
@@ -114,18 +115,20 @@ class Results:
     def read(cls, folder: Path) -> Results:
         """Read what `write` wrote; UserError for a folder that is not one, or of another schema."""
         try:
-            summary = json.loads(read_text(folder / "summary.json"))
+            summary = parse_json(read_text(folder / "summary.json"))
             paths = [folder / f"{name}.csv" for name in TABLES]
             tables = [_read_table(path) for path in paths if path.exists() or path.stem not in _LATER]
         except (OSError, ValueError) as error:
             raise UserError("results", f"{folder}: {error}", "a folder that `hcbench report` wrote") from None
-        if summary.get("schema") != SCHEMA:
+        if not isinstance(summary, dict) or summary.get("schema") != SCHEMA:
+            schema = summary.get("schema") if isinstance(summary, dict) else None
             raise UserError(
                 "results",
-                f"{folder} has schema {summary.get('schema')!r}",
+                f"{folder} has schema {schema!r}",
                 f"schema {SCHEMA}",
                 "Run the study again with this version of hcbench",
             )
+        validate(ResultTable, summary, UserError, f"{folder}/summary.json: {{}}")
         for table in (*tables, *summary["settings"]):
             _fill_conditions(table, summary["study"])
         return cls(summary["study"], summary["settings"], summary["versions"], *tables)

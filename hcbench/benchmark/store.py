@@ -10,11 +10,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
+from hcbench._files import parse_json
 from hcbench.benchmark.files import LOCK, Files
 from hcbench.benchmark.plan import SCHEMA, Plan
 from hcbench.benchmark.results import RUN_KEY
 from hcbench.benchmark.tables import SUMMARY, ShardFiles, Summary, digest, metadata_of, summed
 from hcbench.errors import OutputError, UserError
+from hcbench.fields import ResultTable, validate
 
 DESCRIPTION, SUMMARY_FILE, LOOPS, DAMAGED = "_sweep.json", "_summary.csv", "_loops", "_damaged"
 _SHARD = re.compile(r"part-(\d{7})-([0-9a-f]{16})\.parquet")
@@ -50,13 +52,18 @@ class Store:
                 return None
             text = self._files.read(DESCRIPTION)
         try:
-            description: dict[str, Any] = json.loads(text)
+            content = parse_json(text)
         except ValueError:
-            description = {}
+            content = {}
+        description: dict[str, Any] = content if isinstance(content, dict) else {}
         if description.get("schema") != SCHEMA or description.get("kind") != "hcbench sweep":
-            got = f"schema {description.get('schema')!r}" if description else "not JSON"
+            got = f"schema {description.get('schema')!r:.40}" if description else "no table in JSON"
             what = f"{self.where}: {DESCRIPTION} has {got}"
             raise UserError("folder", what, f"schema {SCHEMA}", "Another hcbench made it")
+        validate(ResultTable, description, UserError, f"{self.where}/{DESCRIPTION}: {{}}")
+        if not isinstance(parts := description.get("parts"), int) or isinstance(parts, bool) or parts < 1:
+            got = f"{self.where}: {DESCRIPTION} has parts {parts!r:.40}"
+            raise UserError("folder", got, "what a sweep wrote")
         return description
 
     def create_or_verify(self, plan: Plan, resume: bool) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,7 +17,7 @@ from pydantic import (
     model_validator,
 )
 
-from hcbench._files import json_text, read_text, write_text
+from hcbench._files import json_text, parse_json, read_text, write_text
 from hcbench.errors import UserError
 from hcbench.impact import Launch, Status
 from hcbench.measure.measurement import Measurement
@@ -117,7 +116,7 @@ def read_baseline(path: Path, name: str) -> Baseline:
     not in it.
     """
     try:
-        content = json.loads(read_text(path))
+        content = parse_json(read_text(path))
     except OSError as error:
         todo = "Write one with --write-baseline"
         raise UserError("baseline", f"{path}: {error.strerror}", "a file", todo) from None

@@ -11,6 +11,7 @@ from hcbench._files import write_bytes, write_text
 from hcbench._text import sanitized
 from hcbench.check.baseline import write_baseline
 from hcbench.check.judge import judge_results, run_checks
+from hcbench.check.outcome import Outcome, Report, Verdict
 from hcbench.check.spec import Check, CheckSpec, plan, read_limit, read_max_error
 from hcbench.check.table import checks_of, find_table
 from hcbench.check.text import as_junit, as_markdown
@@ -19,7 +20,6 @@ from hcbench.errors import OutputError, UserError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from hcbench.check.outcome import Report
     from hcbench.laws.restitution import Reading
 
     Progress = Callable[[int, int], None] | None
@@ -129,11 +129,11 @@ def _write(report: Report, outputs: Outputs) -> None:
 
         write_bytes(outputs.png, errors_png(report))
     if outputs.baseline is not None:
-        missing = [
-            sanitized(o.name) for o in report.outcomes if o.measurement is None or not o.measurement.measured
-        ]
+        missing = [o for o in report.outcomes if o.measurement is None or not o.measurement.measured]
         if missing or not report.outcomes:
-            names = ", ".join(missing) or "anything"
-            raise OutputError("baseline", f"not written: {names} was not measured", "every check measured")
+            first = missing[0] if missing else Outcome("anything", Verdict.MISTAKE, "no check is listed")
+            kind = UserError if first.verdict is Verdict.MISTAKE else OutputError
+            got = f"not written: {sanitized(first.name)} was not measured: {first.message}"
+            raise kind("baseline", got, "every check measured")
         measured = {o.name: o.measurement for o in report.outcomes if o.measurement is not None}
         write_baseline(outputs.baseline, measured)

@@ -46,9 +46,9 @@ def run_check(check: Check) -> Outcome:
     try:
         return judge(check, _measure(check))
     except UserError as error:
-        verdict, message = Verdict.MISTAKE, sanitized(error)
+        verdict, message = Verdict.MISTAKE, str(error)
     except HcbenchError as error:
-        verdict, message = Verdict.COULD_NOT_RUN, sanitized(error)
+        verdict, message = Verdict.COULD_NOT_RUN, str(error)
     except Exception as error:
         verdict = Verdict.COULD_NOT_RUN
         message = f"unexpected {type(error).__name__}: {sanitized(error)}"

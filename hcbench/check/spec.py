@@ -149,7 +149,7 @@ def read_limit(value: Quantity | None) -> float:
         return LIMIT_S
     limit = units.parse(value, "timestep", "limit")
     if not 0 < limit <= _LONGEST:
-        raise QuantityError("limit", f"{limit:g} s", "above 0 s")
+        raise QuantityError("limit", f"{limit:g} s", f"above 0 s, up to {_LONGEST:g} s")
     return limit
 
 

@@ -12,6 +12,7 @@ from contextlib import suppress
 
 import click
 
+from hcbench._text import sanitized
 from hcbench.cli._process import flush_stdio, install_signal_handlers, translate_errors, wrap_stdio
 from hcbench.cli.check import check, measure
 from hcbench.cli.convert import convert
@@ -19,7 +20,7 @@ from hcbench.cli.engines import engines, plugin
 from hcbench.cli.reference import reference
 from hcbench.cli.report import paper, report, sweep
 from hcbench.cli.tune import tune
-from hcbench.errors import HcbenchError, UserError
+from hcbench.errors import LONGEST, HcbenchError, UserError
 
 _INTERRUPTED = "interrupted; nothing was left half-written"
 _LONGEST = 80  # of a file's name in a line
@@ -63,7 +64,8 @@ def run(arguments: list[str]) -> int:
         print(error.format_message())
         return UserError.exit_code
     except click.ClickException as error:
-        return _fail(UserError.exit_code, error.format_message() + _hint(error))
+        hint = _hint(error)
+        return _fail(UserError.exit_code, sanitized(error.format_message(), LONGEST - len(hint) - 3) + hint)
     except (KeyboardInterrupt, click.Abort) as error:
         return _fail(130, str(error) or _INTERRUPTED)
     except BrokenPipeError:  # the reader of our output went away, as `head` does
@@ -75,7 +77,7 @@ def run(arguments: list[str]) -> int:
     except Exception as error:
         if os.environ.get("HCBENCH_DEBUG"):
             raise
-        detail = f"{type(error).__name__}: {error}".splitlines()[0]
+        detail = sanitized(f"{type(error).__name__}: {error}".splitlines()[0])
         return _fail(3, f"unexpected {detail}. Set HCBENCH_DEBUG=1 for the traceback and report it")
     return code if isinstance(code, int) else 0
 
@@ -88,9 +90,10 @@ def _hint(error: Exception) -> str:
 def _fail_on(error: OSError) -> int:
     """A file that nobody expected to fail."""
     name = str(error.filename or "a file")
-    short = name if len(name) <= _LONGEST else f"{name[:_LONGEST]}..."
     mistake = error.errno == errno.ENAMETOOLONG
-    return _fail(UserError.exit_code if mistake else 3, f"{short}: {error.strerror or error}")
+    return _fail(
+        UserError.exit_code if mistake else 3, f"{sanitized(name, _LONGEST)}: {error.strerror or error}"
+    )
 
 
 def _fail(code: int, message: str) -> int:

@@ -24,6 +24,7 @@ from hcbench.laws._phase_path import g_ratio, largest_force_rate, rate_ratio
 from hcbench.laws._restitution_series import inverse_restitution, one_minus_restitution, restitution_of
 from hcbench.laws.force import HuntCrossley
 
+MOST_ALPHA_SPEED = 1e3  # e is 7e-4 there; the nodes of a quadrature grow with its root
 _PANEL_NODES = 10
 
 
@@ -41,6 +42,14 @@ def _refuse(slot: str, values: Floats, wrong: NDArray[np.bool_], unit: str, expe
     if wrong.any():
         raise UserError(slot, f"{float(values[wrong].flat[0])!r} {unit}", expected)
     return values
+
+
+def _quadrature_width(law: HuntCrossley, speed: Floats) -> Floats:
+    """Q = d sqrt(G); UserError where α v is beyond what a quadrature is for."""
+    share, expected = law.alpha * speed, f"up to {MOST_ALPHA_SPEED:g}, beyond which nothing bounces"
+    _refuse("α v", share, ~(share <= MOST_ALPHA_SPEED), "", expected)
+    d = np.asarray(law.dissipation * speed)
+    return np.asarray(d * np.sqrt(g_ratio(d)))
 
 
 def restitution(alpha: Floats | float, speed: Floats | float) -> Floats:
@@ -120,13 +129,13 @@ def _rate(law: HuntCrossley, speed: float, cosine: Floats) -> tuple[Floats, Floa
 
 
 def duration(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
-    """Time of contact in s, touch to parting; shape of `speed` (m/s).
+    """Time of contact in s, touch to parting; shape of `speed` (m/s). α v <= 1000.
 
+    Relative error below 1e-13 for α v <= 2 and 5e-10 for α v <= 1000, as n goes from 1 to 10.
     Gauss-Jacobi over cos θ with the ends' weight (1 - cos²θ)^(-n/(n+1)): dt = T0 weight (q/y) d cos θ.
     """
     v = _positive("speed", speed, "m/s")
-    d = np.asarray(law.dissipation * v)
-    width = d * np.sqrt(g_ratio(d))
+    width = _quadrature_width(law, v)
     # q/y is smooth at the scale of the nearest branch points |q| = sqrt(4π): wider impacts need more nodes.
     count = 32 * (1 + int(width.max(initial=0.0) / 4.0))
     end = -law.exponent / (law.exponent + 1.0)
@@ -171,13 +180,14 @@ def loop(law: HuntCrossley, mass: float, speed: float, count: int = 401) -> Loop
         raise UserError("count", f"{count!r}", "3 points or more")
     n = law.exponent
     theta = np.linspace(0.0, np.pi, count)
+    elapsed = _elapsed(law, float(v), count)
     cosine, sine = np.cos(theta), np.sin(theta)
     cosine[[0, -1]], sine[[0, -1]] = [1.0, -1.0], 0.0
     if count % 2:
         cosine[count // 2] = 0.0
     x = penetration_max(law, mass, speed) * sine ** (2.0 / (n + 1.0))
     rate, push = _rate(law, float(v), cosine)
-    time = _time_scale(law, mass, v) * _elapsed(law, float(v), count)
+    time = _time_scale(law, mass, v) * elapsed
     return Loop(time=time, penetration=x, rate=rate, force=law.stiffness * x**n * push)
 
 
@@ -187,8 +197,7 @@ def _elapsed(law: HuntCrossley, speed: float, count: int) -> Floats:
     Gauss-Legendre panel by panel; the first and the last panel take the end's θ^-p as a Jacobi weight.
     """
     p = (law.exponent - 1.0) / (law.exponent + 1.0)
-    d = law.dissipation * speed
-    width = d * float(np.sqrt(g_ratio(np.asarray(d))))
+    width = float(_quadrature_width(law, np.asarray(speed)))
     finer = -int(-(16.0 + 8.0 * width) // (count - 1))
     edges = np.linspace(0.0, np.pi, finer * (count - 1) + 1)
     half = edges[1] / 2.0

@@ -13,7 +13,8 @@ from typing import Protocol
 import numpy as np
 
 from hcbench.impact import Floats
-from hcbench.laws.require import require
+from hcbench.laws.require import positive, require
+from hcbench.units import LARGEST
 
 
 class ForceLaw(Protocol):
@@ -36,8 +37,8 @@ class HuntCrossley:
     exponent: float = 1.5
 
     def __post_init__(self) -> None:
-        require("stiffness", self.stiffness, 0 < self.stiffness < np.inf, "a stiffness above 0 N/m^n")
-        require("alpha", self.alpha, 0 <= self.alpha < np.inf, "0 s/m or more")
+        positive("stiffness", self.stiffness, "N/m^n")
+        require("alpha", self.alpha, 0 <= self.alpha <= LARGEST, f"0 ... {LARGEST:g} s/m")
         require("exponent", self.exponent, 1 <= self.exponent <= 10, "n within 1 ... 10")
 
     @property
@@ -63,8 +64,8 @@ class KelvinVoigt:
     damping: float
 
     def __post_init__(self) -> None:
-        require("stiffness", self.stiffness, 0 < self.stiffness < np.inf, "a stiffness above 0 N/m")
-        require("damping", self.damping, 0 <= self.damping < np.inf, "0 N s/m or more")
+        positive("stiffness", self.stiffness, "N/m")
+        require("damping", self.damping, 0 <= self.damping <= LARGEST, f"0 ... {LARGEST:g} N s/m")
 
     def force(self, x: Floats | float, v: Floats | float) -> Floats:
         """F(x, v) in N, eq. (4)."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hcbench.errors import UserError
+from hcbench.units import LARGEST, SMALLEST
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -28,8 +28,9 @@ def require(
 
 
 def positive(slot: str, value: float, unit: str) -> None:
-    """Raise UserError unless 0 < value < inf."""
-    require(slot, value, 0 < value < math.inf, f"a finite value above 0 {unit}".strip())
+    """Raise UserError unless SMALLEST <= value <= LARGEST."""
+    expected = f"a value above 0 {unit}".strip() + f", {SMALLEST:g} ... {LARGEST:g}"
+    require(slot, value, SMALLEST <= value <= LARGEST, expected)
 
 
 def within(slot: str, values: Floats | float, low: float, high: float, meaning: str) -> Floats:

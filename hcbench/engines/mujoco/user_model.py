@@ -11,6 +11,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.errors import EngineFailed, SceneError, UserError
+from hcbench.units import LARGEST, SMALLEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -69,13 +70,14 @@ def _require_sound(model: Any, label: str) -> None:
     """Refuse what the compiler lets through and no simulation survives."""
     for kind, field in (("body", "mass"), ("body", "inertia"), ("geom", "size")):
         values = getattr(model, f"{kind}_{field}")
-        bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+        bad = np.argwhere(~np.isfinite(values))
         if bad.size:
-            raise SceneError("model", f"{label}: {field} of {kind} {int(bad[0])} is not finite", "numbers")
+            raise SceneError("model", f"{label}: {field} of {kind} {bad[0][0]} is not finite", "numbers")
     if (model.body_mass < 0).any():
         raise SceneError("model", f"{label}: a body of negative mass", "masses of 0 kg or more")
-    if not 0 < model.opt.timestep < np.inf:
-        raise SceneError("timestep", f"{label}: {model.opt.timestep!r} s", "a step above 0 s")
+    if not SMALLEST <= model.opt.timestep <= LARGEST:
+        expected = f"a step of {SMALLEST:g} ... {LARGEST:g} s"
+        raise SceneError("timestep", f"{label}: {model.opt.timestep!r} s", expected)
 
 
 def start(model: Any, key: str | None) -> tuple[Any, str]:
@@ -87,7 +89,7 @@ def start(model: Any, key: str | None) -> tuple[Any, str]:
     if key is None:
         key = names[min(1, model.nkey)]
     elif key not in names:
-        if not key.isdigit() or int(key) >= model.nkey:
+        if not key.isdecimal() or int(key) >= model.nkey:
             raise UserError("key", repr(key), f"one of: {', '.join(names)}")
         key = names[1 + int(key)]
     mujoco = backend()
