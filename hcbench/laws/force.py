@@ -38,7 +38,7 @@ class HuntCrossley:
 
     def __post_init__(self) -> None:
         positive("stiffness", self.stiffness, "N/m^n")
-        require("alpha", self.alpha, 0 <= self.alpha <= LARGEST, f"0 ... {LARGEST:g} s/m")
+        require("alpha", self.alpha, 0 <= self.alpha <= LARGEST, f"0 s/m or more, up to {LARGEST:g}")
         require("exponent", self.exponent, 1 <= self.exponent <= 10, "n within 1 ... 10")
 
     @property
@@ -65,7 +65,7 @@ class KelvinVoigt:
 
     def __post_init__(self) -> None:
         positive("stiffness", self.stiffness, "N/m")
-        require("damping", self.damping, 0 <= self.damping <= LARGEST, f"0 ... {LARGEST:g} N s/m")
+        require("damping", self.damping, 0 <= self.damping <= LARGEST, f"0 N s/m or more, up to {LARGEST:g}")
 
     def force(self, x: Floats | float, v: Floats | float) -> Floats:
         """F(x, v) in N, eq. (4)."""
