@@ -98,6 +98,14 @@ def _finite(value: Any) -> float:
     return float(value)
 
 
+def _spin(value: Any) -> tuple[float, float, float]:
+    try:
+        return units.parse_spin(value)
+    except QuantityError as error:
+        raise mistake(error.expected, error.got, error.todo) from None
+
+
+Spin = Annotated[tuple[float, float, float], PlainValidator(_spin)]
 Text = Annotated[StrictStr, Field(min_length=1)]
 Finite = Annotated[float, PlainValidator(_finite), Field(description="a finite number")]
 Number = Annotated[float, InUnits("number")]
@@ -111,6 +119,8 @@ Alpha = Annotated[float, InUnits("alpha", least=0.0)]
 Alphas = Annotated[tuple[float, ...], InUnits("alpha", several=True, least=0.0)]
 Speed = Annotated[float, InUnits("speed", above=0.0)]
 Speeds = Annotated[tuple[float, ...], InUnits("speed", several=True, above=0.0)]
+Friction = Annotated[float, InUnits("number", least=0.0)]
+Angles = Annotated[tuple[float, ...], InUnits("angle", several=True, least=0.0)]
 Step = Annotated[float, InUnits("timestep", above=0.0)]
 Steps = Annotated[tuple[float, ...], InUnits("timestep", several=True, above=0.0)]
 

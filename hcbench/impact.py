@@ -80,6 +80,23 @@ class Launch:
         flight = timestep * (steps + phase)
         return cls(start, phase, flight * (speed - 0.5 * gravity * flight), slip, spin)
 
+    @classmethod
+    def at_angle(
+        cls,
+        angle: float,
+        speed: float,
+        phase: float = 0.5,
+        height: float | None = None,
+        spin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> Launch:
+        """One that arrives at an angle from the normal, rad: the slip is tan(angle) times the speed."""
+        return cls(speed, phase, height, (speed * math.tan(angle), 0.0), spin)
+
+    @property
+    def angle(self) -> float:
+        """Between the velocity at release and the normal, rad."""
+        return math.atan2(math.hypot(*self.slip), self.speed)
+
     @property
     def is_oblique(self) -> bool:
         """Whether the body arrives otherwise than along the normal and without spin."""

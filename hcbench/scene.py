@@ -12,7 +12,7 @@ from pydantic import Field, StrictInt, field_validator
 
 from hcbench import units
 from hcbench.errors import QuantityError, SceneError
-from hcbench.fields import Acceleration, FileTable, Length, Mass, Number, Pressure, read_toml, validate
+from hcbench.fields import Acceleration, FileTable, Friction, Length, Mass, Number, Pressure, read_toml, validate
 
 FILE = "scene.toml"
 _PACKAGE = Path(__file__).parent
@@ -173,7 +173,7 @@ class _File(FileTable):
     title: str = Field(default="", description="text")
     form: Literal["cup", "plane"] = Field(description="'cup' or 'plane'")
     gravity: Acceleration = 0.0
-    friction: Number = 0.0
+    friction: Friction = 0.0
     ball: _Ball = Field(description="a [ball] table")
     plate: _Body = Field(description="a [plate] table")
     law: _Law = Field(description="a [law] table")

@@ -28,11 +28,12 @@ RANGE_COUNT = 20  # "1:20 in/s" without a count: 1, 2, ..., 20
 
 @dataclass(frozen=True, slots=True)
 class QuantityKind:
-    """A kind of number: its SI unit, which a text must convert to, and an example for errors."""
+    """A kind of number: its SI unit, which a text must convert to, an example for errors, an upper bound."""
 
     name: str
     unit: str
     example: str
+    below: float = math.inf
 
 
 QUANTITIES = {
@@ -50,6 +51,8 @@ QUANTITIES = {
         QuantityKind("frequency", "Hz", "100 Hz"),
         QuantityKind("stiffness", "N/m^n", "3.1e7 lbf/in^1.5"),
         QuantityKind("number", "", "1.5"),
+        QuantityKind("angle", "rad", "60 deg", below=math.pi / 2),  # from the normal
+        QuantityKind("spin", "rad/s", "40 rad/s"),
     )
 }
 
@@ -59,7 +62,8 @@ _PIECE = re.compile(
     rf"\s*(?P<range>{_PLAIN}(?:\s*:\s*{_PLAIN}){{0,2}})\s*(?P<unit>[^\d\s.:+\-].*)?", re.DOTALL
 )
 _UNIT = re.compile(r"[\w\s*/^().·+-]+")  # Pint would pass over comments, and read quotes as inches or feet
-_ANGLE = "1 rpm is 1/60 Hz and 1 rad/s is 1/(2π) Hz"  # Pint takes a radian for 1: off by 2π
+# Pint takes a radian for 1: off by 2π.
+_ANGLE = {"frequency": "1 rpm is 1/60 Hz and 1 rad/s is 1/(2π) Hz", "spin": "1 Hz of turns is 60 rpm"}
 # A comma between whole digits: "1,5" may be 1.5 or 1 and 5; "1,2,3" is a list; "1,050" is none.
 _DECIMAL_COMMA = re.compile(r"(?<![\w.,+-])[-+]?\d+,\d+(?!\d|,\d)|,0\d")
 _SHAPE = 'a list like "4, 8, 16 in/s" or a range "1:20 in/s", "1:20:5 in/s" (first:last:count)'
@@ -79,7 +83,7 @@ def _factor(unit: str, si: str) -> float:
     """What one `unit` is in `si`; raises whatever Pint raises for text that is not such a unit."""
     registry = _registry()
     quantity = registry.Quantity(1.0, registry.parse_units(unit))
-    if "radian" in str(quantity.to_root_units().units):
+    if ("radian" in str(quantity.to_root_units().units)) != ("rad" in si):
         raise ValueError(unit)
     return float(quantity.to(si).magnitude)
 
@@ -97,8 +101,9 @@ def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float)
     try:
         return _factor(unit, si)
     except Exception as error:  # Pint raises several unrelated kinds for text that is no unit
-        if type(error) is ValueError and kind.name == "frequency":
-            raise QuantityError(slot, f"{text!r} is an angle in time", expected, _ANGLE) from None
+        if type(error) is ValueError and kind.name in _ANGLE:
+            what = "an angle" if kind.name == "frequency" else "no angle"
+            raise QuantityError(slot, f"{text!r} is {what} in time", expected, _ANGLE[kind.name]) from None
         why = "is not a known unit" if "Undefined" in type(error).__name__ else "does not fit"
         got = f"{text!r}: {unit!r} {why}"
         raise QuantityError(slot, got, expected, f"{todo}; plain numbers are SI") from None
@@ -206,3 +211,17 @@ def _require_bounds(
         expected = f"a value above {above:g}" if lowest <= above else f"{least:g} {kind.unit} or more"
         todo = f"Write for example {kind.example!r}"
         raise QuantityError(slot, f"{lowest:g} {kind.unit}".strip(), expected, todo)
+    if (highest := max(numbers)) >= kind.below:
+        todo = f"Write for example {kind.example!r}; plain numbers are {kind.unit}"
+        raise QuantityError(slot, f"{highest:g} {kind.unit}", f"below {kind.below:.6g} {kind.unit}", todo)
+
+
+def parse_spin(value: object, slot: str = "spin") -> tuple[float, float, float]:
+    """Angular velocity, rad/s, about the directions of `hcbench.impact.Launch`: three numbers, or one about
+    that across, with which the body rolls on. Raises QuantityError.
+    """
+    spin = parse_values(value, "spin", slot).tolist()
+    if len(spin) not in (1, 3):
+        expected = "one number, or three: about the directions along and across, and the normal"
+        raise QuantityError(slot, f"{value!r}", expected, "Write for example '40 rad/s' or '0, 40, 0 rad/s'")
+    return (0.0, spin[0], 0.0) if len(spin) == 1 else (spin[0], spin[1], spin[2])

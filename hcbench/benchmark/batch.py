@@ -13,6 +13,7 @@ import numpy as np
 
 from hcbench.errors import UserError
 from hcbench.impact import Impact, Launch, Loop, Status
+from hcbench.laws.coulomb import coulomb_ratio
 from hcbench.sim import registry
 
 if TYPE_CHECKING:
@@ -28,16 +29,33 @@ MEASURED = {  # column -> attribute of an Impact
     "penetration_max_m": "penetration_max",
     "force_max_n": "force_max",
 }
+# More columns of impacts in a study with oblique launches: angle from the normal; along the way that the body
+# is sent, slip of the contact point before and after; about the axis across, spin before and after; impulse of
+# friction over the normal one, and what Coulomb's law makes of it; share of the kinetic energy that is lost.
+OBLIQUE_COLUMNS = [
+    "angle_rad",
+    "slip_in_m_per_s",
+    "slip_out_m_per_s",
+    "spin_in_rad_per_s",
+    "spin_out_rad_per_s",
+    "impulse_ratio",
+    "impulse_ratio_coulomb",
+    "energy_lost",
+]
+_DIGITS = 12  # of an angle, that it is the same at each speed
 
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Launches of one setting. kept: the indices of those whose loops are kept."""
+    """Launches of one setting. kept: the indices of those whose loops are kept. oblique: whether to tell what
+    each does along the plate.
+    """
 
     scene: Scene
     setting: Setting
     launches: Sequence[Launch]
     kept: Sequence[int]
+    oblique: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +66,11 @@ class BatchResult:
     loops: Sequence[tuple[int, Loop]]
 
 
-def result_of(impacts: Sequence[Impact], kept: Sequence[int]) -> BatchResult:
+def result_of(impacts: Sequence[Impact], batch: Batch) -> BatchResult:
     """What is kept of a batch's impacts."""
-    loops = [(i, impacts[i].loop) for i in kept]
-    return BatchResult(columns_of(impacts), [(i, loop) for i, loop in loops if loop is not None])
+    loops = [(i, impacts[i].loop) for i in batch.kept]
+    columns = columns_of(impacts) | (oblique_columns(impacts, batch.scene) if batch.oblique else {})
+    return BatchResult(columns, [(i, loop) for i, loop in loops if loop is not None])
 
 
 def columns_of(impacts: Sequence[Impact]) -> dict[str, Any]:
@@ -67,10 +86,27 @@ def columns_of(impacts: Sequence[Impact]) -> dict[str, Any]:
     }
 
 
+def oblique_columns(impacts: Sequence[Impact], scene: Scene) -> dict[str, Any]:
+    """OBLIQUE_COLUMNS -> values, one an impact; NaN where it was not measured, or not along the plate."""
+    rows = [(round(impact.launch.angle, _DIGITS), *_along_plate(impact, scene)) for impact in impacts]
+    return dict(zip(OBLIQUE_COLUMNS, np.array(rows, dtype=np.float64).T, strict=True))
+
+
+def _along_plate(impact: Impact, scene: Scene) -> tuple[float, ...]:
+    along = impact.tangential
+    if along is not None:
+        coulomb = coulomb_ratio(along, scene)
+        motion = (along.slip_in[0], along.slip_out[0], along.spin_in[1], along.spin_out[1])
+        return *motion, along.impulse_ratio, coulomb, along.energy_lost
+    if impact.launch.is_oblique or not impact.is_measured:
+        return (np.nan,) * (len(OBLIQUE_COLUMNS) - 1)
+    return *(0.0,) * 6, 1.0 - impact.restitution**2
+
+
 def run_batch(batch: Batch) -> BatchResult:
     """All of it at once, as the engine does best."""
     impacts = registry.engine(batch.setting.engine).run(batch.scene, batch.setting, batch.launches)
-    return result_of(impacts, batch.kept)
+    return result_of(impacts, batch)
 
 
 def run_one_by_one(which: Sequence[int], batch: Batch) -> Iterator[Impact]:

@@ -14,6 +14,8 @@ from functools import lru_cache
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from hcbench.benchmark.results import run_key
 from hcbench.impact import Launch
 from hcbench.laws import closed_form
@@ -53,7 +55,8 @@ class Shard:
     """Some launches of one setting, and everything that is needed to simulate them anywhere.
 
     number: of all shards of the study. alphas: those that the setting is compared to, s/m. asked: of each
-    launch the speed at touch, m/s, and the phase. kept: the indices of those whose loops are kept.
+    launch the speed at touch, m/s, and the phase. kept: the indices of those whose loops are kept. oblique:
+    whether the study has oblique launches.
     """
 
     number: int
@@ -62,6 +65,7 @@ class Shard:
     asked: tuple[tuple[float, float], ...]
     launches: tuple[Launch, ...]
     kept: tuple[int, ...]
+    oblique: bool
     inputs: Inputs
 
     def __str__(self) -> str:
@@ -70,9 +74,9 @@ class Shard:
 
 @dataclass(frozen=True, slots=True)
 class LaunchGrid:
-    """A setting, launched or dropped at every speed (m/s) and phase, and compared to every α (s/m).
+    """A setting, launched or dropped at every speed (m/s), angle (rad) and phase, and compared to every α (s/m).
 
-    loop_speeds: those at which loops are kept, at the middle phase.
+    spin: of all, as `Launch` has it, rad/s. loop_speeds: those at which loops are kept, at the middle phase.
     """
 
     scene: Scene
@@ -82,15 +86,23 @@ class LaunchGrid:
     speeds: tuple[float, ...]
     loop_speeds: tuple[float, ...]
     phases: int
+    angles: tuple[float, ...]
+    spin: tuple[float, float, float]
 
     def __len__(self) -> int:
-        return len(self.speeds) * self.phases
+        return math.prod(self.shape)
 
-    def launch(self, speed: float, phase: float) -> Launch:
-        """How a body is sent to touch at a speed (m/s) and phase."""
-        if not self.dropped:
-            return Launch(speed, phase)
-        return Launch.dropped(speed, phase, self.setting.timestep, self.scene.normal_gravity)
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """How many speeds, angles and phases."""
+        return len(self.speeds), len(self.angles), self.phases
+
+    def launch(self, speed: float, phase: float, angle: float) -> Launch:
+        """How a body is sent to touch at a speed (m/s), phase and angle (rad)."""
+        launch = Launch(speed, phase)
+        if self.dropped:
+            launch = Launch.dropped(speed, phase, self.setting.timestep, self.scene.normal_gravity)
+        return replace(launch, slip=(speed * math.tan(angle), 0.0), spin=self.spin)
 
 
 @dataclass(frozen=True)
@@ -118,14 +130,27 @@ class Plan:
         return sum(map(len, self.grids))
 
     def shard(self, number: int) -> Shard:
-        """One shard by its number: the phases of one speed are together, loops are kept at the middle one."""
+        """One shard by its number: the phases of one speed and angle are together, loops are kept at the
+        middle one, of launches that are not oblique.
+        """
         grid, cut = self.cuts[number]
-        places = [(grid.speeds[i // grid.phases], i % grid.phases) for i in cut]
-        asked = tuple((speed, (phase + 0.5) / grid.phases) for speed, phase in places)
-        looped = {(speed, grid.phases // 2) for speed in grid.loop_speeds}
-        kept = tuple(i for i, place in enumerate(places) if place in looped)
-        launches = tuple(grid.launch(*each) for each in asked)
-        return Shard(number, grid.setting, grid.alphas, asked, launches, kept, self.inputs_of(grid))
+        places = [np.unravel_index(i, grid.shape) for i in cut]
+        asked = tuple((grid.speeds[v], (phase + 0.5) / grid.phases) for v, _, phase in places)
+        launches = tuple(
+            grid.launch(*each, grid.angles[a]) for each, (_, a, _) in zip(asked, places, strict=True)
+        )
+        looped = {(speed, (grid.phases // 2 + 0.5) / grid.phases) for speed in grid.loop_speeds}
+        kept = (i for i, each in enumerate(asked) if each in looped and not launches[i].is_oblique)
+        return Shard(
+            number=number,
+            setting=grid.setting,
+            alphas=grid.alphas,
+            asked=asked,
+            launches=launches,
+            kept=tuple(kept),
+            oblique=self.study.is_oblique,
+            inputs=self.inputs_of(grid),
+        )
 
     def inputs_of(self, grid: LaunchGrid) -> Inputs:
         """What the results of a grid depend on besides its setting."""
@@ -169,8 +194,9 @@ def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
         records.append({**run_key(run.scene, setting, alpha), **about})
         loop_speeds = study.loop_speeds if run.speeds == study.speeds else ()
         speeds = tuple(sorted({*run.speeds, *loop_speeds}))
-        key = (run.scene, run.dropped, setting.key, speeds)
-        new = LaunchGrid(run.scene, run.dropped, setting, (), speeds, loop_speeds, study.phases)
+        key = (run.scene, run.dropped, setting.key, speeds, run.angles, run.spin)
+        sent = (speeds, loop_speeds, study.phases, run.angles, run.spin)
+        new = LaunchGrid(run.scene, run.dropped, setting, (), *sent)
         grid = grids.get(key, new)
         grids[key] = replace(grid, alphas=tuple(dict.fromkeys((*grid.alphas, alpha))))
     cuts: list[tuple[LaunchGrid, range]] = []

@@ -121,13 +121,13 @@ def _loop(table: pd.DataFrame) -> Loop:
 
 
 def _impact(row: Any, kept: Mapping[Any, Loop]) -> Impact:
-    launch = (row.speed_m_per_s, row.phase)
+    launch, angle = (row.speed_m_per_s, row.phase), getattr(row, "angle_rad", 0.0)
     return Impact(
-        launch=Launch(*launch),
+        launch=Launch.at_angle(angle, *launch),
         status=Status(row.status),
         reason=row.reason,
         samples=row.samples,
-        loop=kept.get(launch),
+        loop=None if angle else kept.get(launch),
         **{name: getattr(row, column) for column, name in MEASURED.items()},
     )
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 SCHEMA = 1
 TABLES = ("restitution", "loops", "scores", "trains", "rests")
-CONDITIONS = ["gravity_m_per_s2", "off_axis_m"]  # under which a setting ran, beside its scene
+CONDITIONS = ["gravity_m_per_s2", "off_axis_m", "friction"]  # under which a setting ran, beside its scene
 _LATER = ("rests",)  # tables that results have had since there were any without
 RUN_KEY = [
     "scene",
@@ -64,7 +64,7 @@ LOOP_COLUMNS = [*RUN_KEY, "speed_m_per_s", "phase", "time_s", "penetration_m", "
 
 def run_key(scene: Scene, setting: Setting, alpha: float) -> dict[str, Any]:
     """The values of RUN_KEY."""
-    place = (scene.name, scene.gravity, scene.off_axis)
+    place = (scene.name, scene.gravity, scene.off_axis, scene.friction)
     values = (*place, setting.engine, setting.name, alpha, setting.timestep)
     return dict(zip(RUN_KEY, values, strict=True))
 
@@ -136,7 +136,7 @@ class Results:
 
 def _fill_conditions(table: Any, study: Mapping[str, Any]) -> None:
     """Give an older table, or record, the columns that all of its rows share: there was one gravity then."""
-    for name, value in zip(CONDITIONS, (study.get("gravity", 0.0), 0.0), strict=True):
+    for name, value in zip(CONDITIONS, (study.get("gravity", 0.0), 0.0, 0.0), strict=True):
         if name not in table:
             table[name] = value
 

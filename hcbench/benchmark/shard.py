@@ -55,7 +55,8 @@ def run_shard(shard: Shard, timeouts: Timeouts) -> ShardFiles:
     while done < total:
         end = min(done + size, total)
         kept = [i - done for i in shard.kept if done <= i < end]
-        results.append(_run(Batch(scene, shard.setting, shard.launches[done:end], kept), timeouts))
+        batch = Batch(scene, shard.setting, shard.launches[done:end], kept, shard.oblique)
+        results.append(_run(batch, timeouts))
         done, size = end, max(_FIRST, int(_SAMPLES // (1 + results[-1].columns["samples"].mean())))
     return shard_files(shard, results)
 
@@ -75,7 +76,7 @@ def _run(batch: Batch, timeouts: Timeouts) -> BatchResult:
             limit=limit(1),
             give_up=_GIVE_UP,
         )
-        return result_of(impacts, batch.kept)
+        return result_of(impacts, batch)
 
 
 def run_bounces(drop: Drop, timeouts: Timeouts) -> Dropped:

@@ -16,12 +16,15 @@ from hcbench.fields import (
     Acceleration,
     Alpha,
     Alphas,
+    Angles,
     Clearance,
     Clearances,
     FileTable,
+    Friction,
     Length,
     Speed,
     Speeds,
+    Spin,
     Step,
     Steps,
     Text,
@@ -39,8 +42,9 @@ _BUILT_IN = (_PACKAGE.parent / "reports", _PACKAGE / "data" / "studies")  # a ch
 class Run:
     """One line of a study: a recipe at some steps, over some speeds, for some α.
 
-    scene: with the run's own gravity and place off the axis. dropped: bodies fall to touch at these speeds;
-    else they are launched at them.
+    scene: with the run's own gravity, friction and place off the axis. dropped: bodies fall to touch at these
+    speeds; else they are launched at them. angles: from the normal, rad: each launch is made at each of them.
+    spin: of all launches, as `Launch` has it, rad/s.
     """
 
     engine: str
@@ -50,12 +54,21 @@ class Run:
     speeds: tuple[float, ...]
     scene: Scene
     dropped: bool = False
+    angles: tuple[float, ...] = (0.0,)
+    spin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def is_oblique(self) -> bool:
+        """Whether any launch is."""
+        return any(self.angles) or any(self.spin)
 
     def described(self) -> dict[str, Any]:
         """As JSON."""
-        names = [f.name for f in dataclasses.fields(self) if f.name != "scene"]
+        left_out = {"scene"} if self.is_oblique else {"scene", "angles", "spin"}
+        names = [f.name for f in dataclasses.fields(self) if f.name not in left_out]
         scene = self.scene
         place = {"scene": scene.name, "gravity": scene.gravity, "off_axis": scene.off_axis}
+        place |= {"friction": scene.friction} if scene.friction else {}
         return {name: getattr(self, name) for name in names} | place
 
 
@@ -79,6 +92,11 @@ class Study:
     runs: tuple[Run, ...]
     train_height: float | None = None
     train_step: float | None = None
+
+    @property
+    def is_oblique(self) -> bool:
+        """Whether any launch is."""
+        return any(run.is_oblique for run in self.runs)
 
     def described(self) -> dict[str, Any]:
         """As JSON, defaults filled in."""
@@ -122,7 +140,16 @@ class Study:
         )
 
 
-class _RunTable(FileTable):
+class _SentTable(FileTable):
+    """How bodies are sent: for all runs of a study, or one."""
+
+    gravity: Acceleration | None = None
+    friction: Friction | None = None
+    angles: Angles | None = None
+    spin: Spin | None = None
+
+
+class _RunTable(_SentTable):
     """A [[run]] of a study file."""
 
     engine: Text = Field(description="an engine's name")
@@ -132,11 +159,10 @@ class _RunTable(FileTable):
     speeds: Speeds | None = None
     heights: Clearances | None = None
     scene: Any = None
-    gravity: Acceleration | None = None
     off_axis: Length = 0.0
 
 
-class _StudyFile(FileTable):
+class _StudyFile(_SentTable):
     """A study file: its keys, without those of its runs."""
 
     schema_: StrictInt = Field(
@@ -154,7 +180,6 @@ class _StudyFile(FileTable):
     step_speed: Speed | None = None
     train_height: Clearance | None = None
     train_step: Step | None = None
-    gravity: Acceleration | None = None
     run: list[dict[str, Any]] = Field(min_length=1, description="[[run]] tables")
 
 
@@ -192,8 +217,7 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
     """A Study from a study file's content; `folder` is where relative scene paths start."""
     file = validate(_StudyFile, content, StudyError, f"{where}: {{}}")
     scene = load_scene(file.scene, folder)
-    if file.gravity is not None:
-        scene = dataclasses.replace(scene, gravity=file.gravity)
+    scene = dataclasses.replace(scene, **_stated(file))
     main_alpha = file.alphas[len(file.alphas) // 2] if file.main_alpha is None else file.main_alpha
     if main_alpha not in file.alphas:
         raise StudyError(f"{where}: main_alpha", f"{main_alpha:.6g} s/m", "one of the study's alphas")
@@ -221,10 +245,10 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
 def _run(table: _RunTable, where: str, file: _StudyFile, scene: Scene, folder: Path | None) -> Run:
     own = scene
     if table.scene is not None:
-        own = dataclasses.replace(load_scene(table.scene, folder), gravity=scene.gravity)
-    gravity = own.gravity if table.gravity is None else table.gravity
+        own = load_scene(table.scene, folder)
+        own = dataclasses.replace(own, gravity=scene.gravity, friction=scene.friction)
     try:
-        own = dataclasses.replace(own, gravity=gravity, off_axis=table.off_axis)
+        own = dataclasses.replace(own, off_axis=table.off_axis, **_stated(table))
     except SceneError as error:
         raise StudyError(f"{where}: {error.slot}", error.got, error.expected, error.todo) from None
     speeds = table.speeds or file.speeds
@@ -234,7 +258,14 @@ def _run(table: _RunTable, where: str, file: _StudyFile, scene: Scene, folder: P
             raise StudyError(f"{where}: heights", given, 'heights alone, with gravity = "9.81 m/s^2"')
         speeds = tuple(math.sqrt(2.0 * own.gravity * height) for height in table.heights)
     alphas, dropped = table.alphas or file.alphas, table.heights is not None
-    return Run(table.engine, table.recipe, table.timesteps, alphas, speeds, own, dropped)
+    angles, spin = table.angles or file.angles or (0.0,), table.spin or file.spin or (0.0, 0.0, 0.0)
+    return Run(table.engine, table.recipe, table.timesteps, alphas, speeds, own, dropped, angles, spin)
+
+
+def _stated(table: _SentTable) -> dict[str, float]:
+    """What a table says of its scene."""
+    stated = {"gravity": table.gravity, "friction": table.friction}
+    return {name: value for name, value in stated.items() if value is not None}
 
 
 def _described(scene: Scene) -> dict[str, Any]:

@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from hcbench.benchmark.batch import OBLIQUE_COLUMNS
 from hcbench.benchmark.results import IMPACT_COLUMNS, LOOP_COLUMNS, RUN_KEY, run_key
 from hcbench.impact import Floats, Loop, Status
 from hcbench.laws import closed_form
@@ -60,8 +61,9 @@ def shard_files(shard: Shard, results: Sequence[BatchResult]) -> ShardFiles:
         loops += [_loop_columns(key, shard.asked[i], loop) for i, loop in kept]
         summaries.append({**key, **_summary(columns)})
     looped = parquet(loops, LOOP_COLUMNS) if loops else b""
+    names = [*IMPACT_COLUMNS, *(OBLIQUE_COLUMNS if shard.oblique else ())]
     metadata = {_LOOPS: digest(looped).encode() if looped else b"", _SUMMARY: json.dumps(summaries).encode()}
-    return ShardFiles(shard.number, parquet(tables, IMPACT_COLUMNS, metadata), looped, summaries)
+    return ShardFiles(shard.number, parquet(tables, names, metadata), looped, summaries)
 
 
 def _laws(alpha: float, speed: Floats) -> dict[str, Floats]:

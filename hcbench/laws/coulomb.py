@@ -30,6 +30,11 @@ def friction_impulse(slip: Sequence[float], normal_impulse: float, scene: Scene)
     return -share * slip[0], -share * slip[1]
 
 
+def coulomb_ratio(along: Tangential, scene: Scene) -> float:
+    """What `Tangential.impulse_ratio` should be, for the slip and the normal impulse that there were."""
+    return math.hypot(*friction_impulse(along.slip_in, along.normal_impulse, scene)) / along.normal_impulse
+
+
 def tangential(impact: Impact, launch: Launch, scene: Scene) -> Tangential:
     """What an impact whose normal direction is known does along the plate, by Coulomb's law."""
     m, R, inertia = scene.mass, scene.touch_radius, scene.inertia
