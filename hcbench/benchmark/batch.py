@@ -30,8 +30,8 @@ MEASURED = {  # column -> attribute of an Impact
     "force_max_n": "force_max",
 }
 # More columns of impacts in a study with oblique launches: angle from the normal; along the way that the body
-# is sent, slip of the contact point before and after; about the axis across, spin before and after; impulse of
-# friction over the normal one, and what Coulomb's law makes of it; share of the kinetic energy that is lost.
+# is sent, slip of the contact point before and after; about the axis across, spin before and after; impulse
+# of friction over the normal one, and what Coulomb's law makes of it; share of the kinetic energy lost.
 OBLIQUE_COLUMNS = [
     "angle_rad",
     "slip_in_m_per_s",

@@ -76,8 +76,24 @@ class View:
     _curves: dict[tuple[RunKey, float], Curve] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for key, rows in self.results.impacts.groupby(RUN_KEY, sort=False):
+        for key, rows in self.head_on.groupby(RUN_KEY, sort=False):
             self._curves[_run_and_alpha(key)] = _curve(rows, self.mass)
+
+    @cached_property
+    def head_on(self) -> pd.DataFrame:
+        """Impacts at the study's smallest angle, 0 as a rule: what curves over speed are of."""
+        impacts = self.results.impacts
+        if "angle_rad" not in impacts:
+            return impacts
+        return impacts[impacts["angle_rad"] == impacts["angle_rad"].min()]
+
+    def oblique(self, run: RunKey) -> pd.DataFrame:
+        """Impacts of a run at all angles, for the main α; empty where the study has no oblique launches."""
+        impacts = self._of_main_alpha(self.results.impacts)
+        if "angle_rad" not in impacts:
+            return pd.DataFrame(columns=["slip_in_m_per_s", "speed_m_per_s"])
+        keys = impacts[["engine", "setting", "timestep_s"]]
+        return impacts[(keys == (run.engine, run.setting, run.timestep)).all(axis=1)]
 
     # The study and its law
 
@@ -132,7 +148,7 @@ class View:
     def tabled_runs(self) -> list[RunKey]:
         """Runs over enough speeds to show a curve, in the study's order."""
         enough = min(CURVE_SPEEDS, len(self.study["speeds"]))
-        tried = self.results.impacts.groupby(RUN_KEY, sort=False)["speed_m_per_s"].nunique()
+        tried = self.head_on.groupby(RUN_KEY, sort=False)["speed_m_per_s"].nunique()
         return list(dict.fromkeys(_run_and_alpha(key)[0] for key, n in tried.items() if n >= enough))
 
     @cached_property
@@ -208,7 +224,7 @@ class View:
 
         Columns: timestep, low, middle, high (NaN where no impact came back).
         """
-        impacts = self._of_main_alpha(self.results.impacts)
+        impacts = self._of_main_alpha(self.head_on)
         here = impacts[np.isclose(impacts["speed_m_per_s"], self.study["step_speed"], rtol=1e-9)]
         out: dict[tuple[str, str], pd.DataFrame] = {}
         for key, rows in here.groupby(["engine", "setting"], sort=False):
