@@ -12,7 +12,17 @@ from pydantic import Field, StrictInt, field_validator
 
 from hcbench import units
 from hcbench.errors import QuantityError, SceneError
-from hcbench.fields import Acceleration, FileTable, Friction, Length, Mass, Number, Pressure, read_toml, validate
+from hcbench.fields import (
+    Acceleration,
+    FileTable,
+    Friction,
+    Length,
+    Mass,
+    Number,
+    Pressure,
+    read_toml,
+    validate,
+)
 
 FILE = "scene.toml"
 _PACKAGE = Path(__file__).parent

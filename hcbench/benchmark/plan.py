@@ -74,7 +74,7 @@ class Shard:
 
 @dataclass(frozen=True, slots=True)
 class LaunchGrid:
-    """A setting, launched or dropped at every speed (m/s), angle (rad) and phase, and compared to every α (s/m).
+    """A setting, launched or dropped at every speed (m/s), angle (rad) and phase, compared to every α (s/m).
 
     spin: of all, as `Launch` has it, rad/s. loop_speeds: those at which loops are kept, at the middle phase.
     """

@@ -262,7 +262,7 @@ def _run(table: _RunTable, where: str, file: _StudyFile, scene: Scene, folder: P
     return Run(table.engine, table.recipe, table.timesteps, alphas, speeds, own, dropped, angles, spin)
 
 
-def _stated(table: _SentTable) -> dict[str, float]:
+def _stated(table: _SentTable) -> dict[str, Any]:
     """What a table says of its scene."""
     stated = {"gravity": table.gravity, "friction": table.friction}
     return {name: value for name, value in stated.items() if value is not None}

@@ -83,17 +83,8 @@ class View:
     def head_on(self) -> pd.DataFrame:
         """Impacts at the study's smallest angle, 0 as a rule: what curves over speed are of."""
         impacts = self.results.impacts
-        if "angle_rad" not in impacts:
-            return impacts
-        return impacts[impacts["angle_rad"] == impacts["angle_rad"].min()]
-
-    def oblique(self, run: RunKey) -> pd.DataFrame:
-        """Impacts of a run at all angles, for the main α; empty where the study has no oblique launches."""
-        impacts = self._of_main_alpha(self.results.impacts)
-        if "angle_rad" not in impacts:
-            return pd.DataFrame(columns=["slip_in_m_per_s", "speed_m_per_s"])
-        keys = impacts[["engine", "setting", "timestep_s"]]
-        return impacts[(keys == (run.engine, run.setting, run.timestep)).all(axis=1)]
+        angles = impacts.get("angle_rad", pd.Series(0.0, impacts.index))
+        return impacts.loc[angles == angles.min()]
 
     # The study and its law
 
