@@ -7,7 +7,7 @@ normal force F > 0 pushes the bodies apart. SI units.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -93,9 +93,14 @@ class Launch:
         return cls(speed, phase, height, (speed * math.tan(angle), 0.0), spin)
 
     @property
+    def at_any_phase(self) -> Launch:
+        """The same for all launches that differ in phase only."""
+        return replace(self, phase=0.0)
+
+    @property
     def angle(self) -> float:
-        """Between the velocity at release and the normal, rad."""
-        return math.atan2(math.hypot(*self.slip), self.speed)
+        """Between the velocity at release and the normal, rad, to 12 digits: the same at each speed."""
+        return round(math.atan2(math.hypot(*self.slip), self.speed), 12)
 
     @property
     def is_oblique(self) -> bool:

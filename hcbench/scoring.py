@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from hcbench.impact import Floats, Impact, Loop, Status
+from hcbench.impact import Floats, Impact, Launch, Loop, Status
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 
@@ -249,10 +249,10 @@ def _claims(loops: list[LoopScore], exponent: float, law_exponent: float) -> dic
 
 def phase_spread(impacts: Sequence[Impact]) -> float:
     """The largest difference in e between launches that differ in phase only; NaN with nothing to compare."""
-    by_speed: dict[float, list[float]] = {}
+    by_launch: dict[Launch, list[float]] = {}
     for impact in impacts:
-        by_speed.setdefault(impact.launch.speed, []).append(impact.restitution)
-    return max((max(e) - min(e) for e in by_speed.values() if len(e) > 1), default=math.nan)
+        by_launch.setdefault(impact.launch.at_any_phase, []).append(impact.restitution)
+    return max((max(e) - min(e) for e in by_launch.values() if len(e) > 1), default=math.nan)
 
 
 def _largest(values: Floats) -> float:

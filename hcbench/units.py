@@ -208,7 +208,8 @@ def _require_bounds(
         raise QuantityError(slot, got, f"0, or a size of {SMALLEST:g} ... {LARGEST:g} {kind.unit}".strip())
     lowest = min(numbers)
     if lowest <= above or lowest < least:
-        expected = f"a value above {above:g}" if lowest <= above else f"{least:g} {kind.unit} or more"
+        bound = f"{least:g} {kind.unit}".strip()
+        expected = f"a value above {above:g}" if lowest <= above else f"{bound} or more"
         todo = f"Write for example {kind.example!r}"
         raise QuantityError(slot, f"{lowest:g} {kind.unit}".strip(), expected, todo)
     if (highest := max(numbers)) >= kind.below:

@@ -42,7 +42,6 @@ OBLIQUE_COLUMNS = [
     "impulse_ratio_coulomb",
     "energy_lost",
 ]
-_DIGITS = 12  # of an angle, that it is the same at each speed
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +87,7 @@ def columns_of(impacts: Sequence[Impact]) -> dict[str, Any]:
 
 def oblique_columns(impacts: Sequence[Impact], scene: Scene) -> dict[str, Any]:
     """OBLIQUE_COLUMNS -> values, one an impact; NaN where it was not measured, or not along the plate."""
-    rows = [(round(impact.launch.angle, _DIGITS), *_along_plate(impact, scene)) for impact in impacts]
+    rows = [(impact.launch.angle, *_along_plate(impact, scene)) for impact in impacts]
     return dict(zip(OBLIQUE_COLUMNS, np.array(rows, dtype=np.float64).T, strict=True))
 
 

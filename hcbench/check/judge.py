@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from hcbench._text import sanitized
-from hcbench.benchmark.results import RUN_KEY, Results
+from hcbench.benchmark.results import CONDITIONS, RUN_KEY, Results
 from hcbench.check.outcome import Outcome, Report, SpeedRow, Verdict, speed_row, worst_of
 from hcbench.errors import HcbenchError, UserError
 from hcbench.impact import Impact, Status
@@ -18,7 +18,7 @@ from hcbench.measure.measure import Job, measure_job
 from hcbench.measure.measurement import TOLERANCE, Measurement
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     import pandas as pd
 
@@ -118,7 +118,7 @@ def _verdict(check: Check, measurement: Measurement, rows: Sequence[SpeedRow]) -
 
 
 def _within(worst: SpeedRow, max_error: float) -> tuple[Verdict, str]:
-    message = f"largest error {worst.error:+.3g} at {worst.speed_in:.4g} m/s, limit {max_error:g}"
+    message = f"largest error {worst.error:+.3g} at {worst.place}, limit {max_error:g}"
     return Verdict.FAILED if abs(worst.error) > max_error else Verdict.PASSED, message
 
 
@@ -150,16 +150,28 @@ def judge_results(results: Results, max_error: float, reading: Reading = "law") 
     return Report(tuple(_judge_run(key, group, max_error, reading) for key, group in groups))
 
 
+def _conditions(run: Mapping[str, Any]) -> str:
+    """What a setting ran under beside its scene, in words; "" for launches without any of it."""
+    words = ("gravity {:g} m/s^2", "{:g} m off the axis", "friction {:g}")
+    return "".join(
+        f", {text.format(run[key])}" for key, text in zip(CONDITIONS, words, strict=True) if run[key]
+    )
+
+
 def _judge_run(key: Any, impacts: pd.DataFrame, max_error: float, reading: Reading) -> Outcome:
-    scene, engine, setting, alpha, timestep = key
-    name = f"{scene} {engine} {setting} α = {alpha:.4g} s/m, step {timestep:g} s"
+    run = dict(zip(RUN_KEY, key, strict=True))
+    alpha, where = run["alpha_s_per_m"], _conditions(run)
+    named = f"{run['scene']} {run['engine']} {run['setting']}"
+    name = f"{named} α = {alpha:.4g} s/m, step {run['timestep_s']:g} s{where}"
     against = Restitution(alpha, reading).description
     rows = []
-    for speed, group in impacts.groupby("speed_m_per_s", sort=False):
+    by = ["speed_m_per_s", *(["angle_rad"] if "angle_rad" in impacts else [])]
+    for place, group in impacts.groupby(by, sort=False):
+        speed, *angle = cast("tuple[float, ...]", place)
         good = group[group["status"].isin(_HAS_E)]
         columns = ("speed_in_m_per_s", "restitution", f"restitution_{reading}")
         speed_in, e, wanted = (good[column].to_numpy(float) for column in columns)
-        rows.append(speed_row(float(str(speed)), speed_in, e, wanted, len(group) - len(good)))
+        rows.append(speed_row(speed, speed_in, e, wanted, len(group) - len(good), *angle))
     failed, worst = sum(row.failed for row in rows), worst_of(rows)
     if failed or worst is None:
         verdict = Verdict.FAILED

@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
@@ -33,9 +34,10 @@ EXIT_CODES = {
 
 @dataclass(frozen=True, slots=True)
 class SpeedRow:
-    """All phases of one launch speed; speeds in m/s, NaN for what there is not.
+    """All phases of one launch speed and angle; speeds in m/s, NaN for what there is not.
 
     restitution: the mean. error: the largest e - wanted, with its sign. failed: impacts without e.
+    angle: from the normal, rad; None where no launch is oblique.
     """
 
     speed: float
@@ -46,12 +48,26 @@ class SpeedRow:
     wanted: float
     error: float
     failed: int
+    angle: float | None = None
+
+    @property
+    def place(self) -> str:
+        """Where on the curve it is, in words."""
+        angle = "" if self.angle is None else f" and {math.degrees(self.angle):.4g} deg"
+        return f"{self.speed_in:.4g} m/s{angle}"
+
+    def record(self) -> dict[str, Any]:
+        """For JSON."""
+        record = asdict(self)
+        return record if self.angle is not None else {k: v for k, v in record.items() if k != "angle"}
 
 
-def speed_row(speed: float, speed_in: Floats, e: Floats, wanted: Floats, failed: int) -> SpeedRow:
-    """The row of the impacts at one launch speed. wanted: NaN where an impact is held against nothing."""
+def speed_row(
+    speed: float, speed_in: Floats, e: Floats, wanted: Floats, failed: int, angle: float | None = None
+) -> SpeedRow:
+    """The row of the impacts at one launch speed and angle. wanted: NaN where one is held against nothing."""
     if not e.size:
-        return SpeedRow(speed, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, failed)
+        return SpeedRow(speed, *(math.nan,) * 6, failed=failed, angle=angle)
     error = e - wanted
     worst = int(np.argmax(np.where(np.isnan(error), -1.0, np.abs(error))))
     return SpeedRow(
@@ -63,6 +79,7 @@ def speed_row(speed: float, speed_in: Floats, e: Floats, wanted: Floats, failed:
         wanted=float(wanted[worst]),
         error=float(error[worst]),
         failed=failed,
+        angle=angle,
     )
 
 

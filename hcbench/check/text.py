@@ -1,12 +1,13 @@
 """The results of checks for a terminal, as JSON, as a Markdown summary, and as JUnit XML for CI systems."""
 
-import dataclasses
 import html
+import math
 import re
+from collections.abc import Sequence
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from hcbench._text import number, sanitized, table
+from hcbench._text import number, sanitized, table, without_empty
 from hcbench.check.outcome import Outcome, Report, SpeedRow, Verdict
 from hcbench.measure.text import as_record, cause_lines, headline
 
@@ -18,7 +19,7 @@ _MARKS = {
     Verdict.MISTAKE: "⚠️",
     Verdict.COULD_NOT_RUN: "💥",
 }
-_HEADER = ("launched m/s", "at touch m/s", "e", "lowest", "highest", "wanted", "error")
+_HEADER = ("launched m/s", "deg", "at touch m/s", "e", "lowest", "highest", "wanted", "error")
 
 
 def as_text(report: Report) -> str:
@@ -43,16 +44,21 @@ def outcome_text(outcome: Outcome) -> str:
         limit = "" if outcome.max_error != outcome.max_error else f", limit {outcome.max_error:g}"
         lines.append(f"against {outcome.against}{limit}")
     if outcome.rows:
-        lines += ["", *table(_HEADER, [_cells(row) for row in outcome.rows]), ""]
+        lines += ["", *table(*_table(outcome.rows)), ""]
     lines.append(summary_line(outcome))
     if outcome.verdict is Verdict.FAILED and outcome.measurement is not None:
         lines += cause_lines(outcome.measurement.causes, outcome.measurement.remedy)
     return "\n".join(lines)
 
 
+def _table(rows: Sequence[SpeedRow]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    return without_empty(_HEADER, [_cells(row) for row in rows], "deg")
+
+
 def _cells(row: SpeedRow) -> tuple[str, ...]:
     return (
         f"{row.speed:.4g}",
+        "" if row.angle is None else f"{math.degrees(row.angle):.4g}",
         number(row.speed_in, ".4g"),
         number(row.restitution),
         number(row.lowest),
@@ -80,8 +86,8 @@ def _record(outcome: Outcome) -> dict[str, Any]:
         "message": outcome.message,
         "against": outcome.against,
         "max_error": outcome.max_error,
-        "worst": None if outcome.worst is None else dataclasses.asdict(outcome.worst),
-        "rows": [dataclasses.asdict(row) for row in outcome.rows],
+        "worst": None if outcome.worst is None else outcome.worst.record(),
+        "rows": [row.record() for row in outcome.rows],
         "measurement": None if outcome.measurement is None else as_record(outcome.measurement),
     }
 
@@ -96,8 +102,9 @@ def as_markdown(report: Report) -> str:
         if outcome.verdict in (Verdict.PASSED, Verdict.MEASURED) or outcome.measurement is None:
             continue
         lines += ["", f"<details><summary>{_safe(outcome.name)}: the curve and the cause</summary>", ""]
-        lines += [f"| {' | '.join(_HEADER)} |", "|" + "---:|" * len(_HEADER)]
-        lines += [f"| {' | '.join(_cells(row))} |" for row in outcome.rows]
+        header, rows = _table(outcome.rows)
+        lines += [f"| {' | '.join(header)} |", "|" + "---:|" * len(header)]
+        lines += [f"| {' | '.join(cells)} |" for cells in rows]
         for cause in outcome.measurement.causes:
             words = f"**{_safe(cause.title)}** Found: {_safe(cause.evidence)}. Fix: {_safe(cause.fix)}"
             lines += ["", f"- {words}"]
