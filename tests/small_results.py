@@ -94,7 +94,7 @@ def small_results(runs: Sequence[tuple[Any, ...]] = RUNS, title: str = "A steel 
     loops, settings = [], []
     for engine, setting, step, alphas, speeds in runs:
         for alpha in alphas:
-            key = (SCENE, 0.0, 0.0, engine, setting, alpha, step)
+            key = (SCENE, 0.0, 0.0, 0.0, engine, setting, alpha, step)
             found = flights(engine, setting, alpha, step, speeds)
             law = HuntCrossley(STIFFNESS, alpha)
             scores.append((*key, *dataclasses.astuple(scoring.score(found, law, MASS))))

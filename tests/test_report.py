@@ -282,7 +282,7 @@ def test_a_figure_without_content_says_why() -> None:
 def test_a_bounce_train_is_drawn_over_the_laws(results: Results) -> None:
     """A constant e loses the same share each time: a straight line on the log axis."""
     heights = 0.01 * 0.9 ** (2 * np.arange(1, 6))
-    key = (SCENE, 0.0, 0.0, *IMPULSE[:2], ALPHAS[1], 1e-3)
+    key = (SCENE, 0.0, 0.0, 0.0, *IMPULSE[:2], ALPHAS[1], 1e-3)
     rows = [(*key, i, 0.1 * i, 0.1 * i, h, 0.01 * 0.8**i) for i, h in enumerate(heights, 1)]
     study = {**results.study, "train_height": 0.01}
     dropped = dataclasses.replace(results, study=study, trains=pd.DataFrame(rows, columns=TRAIN_COLUMNS))
