@@ -137,6 +137,12 @@ class Trajectory:
     rate: Floats
     force: Floats
 
+    def thinned(self, most: int) -> Trajectory:
+        """At most so many of the steps, evenly, both ends among them."""
+        count = len(self.time)
+        every = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
+        return Trajectory(self.time[every], self.penetration[every], self.rate[every], self.force[every])
+
 
 # Rows of what is recorded along the plate at each step, in the directions of `Launch`: velocity of the
 # contact point over it, m/s; spin, rad/s; friction on the body, N; kinetic energy but for the rate's, J.

@@ -188,7 +188,7 @@ def score(impacts: Sequence[Impact], law: HuntCrossley, mass: float) -> Score:
 
     impacts: over speeds and phases; a launch is one (speed, phase). mass: effective mass, kg.
     """
-    good = [i for i in impacts if i.status in (Status.PARTED, Status.RESTED)]
+    good = [i for i in impacts if i.is_measured]
     speed_in = np.array([i.speed_in for i in good])
     e = np.array([i.restitution for i in good])
     nominal = np.array([i.launch.speed for i in impacts])

@@ -11,8 +11,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from hcbench import scoring
 from hcbench.benchmark.batch import MEASURED
 from hcbench.benchmark.bounce_sequence import RESTS
@@ -136,10 +134,7 @@ def _loop_table(key: tuple[Any, ...], impact: Impact) -> pd.DataFrame:
     """LOOP_COLUMNS of one impact, thinned to what a figure can show. key: the values of RUN_KEY."""
     import pandas as pd
 
-    loop = impact.loop
-    assert loop is not None
-    count = len(loop.time)
-    every = np.unique(np.linspace(0, count - 1, min(_LOOP_SAMPLES, count)).round().astype(int))
-    columns = (loop.time[every], loop.penetration[every], loop.rate[every], loop.force[every])
-    head = (*key, impact.launch.speed, impact.launch.phase)
-    return pd.DataFrame(dict(zip(LOOP_COLUMNS, (*head, *columns), strict=True)))
+    assert impact.loop is not None
+    loop = impact.loop.thinned(_LOOP_SAMPLES)
+    columns = (impact.launch.speed, impact.launch.phase, loop.time, loop.penetration, loop.rate, loop.force)
+    return pd.DataFrame(dict(zip(LOOP_COLUMNS, (*key, *columns), strict=True)))

@@ -71,7 +71,7 @@ def judge(check: Check, measurement: Measurement) -> Outcome:
     rows = []
     for speed in measurement.request.speeds:
         impacts = [i for i in measurement.impacts if i.launch.speed == speed]
-        good = [i for i in impacts if i.status in _HAS_E]
+        good = [i for i in impacts if i.is_measured]
         columns = [(i.speed_in, i.restitution, wanted(i)) for i in good]
         speed_in, e, e_wanted = np.array(columns, dtype=float).reshape(-1, 3).T
         rows.append(speed_row(speed, speed_in, e, e_wanted, len(impacts) - len(good)))

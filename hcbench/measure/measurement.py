@@ -26,7 +26,6 @@ TOLERANCE = 0.02  # of e
 GAIN = 1e-6  # e above 1 by more than this is energy made from nothing, not round-off
 NOTABLE_GAIN = 1e-3  # e above 1 by more than this: the causes are looked for
 _LOOP_STEPS = 8  # in contact, from which there is a loop to show
-_MEASURED = (Status.PARTED, Status.RESTED)
 
 
 def Wanted(
@@ -103,12 +102,12 @@ class Measurement:
     @property
     def measured(self) -> list[Impact]:
         """The impacts that have a restitution."""
-        return [i for i in self.impacts if i.status in _MEASURED]
+        return [i for i in self.impacts if i.is_measured]
 
     @property
     def failed(self) -> list[Impact]:
         """The impacts that have none."""
-        return [i for i in self.impacts if i.status not in _MEASURED]
+        return [i for i in self.impacts if not i.is_measured]
 
     @property
     def loops(self) -> list[Impact]:
@@ -184,7 +183,7 @@ class Measurement:
 
 
 def _point(speed: float, impacts: list[Impact]) -> CurvePoint:
-    good = [i for i in impacts if i.status in _MEASURED]
+    good = [i for i in impacts if i.is_measured]
     e = [i.restitution for i in good] or [math.nan]
     return CurvePoint(
         speed=speed,

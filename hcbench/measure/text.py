@@ -84,17 +84,15 @@ def _impact(impact: Impact) -> dict[str, Any]:
 
 
 def _loop(impact: Impact) -> dict[str, Any]:
-    loop = impact.loop
-    assert loop is not None
-    count = len(loop.time)
-    every = np.unique(np.linspace(0, count - 1, min(_LOOP_SAMPLES, count)).round().astype(int))
+    assert impact.loop is not None
+    loop = impact.loop.thinned(_LOOP_SAMPLES)
     return {
         "speed_m_per_s": impact.launch.speed,
         "phase": impact.launch.phase,
-        "time_s": loop.time[every].tolist(),
-        "penetration_m": loop.penetration[every].tolist(),
-        "rate_m_per_s": loop.rate[every].tolist(),
-        "force_n": loop.force[every].tolist(),
+        "time_s": loop.time.tolist(),
+        "penetration_m": loop.penetration.tolist(),
+        "rate_m_per_s": loop.rate.tolist(),
+        "force_n": loop.force.tolist(),
     }
 
 

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 import numpy as np
 
 from hcbench.errors import EngineFailed, SettingError, UserError
-from hcbench.sim.read_impact import SpeedReading
+from hcbench.sim.read_impact import NOT_FINITE, SpeedReading
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -106,7 +106,7 @@ class World(ABC):
     places: int = 1
     concurrent: int = 1
     deepest: float = math.inf
-    diverged: str = "position, velocity or force is not finite"
+    diverged: str = NOT_FINITE
     speed_reading: SpeedReading = SpeedReading.TOUCH_PLANE
 
     @abstractmethod

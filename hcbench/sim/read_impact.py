@@ -17,11 +17,17 @@ if TYPE_CHECKING:
 
     from hcbench.impact import Floats, Trajectory
 
-    States = tuple[Floats, Floats]
+    States = tuple[Floats, ...]
+
 
 NOT_FINITE = "position, velocity or force is not finite"
-_TOO_DEEP = "went through the plate: deeper than its own radius"
-_TURNED_BACK = "turned back without a contact force of the pair"
+# What became of a launch without a contact to its end. {0}: the time simulated, s; {1}: the engine's words.
+_FAILED = {
+    End.NOT_FINITE: (Status.DIVERGED, "{1}"),
+    End.TOO_DEEP: (Status.DIVERGED, "went through the plate: deeper than its own radius"),
+    End.TURNED_BACK: (Status.NO_TOUCH, "turned back without a contact force of the pair"),
+    End.NEVER_TOUCHED: (Status.NO_TOUCH, "no contact force within {0:.3g} s"),
+}
 _PUSHED = "turned back by something else than the contact of the pair"
 
 
@@ -56,82 +62,81 @@ class SpeedReading(StrEnum):
         half = fall / 2 if self is SpeedReading.TOUCH_PLANE else 0.0
 
         def at_plane(x: Floats, v: Floats) -> Floats:
-            return np.asarray(np.sqrt(np.maximum(0.0, (v + half) ** 2 - 2.0 * gravity * x)))
+            with np.errstate(invalid="ignore"):
+                return np.asarray(np.sqrt(np.maximum(0.0, (v + half) ** 2 - 2.0 * gravity * x)))
 
         return at_plane(x_in, v_in), at_plane(x_out, v_out)
 
 
 def impact_of(launch: Launch, trajectory: Trajectory) -> Impact:
     """Read one impact off a trajectory without gravity; `impacts_of` says how."""
-    x, v, f = trajectory.penetration[None], trajectory.rate[None], trajectory.force[None]
+    states = np.stack([trajectory.penetration, trajectory.rate, trajectory.force])[:, None]
     step = float(trajectory.time[1] - trajectory.time[0]) if len(trajectory.time) > 1 else 1.0
-    counts, ends = StopRule.for_launches([launch], step, 0.0).add(x, v, f)
+    counts, ends = StopRule.for_launches([launch], step, 0.0).add(*states)
     if not counts[0]:
-        touched = f.any()
-        counts, ends = np.array([x.shape[1]]), np.array([End.UNFINISHED if touched else End.NEVER_TOUCHED])
-    return impacts_of([launch], trajectory.time, x, v, f, counts, ends)[0]
+        touched = trajectory.force.any()
+        counts = np.array([len(trajectory.time)])
+        ends = np.array([End.UNFINISHED if touched else End.NEVER_TOUCHED])
+    return impacts_of([launch], trajectory.time, states, counts, ends)[0]
 
 
 def impacts_of(
     launches: Sequence[Launch],
     time: Floats,
-    x: Floats,
-    v: Floats,
-    f: Floats,
+    states: Floats,
     counts: NDArray[np.int64],
     ends: NDArray[np.int64],
     gravity: float = 0.0,
     reading: SpeedReading = SpeedReading.TOUCH_PLANE,
+    diverged: str = NOT_FINITE,
 ) -> list[Impact]:
     """Read impacts off trajectories that share their times, shape (n,), even.
 
-    x, v, f: penetration, rate and force as in `Trajectory`, shape (b, n); of each, the first `counts` steps
-    are its own, and `ends` says why it is over (`End`), shape (b,). gravity: into the plate, m/s².
-    Contact is the run of steps in which the force acts. Speeds are read, as the engine's `reading` says, off
-    the last state that no contact force has touched and the first after the force has ceased for good.
+    states: penetration, rate, force as in `Trajectory`, shape (3, b, n); the first `counts` steps count.
+    ends: why they end (`End`), (b,). gravity: into the plate, m/s². diverged: said of NOT_FINITE. Contact is
+    the run of steps in which the force acts. Speeds are read, as `reading` says, off the last state that no
+    contact force has touched and the first after the force has ceased for good.
     """
-    first, stops, deepest, hardest = _contact(x, f, counts.astype(np.int32))
-    each, after = np.arange(len(x)), np.minimum(stops, counts - 1)
+    first, stops, deepest, hardest = _contact(states, counts.astype(np.int32))
     h = float(time[1] - time[0]) if len(time) > 1 else 0.0
-    came, left = (x[each, first], v[each, first]), (x[each, after], v[each, after])
-    approaches, comes_on = (came[1] > 0.0).tolist(), (left[1] > 0.0).tolist()
-    with np.errstate(invalid="ignore"):
-        v_in, v_out = (speed.tolist() for speed in reading.speeds(came, left, gravity * h, gravity))
-    clock = time - time[0]
+    each, after = np.arange(len(counts)), np.minimum(stops, counts - 1)
+    came, left = (tuple(states[:2, each, step]) for step in (first, after))
+    v_in, v_out = reading.speeds(came, left, gravity * h, gravity)
+    pushed = ~(came[1] > 0.0) | ((ends == End.PARTED) & (left[1] > 0.0))
     impacts = []
     for i, (launch, start, stop, n, end) in enumerate(
         zip(launches, first.tolist(), stops.tolist(), counts.tolist(), ends.tolist(), strict=True)
     ):
-        if end not in (End.PARTED, End.RESTED, End.UNFINISHED):
-            impact = _without_contact(launch, End(end), float(time[n - 1]))
-        elif not approaches[i] or (end == End.PARTED and comes_on[i]):
-            impact = Impact(launch, Status.DIVERGED, _PUSHED, samples=stop - start)
+        acted, rested, failed = stop - start, end == End.RESTED, _FAILED.get(End(end))
+        if failed is not None:
+            impacts.append(Impact(launch, failed[0], failed[1].format(time[n - 1], diverged)))
+        elif pushed[i]:
+            impacts.append(Impact(launch, Status.DIVERGED, _PUSHED, samples=acted))
         elif end == End.UNFINISHED:
-            lasted = f"{n - start} steps ({h * (n - start):.3g} s)"
-            reason = f"still in contact, and not at rest, after {lasted}"
-            impact = Impact(launch, Status.UNFINISHED, reason, samples=stop - start)
+            reason = f"still in contact, and not at rest, after {n - start} steps ({h * (n - start):.3g} s)"
+            impacts.append(Impact(launch, Status.UNFINISHED, reason, samples=acted))
         else:
-            contact, rested = slice(start, stop), end == End.RESTED
             impact = Impact(
-                launch=launch,
-                status=Status.RESTED if rested else Status.PARTED,
+                launch,
+                Status.RESTED if rested else Status.PARTED,
                 reason=f"still in contact {time[n - 1] - time[start]:.3g} s after touch" if rested else "",
-                speed_in=v_in[i],
-                speed_out=0.0 if rested else v_out[i],
-                duration=h * (stop - start),
+                speed_in=float(v_in[i]),
+                speed_out=0.0 if rested else float(v_out[i]),
+                duration=h * acted,
                 penetration_max=deepest[i],
                 force_max=hardest[i],
-                samples=stop - start,
-                loop=Loop(clock[: stop - start], x[i, contact], v[i, contact], f[i, contact]),
+                samples=acted,
+                loop=Loop(time[:acted] - time[0], *states[:, i, start:stop]),
             )
-        impacts.append(impact)
+            impacts.append(impact)
     return impacts
 
 
 def _contact(
-    x: Floats, f: Floats, counts: NDArray[np.int32]
+    states: Floats, counts: NDArray[np.int32]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], list[float], list[float]]:
     """First step in which the force acts, one after the last, greatest penetration and force; (b,) each."""
+    x, _, f = states
     step = np.arange(x.shape[1], dtype=np.int32)
     with np.errstate(all="ignore"):
         acting = (f != 0.0) & (step < counts[:, None])
@@ -141,13 +146,3 @@ def _contact(
         deepest = np.where(inside, x, -np.inf).max(axis=1).tolist()
         hardest = np.where(inside, f, -np.inf).max(axis=1).tolist()
     return first, stops, deepest, hardest
-
-
-def _without_contact(launch: Launch, end: End, lasted: float) -> Impact:
-    if end is End.NOT_FINITE:
-        return Impact(launch, Status.DIVERGED, NOT_FINITE)
-    if end is End.TOO_DEEP:
-        return Impact(launch, Status.DIVERGED, _TOO_DEEP)
-    if end is End.TURNED_BACK:
-        return Impact(launch, Status.NO_TOUCH, _TURNED_BACK)
-    return Impact(launch, Status.NO_TOUCH, f"no contact force within {lasted:.3g} s")

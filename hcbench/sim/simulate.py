@@ -18,7 +18,7 @@ from hcbench.impact import Impact, Status, Trajectory
 from hcbench.laws import closed_form
 from hcbench.sim import registry
 from hcbench.sim.engine import CannotShareError
-from hcbench.sim.read_impact import NOT_FINITE, impacts_of
+from hcbench.sim.read_impact import impacts_of
 from hcbench.sim.stop import StopRule
 from hcbench.sim.tangential import with_tangential
 from hcbench.workers import call, map_surviving_crashes, redirect_output
@@ -137,19 +137,19 @@ def _until_ended(
         rows = np.concatenate([part[:, ended] for part in history], axis=2)[:, :, :longest]
         time = np.arange(longest, dtype=np.float64) * world.timestep
         which = left[ended].tolist()
-        x, v, f = rows[:3]
         read = impacts_of(
             [launches[i] for i in which],
             time,
-            *(x, v, f),
+            rows[:3],
             counts[ended],
             ends[ended],
             world.gravity,
             world.speed_reading,
+            world.diverged,
         )
         for k, (i, impact, count) in enumerate(zip(which, read, counts[ended].tolist(), strict=True)):
             whole = with_tangential(impact, rows[:, k, :count], world.timestep, world.mass)
-            ended_impacts[i] = _explained(whole, world.diverged, simulation.remark(count))
+            ended_impacts[i] = _explained(whole, simulation.remark(count))
         going = ~ended
         left, history = left[going], [part[:, going] for part in history]
         if left.size:
@@ -158,12 +158,11 @@ def _until_ended(
     return [ended_impacts[i] for i in range(len(launches))], longest
 
 
-def _explained(impact: Impact, diverged: str, remark: str) -> Impact:
-    """With the engine's own words for what went wrong, and what was in the way."""
-    if impact.status not in (Status.NO_TOUCH, Status.DIVERGED):
+def _explained(impact: Impact, remark: str) -> Impact:
+    """With what was in the way of one that went wrong."""
+    if not remark or impact.status not in (Status.NO_TOUCH, Status.DIVERGED):
         return impact
-    reason = diverged if impact.reason == NOT_FINITE else impact.reason
-    return dataclasses.replace(impact, reason=f"{reason}; {remark}" if remark else reason)
+    return dataclasses.replace(impact, reason=f"{impact.reason}; {remark}")
 
 
 def _simulated(launches: Sequence[Launch], name: str, scene: Scene, setting: Setting) -> Iterator[Impact]:

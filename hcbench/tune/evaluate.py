@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench import scoring
-from hcbench.impact import Floats, Impact, Launch, Status
+from hcbench.impact import Floats, Impact, Launch
 from hcbench.tune.constant import minimax_constant
 from hcbench.units import STANDARD_GRAVITY
 
@@ -85,8 +85,8 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
 
 def evaluate_impacts(impacts: Sequence[Impact], target: Target) -> Evaluation:
     """Compare impacts with the target."""
-    good = [i for i in impacts if i.status in (Status.PARTED, Status.RESTED)]
-    failed = [i for i in impacts if i.status not in (Status.PARTED, Status.RESTED)]
+    good = [i for i in impacts if i.is_measured]
+    failed = [i for i in impacts if not i.is_measured]
     speed = np.array([i.speed_in for i in good])
     error = np.abs(np.array([i.restitution for i in good]) - target.restitution(speed))
     constant, constant_error = minimax_constant(target)
