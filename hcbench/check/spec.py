@@ -46,7 +46,9 @@ Quantities = Annotated[float | str | list[float | str], _Plain]
 class SharedSpec(FileTable):
     """What several checks may share. None: left out. limit: time after which a model counts as hung."""
 
-    model_config = ConfigDict(alias_generator=lambda name: name.replace("_", "-"), populate_by_name=True)
+    model_config = ConfigDict(
+        alias_generator=lambda name: name.removeprefix("coming_").replace("_", "-"), populate_by_name=True
+    )
 
     max_error: Quantity | None = None
     speeds: Quantities | None = None
@@ -55,6 +57,10 @@ class SharedSpec(FileTable):
     gravity: Quantities | None = None
     key: str | None = None
     height: Quantity | None = None
+    qpos: str | None = None
+    state: Path | None = None
+    coming_from: str | None = None  # "from" in files
+    actuators: bool = True
     engine: str | None = None
     limit: Quantity | None = None
 
@@ -127,7 +133,19 @@ def plan(spec: CheckSpec) -> Check:
             _require_inside(units.parse_values(speeds, "speed", "speeds"), wanted)
     if baseline is not None:
         phases = baseline.phases
-    request = make_request(spec.pair, speeds, phases, spec.timestep, spec.gravity, spec.key, spec.height)
+    request = make_request(
+        spec.pair,
+        speeds,
+        phases,
+        spec.timestep,
+        spec.gravity,
+        spec.key,
+        spec.height,
+        qpos=spec.qpos,
+        state=spec.state,
+        coming_from=spec.coming_from,
+        actuators=spec.actuators,
+    )
     source = spec.models[0] if len(spec.models) == 1 else spec.models
     max_error = read_max_error(spec.max_error, MAX_ERROR if baseline is None else MAX_DRIFT)
     return Check(name, source, request, wanted, baseline, max_error, spec.engine, read_limit(spec.limit))

@@ -32,6 +32,12 @@ def _model_options(command: Callable[..., Any]) -> Callable[..., Any]:
             click.option("--timestep", help="In place of the model's own."),
             click.option("--gravity", help="In place of the model's own; 0 for none."),
             click.option("--key", help="Keyframe to start from."),
+            click.option("--qpos", help="Joints to start from: 'hip=0.3, knee=-30 deg'."),
+            _file("--state", help="A pose to start from (.npz, JSON)."),
+            click.option(
+                "--from", "coming_from", help="Where the moving one comes from: above, +x, or 0,1,1."
+            ),
+            click.option("--actuators/--no-actuators", default=True, help="Whether actuators act."),
             click.option("--height", help="Clearance to launch from."),
             click.option("--engine", metavar="NAME", help="For files of both kinds."),
             click.option("--limit", help="Time after which a model counts as hung, such as '60 s'."),

@@ -54,6 +54,10 @@ def measure(
     gravity: Any = None,
     key: str | None = None,
     height: Any = None,
+    qpos: Any = None,
+    state: Any = None,
+    coming_from: Any = None,
+    actuators: bool = True,
     engine: str | None = None,
     wanted: RestitutionCurve | float | None = None,
     tolerance: float = TOLERANCE,
@@ -63,20 +67,36 @@ def measure(
     """Measure the bounce of a pair of the user's own model.
 
     model: a path to MJCF, URDF or MJB; two paths, for a pair of URDFs; MJCF text; "file.py:function", which
-        returns a model; or an object that an engine opens (`Engine.opens`), such as a compiled model.
+        returns a model; or an object that an engine opens (`Engine.opens`), such as a compiled model, or an
+        environment or client in the pose that it is in.
         Files are measured in a process of their own; objects in this one, and left as they were.
     pair: names of two bodies or geoms (URDF: links or files), the moving one first; "a,b" or ("a", "b").
     speeds: launch speeds, m/s or text like "1:20 in/s".
     phases: how many, or which, of a time step; None: 4, one where they cannot matter, and up to 32 where e
         scatters over them.
     timestep: s. gravity: m/s^2, a vector or a number along -z. key: keyframe. height: clearance, m.
+    qpos: joints to start from, "hip=0.3, knee=-30 deg" or a mapping. state: a file with a pose (.npz, JSON).
+    coming_from: where the moving one comes from: "above", "+x", three numbers; None: the nearest way.
+    actuators: False turns them off.
     engine: the name of one; None: the first that opens such a model.
     wanted: e to compare with. tolerance: |e - wanted| from which causes are looked for.
     limit: s, after which a model in a file counts as hung.
     Raises UserError (and its kinds) with the reason for what cannot be measured, EngineFailed for an engine
     that crashed or hung on it.
     """
-    request = make_request(pair, speeds, phases, timestep, gravity, key, height)
+    request = make_request(
+        pair,
+        speeds,
+        phases,
+        timestep,
+        gravity,
+        key,
+        height,
+        qpos=qpos,
+        state=state,
+        coming_from=coming_from,
+        actuators=actuators,
+    )
     goal = ConstantRestitution(wanted) if isinstance(wanted, int | float) else wanted
     return measure_job(Job(model, engine, request, goal, tolerance, diagnose), limit)
 

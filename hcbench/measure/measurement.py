@@ -25,6 +25,7 @@ from hcbench.sim.model_under_test import Facts, Request
 TOLERANCE = 0.02  # of e
 GAIN = 1e-6  # e above 1 by more than this is energy made from nothing, not round-off
 NOTABLE_GAIN = 1e-3  # e above 1 by more than this: the causes are looked for
+_LEAST_E = 0.1  # below it no law of a bounce is fitted
 _LOOP_STEPS = 8  # in contact, from which there is a loop to show
 
 
@@ -146,12 +147,12 @@ class Measurement:
 
     @property
     def _fitted_alpha(self) -> float:
-        """α of the law that describes e over speed, s/m; NaN where none does: where it is off by more than
-        TOLERANCE (rms), or by more than half of what one e for all speeds would be.
+        """α of the law that describes e over speed, s/m; NaN where none does: where nothing bounces, or it is
+        off by more than TOLERANCE (rms), or by more than half of what one e for all speeds would be.
         """
         speeds = np.array([i.speed_in for i in self.measured])
         e = np.array([i.restitution for i in self.measured])
-        if len({i.launch.speed for i in self.measured}) < 2:
+        if len({i.launch.speed for i in self.measured}) < 2 or e.max() < _LEAST_E:
             return math.nan
         alpha, rms = scoring.fit_alpha(speeds, e)
         return alpha if rms <= max(min(TOLERANCE, 0.5 * float(np.std(e))), GAIN) else math.nan

@@ -7,6 +7,7 @@ from typing import Any
 
 from hcbench import units
 from hcbench.errors import QuantityError, UserError
+from hcbench.measure.pose import read_direction, read_joints, read_state
 from hcbench.sim.model_under_test import DEFAULT_PHASES, DEFAULT_SPEEDS, Request, Vector
 
 MAX_PHASES = 1000
@@ -21,6 +22,11 @@ def make_request(
     gravity: Any = None,
     key: str | None = None,
     height: Any = None,
+    *,
+    qpos: Any = None,
+    state: Any = None,
+    coming_from: Any = None,
+    actuators: bool = True,
 ) -> Request:
     """A request from what a user writes: text with units, lists, single numbers. Raises QuantityError."""
     values = DEFAULT_SPEEDS if speeds is None else units.parse_values(speeds, "speed", "speeds", above=0)
@@ -35,6 +41,9 @@ def make_request(
         key=None if key is None else str(key),
         height=_height(height),
         adapt_phases=phases is None,
+        pose=(*read_state(state), *read_joints(qpos)),
+        coming_from=read_direction(coming_from),
+        actuators=actuators,
     )
 
 

@@ -15,6 +15,7 @@ from hcbench.measure.measurement import Cause, Measurement
 SCHEMA = 1
 _LOOP_SAMPLES = 200
 _LOSSY = 1e-3  # α v from which a loop of the law has an area to compare with
+_NOTABLE_SHARE = 0.005  # of the speed at touch: what else than the contact took off, and is told
 _FAILURES = 3  # impacts without an e that are listed
 
 
@@ -33,6 +34,8 @@ def as_record(measurement: Measurement) -> dict[str, Any]:
         "gravity_m_per_s2": list(facts.gravity),
         "effective_mass_kg": measurement.effective_mass,
         "normal": list(facts.normal),
+        "point_m": list(facts.point),
+        "speed_shares": dict(facts.shares),
         "settings": dict(facts.settings),
         "asked": {"restitution": list(facts.asked), "words": facts.asked_description},
         "wanted": measurement.wanted.description if measurement.wanted else None,
@@ -97,13 +100,14 @@ def _loop(impact: Impact) -> dict[str, Any]:
 
 
 def headline(measurement: Measurement) -> list[str]:
-    """What was measured, in two lines."""
+    """What was measured, and where, in three lines."""
     facts = measurement.facts
     gravity = float(np.linalg.norm(facts.gravity))
     return [
         f"{sanitized(facts.model)}: {sanitized(facts.pair[0])} on {sanitized(facts.pair[1])}",
         f"{facts.engine} {facts.version}, step {facts.timestep:.6g} s, gravity {gravity:.4g} m/s^2, "
         f"effective mass {measurement.effective_mass:.4g} kg, {sanitized(facts.moved)}",
+        f"they meet {sanitized(facts.meeting)}",
     ]
 
 
@@ -115,7 +119,7 @@ def as_text(measurement: Measurement) -> str:
     ]
     if measurement.facts.asked_description:
         lines.append(f"the model asks for: {sanitized(measurement.facts.asked_description)}")
-    lines += [f"note: {sanitized(note)}" for note in measurement.facts.notes]
+    lines += [f"note: {sanitized(note)}" for note in (*measurement.facts.notes, *shares_note(measurement))]
     asked = measurement.facts.asked or (math.nan,) * len(measurement.curve)
     rows = [
         (
@@ -137,6 +141,15 @@ def as_text(measurement: Measurement) -> str:
     lines += _score_lines(measurement)
     lines += cause_lines(measurement.causes, measurement.remedy)
     return "\n".join(lines).rstrip() + "\n"
+
+
+def shares_note(measurement: Measurement) -> list[str]:
+    """One sentence on what changed the speed during the contact, where it was not the contact alone."""
+    shares = measurement.facts.shares
+    notable = [f"{share:+.2g} by {name}" for name, share in shares.items() if abs(share) >= _NOTABLE_SHARE]
+    if not measurement.facts.more_than_contact >= _NOTABLE_SHARE:
+        return []
+    return [f"While in contact the approach changed by, in speeds at touch: {', '.join(notable)}."]
 
 
 def setting_text(value: Any) -> str:

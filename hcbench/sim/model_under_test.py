@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,6 +14,7 @@ from hcbench.sim.engine import World
 
 DEFAULT_SPEEDS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0)
 DEFAULT_PHASES = 4
+CONTACT, WEIGHT = "the contact of the pair", "gravity and motion of the links"  # among `Facts.shares`
 Vector = tuple[float, float, float]
 
 
@@ -26,6 +28,10 @@ class Request:
     key: name or number of the keyframe that everything starts from, "qpos0" for the model's zero;
         None: the first keyframe, or qpos0 where there is none.
     height: clearance at release, m; None: two to three steps of flight.
+    pose: (joint, values) to start from in place of the keyframe's, m and rad; or fields of a state such as
+        "qpos", whole.
+    coming_from: unit vector from the other to where the moving one comes from; None: the nearest way.
+    actuators: whether the model's actuators hold and push as it says; else they are off.
     adapt_phases: one phase only at speeds where the contact takes so many steps that the phase does not
         matter, more of them where e scatters.
     """
@@ -37,6 +43,9 @@ class Request:
     gravity: Vector | None = None
     key: str | None = None
     height: float | None = None
+    pose: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    coming_from: Vector | None = None
+    actuators: bool = True
     adapt_phases: bool = False
 
     def launches(self) -> list[Launch]:
@@ -74,6 +83,9 @@ class Facts:
     one towards the other. settings: the engine's own words for what decides the bounce.
     asked: e that the model asks for at each speed of the request; () where it cannot be said.
     asked_description: what in the model asks for it. notes: sentences a reader must know.
+    point: where the two meet, m. shares: what took how much off the approach speed during the contact, over
+    the speed at touch, by cause, in the launch in which joints and actuators took most; empty where there are
+    none.
     """
 
     engine: str
@@ -89,6 +101,22 @@ class Facts:
     asked: tuple[float, ...] = ()
     asked_description: str = ""
     notes: tuple[str, ...] = ()
+    point: Vector = (math.nan, math.nan, math.nan)
+    shares: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def more_than_contact(self) -> float:
+        """What joints and actuators took off the approach speed, over that at touch; NaN where unknown."""
+        own = (CONTACT, WEIGHT)
+        return sum(abs(s) for name, s in self.shares.items() if name not in own) if self.shares else math.nan
+
+    @property
+    def meeting(self) -> str:
+        """Where the two meet, and from which side the moving one comes, in words."""
+        axis = max(range(3), key=lambda i: abs(self.normal[i]))
+        side = ["from the side", "from the side", "from below" if self.normal[2] > 0 else "from above"][axis]
+        way, point = (" ".join(f"{x + 0.0:.3g}" for x in vector) for vector in (self.normal, self.point))
+        return f"at {point} m; {self.pair[0]} comes {side}, along {way}"
 
 
 class ModelUnderTest(World):

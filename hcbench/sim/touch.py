@@ -4,6 +4,7 @@ An engine moves one of the two along a line and says how far apart they are, or 
 """
 
 import itertools
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -13,19 +14,25 @@ from hcbench.errors import SceneError, UserError
 DEEPEST = 0.1  # of the smaller one's size: an overlap at the start up to which it is just moved out
 LEAST_APPROACH = 1e-3  # share of a joint's motion that must be along the normal for it to launch a body
 _ROUNDS = 60
+_PASSED = 4.0  # times the smallest distance: two that are so far apart again will not meet
 _SCAN_STEPS = 200
 _CLOSE = 1e-12  # of the smaller one's size: a distance that counts as touching
 
 
 def travel_by_distance(distance: Callable[[float], float], size: float, approach: float = 1.0) -> float:
-    """How far to go until the two touch: one round for convex shapes and straight approaches.
+    """How far to go until the two touch, or are nearest: one round for convex shapes and straight approaches.
 
     distance: moves to a travel and returns the signed distance there, m. size: of the smaller one, m.
     approach: how much the distance falls a unit of travel.
     """
-    travel = 0.0
+    travel = best = 0.0
+    nearest = math.inf
     for _ in range(_ROUNDS):
         gap = distance(travel)
+        if abs(gap) > _PASSED * nearest:  # they have passed each other
+            return best
+        if abs(gap) <= nearest:
+            nearest, best = abs(gap), travel
         travel += gap / approach
         if abs(gap) < _CLOSE * size:
             break

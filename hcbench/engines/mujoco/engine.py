@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from importlib import metadata
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from hcbench.engines.mujoco import mjcf
@@ -28,7 +29,6 @@ from hcbench.sim.engine import SteppedEngine
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
     from hcbench.engines.mujoco.model_under_test import MujocoModel
     from hcbench.scene import Scene
@@ -94,9 +94,16 @@ class MujocoEngine(SteppedEngine):
         return plugin.install() if install else plugin.library()
 
     def accepts(self, source: Any) -> bool:
-        """A path of its suffixes, MJCF text, an MjModel or an MjSpec."""
-        text = isinstance(source, str) and source.lstrip().startswith("<")
-        return text or super().accepts(source) or type(source).__module__.startswith("mujoco.")
+        """A path of its suffixes, MJCF text, an MjModel, MjSpec or MjData, or an environment that has one."""
+        if isinstance(source, str | Path):
+            return str(source).lstrip().startswith("<") or super().accepts(source)
+        if type(source).__module__.startswith("mujoco."):
+            return True
+        from hcbench.engines.mujoco.user_model import live_state
+
+        return any(hasattr(source, name) for name in ("unwrapped", "physics", "sim")) and (
+            live_state(source) is not None
+        )
 
     def open(
         self,

@@ -4,8 +4,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from hcbench.engines.mujoco.backend import backend
-from hcbench.engines.mujoco.model import body_name, collision_filter, geom_name, geoms_of
+from hcbench.engines.mujoco.model import (
+    body_name,
+    collision_filter,
+    explicit_pairs,
+    geom_name,
+    geoms_of,
+    joint_name,
+)
 from hcbench.engines.mujoco.pair import ContactPair, NamedGeoms
 from hcbench.errors import UserError
 from hcbench.sim.names import find_part
@@ -13,11 +22,15 @@ from hcbench.sim.names import find_part
 
 @dataclass(frozen=True, slots=True)
 class MovingJoint:
-    """The translational degrees of freedom of one body's free or slide joints."""
+    """What moves a body: degrees of freedom of one body's free or slide joints, or of its whole robot.
+
+    turns: whether hinges or balls are among them; the body then moves as a push at the contact would move it.
+    """
 
     body: int
     dofs: tuple[int, ...]
     description: str
+    turns: bool = False
 
 
 def find_pair(model: Any, names: tuple[str, str] | None) -> ContactPair:
@@ -31,7 +44,7 @@ def find_pair(model: Any, names: tuple[str, str] | None) -> ContactPair:
     if set(first.geoms) & set(second.geoms):
         got = f"{names[0]!r} and {names[1]!r} are the same"
         raise UserError("pair", got, "two different bodies or geoms")
-    return ContactPair(model, first, second)
+    return require_collisions(ContactPair(model, first, second))
 
 
 def _named_geoms(model: Any, name: str) -> NamedGeoms:
@@ -41,7 +54,9 @@ def _named_geoms(model: Any, name: str) -> NamedGeoms:
     kind, number = find_part(parts, name)
     if kind == "geom":
         return NamedGeoms(name, int(model.geom_bodyid[number]), (number,))
-    geoms = geoms_of(model, number)
+    geoms = geoms_of(model, number) or tuple(
+        geom for geom in range(model.ngeom) if number in _ancestors(model, int(model.geom_bodyid[geom]))
+    )
     solid = tuple(geom for geom in geoms if _collides(model, geom)) or geoms
     if not solid:
         raise UserError("pair", f"body {name!r} has no geoms", "a body that can touch something")
@@ -98,6 +113,13 @@ def moving_joints(model: Any, body: int) -> list[MovingJoint]:
             kind = "free joint" if free else "slide"
             words = f"body {body_name(model, ancestor)!r} on its {kind}"
             joints.append(MovingJoint(ancestor, dofs, words))
+    chain = [a for a in _ancestors(model, body) if model.body_jntnum[a]]
+    if any(model.body_dofnum[a] > len(_translations(model, a)) for a in chain) and not joints:
+        numbers = [model.body_jntadr[a] + j for a in chain for j in range(model.body_jntnum[a])]
+        names = ", ".join(joint_name(model, int(j)) for j in numbers[:6]) + ", ..." * (len(numbers) > 6)
+        tree = np.flatnonzero(model.body_rootid[model.dof_bodyid] == model.body_rootid[body])
+        words = f"body {body_name(model, body)!r} on its joints ({names})"
+        joints.append(MovingJoint(body, tuple(tree.tolist()), words, turns=True))
     return joints
 
 
@@ -106,13 +128,30 @@ def immobile_error(pair: ContactPair) -> UserError:
     states = []
     for part in (pair.first, pair.second):
         hinged = any(pair.model.body_jntnum[body] for body in _ancestors(pair.model, part.body))
-        states.append(f"{part.name!r} {'is on hinges or balls only' if hinged else 'does not move'}")
+        turns = "is on hinges or balls only, which do not bring it nearer"
+        states.append(f"{part.name!r} {turns if hinged else 'does not move'}")
     return UserError(
         "pair",
         " and ".join(states),
-        "one of the two on a free or slide joint, able to move towards the other",
-        "Add <freejoint/> to the body that shall bounce",
+        "one of the two on joints that move it towards the other",
+        "Add <freejoint/> to the body that shall bounce, or start from another --key or --qpos",
     )
+
+
+def require_collisions(pair: ContactPair) -> ContactPair:
+    """The pair with those geoms only that MuJoCo collides; UserError with what keeps all of them apart."""
+    model = pair.model
+    mine = [(a, b) for a in pair.first.geoms for b in pair.second.geoms]
+    off = backend().mjtDisableBit.mjDSBL_CONTACT | backend().mjtDisableBit.mjDSBL_CONSTRAINT
+    meet = [geoms for geoms in mine if explicit_pairs(model, geoms) or not collision_filter(model, *geoms)]
+    if not meet or model.opt.disableflags & off:
+        fixed = not any(model.body_weldid[part.body] for part in (pair.first, pair.second))
+        raise immobile_error(pair) if fixed else no_contact_error(pair)
+    sides = [
+        NamedGeoms(side.name, side.body, tuple(dict.fromkeys(geoms[i] for geoms in meet)))
+        for i, side in enumerate((pair.first, pair.second))
+    ]
+    return ContactPair(model, *sides)
 
 
 def no_contact_error(pair: ContactPair) -> UserError:

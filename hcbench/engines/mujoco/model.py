@@ -24,6 +24,11 @@ def geom_name(model: Any, geom: int) -> str:
     return sanitized(model.geom(geom).name) or f"geom:{geom}"
 
 
+def joint_name(model: Any, joint: int) -> str:
+    """The joint's name, or joint:NUMBER for one without."""
+    return sanitized(model.joint(joint).name) or f"joint:{joint}"
+
+
 def body_name(model: Any, body: int) -> str:
     """The body's name, or body:NUMBER for one without."""
     return "world" if body == 0 else sanitized(model.body(body).name) or f"body:{body}"
@@ -86,9 +91,15 @@ def approach_row(model: Any, data: Any, first: int, second: int, point: Floats, 
     return row
 
 
-def effective_mass(model: Any, data: Any, row: Floats) -> float:
-    """1/(J M^-1 J^T) of a row J of the Jacobian, kg; inf where nothing can move along it."""
+def response(model: Any, data: Any, row: Floats) -> Floats:
+    """(nv,) M^-1 J^T of a row J of the Jacobian: the change of velocity by a unit impulse along it."""
     solved = np.zeros((1, model.nv))
     backend().mj_solveM(model, data, solved, row.reshape(1, -1))
-    mobility = float(row @ solved[0])
+    moved: Floats = solved[0]
+    return moved
+
+
+def effective_mass(model: Any, data: Any, row: Floats) -> float:
+    """1/(J M^-1 J^T) of a row J of the Jacobian, kg; inf where nothing can move along it."""
+    mobility = float(row @ response(model, data, row))
     return 1.0 / mobility if mobility > 0 else math.inf

@@ -6,15 +6,13 @@ import copy
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.causes import find_suspects
 from hcbench.engines.mujoco.causes.context import Context, written_contact
 from hcbench.engines.mujoco.find_pair import find_pair
 from hcbench.engines.mujoco.model import geom_name, speed_reading
 from hcbench.engines.mujoco.place import bring_to_touch
-from hcbench.engines.mujoco.user_model import start
+from hcbench.engines.mujoco.start_pose import start_pose
 from hcbench.engines.mujoco.user_simulation import MujocoUserSimulation
 from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
@@ -25,27 +23,28 @@ from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
 class MujocoModel(ModelUnderTest):
     """A MuJoCo model with a pair in it.
 
-    model: an MjModel that is ours to keep. label: what to call it.
+    model: an MjModel that is ours to keep. label: what to call it. state: an MjData to start from, or None.
     Raises UserError or SceneError with the reason where the pair cannot be measured.
     """
 
     diverged = "MuJoCo found the state unstable and reset it"
 
-    def __init__(self, model: Any, label: str, request: Request) -> None:
-        self.model, self.label, self.request = model, label, request
+    def __init__(self, model: Any, label: str, state: Any, request: Request) -> None:
+        self.model, self.label, self.state, self.request = model, label, state, request
         with captured_warnings():
-            self.start, self.start_name = start(model, request.key)
+            self.start, self.start_name = start_pose(model, request, state)
             pair = find_pair(model, request.pair)
-            self.place = bring_to_touch(pair, start(model, request.key)[0])
+            self.place = bring_to_touch(pair, start_pose(model, request, state)[0], request.coming_from)
         self.timestep, self.mass = float(model.opt.timestep), self.place.effective_mass
-        self.gravity = float(np.dot(self._gravity(), self.place.contact.normal))
+        self.gravity = self.place.gravity
         self.speed_reading = speed_reading(model)
         self.others: set[int] = set()  # geoms that touched the two during an impact
+        self.shares: dict[str, float] = {}  # what took the approach speed, over that at touch
 
     def release(self, launches: Sequence[Launch]) -> MujocoUserSimulation:
         """The launch under way from its starting point."""
         (launch,) = launches
-        return MujocoUserSimulation(self.model, self.start, self.place, launch, self.others)
+        return MujocoUserSimulation(self.model, self.start, self.place, launch, self.others, self.shares)
 
     @property
     def step_cost(self) -> float:
@@ -79,6 +78,8 @@ class MujocoModel(ModelUnderTest):
             asked=written.curve(self.request.speeds) if written is not None else (),
             asked_description=words,
             notes=tuple(self._notes()),
+            point=tuple(float(x) for x in place.contact.point),  # type: ignore[arg-type]
+            shares=dict(self.shares),
         )
 
     def _gravity(self) -> Sequence[float]:
@@ -86,7 +87,7 @@ class MujocoModel(ModelUnderTest):
         return (0.0, 0.0, 0.0) if off else self.model.opt.gravity
 
     def _notes(self) -> list[str]:
-        notes = []
+        notes = [self.place.remark] if self.place.remark else []
         if self.place.overlap > 0:
             notes.append(f"The two overlap by {self.place.overlap:.3g} m at the start: moved apart to touch.")
         if self.others:
@@ -107,7 +108,7 @@ class MujocoModel(ModelUnderTest):
         for suspect in sorted(suspects, key=lambda c: c.apply_last):
             if suspect.apply is not None:
                 suspect.apply(model)
-        return MujocoModel(model, self.label, self.request)
+        return MujocoModel(model, self.label, self.state, self.request)
 
 
 def _shown(model: Any, side: Any, geoms: tuple[int, int]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,17 @@ class PairContact:
     onset: float
     distance: float
     rows: tuple[tuple[tuple[float, ...], tuple[float, ...], tuple[int, int]], ...]
+
+
+class Nearest(NamedTuple):
+    """Where two parts are nearest: signed distance (m), unit normal from the first to the second, midpoint,
+    and the geoms. The normal is 0 where the two touch without a direction to tell.
+    """
+
+    distance: float
+    normal: Floats
+    point: Floats
+    geoms: tuple[int, int]
 
 
 @dataclass(frozen=True)
@@ -100,26 +111,33 @@ class ContactPair:
             rows=tuple((tuple(a.tolist()), tuple(b.tolist()), tuple(c.tolist())) for a, b, c in rows),
         )
 
-    def nearest(self, data: Any) -> tuple[float, Floats, Floats]:
-        """(signed distance m, unit normal from first to second, midpoint) of the nearest two geoms.
+    def narrowed(self, geoms: tuple[int, int]) -> ContactPair:
+        """The two with those geoms only that move as one with these, the nearest: of a robot, one link."""
+        weld = self.model.body_weldid
+        sides = []
+        for side, geom in zip((self.first, self.second), geoms, strict=True):
+            body = int(self.model.geom_bodyid[geom])
+            rigid = [g for g in side.geoms if weld[self.model.geom_bodyid[g]] == weld[body]]
+            sides.append(NamedGeoms(side.name, body, tuple(rigid)))
+        return ContactPair(self.model, *sides)
 
-        The normal is 0 where the two touch without a direction to tell.
-        """
+    def nearest(self, data: Any) -> Nearest:
+        """Of all their geoms."""
         if self.height_field >= 0:
             return self._above_field(data)
-        best = (np.inf, np.zeros(3), np.zeros(3))
+        best = Nearest(np.inf, np.zeros(3), np.zeros(3), (self.first.geoms[0], self.second.geoms[0]))
         ends, reach = np.zeros(6), 10.0 * float(self.model.stat.extent) + 10.0
         for a in self.first.geoms:
             for b in self.second.geoms:
                 distance = backend().mj_geomDistance(self.model, data, a, b, reach, ends)
-                if distance < min(best[0], reach):
+                if distance < min(best.distance, reach):
                     span = (ends[3:] - ends[:3]) * np.sign(distance)
                     length = float(np.linalg.norm(span))
                     normal = span / length if length > 1e-12 else np.zeros(3)
-                    best = (distance, normal, (ends[3:] + ends[:3]) / 2)
+                    best = Nearest(distance, normal, (ends[3:] + ends[:3]) / 2, (a, b))
         return best
 
-    def _above_field(self, data: Any) -> tuple[float, Floats, Floats]:
+    def _above_field(self, data: Any) -> Nearest:
         """As `nearest`, roughly: from the other's bounding sphere down to the field's highest point."""
         field, model = self.height_field, self.model
         up = data.geom_xmat[field].reshape(3, 3)[:, 2]
@@ -127,4 +145,5 @@ class ContactPair:
         other = (self.first if on_field else self.second).geoms[0]
         centre, top = data.geom_xpos[other], model.hfield_size[model.geom_dataid[field]][2]
         height = float(up @ (centre - data.geom_xpos[field])) - float(model.geom_rbound[other]) - float(top)
-        return height, -up if on_field else up.copy(), centre.copy()
+        geoms = (other, field) if on_field else (field, other)
+        return Nearest(height, -up if on_field else up.copy(), centre.copy(), geoms)

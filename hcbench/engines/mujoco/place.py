@@ -7,20 +7,17 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.find_pair import MovingJoint, immobile_error, moving_joints, no_contact_error
-from hcbench.engines.mujoco.model import effective_mass, geom_name
+from hcbench.engines.mujoco.model import effective_mass, geom_name, response
 from hcbench.engines.mujoco.pair import ContactPair, PairContact
+from hcbench.engines.mujoco.start_pose import require_joints_within_limits, tether_error
+from hcbench.engines.mujoco.touch_search import TouchSearch, swing, swing_to_touch
 from hcbench.errors import UserError
 from hcbench.impact import Floats
-from hcbench.sim.touch import (
-    LEAST_APPROACH,
-    require_apart,
-    require_reachable,
-    travel_by_distance,
-    travel_by_scan,
-)
+from hcbench.sim.model_under_test import Vector
+from hcbench.sim.touch import LEAST_APPROACH, require_apart, require_reachable
 
-_DEPTHS = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # of the smaller one's size: where contacts are looked for
-_OPPOSING = 0.5  # of the approach, that must be along the normal of a contact
+ABOVE: Vector = (0.0, 0.0, 1.0)
+_MISSED = 1e-6  # m: two that are still so far apart at the end of a way have passed each other
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +25,9 @@ class PairAtTouch:
     """A pair that just touches, the moving one first.
 
     joint: what moves it. qpos: (nq,), at touch. direction: (nv,), the velocity that approaches at 1 m/s.
-    effective_mass: along the normal, kg. overlap: how deep the two were in each other at the start, m.
+    effective_mass: along the normal, kg. gravity: acceleration of the approach in
+    free flight, by gravity and what the model's springs and actuators add to it, m/s². overlap: how deep
+    the two were in each other at the start, m. remark: how they were brought together, where it was a choice.
     """
 
     pair: ContactPair
@@ -37,38 +36,157 @@ class PairAtTouch:
     direction: Floats
     contact: PairContact
     effective_mass: float
+    gravity: float
     overlap: float
+    remark: str = ""
 
 
-def bring_to_touch(pair: ContactPair, data: Any) -> PairAtTouch:
+def bring_to_touch(pair: ContactPair, data: Any, coming_from: Vector | None = None) -> PairAtTouch:
     """Bring the two just to touch, by moving the first (or else the second) along their common normal.
 
-    data: at rest in the start configuration. Raises UserError with the reason where that cannot be done.
+    data: at rest in the start configuration. coming_from: where the moving one comes from, a unit vector away
+    from the other; None: the nearest way. Raises UserError with the reason where that cannot be done.
     """
-    backend().mj_forward(pair.model, data)
-    distance, normal, point = pair.nearest(data)
-    names = pair.first.name, pair.second.name
-    if not np.isfinite(distance):
-        raise UserError("pair", f"no distance from {names[0]!r} to {names[1]!r} is known", "two solid geoms")
+    model = pair.model
+    backend().mj_forward(model, data)
+    near = pair.nearest(data)
+    pair = pair.narrowed(near.geoms)
+    require_joints_within_limits(model, data, (pair.first.body, pair.second.body))
     overlap = 0.0
+    if not np.isfinite(near.distance):
+        names = f"{pair.first.name!r} to {pair.second.name!r}"
+        raise UserError("pair", f"no distance from {names} is known", "two solid geoms")
+    if coming_from is not None:
+        return _from_there(pair, data, coming_from)
     if pair.height_field < 0:
-        require_apart(distance, pair.size, *names, "Move one away, or start from another keyframe")
-        overlap = max(0.0, -float(distance))
-    if not normal.any():
-        normal = _guess_normal(pair, data)
-    row = pair.approach_row(data, point, normal)
-    joints = [(p, joint) for p in (pair, pair.swapped()) for joint in moving_joints(p.model, p.first.body)]
+        todo = "Move one away, or start from another keyframe or --qpos"
+        require_apart(near.distance, pair.size, pair.first.name, pair.second.name, todo)
+        overlap = max(0.0, -float(near.distance))
+    if not near.normal.any():
+        near = near._replace(normal=_guess_normal(pair, data))
+    row = pair.approach_row(data, near.point, near.normal)
+    errors: list[UserError] = []  # that they pass each other says more than what else is in the way
+    joints = _joints(pair)
     for ordered, joint in joints:
-        move = _direction(row, joint)
-        if move is not None:
-            contact = _TouchSearch(pair, data, move).contact_at_touch()
-            if contact is None:
-                raise no_contact_error(pair)
-            return _at_touch(ordered, data, joint, move, contact, overlap)
-    if joints:
-        got = f"{names[0]!r} and {names[1]!r} slide past each other: no joint moves one towards the other"
-        raise UserError("pair", got, "a free or slide joint along their common normal")
+        try:
+            found = _along_nearest(ordered, data, joint, row, overlap)
+        except _PassedError as error:
+            errors.insert(0, error)
+        except UserError as error:
+            errors.append(error)
+        else:
+            if found is not None:
+                return found
+    if errors:
+        raise errors[0]
+    if any(not joint.turns for _, joint in joints):
+        got = f"{pair.first.name!r} and {pair.second.name!r} slide past each other: no joint moves one"
+        raise UserError("pair", f"{got} towards the other", "a joint along their common normal")
     raise immobile_error(pair)
+
+
+class _PassedError(UserError):
+    """The two pass each other."""
+
+
+def _joints(pair: ContactPair) -> list[tuple[ContactPair, MovingJoint]]:
+    """What could move one of the two, with the pair in that order."""
+    return [(p, joint) for p in (pair, pair.swapped()) for joint in moving_joints(p.model, p.first.body)]
+
+
+def _along_nearest(
+    pair: ContactPair, data: Any, joint: MovingJoint, row: Floats, overlap: float
+) -> PairAtTouch | None:
+    """The two brought together the nearest way by one joint; None where it does not move one to the other.
+
+    row: (nv,) of the approach along the line between them.
+    """
+    start = data.qpos.copy()
+    try:
+        move = swing_to_touch(pair, data, joint.dofs) if joint.turns else _slide(row, joint)
+        if move is None:
+            return None
+        search = TouchSearch(pair, data, move)
+        contact = search.contact_at_touch()
+        if contact is not None:
+            return _at_touch(pair, data, joint, move, contact, overlap)
+        if len(joint.dofs) == 3 and not joint.turns and search.gap < _MISSED:
+            data.qpos[:] = start
+            remark = "The nearest way ends at an edge, where the engine makes no contact: met from above."
+            return replace(_from_there(pair, data, ABOVE), remark=remark)
+        raise no_contact_error(pair) if search.gap < _MISSED else _passed_error(pair, data, search.gap)
+    finally:
+        data.qpos[:] = start
+        backend().mj_fwdPosition(pair.model, data)
+
+
+def _passed_error(pair: ContactPair, data: Any, gap: float) -> _PassedError:
+    heights = [float(data.geom_xpos[part.geoms[0]][2]) for part in (pair.first, pair.second)]
+    return _PassedError(
+        "pair",
+        f"{pair.first.name!r} passes {pair.second.name!r} {gap:.3g} m away: its joints do not lead there "
+        f"(their middles are at heights of {heights[0]:.3g} and {heights[1]:.3g} m)",
+        "two that meet",
+        "Start from another --key or --qpos, or name the other one first",
+    )
+
+
+def _from_there(pair: ContactPair, data: Any, coming_from: Vector) -> PairAtTouch:
+    """The two brought together from one direction, by a free or slide joint."""
+    model, there = pair.model, np.asarray(coming_from)
+    for ordered, joint in _joints(pair):
+        sign = 1.0 if ordered.first.name == pair.first.name else -1.0
+        normal = -sign * there
+        row = ordered.approach_row(data, data.geom_xpos[ordered.first.geoms[0]], normal)
+        move = None if joint.turns else _slide(row, joint)
+        if move is None:
+            continue
+        start = data.qpos.copy()
+        backend().mj_integratePos(model, data.qpos, move, -_clear_of(ordered, data, normal))
+        contact = TouchSearch(ordered, data, move).contact_at_touch()
+        if contact is None:
+            data.qpos[:] = start
+            backend().mj_fwdPosition(model, data)
+            _move_over(ordered, data, joint, normal)
+            backend().mj_integratePos(model, data.qpos, move, -_clear_of(ordered, data, normal))
+            contact = TouchSearch(ordered, data, move).contact_at_touch()
+        if contact is not None:
+            return _at_touch(ordered, data, joint, move, contact, 0.0)
+        raise UserError(
+            "from",
+            f"{ordered.first.name!r} does not meet {ordered.second.name!r} on a way along {_words(normal)}",
+            "a direction from which they meet",
+        )
+    raise UserError("from", "no free or slide joint moves one of the two along it", "another direction")
+
+
+def _words(vector: Floats) -> str:
+    return " ".join(f"{x + 0.0:.3g}" for x in vector)
+
+
+def _clear_of(pair: ContactPair, data: Any, normal: Floats) -> float:
+    """How far back along the normal the first is clear of the second, m, from where it is."""
+    model, ahead = pair.model, 0.0
+    bound = max(float(model.geom_rbound[g]) for g in pair.first.geoms)
+    for g in pair.second.geoms:
+        reach = float(model.geom_rbound[g]) or 0.0  # a plane has none
+        offset = float(normal @ (data.geom_xpos[pair.first.geoms[0]] - data.geom_xpos[g]))
+        ahead = max(ahead, offset + reach + 2.0 * bound)
+    return ahead + 0.1 * pair.size
+
+
+def _move_over(pair: ContactPair, data: Any, joint: MovingJoint, normal: Floats) -> None:
+    """Move the first sideways, until its middle is on the line through the middle of the second."""
+    model = pair.model
+    middles = [np.mean(data.geom_xpos[list(part.geoms)], axis=0) for part in (pair.first, pair.second)]
+    aside = (middles[1] - middles[0]) - normal * float(normal @ (middles[1] - middles[0]))
+    length = float(np.linalg.norm(aside))
+    if length > 0:
+        row = pair.approach_row(data, middles[0], aside / length)
+        move = _slide(row, joint)
+        if move is not None:
+            backend().mj_integratePos(model, data.qpos, move, length)
+            backend().mj_fwdPosition(model, data)
 
 
 def _guess_normal(pair: ContactPair, data: Any) -> Floats:
@@ -81,7 +199,7 @@ def _guess_normal(pair: ContactPair, data: Any) -> Floats:
     return line / length if length > 0 else np.array([0.0, 0.0, -1.0])
 
 
-def _direction(row: Floats, joint: MovingJoint) -> Floats | None:
+def _slide(row: Floats, joint: MovingJoint) -> Floats | None:
     """The least velocity of a joint that approaches at 1 m/s; None where none does."""
     along = row[list(joint.dofs)]
     squared = float(along @ along)
@@ -92,82 +210,27 @@ def _direction(row: Floats, joint: MovingJoint) -> Floats | None:
     return direction
 
 
-class _TouchSearch:
-    """Moves a pair along `move`, from the configuration that `data` is in, to where its contact begins."""
-
-    def __init__(self, pair: ContactPair, data: Any, move: Floats) -> None:
-        self.pair, self.data, self.move, self.start = pair, data, move, data.qpos.copy()
-
-    def contact_at_touch(self) -> PairContact | None:
-        """The contact, with `data` at touch; None where MuJoCo makes no contact of the two."""
-        travel = travel_by_distance(self._distance, self.pair.size)
-        first = self._first_opposing_contact(travel)
-        if first is None:  # MuJoCo gives the distance of some shapes only roughly
-            before, behind = self._window()
-            begun = travel_by_scan(lambda t: self._contact(t) is not None, travel - before, travel + behind)
-            first = None if begun is None else self._first_opposing_contact(begun)
-            if begun is None or first is None:
-                return None
-            travel = begun
-        depth, contact = first
-        for _ in range(2):  # the engine's own collision function has the last word on where they touch
-            travel += contact.distance - contact.onset + depth
-            contact = self._contact(travel + depth) or contact
-        self._go(travel + (contact.distance - contact.onset + depth))
-        return contact
-
-    def _go(self, travel: float) -> None:
-        """Put `data` so far along the motion, contacts and mass matrix included."""
-        model, mujoco = self.pair.model, backend()
-        self.data.qpos[:] = self.start
-        mujoco.mj_integratePos(model, self.data.qpos, self.move, travel)
-        mujoco.mj_fwdPosition(model, self.data)
-
-    def _contact(self, travel: float) -> PairContact | None:
-        self._go(travel)
-        return self.pair.contact(self.data)
-
-    def _distance(self, travel: float) -> float:
-        self._go(travel)
-        return self.pair.nearest(self.data)[0]
-
-    def _first_opposing_contact(self, travel: float) -> tuple[float, PairContact] | None:
-        """(depth, contact) at the smallest depth whose contact's normal opposes the motion.
-
-        Shallower contacts can have any normal.
-        """
-        for share in _DEPTHS:
-            contact = self._contact(travel + share * self.pair.size)
-            if contact is not None:
-                row = self.pair.approach_row(self.data, contact.point, contact.normal)
-                if abs(float(row @ self.move)) > _OPPOSING:
-                    return share * self.pair.size, contact
-        return None
-
-    def _window(self) -> tuple[float, float]:
-        """How far before and behind the rough distance a contact may begin, m."""
-        pair, field = self.pair, self.pair.height_field
-        if field < 0:
-            return pair.size, pair.size
-        bound = max(float(pair.model.geom_rbound[geom]) for geom in pair.geoms if geom != field)
-        return bound, 2 * bound + float(pair.model.hfield_size[pair.model.geom_dataid[field]][2])
-
-
 def _at_touch(
     pair: ContactPair, data: Any, joint: MovingJoint, move: Floats, contact: PairContact, overlap: float
 ) -> PairAtTouch:
     """pair: with the moving one first. data: at touch."""
-    normal = contact.normal
+    model, normal = pair.model, contact.normal
     row = pair.approach_row(data, contact.point, normal)
     if float(row @ move) < 0:  # the contact was read with the two the other way round
         row, normal = -row, -normal
-    direction, mass = _direction(row, joint), effective_mass(pair.model, data, row)
+    direction = swing(model, data, row, joint.dofs) if joint.turns else _slide(row, joint)
+    mass = effective_mass(model, data, row)
+    names = pair.first.name, pair.second.name
     if direction is None or not np.isfinite(mass):
-        got = f"{pair.first.name!r} cannot move along the contact normal"
-        raise UserError("pair", got, "a joint that lets it")
+        raise UserError("pair", f"{names[0]!r} cannot move along the contact normal", "a joint that lets it")
     _require_room(pair, data)
+    back = response(model, data, row)
+    if (tethered := tether_error(model, data, back, names)) is not None:
+        raise tethered
+    backend().mj_forward(model, data)  # at rest: what is left to move it is gravity, springs and actuators
+    gravity = float(row @ data.qacc_smooth)
     contact = replace(contact, normal=normal)
-    return PairAtTouch(pair, joint, data.qpos.copy(), direction, contact, mass, overlap)
+    return PairAtTouch(pair, joint, data.qpos.copy(), direction, contact, mass, gravity, overlap)
 
 
 def _require_room(pair: ContactPair, data: Any) -> None:
@@ -184,5 +247,5 @@ def _require_room(pair: ContactPair, data: Any) -> None:
         if moves == [True, False]:
             size = min(r for r in (*model.geom_rbound[geoms], np.inf) if r > 0)
             part, third = (repr(geom_name(model, geom)) for geom in geoms)
-            todo = ", or start from a keyframe in which these do"
+            todo = ", or start from a keyframe or --qpos in which these do"
             require_reachable(-contact.dist, size, names, (part, third), todo)

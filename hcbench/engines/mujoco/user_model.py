@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
-from hcbench.errors import EngineFailed, SceneError, UserError
+from hcbench.errors import EngineFailed, SceneError
 from hcbench.units import LARGEST, SMALLEST
 
 if TYPE_CHECKING:
@@ -21,12 +21,35 @@ if TYPE_CHECKING:
 SUFFIXES = (".xml", ".mjcf", ".urdf", ".mjb", ".mjz")
 
 
-def load(source: Any, request: Request) -> tuple[Any, str]:
-    """(MjModel, what to call it) with the request's step and gravity; the user's own object stays as it was.
-
-    source: a path, an MjModel, an MjSpec, or MJCF text. Raises SceneError for what does not compile.
-    """
+def live_state(source: Any) -> tuple[Any, Any] | None:
+    """(MjModel, MjData) of an MjData, a gymnasium, dm_control or robosuite environment; None for others."""
+    if not hasattr(source, "__dict__") and type(source).__name__ != "MjData":
+        return None
     mujoco = backend()
+    owner = source
+    for name in ("unwrapped", "physics", "sim"):
+        owner = getattr(owner, name, owner)
+    model, data = getattr(owner, "model", None), getattr(owner, "data", None)
+    if isinstance(source, mujoco.MjData):
+        model, data = getattr(source, "model", None), source
+    for inner in ("ptr", "_model"):
+        model = getattr(model, inner, model)
+    for inner in ("ptr", "_data"):
+        data = getattr(data, inner, data)
+    is_state = isinstance(model, mujoco.MjModel) and isinstance(data, mujoco.MjData)
+    return (model, data) if is_state else None
+
+
+def load(source: Any, request: Request) -> tuple[Any, str, Any]:
+    """(MjModel, what to call it, MjData or None) with the request's step and gravity; the user's own objects
+    stay as they were.
+
+    source: a path, an MjModel, an MjSpec, MJCF text, or what `live_state` knows. Raises SceneError for what
+        does not compile.
+    """
+    mujoco, state = backend(), None
+    if (live := live_state(source)) is not None:
+        (source, state), kind = live, type(source).__name__
     with captured_warnings() as warnings:
         if isinstance(source, mujoco.MjModel):
             model, label = copy.copy(source), "MjModel"
@@ -44,7 +67,9 @@ def load(source: Any, request: Request) -> tuple[Any, str]:
         model.opt.timestep = request.timestep
     if request.gravity is not None:
         model.opt.gravity[:] = request.gravity
-    return model, label
+    if not request.actuators:
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
+    return model, label if state is None else kind, state
 
 
 def _from_file(mujoco: Any, path: Path) -> Any:
@@ -78,24 +103,3 @@ def _require_sound(model: Any, label: str) -> None:
     if not SMALLEST <= model.opt.timestep <= LARGEST:
         expected = f"a step of {SMALLEST:g} ... {LARGEST:g} s"
         raise SceneError("timestep", f"{label}: {model.opt.timestep!r} s", expected)
-
-
-def start(model: Any, key: str | None) -> tuple[Any, str]:
-    """(MjData at rest in the start configuration, its name).
-
-    key: name or number of a keyframe, or "qpos0"; None: the first keyframe, or qpos0 where there is none.
-    """
-    names = ["qpos0", *(model.key(i).name or str(i) for i in range(model.nkey))]
-    if key is None:
-        key = names[min(1, model.nkey)]
-    elif key not in names:
-        if not key.isdecimal() or int(key) >= model.nkey:
-            raise UserError("key", repr(key), f"one of: {', '.join(names)}")
-        key = names[1 + int(key)]
-    mujoco = backend()
-    data = mujoco.MjData(model)
-    if key != "qpos0":
-        mujoco.mj_resetDataKeyframe(model, data, names.index(key) - 1)
-        data.qvel[:] = 0.0
-        data.time = 0.0
-    return data, key if key == "qpos0" else f"keyframe {key!r}"

@@ -10,6 +10,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model import geom_name
+from hcbench.engines.mujoco.shares import NAMES, SpeedShares, has_more_than_contacts, strange_share
 from hcbench.sim.engine import Record, Simulation
 
 if TYPE_CHECKING:
@@ -35,9 +36,19 @@ class MujocoUserSimulation(Simulation):
     """One launch of a placed pair; the model is only read.
 
     others: geoms that touched the two in launches until now; those of this one are added.
+    shares: of the speed at touch, what each cause took off the approach, in the launch until now in which
+        joints and actuators took the most; kept up.
     """
 
-    def __init__(self, model: Any, start: Any, place: PairAtTouch, launch: Launch, others: set[int]) -> None:
+    def __init__(
+        self,
+        model: Any,
+        start: Any,
+        place: PairAtTouch,
+        launch: Launch,
+        others: set[int],
+        shares: dict[str, float],
+    ) -> None:
         self._mujoco = mujoco = backend()
         self._model, self._place = model, place
         self._h = float(model.opt.timestep)
@@ -53,7 +64,10 @@ class MujocoUserSimulation(Simulation):
         self._reader = _Reader(model, place, _with_kinematics(self._data, model))
         self._x, self._rate, self._touched, self._steps = -clearance, launch.speed, False, 0
         self._last: _Step | None = None  # RK4 only: waits for the one after it
-        self._others = others
+        self._others, self._shares = others, shares
+        tells = not self._staged and has_more_than_contacts(model)
+        self._causes = SpeedShares(model, place.pair.sides) if tells else None
+        self._touch_speed = math.nan
         self._first_touch: dict[int, int] = {}  # geoms that touched the two, and in which step first
 
     def advance(self, steps: int) -> Record:
@@ -79,7 +93,18 @@ class MujocoUserSimulation(Simulation):
         touched = {geom for geom, step in self._first_touch.items() if step < steps}
         self._others |= touched
         names = ", ".join(sorted(geom_name(self._model, geom) for geom in touched)[:4])
+        if self._causes is not None and not self._touched:
+            taken = dict(zip(NAMES, self._causes.taken.tolist(), strict=True))
+            name = max(taken, key=lambda cause: taken[cause])
+            return f"what slowed it most: {name}" if taken[name] > 0 else ""
         return f"other contacts acted: {names}" if names else ""
+
+    def close(self) -> None:
+        """Hand on what was told apart."""
+        if self._causes is not None and self._touched and self._touch_speed > 0:
+            shares = dict(zip(NAMES, (self._causes.taken / self._touch_speed).tolist(), strict=True))
+            if not self._shares or strange_share(shares) > strange_share(self._shares):
+                self._shares |= shares
 
     def _step(self) -> _Step:
         mujoco, model, data, seen = self._mujoco, self._model, self._data, self._seen
@@ -101,6 +126,10 @@ class MujocoUserSimulation(Simulation):
         self._rate = rate
         free = float(self._reader.row(seen) @ seen.qacc_smooth) if self._staged else 0.0
         step = _Step(self._x, rate, force, free)
+        if self._causes is not None and (force != 0.0 or not self._touched):
+            if force != 0.0 and not self._touched:
+                self._causes.taken[:], self._touch_speed = 0.0, rate
+            self._causes.add(seen, self._reader.row(seen))
         self._touched |= force != 0.0
         if seen.ncon > self._reader.count:
             for geom in _others(seen, self._place.pair):

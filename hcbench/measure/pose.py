@@ -1,0 +1,100 @@
+"""Poses and directions as users write them: joints by name, state files, "above"."""
+
+import json
+import math
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hcbench import units
+from hcbench.errors import QuantityError, UserError
+from hcbench.sim.model_under_test import Vector
+
+Pose = tuple[tuple[str, tuple[float, ...]], ...]
+
+_ANGLES = {"deg": math.pi / 180.0, "°": math.pi / 180.0, "rad": 1.0}
+_DIRECTIONS: dict[str, Vector] = {
+    "above": (0.0, 0.0, 1.0),
+    "below": (0.0, 0.0, -1.0),
+    "+x": (1.0, 0.0, 0.0),
+    "-x": (-1.0, 0.0, 0.0),
+    "+y": (0.0, 1.0, 0.0),
+    "-y": (0.0, -1.0, 0.0),
+    "+z": (0.0, 0.0, 1.0),
+    "-z": (0.0, 0.0, -1.0),
+}
+
+
+def read_joints(text: Any) -> Pose:
+    """Joints as "hip=0.3, knee=-30 deg, root=0 0 1 1 0 0 0", or a mapping of names. Raises QuantityError."""
+    if text is None:
+        return ()
+    if isinstance(text, Mapping):
+        return tuple((str(name), _numbers(name, values)) for name, values in text.items())
+    pose = []
+    for part in str(text).split(","):
+        name, equals, values = (piece.strip() for piece in part.partition("="))
+        if not (name and equals and values):
+            raise QuantityError(
+                "qpos", repr(part.strip()), "joints with their values: 'hip=0.3, knee=-30 deg'"
+            )
+        pose.append((name, tuple(_values(name, values))))
+    return tuple(pose)
+
+
+def _values(name: str, text: str) -> list[float]:
+    number, _, unit = text.rpartition(" ")
+    if unit in _ANGLES:
+        return [_ANGLES[unit] * x for x in _numbers(name, number.split())]
+    try:
+        return list(_numbers(name, text.split()))
+    except QuantityError:
+        return [units.parse(text, "length", f"qpos: {name}")]
+
+
+def _numbers(name: Any, values: Any) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(x) for x in np.asarray(values, dtype=float).reshape(-1))
+    except (TypeError, ValueError):
+        numbers = ()
+    if not numbers or not all(map(math.isfinite, numbers)):
+        raise QuantityError("qpos", f"{name}: {str(values)[:60]!r}", "numbers, such as '0.3' or '-30 deg'")
+    return numbers
+
+
+def read_state(path: Any) -> Pose:
+    """The arrays of a state file: .npz, or JSON with names and numbers; of joints, or whole, such as qpos."""
+    if path is None:
+        return ()
+    file = Path(path)
+    try:
+        if file.suffix == ".npz":
+            with np.load(file, allow_pickle=False) as arrays:
+                content: Any = {name: arrays[name] for name in arrays.files}
+        else:
+            content = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise UserError("state", f"{file}: {error}", "a .npz or JSON file with a pose") from None
+    if not isinstance(content, Mapping) or not content:
+        raise UserError("state", f"{file} has no names in it", 'JSON like {"hip": 0.3}, or {"qpos": [...]}')
+    return read_joints(content)
+
+
+def read_direction(text: Any) -> Vector | None:
+    """A unit vector of "above", "-x" or "0,1,1"; where the moving one comes from. Raises QuantityError."""
+    if text is None:
+        return None
+    if isinstance(text, str) and text.strip() in _DIRECTIONS:
+        return _DIRECTIONS[text.strip()]
+    parts = text.split(",") if isinstance(text, str) else list(text)
+    try:
+        x, y, z = (float(part) for part in parts)
+        length = math.sqrt(x * x + y * y + z * z)
+    except (TypeError, ValueError):
+        length = 0.0
+    if not (math.isfinite(length) and length > 0):
+        raise QuantityError("from", repr(text), f"one of {', '.join(_DIRECTIONS)}, or three numbers: 0,1,1")
+    return x / length, y / length, z / length
