@@ -46,7 +46,7 @@ def one(report: Report) -> Any:
 def test_a_good_model_passes_and_a_broken_one_fails_with_its_cause() -> None:
     report = check(ask(restitution=0.9))
     assert report.exit_code == 0
-    assert one(report).worst.error == pytest.approx(0, abs=3e-3)
+    assert one(report).worst.error == pytest.approx(0, abs=4e-3)  # whichever phases the scatter leads to
     report = check(ask(BROKEN, restitution=0.9))
     assert report.exit_code == 1
     assert one(report).worst.error < -0.05
@@ -464,7 +464,7 @@ def test_loops_are_in_the_record_and_on_the_page() -> None:
 
 
 def test_the_record_of_a_measurement_is_whole() -> None:
-    record = as_record(measure(GOOD, "ball,plate", speeds=SPEEDS, wanted=Wanted(alpha=0.3)))
+    record = as_record(measure(GOOD, "ball,plate", speeds=SPEEDS, phases=4, wanted=Wanted(alpha=0.3)))
     assert record["score"]["impacts"] == 8
     assert record["law"]["alpha_s_per_m"] == 0.3
     assert len(record["impacts"]) == 8

@@ -103,7 +103,7 @@ def _along_nearest(
     """
     start = data.qpos.copy()
     try:
-        move = swing_to_touch(pair, data, joint.dofs) if joint.turns else _slide(row, joint)
+        move = swing_to_touch(pair, data, joint.dofs, row) if joint.turns else _slide(row, joint)
         if move is None:
             return None
         search = TouchSearch(pair, data, move)

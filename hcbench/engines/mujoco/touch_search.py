@@ -109,10 +109,11 @@ def _along_equalities(model: Any, data: Any, push: Floats) -> Floats:
     return moved
 
 
-def swing_to_touch(pair: ContactPair, data: Any, dofs: tuple[int, ...]) -> Floats | None:
+def swing_to_touch(pair: ContactPair, data: Any, dofs: tuple[int, ...], row: Floats) -> Floats | None:
     """Bring the two together along the arc of their joints, within the joints' limits; `data` ends there.
 
-    The velocity that approaches there, at 1 m/s; None where the joints do not lead to the other.
+    row: (nv,) of the approach at the start. The velocity that approaches where they meet, at 1 m/s;
+    None where the joints do not lead there.
     """
     model, mujoco = pair.model, backend()
     limited = [j for j in np.flatnonzero(model.jnt_limited) if int(model.jnt_dofadr[j]) in dofs]
@@ -126,8 +127,8 @@ def swing_to_touch(pair: ContactPair, data: Any, dofs: tuple[int, ...]) -> Float
         mujoco.mj_fwdPosition(model, data)
         near = pair.nearest(data)
         normal = near.normal
-        if not normal.any():
-            return move
+        if not normal.any():  # they touch
+            return move if move is not None else swing(model, data, row, dofs)
         move = swing(model, data, pair.approach_row(data, near.point, normal), dofs)
         if move is None or abs(near.distance) < _CLOSE:
             return move

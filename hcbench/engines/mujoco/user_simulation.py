@@ -178,6 +178,7 @@ class _Reader:
                 mine.append((i, contact, self.table[a] == 2))
         self.count = len(mine)
         if not mine:
+            self._row = None  # the links have turned since
             return None, 0.0, float(self.row(data) @ velocity)
         force, distance, acting = 0.0, math.inf, []
         for i, contact, _ in mine:
