@@ -67,6 +67,9 @@ _ANGLE = {"frequency": "1 rpm is 1/60 Hz and 1 rad/s is 1/(2π) Hz", "spin": "1 
 # A comma between whole digits: "1,5" may be 1.5 or 1 and 5; "1,2,3" is a list; "1,050" is none.
 _DECIMAL_COMMA = re.compile(r"(?<![\w.,+-])[-+]?\d+,\d+(?!\d|,\d)|,0\d")
 _SHAPE = 'a list like "4, 8, 16 in/s" or a range "1:20 in/s", "1:20:5 in/s" (first:last:count)'
+_UNCERTAIN = re.compile(
+    r"\s*\(?\s*(?P<value>[^()±]*?)\s*(?:±|\+/?-)\s*(?P<by>[^()±]*?)\s*(?:\)\s*(?P<unit>.*?))?\s*", re.DOTALL
+)
 _LONGEST_UNIT = 60
 _TOWER = re.compile(r"(\*\*|\^)[^*^/]*(\*\*|\^)|\d{4}")  # powers of powers: Pint would compute them
 
@@ -148,6 +151,27 @@ def _near(text: str) -> str:
     near = re.sub(r"(\d),(\d)", r"\1.\2", text.replace("−", "-"))
     near = re.sub(r"^\s*([-+])[-+]+", r"\1", near)
     return near if near != text and _NUMBER.fullmatch(near) else ""
+
+
+def parse_uncertain(
+    value: object, quantity: str, slot: str = "", *, least: float = -math.inf, above: float = -math.inf
+) -> tuple[float, float]:
+    """A quantity and its standard uncertainty, SI: "0.31 +- 0.004 s/m", "30 ± 0.1 cm"; 0 where none is given.
+
+    The unit may stand behind both, or behind a pair in brackets. least, above: bounds, SI.
+    Raises QuantityError.
+    """
+    match = _UNCERTAIN.fullmatch(value) if isinstance(value, str) else None
+    if match is None:
+        return parse(value, quantity, slot, least=least, above=above), 0.0
+    texts = [f"{match[name]} {match['unit'] or ''}".strip() for name in ("value", "by")]
+    units = [(_NUMBER.fullmatch(text) or ["", "", ""])[2].strip() for text in texts]
+    if units[1] and not units[0]:
+        texts[0] = f"{texts[0]} {units[1]}"
+    elif units[0] and not units[1]:
+        texts[1] = f"{texts[1]} {units[0]}"
+    number = parse(texts[0], quantity, slot, least=least, above=above)
+    return number, parse(texts[1], quantity, slot, least=0.0)
 
 
 def parse_values(

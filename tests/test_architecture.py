@@ -22,7 +22,7 @@ FLOORS = [
     {"errors", "units", "fields", "_compile", "_files", "_text", "workers"},
     {"impact", "setting", "scene", "laws", "reference"},
     {"sim", "scoring", "tune.recipe", "tune.search", "tune.target"},  # recipes are part of an engine
-    {"measure", "tune", "engines", "contact"},
+    {"measure", "tune", "engines", "contact", "fit"},
     {"benchmark"},
     {"report", "check", "paper"},
     {"pytest_plugin", "cli", "testing"},

@@ -78,8 +78,18 @@ def judge(check: Check, measurement: Measurement) -> Outcome:
     verdict, message = _verdict(check, measurement, rows)
     worst = worst_of(rows) or rows[0]
     return Outcome(
-        check.name, verdict, message, check.against, check.allowed, tuple(rows), worst, measurement
+        check.name, verdict, message, _against(check, rows), check.allowed, tuple(rows), worst, measurement
     )
+
+
+def _against(check: Check, rows: Sequence[SpeedRow]) -> str:
+    """What it is held against; of an uncertain α, how far that lets e be off."""
+    speeds = np.array([row.speed_in for row in rows if not math.isnan(row.speed_in)])
+    if not isinstance(check.wanted, Restitution) or not check.wanted.uncertainty or not speeds.size:
+        return check.against
+    margin = check.wanted.margin(speeds)
+    tight = ": more than the limit, so a failure may be the measurement's" if margin > check.max_error else ""
+    return f"{check.against}, by which e is known to ± {margin:.2g} (95 %){tight}"
 
 
 def _wanted(check: Check, measurement: Measurement) -> Callable[[Impact], float]:

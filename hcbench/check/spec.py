@@ -173,7 +173,8 @@ def read_limit(value: Quantity | None) -> float:
 
 def _wanted(spec: CheckSpec) -> RestitutionCurve | None:
     if spec.alpha is not None:
-        return Restitution(units.parse(spec.alpha, "alpha", "alpha"), cast("Reading", spec.reading))
+        alpha, uncertainty = units.parse_uncertain(spec.alpha, "alpha", "alpha")
+        return Restitution(alpha, cast("Reading", spec.reading), uncertainty)
     if spec.restitution is not None:
         return ConstantRestitution(units.parse(spec.restitution, "number", "restitution"))
     if spec.pairs is not None:

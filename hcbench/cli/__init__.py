@@ -17,6 +17,7 @@ from hcbench.cli._process import flush_stdio, install_signal_handlers, translate
 from hcbench.cli.check import check, measure
 from hcbench.cli.convert import convert
 from hcbench.cli.engines import engines, plugin
+from hcbench.cli.fit import fit
 from hcbench.cli.reference import reference
 from hcbench.cli.report import paper, report, sweep
 from hcbench.cli.tune import tune
@@ -35,7 +36,7 @@ def app() -> None:
     """
 
 
-for command in (report, sweep, tune, measure, check, paper, reference, convert, engines, plugin):
+for command in (report, sweep, fit, tune, measure, check, paper, reference, convert, engines, plugin):
     app.add_command(translate_errors(command))
 
 

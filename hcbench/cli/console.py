@@ -37,6 +37,19 @@ class QuantityType(click.types.StringParamType):
         return read(value, self.quantity, slot, above=0.0 if self.positive else -math.inf)
 
 
+class UncertainType(click.types.StringParamType):
+    """A number with or without a unit and a standard uncertainty, such as "0.31 +- 0.004 s/m": both in SI."""
+
+    def __init__(self, quantity: str, *, above: float = -math.inf) -> None:
+        self.quantity, self.above = quantity, above
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Read the text as (value, standard uncertainty); QuantityError names the option."""
+        from hcbench import units
+
+        return units.parse_uncertain(value, self.quantity, param.opts[0] if param else "", above=self.above)
+
+
 NUMBER = QuantityType("number")
 ALPHA, ALPHAS = QuantityType("alpha"), QuantityType("alpha", several=True)
 SPEED, SPEEDS = QuantityType("speed"), QuantityType("speed", several=True, positive=True)

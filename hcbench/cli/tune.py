@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 import click
 
 from hcbench.cli._process import PathType
-from hcbench.cli.console import ALPHA, MASS, NUMBER, SPEEDS, STEP, as_json, print_json, progress
+from hcbench.cli.console import (
+    MASS,
+    NUMBER,
+    SPEEDS,
+    STEP,
+    UncertainType,
+    as_json,
+    print_json,
+    progress,
+)
 from hcbench.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
@@ -31,7 +40,7 @@ _SPEEDS = [0.0254, 0.508]  # m/s: 1 ... 20 in/s
 class _TargetOptions(TypedDict):
     """The options that say what to match, SI."""
 
-    alpha: float | None
+    alpha: tuple[float, float] | None
     restitution: float | None
     points: str | None
     timestep: float
@@ -45,7 +54,9 @@ class _TargetOptions(TypedDict):
 
 @click.command()
 @click.argument("engine")
-@click.option("--alpha", type=ALPHA, help="α of e = 1 - α v, such as '0.008 s/in'.")
+@click.option(
+    "--alpha", type=UncertainType("alpha"), help="α of e = 1 - α v: '0.008 s/in' or '0.31 +- 0.004 s/m'."
+)
 @click.option("--restitution", type=NUMBER, help="One e for all speeds, in place of --alpha.")
 @click.option(
     "--points", help="Pairs v:e in place of --alpha, such as '0.1:0.95, 0.5:0.85 m/s', or a CSV file."
@@ -100,10 +111,11 @@ def tune(
     text = _snippet(tuned.setting, scene)
     if write_scene is not None:
         write_text(write_scene, registry.engine(engine).script(tuned.scene, tuned.setting))
+    margin = _margin(target, options["alpha"])
     if as_json:
-        print_json(_as_json(tuned, text))
+        print_json({**_as_json(tuned, text), "restitution_margin_95": margin})
     else:
-        _print(tuned, text)
+        _print(tuned, text, margin)
     error = tuned.evaluation.max_error
     if max_error is not None and not error <= max_error:
         raise LimitPassed("max-error", f"{error:.3g} with {tuned.recipe.name!r}", f"{max_error:g} or less")
@@ -136,7 +148,7 @@ def _scene_and_target(options: _TargetOptions) -> tuple[Scene, Target]:
     band = min(speeds), max(speeds)
     if options["restitution"] is not None:
         points = ((band[0], options["restitution"]),)
-    law = HuntCrossley(k, options["alpha"] or 0.0, n)
+    law = HuntCrossley(k, (options["alpha"] or (0.0, 0.0))[0], n)
     reading = "points" if points else options["reading"]
     return scene, Target(law, mass, options["timestep"], *band, reading, points)
 
@@ -170,7 +182,17 @@ def _snippet(setting: Setting, scene: Scene) -> str:
     return snippet(setting, scene.form, scene.relative_radius)
 
 
-def _print(tuned: Tuned, text: str) -> None:
+def _margin(target: Target, alpha: tuple[float, float] | None) -> float:
+    """How far an uncertain α lets e be off over the band (95 %); 0 for one that is not."""
+    from hcbench.laws.restitution import Restitution
+    from hcbench.tune.evaluate import held_out_speeds
+
+    if alpha is None or target.reading == "points":
+        return 0.0
+    return Restitution(alpha[0], target.reading, alpha[1]).margin(held_out_speeds(target))
+
+
+def _print(tuned: Tuned, text: str, margin: float) -> None:
     result, target, rest = tuned.evaluation, tuned.target, tuned.rest
     truth = {"law": "e of (16)", "linear": "1 - α v", "points": "the e asked for"}[target.reading]
     band = f"{target.speed_min:.4g} ... {target.speed_max:.4g} m/s"
@@ -182,6 +204,7 @@ def _print(tuned: Tuned, text: str) -> None:
         "largest error of e": (
             f"{result.max_error:.2g} against {truth} over {band}, held-out speeds, 8 phases"
         ),
+        **({"uncertainty of α": f"e is known to ± {margin:.2g} (95 %)"} if margin else {}),
         "best constant e": f"{result.constant:.6g}, off by {result.constant_error:.2g}",
         "steps in contact": f"{result.steps_min} ... {result.steps_max} of {target.timestep:g} s",
         "largest penetration": f"{result.penetration_max:.3g} m",

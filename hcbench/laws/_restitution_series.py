@@ -102,6 +102,15 @@ def restitution_of(d: Floats) -> Floats:
     return _in_chunks(_near_restitution, lambda far: 1.0 / far, d)
 
 
+def restitution_of_one(d: float) -> float:
+    """The same for one number d <= TOP as a float: without arrays a hundred times as fast."""
+    x2 = 4.0 * (SHIFT + TOP) / TOP * d / (SHIFT + d) - 2.0
+    b1 = b2 = 0.0
+    for coefficient in SERIES[:0:-1]:
+        b1, b2 = x2 * b1 - b2 + coefficient, b1
+    return (1.0 + d / (SHIFT + d) * (0.5 * x2 * b1 - b2 + SERIES[0])) / (1.0 + d)
+
+
 def one_minus_restitution(d: Floats) -> Floats:
     """1 - e over d >= 0, same shape, to the same relative error however small d is."""
     return _in_chunks(_near_loss, lambda far: 1.0 - 1.0 / far, d)

@@ -35,11 +35,12 @@ class Restitution(RestitutionCurve):
     """e of a contact with the parameter α: it falls as the impact speed grows.
 
     alpha: α, s/m. reading: "law" for e of eq. (16), "linear" for e = 1 - α v of eq. (2), below 0 from v = 1/α
-    on. Raises SettingError for an α below 0 or not finite.
+    on. uncertainty: standard uncertainty of α, s/m. Raises SettingError for an α below 0 or not finite.
     """
 
     alpha: float
     reading: Reading = "law"
+    uncertainty: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0 <= self.alpha < math.inf:
@@ -56,7 +57,17 @@ class Restitution(RestitutionCurve):
     @property
     def description(self) -> str:
         """What a report calls it."""
-        return f"α = {self.alpha:.4g} s/m by {'eq. (16)' if self.reading == 'law' else '1 - α v'}"
+        by = f" ± {self.uncertainty:.2g}" if self.uncertainty else ""
+        return f"α = {self.alpha:.4g}{by} s/m by {'eq. (16)' if self.reading == 'law' else '1 - α v'}"
+
+    def margin(self, speeds: Floats | float) -> float:
+        """How far e may be from that of α at any of these speeds (m/s), with 95 % confidence."""
+        off = 1.96 * self.uncertainty
+        e, low, high = (
+            Restitution(alpha, self.reading).at(speeds)
+            for alpha in (self.alpha, self.alpha + off, max(self.alpha - off, 0.0))
+        )
+        return float(max(np.max(e - low), np.max(high - e)))
 
 
 @dataclass(frozen=True, slots=True)

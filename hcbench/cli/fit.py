@@ -1,0 +1,123 @@
+"""hcbench fit: measured bounces in, α with its uncertainty and the lines to type next out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, TypedDict, Unpack
+
+import click
+
+from hcbench.cli._process import PathType
+from hcbench.cli.console import QuantityType, UncertainType, as_json, print_json
+from hcbench.errors import UserError
+
+if TYPE_CHECKING:
+    from hcbench.fit.setup import MeasurementSetup
+
+    Uncertain = tuple[float, float] | None
+
+_LAWS = ("auto", "hunt-crossley", "constant", "viscoelastic", "plastic")
+
+
+class _SetupOptions(TypedDict):
+    """What is known of the measurement, SI, with standard uncertainties."""
+
+    height: Uncertain
+    gravity: str | None
+    mass: Uncertain
+    diameter: Uncertain
+    drag_coefficient: Uncertain
+    contact_time: Uncertain
+    timing: float | None
+
+
+@click.command()
+@click.argument("files", nargs=-1, type=PathType(path_type=Path))
+@click.option("--as", "kind", help="The kind of data, in place of what the header says.")
+@click.option("--height", type=UncertainType("length"), help="Where the ball was let go: '30 +- 0.1 cm'.")
+@click.option("--gravity", help="g, such as '9.81 m/s^2'.  [default: 9.80665 +- 0.02 m/s^2]")
+@click.option(
+    "--mass", type=UncertainType("mass"), help="Of the ball, for the drag of the air, or for forces."
+)
+@click.option("--diameter", type=UncertainType("length"), help="Of the ball, for the drag of the air.")
+@click.option("--drag-coefficient", type=UncertainType("number"), help="[default: 0.47 +- 0.05, a sphere]")
+@click.option("--contact-time", type=UncertainType("timestep"), help="Of the first impact.  [default: 0]")
+@click.option(
+    "--timing", type=QuantityType("timestep", positive=True), help="Uncertainty of a time, where known."
+)
+@click.option("--law", type=click.Choice(_LAWS), default="auto", show_default=True)
+@click.option(
+    "--page", type=PathType(path_type=Path, dir_okay=False), help="Also write a one-page report (HTML)."
+)
+@click.option(
+    "--write-points",
+    type=PathType(path_type=Path, dir_okay=False),
+    help="Write e over speed, for `tune --points` and `check --pairs`.",
+)
+@as_json
+def fit(
+    files: tuple[Path, ...],
+    kind: str | None,
+    law: str,
+    page: Path | None,
+    write_points: Path | None,
+    as_json: bool,
+    **options: Unpack[_SetupOptions],
+) -> None:
+    """Find α of your material from a measurement of bounces.
+
+    FILES hold what was measured, with units in their headers: times of impacts (time [s]), heights of bounces
+    (height [cm]), pairs (speed [m/s],restitution or v_in [m/s],v_out [m/s]). Several files share one α.
+    """
+    from hcbench._files import write_text
+    from hcbench.fit.read import KINDS, read_dataset
+    from hcbench.fit.result import fit as fit_sets
+    from hcbench.fit.text import as_record, as_text, points_text
+
+    if not files:
+        raise UserError(
+            "files", "none given", "a file of measured bounces", "`hcbench fit --help` shows what"
+        )
+    if kind is not None and kind not in KINDS:
+        raise UserError("--as", repr(kind), f"one of {', '.join(KINDS)}")
+    setup = _setup(options)
+    result = fit_sets([read_dataset(path, setup, kind) for path in files], law)
+    if write_points is not None:
+        write_text(write_points, points_text(result))
+    if as_json:
+        print_json(as_record(result))
+    else:
+        print(as_text(result, _engine()), end="")
+
+
+def _setup(options: _SetupOptions) -> MeasurementSetup:
+    from hcbench import units
+    from hcbench.fit.setup import HEIGHT_UNCERTAINTY, Known, MeasurementSetup
+
+    given: dict[str, Known] = {}
+    for name in ("mass", "diameter", "drag_coefficient", "contact_time"):
+        value: Uncertain = options[name]
+        if value is not None:
+            given[name] = Known(*value)
+    if options["height"] is not None:
+        given["height"] = Known(options["height"][0], options["height"][1] or HEIGHT_UNCERTAINTY)
+    if options["gravity"] is not None:
+        given["gravity"] = Known(
+            *units.parse_uncertain(_known_gravity(options["gravity"]), "acceleration", "--gravity")
+        )
+    return MeasurementSetup(**given, timing=options["timing"])  # type: ignore[arg-type]
+
+
+def _known_gravity(text: str) -> str:
+    """The text; UserError where it says that g is not known."""
+    if text.strip().lower() in ("unknown", "?", "none", "free"):
+        todo = "Flights give α g only: measure where g is known, or give pairs of speeds"
+        raise UserError("--gravity", f"{text!r}", "a number such as '9.81 m/s^2'", todo)
+    return text
+
+
+def _engine() -> str:
+    """The first engine that can be tuned, for the line to type next."""
+    from hcbench.sim import registry
+
+    return next((name for name in registry.names() if registry.recipes(name)), "ENGINE")

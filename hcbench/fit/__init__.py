@@ -1,0 +1,1 @@
+"""From a measurement of bounces to α with its uncertainty, and to the law that the data support."""

@@ -1,0 +1,100 @@
+"""A ball between two touches, with quadratic drag, buoyancy and added mass in closed form.
+
+With V the terminal speed, g' the acceleration of a start from rest and u = w/V for a launch speed w:
+time aloft (V/g')(atan u + asinh u), speed at the next touch w/sqrt(1 + u²), apex (V²/2g') ln(1 + u²).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from hcbench.impact import Floats
+
+AIR_DENSITY = 1.204  # kg/m³: 20 °C, 101325 Pa
+DRAG_COEFFICIENT, DRAG_COEFFICIENT_UNCERTAINTY = 0.47, 0.05  # a sphere at Reynolds numbers 1e3 ... 1e5
+
+
+@dataclass(frozen=True, slots=True)
+class Ballistics:
+    """gravity: g', m/s². drag: 1/V², s²/m²; 0 in a vacuum."""
+
+    gravity: float
+    drag: float = 0.0
+
+    def aloft(self, launch: float) -> tuple[float, float]:
+        """Time to the next touch, s, and its derivative by the launch speed (m/s)."""
+        if not self.drag:
+            return 2.0 * launch / self.gravity, 2.0 / self.gravity
+        u = launch * math.sqrt(self.drag)
+        time = (math.atan(u) + math.asinh(u)) / (self.gravity * math.sqrt(self.drag))
+        return time, (1.0 / (1.0 + u * u) + 1.0 / math.sqrt(1.0 + u * u)) / self.gravity
+
+    def touch(self, launch: float) -> tuple[float, float]:
+        """Speed at the next touch, m/s, and its derivative by the launch speed (m/s)."""
+        root = 1.0 / math.sqrt(1.0 + self.drag * launch * launch)
+        return launch * root, root**3
+
+    def apex(self, launch: float) -> tuple[float, float]:
+        """Height of the flight, m, and its derivative by the launch speed (m/s)."""
+        square = launch * launch
+        if not self.drag:
+            return square / (2.0 * self.gravity), launch / self.gravity
+        height = math.log1p(self.drag * square) / (2.0 * self.drag * self.gravity)
+        return height, launch / (self.gravity * (1.0 + self.drag * square))
+
+    def dropped(self, height: float) -> tuple[float, float]:
+        """Speed at touch of a ball let go at a height (m), m/s, and its derivative by the height."""
+        if not self.drag:
+            speed = math.sqrt(2.0 * self.gravity * height)
+        else:
+            speed = math.sqrt(-math.expm1(-2.0 * self.drag * self.gravity * height) / self.drag)
+        return speed, self.gravity / speed * (1.0 - self.drag * speed * speed)
+
+    def path(self, launch: float, time: Floats) -> tuple[Floats, Floats]:
+        """Heights at times since a launch, m, and their derivatives by its speed (m/s); shape of `time`."""
+        g = self.gravity
+        if not self.drag:
+            return launch * time - 0.5 * g * time**2, time.copy()
+        v = 1.0 / math.sqrt(self.drag)
+        u = launch / v
+        up = v / g * math.atan(u)
+        rising, falling = np.minimum(time, up), np.maximum(time - up, 0.0)
+        angle = math.atan(u) - g * rising / v
+        cosine = np.cos(angle) * math.sqrt(1.0 + u * u)
+        height = v * v / g * (np.log(cosine) - np.log(np.cosh(g * falling / v)))
+        slowing = 1.0 / (1.0 + u * u)
+        by_launch = np.where(
+            time < up,
+            v / g * (u - np.tan(angle)) * slowing,
+            v / g * (u + np.tanh(g * falling / v)) * slowing,
+        )
+        return height, by_launch
+
+    def fall(self, touch: float, before: Floats) -> tuple[Floats, Floats]:
+        """Heights at times before the touch of a ball let go from rest, and derivatives by its speed."""
+        g = self.gravity
+        if not self.drag:
+            return touch * before - 0.5 * g * before**2, before.copy()
+        v = 1.0 / math.sqrt(self.drag)
+        end = math.atanh(min(touch / v, 1.0 - 1e-12))
+        now = np.maximum(end - g * before / v, 0.0)
+        height = v * v / g * (math.log(math.cosh(end)) - np.log(np.cosh(now)))
+        by_touch = v / g * (math.tanh(end) - np.tanh(now)) / (1.0 - math.tanh(end) ** 2)
+        return height, by_touch
+
+
+def in_air(gravity: float, mass: float, diameter: float, drag_coefficient: float) -> Ballistics:
+    """Flight of a ball of this mass (kg) and diameter (m) in air, under `gravity` (m/s²).
+
+    Buoyancy takes off the weight of the air displaced; half its mass is accelerated along.
+    """
+    displaced = AIR_DENSITY * math.pi / 6.0 * diameter**3
+    pull = gravity * (mass - displaced) / (mass + 0.5 * displaced)
+    area = math.pi / 4.0 * diameter**2
+    terminal_squared = 2.0 * (mass - displaced) * gravity / (AIR_DENSITY * drag_coefficient * area)
+    return Ballistics(pull, 1.0 / terminal_squared)

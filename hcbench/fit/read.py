@@ -1,0 +1,204 @@
+"""Files of measurements: what kind one is, by its header, and the data set in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench._text import sanitized
+from hcbench.errors import UserError
+from hcbench.fit.datasets import Heights, TouchTimes
+from hcbench.fit.pairs import SpeedPairs
+from hcbench.fit.table import read_table
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import ArrayLike
+
+    from hcbench.fit.datasets import Dataset
+    from hcbench.fit.setup import MeasurementSetup
+    from hcbench.fit.table import Table
+    from hcbench.impact import Floats
+
+# What columns may be called, and the kind of number in them.
+_NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "time": ("timestep", ("time", "t", "touch", "touch time", "impact time", "time of impact")),
+    "height": ("length", ("height", "h", "y", "z", "position", "bounce height")),
+    "speed": ("speed", ("speed", "v", "impact speed", "approach speed")),
+    "speed_in": ("speed", ("v_in", "vin", "v in", "speed_in", "speed in", "v_i")),
+    "speed_out": ("speed", ("v_out", "vout", "v out", "speed_out", "speed out", "v_o")),
+    "restitution": ("number", ("restitution", "e", "cor", "coefficient of restitution")),
+    "penetration": ("length", ("penetration", "x", "depth", "indentation", "approach")),
+    "rate": ("speed", ("rate", "xdot", "penetration rate", "indentation rate")),
+    "force": ("force", ("force", "f", "load")),
+}
+_ROLE_OF = {name: role for role, (_, names) in _NAMES.items() for name in names}
+_BEFORE = ("u_", "u ", "sigma_", "sigma ", "sd_", "sd ", "uncertainty of ", "uncertainty ", "±", "d_")
+_AFTER = ("_uncertainty", " uncertainty", "_error", " error", "_sd", " sd", "_sigma", " sigma", "_u", "_std")
+_KINDS: dict[frozenset[str], str] = {
+    frozenset({"time"}): "times",
+    frozenset({"height"}): "heights",
+    frozenset({"time", "height"}): "track",
+    frozenset({"speed", "restitution"}): "pairs",
+    frozenset({"speed_in", "restitution"}): "pairs",
+    frozenset({"speed_in", "speed_out"}): "speeds",
+    frozenset({"time", "force"}): "force",
+    frozenset({"penetration", "rate", "force"}): "loop",
+}
+KINDS = tuple(dict.fromkeys(_KINDS.values()))
+_EXPECTED = "columns such as time [s], height [cm], speed [m/s],restitution or v_in [m/s],v_out [m/s]"
+_MOST_TOUCHES = 60
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """The columns of a table by what they are: SI, shape (n,); uncertainties under "u_" and the name."""
+
+    table: Table
+    places: dict[str, int]
+
+    def get(self, role: str) -> Floats:
+        """A column that is there."""
+        return self.table.column(self.places[role], _NAMES[role.removeprefix("u_")][0])
+
+    def uncertainty(self, role: str) -> Floats:
+        """The standard uncertainties of a column, 0 where none are given."""
+        name = f"u_{role}"
+        if name not in self.places:
+            return np.zeros(len(self.table.cells))
+        values = self.get(name)
+        self.require(name, values >= 0, "0 or more")
+        return values
+
+    def require(self, role: str, good: ArrayLike, expected: str) -> None:
+        """Raise UserError for the first row that is not good."""
+        bad = np.flatnonzero(~np.asarray(good, dtype=bool))
+        if bad.size:
+            i = int(bad[0])
+            cell = self.table.cells[i][self.places[role]].strip()
+            name = self.table.header[self.places[role]][0]
+            where = f"{self.table.name}, line {self.table.lines[i]}"
+            raise UserError(where, f"{sanitized(name)} {sanitized(cell)}", expected)
+
+
+def columns_of(table: Table) -> Columns:
+    """Which column is what, by the names in the header. Raises UserError for a name that says nothing."""
+    places: dict[str, int] = {}
+    for i, (name, _) in enumerate(table.header):
+        role = _role(name)
+        if not role:
+            got = f"a column {sanitized(name)!r}"
+            raise UserError(table.name, got, _EXPECTED, "Leave other columns out")
+        if role in places:
+            raise UserError(table.name, f"two columns of {role.replace('u_', 'uncertainty of ')}", "one")
+        places[role] = i
+    return Columns(table, places)
+
+
+def _role(name: str) -> str:
+    name = " ".join(name.split())
+    if name in _ROLE_OF:
+        return _ROLE_OF[name]
+    for bare in [name.removeprefix(b) for b in _BEFORE] + [name.removesuffix(a) for a in _AFTER]:
+        if bare != name and bare.strip() in _ROLE_OF:
+            return f"u_{_ROLE_OF[bare.strip()]}"
+    return ""
+
+
+def read_dataset(path: Path, setup: MeasurementSetup, kind: str | None = None) -> Dataset:
+    """The data set in a file. kind: one of KINDS, in place of what the header says.
+
+    Raises UserError with the file, the line, what it has and what was expected.
+    """
+    columns = columns_of(read_table(path))
+    named = frozenset(role for role in columns.places if not role.startswith("u_"))
+    found = _KINDS.get(named) if kind is None else kind
+    if found is None:
+        names = ", ".join(columns.table.header[i][0] for i in columns.places.values())
+        raise UserError(columns.table.name, f"columns {sanitized(names)}", _EXPECTED)
+    needed = next(roles for roles, name in _KINDS.items() if name == found)
+    if kind is not None and not needed <= named:
+        missing = ", ".join(sorted(needed - named))
+        raise UserError(columns.table.name, f"no column {missing}", f"what --as {kind} needs")
+    return _READERS[found](columns, setup)
+
+
+def _times(columns: Columns, setup: MeasurementSetup) -> Dataset:
+    times = columns.get("time")
+    columns.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
+    name, least = columns.table.name, 3 if setup.height is not None else 4
+    if len(times) < least:
+        raise too_few_touches(name, len(times), least)
+    if len(times) > _MOST_TOUCHES:
+        got = f"{len(times)} times"
+        raise UserError(
+            name, got, f"up to {_MOST_TOUCHES} touches of one ball", "Leave out the rattle at the end"
+        )
+    return TouchTimes(name, setup, times)
+
+
+def too_few_touches(name: str, count: int, least: int) -> UserError:
+    """What is refused, and why."""
+    why = "Times alone give the speeds of the flights only: two flights are one e, with no check of it"
+    todo = why if count == 3 else "Record more bounces" + ("" if least == 3 else ", or give --height")
+    return UserError(name, f"{count} touches", f"{least} or more{' without --height' * (least == 4)}", todo)
+
+
+def _heights(columns: Columns, setup: MeasurementSetup) -> Dataset:
+    heights = columns.get("height")
+    columns.require("height", heights > 0, "above 0: the bottom of the ball above the plate")
+    if setup.height is not None and len(heights) and abs(heights[0] / setup.height.value - 1.0) < 1e-6:
+        heights = heights[1:]  # the drop itself
+    columns.require(
+        "height", np.concatenate([[True], np.diff(columns.get("height")) < 0]), "heights that fall"
+    )
+    given = columns.uncertainty("height")
+    least = 2 if setup.height is not None else 3
+    if len(heights) < least:
+        got = f"{len(heights)} heights"
+        raise UserError(columns.table.name, got, f"{least} or more bounces", "Fewer have no check")
+    if setup.height is not None and heights[0] >= setup.height.value:
+        got = f"the first bounce rises to {heights[0]:.4g} m, let go at {setup.height.value:.4g} m"
+        raise UserError("height", got, "a bounce below the drop")
+    return Heights(columns.table.name, setup, heights, float(given.mean()) if given.any() else None)
+
+
+def _pairs(columns: Columns, setup: MeasurementSetup) -> Dataset:
+    role = "speed" if "speed" in columns.places else "speed_in"
+    speed, e = columns.get(role), columns.get("restitution")
+    columns.require(role, speed > 0, "a speed above 0")
+    columns.require("restitution", (e >= 0) & (e <= 1.2), "0 ... 1")
+    uncertain = columns.uncertainty(role), columns.uncertainty("restitution")
+    return _checked_pairs(SpeedPairs(columns.table.name, setup, speed, e, *uncertain))
+
+
+def _speeds(columns: Columns, setup: MeasurementSetup) -> Dataset:
+    before, after = columns.get("speed_in"), columns.get("speed_out")
+    columns.require("speed_in", before > 0, "a speed above 0")
+    columns.require("speed_out", (after >= 0) & (after <= 1.2 * before), "from 0 to the speed in")
+    u_in, u_out = columns.uncertainty("speed_in"), columns.uncertainty("speed_out")
+    name = columns.table.name
+    return _checked_pairs(SpeedPairs(name, setup, before, after / before, u_in, u_out / before, twice=True))
+
+
+def _checked_pairs(pairs: SpeedPairs) -> SpeedPairs:
+    if len(pairs.speed) < 3:
+        got = f"{len(pairs.speed)} impacts"
+        raise UserError(pairs.name, got, "3 or more", "Fewer say nothing of how far to trust them")
+    if not (pairs.restitution > 0.0).any():
+        raise UserError(
+            pairs.name, "no impact rebounds: a rest only", "e above 0", "α cannot be known from it"
+        )
+    return pairs
+
+
+_READERS: dict[str, Callable[[Columns, MeasurementSetup], Dataset]] = {
+    "times": _times,
+    "heights": _heights,
+    "pairs": _pairs,
+    "speeds": _speeds,
+}

@@ -1,0 +1,144 @@
+"""Columns of numbers with units in their header, from text files as spreadsheets and phones write them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench import units
+from hcbench._files import read_text
+from hcbench._text import sanitized
+from hcbench.errors import QuantityError, UserError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from hcbench.impact import Floats
+
+_LARGEST = 16 << 20  # bytes
+_NAMED = re.compile(
+    r"\s*(?P<name>[^\[\]{}]*?)\s*(?:\[\s*(?P<unit>[^\]]*?)\s*\]|\(\s*(?P<round>[^()]*?)\s*\))\s*"
+)
+_CONVERT = "Convert it first: ffmpeg -i {name} {stem}.wav"
+_SOUNDS = (".m4a", ".mp3", ".aac", ".ogg", ".opus", ".flac", ".wma", ".amr", ".caf", ".3gp", ".mp4", ".mov")
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """name: what errors call the file. header: names in lower case with their units, "" for none.
+
+    cells: text, a row each; lines: their numbers in the file. decimal: the sign in numbers.
+    """
+
+    name: str
+    header: tuple[tuple[str, str], ...]
+    cells: tuple[tuple[str, ...], ...]
+    lines: tuple[int, ...]
+    decimal: str = "."
+
+    def number(self, text: str) -> float:
+        """A cell as a number; NaN for what is none."""
+        try:
+            return float(text.strip().replace(self.decimal, "."))
+        except ValueError:
+            return math.nan
+
+    def column(self, at: int, quantity: str) -> Floats:
+        """A column in SI. Raises UserError for a cell that is no finite number and for a missing unit."""
+        name, unit = self.header[at]
+        scale = unit_scale(self.name, name, unit, quantity)
+        values = np.empty(len(self.cells))
+        for i, (row, line) in enumerate(zip(self.cells, self.lines, strict=True)):
+            cell = row[at] if at < len(row) else ""
+            values[i] = self.number(cell)
+            if not math.isfinite(values[i]):
+                where = f"{self.name}, line {line}"
+                raise UserError(where, f"{sanitized(cell.strip())!r} under {sanitized(name)!r}", "a number")
+        return values * scale
+
+
+def unit_scale(file: str, name: str, unit: str, quantity: str) -> float:
+    """What one unit of a column is in SI. Raises UserError for none and for one that does not fit."""
+    example = units.QUANTITIES[quantity].example.split()[-1]
+    if not unit and units.QUANTITIES[quantity].unit:
+        todo = f"Write it with one, such as: {sanitized(name)} [{example}]"
+        raise UserError(file, f"the header {sanitized(name)!r} names no unit", "one in brackets", todo)
+    try:
+        return units.parse(f"1 {unit}", quantity, file) if unit else 1.0
+    except QuantityError:
+        got = f"{sanitized(unit)!r} under {sanitized(name)!r} is not such a unit"
+        raise UserError(file, got, f"one that converts to {units.QUANTITIES[quantity].unit}") from None
+
+
+def read_lines(path: Path) -> list[tuple[int, str]]:
+    """Lines that have something in them, with their numbers. Raises UserError for what is not text."""
+    name = sanitized(path.name)
+    try:
+        text = read_text(path, "utf-8-sig", _LARGEST)
+    except FileNotFoundError:
+        raise UserError(sanitized(path), "does not exist", "a file of measurements") from None
+    except UnicodeDecodeError:
+        raise _not_text(path) from None
+    except OSError as error:
+        raise UserError(name, sanitized(error.strerror), "a file that can be read") from None
+    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
+    if not lines:
+        raise UserError(name, "is empty", "a header and rows of numbers")
+    return lines
+
+
+def _not_text(path: Path) -> UserError:
+    name = sanitized(path.name)
+    if path.suffix.lower() in _SOUNDS:
+        todo = _CONVERT.format(name=name, stem=sanitized(path.stem))
+        return UserError(name, f"a {path.suffix.lower()} file, which is not read", "a .wav recording", todo)
+    if path.suffix.lower() == ".zip":
+        return UserError(name, "a zip archive", "a file of numbers", "Unpack it and give its .csv")
+    return UserError(name, "is neither UTF-8 text nor a WAV recording", "text in columns, or .wav")
+
+
+def read_table(path: Path) -> Table:
+    """A table with one header line. Separators: comma, semicolon, tab; # begins a comment.
+
+    Raises UserError with the file, the line, what it has and what was expected.
+    """
+    return table_of(path, [(n, line) for n, line in read_lines(path) if not line.lstrip().startswith("#")])
+
+
+def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
+    """The same of lines with their numbers."""
+    name = sanitized(path.name)
+    if not lines:
+        raise UserError(name, "has comments only", "a header and rows of numbers")
+    separator = next((s for s in ("\t", ";", ",") if s in lines[0][1]), ",")
+    rows = [tuple(next(csv.reader(io.StringIO(line), delimiter=separator))) for _, line in lines]
+    comma = separator != "," and any("," in cell for row in rows[1:] for cell in row)
+    table = Table(
+        name, tuple(split_header(cell) for cell in rows[0]), tuple(rows[1:]), tuple(n for n, _ in lines[1:]),
+        "," if comma else ".",
+    )  # fmt: skip
+    if all(math.isfinite(table.number(cell)) for cell in rows[0] if cell.strip()):
+        todo = "Begin the file with a line like: time [s]"
+        raise UserError(
+            name, f"begins with the numbers {sanitized(lines[0][1].strip())!r:.60}", "a header", todo
+        )
+    if not table.cells:
+        raise UserError(name, "has a header and no rows", "rows of numbers")
+    for row, line in zip(table.cells, table.lines, strict=True):
+        if len(row) > len(rows[0]) and any(cell.strip() for cell in row[len(rows[0]) :]):
+            raise UserError(f"{name}, line {line}", f"{len(row)} cells", f"{len(rows[0])}, as the header has")
+    return table
+
+
+def split_header(cell: str) -> tuple[str, str]:
+    """(name in lower case, unit) of "name [unit]" or "name (unit)"; the unit "" where there is none."""
+    match = _NAMED.fullmatch(cell)
+    if match is None:
+        return cell.strip().lower(), ""
+    return match["name"].lower(), match["unit"] if match["unit"] is not None else match["round"]

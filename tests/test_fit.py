@@ -1,0 +1,308 @@
+"""α from measured bounces: unbiased, with intervals that hold, and the law told or left open."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hcbench.cli import run
+from hcbench.errors import UserError
+from hcbench.fit.candidates import LAWS, dissipation_of, hunt_crossley
+from hcbench.fit.datasets import Heights, TouchTimes
+from hcbench.fit.estimate import fit_law
+from hcbench.fit.flight import Ballistics, in_air
+from hcbench.fit.pairs import SpeedPairs
+from hcbench.fit.result import fit
+from hcbench.fit.setup import Known, MeasurementSetup
+from hcbench.laws import closed_form
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "examples" / "recording"))
+import synthesise
+
+G = Known(9.80665)
+EXACT = MeasurementSetup(gravity=G)
+TRIALS = 40
+
+
+def times_of(law: synthesise.Law, seed: int, **more: float) -> np.ndarray:
+    what: Any = {"drop": 0.3, "timing": 2e-4, "scatter": 5e-3, "most": 15, **more}
+    return np.asarray(synthesise.touch_times(law, rng=np.random.default_rng(seed), **what))
+
+
+# --- the law and the flight ---
+
+
+@pytest.mark.parametrize("d", [1e-7, 1e-3, 0.1, 1.0, 10.0, 41.0, 100.0])
+def test_the_scalar_law_is_the_closed_form_and_its_slope(d: float) -> None:
+    log_e, slope = hunt_crossley(d)
+    assert math.exp(log_e) == pytest.approx(float(closed_form.restitution(d / 1.5, 1.0)), rel=1e-12)
+    up, down = (hunt_crossley(d * f)[0] for f in (1 + 1e-4, 1 - 1e-4))
+    assert slope == pytest.approx((up - down) / 2e-4, rel=1e-4)
+    assert dissipation_of(log_e) == pytest.approx(d, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("speed", [0.1, 0.5, 2.0])
+def test_laws_know_their_own_derivatives(name: str, speed: float) -> None:
+    law = LAWS[name]
+    parameters = [-0.2, -0.05][: law.count]
+    local = law.curve(tuple(parameters), 0.5).local(speed)
+    for i, by in enumerate(local[2]):
+        moved = [
+            law.curve(tuple(p + s * 1e-6 * (i == j) for j, p in enumerate(parameters)), 0.5).local(speed)[0]
+            for s in (1, -1)
+        ]
+        assert by == pytest.approx((moved[0] - moved[1]) / 2e-6, abs=1e-6)
+    ends = [law.curve(tuple(parameters), 0.5).local(speed * f)[0] for f in (1 + 1e-6, 1 - 1e-6)]
+    assert local[1] == pytest.approx((ends[0] - ends[1]) / 2e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("launch", [0.3, 2.0, 4.0])
+def test_a_flight_in_air_is_that_of_the_equation_of_motion(launch: float) -> None:
+    ball = in_air(9.80665, 2.7e-3, 0.04, 0.47)
+    aloft, touch = synthesise.flight_in_air(launch, 2.7e-3, 0.04, 0.47)
+    assert ball.aloft(launch)[0] == pytest.approx(aloft, rel=1e-7)
+    assert ball.touch(launch)[0] == pytest.approx(touch, rel=1e-7)
+
+
+@pytest.mark.parametrize("ball", [Ballistics(9.81), Ballistics(9.81, 0.1)])
+def test_flights_know_their_own_derivatives(ball: Ballistics) -> None:
+    t = np.array([0.05, 0.2, 0.35])
+    for name in ("aloft", "touch", "apex", "dropped"):
+        of = getattr(ball, name)
+        assert of(1.7)[1] == pytest.approx((of(1.7 + 1e-6)[0] - of(1.7 - 1e-6)[0]) / 2e-6, rel=1e-7)
+    for of in (ball.path, ball.fall):
+        _, by = of(2.0, t * (1 if of == ball.path else 0.3))
+        ends = [of(2.0 + s, t * (1 if of == ball.path else 0.3))[0] for s in (1e-6, -1e-6)]
+        assert by == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-6)
+    assert ball.path(1.7, np.array([ball.aloft(1.7)[0]]))[0] == pytest.approx(0.0, abs=1e-12)
+
+
+# --- α ---
+
+
+def trials(make: Any, truth: float, count: int = TRIALS) -> tuple[float, float]:
+    """(rms error of α, share of 95 % intervals that hold it)."""
+    off, held = [], 0
+    for seed in range(count):
+        data = make(seed)
+        found = fit_law(LAWS["hunt-crossley"], [data], float(np.exp(np.log(data.pairs()[0]).mean())))
+        values = np.array(
+            [
+                LAWS["hunt-crossley"].describe(tuple(p), found.reference)["alpha"]
+                for p in found.posterior.parameters
+            ]
+        )
+        low, middle, high = found.posterior.quantiles(values, (0.025, 0.5, 0.975))
+        off.append(middle / truth - 1)
+        held += low <= truth <= high
+    return float(np.sqrt(np.mean(np.square(off)))), held / count
+
+
+@pytest.mark.parametrize(("alpha", "rms"), [(0.05, 0.03), (0.2, 0.018), (1.0, 0.014)])
+def test_times_give_alpha_and_an_interval_that_holds(alpha: float, rms: float) -> None:
+    law = synthesise.hunt_crossley(alpha)
+    error, held = trials(lambda seed: TouchTimes("t", EXACT, times_of(law, seed)), alpha)
+    assert error < rms
+    assert held >= 0.87
+
+
+def test_timing_alone_leaves_next_to_no_error() -> None:
+    law = synthesise.hunt_crossley(0.2)
+    make = lambda seed: TouchTimes("t", EXACT, times_of(law, seed, timing=5e-5, scatter=0.0))  # noqa: E731
+    error, held = trials(make, 0.2, 15)
+    assert error < 5e-4
+    assert held == 1.0
+
+
+@pytest.mark.parametrize(("alpha", "rms"), [(0.05, 0.006), (0.3, 0.01), (1.0, 0.03)])
+def test_heights_give_alpha(alpha: float, rms: float) -> None:
+    law, setup = synthesise.hunt_crossley(alpha), MeasurementSetup(gravity=G, height=Known(0.3, 1e-6))
+
+    def make(seed: int) -> Heights:
+        rng = np.random.default_rng(seed)
+        return Heights("h", setup, synthesise.bounce_heights(law, 0.3, 1e-3, 0.0, rng))
+
+    error, held = trials(make, alpha)
+    assert error < 1.3 * rms
+    assert held >= 0.87
+
+
+@pytest.mark.parametrize("alpha", [0.05, 0.5])
+@pytest.mark.parametrize("twice", [False, True])
+def test_pairs_give_alpha(alpha: float, twice: bool) -> None:
+    law = synthesise.hunt_crossley(alpha)
+
+    def make(seed: int) -> SpeedPairs:
+        rng = np.random.default_rng(seed)
+        v = rng.uniform(0.1, 2.0, 20)
+        e = np.array([law(s) for s in v]) * (1 + 0.005 * rng.standard_normal(20))
+        read = v * (1 + 0.01 * rng.standard_normal(20))
+        if twice:  # v_out has an error of its own
+            e = e * v * (1 + 0.01 * rng.standard_normal(20)) / read
+            return SpeedPairs("p", EXACT, read, e, 0.01 * read, 0.01 * e, twice=True)
+        return SpeedPairs("p", EXACT, read, e, 0.01 * read, np.zeros(20))
+
+    assert trials(make, alpha)[1] >= 0.87
+
+
+def test_one_drop_height_more_narrows_the_interval() -> None:
+    times = times_of(synthesise.hunt_crossley(0.3), 1)
+    without = fit([TouchTimes("t", EXACT, times)], "hunt-crossley")
+    given = fit(
+        [TouchTimes("t", MeasurementSetup(gravity=G, height=Known(0.3, 1e-3)), times)], "hunt-crossley"
+    )
+    assert without.alpha is not None and given.alpha is not None
+    assert given.alpha.uncertainty < without.alpha.uncertainty
+
+
+def test_several_files_share_one_alpha() -> None:
+    law = synthesise.hunt_crossley(0.3)
+    files = [TouchTimes(f"{i}", EXACT, times_of(law, i)) for i in range(4)]
+    four, *each = (fit(sets, "hunt-crossley").alpha for sets in [files, *([file] for file in files)])
+    assert four is not None
+    assert four.uncertainty < 0.6 * float(np.mean([one.uncertainty for one in each if one is not None]))
+    assert four.low < 0.3 < four.high
+
+
+def test_alpha_goes_as_one_over_g_and_the_budget_says_so() -> None:
+    times = times_of(synthesise.hunt_crossley(0.3), 1)
+    at = [
+        fit([TouchTimes("t", MeasurementSetup(gravity=Known(g, 0.05)), times)], "hunt-crossley")
+        for g in (9.80665, 9.9)
+    ]
+    assert at[0].alpha is not None and at[1].alpha is not None
+    assert at[0].alpha.value / at[1].alpha.value == pytest.approx(9.9 / 9.80665, rel=1e-6)
+    (row,) = (row for row in at[0].budget.rows if row.source == "gravity")
+    assert row.share == pytest.approx(at[0].alpha.value * 0.05 / 9.80665, rel=0.02)
+
+
+def test_drag_that_is_left_out_makes_a_table_tennis_ball_lossy() -> None:
+    ball: Any = {"mass": Known(2.7e-3), "diameter": Known(0.04), "drag_coefficient": Known(0.47)}
+    fly = lambda w: synthesise.flight_in_air(w, 2.7e-3, 0.04, 0.47)  # noqa: E731
+    rng, times = np.random.default_rng(0), [0.0]
+    speed = MeasurementSetup(gravity=G, **ball).ballistics.dropped(0.3)[0]
+    for _, _, aloft in synthesise.flights(synthesise.hunt_crossley(0.1), 0.3, 0.0, rng, fly, speed):
+        times.append(times[-1] + aloft)
+        if len(times) == 15:
+            break
+    in_a_vacuum = fit([TouchTimes("t", EXACT, np.array(times))], "hunt-crossley").alpha
+    in_air = fit(
+        [TouchTimes("t", MeasurementSetup(gravity=G, **ball), np.array(times))], "hunt-crossley"
+    ).alpha
+    assert in_a_vacuum is not None and in_air is not None
+    assert in_air.value == pytest.approx(0.1, rel=1e-4)
+    assert in_a_vacuum.value == pytest.approx(0.1055, rel=0.01)
+
+
+# --- which law ---
+
+
+@pytest.mark.parametrize(
+    ("law", "name"),
+    [
+        (synthesise.hunt_crossley(0.3), "hunt-crossley"),
+        (synthesise.constant(0.7), "constant"),
+        (synthesise.viscoelastic(0.25), "viscoelastic"),
+        (synthesise.plastic(0.8), "plastic"),
+        (synthesise.hunt_crossley(0.3, e0=0.9), "hunt-crossley with e0"),
+    ],
+)
+def test_the_law_is_told_from_good_data(law: synthesise.Law, name: str) -> None:
+    for seed in range(3):
+        found = fit([TouchTimes("t", EXACT, times_of(law, seed, timing=5e-5, scatter=2e-3, most=20))])
+        assert found.law == name
+
+
+def test_few_poor_touches_do_not_tell_the_law() -> None:
+    left_open, widths = 0, []
+    for seed in range(6):
+        times = times_of(synthesise.hunt_crossley(0.3), seed, timing=1e-3, scatter=1e-2, most=6)
+        found = fit([TouchTimes("t", EXACT, times)])
+        left_open += found.law is None
+        assert found.law in (None, "hunt-crossley")
+        assert found.alpha is not None
+        widths.append(found.alpha.uncertainty)
+    assert np.median(widths) > 0.005
+    assert left_open >= 4
+
+
+def test_a_mistimed_touch_is_flagged_and_kept() -> None:
+    times = times_of(synthesise.hunt_crossley(0.2), 2)
+    assert not fit([TouchTimes("t", EXACT, times)], "hunt-crossley").flags
+    times[5] += 4e-3
+    (flag,) = fit([TouchTimes("t", EXACT, times)], "hunt-crossley").flags
+    assert flag.touch.startswith("touch 6 ") and flag.what == "measured off"
+    assert flag.size == pytest.approx(4e-3, rel=0.3)
+
+
+def test_bounces_that_gain_energy_are_refused() -> None:
+    with pytest.raises(UserError, match="gain energy"):
+        fit([TouchTimes("t", EXACT, np.array([0.0, 0.1, 0.21, 0.33, 0.46, 0.6, 0.75]))])
+
+
+# --- files and the command ---
+
+
+def write(folder: Path, text: str, name: str = "data.csv") -> str:
+    (folder / name).write_text(text, encoding="utf-8")
+    return str(folder / name)
+
+
+def test_the_command_hands_alpha_to_tune_and_check(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    times = times_of(synthesise.hunt_crossley(0.3), 4)
+    path = write(tmp_path, "time [ms]\n" + "\n".join(f"{1e3 * t:.3f}" for t in times))
+    points = tmp_path / "points.csv"
+    assert run(["fit", path, "--gravity", "9.80665", "--json", "--write-points", str(points)]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["law"] == "hunt-crossley"
+    low, high = found["alpha_interval_95_s_per_m"]
+    assert low < 0.3 < high
+    assert low < found["alpha_s_per_m"] < high
+    assert {law["law"] for law in found["laws"]} == set(LAWS)
+    assert run(["fit", path]) == 0
+    shown = capsys.readouterr().out
+    assert 'hcbench tune mujoco --alpha "0.29' in shown and " +- 0.00" in shown
+    assert run(["tune", "pybullet", "--points", str(points), "--timestep", "1e-3", "--json"]) == 0
+    error = json.loads(capsys.readouterr().out)
+    assert len(error["target"]["points"]) == 20
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("time\n0.1\n0.2\n", "names no unit"),
+        ("0.1\n0.2\n0.3\n", "a header"),
+        ("time [s]\n0.1\nx\n", "line 3: 'x' under 'time'"),
+        ("time [s]\n0.1\nnan\n", "line 3: 'nan'"),
+        ("time [s]\n0.3\n0.2\n0.4\n0.5\n", "line 3: time 0.2; expected times that rise"),
+        ("time [s]\n0.1\n0.4\n0.6\n", "3 touches"),
+        ("time [kg]\n0.1\n0.4\n0.6\n", "'kg'"),
+        ("weather\n1\n", "'weather'"),
+        ("speed [m/s],restitution\n1,0\n2,0\n3,0\n", "a rest only"),
+        ("", "is empty"),
+        ("time [s]\n", "no rows"),
+    ],
+)
+def test_a_bad_file_is_one_line_and_exit_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, says: str
+) -> None:
+    assert run(["fit", write(tmp_path, text)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert says in line
+
+
+def test_g_that_is_not_known_is_refused_with_the_reason(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write(tmp_path, "time [s]\n0.1\n0.4\n0.6\n0.7\n")
+    assert run(["fit", path, "--gravity", "unknown"]) == 2
+    assert "α g only" in capsys.readouterr().err
