@@ -33,7 +33,7 @@ def scatter_prior(log_scatter: Floats) -> Floats:
 
 
 def noise_prior(log_noise: Floats, scale: float) -> Floats:
-    """ln of the density over ln s_m: about a scale, with the long tails of Cauchy: instruments differ more."""
+    """ln of the density over ln s_m: about a scale, with long tails: instruments differ more."""
     away = (log_noise - math.log(scale)) / _FACTOR
     return np.asarray(-np.log(math.pi * _FACTOR * (1.0 + away**2)))
 
