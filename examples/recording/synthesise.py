@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -107,3 +108,86 @@ def flight_in_air(
     floor.terminal, floor.direction = True, -1.0  # type: ignore[attr-defined]
     done = solve_ivp(rate, (0, 10), [0.0, launch], events=floor, rtol=1e-10, atol=1e-12, max_step=0.02)
     return float(done.t_events[0][0]), float(-done.y_events[0][0][1])
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """How a plate sounds. click: length of a first pulse at 1 m/s, s. modes: (Hz, s, share of the click)."""
+
+    click: float
+    modes: tuple[tuple[float, float, float], ...]
+    echo: float
+
+
+SURFACES = {
+    "stone": Surface(8e-5, ((5200.0, 3e-3, 0.5), (9100.0, 4e-3, 0.4), (13700.0, 3e-3, 0.2)), 0.2),
+    "wood": Surface(3e-4, ((900.0, 12e-3, 0.8), (2300.0, 8e-3, 0.5), (4700.0, 5e-3, 0.4)), 0.3),
+    "tile": Surface(1.2e-4, ((3100.0, 10e-3, 0.5), (6800.0, 15e-3, 0.4), (11200.0, 6e-3, 0.3)), 0.3),
+    "plate": Surface(
+        6e-5, ((2100.0, 80e-3, 0.5), (4900.0, 50e-3, 0.5), (8300.0, 30e-3, 0.4), (12900.0, 20e-3, 0.3)), 0.15
+    ),
+}
+
+
+def pink_noise(count: int, rng: np.random.Generator) -> np.ndarray:
+    """Noise of rms 1 whose power goes as 1/f."""
+    spectrum = np.fft.rfft(rng.standard_normal(count))
+    spectrum /= np.sqrt(np.maximum(np.arange(len(spectrum)), 20))
+    noise = np.fft.irfft(spectrum, count)
+    return np.asarray(noise / noise.std())
+
+
+def recording(
+    times: np.ndarray,
+    speeds: np.ndarray,
+    surface: Surface,
+    decibels: float,
+    rng: np.random.Generator,
+    rate: int = 44100,
+) -> np.ndarray:
+    """Sound of touches at times (s) and speeds (m/s): -1 ... 1, from time 0 to half a second after the last.
+
+    decibels: peak of the first click over the rms of the noise.
+    """
+    clock = np.arange(int((times[-1] + 0.5) * rate)) / rate
+    sound = np.zeros(len(clock))
+    echoes = [
+        (0.0, 1.0),
+        *((rng.uniform(1e-3, 30e-3), surface.echo * rng.uniform(0.2, 1.0)) for _ in range(6)),
+    ]
+    for time, speed in zip(times, speeds, strict=True):
+        shares = [share * rng.uniform(0.5, 1.5) for _, _, share in surface.modes]
+        for delay, gain in echoes:
+            begin = np.searchsorted(clock, time + delay)
+            t = clock[begin : begin + int(0.4 * rate)] - time - delay
+            length = surface.click * speed**-0.2
+            sound[begin : begin + len(t)] += (
+                gain * speed * np.where(t < length, np.sin(np.pi * t / length), 0.0)
+            )
+            for (frequency, decay, _), share in zip(surface.modes, shares, strict=True):
+                ring = np.sin(2 * np.pi * frequency * t) * np.exp(-t / decay)
+                sound[begin : begin + len(t)] += gain * speed * share * ring
+    noise = pink_noise(len(clock), rng) * speeds[0] * 10 ** (-decibels / 20)
+    whole = sound + noise
+    return np.asarray(0.9 * whole / np.abs(whole).max())
+
+
+def drop_recording(
+    law: Law,
+    drop: float,
+    scatter: float,
+    surface: str,
+    decibels: float,
+    rng: np.random.Generator,
+    shortest: float = 0.03,
+    seconds: float = 5.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(sound, times of its touches) of a ball let go from a height in m, until flights are `shortest` s."""
+    times, speeds = [rng.uniform(0.4, 0.8)], []
+    for speed, _, aloft in flights(law, drop, scatter, rng):
+        speeds.append(speed)
+        if aloft < shortest or times[-1] + aloft > seconds:
+            break
+        times.append(times[-1] + aloft)
+    at, v = np.array(times), np.array(speeds)
+    return recording(at, v, SURFACES[surface], decibels, rng), at

@@ -45,6 +45,7 @@ class _SetupOptions(TypedDict):
 @click.option(
     "--timing", type=QuantityType("timestep", positive=True), help="Uncertainty of a time, where known."
 )
+@click.option("--touches", help="Of a recording, which of the touches found to take: '2:14'.")
 @click.option("--law", type=click.Choice(_LAWS), default="auto", show_default=True)
 @click.option(
     "--page", type=PathType(path_type=Path, dir_okay=False), help="Also write a one-page report (HTML)."
@@ -58,6 +59,7 @@ class _SetupOptions(TypedDict):
 def fit(
     files: tuple[Path, ...],
     kind: str | None,
+    touches: str | None,
     law: str,
     page: Path | None,
     write_points: Path | None,
@@ -67,7 +69,8 @@ def fit(
     """Find α of your material from a measurement of bounces.
 
     FILES hold what was measured, with units in their headers: times of impacts (time [s]), heights of bounces
-    (height [cm]), pairs (speed [m/s],restitution or v_in [m/s],v_out [m/s]). Several files share one α.
+    (height [cm]), pairs (speed [m/s],restitution or v_in [m/s],v_out [m/s]); or a sound recording (.wav).
+    Several files share one α.
     """
     from hcbench._files import write_text
     from hcbench.fit.read import KINDS, read_dataset
@@ -81,13 +84,23 @@ def fit(
     if kind is not None and kind not in KINDS:
         raise UserError("--as", repr(kind), f"one of {', '.join(KINDS)}")
     setup = _setup(options)
-    result = fit_sets([read_dataset(path, setup, kind) for path in files], law)
+    result = fit_sets([read_dataset(path, setup, kind, _touches(touches)) for path in files], law)
     if write_points is not None:
         write_text(write_points, points_text(result))
     if as_json:
         print_json(as_record(result))
     else:
         print(as_text(result, _engine()), end="")
+
+
+def _touches(text: str | None) -> range | None:
+    """ "2:14" as a range of both ends."""
+    if text is None:
+        return None
+    first, colon, last = text.partition(":")
+    if not (colon and first.strip().isdigit() and last.strip().isdigit() and 0 < int(first) < int(last)):
+        raise UserError("--touches", repr(text), "the first and the last to take, such as 2:14")
+    return range(int(first), int(last) + 1)
 
 
 def _setup(options: _SetupOptions) -> MeasurementSetup:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from hcbench.fit.candidates import Curve
     from hcbench.fit.flight import Ballistics
     from hcbench.fit.setup import Known, MeasurementSetup
+    from hcbench.fit.sound import Indices, Picks, Recording
     from hcbench.impact import Floats
 
 
@@ -25,9 +26,13 @@ class Dataset(ABC):
 
     name: str
     setup: MeasurementSetup
-    kind: ClassVar[str]
     noise_scale: ClassVar[float]  # what the noise of measuring is likely to be, in the data's SI unit
     noise_unit: ClassVar[str]
+
+    @property
+    @abstractmethod
+    def kind(self) -> str:
+        """What it is called."""
 
     @property
     def known_noise(self) -> float | None:
@@ -116,27 +121,51 @@ def drop_prior(setup: MeasurementSetup, own: float) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class TouchTimes(Dataset):
-    """times: (n,), s, of successive touches. Own parameters: time of the first, ln of the first speed."""
+    """times: (n,), s, of successive touches. Own parameters: time of the first, ln of the first speed.
+
+    numbers: (n,), which touch each is, from 0; None: none is missing. picks, recording: where they come from.
+    """
 
     name: str
     setup: MeasurementSetup
     times: Floats
-    kind: ClassVar[str] = "times"
+    numbers: Indices | None = None
+    picks: Picks | None = None
+    recording: Recording | None = None
     noise_scale: ClassVar[float] = 1e-4
     noise_unit: ClassVar[str] = "s"
+
+    @property
+    def kind(self) -> str:
+        """What it came from."""
+        return "times" if self.picks is None else "sound"
 
     @property
     def known_noise(self) -> float | None:
         """s_m where it is given."""
         return self.setup.timing
 
+    @property
+    def _which(self) -> Indices:
+        return np.arange(len(self.times)) if self.numbers is None else self.numbers - self.numbers[0]
+
     def _launches(self) -> Floats:
-        flights = np.diff(self.times) - self.setup.contact_time.value
+        """Of every flight; of two that an unheard touch joins, half of both."""
+        which = self._which
+        full = np.interp(np.arange(which[-1] + 1), which, self.times)
+        flights = np.diff(full) - self.setup.contact_time.value
         return 0.5 * self.setup.ballistics.gravity * np.maximum(flights, 1e-4)
 
     def pairs(self) -> tuple[Floats, Floats]:
         """Impact speeds (m/s) and e as one would read them off."""
-        return pairs_of_launches(self._launches(), self.setup)
+        speed, e = pairs_of_launches(self._launches(), self.setup)
+        if self.numbers is None:
+            return speed, e
+        which = self._which
+        first = 0 if self.setup.height is not None else 1
+        heard = [i + first for i in range(len(e))]
+        whole = [i in which and i + 1 in which and (i == 0 or i - 1 in which) for i in heard]
+        return speed[whole], e[whole]
 
     def start(self) -> Floats:
         """Own parameters to start from."""
@@ -147,17 +176,14 @@ class TouchTimes(Dataset):
         return np.array([self.times[0], math.log(first)])
 
     def linearise(self, curve: Curve, own: Floats, latent: Floats) -> LinearModel:
-        """The linear model about a law, own parameters and relative changes of each e, `latent` (m,).
-
-        Its residual is that at no changes: what the ones given do is added back to first order.
-        """
+        """The linear model about a law, own parameters and changes of e."""
         dropped, ballistics = self.setup.height is not None, self.setup.ballistics
         train = bounce_train(curve, ballistics, math.exp(own[1]), latent, dropped)
         aloft = np.array([ballistics.aloft(w) for w in train.launch])
         contact = self.setup.contact_time.value * (train.launch / train.launch[0]) ** -0.2
         times = own[0] + np.concatenate([[0.0], np.cumsum(aloft[:, 0] + contact)])
         by = np.concatenate([np.zeros((1, train.by.shape[1])), np.cumsum(aloft[:, 1:] * train.by, axis=0)])
-        q = curve.count
+        times, by, q = times[self._which], by[self._which], curve.count
         prior = np.array([[0.0, math.inf], drop_prior(self.setup, own[1]) if dropped else (0.0, math.inf)])
         return LinearModel(
             residual=self.times - times + by[:, 1 + q :] @ latent,
@@ -170,11 +196,13 @@ class TouchTimes(Dataset):
 
     def rows(self) -> list[str]:
         """What each row of the residual is."""
-        return [f"touch {i + 1} at {t:.4f} s" for i, t in enumerate(self.times)]
+        return [f"touch {i + 1} at {t:.4f} s" for i, t in zip(self._which, self.times, strict=True)]
 
     def touches(self) -> list[str]:
         """What each column of by_scatter is."""
-        return self.rows()[0 if self.setup.height is not None else 1 : -1]
+        at = dict(zip(self._which.tolist(), self.rows(), strict=True))
+        first = 0 if self.setup.height is not None else 1
+        return [at.get(i, f"touch {i + 1}, unheard") for i in range(first, int(self._which[-1]))]
 
 
 def pairs_of_launches(launches: Floats, setup: MeasurementSetup) -> tuple[Floats, Floats]:
@@ -199,9 +227,13 @@ class Heights(Dataset):
     setup: MeasurementSetup
     heights: Floats
     uncertainty: float | None = None
-    kind: ClassVar[str] = "heights"
     noise_scale: ClassVar[float] = 1e-3
     noise_unit: ClassVar[str] = "m"
+
+    @property
+    def kind(self) -> str:
+        """What it is called."""
+        return "heights"
 
     @property
     def known_noise(self) -> float | None:

@@ -32,9 +32,13 @@ class SpeedPairs(Dataset):
     speed_uncertainty: Floats
     restitution_uncertainty: Floats
     twice: bool = False
-    kind: ClassVar[str] = "pairs"
     noise_scale: ClassVar[float] = 0.01
     noise_unit: ClassVar[str] = ""
+
+    @property
+    def kind(self) -> str:
+        """What it is called."""
+        return "speeds" if self.twice else "pairs"
 
     @property
     def _is_given(self) -> bool:

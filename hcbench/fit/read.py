@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +11,7 @@ from hcbench._text import sanitized
 from hcbench.errors import UserError
 from hcbench.fit.datasets import Heights, TouchTimes
 from hcbench.fit.pairs import SpeedPairs
+from hcbench.fit.sound import find_touches, is_wav, read_recording
 from hcbench.fit.table import read_table
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ _KINDS: dict[frozenset[str], str] = {
     frozenset({"time", "force"}): "force",
     frozenset({"penetration", "rate", "force"}): "loop",
 }
-KINDS = tuple(dict.fromkeys(_KINDS.values()))
+KINDS = ("sound", *dict.fromkeys(_KINDS.values()))
 _EXPECTED = "columns such as time [s], height [cm], speed [m/s],restitution or v_in [m/s],v_out [m/s]"
 _MOST_TOUCHES = 60
 
@@ -109,11 +110,18 @@ def _role(name: str) -> str:
     return ""
 
 
-def read_dataset(path: Path, setup: MeasurementSetup, kind: str | None = None) -> Dataset:
-    """The data set in a file. kind: one of KINDS, in place of what the header says.
+def read_dataset(
+    path: Path, setup: MeasurementSetup, kind: str | None = None, touches: range | None = None
+) -> Dataset:
+    """The data set in a file.
 
-    Raises UserError with the file, the line, what it has and what was expected.
+    kind: one of KINDS, in place of what the header says. touches: of a recording, which of the touches found
+    to take, from 1. Raises UserError with the file, the line, what it has and what was expected.
     """
+    if kind == "sound" or (kind is None and is_wav(path)):
+        return _sound(path, setup, touches)
+    if touches is not None:
+        raise UserError("touches", f"given for {sanitized(path.name)}, which is no recording", "a .wav")
     columns = columns_of(read_table(path))
     named = frozenset(role for role in columns.places if not role.startswith("u_"))
     found = _KINDS.get(named) if kind is None else kind
@@ -125,6 +133,18 @@ def read_dataset(path: Path, setup: MeasurementSetup, kind: str | None = None) -
         missing = ", ".join(sorted(needed - named))
         raise UserError(columns.table.name, f"no column {missing}", f"what --as {kind} needs")
     return _READERS[found](columns, setup)
+
+
+def _sound(path: Path, setup: MeasurementSetup, touches: range | None) -> Dataset:
+    recording = read_recording(path)
+    picks = find_touches(recording)
+    if touches is not None:
+        kept = np.isin(np.arange(1, len(picks.times) + 1), touches)
+        picks = replace(picks, times=picks.times[kept], numbers=picks.numbers[kept], level=picks.level[kept])
+    least = 3 if setup.height is not None else 4
+    if len(picks.times) < least:
+        raise too_few_touches(recording.name, len(picks.times), least)
+    return TouchTimes(recording.name, setup, picks.times, picks.numbers, picks, recording)
 
 
 def _times(columns: Columns, setup: MeasurementSetup) -> Dataset:

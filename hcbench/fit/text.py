@@ -10,6 +10,7 @@ import numpy as np
 
 from hcbench._text import table
 from hcbench.fit.candidates import LAWS
+from hcbench.fit.datasets import TouchTimes
 from hcbench.fit.result import WITH_E0
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ def limit_of(result: FitResult) -> float:
 
 def as_text(result: FitResult, engine: str) -> str:
     """All of it, for a terminal."""
-    lines = [*_headline(result), "", *_laws(result), "", *_budget(result)]
+    lines = [*_headline(result), *_heard(result), "", *_laws(result), "", *_budget(result)]
     lines += [
         f"look at: {flag.file}, {flag.touch}: {flag.what} by {flag.sigmas:.1f} standard deviations; kept"
         for flag in result.flags
@@ -109,6 +110,18 @@ def _headline(result: FitResult) -> list[str]:
     rows["found"] = f"e scatters by {100 * best.scatter:.2g} %" + (f"; measured to {noise}" if noise else "")
     width = max(map(len, rows))
     return [f"{name:<{width}}  {value}" for name, value in rows.items()]
+
+
+def _heard(result: FitResult) -> list[str]:
+    """The touches found in recordings."""
+    lines = []
+    for s in result.sets:
+        if isinstance(s, TouchTimes) and s.picks is not None:
+            shown = zip(s.picks.numbers, s.picks.times, s.picks.level, strict=True)
+            rows = [(f"{n + 1}", f"{t:.5f}", f"{level:.0f}") for n, t, level in shown]
+            lines += ["", f"{s.name}: touches heard above {s.picks.band:g} Hz"]
+            lines += table(("touch", "s", "dB over the noise"), rows)
+    return lines
 
 
 def _laws(result: FitResult) -> list[str]:
