@@ -13,11 +13,14 @@ if TYPE_CHECKING:
 
     from hcbench.impact import Floats
 
+    Indices = NDArray[np.int64]
+
 _LONGEST = 2.5  # s, of a flight: 7.6 m high
 _LEAST_E, _MOST_E = 0.05, 1.01
 # e from one bounce to the next: as every law has it, it rises by less than (1 - e)², as eq. (16) does at low
 # speeds; around that, what it scatters by, and what short flights are mistimed by.
 _SCATTER = 0.05
+_SAME = 3e-4  # s
 _LOUDER = 8.0  # dB that a touch may be louder than the one before, though slower
 _UNHEARD_PRICE = 4.5  # paid back by four touches after it: at the end of a train nothing is skipped
 _LOUD = 40.0  # dB over the noise that count as one touch more
@@ -38,9 +41,7 @@ class _Step:
     skipped: bool
 
 
-def longest_train(
-    times: Floats, level: Floats, shortest: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64], float]:
+def longest_train(times: Floats, level: Floats, shortest: float) -> tuple[Indices, Indices, float]:
     """Clicks of the best train, the number of each touch from 0, and its score.
 
     times: (n,), s, rising. level: (n,), dB. shortest: s, of a flight. One touch of a train may be unheard.
@@ -58,7 +59,24 @@ def longest_train(
     if not steps:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), 0.0
     last = max(steps, key=lambda pair: steps[pair].score)
-    return _walk_back(last, steps)
+    clicks, numbers = _walk_back(last, steps)
+    while len(clicks) > 2 and _ends_in_echo(times, clicks):
+        clicks, numbers = clicks[:-1], numbers[:-1]
+    return clicks, numbers, steps[last].score
+
+
+def _ends_in_echo(times: Floats, clicks: Indices) -> bool:
+    """Whether the last click follows its touch as fast as clicks outside the train follow two others."""
+    delay = times[clicks[-1]] - times[clicks[-2]]
+    others = np.delete(times, clicks)
+    if not others.size:
+        return False
+    off = np.abs(others[:, None] - times[clicks[:-2]] - delay).min(axis=0)
+    return int((off < _SAME).sum()) >= 2
+
+
+def _most_rise(e: float) -> float:
+    return _SCATTER + (1.0 - e) ** 2
 
 
 def _best_step(
@@ -78,10 +96,7 @@ def _best_step(
         for e, skipped in options:
             if not _LEAST_E <= e <= _MOST_E or (skipped and math.isnan(earlier.e)):
                 continue
-            if (
-                not math.isnan(earlier.e)
-                and not -_SCATTER <= e - earlier.e <= _SCATTER + (1 - earlier.e) ** 2
-            ):
+            if not math.isnan(earlier.e) and not -_SCATTER <= e - earlier.e <= _most_rise(earlier.e):
                 continue
             score = earlier.score + float(worth[j]) - _UNHEARD_PRICE * skipped
             if score > best.score:
@@ -90,9 +105,8 @@ def _best_step(
     return best
 
 
-def _walk_back(
-    last: tuple[int, int], steps: dict[tuple[int, int], _Step]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], float]:
+def _walk_back(last: tuple[int, int], steps: dict[tuple[int, int], _Step]) -> tuple[Indices, Indices]:
+    """The clicks of the train that ends with a flight, and the number of each touch."""
     clicks, gaps = [last[1], last[0]], []
     pair: tuple[int, int] = last
     while True:
@@ -105,4 +119,4 @@ def _walk_back(
         clicks.append(step.before[0])
         pair = step.before
     numbers = np.concatenate([[0], np.cumsum(gaps[::-1])])
-    return np.array(clicks[::-1]), numbers.astype(np.int64), steps[last].score
+    return np.array(clicks[::-1]), numbers.astype(np.int64)
