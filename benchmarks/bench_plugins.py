@@ -5,8 +5,8 @@
 One line a claim: what must be, what was measured. e: worst error over the paper's four α, 1 ... 20 in/s, 8
 phases of touch, sphere on plane and in the cup; speeds just before and just after the impact, what gravity
 adds in that step not counted. Energy: its largest rise above the start, as a share of the start, over 10 s at
-1, 2 and 5 ms, less what steps from the same states win with contact off. Costs: CPU time of rollouts on one
-thread, in turns with MuJoCo's own contact, a spring-damper.
+1, 2 and 5 ms, less what steps from the same states win with contact off. Costs: CPU time, in turns with
+MuJoCo's own contact, a spring-damper (rollouts on one thread), and with a bare stepSimulation of PyBullet's.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ import copy
 import statistics
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
+import bullet_scenes
 import contact_scenes as scenes
 from test_plugin_mujoco import oblique
 
@@ -46,7 +48,7 @@ BALL = """<mujoco><option timestep="{h}" gravity="0 0 {g}" cone="elliptic"/><wor
   <geom name="ball" size=".0508" mass=".45359237" {contact}/></body></worldbody></mujoco>"""
 
 
-def e_of_recipes(quick: bool) -> Iterator[Claim]:
+def e_of_recipes(engine: str, quick: bool) -> Iterator[Claim]:
     """Spheres on a plane and in the cup, at held-out speeds and phases."""
     force = {1e-6: "1e-9", 1e-5: "3e-7", 2e-5: "1.5e-6"}
     rest = dict.fromkeys((1e-4, 1e-3, 4e-3), "1e-12")
@@ -58,9 +60,9 @@ def e_of_recipes(quick: bool) -> Iterator[Claim]:
                 for alpha in ALPHAS[1:3] if quick else ALPHAS:
                     law = HuntCrossley(scene.stiffness, alpha / INCH, scene.exponent)
                     target = Target(law, scene.mass, h, INCH, 20 * INCH)
-                    setting = registry.recipe(f"mujoco.{recipe}")(target)
-                    worst = max(worst, evaluate(registry.engine("mujoco"), scene, setting, target).max_error)
-            yield f"mujoco.{recipe}: error of e at {h:g} s", must, worst
+                    setting = registry.recipe(f"{engine}.{recipe}")(target)
+                    worst = max(worst, evaluate(registry.engine(engine), scene, setting, target).max_error)
+            yield f"{engine}.{recipe}: error of e at {h:g} s", must, worst
 
 
 def ball(h: float, gravity: float, contact: str = "") -> Any:
@@ -84,18 +86,42 @@ def e_of_drops() -> Iterator[Claim]:
     yield "mujoco restitution, drops of 1 ... 100 mm: error of e", "1e-9", worst
 
 
+def e_of_drops_in_bullet() -> Iterator[Claim]:
+    """The same in PyBullet."""
+    worst = 0.0
+    for h in (1e-4, 1e-3, 4e-3):
+        for alpha in ALPHAS:
+            for height in np.geomspace(1e-3, 0.1, 8):
+                made = bullet_scenes.Scene(h, Restitution(alpha / INCH))
+                made.body((0, 0, bullet_scenes.RADIUS + height))
+                made.ready()
+                speed = 0.0
+                while speed <= 0:
+                    before, _ = -speed, made.step()
+                    speed = float(made.state()[1][0, 2])
+                worst = max(
+                    worst,
+                    abs((speed + 9.81 * h) / before - float(closed_form.restitution(alpha / INCH, before))),
+                )
+                made.close()
+    yield "pybullet restitution, drops of 1 ... 100 mm: error of e", "1e-9", worst
+
+
 def oblique_impacts(count: int) -> Iterator[Claim]:
     """Random oblique, spinning, off-centre and box-corner impacts, in both cones."""
-    for cone in ("pyramidal", "elliptic"):
-        seen = np.array([oblique(seed, cone) for seed in range(count)])
-        happened = int((seen[:, 2] > 0).sum())
-        what = f"mujoco restitution, {happened} oblique impacts, {cone}"
+    kinds: dict[str, Any] = {
+        f"mujoco restitution, {cone}": partial(oblique, cone=cone) for cone in ("pyramidal", "elliptic")
+    }
+    for who, one in {**kinds, "pybullet restitution": bullet_scenes.oblique}.items():
+        seen = np.array([one(seed) for seed in range(count)])
+        what = f"{who}, {int((seen[:, 0] > 0).sum())} oblique impacts"
         yield f"{what}: error of e", "1e-6", float(seen[:, 0].max())
         yield f"{what}: friction beyond its cone, N s", "1e-9", float((seen[:, 1] - seen[:, 2]).max())
 
 
-def rise(scene: scenes.Scene, seconds: float) -> float:
+def rise(make: Callable[[Any], scenes.Scene], law: Any, seconds: float) -> float:
     """Largest energy above the start's, less what steps with contact off would have won until then."""
+    scene = make(law)
     model = scene.model()
     data = scene.data(model)
     if model.nkey:
@@ -118,43 +144,54 @@ def rise(scene: scenes.Scene, seconds: float) -> float:
     return np.inf if broken else highest / max(abs(start), 1e-9)
 
 
-def energies(quick: bool) -> Iterator[Claim]:
+def energies(engine: str, quick: bool) -> Iterator[Claim]:
     """Rows, cradles, a rack, stacks and piles."""
     seconds, steps = (1.0, (2e-3,)) if quick else (10.0, (1e-3, 2e-3, 5e-3))
-    kinds: dict[str, Any] = {
-        "rows of 3 ... 10 touching balls": lambda h, law: [
-            scenes.row(n, h, law) for n in (3, 4, 5, 6, 8, 10)
-        ],
-        "cradle": lambda h, law: [scenes.cradle(5, h, law)],
-        "rack of ten at 3 m/s": lambda h, law: [scenes.rack(h, law)],
-        "stacks of 3 ... 10 boxes": lambda h, law: [scenes.stack(n, h, law) for n in (3, 5, 10)],
-        "tumbling cubes": lambda h, law: [
-            scenes.tumbling(seed, h, law, mu, cone, size=(0.05,) * 3)
+    made: Any = scenes if engine == "mujoco" else bullet_scenes
+    cones = [{"cone": "pyramidal"}, {"cone": "elliptic"}] if engine == "mujoco" else [{}]
+    kinds: dict[str, list[Any]] = {
+        "rows of 3 ... 10 touching balls": [partial(made.row, n) for n in (3, 4, 5, 6, 8, 10)],
+        "cradle": [partial(made.cradle, 5)],
+        "rack of ten at 3 m/s": [made.rack],
+        "stacks of 3 ... 10 boxes": [partial(made.stack, n) for n in (3, 5, 10)],
+        "tumbling cubes": [
+            partial(made.tumbling, seed, friction=mu, size=(0.05,) * 3, **cone)
             for seed, mu in enumerate((0.0, 1e-4, 1e-3, 0.01, 0.5))
-            for cone in ("pyramidal", "elliptic")
+            for cone in cones
         ],
     }
-    for name, make in kinds.items():
-        worst = max(rise(one, seconds) for h in steps for law in LAWS for one in make(h, law))
-        yield f"mujoco restitution, {name}: energy won", "1e-9", worst
-    piles = [
-        scenes.pile(seed, steps[seed % len(steps)], LAWS[seed % 5]) for seed in range(5 if quick else 20)
-    ]
-    yield (
-        f"mujoco restitution, {len(piles)} piles, implicit: energy won",
-        "1e-9",
-        max(rise(one, seconds) for one in piles),
+    won = rise if engine == "mujoco" else bullet_scenes.rise
+    for name, several in kinds.items():
+        worst = max(
+            won(lambda law, one=one, h=h: one(h=h, law=law), law, seconds)
+            for h in steps
+            for law in LAWS
+            for one in several
+        )
+        yield f"{engine} restitution, {name}: energy won", "1e-9", worst
+    count = 5 if quick else 20
+    worst = max(
+        won(partial(made.pile, seed, steps[seed % len(steps)]), LAWS[seed % 5], seconds)
+        for seed in range(count)
     )
+    yield f"{engine} restitution, {count} piles: energy won", "1e-9", worst
 
 
 def drift(seconds: float) -> Iterator[Claim]:
     """A stack of five boxes at rest."""
+    upright = np.outer(scenes.RADIUS * (2 * np.arange(5) + 1), [0, 0, 1])
     for h in (1e-3, 2e-3, 5e-3):
         for law, who in ((scenes.HALF, "e = .5"), (None, "native")):
             seen = scenes.run(scenes.stack(5, h, law), seconds)
-            upright = scenes.RADIUS * (2 * np.arange(5) + 1)
-            off = np.abs(seen.data.qpos.reshape(-1, 7)[:, :3] - np.c_[upright * 0, upright * 0, upright])
-            yield f"mujoco, stack of five, {who}, {h:g} s: off where it began, m", "1e-3", float(off.max())
+            made = bullet_scenes.stack(5, h, law)
+            made.step(round(seconds / h))
+            for engine, at in (
+                ("mujoco", seen.data.qpos.reshape(-1, 7)[:, :3]),
+                ("pybullet", made.state()[0]),
+            ):
+                off = float(np.abs(at - upright).max())
+                yield f"{engine}, stack of five, {who}, {h:g} s: off where it began, m", "1e-3", off
+            made.close()
 
 
 def costs(rounds: int) -> Iterator[Claim]:
@@ -189,20 +226,61 @@ def costs(rounds: int) -> Iterator[Claim]:
         yield f"mujoco {name}, {h:g} s: {1e6 * took:.2f} us a step, over native contact", "1", ratio
 
 
+def costs_in_bullet(rounds: int) -> Iterator[Claim]:
+    """A step in contact, over the bare step of a ball in flight."""
+    laws = {
+        "bare": (1e-6, None, 1.0, 0.0, 0.0),
+        "own contact, at rest": (1e-3, None, 0.0, 9.81, 0.0),
+        "force law": (1e-6, HuntCrossley(3.4064e10, 0.315), -1e-9, 0.0, 0.2),
+        "restitution, at rest": (1e-3, Restitution(0.315), 0.0, 9.81, 0.0),
+        "restitution, bouncing": (1e-3, ConstantRestitution(1.0), 1e-5, 9.81, 0.02),
+    }
+    made = {}
+    for name, (h, law, gap, gravity, speed) in laws.items():
+        scene = bullet_scenes.Scene(h, law, gravity)
+        scene.body((0, 0, bullet_scenes.RADIUS + gap), mass=0.45359237, velocity=(0, 0, -speed))
+        made[name] = scene.ready()
+    taken: dict[str, list[float]] = {name: [] for name in laws}
+    for _ in range(rounds):
+        for name, scene in made.items():
+            _, _, gap, _, speed = laws[name]
+            began = 0.0
+            for _ in range(10):
+                scene.put(0, (0, 0, bullet_scenes.RADIUS + gap), (0, 0, -speed))
+                began -= time.process_time()
+                scene.step(200)
+                began += time.process_time()
+            taken[name].append(began / 2000)
+    for name, must in (
+        ("own contact, at rest", "inf"),
+        ("force law", "2"),
+        ("restitution, at rest", "3.2"),
+        ("restitution, bouncing", "3.2"),
+    ):
+        ratio = statistics.median(a / b for a, b in zip(taken[name], taken["bare"], strict=True))
+        took = 1e6 * statistics.median(taken[name])
+        yield f"pybullet {name}, {laws[name][0]:g} s: {took:.2f} us a step, over the bare step", must, ratio
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--quick", action="store_true", help="fewer α, 1 s instead of 10 s")
     quick = parser.parse_args().quick
-    print(f"mujoco {mujoco.__version__}\n{'':84s} {'must':>8s} {'is':>8s}")
+    print(f"mujoco {mujoco.__version__}, pybullet {registry.engine('pybullet').version()}")
+    print(f"{'':84s} {'must':>8s} {'is':>8s}")
     for claims in (
-        e_of_recipes(quick),
+        e_of_recipes("mujoco", quick),
+        e_of_recipes("pybullet", quick),
         e_of_drops(),
+        e_of_drops_in_bullet(),
         oblique_impacts(100 if quick else 500),
-        energies(quick),
+        energies("mujoco", quick),
+        energies("pybullet", quick),
         drift(1.0 if quick else 10.0),
         costs(7 if quick else 21),
+        costs_in_bullet(7 if quick else 21),
     ):
         for what, must, measured in claims:
             print(

@@ -1,9 +1,11 @@
 """The laws as Bullet's plug-in: their physics in worlds that a user might have, by plain stepSimulation."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import bullet_scenes
 import numpy as np
 import pytest
 
@@ -349,6 +351,89 @@ def test_a_mass_that_changes_is_seen(world: World) -> None:
         world.place(two, (2 * RADIUS, 0, 0), (0, 0, 0))
         world.step()
         assert (world.velocity(two) - world.velocity(one))[0] == pytest.approx(0.36, abs=1e-12)
+
+
+# Oblique impacts, and several at once
+
+
+def test_oblique_impacts_have_the_e_of_the_law_and_friction_within_its_cone() -> None:
+    seen = np.array([bullet_scenes.oblique(seed) for seed in range(80)])
+    assert (seen[:, 0] > 0).sum() > 50
+    assert seen[:, 0].max() < 1e-9
+    assert (seen[:, 1] - seen[:, 2]).max() < 1e-9
+    assert seen[:, 3].max() < 1e-12
+
+
+@pytest.mark.parametrize("slip", [0.2, 2.0])
+def test_friction_is_the_pairs_own_unless_given(world: World, slip: float) -> None:
+    world.set(1e-3)
+    ball, plate = world.ball(MASS), world.plate()
+    bullet.changeDynamics(ball, -1, lateralFriction=0.6, physicsClientId=world.client)  # and .5 of the plate
+    for given, mu in ((None, 0.3), (0.1, 0.1), (0.0, 0.0)):
+        world.place(ball, (0, 0, RADIUS), (slip, 0, -0.5))
+        law = world.add(ConstantRestitution(0.8), ball, plate, friction=given)
+        world.step()
+        contact.remove(law, client=world.client)
+        assert world.velocity(ball)[2] == pytest.approx(0.4, abs=1e-12)
+        # Coulomb while it slides, 2/7 of the slip where it sticks.
+        assert slip - world.velocity(ball)[0] == pytest.approx(min(mu * 0.9, slip * 2 / 7), rel=1e-9)
+
+
+LAWS = (ConstantRestitution(1.0), ConstantRestitution(0.5), Restitution(ALPHA))
+SCENES_AT_ONCE = {
+    "row": partial(bullet_scenes.row, 5, 1e-3),
+    "long row": partial(bullet_scenes.row, 10, 5e-3),
+    "cradle": partial(bullet_scenes.cradle, 5, 2e-3),
+    "rack": partial(bullet_scenes.rack, 2e-3),
+    "stack": partial(bullet_scenes.stack, 3, 2e-3),
+    "box that slides": partial(bullet_scenes.tumbling, 0, 2e-3, friction=0.0),
+    "box that rubs": partial(bullet_scenes.tumbling, 1, 5e-3, friction=0.5),
+    "pile": partial(bullet_scenes.pile, 3, 5e-3),
+}
+
+
+@pytest.mark.parametrize("law", LAWS, ids=str)
+@pytest.mark.parametrize("name", SCENES_AT_ONCE)
+def test_energy_never_grows(name: str, law: Any) -> None:
+    assert bullet_scenes.rise(SCENES_AT_ONCE[name], law, 0.4) < 1e-9
+
+
+def test_a_row_comes_out_as_impacts_of_two_at_a_time() -> None:
+    for e in (1.0, 0.9):
+        scene = bullet_scenes.row(5, 1e-3, ConstantRestitution(e))
+        scene.step(30)
+        speeds = scene.state()[1][:, 0]
+        scene.close()
+        assert speeds[-1] == pytest.approx(((1 + e) / 2) ** 4, rel=1e-9)
+        assert speeds.sum() == pytest.approx(1.0, abs=1e-12)
+
+
+def test_a_stack_of_five_stands() -> None:
+    for h in (1e-3, 5e-3):
+        scene = bullet_scenes.stack(5, h, ConstantRestitution(0.5))
+        scene.step(round(2.0 / h))
+        off = scene.state()[0] - np.outer(bullet_scenes.RADIUS * (2 * np.arange(5) + 1), [0, 0, 1])
+        scene.close()
+        assert np.abs(off).max() < 1e-3
+
+
+def test_several_links_are_one_pair(world: World) -> None:
+    world.set(1e-3)
+    shape = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=0.05, physicsClientId=world.client)
+    dumbbell = bullet.createMultiBody(
+        1.0, shape, basePosition=[0, 0, 0.05], linkMasses=[1.0], linkCollisionShapeIndices=[shape],
+        linkVisualShapeIndices=[-1], linkPositions=[[0.2, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+        linkInertialFramePositions=[[0, 0, 0]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
+        linkParentIndices=[0], linkJointTypes=[bullet.JOINT_FIXED], linkJointAxis=[[0, 0, 1]],
+        physicsClientId=world.client,
+    )  # fmt: skip
+    for link in (-1, 0):
+        bullet.changeDynamics(dumbbell, link, linearDamping=0, angularDamping=0, physicsClientId=world.client)
+    world.add(ConstantRestitution(0.7), (dumbbell, -2), world.plate())
+    bullet.resetBaseVelocity(dumbbell, [0, 0, -1], [0, 0, 0], physicsClientId=world.client)
+    world.step()
+    assert world.velocity(dumbbell)[2] == pytest.approx(0.7, rel=1e-9)
+    assert world.spin(dumbbell) == pytest.approx([0, 0, 0], abs=1e-9)
 
 
 COMMANDS = [

@@ -210,7 +210,7 @@ static int read_pair(world* w, const b3Arguments* given, law* l) {
 static int add_law(world* w, const b3Arguments* given, int is_force) {
   law l = {.id = w->next_id, .is_force = is_force};
   if (!read_pair(w, given, &l) || !(is_force ? read_force : read_restitution)(w, given->text, &l)) return -1;
-  if (is_force && !read_shapes(w, given->text, &l)) return -1;
+  if (!read_shapes(w, given->text, &l)) return -1;
   collide(w, &l, 0);
   w->laws = realloc(w->laws, (w->law_count + 1) * sizeof(law));
   w->laws[w->law_count++] = l;

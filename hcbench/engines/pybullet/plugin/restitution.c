@@ -19,26 +19,39 @@ static law* law_of(const world* w, const b3Contact* p) {
   return NULL;
 }
 
-/* Bullet's contacts of pairs that have a law, at the present positions. */
-static int find_contacts(world* w, int laws, const law* only) {
+/* Adds a contact unless Bullet would not act on it either; how many there are then. */
+static int add_contact(world* w, law* l, const b3Contact* p, int count) {
+  contact* c = room_for(w, count + 1) + count;
+  if (!set_contact(w, l, p, c)) return count;
+  for (int s = 0; s < 2; s++) {
+    if (c->distance > c->body[s]->link[c->link[s]].info.processing_threshold) return count;
+  }
+  return count + 1;
+}
+
+/* Contacts of pairs that have a law, at the present positions: of spheres worked out here, others Bullet's. */
+static int find_contacts(world* w) {
   b3Contacts found;
-  int count = 0;
+  const law* only = NULL;
+  int count = 0, others = 0;
+  for (int i = 0; i < w->law_count; i++) {
+    law* l = w->laws + i;
+    b3Contact exact;
+    if (!l->is_force && !l->shape[0]) others++, only = l;
+    if (!l->is_force && l->shape[0] && exact_point(w, l, &exact)) count = add_contact(w, l, &exact, count);
+  }
+  if (!others) return count;
   send(w, b3InitPerformCollisionDetectionCommand(w->client));
   void* query = b3InitRequestContactPointInformation(w->client);
-  if (laws == 1) {
+  if (others == 1) {
     b3SetContactFilterBodyA(query, only->body[0]);
     b3SetContactFilterBodyB(query, only->body[1]);
   }
   send(w, query);
   b3GetContactPointInformation(w->client, &found);
   for (int i = 0; i < found.count; i++) {
-    const b3Contact* p = found.points + i;
-    law* l = law_of(w, p);
-    contact* c = room_for(w, count + 1) + count;
-    if (!l || !set_contact(w, l, p, c)) continue;
-    double reach = INFINITY;
-    for (int s = 0; s < 2; s++) reach = fmin(reach, c->body[s]->link[c->link[s]].info.processing_threshold);
-    count += c->distance <= reach;
+    law* l = law_of(w, found.points + i);
+    if (l && !l->shape[0]) count = add_contact(w, l, found.points + i, count);
   }
   return count;
 }
@@ -68,12 +81,8 @@ static int sort_out(world* w, int count, hcb_contact* laws, int* near) {
 }
 
 static void add_impacts(world* w) {
-  int laws = 0, n = 0, count;
-  const law* only = NULL;
-  for (int i = 0; i < w->law_count; i++) {
-    if (!w->laws[i].is_force) laws++, only = w->laws + i;
-  }
-  if (laws == 0 || (count = find_contacts(w, laws, only)) == 0) return;
+  int n = 0, count = find_contacts(w);
+  if (count == 0) return;
   hcb_contact* c = (hcb_contact*)take(w, (size_t)count * sizeof(hcb_contact) / sizeof(double) + 1);
   if (!sort_out(w, count, c, &n)) return;
   size_t rows = 3 * (size_t)n;
