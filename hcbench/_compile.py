@@ -13,12 +13,14 @@ import os
 import platform
 import shlex
 import shutil
+import stat
 import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+from hcbench._files import replace_file
 from hcbench.errors import CannotRun, UserError
 
 _HERE = Path(__file__).parent
@@ -65,8 +67,26 @@ def _private(folder: Path) -> bool:
         status = folder.stat()
     except (OSError, RuntimeError):
         return False
-    mine = not hasattr(os, "getuid") or (status.st_uid == os.getuid() and not status.st_mode & 0o022)
-    return mine and os.access(folder, os.W_OK)
+    return _is_ours(status) and os.access(folder, os.W_OK)
+
+
+def _is_ours(status: os.stat_result) -> bool:
+    """Whether a file or folder belongs to this user, and nobody else may write to it."""
+    return not hasattr(os, "getuid") or (status.st_uid == os.getuid() and not status.st_mode & 0o022)
+
+
+def _is_whole(library: Path) -> bool:
+    """Whether a library is there as it was compiled: ours, and of the digest beside it."""
+    digest = library.with_suffix(".sha256")
+    try:
+        ours = all(stat.S_ISREG(s.st_mode) and _is_ours(s) for s in (library.lstat(), digest.lstat()))
+        return ours and digest.read_text(encoding="ascii") == _digest(library)
+    except (OSError, ValueError):
+        return False
+
+
+def _digest(library: Path) -> str:
+    return hashlib.sha256(library.read_bytes()).hexdigest()
 
 
 def _folder() -> Path:
@@ -87,13 +107,18 @@ def _compile(command: list[str], target: Path) -> None:
         if run.returncode:
             last = (run.stderr.strip().splitlines() or ["no message"])[-1]
             raise NotCompiled(f"{command[0]} failed: {last}")
+        built.chmod(0o755)  # whatever the umask: what others may write is not loaded
+        digest = _digest(built).encode()
+        with built.open("rb+") as file:  # or a machine that stops now has a name without content
+            os.fsync(file.fileno())
         built.replace(target)
+    replace_file(target.with_suffix(".sha256"), digest, sync=True)
 
 
 def build(
     source: str, flags: Sequence[str] = (), link: Sequence[str] = (), headers: Sequence[Path] = ()
 ) -> Path:
-    """The shared library made of the C file `source` of this package; compiled unless the cache has it.
+    """The shared library made of the C file `source` of this package; compiled unless the cache has it whole.
 
     flags, link: for the compiler, before and after the source. headers: of others; where they change, so
     does the library. Raises NotCompiled with the reason.
@@ -104,7 +129,7 @@ def build(
     for part in (*sorted(path.parent.glob("*.[ch]")), *sorted((_HERE / "laws").glob("*.[ch]")), *headers):
         key.update(part.read_bytes())
     target = _folder() / f"{path.parent.parent.name}-{path.stem}-{key.hexdigest()[:20]}.so"
-    if not target.exists():
+    if not _is_whole(target):
         _compile(command, target)
     return target
 

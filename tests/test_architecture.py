@@ -26,6 +26,7 @@ FLOORS = [
     {"benchmark"},
     {"report", "check", "paper"},
     {"pytest_plugin", "cli", "testing"},
+    {"__main__"},
 ]
 FLOOR = {room: i for i, rooms in enumerate(FLOORS) for room in rooms}
 

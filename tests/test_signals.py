@@ -18,7 +18,7 @@ from hcbench.benchmark.store import Store
 PROC = Path("/proc")
 pytestmark = pytest.mark.skipif(not (PROC / "self" / "stat").exists(), reason="no /proc to find processes in")
 
-HCBENCH = [sys.executable, "-c", "from hcbench.cli import main; main()"]
+HCBENCH = [sys.executable, "-m", "hcbench"]
 LONG = """scene = "steel-plane"
 alphas = 0.3
 speeds = "0.05:0.5:2000"
@@ -111,7 +111,10 @@ def test_a_model_that_hangs_is_left_alone_when_interrupted(
 def test_what_is_ignored_stays_ignored(tmp_path: Path) -> None:
     """As under nohup: the terminal may go."""
     (tmp_path / "hangs.py").write_text(HANGS, encoding="utf-8")
-    script = "import signal, runpy; signal.signal(signal.SIGHUP, signal.SIG_IGN);" + HCBENCH[2]
+    script = (
+        "import signal, runpy; signal.signal(signal.SIGHUP, signal.SIG_IGN);"
+        + "from hcbench.cli import main; main()"
+    )
     arguments = ["check", "--python", "hangs.py:model", "--pair", "ball,plate"]
     with subprocess.Popen(
         [sys.executable, "-c", script, *arguments],
@@ -160,3 +163,30 @@ def test_a_search_has_a_bar_and_its_best_is_printed_on_ctrl_c(tmp_path: Path) ->
     told = re.search(rb"hcbench: interrupted: the search was cut short after (\d+) of at most 1650", seen)
     assert told is not None
     assert int(told[1]) >= int(found[1])
+
+
+def caught(process: int) -> int:
+    """The signals that a process has handlers for, a bit each."""
+    match = re.search(r"SigCgt:\s*(\w+)", (PROC / str(process) / "status").read_text())
+    return int(match[1], 16) if match else 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.2, 0.4, 0.8])
+def test_a_command_ends_in_one_line_from_its_first_instant_on(
+    tmp_path: Path, number: signal.Signals, delay: float
+) -> None:
+    """A traceback, once, while its modules were read. Before Python itself is there, the system ends it."""
+    (tmp_path / "hangs.py").write_text(HANGS, encoding="utf-8")
+    process = start(["measure", "--python", "hangs.py:model", "--pair", "ball,plate"], tmp_path)
+    status = PROC / str(process.pid) / "status"
+    wait_for(
+        "its handlers", lambda: int(re.search(r"SigCgt:\s*(\w+)", status.read_text())[1], 16) & (1 << 14)
+    )
+    time.sleep(delay)
+    begin = time.monotonic()
+    os.kill(process.pid, number)
+    out, err = process.communicate(timeout=PATIENCE_S)
+    assert time.monotonic() - begin < 1.0 + 0.5 * os.getloadavg()[0]
+    assert (process.returncode, out) == (130, "")
+    assert err == "hcbench: interrupted; nothing was left half-written\n"

@@ -8,12 +8,23 @@ from dataclasses import replace
 
 import numpy as np
 
+from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.tune.target import Target
 
 FEWEST_STEPS = 10.0  # with fewer the law's own loop is lost anyway
 SOFTENED_STEPS = 24.0
+MOST_STEPS = 1e6  # of a contact: a hundred launches of more take hours
+
+
+def require_end(target: Target) -> None:
+    """Raise SettingError for a step so short that an evaluation would not end."""
+    steps = steps_per_contact(target)
+    if steps > MOST_STEPS:
+        got = f"{target.timestep:g} s, of which {steps:.2g} are the law's shortest contact"
+        nearest = target.timestep * steps / MOST_STEPS
+        raise SettingError("timestep", got, f"up to {MOST_STEPS:g} steps", f"Use {nearest:.2g} s or more")
 
 
 def steps_per_contact(target: Target) -> float:

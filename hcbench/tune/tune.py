@@ -13,6 +13,7 @@ from hcbench.tune.choose import Match, choose
 from hcbench.tune.evaluate import Evaluation, RestResult, evaluate, rest_failures, rest_test
 from hcbench.tune.recipe import Recipe, Role, first
 from hcbench.tune.search import report_progress
+from hcbench.tune.softening import require_end
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -60,6 +61,7 @@ def tune(
     adapter = registry.engine(engine)
     adapter.version()
     scene = dataclasses.replace(scene, mass=target.mass)
+    require_end(target)
     recipes = registry.recipes(engine)
     if recipe == "auto":
         chosen, why = choose(engine, target, scene, match)

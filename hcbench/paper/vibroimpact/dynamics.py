@@ -7,6 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from hcbench.errors import UserError
 from hcbench.impact import Floats
 from hcbench.laws.force import ForceLaw, HuntCrossley
 
@@ -16,6 +17,7 @@ Flags: TypeAlias = NDArray[np.bool_]
 
 APART, CONTACT, PULLED_OFF = 0, 1, 2  # pulled off: still inside the block's surface, but the law would pull
 SIGNS = np.array([[1.0], [-1.0]])  # right and left block
+_GRAIN = 0.01  # of a position's last digit: what a step's error must be above
 _AT_SURFACE = 1e-14  # of the length scale
 _EPS = float(np.finfo(float).eps)
 _SHALLOWEST = 1e-9  # of the length scale: F(x, v)/F(x, 0) has no meaning nearer to x = 0
@@ -45,6 +47,10 @@ class TwoSidedContact:
     size: Floats = field(init=False)
 
     def __post_init__(self) -> None:
+        shallow = self.length * self.tolerance < _GRAIN * _EPS * np.abs(self.half_gap)
+        if shallow.any():  # no step would be good: its error is less than a position's last digit
+            got = f"{self.length[shallow][0]:.2g} m over a half gap of {self.half_gap[shallow][0]:.2g} m"
+            raise UserError("depth of contact", got, "a softer contact, or a larger tolerance")
         energy = 0.5 * self.mass * self.speed**2
         rest = [energy, energy] if self.energy_balance else []
         object.__setattr__(self, "size", np.array([self.length, self.speed, *rest]))

@@ -1,0 +1,24 @@
+"""The command from its first instant on: until its modules are there, a signal ends it at once."""
+
+import os
+import signal
+
+
+def _leave(number: int, frame: object) -> None:
+    os.write(2, b"hcbench: interrupted; nothing was left half-written\n")
+    os._exit(130)
+
+
+def main() -> None:
+    """Run the command line."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, _leave)
+    from hcbench import cli
+
+    cli.main()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,75 @@
+"""The cache of compiled laws: what is in it is loaded only as it was compiled, by us."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from hcbench import _compile
+
+
+@pytest.fixture
+def library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("HCBENCH_CACHE", str(tmp_path))
+    return _compile.build("laws/impacts.c")
+
+
+def cut(library: Path) -> None:
+    library.write_bytes(library.read_bytes()[:4096])
+
+
+def empty(library: Path) -> None:
+    library.write_bytes(b"")
+
+
+def edited(library: Path) -> None:
+    content = bytearray(library.read_bytes())
+    content[len(content) // 2] ^= 1
+    library.write_bytes(content)
+
+
+def writable_by_others(library: Path) -> None:
+    library.chmod(0o777)
+
+
+def linked(library: Path) -> None:
+    library.rename(library.with_name("elsewhere.so"))
+    library.symlink_to("elsewhere.so")
+
+
+def without_digest(library: Path) -> None:
+    library.with_suffix(".sha256").unlink()
+
+
+@pytest.mark.parametrize(
+    "damage", [cut, empty, edited, writable_by_others, linked, without_digest], ids=lambda d: d.__name__
+)
+def test_a_library_that_is_not_as_it_was_compiled_is_compiled_anew(
+    library: Path, damage: Callable[[Path], None]
+) -> None:
+    """A cut one ended the process by SIGBUS."""
+    assert _compile._is_whole(library)
+    damage(library)
+    assert not _compile._is_whole(library)
+    assert _compile.build("laws/impacts.c") == library
+    assert _compile._is_whole(library)
+    assert not library.is_symlink()
+    assert ctypes.CDLL(str(library)).hcb_advance
+
+
+def test_a_whole_library_is_not_compiled_again(library: Path) -> None:
+    before = library.stat()
+    assert _compile.build("laws/impacts.c") == library
+    assert library.stat().st_ino == before.st_ino
+    assert not [path for path in library.parent.iterdir() if path.suffix not in (".so", ".sha256")]
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="no owners of files")
+def test_a_library_of_another_user_is_not_loaded(library: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    uid = os.getuid()
+    monkeypatch.setattr(os, "getuid", lambda: uid + 1)
+    assert not _compile._is_whole(library)
