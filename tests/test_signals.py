@@ -179,10 +179,7 @@ def test_a_command_ends_in_one_line_from_its_first_instant_on(
     """A traceback, once, while its modules were read. Before Python itself is there, the system ends it."""
     (tmp_path / "hangs.py").write_text(HANGS, encoding="utf-8")
     process = start(["measure", "--python", "hangs.py:model", "--pair", "ball,plate"], tmp_path)
-    status = PROC / str(process.pid) / "status"
-    wait_for(
-        "its handlers", lambda: int(re.search(r"SigCgt:\s*(\w+)", status.read_text())[1], 16) & (1 << 14)
-    )
+    wait_for("its handlers", lambda: caught(process.pid) & 1 << signal.SIGTERM - 1)
     time.sleep(delay)
     begin = time.monotonic()
     os.kill(process.pid, number)
