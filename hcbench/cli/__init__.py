@@ -5,6 +5,7 @@ Exit codes: 0 done, 1 a limit was passed, 2 a mistake in what was given, 3 could
 
 from __future__ import annotations
 
+import atexit
 import errno
 import os
 import sys
@@ -24,6 +25,7 @@ from hcbench.cli.tune import tune
 from hcbench.errors import LONGEST, HcbenchError, UserError
 
 _INTERRUPTED = "interrupted; nothing was left half-written"
+_INTERRUPTED_CODE = 130
 _LONGEST = 80  # of a file's name in a line
 
 
@@ -49,16 +51,24 @@ def main() -> None:
     except HcbenchError as error:
         code = _fail(error.exit_code, str(error))
     except KeyboardInterrupt:
-        code = _fail(130, _INTERRUPTED)
+        code = _fail(_INTERRUPTED_CODE, _INTERRUPTED)
     flush_stdio()
+    if code == _INTERRUPTED_CODE:
+        # Where a module was being read, Python would end itself by the signal and not with this code.
+        atexit._run_exitfuncs()
+        os._exit(code)
     sys.exit(code)
 
 
 def run(arguments: list[str]) -> int:
     """Run one command and return its exit code; nothing but Ctrl-C's own signal escapes."""
     try:
-        code = app(arguments, standalone_mode=False, prog_name="hcbench")
+        # Not app(...): at Ctrl-C it prints an empty line before anything of ours is asked.
+        with app.make_context("hcbench", list(arguments)) as context:
+            code = app.invoke(context)
         sys.stdout.flush()
+    except click.exceptions.Exit as end:
+        return end.exit_code
     except HcbenchError as error:
         return _fail(error.exit_code, str(error))
     except click.exceptions.NoArgsIsHelpError as error:
@@ -68,7 +78,7 @@ def run(arguments: list[str]) -> int:
         hint = _hint(error)
         return _fail(UserError.exit_code, sanitized(error.format_message(), LONGEST - len(hint) - 3) + hint)
     except (KeyboardInterrupt, click.Abort) as error:
-        return _fail(130, str(error) or _INTERRUPTED)
+        return _fail(_INTERRUPTED_CODE, str(error) or _INTERRUPTED)
     except BrokenPipeError:  # the reader of our output went away, as `head` does
         return 0
     except OSError as error:
