@@ -146,7 +146,7 @@ class Trajectory:
 
 # Rows of what is recorded along the plate at each step, in the directions of `Launch`: velocity of the
 # contact point over it, m/s; spin, rad/s; friction on the body, N; kinetic energy but for the rate's, J.
-SLIP, SPIN, FRICTION, ENERGY = slice(0, 2), slice(2, 5), slice(5, 7), 7
+SLIP, SPIN, FRICTION, ENERGY, TANGENTIAL_ROWS = slice(0, 2), slice(2, 5), slice(5, 7), 7, 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,6 +208,13 @@ class Impact:
         if self.status is Status.RESTED:
             return 0.0
         return self.speed_out / self.speed_in if self.status is Status.PARTED else np.nan
+
+    @property
+    def energy_lost(self) -> float:
+        """Share of the kinetic energy, below 0 where some was gained; NaN where it is not known."""
+        if self.tangential is not None:
+            return self.tangential.energy_lost
+        return np.nan if self.launch.is_oblique else 1.0 - self.restitution**2
 
 
 def not_finite(x: Floats, v: Floats, f: Floats) -> NDArray[np.bool_]:

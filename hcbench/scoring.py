@@ -200,7 +200,7 @@ def score(impacts: Sequence[Impact], law: HuntCrossley, mass: float) -> Score:
     exponent, law_exponent = energy_exponent(speed_in, loss), energy_exponent(speed_in, law_loss)
     alpha_fit, alpha_fit_rms = fit_alpha(speed_in, e) if len(good) > 1 else (math.nan, math.nan)
     loops = [s for s in (score_loop(i, law, mass) for i in good) if s is not None]
-    gained = bool((e > 1 + _GAIN).any()) or any("energy" in i.reason for i in impacts)
+    gained = any(i.energy_lost < -2 * _GAIN for i in good) or any("energy" in i.reason for i in impacts)
     return Score(
         impacts=len(impacts),
         parted=sum(i.status is Status.PARTED for i in impacts),

@@ -15,6 +15,7 @@ from hcbench.errors import UserError
 from hcbench.impact import Impact, Launch, Loop, Status
 from hcbench.laws.coulomb import coulomb_ratio
 from hcbench.sim import registry
+from hcbench.sim.tangential import ALONG_COLUMNS, along_plate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -29,19 +30,9 @@ MEASURED = {  # column -> attribute of an Impact
     "penetration_max_m": "penetration_max",
     "force_max_n": "force_max",
 }
-# More columns of impacts in a study with oblique launches: angle from the normal; along the way that the body
-# is sent, slip of the contact point before and after; about the axis across, spin before and after; impulse
-# of friction over the normal one, and what Coulomb's law makes of it; share of the kinetic energy lost.
-OBLIQUE_COLUMNS = [
-    "angle_rad",
-    "slip_in_m_per_s",
-    "slip_out_m_per_s",
-    "spin_in_rad_per_s",
-    "spin_out_rad_per_s",
-    "impulse_ratio",
-    "impulse_ratio_coulomb",
-    "energy_lost",
-]
+# More columns of impacts in a study with oblique launches: the angle from the normal, what `AlongPlate` has,
+# and what Coulomb's law makes of the ratio of impulses.
+OBLIQUE_COLUMNS = ["angle_rad", *ALONG_COLUMNS, "impulse_ratio_coulomb"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,19 +78,10 @@ def columns_of(impacts: Sequence[Impact]) -> dict[str, Any]:
 
 def oblique_columns(impacts: Sequence[Impact], scene: Scene) -> dict[str, Any]:
     """OBLIQUE_COLUMNS -> values, one an impact; NaN where it was not measured, or not along the plate."""
-    rows = [(impact.launch.angle, *_along_plate(impact, scene)) for impact in impacts]
-    return dict(zip(OBLIQUE_COLUMNS, np.array(rows, dtype=np.float64).T, strict=True))
-
-
-def _along_plate(impact: Impact, scene: Scene) -> tuple[float, ...]:
-    along = impact.tangential
-    if along is not None:
-        coulomb = coulomb_ratio(along, scene)
-        motion = (along.slip_in[0], along.slip_out[0], along.spin_in[1], along.spin_out[1])
-        return *motion, along.impulse_ratio, coulomb, along.energy_lost
-    if impact.launch.is_oblique or not impact.is_measured:
-        return (np.nan,) * (len(OBLIQUE_COLUMNS) - 1)
-    return *(0.0,) * 6, 1.0 - impact.restitution**2
+    seen = [along_plate(impact) for impact in impacts]
+    law = [0.0 if i.tangential is None else coulomb_ratio(i.tangential, scene) for i in impacts]
+    columns = np.array([i.launch.angle for i in impacts]), *np.array(seen).T, np.array(law)
+    return dict(zip(OBLIQUE_COLUMNS, columns, strict=True))
 
 
 def run_batch(batch: Batch) -> BatchResult:

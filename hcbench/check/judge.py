@@ -12,7 +12,7 @@ from hcbench._text import sanitized
 from hcbench.benchmark.results import CONDITIONS, RUN_KEY, Results
 from hcbench.check.outcome import Outcome, Report, SpeedRow, Verdict, speed_row, worst_of
 from hcbench.errors import HcbenchError, UserError
-from hcbench.impact import Impact, Status
+from hcbench.impact import Impact, Launch, Status
 from hcbench.laws.restitution import Reading, Restitution
 from hcbench.measure.measure import Job, measure_job
 from hcbench.measure.measurement import TOLERANCE, Measurement
@@ -69,12 +69,15 @@ def judge(check: Check, measurement: Measurement) -> Outcome:
     """Hold a measurement against what the check says. Raises UserError for a baseline of another engine."""
     wanted = _wanted(check, measurement)
     rows = []
-    for speed in measurement.request.speeds:
-        impacts = [i for i in measurement.impacts if i.launch.speed == speed]
+    groups: dict[Launch, list[Impact]] = {}
+    for impact in measurement.impacts:
+        groups.setdefault(impact.launch.at_any_phase, []).append(impact)
+    for launch, impacts in groups.items():
         good = [i for i in impacts if i.is_measured]
         columns = [(i.speed_in, i.restitution, wanted(i)) for i in good]
         speed_in, e, e_wanted = np.array(columns, dtype=float).reshape(-1, 3).T
-        rows.append(speed_row(speed, speed_in, e, e_wanted, len(impacts) - len(good)))
+        angle = launch.angle if measurement.request.is_oblique else None
+        rows.append(speed_row(launch.speed, speed_in, e, e_wanted, len(impacts) - len(good), angle))
     verdict, message = _verdict(check, measurement, rows)
     worst = worst_of(rows) or rows[0]
     return Outcome(

@@ -61,6 +61,9 @@ class SharedSpec(FileTable):
     state: Path | None = None
     coming_from: str | None = None  # "from" in files
     actuators: bool = True
+    angle: Quantities | None = None
+    along: Quantities | None = None
+    spin: Quantities | None = None
     engine: str | None = None
     limit: Quantity | None = None
 
@@ -145,6 +148,9 @@ def plan(spec: CheckSpec) -> Check:
         state=spec.state,
         coming_from=spec.coming_from,
         actuators=spec.actuators,
+        angle=spec.angle,
+        along=spec.along,
+        spin=spec.spin,
     )
     source = spec.models[0] if len(spec.models) == 1 else spec.models
     max_error = read_max_error(spec.max_error, MAX_ERROR if baseline is None else MAX_DRIFT)

@@ -39,6 +39,9 @@ def _model_options(command: Callable[..., Any]) -> Callable[..., Any]:
             ),
             click.option("--actuators/--no-actuators", default=True, help="Whether actuators act."),
             click.option("--height", help="Clearance to launch from."),
+            click.option("--angle", help="From the normal, such as '0, 45, 80 deg': launch obliquely."),
+            click.option("--along", help="Direction of oblique launches: '0, 1, 0'."),
+            click.option("--spin", help="Such as '40 rad/s', rolling on; three: along, across, normal."),
             click.option("--engine", metavar="NAME", help="For files of both kinds."),
             click.option("--limit", help="Time after which a model counts as hung, such as '60 s'."),
         )

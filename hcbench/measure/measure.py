@@ -58,6 +58,9 @@ def measure(
     state: Any = None,
     coming_from: Any = None,
     actuators: bool = True,
+    angle: Any = None,
+    along: Any = None,
+    spin: Any = None,
     engine: str | None = None,
     wanted: RestitutionCurve | float | None = None,
     tolerance: float = TOLERANCE,
@@ -78,6 +81,9 @@ def measure(
     qpos: joints to start from, "hip=0.3, knee=-30 deg" or a mapping. state: a file with a pose (.npz, JSON).
     coming_from: where the moving one comes from: "above", "+x", three numbers; None: the nearest way.
     actuators: False turns them off.
+    angle: from the normal, rad or text like "30, 60 deg": speeds are then along the normal, with tan(angle)
+        times as much along the plate. along: which way, a vector. spin: rad/s, about the axis across that
+        way, with which the body rolls on; or three, about that way, across it, and away from the plate.
     engine: the name of one; None: the first that opens such a model.
     wanted: e to compare with. tolerance: |e - wanted| from which causes are looked for.
     limit: s, after which a model in a file counts as hung.
@@ -96,6 +102,9 @@ def measure(
         state=state,
         coming_from=coming_from,
         actuators=actuators,
+        angle=angle,
+        along=along,
+        spin=spin,
     )
     goal = ConstantRestitution(wanted) if isinstance(wanted, int | float) else wanted
     return measure_job(Job(model, engine, request, goal, tolerance, diagnose), limit)

@@ -10,7 +10,7 @@ import numpy as np
 
 from hcbench import scoring
 from hcbench.errors import QuantityError
-from hcbench.impact import Floats, Impact, Status
+from hcbench.impact import Floats, Impact, Launch, Status
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import (
@@ -21,6 +21,7 @@ from hcbench.laws.restitution import (
     RestitutionCurve,
 )
 from hcbench.sim.model_under_test import Facts, Request
+from hcbench.sim.tangential import AlongPlate, along_plate
 
 TOLERANCE = 0.02  # of e
 GAIN = 1e-6  # e above 1 by more than this is energy made from nothing, not round-off
@@ -66,10 +67,11 @@ class Cause:
 
 @dataclass(frozen=True, slots=True)
 class CurvePoint:
-    """All phases of one launch speed; NaN where nothing parted or rested.
+    """All phases of one launch speed and angle; NaN where nothing parted or rested.
 
     speed: at launch, m/s. speed_in: mean at touch, m/s; gravity makes the two differ. restitution: mean of e
     over the step. lowest, highest: e. samples: fewest steps in contact. failed: impacts without an e.
+    angle: from the normal, rad. along: what it does along the plate, means.
     """
 
     speed: float
@@ -79,6 +81,8 @@ class CurvePoint:
     highest: float
     samples: int
     failed: int
+    angle: float
+    along: AlongPlate
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,8 +101,11 @@ class Measurement:
 
     @property
     def curve(self) -> list[CurvePoint]:
-        """e over speed, a point a launch speed, in the order asked for."""
-        return [_point(v, [i for i in self.impacts if i.launch.speed == v]) for v in self.request.speeds]
+        """e over speed, a point a launch speed and angle, in the order asked for."""
+        groups: dict[Launch, list[Impact]] = {}
+        for impact in self.impacts:
+            groups.setdefault(impact.launch.at_any_phase, []).append(impact)
+        return [_point(launch, impacts) for launch, impacts in groups.items()]
 
     @property
     def measured(self) -> list[Impact]:
@@ -183,17 +190,19 @@ class Measurement:
         return scoring.score(self.impacts, law, mass)
 
 
-def _point(speed: float, impacts: list[Impact]) -> CurvePoint:
+def _point(launch: Launch, impacts: list[Impact]) -> CurvePoint:
     good = [i for i in impacts if i.is_measured]
     e = [i.restitution for i in good] or [math.nan]
     return CurvePoint(
-        speed=speed,
+        speed=launch.speed,
         speed_in=float(np.mean([i.speed_in for i in good])) if good else math.nan,
         restitution=float(np.average(e, weights=_phase_weights([i.launch.phase for i in good] or [0.5]))),
         lowest=min(e),
         highest=max(e),
         samples=min((i.samples for i in good), default=0),
         failed=len(impacts) - len(good),
+        angle=launch.angle,
+        along=AlongPlate(*np.mean([along_plate(i) for i in good or impacts[:1]], axis=0).tolist()),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -28,11 +29,13 @@ def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
     """
     if not request.adapt_phases:
         return simulate.impacts_in(model, request.launches())
-    return [impact for speed in request.speeds for impact in _at_speed(model, request, speed)]
+    sent = itertools.product(request.speeds, request.angles)
+    return [impact for v, a in sent for impact in _sent(model, replace(request, speeds=(v,), angles=(a,)))]
 
 
-def _at_speed(model: ModelUnderTest, request: Request, speed: float) -> list[Impact]:
-    first, *others = replace(request, speeds=(speed,)).launches()
+def _sent(model: ModelUnderTest, request: Request) -> list[Impact]:
+    """Of a request of one speed and angle."""
+    first, *others = request.launches()
     impacts = simulate.impacts_in(model, [first])
     if impacts[0].samples >= LONG_CONTACT:
         return impacts

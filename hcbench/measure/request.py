@@ -27,6 +27,9 @@ def make_request(
     state: Any = None,
     coming_from: Any = None,
     actuators: bool = True,
+    angle: Any = None,
+    along: Any = None,
+    spin: Any = None,
 ) -> Request:
     """A request from what a user writes: text with units, lists, single numbers. Raises QuantityError."""
     values = DEFAULT_SPEEDS if speeds is None else units.parse_values(speeds, "speed", "speeds", above=0)
@@ -44,7 +47,26 @@ def make_request(
         pose=(*read_state(state), *read_joints(qpos)),
         coming_from=read_direction(coming_from),
         actuators=actuators,
+        angles=_angles(angle),
+        along=None if along is None else _direction(along),
+        spin=(0.0, 0.0, 0.0) if spin is None else units.parse_spin(spin),
     )
+
+
+def _angles(angle: Any) -> tuple[float, ...]:
+    if angle is None:
+        return (0.0,)
+    values = units.parse_values(angle, "angle", "angle", least=0.0).tolist()
+    if len(set(values)) != len(values):
+        raise QuantityError("angle", f"{angle!r} has an angle twice", "each angle once")
+    return tuple(values)
+
+
+def _direction(along: Any) -> Vector:
+    values = units.parse_values(along, "number", "along").tolist()
+    if len(values) != 3:
+        raise QuantityError("along", f"{along!r}", "three numbers", "Write for example '0, 1, 0'")
+    return values[0], values[1], values[2]
 
 
 def _pair(pair: Sequence[str] | str | None) -> tuple[str, str] | None:

@@ -10,7 +10,8 @@ from hcbench import scoring
 from hcbench._text import number, sanitized, table, without_empty
 from hcbench.impact import Impact
 from hcbench.laws.restitution import Restitution
-from hcbench.measure.measurement import Cause, Measurement
+from hcbench.measure.measurement import Cause, CurvePoint, Measurement
+from hcbench.sim.tangential import ALONG_COLUMNS
 
 SCHEMA = 1
 _LOOP_SAMPLES = 200
@@ -49,6 +50,11 @@ def as_record(measurement: Measurement) -> dict[str, Any]:
                 "samples": p.samples,
                 "failed": p.failed,
             }
+            | (
+                {"angle_rad": p.angle, **dict(zip(ALONG_COLUMNS, p.along, strict=True))}
+                if measurement.request.is_oblique
+                else {}
+            )
             for p in measurement.curve
         ],
         "phase_spread": measurement.spread,
@@ -70,10 +76,15 @@ def as_record(measurement: Measurement) -> dict[str, Any]:
     }
 
 
+def _along(point: CurvePoint) -> dict[str, float]:
+    return {"angle_rad": point.angle, **dict(zip(ALONG_COLUMNS, point.along, strict=True))}
+
+
 def _impact(impact: Impact) -> dict[str, Any]:
     return {
         "speed_m_per_s": impact.launch.speed,
         "phase": impact.launch.phase,
+        **({} if impact.tangential is None else {"angle_rad": impact.launch.angle}),
         "status": impact.status.value,
         "reason": impact.reason,
         "speed_in_m_per_s": impact.speed_in,
@@ -83,6 +94,7 @@ def _impact(impact: Impact) -> dict[str, Any]:
         "penetration_max_m": impact.penetration_max,
         "force_max_n": impact.force_max,
         "samples": impact.samples,
+        **({} if impact.tangential is None else {"tangential": dataclasses.asdict(impact.tangential)}),
     }
 
 
@@ -120,21 +132,24 @@ def as_text(measurement: Measurement) -> str:
     if measurement.facts.asked_description:
         lines.append(f"the model asks for: {sanitized(measurement.facts.asked_description)}")
     lines += [f"note: {sanitized(note)}" for note in (*measurement.facts.notes, *shares_note(measurement))]
-    asked = measurement.facts.asked or (math.nan,) * len(measurement.curve)
+    speeds = measurement.request.speeds
+    asked = dict(zip(speeds, measurement.facts.asked or (math.nan,) * len(speeds), strict=True))
     rows = [
         (
             f"{p.speed:.4g}",
+            f"{math.degrees(p.angle):.4g}" if measurement.request.is_oblique else "",
             number(p.speed_in, ".4g"),
             number(p.restitution),
             number(p.highest - p.lowest, ".1e"),
-            number(a),
+            number(asked[p.speed]),
             str(p.samples),
             str(p.failed or ""),
         )
-        for p, a in zip(measurement.curve, asked, strict=True)
+        for p in measurement.curve
     ]
-    header = ("launched m/s", "at touch m/s", "e", "spread", "asked", "steps", "failed")
-    lines += ["", *table(*without_empty(header, rows, "failed")), ""]
+    header = ("launched m/s", "deg", "at touch m/s", "e", "spread", "asked", "steps", "failed")
+    shown = without_empty(*without_empty(header, rows, "deg"), "failed")
+    lines += ["", *table(*shown), *_along_lines(measurement), ""]
     for impact in measurement.failed[:_FAILURES]:
         where = f"{impact.launch.speed:.4g} m/s, phase {impact.launch.phase:.3g}"
         lines.append(f"{impact.status.value} at {where}: {sanitized(impact.reason)}")
@@ -150,6 +165,27 @@ def shares_note(measurement: Measurement) -> list[str]:
     if not measurement.facts.more_than_contact >= _NOTABLE_SHARE:
         return []
     return [f"While in contact the approach changed by, in speeds at touch: {', '.join(notable)}."]
+
+
+def _along_lines(measurement: Measurement) -> list[str]:
+    """What happens along the plate in oblique impacts, as a table."""
+    if not measurement.request.is_oblique:
+        return []
+    friction = measurement.facts.friction
+    limit = "" if math.isnan(friction) else f"; by Coulomb's law at most the friction, {friction:g}"
+    words = f"along the plate, J the impulse of friction over the normal one{limit}"
+    header = ("launched m/s", "deg", "slip m/s", "after", "spin rad/s", "after", "J", "energy lost")
+    rows = [
+        (
+            f"{p.speed:.4g}",
+            f"{math.degrees(p.angle):.4g}",
+            *(number(value, ".4g") for value in p.along[:4]),
+            number(p.along.impulse_ratio, ".3f"),
+            number(p.along.energy_lost, ".3f"),
+        )
+        for p in measurement.curve
+    ]
+    return ["", words, "", *table(header, rows)]
 
 
 def setting_text(value: Any) -> str:

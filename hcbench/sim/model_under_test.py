@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -32,6 +33,9 @@ class Request:
         "qpos", whole.
     coming_from: unit vector from the other to where the moving one comes from; None: the nearest way.
     actuators: whether the model's actuators hold and push as it says; else they are off.
+    angles: from the normal, rad; each launch is made at each of them. along: the way that oblique launches
+        take, any vector that is not normal to the two; None: x, or y where the normal is along x.
+    spin: as `Launch` has it, rad/s.
     adapt_phases: one phase only at speeds where the contact takes so many steps that the phase does not
         matter, more of them where e scatters.
     """
@@ -47,10 +51,19 @@ class Request:
     coming_from: Vector | None = None
     actuators: bool = True
     adapt_phases: bool = False
+    angles: tuple[float, ...] = (0.0,)
+    along: Vector | None = None
+    spin: Vector = (0.0, 0.0, 0.0)
+
+    @property
+    def is_oblique(self) -> bool:
+        """Whether any launch is."""
+        return any(self.angles) or any(self.spin)
 
     def launches(self) -> list[Launch]:
-        """One for each speed and phase, speeds in order."""
-        return [Launch(v, p, self.height) for v in self.speeds for p in self.phases]
+        """One for each speed, angle and phase, speeds in order."""
+        sent = itertools.product(self.speeds, self.angles, self.phases)
+        return [Launch.at_angle(a, v, p, self.height, self.spin) for v, a, p in sent]
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +95,8 @@ class Facts:
     effective_mass: 1 / (J M^-1 J^T) along the contact normal, kg. normal: unit vector, from the moving
     one towards the other. settings: the engine's own words for what decides the bounce.
     asked: e that the model asks for at each speed of the request; () where it cannot be said.
-    asked_description: what in the model asks for it. notes: sentences a reader must know.
+    asked_description: what in the model asks for it. notes: sentences a reader must know. friction: Coulomb's
+    μ of the pair, NaN where it cannot be said.
     point: where the two meet, m. shares: what took how much off the approach speed during the contact, over
     the speed at touch, by cause, in the launch in which joints and actuators took most; empty where there are
     none.
@@ -101,6 +115,7 @@ class Facts:
     asked: tuple[float, ...] = ()
     asked_description: str = ""
     notes: tuple[str, ...] = ()
+    friction: float = math.nan
     point: Vector = (math.nan, math.nan, math.nan)
     shares: Mapping[str, float] = field(default_factory=dict)
 

@@ -7,10 +7,11 @@ normal away from the plate.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from hcbench.errors import UserError
 from hcbench.impact import ENERGY, FRICTION, SLIP, SPIN, Tangential
 
 if TYPE_CHECKING:
@@ -18,6 +19,10 @@ if TYPE_CHECKING:
 
     from hcbench.impact import Floats, Impact
     from hcbench.scene import Scene
+
+
+_ACROSS = 0.9  # of a normal along x: from here on the plate counts as across x
+_NORMAL = 1.0 - 1e-6  # cosine from which a direction counts as normal to the plate
 
 
 def frame(deeper: Floats, along: Sequence[float] = (1.0, 0.0, 0.0)) -> Floats:
@@ -29,6 +34,17 @@ def frame(deeper: Floats, along: Sequence[float] = (1.0, 0.0, 0.0)) -> Floats:
     ahead = np.asarray(along) - up * (up @ np.asarray(along))[..., None]
     ahead /= np.linalg.norm(ahead, axis=-1, keepdims=True)
     return np.stack([ahead, np.cross(up, ahead), up], axis=-2)
+
+
+def plate_frame(deeper: Floats, along: Sequence[float] | None) -> Floats:
+    """The `frame` of one unit vector. along: None for x, or y where the plate is across x. UserError."""
+    if along is None:
+        along = (1.0, 0.0, 0.0) if abs(deeper[0]) < _ACROSS else (0.0, 1.0, 0.0)
+    length = float(np.linalg.norm(along))
+    if not length > 0 or abs(float(deeper @ np.asarray(along))) > _NORMAL * length:
+        got = f"{tuple(along)!r}, normal to the plate" if length > 0 else f"{tuple(along)!r}"
+        raise UserError("along", got, "a direction along the plate")
+    return frame(deeper, along)
 
 
 def rows_of_ball(scene: Scene, velocity: Floats, spin: Floats, deeper: Floats, gained: Floats) -> Floats:
@@ -44,6 +60,43 @@ def rows_of_ball(scene: Scene, velocity: Floats, spin: Floats, deeper: Floats, g
     vectors = (sliding, spin, scene.mass * gained)
     slip, turning, push = (np.einsum("...ij,...j->i...", frame(deeper), vector) for vector in vectors)
     return np.concatenate([slip[:2], turning, push[:2], energy[None]])
+
+
+class AlongPlate(NamedTuple):
+    """What an impact does along the way that the body is sent; NaN where it was not measured.
+
+    slip: of the contact point, m/s; spin: about the axis across, rad/s; before and after. impulse_ratio: of
+    friction over the normal impulse. energy_lost: share of the kinetic energy.
+    """
+
+    slip_in: float
+    slip_out: float
+    spin_in: float
+    spin_out: float
+    impulse_ratio: float
+    energy_lost: float
+
+
+ALONG_COLUMNS = (  # of `AlongPlate`, in files
+    "slip_in_m_per_s",
+    "slip_out_m_per_s",
+    "spin_in_rad_per_s",
+    "spin_out_rad_per_s",
+    "impulse_ratio",
+    "energy_lost",
+)
+
+
+def along_plate(impact: Impact) -> AlongPlate:
+    """Of any impact: one that is not oblique has neither slip nor spin."""
+    all_of_it = impact.tangential
+    if all_of_it is not None:
+        (slip_in, _), (slip_out, _) = all_of_it.slip_in, all_of_it.slip_out
+        ratios = all_of_it.impulse_ratio, all_of_it.energy_lost
+        return AlongPlate(slip_in, slip_out, all_of_it.spin_in[1], all_of_it.spin_out[1], *ratios)
+    if impact.launch.is_oblique or not impact.is_measured:
+        return AlongPlate(*(np.nan,) * 6)
+    return AlongPlate(0.0, 0.0, 0.0, 0.0, 0.0, impact.energy_lost)
 
 
 def with_tangential(impact: Impact, rows: Floats, timestep: float, mass: float) -> Impact:

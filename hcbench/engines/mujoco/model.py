@@ -80,6 +80,17 @@ def collision_filter(model: Any, geom1: int, geom2: int) -> CollisionFilter:
     return "parent" if weld1 and weld2 and (weld1 == above2 or weld2 == above1) else ""
 
 
+def geom_friction(model: Any, geoms: tuple[int, int]) -> float:
+    """Coulomb's μ of two geoms: of their <pair>, else as MuJoCo mixes it; 0 for a frictionless contact."""
+    if pairs := explicit_pairs(model, geoms)[:1]:
+        return float(model.pair_friction[pairs[0], 0]) if model.pair_dim[pairs[0]] > 1 else 0.0
+    highest = model.geom_priority[list(geoms)].max()
+    ruling = [geom for geom in geoms if model.geom_priority[geom] == highest]
+    if model.geom_condim[ruling].max() == 1:
+        return 0.0
+    return float(model.geom_friction[ruling, 0].max())
+
+
 def approach_row(model: Any, data: Any, first: int, second: int, point: Floats, normal: Floats) -> Floats:
     """(nv,) J: the approach rate of two bodies' material points at `point` along `normal` is J @ qvel."""
     mujoco = backend()

@@ -10,7 +10,7 @@ from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.causes import find_suspects
 from hcbench.engines.mujoco.causes.context import Context, written_contact
 from hcbench.engines.mujoco.find_pair import find_pair
-from hcbench.engines.mujoco.model import geom_name, speed_reading
+from hcbench.engines.mujoco.model import geom_friction, geom_name, speed_reading
 from hcbench.engines.mujoco.place import bring_to_touch
 from hcbench.engines.mujoco.start_pose import start_pose
 from hcbench.engines.mujoco.user_simulation import MujocoUserSimulation
@@ -44,7 +44,16 @@ class MujocoModel(ModelUnderTest):
     def release(self, launches: Sequence[Launch]) -> MujocoUserSimulation:
         """The launch under way from its starting point."""
         (launch,) = launches
-        return MujocoUserSimulation(self.model, self.start, self.place, launch, self.others, self.shares)
+        return MujocoUserSimulation(
+            self.model,
+            self.start,
+            self.place,
+            launch,
+            self.others,
+            self.shares,
+            self.request.along,
+            self.gravity,
+        )
 
     @property
     def step_cost(self) -> float:
@@ -80,6 +89,7 @@ class MujocoModel(ModelUnderTest):
             notes=tuple(self._notes()),
             point=tuple(float(x) for x in place.contact.point),  # type: ignore[arg-type]
             shares=dict(self.shares),
+            friction=geom_friction(model, geoms),
         )
 
     def _gravity(self) -> Sequence[float]:

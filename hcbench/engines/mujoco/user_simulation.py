@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from hcbench.engines.mujoco.along_plate import AlongPlate
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model import geom_name
 from hcbench.engines.mujoco.shares import NAMES, SpeedShares, has_more_than_contacts, strange_share
+from hcbench.impact import TANGENTIAL_ROWS
 from hcbench.sim.engine import Record, Simulation
 
 if TYPE_CHECKING:
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.place import PairAtTouch
     from hcbench.impact import Floats, Launch
     from hcbench.sim.engine import Flags
+    from hcbench.sim.model_under_test import Vector
 
 
 class _Step(NamedTuple):
@@ -27,6 +30,7 @@ class _Step(NamedTuple):
     rate: float
     force: float
     free: float
+    along: Floats | None  # what `Record.tangential` has, oblique launches only
 
 
 _STAGE_NOISE = 1e-9  # of the largest change of speed: below it a step under RK4 had no contact in it
@@ -38,6 +42,7 @@ class MujocoUserSimulation(Simulation):
     others: geoms that touched the two in launches until now; those of this one are added.
     shares: of the speed at touch, what each cause took off the approach, in the launch until now in which
         joints and actuators took the most; kept up.
+    along: the way that oblique launches take. gravity: as a `World` has it, m/s².
     """
 
     def __init__(
@@ -48,6 +53,8 @@ class MujocoUserSimulation(Simulation):
         launch: Launch,
         others: set[int],
         shares: dict[str, float],
+        along: Vector | None = None,
+        gravity: float = 0.0,
     ) -> None:
         self._mujoco = mujoco = backend()
         self._model, self._place = model, place
@@ -58,10 +65,13 @@ class MujocoUserSimulation(Simulation):
         mujoco.mj_integratePos(model, self._data.qpos, place.direction, -clearance)
         self._data.qvel[:] = launch.speed * place.direction
         self._data.time = 0.0
+        self._along = AlongPlate(place, launch, along) if launch.is_oblique else None
+        if self._along is not None:
+            self._along.send(self._data, launch.flight_time(self._h, gravity))
         # RK4 leaves its last stage in the data: the state before the step is looked at beside it.
         self._staged = int(model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4)
         self._seen = mujoco.MjData(model) if self._staged else self._data
-        self._reader = _Reader(model, place, _with_kinematics(self._data, model))
+        self._reader = _Reader(model, place, _with_kinematics(self._data, model), self._along)
         self._x, self._rate, self._touched, self._steps = -clearance, launch.speed, False, 0
         self._last: _Step | None = None  # RK4 only: waits for the one after it
         self._others, self._shares = others, shares
@@ -83,7 +93,8 @@ class MujocoUserSimulation(Simulation):
                     rows.append(self._with_hidden_force(self._last, step))
                 self._last = step
         x, v, f = np.array([(row.x, row.rate, row.force) for row in rows]).T[:, None]
-        return Record(x, v, f)
+        seen = [row.along for row in rows if row.along is not None]
+        return Record(x, v, f, np.array(seen).T[:, None] if seen else None)
 
     def keep(self, which: Flags) -> None:
         """There is one launch only."""
@@ -115,7 +126,8 @@ class MujocoUserSimulation(Simulation):
         mujoco.mj_step(model, data)
         self._steps += 1
         if data.time <= then:
-            return _Step(math.nan, math.nan, math.nan, math.nan)
+            unknown = None if self._along is None else np.full(TANGENTIAL_ROWS, math.nan)
+            return _Step(math.nan, math.nan, math.nan, math.nan, unknown)
         depth, force, rate = self._reader.read(seen, before)
         if depth is not None:
             self._x = depth
@@ -125,7 +137,10 @@ class MujocoUserSimulation(Simulation):
             self._x = min(self._x, 0.0) if self._touched else self._x
         self._rate = rate
         free = float(self._reader.row(seen) @ seen.qacc_smooth) if self._staged else 0.0
-        step = _Step(self._x, rate, force, free)
+        along = None
+        if self._along is not None:
+            along = self._along.row(seen, before, self._reader.contact_point(seen), rate)
+        step = _Step(self._x, rate, force, free, along)
         if self._causes is not None and (force != 0.0 or not self._touched):
             if force != 0.0 and not self._touched:
                 self._causes.taken[:], self._touch_speed = 0.0, rate
@@ -151,9 +166,9 @@ class MujocoUserSimulation(Simulation):
 class _Reader:
     """Reads depth, force and rate of the pair off an MjData that belongs to one state."""
 
-    def __init__(self, model: Any, place: PairAtTouch, data: Any) -> None:
+    def __init__(self, model: Any, place: PairAtTouch, data: Any, along: AlongPlate | None) -> None:
         mujoco = backend()
-        self.model, self.place, self.count = model, place, 0
+        self.model, self.place, self.along, self.count = model, place, along, 0
         self.table = place.pair.sides.tolist()
         self.pyramid = int(model.opt.cone) == int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
         self.wrench = np.zeros(6)
@@ -162,10 +177,14 @@ class _Reader:
         self._row: Floats | None = None
         self.row(data)
 
+    def contact_point(self, data: Any) -> Floats:
+        """The last contact's, m; of a body that slides and spins it goes along with the body's centre."""
+        return self.point if self.along is None else self.along.moved_with(data, self.point)
+
     def row(self, data: Any) -> Floats:
         """(nv,) approach row at the last contact, from the kinematics in `data`."""
-        if self._row is None:
-            self._row = self.place.pair.approach_row(data, self.point, self.normal)
+        if self._row is None or self.along is not None:
+            self._row = self.place.pair.approach_row(data, self.contact_point(data), self.normal)
         return self._row
 
     def read(self, data: Any, velocity: Floats) -> tuple[float | None, float, float]:
@@ -181,17 +200,22 @@ class _Reader:
             self._row = None  # the links have turned since
             return None, 0.0, float(self.row(data) @ velocity)
         force, distance, acting = 0.0, math.inf, []
-        for i, contact, _ in mine:
+        for i, contact, turned in mine:
             distance = min(distance, contact.dist)
             address = contact.efc_address
             if address >= 0:
                 self.force_of(self.model, data, i, self.wrench)
                 force += float(self.wrench[0])
+                if self.along is not None:
+                    self.along.push(contact, self.wrench, turned)
                 acting.append(self._parting_rate(data, address, contact.dim))
         self.point = mine[0][1].pos.copy() if len(mine) == 1 else np.mean([c.pos for _, c, _ in mine], axis=0)
         _, contact, turned = mine[0]
         self.normal = -contact.frame[:3] if turned else contact.frame[:3].copy()
         self._row = None
+        if self.along is not None:  # on the moving one's surface; MuJoCo has it halfway to the other's
+            self.point = self.point - 0.5 * distance * self.normal
+            self.along.seen(data)
         rate = -sum(acting) / len(acting) if acting else float(self.row(data) @ velocity)
         return self.place.contact.onset - distance, force, rate
 

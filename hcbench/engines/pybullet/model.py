@@ -84,14 +84,19 @@ class BulletBody:
             centre, v, w = state[0], state[6], state[7]
         return add_scaled(v, 1.0, cross(w, add_scaled(point, -1.0, centre)))
 
+    def spin_of(self, link: int) -> Vector:
+        """Angular velocity of a link, rad/s."""
+        if self.kind == "fixed":
+            return 0.0, 0.0, 0.0
+        return vector(self.spin if link < 0 else self._link_state(link)[7])
+
     def max_speed(self, link: int) -> float:
         """A bound of the speed of the link's surface, m/s."""
         if self.kind == "fixed":
             return 0.0
         low, high = self.bullet.getAABB(self.number, link)
         v = self.velocity_at(link, [0.5 * (a + b) for a, b in zip(low, high, strict=True)])
-        spin = self.spin if link < 0 else self._link_state(link)[7]
-        size = add_scaled(high, -1.0, low)
+        spin, size = self.spin_of(link), add_scaled(high, -1.0, low)
         return float(dot(v, v) ** 0.5 + 0.5 * (dot(spin, spin) * dot(size, size)) ** 0.5)
 
     def joint_axis(self, joint: int) -> Vector:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from hcbench.engines.pybullet.along_plate import pair_friction
 from hcbench.engines.pybullet.aside import release_aside, run_aside
 from hcbench.engines.pybullet.backend import version
 from hcbench.engines.pybullet.causes import (
@@ -108,7 +109,8 @@ class PybulletModel(ModelUnderTest):
         """The launch under way from its starting point, in a world that knows of no other launch."""
         (launch,) = launches
         return release_aside(
-            self.bullet, lambda: LaunchInUserWorld(self.bullet, self.place, launch, self.gravity)
+            self.bullet,
+            lambda: LaunchInUserWorld(self.bullet, self.place, launch, self.gravity, self.request.along),
         )
 
     @property
@@ -144,6 +146,7 @@ class PybulletModel(ModelUnderTest):
             asked=(first * second,) * len(self.request.speeds) if is_known else (),
             asked_description=f"restitution {first:g} x {second:g}" if is_known else _UNKNOWN_RESTITUTIONS,
             notes=tuple(notes),
+            friction=pair_friction(self.bullet, self.place),
         )
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
