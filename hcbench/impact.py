@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 
+_ANGLE_DIGITS = 12  # of an angle in rad: what speeds and slips tell of it
+
+
 class Status(StrEnum):
     """How an impact ended."""
 
@@ -90,7 +93,7 @@ class Launch:
         spin: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> Launch:
         """One that arrives at an angle from the normal, rad: the slip is tan(angle) times the speed."""
-        return cls(speed, phase, height, (speed * math.tan(angle), 0.0), spin)
+        return cls(speed, phase, height, (speed * math.tan(round(angle, _ANGLE_DIGITS)), 0.0), spin)
 
     @property
     def at_any_phase(self) -> Launch:
@@ -99,8 +102,8 @@ class Launch:
 
     @property
     def angle(self) -> float:
-        """Between the velocity at release and the normal, rad, to 12 digits: the same at each speed."""
-        return round(math.atan2(math.hypot(*self.slip), self.speed), 12)
+        """Between the velocity at release and the normal, rad; the same at each speed."""
+        return round(math.atan2(math.hypot(*self.slip), self.speed), _ANGLE_DIGITS)
 
     @property
     def is_oblique(self) -> bool:

@@ -102,7 +102,7 @@ class LaunchGrid:
         launch = Launch(speed, phase)
         if self.dropped:
             launch = Launch.dropped(speed, phase, self.setting.timestep, self.scene.normal_gravity)
-        return replace(launch, slip=(speed * math.tan(angle), 0.0), spin=self.spin)
+        return replace(launch, slip=Launch.at_angle(angle, speed).slip, spin=self.spin)
 
 
 @dataclass(frozen=True)

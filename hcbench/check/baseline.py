@@ -36,6 +36,8 @@ class BaselineImpact(BaseModel):
     speed_m_per_s: _Number = Field(gt=0)
     phase: _Number = Field(ge=0, lt=1)
     height_m: Annotated[_Number, Field(gt=0, le=MAX_HEIGHT)] | None
+    slip_m_per_s: tuple[_Number, _Number] = (0.0, 0.0)
+    spin_rad_per_s: tuple[_Number, _Number, _Number] = (0.0, 0.0, 0.0)
     status: Status
     restitution: Annotated[StrictFloat, BeforeValidator(lambda e: math.nan if e is None else e)]
 
@@ -49,7 +51,7 @@ class BaselineImpact(BaseModel):
     @property
     def launch(self) -> Launch:
         """How the body was sent."""
-        return Launch(self.speed_m_per_s, self.phase, self.height_m)
+        return Launch(self.speed_m_per_s, self.phase, self.height_m, self.slip_m_per_s, self.spin_rad_per_s)
 
 
 class Baseline(BaseModel):
@@ -76,6 +78,11 @@ class Baseline(BaseModel):
         return tuple(dict.fromkeys(impact.speed_m_per_s for impact in self.impacts))
 
     @property
+    def angles(self) -> tuple[float, ...]:
+        """From the normal, rad, in order."""
+        return tuple(dict.fromkeys(impact.launch.angle for impact in self.impacts))
+
+    @property
     def phases(self) -> list[float]:
         """Phases of the launches, in order."""
         return list(dict.fromkeys(impact.phase for impact in self.impacts))
@@ -99,6 +106,8 @@ def _record(measurement: Measurement) -> dict[str, Any]:
             speed_m_per_s=i.launch.speed,
             phase=i.launch.phase,
             height_m=i.launch.height,
+            slip_m_per_s=i.launch.slip,
+            spin_rad_per_s=i.launch.spin,
             status=i.status,
             restitution=i.restitution,
         )
@@ -106,7 +115,7 @@ def _record(measurement: Measurement) -> dict[str, Any]:
     ]
     return Baseline(
         engine=facts.engine, version=facts.version, timestep_s=facts.timestep, impacts=tuple(impacts)
-    ).model_dump()
+    ).model_dump(exclude_defaults=True)
 
 
 def read_baseline(path: Path, name: str) -> Baseline:

@@ -58,8 +58,15 @@ def run_check(check: Check) -> Outcome:
 def _measure(check: Check) -> Measurement:
     request, baseline = check.request, check.baseline
     if baseline is not None:
-        height = baseline.impacts[0].height_m
-        request = dataclasses.replace(request, speeds=baseline.speeds, height=height, adapt_phases=False)
+        first = baseline.impacts[0]
+        request = dataclasses.replace(
+            request,
+            speeds=baseline.speeds,
+            angles=baseline.angles,
+            spin=first.spin_rad_per_s,
+            height=first.height_m,
+            adapt_phases=False,
+        )
     tolerance = TOLERANCE if check.wanted is None else min(check.max_error, TOLERANCE)
     job = Job(check.source, check.engine, request, check.wanted, tolerance, diagnose=True)
     return measure_job(job, check.limit)

@@ -77,9 +77,12 @@ def few_steps(impacts: Sequence[Impact], step: StepFix, softer: str) -> Iterator
 
 
 def _gain(impacts: Sequence[Impact]) -> tuple[float, int]:
-    """(largest e, fewest steps in contact) of the impacts that parted."""
+    """(largest e, fewest steps in contact) of the impacts that parted; of a body that slides or spins, e that
+    would change the energy as much.
+    """
     parted = [i for i in impacts if i.status is Status.PARTED]
-    return max((i.restitution for i in parted), default=0.0), min((i.samples for i in parted), default=0)
+    kept = [math.sqrt(max(0.0, 1.0 - i.energy_lost)) for i in parted if not math.isnan(i.energy_lost)]
+    return max(kept, default=0.0), min((i.samples for i in parted), default=0)
 
 
 def gravity(

@@ -134,8 +134,8 @@ class Measurement:
 
     @property
     def energy_gained(self) -> bool:
-        """Whether any impact left faster than it came, beyond round-off."""
-        return any(i.restitution > 1 + GAIN for i in self.measured)
+        """Whether any body had more kinetic energy after the impact than before, beyond round-off."""
+        return any(i.energy_lost < -2 * GAIN for i in self.measured)
 
     def errors(self, wanted: RestitutionCurve) -> list[tuple[Impact, float]]:
         """(impact, e - e wanted at its approach speed) of every impact that has an e."""

@@ -29,6 +29,11 @@ class AlongPlate:
     def send(self, data: Any, flight_time: float) -> None:
         """Add slip and spin to the motion, and put the body back by what they move it in the flight, s."""
         mujoco, model, launch = backend(), self.pair.model, self.launch
+        start = data.qpos.copy()
+        data.qpos[:] = self.place.qpos
+        mujoco.mj_kinematics(model, data)
+        self.seen(data)  # at touch: where the contact point that is known beforehand is
+        data.qpos[:] = start
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         asked = np.concatenate([np.array([*launch.slip, 0.0]) @ self.axes, np.array(launch.spin) @ self.axes])
