@@ -214,7 +214,8 @@ def score(impacts: Sequence[Impact], law: HuntCrossley, mass: float) -> Score:
         constant_restitution=constant,
         constant_error_law=constant_error,
         constant_error_linear=float(abs(linear_ends[0] - linear_ends[1]) / 2),
-        phase_spread=phase_spread(good),
+        # Phases of a fall change the speed too: what e, or its error, does not owe to that.
+        phase_spread=min(phase_spread(good), phase_spread(good, off_law)),
         alpha_fit=alpha_fit,
         alpha_fit_rms=alpha_fit_rms,
         energy_exponent=exponent,
@@ -247,11 +248,14 @@ def _claims(loops: list[LoopScore], exponent: float, law_exponent: float) -> dic
     }
 
 
-def phase_spread(impacts: Sequence[Impact]) -> float:
-    """The largest difference in e between launches that differ in phase only; NaN with nothing to compare."""
+def phase_spread(impacts: Sequence[Impact], off: Floats | None = None) -> float:
+    """The largest difference in e between launches that differ in phase only; NaN with nothing to compare.
+
+    off: of each impact e less what its own speed in would have, where phases of a fall change that speed.
+    """
     by_launch: dict[Launch, list[float]] = {}
-    for impact in impacts:
-        by_launch.setdefault(impact.launch.at_any_phase, []).append(impact.restitution)
+    for impact, e in zip(impacts, [i.restitution for i in impacts] if off is None else off, strict=True):
+        by_launch.setdefault(impact.launch.at_any_phase, []).append(float(e))
     return max((max(e) - min(e) for e in by_launch.values() if len(e) > 1), default=math.nan)
 
 

@@ -17,8 +17,8 @@ import pytest
 from small_results import small_results
 
 from hcbench.report.build import build
+from hcbench.report.conditions import views
 from hcbench.report.drawings import drawings
-from hcbench.report.view import View
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -165,7 +165,7 @@ def test_every_figure_is_drawn_and_described(browser: Browser, results: Results)
         " ({alt: i.alt, wide: i.naturalWidth, shown: i.getBoundingClientRect().width,"
         "   high: i.getBoundingClientRect().height, figure: i.closest('figure').id}))))"
     )
-    drawn = [d for d in drawings(View(results)) if d.draw is not None]
+    drawn = [d for d in drawings(views(results)) if d.draw is not None]
     assert [image["figure"] for image in images] == [f"figure-{d.name}" for d in drawn]
     assert [image["alt"] for image in images] == [d.alt for d in drawn]
     for image in images:

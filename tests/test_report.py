@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_results import ALPHAS, RUNS, SCENE, SPEEDS, small_results
 
-from hcbench.benchmark.results import TRAIN_COLUMNS, Results
+from hcbench.benchmark.results import REST_COLUMNS, TRAIN_COLUMNS, Results
 from hcbench.errors import OutputError
 from hcbench.laws import closed_form
 from hcbench.report import (
@@ -32,6 +32,7 @@ from hcbench.report import (
     wording,
 )
 from hcbench.report.build import build
+from hcbench.report.conditions import Views, under, views
 from hcbench.report.drawings import drawings
 from hcbench.report.view import RunKey, View
 from hcbench.setting import Setting
@@ -85,7 +86,7 @@ def test_same_results_same_bytes(page: Path, tmp_path: Path) -> None:
 def test_files_beside_the_page(page: Path, view: View) -> None:
     names = set(contents(page.parent))
     assert {"index.html", "restitution.csv", "loops.csv", "scores.csv", "summary.json"} <= names
-    drawn = {d.name for d in drawings(view) if d.draw is not None}
+    drawn = {d.name for d in drawings(Views(None, view)) if d.draw is not None}
     assert {n for n in names if n.startswith("figures/")} == {
         f"figures/{name}.{kind}" for name in drawn for kind in ("svg", "png")
     }
@@ -125,17 +126,12 @@ def test_the_headline_names_what_follows_the_law_and_what_does_not(view: View) -
     assert "spring-damper" not in said
 
 
-@pytest.mark.parametrize(
-    ("gravity", "ends"), [(0.0, "law, without gravity and in a far softer contact."), (9.81, "law, in a far")]
-)
-def test_a_bounce_in_a_soft_contact_is_promised_without_gravity(
-    results: Results, gravity: float, ends: str
-) -> None:
+def test_a_bounce_in_a_soft_contact_is_promised_without_gravity(results: Results) -> None:
     scores = results.scores.copy()
     scores.loc[scores["setting"] == "law", "penetration_ratio"] = 30.0
-    study = {**results.study, "gravity": gravity}
-    said = advice.headline(View(dataclasses.replace(results, scores=scores, study=study)))
-    assert f"the bounce follows the {ends}" in said[-1] + said[-2]
+    said = advice.headline(View(dataclasses.replace(results, scores=scores)))
+    promise = "the bounce follows the law, without gravity and in a far softer contact."
+    assert promise in said[-1] + said[-2]
 
 
 @pytest.mark.parametrize("count", range(1, 13))
@@ -150,7 +146,7 @@ def test_a_plug_in_is_told_apart_from_what_can_be_set(results: Results) -> None:
     ]
     view = View(dataclasses.replace(results, settings=settings))
     said = " ".join(advice.headline(view)).replace(wording.NBSP, " ")
-    assert "In explicit set spring-damper at 1 µs: still worse than the best constant e." in said
+    assert "In explicit set spring-damper at 1 µs: further off than the best constant e." in said
     assert advice.plugin_sentence(view).replace(wording.NBSP, " ") == (
         "The plug-in law at 1 µs (in explicit) follows the law."
     )
@@ -243,17 +239,118 @@ def test_one_bad_alpha_fails_a_claim(results: Results) -> None:
 
 
 def test_lost_impacts_are_told_not_dropped(view: View) -> None:
-    lost = {row["run"].setting: row for row in tables.failed_impacts(view)}
+    lost = {row["run"].setting: row for row in tables.failed_impacts(Views(None, view))}
     assert lost["broken"]["impacts"] == len(SPEEDS) * 2 * len(ALPHAS)
     assert lost["broken"]["reason"] == "the engine's process died on it"
     assert view.curve(BROKEN, ALPHAS[1]) is None
+
+
+# Under gravity
+
+
+def dropped(results: Results, gravity: float, **rests: tuple[float, float]) -> Results:
+    """The same results as if they had been measured under gravity; rests: depth and motion, m, by setting."""
+
+    def heavy(table: pd.DataFrame) -> pd.DataFrame:
+        return table.assign(gravity_m_per_s2=gravity)
+
+    rows = []
+    for run in (LAW, SPRING, IMPULSE, STOCK):
+        rest = rests.get(run.setting.replace("-", "_"), (1e-9, 0.0))
+        rows.append((SCENE, gravity, 0.0, 0.0, *run[:2], ALPHAS[1], run.timestep, 6.0, *rest))
+    return dataclasses.replace(
+        results,
+        settings=[{**record, "gravity_m_per_s2": gravity} for record in results.settings],
+        impacts=heavy(results.impacts).assign(penetration_max_m=1e-7),
+        loops=heavy(results.loops).iloc[:0],
+        scores=heavy(results.scores),
+        rests=pd.DataFrame(rows, columns=REST_COLUMNS),
+    )
+
+
+def both(free: Results, heavy: Results) -> Results:
+    names = ("impacts", "loops", "scores", "rests")
+    pairs = {name: (getattr(free, name), getattr(heavy, name)) for name in names}
+    tables_of_both = {name: pd.concat([t for t in pair if len(t)]) for name, pair in pairs.items()}
+    return dataclasses.replace(free, settings=[*free.settings, *heavy.settings], **tables_of_both)
+
+
+def test_the_page_leads_with_what_was_dropped_and_marks_the_rest(results: Results, tmp_path: Path) -> None:
+    found = both(results, dropped(results, 9.81, law=(5e-3, 0.0), spring_damper=(5e-3, 0.0)))
+    page = build(found, tmp_path).read_text(encoding="utf-8")
+    said = re.sub(r"base64,[^\"]*|<style>.*</style>|<[^>]*>", " ", page, flags=re.S)
+    answer, rest = said.replace(wording.NBSP, " ").split("Every setting in one line, under gravity")
+    assert "In explicit no setting of this study both bounces and rests under gravity." in answer
+    assert "In single set impulse at 1 ms" in answer
+    warned = answer.split("Not to be used under gravity")[1]
+    assert "explicit law, 1 µs" in warned
+    assert "sinks 5 mm at rest" in warned
+    assert "follows the law" in rest
+    headings = re.findall(r"<h2>([^<]*)</h2>", page)
+    free = headings[headings.index("Without gravity") + 1 : headings.index("How each setting was set")]
+    free = [heading for heading in free if "swatch" not in heading and heading.strip()]
+    assert free
+    assert all(heading.endswith("without gravity") for heading in free)
+
+
+@pytest.mark.parametrize(
+    ("depth", "motion", "lacks"),
+    [
+        (9e-5, 9e-6, ()),
+        (1.1e-4, 0.0, ("sinks 0.11 mm at rest",)),
+        (1e-6, 1.1e-5, ("does not come to rest",)),
+        (math.nan, math.nan, ("does not come to rest",)),
+    ],
+)
+def test_a_setting_that_sinks_or_moves_at_rest_is_not_advised(
+    results: Results, depth: float, motion: float, lacks: tuple[str, ...]
+) -> None:
+    """By g h², 9.81 µm at 1 ms: ten times of it deep, once of it in motion."""
+    view = View(under(dropped(results, 9.81, impulse=(depth, motion)), 9.81))
+    found = tuple(text.replace(wording.NBSP, " ") for text in ranking.lacks(view, IMPULSE))
+    assert found == lacks
+    assert (IMPULSE in ranking.best(view, [IMPULSE])) == (not lacks)
+    assert (ranking.verdict(view, IMPULSE).grade == "bad") == bool(lacks)
+
+
+def test_a_contact_deeper_than_any_step_needs_is_not_advised(results: Results) -> None:
+    heavy, limit = dropped(results, 9.81), ranking.DEEP * SPEEDS[-1] * 1e-3
+    for share, advised in ((0.99, True), (1.01, False)):
+        impacts = heavy.impacts.assign(penetration_max_m=share * limit)
+        view = View(under(dataclasses.replace(heavy, impacts=impacts), 9.81))
+        assert (ranking.best(view, [IMPULSE]) == [IMPULSE]) == advised
+
+
+def test_what_ran_on_the_flat_alone_stands_in_and_is_marked(results: Results) -> None:
+    flat = {"scene": "elsewhere"}
+    moved = dropped(results, 0.0)
+    scenes = {name: {"form": "plane", "relative_radius_m": 0.05} for name in (SCENE, "elsewhere")}
+    own = [record for record in results.settings if record["setting"] != "law"]
+    there = [{**record, **flat} for record in results.settings]
+
+    def also_there(table: pd.DataFrame) -> pd.DataFrame:
+        return pd.concat([table[table["setting"] != "law"], table.assign(**flat)])
+
+    found = dataclasses.replace(
+        moved,
+        study={**results.study, "scenes": scenes},
+        settings=[*own, *there],
+        impacts=also_there(results.impacts),
+        loops=also_there(results.loops),
+        scores=also_there(results.scores),
+    )
+    view = View(under(found, 0.0))
+    assert RunKey(*LAW[:3], "flat") in view.band_runs
+    assert IMPULSE in view.band_runs
+    assert RunKey(*IMPULSE[:3], "flat") not in view.band_runs
+    assert "In explicit set law (flat) at 1 µs" in " ".join(advice.headline(view)).replace(wording.NBSP, " ")
 
 
 # Figures
 
 
 def test_curves_show_the_measured_restitution(view: View) -> None:
-    figure = restitution_figures.restitution_figure(view, resolved=True)
+    figure = restitution_figures.restitution_figure(view, restitution_figures.columns_of_alphas(view, True))
     panel = figure.axes[1]  # the only fine engine's row, the second α
     law, linear, *engines = [np.asarray(line.get_xydata()) for line in panel.get_lines()]
     np.testing.assert_allclose(law[:, 1], closed_form.restitution(ALPHAS[1], law[:, 0]))
@@ -265,14 +362,14 @@ def test_curves_show_the_measured_restitution(view: View) -> None:
 
 
 def test_what_lies_below_the_frame_is_named(view: View) -> None:
-    figure = restitution_figures.restitution_figure(view, resolved=False)
+    figure = restitution_figures.restitution_figure(view, restitution_figures.columns_of_alphas(view, False))
     said = [text.get_text() for axes in figure.axes for text in axes.texts]
     assert [s for s in said if "stock" in s] == ["▼ stock: e = 0.10"] * len(ALPHAS)
 
 
 def test_a_figure_without_content_says_why() -> None:
     coarse_only = View(small_results([run for run in RUNS if run[1] in ("impulse", "stock")]))
-    by_name = {d.name: d for d in drawings(coarse_only)}
+    by_name = {d.name: d for d in drawings(Views(None, coarse_only))}
     for name in ("restitution-fine", "error-fine", "loops", "steps"):
         assert by_name[name].draw is None
         assert by_name[name].why
@@ -292,16 +389,16 @@ def test_a_bounce_train_is_drawn_over_the_laws(results: Results) -> None:
     np.testing.assert_allclose(np.diff(np.log(train[:, 1])), 2 * np.log(0.9))
     over = np.asarray(right.get_lines()[1].get_xydata())
     np.testing.assert_allclose(over[:, 1], 1e3 * heights / law[1:, 1])
-    by_name = {d.name: d for d in drawings(View(results))}
+    by_name = {d.name: d for d in drawings(views(results))}
     assert by_name["trains"].draw is None
 
 
 def test_every_figure_has_a_text_for_who_cannot_see_it(view: View, page: Path) -> None:
-    for drawing in drawings(view):
+    for drawing in drawings(Views(None, view)):
         assert len(drawing.alt) > 40
         assert not re.search(r"\bnan\b", drawing.alt)
     captions = re.findall("<figcaption>(.*?)</figcaption>", page.read_text(encoding="utf-8"))
-    assert len(captions) == sum(drawing.draw is not None for drawing in drawings(view))
+    assert len(captions) == sum(drawing.draw is not None for drawing in drawings(Views(None, view)))
     assert not [caption for caption in captions if re.search(r"\bnan\b", caption)]
 
 
@@ -432,7 +529,8 @@ def test_small_numbers_in_words(value: float, text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("seconds", "text"), [(1e-6, "1 µs"), (5e-5, "50 µs"), (1e-3, "1 ms"), (1 / 240, "4.17 ms"), (2.0, "2 s")]
+    ("seconds", "text"),
+    [(1e-6, "1 µs"), (5e-5, "50 µs"), (1e-3, "1 ms"), (1 / 240, "1/240 s"), (4e-3, "4 ms"), (2.0, "2 s")],
 )
 def test_times_in_words(seconds: float, text: str) -> None:
     assert wording.time(seconds).replace(wording.NBSP, " ") == text

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench import units
 from hcbench._files import atomic_folder, write_text
-from hcbench.report import advice, ranking, tables
+from hcbench.report import advice, cup_table, ranking, tables, wording
+from hcbench.report.conditions import Views, views
 from hcbench.report.drawings import class_heading, drawings, loop_speeds, step_speed
 from hcbench.report.page import PAGE, draw, render
 from hcbench.report.view import View
@@ -29,44 +30,71 @@ def build(results: Results, folder: Path, pool: WorkerPool | None = None) -> Pat
     index.html; figures/*.svg, *.png; restitution.csv, loops.csv, scores.csv, summary.json.
     The same results give the same bytes. Raises OutputError where the folder cannot be written.
     """
-    view = View(results)
+    found = views(results)
     with atomic_folder(folder, PAGE) as scratch:
         results.write(scratch)
         (scratch / "figures").mkdir()
         save = partial(draw, folder=scratch / "figures")
-        figures = list(map(save, drawings(view))) if pool is None else pool.map(save, drawings(view))
-        write_text(scratch / PAGE, _page(view, figures))
+        figures = list(map(save, drawings(found))) if pool is None else pool.map(save, drawings(found))
+        write_text(scratch / PAGE, _page(found, results, figures))
     return folder / PAGE
 
 
-def _page(view: View, figures: list[dict[str, Any]]) -> str:
-    height = view.study.get("train_height")
+def _page(found: Views, results: Results, figures: list[dict[str, Any]]) -> str:
+    view, free = found.main, found.free or found.main
+    height, cup = view.study.get("train_height"), cup_table.rows(found, results)
     return render(
         "report.html",
+        found=found,
         view=view,
+        free=free,
         headline=advice.headline(view),
         plugins=advice.plugin_sentence(view),
         cards=advice.cards(view),
+        free_cards=advice.cards_of_contact(free) if found.heavy else [],
         band=advice.band_text(view),
+        free_band=advice.band_text(free),
         figures={figure["name"]: figure for figure in figures},
-        headings={"coarse": class_heading(view, False), "fine": class_heading(view, True)},
-        loop_speeds=loop_speeds(view),
-        step_speed=step_speed(view),
-        law_exponent=_law_exponent(view),
+        headings={"coarse": class_heading(free, False), "fine": class_heading(free, True)},
+        loop_speeds=loop_speeds(free),
+        step_speed=step_speed(free),
+        law_exponent=_law_exponent(free),
         drop=f"from {1e3 * float(height):.3g}{NBSP}mm" if height else "",
         rules=ranking,
-        ranking=tables.ranking(view),
-        lines_to_beat=tables.lines_to_beat(view),
-        claims=CLAIMS,
-        claim_rows=tables.claims(view),
         tables=tables,
+        cup_rows=cup,
+        claims=CLAIMS,
         score_alphas=sorted(view.alphas, key=lambda alpha: (abs(alpha - view.main_alpha) > 1e-12, alpha)),
-        settings=tables.settings(view),
-        failed_impacts=tables.failed_impacts(view),
-        alphas_in_both=[f"{alpha * units.INCH:.3g} s/in ({alpha:.3g} s/m)" for alpha in view.alphas],
+        friction=_friction(found),
+        impact_count=len(results.impacts),
+        gravity_text=_gravity_text(found),
+        drop_heights=_drop_heights(view),
+        flat_runs=any(run.place for run in view.band_runs),
+        off_axis=wording.length(float(results.impacts["off_axis_m"].max())) if cup else "",
+        alphas_in_both=[f"{alpha:.3g} s/m ({alpha * units.INCH:.3g} s/in)" for alpha in view.alphas],
         units=units,
         RESOLVED=RESOLVED,
     )
+
+
+def _friction(found: Views) -> str:
+    """The coefficients with which bodies slid."""
+    rows = found.sliding.results.impacts["friction"] if found.sliding else ()
+    return wording.listed([f"{value:g}" for value in sorted(set(rows))])
+
+
+def _gravity_text(found: Views) -> str:
+    """Whether there is any, and how much."""
+    heavy = f"{found.heavy.gravity:g} m/s²" if found.heavy else ""
+    return " and ".join(filter(None, [heavy, "none: free flight at the plate" if found.free else ""]))
+
+
+def _drop_heights(view: View) -> str:
+    """From where bodies fall to meet the band: "1 … 13 mm"."""
+    if not view.gravity:
+        return ""
+    low, high = (wording.length(float(v) ** 2 / (2.0 * view.gravity)) for v in view.band)
+    return f"from {low} to {high}"
 
 
 def _law_exponent(view: View) -> str:

@@ -6,27 +6,81 @@ from functools import partial
 
 from matplotlib.figure import Figure
 
-from hcbench.report import bounce_figures, loop_figures, restitution_figures, trend_figures, wording
+from hcbench.report import (
+    bounce_figures,
+    loop_figures,
+    oblique_figure,
+    restitution_figures,
+    trend_figures,
+    wording,
+)
 from hcbench.report.advice import band_text
+from hcbench.report.conditions import Views
 from hcbench.report.page import Drawing
 from hcbench.report.ranking import overview_runs
+from hcbench.report.restitution_figures import Column
 from hcbench.report.view import REFERENCE, STEPS_TO_RESOLVE, RunKey, View
 from hcbench.units import INCH
 
 
-def drawings(view: View) -> list[Drawing]:
+def drawings(found: Views) -> list[Drawing]:
     """All figures, in the page's order."""
-    classes = (False, True)
-    panels = f"Restitution over impact speed, small panels, {len(view.alphas)} α by engine."
-    errors = "Error of restitution over impact speed, log scale."
+    view, free = found.main, found.free
+    shown = [_overview(view)]
+    if found.heavy is not None:
+        shown += [*_steps_of(found.heavy), _bounces(found.heavy)]
+    shown.append(_oblique(found.sliding))
+    if free is not None:
+        classes = (False, True)
+        panels = (
+            f"Restitution over impact speed without gravity, small panels, {len(free.alphas)} α by engine."
+        )
+        errors = "Error of restitution over impact speed without gravity, log scale."
+        shown += [
+            *(
+                _class(free, r, "restitution", restitution_figures.restitution_figure, panels)
+                for r in classes
+            ),
+            *(_class(free, r, "error", restitution_figures.error_figure, errors) for r in classes),
+            *_loops(free),
+            _energy(free),
+            _steps(free),
+            *([_bounces(free)] if found.heavy is None else []),
+        ]
+    return shown
+
+
+def _oblique(view: View | None) -> Drawing:
+    rows = oblique_figure.oblique_rows(view) if view is not None else {}
+    spans = {run: table["restitution"] for run, table in rows.items()}
+    ranges = [
+        f"{run.title} at {run.step}: e from {e.min():.2f} to {e.max():.2f}." for run, e in spans.items()
+    ]
+    return Drawing(
+        "oblique",
+        partial(oblique_figure.oblique_figure, rows) if rows else None,
+        f"Restitution and friction over the angle of the slip. {' '.join(ranges)}",
+        "the study launches nothing obliquely with friction",
+    )
+
+
+def _steps_of(view: View) -> list[Drawing]:
+    """Restitution and error under gravity, a column a step."""
+    columns = restitution_figures.columns_of_steps(view)
+    runs = [run for column in columns for run in column.runs]
+    what = "over impact speed under gravity, a panel for each engine and step"
+    kinds = (
+        ("restitution", "Restitution", restitution_figures.restitution_figure),
+        ("error", "Error of restitution", restitution_figures.error_figure),
+    )
     return [
-        _overview(view),
-        *(_class(view, r, "restitution", restitution_figures.restitution_figure, panels) for r in classes),
-        *(_class(view, r, "error", restitution_figures.error_figure, errors) for r in classes),
-        *_loops(view),
-        _energy(view),
-        _steps(view),
-        _bounces(view),
+        Drawing(
+            f"{name}-gravity",
+            partial(draw, view, columns) if runs else None,
+            f"{words} {what}. {_largest_errors(view, runs)}",
+            "no setting of this study was dropped",
+        )
+        for name, words, draw in kinds
     ]
 
 
@@ -62,11 +116,13 @@ def _overview(view: View) -> Drawing:
     )
 
 
-def _class(view: View, resolved: bool, name: str, draw: Callable[[View, bool], Figure], what: str) -> Drawing:
+def _class(
+    view: View, resolved: bool, name: str, draw: Callable[[View, list[Column]], Figure], what: str
+) -> Drawing:
     runs = [run for run in view.runs_by_resolution(resolved) if run.engine != REFERENCE]
     return Drawing(
         f"{name}-{'fine' if resolved else 'coarse'}",
-        partial(draw, view, resolved) if runs else None,
+        partial(draw, view, restitution_figures.columns_of_alphas(view, resolved)) if runs else None,
         f"{what} {_largest_errors(view, runs)}",
         f"no setting of this study ran over its band at a step {_limit(view, resolved)}",
     )
@@ -111,8 +167,7 @@ def _energy(view: View) -> Drawing:
 def _steps(view: View) -> Drawing:
     curves, at = view.step_curves(), step_speed(view)
     ranges = [
-        f"{wording.engine_title(engine)} {setting}: e from {e['low'].min():.3f} to {e['high'].max():.3f}."
-        for (engine, setting), e in curves.items()
+        f"{run.title}: e from {e['low'].min():.3f} to {e['high'].max():.3f}." for run, e in curves.items()
     ]
     return Drawing(
         "steps",

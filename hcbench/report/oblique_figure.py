@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,8 +31,8 @@ def oblique_rows(view: View) -> dict[RunKey, pd.DataFrame]:
     shown = impacts[main & (impacts["friction"] > 0)].copy()
     slope = shown["slip_in_m_per_s"].abs() / shown["speed_in_m_per_s"]
     shown["slip_deg"] = np.degrees(np.arctan(slope.astype(float)))
-    groups = shown.groupby(["engine", "setting", "timestep_s"], sort=False)
-    rows = {RunKey(*cast("tuple[str, str, float]", key)): table for key, table in groups}
+    groups = shown.groupby(["scene", "engine", "setting", "timestep_s"], sort=False)
+    rows = {view.run_of(table.iloc[0].to_dict()): table for _, table in groups}
     return {run: table for run, table in rows.items() if (table["slip_deg"] > 0).any()}
 
 

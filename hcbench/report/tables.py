@@ -4,10 +4,12 @@ import math
 from collections.abc import Mapping
 from typing import Any, TypeAlias, cast
 
+from hcbench.benchmark.bounce_sequence import Rest
 from hcbench.report import wording
+from hcbench.report.conditions import Views
 from hcbench.report.drawings import class_heading
-from hcbench.report.ranking import error_ratio, grade, over_constant, verdict
-from hcbench.report.view import REFERENCE, RunKey, View, run_of_record
+from hcbench.report.ranking import error_ratio, grade, lacks, lies_still, over_constant, verdict
+from hcbench.report.view import REFERENCE, RunKey, View
 from hcbench.scoring import CLAIMS
 from hcbench.setting import Setting
 from hcbench.tune.snippet import snippet
@@ -19,38 +21,54 @@ _AGAINST_CONSTANT = {"good": "better than", "even": "as good as", "bad": "worse 
 _PERCENT = ("loop_rms", "touch_force", "tension_share")
 
 
-def ranking(view: View) -> list[Cells]:
-    """Band runs in classes of step, best first: error for each α against the line to beat, loop, verdict."""
-    groups = []
-    for resolved in (False, True):
-        runs = [
-            run
-            for run in view.band_runs
-            if view.resolves_contact(run) == resolved and run.engine != REFERENCE
-        ]
-        runs.sort(key=lambda run: round(error_ratio(view, run), 3))  # ties stay in the study's order
-        if runs:
-            rows = [_ranking_row(view, run) for run in runs]
-            groups.append({"heading": class_heading(view, resolved), "rows": rows})
-    return groups
+def ranking(view: View, heavy: View | None = None) -> list[Cells]:
+    """Band runs in groups, best first: error for each α against the line to beat, loop or rest, verdict.
+
+    Under gravity a group is a step, without it a class of steps. heavy: the same study under gravity, for
+    what a setting lacks there.
+    """
+    runs = [run for run in view.band_runs if run.engine != REFERENCE]
+    if view.gravity:
+        steps = sorted({run.timestep for run in runs})
+        groups = [(f"Step {wording.time(h)}", [r for r in runs if r.timestep == h]) for h in steps]
+    else:
+        classes = [(c, [r for r in runs if view.resolves_contact(r) == c]) for c in (False, True)]
+        groups = [(class_heading(view, resolved), of_class) for resolved, of_class in classes]
+    ranked = []
+    for heading, group in groups:
+        # Ties stay in the study's order.
+        group.sort(key=lambda run: (bool(lacks(view, run)), round(error_ratio(view, run), 3)))
+        rows = [_ranking_row(view, run, heavy) for run in group]
+        ranked.append({"heading": heading, "lines": lines_to_beat(view, group), "rows": rows})
+    return [group for group in ranked if group["rows"]]
 
 
-def _ranking_row(view: View, run: RunKey) -> Cells:
-    score = view.score(run) or {}
+def _ranking_row(view: View, run: RunKey, heavy: View | None) -> Cells:
+    score, rest = view.score(run) or {}, view.rests.get(run)
+    loop = wording.percent(score["loop_rms"]) if score.get("loops") else "–"
+    found = verdict(view, run)
+    spoilt = wording.listed(lacks(heavy, run)) if heavy is not None else ""
+    spoilt = f"; under gravity {spoilt}" if spoilt else ""
+    still = "comes to rest" if rest is not None and not found.lacks else ""
     return {
         "run": run,
-        "errors": [_error_cell(view.score(run, alpha)) for alpha in view.alphas],
-        "loop": wording.percent(score["loop_rms"]) if score.get("loops") else "–",
+        "errors": [_error_cell(view, view.score(run, alpha)) for alpha in view.alphas],
+        "loop": loop if not view.gravity else wording.length(view.depths.get(run, math.nan)),
         "spread": wording.number(score.get("phase_spread", math.nan)),
-        "steps": score.get("samples_min", "–"),
-        "verdict": verdict(view, run),
+        "steps": _depth_at_rest(view, run, rest) if view.gravity else score.get("samples_min", "–"),
+        "verdict": found,
+        "also": wording.listed(found.lacks) or still if view.gravity else found.loop + spoilt,
     }
 
 
-def _error_cell(score: Mapping[str, Any] | None) -> Cells:
+def _depth_at_rest(view: View, run: RunKey, rest: Rest | None) -> str:
+    return wording.length(rest.depth) if rest is not None and lies_still(view, run) else "–"
+
+
+def _error_cell(view: View, score: Mapping[str, Any] | None) -> Cells:
     if score is None or not math.isfinite(score["max_error_law"]):
         return {"text": "–", "grade": "none", "mark": "", "words": "not run"}
-    against = grade(over_constant(score))
+    against = grade(view, over_constant(score))
     return {
         "text": wording.number(score["max_error_law"]),
         "grade": against,
@@ -59,12 +77,11 @@ def _error_cell(score: Mapping[str, Any] | None) -> Cells:
     }
 
 
-def lines_to_beat(view: View) -> list[str]:
-    """The best constant's largest error for each α."""
+def lines_to_beat(view: View, runs: list[RunKey]) -> list[str]:
+    """The best constant's largest error for each α, over what these runs were sent at."""
     lines = []
     for alpha in view.alphas:
-        scores = (view.score(run, alpha) for run in view.band_runs)
-        score = next((s for s in scores if s is not None), None)
+        score = next((s for run in runs if (s := view.score(run, alpha)) is not None), None)
         lines.append(wording.number(score["constant_error_law"]) if score is not None else "–")
     return lines
 
@@ -111,51 +128,67 @@ def score_cell(score: Mapping[str, Any], column: str) -> str:
     return wording.number(value * INCH if column == "alpha_fit" else value)
 
 
-def settings(view: View) -> list[Cells]:
-    """How each setting was set: one entry a setting, one text to paste for each step and α it ran over."""
+def settings(found: Views) -> list[Cells]:
+    """How each setting was set: one entry a setting, one text to paste for each place, step and α.
+
+    Those under gravity come first; a text that is the same in several places stands once.
+    """
     entries: dict[tuple[str, str], Cells] = {}
-    alphas: dict[tuple[str, str], dict[tuple[float, str], list[float]]] = {}
-    form, radius = str(view.study["form"]), float(view.study["relative_radius_m"])
-    for record in view.results.settings:
-        run = run_of_record(record)
-        if run not in view.band_runs or run.engine == REFERENCE:
-            continue
-        key = run.engine, run.setting
-        notes = list(record.get("notes", []))
-        entries.setdefault(key, {"run": run, "summary": record["summary"], "notes": notes})
-        text = snippet(Setting(*run, record["options"]), form, radius)
-        of_text = alphas.setdefault(key, {}).setdefault((run.timestep, text), [])
-        of_text.append(float(record["alpha_s_per_m"]))
+    texts: dict[tuple[str, str], dict[str, Cells]] = {}
+    several = len(found.shown) > 1
+    for view in found.shown:
+        for record in view.results.settings:
+            run = view.run_of(record)
+            if run not in view.band_runs or run.engine == REFERENCE:
+                continue
+            key = run.engine, run.label
+            notes = list(record.get("notes", []))
+            entries.setdefault(key, {"run": run, "summary": record["summary"], "notes": notes})
+            scene = view.study.get("scenes", {}).get(record["scene"], view.study)
+            text = snippet(Setting(*run[:3], record["options"]), scene["form"], scene["relative_radius_m"])
+            new = {"text": text, "step": run.timestep, "gravity": view.gravity, "alphas": []}
+            stated = texts.setdefault(key, {}).setdefault(f"{run.timestep} {text}", new)
+            stated["alphas"].append(float(record["alpha_s_per_m"]))
     for key, entry in entries.items():
-        texts = [_text(view, step, text, of_text) for (step, text), of_text in alphas[key].items()]
-        entry["texts"] = sorted(texts, key=lambda text: not text["main"])
+        entry["texts"] = sorted(
+            (_text(found.main, several, **text) for text in texts[key].values()),
+            key=lambda text: not text["main"],
+        )
     return list(entries.values())
 
 
-def _text(view: View, timestep: float, text: str, alphas: list[float]) -> Cells:
-    every = len(alphas) == len(view.alphas) > 1
-    which = "every α" if every else wording.listed([wording.alpha_short(a) for a in alphas])
+def _text(view: View, several: bool, text: str, step: float, gravity: float, alphas: list[float]) -> Cells:
+    different = list(dict.fromkeys(alphas))
+    every = len(different) == len(view.alphas) > 1
+    which = "every α" if every else wording.listed([wording.alpha_short(a) for a in different])
     main = any(math.isclose(a, view.main_alpha, rel_tol=1e-9) for a in alphas)
-    return {"text": text, "title": f"step {wording.time(timestep)}, {which}", "main": main}
+    where = (", for gravity" if gravity else ", without gravity") if several else ""
+    return {"text": text, "title": f"step {wording.time(step)}, {which}{where}", "main": main}
 
 
-def failed_impacts(view: View) -> list[Cells]:
-    """Impacts without a bounce, counted by setting and what became of them."""
+def failed_impacts(found: Views) -> list[Cells]:
+    """Impacts without a bounce, counted by gravity, setting and what became of them."""
+    return [row for view in found.shown for row in _failed(view, len(found.shown) > 1)]
+
+
+def _failed(view: View, several: bool) -> list[Cells]:
     impacts = view.results.impacts
-    failed = impacts[impacts["status"] != "parted"].groupby(["engine", "setting", "status"], sort=False)
+    failed = impacts[impacts["status"] != "parted"].groupby(
+        ["scene", "engine", "setting", "status"], sort=False
+    )
     rows = []
     for key, group in failed:
-        engine, setting, status = (str(part) for part in cast("tuple[Any, ...]", key))
         steps = sorted({float(h) for h in group["timestep_s"]})
-        run = RunKey(engine, setting, steps[0])
-        several = f"{len(steps)} steps, {wording.time(steps[0])} … {wording.time(steps[-1])}"
+        run = view.run_of({**group.iloc[0].to_dict(), "timestep_s": steps[0]})
+        text = f"{len(steps)} steps, {wording.time(steps[0])} … {wording.time(steps[-1])}"
         reasons = list(dict.fromkeys(str(reason or "") for reason in group["reason"]))
         more = f"; and {len(reasons) - 1} more like it" if len(reasons) > 1 else ""
+        where = ("under gravity" if view.gravity else "without gravity") if several else ""
         rows.append(
             {
                 "run": run,
-                "steps": several if len(steps) > 1 else run.step,
-                "status": status,
+                "steps": ", ".join(filter(None, [text if len(steps) > 1 else run.step, where])),
+                "status": str(cast("tuple[Any, ...]", key)[-1]),
                 "impacts": len(group),
                 "reason": reasons[0] + more,
             }

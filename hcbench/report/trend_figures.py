@@ -81,7 +81,7 @@ def _draw_loss(axes: Axes, view: View, run: RunKey, runs: list[RunKey], nth: int
     axes.plot(curve.speed[lossy], curve.loss[lossy], markevery=marks, zorder=3, **style)
     exponent = score["energy_exponent"] if score is not None else np.nan
     slope = f"p = {exponent:.2f}" if np.isfinite(exponent) else "p unknown"
-    return Line2D([], [], label=f"{run.setting}{step_suffix(run, runs)}: {slope}", **style)
+    return Line2D([], [], label=f"{run.label}{step_suffix(run, runs)}: {slope}", **style)
 
 
 def _draw_guides(axes: Axes, v: Floats, level: float) -> None:
@@ -107,7 +107,7 @@ def _speed_ticks(axes: Axes, v: Floats) -> None:
 def steps_figure(view: View) -> Figure:
     """e over the time step at one speed for the main α, with its band over the phases; and its error."""
     curves = view.step_curves()
-    engines = list(dict.fromkeys(engine for engine, _ in curves))
+    engines = list(dict.fromkeys(run.engine for run in curves))
     figure = new_figure(11.2, 1.1 + 2.9 * len(engines))
     grid = figure.subplots(len(engines), 2, sharex=True, sharey="col", squeeze=False)
     law = float(closed_form.restitution(view.main_alpha, float(view.study["step_speed"])))
@@ -118,12 +118,10 @@ def steps_figure(view: View) -> Figure:
         left.axhline(law, color=LAW, linewidth=6, zorder=1)
         for axes in (left, right):
             axes.axvspan(min(view.contact_time, ends[1]), ends[1], color="#f4f2ec", zorder=0, linewidth=0)
-        settings = [(setting, table) for (name, setting), table in curves.items() if name == engine]
-        for nth, (setting, table) in enumerate(settings):
+        shown = [(run, table) for run, table in curves.items() if run.engine == engine]
+        for nth, (run, table) in enumerate(shown):
             size = max(4.5, 7.5 - nth)  # where lines coincide, the ones below show as rings
-            title = f"{wording.engine_title(engine)} {setting}"
-            style = view.plot_styles[engine, setting]
-            handle, error = _draw_steps(left, right, title, style, table, law, size)
+            handle, error = _draw_steps(left, right, run.title, view.plot_style(run), table, law, size)
             handles.append(handle)
             errors.append(error)
         left.set_ylabel(f"{wording.engine_title(engine)}\nrestitution e")

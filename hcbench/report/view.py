@@ -10,26 +10,31 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import pandas as pd
 
+from hcbench.benchmark.bounce_sequence import Rest
 from hcbench.benchmark.results import RUN_KEY, Results
 from hcbench.impact import Floats, Loop
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.report.curve import Curve, curve_of
 from hcbench.report.plot_style import PlotStyle, plot_styles
-from hcbench.report.wording import NBSP, engine_title, span, time
+from hcbench.report.wording import engine_title, time
 
 REFERENCE = "reference"  # the engine of the law
 LAW_SETTING = "hunt-crossley"  # its setting that is the law itself
 CURVE_SPEEDS = 3  # from which a run says something about e over speed
 STEPS_TO_RESOLVE = 10  # in the law's contact, from which a step resolves the contact
 LOOP_POINTS = 241
+_RUN = ["scene", "engine", "setting", "timestep_s"]  # columns that tell a run
+_PLACES = {"plane": "flat", "cup": "cup"}  # a scene's form, in words
 
 
 class RunKey(NamedTuple):
-    """One setting of one engine at one step."""
+    """One setting of one engine at one step. place: where, if not in the study's own scene: "flat", "cup"."""
 
     engine: str
     setting: str
     timestep: float
+    place: str = ""
 
     @property
     def is_law(self) -> bool:
@@ -38,8 +43,13 @@ class RunKey(NamedTuple):
 
     @property
     def title(self) -> str:
-        """The engine's title and the setting."""
-        return f"{engine_title(self.engine)} {self.setting}"
+        """The engine's title and the setting, and where it ran."""
+        return f"{engine_title(self.engine)} {self.label}"
+
+    @property
+    def label(self) -> str:
+        """The setting, and where it ran if not in the study's own scene."""
+        return f"{self.setting} ({self.place})" if self.place else self.setting
 
     @property
     def step(self) -> str:
@@ -47,37 +57,16 @@ class RunKey(NamedTuple):
         return time(self.timestep)
 
 
-@dataclass(frozen=True, slots=True)
-class Curve:
-    """e over impact speed of one run for one α; arrays over speed, phases folded.
-
-    speed: as measured, m/s. low, middle, high: least, median and largest e over the phases.
-    error: largest |e - e of (16)| over the phases. loss: median of ½ m (v_i² - v_o²), J.
-    """
-
-    speed: Floats
-    low: Floats
-    middle: Floats
-    high: Floats
-    error: Floats
-    loss: Floats
-
-    def range_text(self, space: str = NBSP) -> str:
-        """The range of e: "0.10 … 0.88"; one number where it hardly changes."""
-        low, high = self.low.min(), self.high.max()
-        return f"{low:.2f}" if high - low < 0.005 else span(f"{low:.2f}", f"{high:.2f}", space)
-
-
 @dataclass(frozen=True)
 class View:
-    """Results as a report looks at them."""
+    """Results under one gravity as a report looks at them: `under` picks them."""
 
     results: Results
     _curves: dict[tuple[RunKey, float], Curve] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         for key, rows in self.head_on.groupby(RUN_KEY, sort=False):
-            self._curves[_run_and_alpha(key)] = _curve(rows, self.mass)
+            self._curves[self._run_and_alpha(key)] = curve_of(rows, self.mass)
 
     @cached_property
     def head_on(self) -> pd.DataFrame:
@@ -92,6 +81,11 @@ class View:
     def study(self) -> Mapping[str, Any]:
         """The study, as JSON."""
         return self.results.study
+
+    @property
+    def gravity(self) -> float:
+        """Into the plate, m/s²."""
+        return float(self.study["gravity"])
 
     @property
     def mass(self) -> float:
@@ -140,7 +134,7 @@ class View:
         """Runs over enough speeds to show a curve, in the study's order."""
         enough = min(CURVE_SPEEDS, len(self.study["speeds"]))
         tried = self.head_on.groupby(RUN_KEY, sort=False)["speed_m_per_s"].nunique()
-        return list(dict.fromkeys(_run_and_alpha(key)[0] for key, n in tried.items() if n >= enough))
+        return list(dict.fromkeys(self._run_and_alpha(key)[0] for key, n in tried.items() if n >= enough))
 
     @cached_property
     def band_runs(self) -> list[RunKey]:
@@ -173,13 +167,14 @@ class View:
 
     @cached_property
     def _plugins(self) -> set[RunKey]:
-        return {run_of_record(r) for r in self.results.settings if "law" in r["options"]}
+        return {self.run_of(record) for record in self.results.settings if "law" in record["options"]}
 
     @cached_property
     def plot_styles(self) -> dict[tuple[str, str], PlotStyle]:
-        """How each (engine, setting) is drawn."""
-        runs = [run for run, _ in self._curves] + list(self.bounces)
-        return plot_styles(((run.engine, run.setting) for run in runs), law=REFERENCE)
+        """How each (engine, setting) of the study is drawn."""
+        planned = [(run["engine"], run["recipe"]) for run in self.study["runs"]]
+        ran = [run[:2] for run in (*(run for run, _ in self._curves), *self.bounces)]
+        return plot_styles([*planned, *ran], law=REFERENCE)
 
     def plot_style(self, run: RunKey) -> PlotStyle:
         """How a run is drawn."""
@@ -204,26 +199,26 @@ class View:
     def _scores(self) -> dict[tuple[RunKey, float], Mapping[str, Any]]:
         out: dict[tuple[RunKey, float], Mapping[str, Any]] = {}
         for row in self.results.scores.to_dict("records"):
-            key = _run_and_alpha(tuple(row[k] for k in RUN_KEY))
+            key = self._run_and_alpha(tuple(row[k] for k in RUN_KEY))
             # A study may run one setting twice, over the band and at one speed: the band tells more.
             if key not in out or row["impacts"] > out[key]["impacts"]:
                 out[key] = {str(k): v for k, v in row.items()}
         return out
 
-    def step_curves(self) -> dict[tuple[str, str], pd.DataFrame]:
-        """(engine, setting) -> e over several steps at the study's step speed for its main α, steps rising.
+    def step_curves(self) -> dict[RunKey, pd.DataFrame]:
+        """Run without its step -> e over several at the study's step speed for its main α, steps rising.
 
         Columns: timestep, low, middle, high (NaN where no impact came back).
         """
         impacts = self._of_main_alpha(self.head_on)
         here = impacts[np.isclose(impacts["speed_m_per_s"], self.study["step_speed"], rtol=1e-9)]
-        out: dict[tuple[str, str], pd.DataFrame] = {}
-        for key, rows in here.groupby(["engine", "setting"], sort=False):
-            engine, setting = (str(part) for part in cast("tuple[Any, ...]", key))
+        out: dict[RunKey, pd.DataFrame] = {}
+        for key, rows in here.groupby(_RUN[:-1], sort=False):
             by_step = rows.groupby("timestep_s")["restitution"].agg(["min", "median", "max"])
             if len(by_step) > 1:
                 columns = ["timestep", "low", "middle", "high"]
-                out[engine, setting] = by_step.reset_index().set_axis(columns, axis=1)
+                run = self._run(*cast("tuple[Any, ...]", key))
+                out[run] = by_step.reset_index().set_axis(columns, axis=1)
         return out
 
     @cached_property
@@ -233,17 +228,40 @@ class View:
         if self.results.loops.empty:
             return out
         table = self._of_main_alpha(self.results.loops)
-        for key, rows in table.groupby(["engine", "setting", "timestep_s", "speed_m_per_s"], sort=False):
+        for key, rows in table.groupby([*_RUN, "speed_m_per_s"], sort=False):
             *run, speed = cast("tuple[Any, ...]", key)
-            out.setdefault(_run(*run), {})[float(speed)] = rows
+            out.setdefault(self._run(*run), {})[float(speed)] = rows
         return out
 
     @cached_property
     def bounces(self) -> dict[RunKey, pd.DataFrame]:
         """Successive bounces under gravity for the main α: run -> heights in the order of the bounces."""
-        table = self._of_main_alpha(self.results.trains)
-        groups = table.groupby(["engine", "setting", "timestep_s"], sort=False)
-        return {_run(*cast("tuple[Any, ...]", key)): rows for key, rows in groups}
+        groups = self._of_main_alpha(self.results.trains).groupby(_RUN, sort=False)
+        return {self._run(*cast("tuple[Any, ...]", key)): rows for key, rows in groups}
+
+    @cached_property
+    def rests(self) -> dict[RunKey, Rest]:
+        """How bodies lay after a drop under gravity for the main α."""
+        rows = self._of_main_alpha(self.results.rests).to_dict("records")
+        return {self.run_of(row): Rest(float(row["depth_m"]), float(row["motion_m"])) for row in rows}
+
+    def run_of(self, record: Mapping[Any, Any]) -> RunKey:
+        """The run of one of the results' settings, or of a row of a table."""
+        return self._run(*(record[name] for name in _RUN))
+
+    def _run(self, scene: Any, engine: Any, setting: Any, timestep: Any = 0.0) -> RunKey:
+        place = "" if scene == self.study["scene"] else _PLACES[self.study["scenes"][scene]["form"]]
+        return RunKey(str(engine), str(setting), float(timestep), place)
+
+    def _run_and_alpha(self, key: Hashable) -> tuple[RunKey, float]:
+        values = dict(zip(RUN_KEY, cast("tuple[Any, ...]", key), strict=True))
+        return self.run_of(values), float(values["alpha_s_per_m"])
+
+    @cached_property
+    def depths(self) -> dict[RunKey, float]:
+        """Greatest penetration of each run for the main α, m."""
+        groups = self._of_main_alpha(self.results.impacts).groupby(_RUN, sort=False)["penetration_max_m"]
+        return {self._run(*cast("tuple[Any, ...]", key)): depth for key, depth in groups.max().items()}
 
     def _of_main_alpha(self, table: pd.DataFrame) -> pd.DataFrame:
         return table[np.isclose(table["alpha_s_per_m"].astype(float), self.main_alpha, rtol=1e-9)]
@@ -252,34 +270,3 @@ class View:
 def engines_of(runs: Iterable[RunKey]) -> list[str]:
     """The engines of some runs, in their order, the reference left out."""
     return list(dict.fromkeys(run.engine for run in runs if run.engine != REFERENCE))
-
-
-def _run(engine: Any, setting: Any, timestep: Any) -> RunKey:
-    return RunKey(str(engine), str(setting), float(timestep))
-
-
-def run_of_record(record: Mapping[str, Any]) -> RunKey:
-    """The run of one of the results' settings."""
-    return _run(record["engine"], record["setting"], record["timestep_s"])
-
-
-def _run_and_alpha(key: Hashable) -> tuple[RunKey, float]:
-    *_, engine, setting, alpha, timestep = cast("tuple[Any, ...]", key)
-    return _run(engine, setting, timestep), float(alpha)
-
-
-def _curve(rows: pd.DataFrame, mass: float) -> Curve:
-    """Fold phases; speeds that differ by round-off only are one speed."""
-    good = rows[rows["restitution"].notna()]
-    v_in, e = good["speed_in_m_per_s"].astype(float), good["restitution"].astype(float)
-    error = (e - good["restitution_law"].astype(float)).abs()
-    columns = {"speed": v_in, "e": e, "error": error, "loss": 0.5 * mass * v_in**2 * (1 - e**2)}
-    by_speed = pd.DataFrame(columns).groupby(good["speed_m_per_s"].astype(float).round(12))
-    return Curve(
-        speed=by_speed["speed"].median().to_numpy(),
-        low=by_speed["e"].min().to_numpy(),
-        middle=by_speed["e"].median().to_numpy(),
-        high=by_speed["e"].max().to_numpy(),
-        error=by_speed["error"].max().to_numpy(),
-        loss=by_speed["loss"].median().to_numpy(),
-    )

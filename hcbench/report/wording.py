@@ -20,11 +20,21 @@ def engine_title(name: str) -> str:
 
 
 def time(seconds: float) -> str:
-    """ "1 µs", "0.2 ms", "4.17 ms": three digits."""
+    """ "1 µs", "0.2 ms", "4.17 ms": three digits; "1/240 s", which is Bullet's own step."""
+    if math.isclose(seconds, 1 / 240, rel_tol=1e-9):
+        return f"1/240{NBSP}s"
     for size, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")):
         if seconds >= size * (1 - 1e-9):
             return f"{seconds / size:.3g}{NBSP}{unit}"
     return f"{seconds / 1e-9:.3g}{NBSP}ns"
+
+
+def length(metres: float) -> str:
+    """ "3 µm", "0.98 mm", "1.2 m": two digits, plain from 0.1 of a unit on."""
+    for size, unit in ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm")):
+        if abs(metres) >= 0.0995 * size:
+            return f"{float(f'{metres / size:.2g}'):g}{NBSP}{unit}"
+    return f"0{NBSP}µm" if math.isfinite(metres) else "–"
 
 
 def rough_time(seconds: float) -> str:
@@ -116,6 +126,11 @@ def times(ratio: float) -> str:
 def percent(share: float) -> str:
     """ "3.2 %"."""
     return f"{number(100 * share)}{NBSP}%" if math.isfinite(share) else "–"
+
+
+def sentence(text: str) -> str:
+    """With a capital, but for the symbol e."""
+    return text if text.startswith("e ") else text[:1].upper() + text[1:]
 
 
 def listed(items: Sequence[str], last: str = "and") -> str:
