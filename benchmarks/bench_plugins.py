@@ -12,11 +12,10 @@ MuJoCo's own contact, a spring-damper (rollouts on one thread), and with a bare 
 from __future__ import annotations
 
 import argparse
-import copy
 import statistics
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -119,31 +118,6 @@ def oblique_impacts(count: int) -> Iterator[Claim]:
         yield f"{what}: friction beyond its cone, N s", "1e-9", float((seen[:, 1] - seen[:, 2]).max())
 
 
-def rise(make: Callable[[Any], scenes.Scene], law: Any, seconds: float) -> float:
-    """Largest energy above the start's, less what steps with contact off would have won until then."""
-    scene = make(law)
-    model = scene.model()
-    data = scene.data(model)
-    if model.nkey:
-        mujoco.mj_resetDataKeyframe(model, data, 0)
-    mujoco.mj_forward(model, data)
-    start = float(data.energy.sum())
-    own, highest, before = 0.0, 0.0, start
-    free, alone = copy.copy(model), mujoco.MjData(model)
-    free.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    for _ in range(round(seconds / model.opt.timestep)):
-        alone.qpos[:], alone.qvel[:] = data.qpos, data.qvel
-        mujoco.mj_step(free, alone)
-        mujoco.mj_forward(free, alone)
-        own += max(0.0, float(alone.energy.sum()) - before)
-        mujoco.mj_step(model, data)
-        mujoco.mj_forward(model, data)
-        now = float(data.energy.sum())
-        highest, before = max(highest, now - start - own), now
-    broken = any(warning.number for warning in data.warning)
-    return np.inf if broken else highest / max(abs(start), 1e-9)
-
-
 def energies(engine: str, quick: bool) -> Iterator[Claim]:
     """Rows, cradles, a rack, stacks and piles."""
     seconds, steps = (1.0, (2e-3,)) if quick else (10.0, (1e-3, 2e-3, 5e-3))
@@ -160,7 +134,12 @@ def energies(engine: str, quick: bool) -> Iterator[Claim]:
             for cone in cones
         ],
     }
-    won = rise if engine == "mujoco" else bullet_scenes.rise
+    if engine == "mujoco":
+        held: list[dict[str, bool]] = [{}, {"limited": True}, {"geared": True}]
+        kinds["chains, free, limited and geared"] = [
+            partial(scenes.chain, seed, **one) for seed in range(2) for one in held
+        ]
+    won = scenes.rise if engine == "mujoco" else bullet_scenes.rise
     for name, several in kinds.items():
         worst = max(
             won(lambda law, one=one, h=h: one(h=h, law=law), law, seconds)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
@@ -13,7 +14,7 @@ import pytest
 from hcbench.contact.mujoco import ConstantRestitution, add_to_spec
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -175,6 +176,69 @@ def tumbling(
     quat = rng.normal(size=4)
     add_body(spec, "box", (0, 0, 0.3), BOX, size, 1.0, friction, quat=quat)
     return Scene(spec, law, [("box", rng.normal(size=6) * [1, 1, 1, 5, 5, 5])])
+
+
+def chain(
+    seed: int,
+    h: float,
+    law: Law | None,
+    integrator: str = "Euler",
+    limited: bool = False,
+    geared: bool = False,
+) -> Scene:
+    """Four links on hinges that fall on the floor; their ranges end, or two of them turn together."""
+    rng = np.random.default_rng(seed)
+    spec = world(h, friction=0.3, integrator=integrator)
+    parent = spec.worldbody
+    for i in range(4):
+        parent = parent.add_body(name=f"l{i}", pos=[0.15, 0, 0] if i else [0, 0, 0.5])
+        if i:
+            hinge = {"type": mujoco.mjtJoint.mjJNT_HINGE, "axis": [0, 1, 0], "armature": 0.005}
+            parent.add_joint(name=f"j{i}", range=[-0.3, 0.4], limited=limited, **hinge)
+            spec.add_exclude(bodyname1=f"l{i - 1}", bodyname2=f"l{i}")
+        else:
+            parent.add_freejoint()
+        shape = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": [0.03, 0, 0, 0.12, 0, 0], "condim": 3}
+        mass = 10 ** rng.uniform(-0.5, 0.5)
+        parent.add_geom(name=f"l{i}", size=[0.025, 0, 0], mass=mass, friction=[0.3, 0, 0], **shape)
+    if geared:
+        add_equality(spec, "joint", "j1", "j2", [0, 1])
+    return Scene(spec, law, [("l0", rng.normal(size=6))])
+
+
+def add_equality(spec: Any, kind: str, one: str, two: str, numbers: ArrayLike) -> None:
+    """A weld or connect of two bodies, or a joint that follows another; its first numbers."""
+    of = mujoco.mjtObj.mjOBJ_JOINT if kind == "joint" else mujoco.mjtObj.mjOBJ_BODY
+    made = spec.add_equality(
+        type=getattr(mujoco.mjtEq, f"mjEQ_{kind.upper()}"), objtype=of, name1=one, name2=two
+    )
+    made.data[:] = 0.0
+    made.data[: np.size(numbers)] = numbers
+
+
+def rise(make: Callable[[Any], Scene], law: Any, seconds: float) -> float:
+    """Largest energy above the start's, less what steps with contact off won until then, over it."""
+    scene = make(law)
+    model = scene.model()
+    data = scene.data(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    start = float(data.energy.sum())
+    own, highest, before = 0.0, 0.0, start
+    free, alone = copy.copy(model), mujoco.MjData(model)
+    free.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    for _ in range(round(seconds / model.opt.timestep)):
+        alone.qpos[:], alone.qvel[:] = data.qpos, data.qvel
+        mujoco.mj_step(free, alone)
+        mujoco.mj_forward(free, alone)
+        own += max(0.0, float(alone.energy.sum()) - before)
+        mujoco.mj_step(model, data)
+        mujoco.mj_forward(model, data)
+        now = float(data.energy.sum())
+        highest, before = max(highest, now - start - own), now
+    broken = any(warning.number for warning in data.warning)
+    return np.inf if broken or not np.isfinite(now) else highest / max(abs(start), 1e-9)
 
 
 @dataclass

@@ -1,5 +1,8 @@
 /* What both plug-ins need of a contact: velocities, rows of the Jacobian, gravity, and the stages of RK4. */
 
+#define HCB_RIGID 0.5        /* impedance from which on an equality answers an impact within it */
+#define HCB_REDUNDANT 1e-10 /* of an equality's own inverse mass */
+
 static double dot(const double* a, const double* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 static double row_dot(int nv, const double* a, const double* b) {
@@ -52,6 +55,80 @@ static void tendon_row(const mjModel* m, const mjData* d, int tendon, double* ro
   }
 #endif
   for (int j = 0; j < count[tendon]; j++) row[column[start[tendon] + j]] = -d->ten_J[start[tendon] + j];
+}
+
+/* A row of all constraints, shape (nv,). */
+static void constraint_row(const mjModel* m, const mjData* d, int k, double* row) {
+  if (!mj_isSparse(m)) {
+    memcpy(row, d->efc_J + (size_t)k * m->nv, m->nv * sizeof(double));
+    return;
+  }
+  memset(row, 0, m->nv * sizeof(double));
+  for (int j = 0; j < d->efc_J_rownnz[k]; j++) {
+    int at = d->efc_J_rowadr[k] + j;
+    row[d->efc_J_colind[at]] = d->efc_J[at];
+  }
+}
+
+/* Takes from `count` rows J what the equalities of a model hold: an impulse p along such a row, with those by which
+   they answer it, is J^T p, and changes no rate of theirs. Kinetic energy then changes by p.(u before + u after)/2
+   with u = J v, whatever rates the equalities have. Softer ones act as forces, in the solver alone. */
+static void hold_equalities(const mjModel* m, mjData* d, int count, double* J) {
+  int n = 0, nv = m->nv;
+  if (d->ne == 0) return;
+  mj_markStack(d);
+  double *E = stack(d, (size_t)d->ne * nv), *B = stack(d, (size_t)d->ne * nv), *y = stack(d, d->ne);
+  double* K = stack(d, (size_t)d->ne * d->ne);
+  for (int k = 0; k < d->ne; k++) {
+    if (d->efc_KBIP[4 * k + 2] >= HCB_RIGID) constraint_row(m, d, k, E + (size_t)nv * n++);
+  }
+  mj_solveM(m, d, B, E, n);
+  for (int i = 0; i < n; i++) {
+    for (int k = 0; k < n; k++) K[i * n + k] = row_dot(nv, E + (size_t)i * nv, B + (size_t)k * nv);
+    K[i * n + i] = K[i * n + i] * (1 + HCB_REDUNDANT) + mjMINVAL; /* several may hold the same */
+  }
+  mju_cholFactor(K, n, mjMINVAL);
+  for (int i = 0; i < count; i++) {
+    double* row = J + (size_t)i * nv;
+    for (int k = 0; k < n; k++) y[k] = row_dot(nv, B + (size_t)k * nv, row);
+    mju_cholSolve(y, K, y, n);
+    for (int k = 0; k < n; k++) mju_addToScl(row, E + (size_t)k * nv, -y[k], nv);
+  }
+  mj_freeStack(d);
+}
+
+/* Coriolis and gyroscopic forces and gravity at these velocities; comVel of the data is of them from then on. */
+static void bias_at(const mjModel* m, mjData* d, const double* velocity, double* bias) {
+  mju_copy(d->qvel, velocity, m->nv);
+  mj_comVel(m, d);
+  mj_rne(m, d, 0, bias);
+}
+
+/* Whether a degree of freedom is one of a single free body. */
+static int is_lone(const mjModel* m, int dof) {
+  int root = m->body_rootid[m->dof_bodyid[dof]], first = m->body_dofadr[root], next = first + 6;
+  if (m->body_jntnum[root] != 1 || m->jnt_type[m->body_jntadr[root]] != mjJNT_FREE) return 0;
+  return next == m->nv || m->dof_treeid[next] != m->dof_treeid[first];
+}
+
+/* Adds to `force` what makes the step's Coriolis forces in bodies with joints those of the velocities after the impulse.
+   They are quadratic in the velocities; the integrator `implicit` adds what is linear in the change by itself. */
+static void shift_bias(const mjModel* m, mjData* d, const double* impulse, double* force) {
+  int nv = m->nv, jointed = 0;
+  for (int j = 0; j < nv && !jointed; j++) jointed = impulse[j] != 0 && !is_lone(m, j);
+  if (!jointed) return;
+  mj_markStack(d);
+  double *before = stack(d, nv), *after = stack(d, nv), *change = stack(d, nv), *velocity = stack(d, nv);
+  mj_solveM(m, d, change, impulse, 1);
+  mju_copy(velocity, d->qvel, nv);
+  if (m->opt.integrator == mjINT_IMPLICIT) mju_zero(d->qvel, nv);
+  mju_addTo(change, d->qvel, nv);
+  bias_at(m, d, d->qvel, before);
+  bias_at(m, d, change, after);
+  mju_copy(d->qvel, velocity, nv);
+  mj_comVel(m, d);
+  for (int j = 0; j < nv; j++) force[j] += is_lone(m, j) ? 0 : before[j] - after[j];
+  mj_freeStack(d);
 }
 
 static void gravity_on(const mjModel* m, int body, double* out) {

@@ -6,11 +6,13 @@
 #define HCB_STILL 1.1      /* steps of falling whose speed counts as rest */
 #define HCB_REST 1e-9      /* compliance of a resting row, in units of the pair's own inverse mass; ... */
 #define HCB_REST_FORCE 1e-6 /* ... where the integrator takes the solver's force, whose error grows as 1/compliance */
+#define HCB_PUSH 0.05      /* of that speed: how fast at most depth that a landing has left is pushed out, ... */
+#define HCB_SLOP 1         /* ... down to so many times what that speed moves in a step: no lower, no contact is lost */
 #define HCB_SILENT -1e10   /* m/s^2: a row that never pushes */
 
 typedef struct { /* a contact of a law: rows of the solver from `row` on */
   int instance, id, order, tendon, body[2], row, rows, dim, cone, touches, rests;
-  double rate[6], friction[5], slip, parting;
+  double rate[6], friction[5], slip, parting, depth;
   const double *point, *frame;
   hcb_contact law;
 } blow;
@@ -42,7 +44,9 @@ static double rest_compliance(const mjModel* m) {
 static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, double compliance) {
   plan now = {.rows = b->rows}, *made = stage > 1 ? planned(memory, b->instance, b->id, b->order) : NULL;
   double h = m->opt.timestep, mu = b->friction[0];
-  double closing = stage ? fmax(0, b->parting) : 0; /* RK4 moves on the way: back to where it was, for no work */
+  double push = fmin(HCB_PUSH * b->law.still, fmax(0, b->depth - HCB_SLOP * h * b->law.still) / h);
+  if (compliance > HCB_REST) push = 0; /* forces that are not exact would turn what they lift */
+  double closing = (stage ? fmax(0, b->parting) : 0) - push; /* RK4 moves on the way: back to where it was, for no work */
   for (int i = 0; i < b->rows; i++) {
     int k = b->cone ? 1 + i / 2 : i;
     double tangential = b->cone ? (i % 2 ? -1 : 1) * b->friction[k - 1] * b->rate[k] : 0;
@@ -85,6 +89,7 @@ static void read_contact(const mjModel* m, const mjData* d, const mjContact* c, 
   b->cone = c->dim > 1 && m->opt.cone == mjCONE_PYRAMIDAL;
   b->row = c->efc_address;
   b->rows = b->cone ? 2 * (c->dim - 1) : c->dim;
+  b->depth = -c->dist;
   b->touches = c->dist <= 0;
   for (int i = 0; i < 5; i++) b->friction[i] = c->dim > 1 ? c->friction[i] : 0;
   velocity_at(m, d, b->body[0], c->pos, v1);
@@ -126,13 +131,16 @@ static int gather(const mjModel* m, mjData* d, int first, blow* all) {
       read_contact(m, d, c, b);
       b->law = law_of_contact(m, own, b->friction[0], fall(m, b->body, c->frame));
       count++;
+      for (int j = order; j > 0; j--) b[-j].depth = b->depth = fmin(b->depth, b[-j].depth); /* pushed evenly: no tilt */
     }
     for (int k = 0; k < d->nefc && own->tendon >= 0; k++) {
       if (d->efc_type[k] != mjCNSTR_LIMIT_TENDON || d->efc_id[k] != own->tendon) continue;
       double length = d->ten_length[own->tendon], *range = m->tendon_range + 2 * own->tendon;
       if (range[1] - length != d->efc_pos[k]) continue; /* the lower limit */
       blow* b = all + count++;
-      *b = (blow){.instance = i, .tendon = own->tendon, .row = k, .rows = 1, .dim = 1, .touches = length >= range[1]};
+      *b = (blow){.instance = i, .tendon = own->tendon, .row = k, .rows = 1, .dim = 1};
+      b->depth = length - range[1];
+      b->touches = b->depth >= 0;
       b->rate[0] = -d->ten_velocity[own->tendon];
       b->law = law_of_contact(m, own, 0, 0);
     }
@@ -165,9 +173,11 @@ static void collide(const mjModel* m, mjData* d, blow* all, int count, double* i
     } else {
       make_rows(m, d, b->body, b->point, b->frame, b->dim > 1 ? 3 : 1, row);
     }
-    for (int k = 0; k < 3; k++) u[3 * i + k] = k && b->dim == 1 ? 0 : b->rate[k];
+    for (int k = 0; k < 3; k++) u[3 * i + k] = k && b->dim == 1 ? 0 : b->rate[k] - row_dot(nv, row + k * nv, d->qvel);
     c[i] = b->law;
   }
+  hold_equalities(m, d, 3 * n, J);
+  for (int i = 0; i < 3 * n; i++) u[i] += row_dot(nv, J + (size_t)i * nv, d->qvel);
   mj_solveM(m, d, B, J, 3 * n);
   hcb_coupling(n, nv, J, B, G);
   for (int i = 0; i < 3 * n; i++) free_[i] = falls ? h * row_dot(nv, B + (size_t)i * nv, gravity) : 0;
@@ -221,6 +231,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
       memcpy(memory->impulse, impulse, nv * sizeof(double));
     }
     for (int j = 0; j < nv && busy; j++) d->qfrc_passive[j] += impulse[j] / h;
+    if (busy && !stage) shift_bias(m, d, impulse, d->qfrc_passive);
   } else {
     for (int j = 0; j < nv; j++) d->qfrc_passive[j] += memory->impulse[j] / h;
   }
