@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.io import wavfile
 
 from hcbench.cli import run
 from hcbench.errors import UserError
@@ -20,6 +21,8 @@ from hcbench.fit.flight import Ballistics, in_air
 from hcbench.fit.pairs import SpeedPairs
 from hcbench.fit.result import fit
 from hcbench.fit.setup import Known, MeasurementSetup
+from hcbench.fit.sound import Recording, find_touches
+from hcbench.fit.track import Track, track_of
 from hcbench.laws import closed_form
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "examples" / "recording"))
@@ -78,9 +81,12 @@ def test_flights_know_their_own_derivatives(ball: Ballistics) -> None:
         of = getattr(ball, name)
         assert of(1.7)[1] == pytest.approx((of(1.7 + 1e-6)[0] - of(1.7 - 1e-6)[0]) / 2e-6, rel=1e-7)
     for of in (ball.path, ball.fall):
-        _, by = of(2.0, t * (1 if of == ball.path else 0.3))
+        _, by, velocity = of(2.0, t * (1 if of == ball.path else 0.3))
         ends = [of(2.0 + s, t * (1 if of == ball.path else 0.3))[0] for s in (1e-6, -1e-6)]
         assert by == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-6)
+        sign, at = (1, t) if of == ball.path else (-1, 0.3 * t)
+        later, earlier = (of(2.0, at + sign * s)[0] for s in (1e-6, -1e-6))
+        assert velocity == pytest.approx((later - earlier) / 2e-6, rel=1e-5)
     assert ball.path(1.7, np.array([ball.aloft(1.7)[0]]))[0] == pytest.approx(0.0, abs=1e-12)
 
 
@@ -306,3 +312,137 @@ def test_g_that_is_not_known_is_refused_with_the_reason(
     path = write(tmp_path, "time [s]\n0.1\n0.4\n0.6\n0.7\n")
     assert run(["fit", path, "--gravity", "unknown"]) == 2
     assert "α g only" in capsys.readouterr().err
+
+
+# --- tracks and other programs' exports ---
+
+
+@pytest.mark.parametrize(("alpha", "frames"), [(0.1, 60), (0.4, 240), (1.0, 60)])
+def test_a_track_gives_alpha(alpha: float, frames: float) -> None:
+    law = synthesise.hunt_crossley(alpha)
+
+    def make(seed: int) -> Track:
+        rng = np.random.default_rng(seed)
+        return track_of("film", EXACT, *synthesise.track(law, 0.5, 4e-3, 1e-3, frames, rng))
+
+    error, held = trials(make, alpha, 20)
+    assert error < 0.017
+    assert held >= 0.8
+
+
+def test_a_wrong_scale_of_a_film_is_told() -> None:
+    times, heights = synthesise.track(
+        synthesise.hunt_crossley(0.2), 0.5, 4e-3, 1e-3, 120, np.random.default_rng(1)
+    )
+    assert not fit([track_of("film", EXACT, times, heights)]).warnings
+    (warning,) = fit([track_of("film", EXACT, times, 1.05 * heights)]).warnings
+    assert "105." in warning and "scale" in warning
+
+
+def test_trackers_export_is_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    times, heights = synthesise.track(
+        synthesise.hunt_crossley(0.2), 0.5, 4e-3, 1e-3, 120, np.random.default_rng(1)
+    )
+    rows = [f"{t:.9E}\t0.0E0\t{y:.9E}\t" for t, y in zip(times, heights, strict=True)]
+    text = "\n".join(["mass A", "t\tx\ty\tv_{y}", *rows])
+    for content in (text, text.replace(".", ",")):
+        assert run(["fit", write(tmp_path, content, "track.txt"), "--json"]) == 0
+        low, high = json.loads(capsys.readouterr().out)["alpha_interval_95_s_per_m"]
+        assert low < 0.2 < high
+    assert run(["fit", write(tmp_path, "#multi:\n" + text, "two.txt")]) == 2
+    assert "several tracks" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("separator", "decimal"), [(",", "."), ("\t", "."), (";", "."), ("\t", ","), (";", ",")]
+)
+def test_phyphox_exports_are_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], separator: str, decimal: str
+) -> None:
+    times = times_of(synthesise.hunt_crossley(0.3), 3, most=6)
+    names, cells = [], []
+    for i, t in enumerate(times):
+        names += [f'"Bounce {i} (s)"', f'"Height {i} (m)"', *([f'"Energy {i}"'] if i else [])]
+        cells += [f"{t:.9E}", "1.0E-1", *(["5.0E-1"] if i else [])]
+    row = separator.join(cells).replace(".", decimal)
+    path = write(tmp_path, f"{separator.join(names)}\n{row}\n")
+    assert run(["fit", path, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["files"][0]["kind"] == "times"
+    low, high = found["alpha_interval_95_s_per_m"]
+    assert low < 0.3 < high
+
+
+# --- sound ---
+
+
+@pytest.mark.parametrize("surface", synthesise.SURFACES)
+def test_touches_are_heard(surface: str) -> None:
+    rng = np.random.default_rng(1)
+    for decibels in (50, 40, 30):
+        sound, at = synthesise.drop_recording(
+            synthesise.hunt_crossley(0.3), 0.4, 3e-3, surface, decibels, rng, seconds=4.0
+        )
+        picks = find_touches(Recording("r", sound, 44100))
+        heard = at[picks.numbers]
+        assert len(heard) >= len(at) - 10
+        off = picks.times - heard
+        assert np.abs(off - np.median(off)).max() < 3e-3
+        assert np.median(np.abs(off - np.median(off))) < 2e-5
+
+
+def wav(path: Path, kind: str, sound: np.ndarray, rate: int = 44100) -> Path:
+    """A recording in one of the formats that phones and programs write."""
+    if kind == "24":
+        whole = np.round(sound * (2**23 - 1)).astype("<i4")
+        data = whole.view(np.uint8).reshape(-1, 4)[:, :3].tobytes()
+        head = b"RIFF" + (36 + len(data)).to_bytes(4, "little") + b"WAVEfmt " + (16).to_bytes(4, "little")
+        head += b"\1\0\1\0" + rate.to_bytes(4, "little") + (3 * rate).to_bytes(4, "little") + b"\3\0\x18\0"
+        path.write_bytes(head + b"data" + len(data).to_bytes(4, "little") + data)
+        return path
+    samples = {
+        "8": lambda: np.round(127 * sound + 128).astype(np.uint8),
+        "16": lambda: np.round(32767 * sound).astype(np.int16),
+        "float": lambda: sound.astype(np.float32),
+        "stereo": lambda: np.round(32767 * np.stack([0.01 * sound, sound], axis=1)).astype(np.int16),
+    }[kind]()
+    wavfile.write(path, rate, samples)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["8", "16", "24", "float", "stereo"])
+def test_all_kinds_of_wav_are_read(tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str) -> None:
+    sound, _ = synthesise.drop_recording(
+        synthesise.hunt_crossley(0.5), 0.3, 3e-3, "stone", 45, np.random.default_rng(2), 0.05
+    )
+    path = str(wav(tmp_path / "drop.wav", kind, sound))
+    assert run(["fit", path, "--json", "--touches", "1:6"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    low, high = found["alpha_interval_95_s_per_m"]
+    assert low < 0.5 < high
+    assert found["files"][0]["impacts"] == 4
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("drop.m4a", b"\0\0\0 ftypM4A \xff\xfe", "ffmpeg -i drop.m4a drop.wav"),
+        ("drop.wav", b"RIFF\0\0\0\0WAVEjunk", "cannot be read as WAV"),
+        ("data.zip", b"PK\3\4\xff\xfe", "Unpack"),
+        ("data.bin", b"\xff\xfe\0\1", "neither UTF-8 text nor a WAV"),
+    ],
+)
+def test_what_is_no_sound_is_one_line_and_exit_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, content: bytes, says: str
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    assert run(["fit", str(tmp_path / name)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert says in line
+
+
+def test_noise_has_no_train_of_bounces() -> None:
+    noise = synthesise.pink_noise(100_000, np.random.default_rng(0)) * 0.1
+    with pytest.raises(UserError, match=r"train of bounces|touches"):
+        picks = find_touches(Recording("n", noise, 44100))
+        assert len(picks.times) > 3, "touches"

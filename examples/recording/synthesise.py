@@ -191,3 +191,27 @@ def drop_recording(
         times.append(times[-1] + aloft)
     at, v = np.array(times), np.array(speeds)
     return recording(at, v, SURFACES[surface], decibels, rng), at
+
+
+def track(
+    law: Law,
+    drop: float,
+    scatter: float,
+    noise: float,
+    frames: float,
+    rng: np.random.Generator,
+    seconds: float = 2.5,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(times, heights with noise) of a film with `frames` a second, from before the ball is let go."""
+    held, fall = 0.1, math.sqrt(2 * drop / GRAVITY)
+    clock = np.arange(0.0, seconds, 1 / frames) + rng.uniform(0, 1 / frames)
+    height = np.where(clock < held, drop, drop - 0.5 * GRAVITY * (clock - held) ** 2)
+    touch = held + fall
+    for _, launch, aloft in flights(law, drop, scatter, rng):
+        t = clock - touch
+        height = np.where(t >= 0, launch * t - 0.5 * GRAVITY * t**2, height)
+        touch += aloft
+        if touch > seconds or aloft < 1e-3:
+            break
+    height = np.where(clock > touch, 0.0, height)
+    return clock, height + noise * rng.standard_normal(len(clock))

@@ -78,9 +78,11 @@ def _moves(fit: LawFit, sets: Sequence[Dataset], setups: Sequence[MeasurementSet
     total = np.zeros((q, q + 1 + len(setups)))
     for s, own, latent, model, noise in zip(sets, fit.own, fit.latent, fit.models, fit.noise, strict=True):
         shifted = [s.with_setup(setup).linearise(fit.curve, own, latent) for setup in setups]
-        columns = np.array([other.residual - model.residual for other in shifted]).reshape(len(setups), -1)
+        columns = np.array([other.residual - model.residual for other in shifted]).reshape(
+            len(setups), len(model.residual)
+        )
         offsets = np.array([other.prior[:, 0] - model.prior[:, 0] for other in shifted])
-        reduced = reduce(model, columns.T, offsets.reshape(len(setups), -1))
+        reduced = reduce(model, columns.T, offsets.reshape(len(setups), len(own)))
         total += reduced.profile(np.array(fit.scatter), np.array(noise))[0][:q]
     return np.asarray(np.linalg.lstsq(total[:, :q], total[:, q + 1 :], rcond=1e-12)[0].T)
 

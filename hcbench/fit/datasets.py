@@ -158,7 +158,7 @@ class TouchTimes(Dataset):
 
     def pairs(self) -> tuple[Floats, Floats]:
         """Impact speeds (m/s) and e as one would read them off."""
-        speed, e = pairs_of_launches(self._launches(), self.setup)
+        speed, e = pairs_of_launches(self._launches(), self.setup, self.setup.drop)
         if self.numbers is None:
             return speed, e
         which = self._which
@@ -205,14 +205,14 @@ class TouchTimes(Dataset):
         return [at.get(i, f"touch {i + 1}, unheard") for i in range(first, int(self._which[-1]))]
 
 
-def pairs_of_launches(launches: Floats, setup: MeasurementSetup) -> tuple[Floats, Floats]:
-    """Impact speeds and e of flights with these launch speeds, all m/s."""
+def pairs_of_launches(launches: Floats, setup: MeasurementSetup, drop: float | None) -> tuple[Floats, Floats]:
+    """Impact speeds and e of flights with these launch speeds, all m/s. drop: m, where let go, if known."""
     ballistics = setup.ballistics
-    touch = np.array([ballistics.touch(w)[0] for w in launches])
-    if setup.height is not None:
-        dropped = ballistics.dropped(setup.height.value)[0]
-        return np.concatenate([[dropped], touch[:-1]]), launches / np.concatenate([[dropped], touch[:-1]])
-    return touch[:-1], launches[1:] / touch[:-1]
+    touch = np.array([ballistics.touch(w)[0] for w in launches])[:-1]
+    if drop is None:
+        return touch, launches[1:] / touch
+    touch = np.concatenate([[ballistics.dropped(drop)[0]], touch])
+    return touch, launches / touch
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,7 +248,7 @@ class Heights(Dataset):
 
     def pairs(self) -> tuple[Floats, Floats]:
         """Impact speeds (m/s) and e as one would read them off."""
-        return pairs_of_launches(self._launches(), self.setup)
+        return pairs_of_launches(self._launches(), self.setup, self.setup.drop)
 
     def start(self) -> Floats:
         """Own parameters to start from."""

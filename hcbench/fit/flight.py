@@ -55,37 +55,31 @@ class Ballistics:
             speed = math.sqrt(-math.expm1(-2.0 * self.drag * self.gravity * height) / self.drag)
         return speed, self.gravity / speed * (1.0 - self.drag * speed * speed)
 
-    def path(self, launch: float, time: Floats) -> tuple[Floats, Floats]:
-        """Heights at times since a launch, m, and their derivatives by its speed (m/s); shape of `time`."""
+    def path(self, launch: float, time: Floats) -> tuple[Floats, Floats, Floats]:
+        """At times since a launch: heights, m, their derivatives by its speed, and velocities, m/s."""
         g = self.gravity
         if not self.drag:
-            return launch * time - 0.5 * g * time**2, time.copy()
+            return launch * time - 0.5 * g * time**2, time.copy(), launch - g * time
         v = 1.0 / math.sqrt(self.drag)
         u = launch / v
         up = v / g * math.atan(u)
         rising, falling = np.minimum(time, up), np.maximum(time - up, 0.0)
-        angle = math.atan(u) - g * rising / v
-        cosine = np.cos(angle) * math.sqrt(1.0 + u * u)
-        height = v * v / g * (np.log(cosine) - np.log(np.cosh(g * falling / v)))
-        slowing = 1.0 / (1.0 + u * u)
-        by_launch = np.where(
-            time < up,
-            v / g * (u - np.tan(angle)) * slowing,
-            v / g * (u + np.tanh(g * falling / v)) * slowing,
-        )
-        return height, by_launch
+        angle, fallen = math.atan(u) - g * rising / v, g * falling / v
+        height = v * v / g * (np.log(np.cos(angle) * math.sqrt(1.0 + u * u)) - np.log(np.cosh(fallen)))
+        slope = np.where(time < up, -np.tan(angle), np.tanh(fallen))
+        return height, v / g * (u + slope) / (1.0 + u * u), -v * slope
 
-    def fall(self, touch: float, before: Floats) -> tuple[Floats, Floats]:
-        """Heights at times before the touch of a ball let go from rest, and derivatives by its speed."""
+    def fall(self, touch: float, before: Floats) -> tuple[Floats, Floats, Floats]:
+        """The same at times before the touch of a ball let go from rest, by the speed of the touch."""
         g = self.gravity
         if not self.drag:
-            return touch * before - 0.5 * g * before**2, before.copy()
+            return touch * before - 0.5 * g * before**2, before.copy(), g * before - touch
         v = 1.0 / math.sqrt(self.drag)
         end = math.atanh(min(touch / v, 1.0 - 1e-12))
         now = np.maximum(end - g * before / v, 0.0)
         height = v * v / g * (math.log(math.cosh(end)) - np.log(np.cosh(now)))
         by_touch = v / g * (math.tanh(end) - np.tanh(now)) / (1.0 - math.tanh(end) ** 2)
-        return height, by_touch
+        return height, by_touch, -v * np.tanh(now)
 
 
 def in_air(gravity: float, mass: float, diameter: float, drag_coefficient: float) -> Ballistics:

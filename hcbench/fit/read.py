@@ -10,9 +10,11 @@ import numpy as np
 from hcbench._text import sanitized
 from hcbench.errors import UserError
 from hcbench.fit.datasets import Heights, TouchTimes
+from hcbench.fit.exports import phyphox_times, tracker_table
 from hcbench.fit.pairs import SpeedPairs
 from hcbench.fit.sound import find_touches, is_wav, read_recording
-from hcbench.fit.table import read_table
+from hcbench.fit.table import read_lines, read_table
+from hcbench.fit.track import track_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -53,6 +55,7 @@ _KINDS: dict[frozenset[str], str] = {
 KINDS = ("sound", *dict.fromkeys(_KINDS.values()))
 _EXPECTED = "columns such as time [s], height [cm], speed [m/s],restitution or v_in [m/s],v_out [m/s]"
 _MOST_TOUCHES = 60
+_LEAST_SAMPLES = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +125,11 @@ def read_dataset(
         return _sound(path, setup, touches)
     if touches is not None:
         raise UserError("touches", f"given for {sanitized(path.name)}, which is no recording", "a .wav")
-    columns = columns_of(read_table(path))
+    lines = read_lines(path)
+    if kind in (None, "times") and (times := phyphox_times(path, lines)) is not None:
+        return _touch_times(sanitized(path.name), setup, times)
+    table = (tracker_table(path, lines) if kind in (None, "track") else None) or read_table(path, lines)
+    columns = columns_of(table)
     named = frozenset(role for role in columns.places if not role.startswith("u_"))
     found = _KINDS.get(named) if kind is None else kind
     if found is None:
@@ -150,7 +157,13 @@ def _sound(path: Path, setup: MeasurementSetup, touches: range | None) -> Datase
 def _times(columns: Columns, setup: MeasurementSetup) -> Dataset:
     times = columns.get("time")
     columns.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
-    name, least = columns.table.name, 3 if setup.height is not None else 4
+    return _touch_times(columns.table.name, setup, times)
+
+
+def _touch_times(name: str, setup: MeasurementSetup, times: Floats) -> Dataset:
+    if (np.diff(times) <= 0).any():
+        raise UserError(name, "times that fall", "times that rise")
+    least = 3 if setup.height is not None else 4
     if len(times) < least:
         raise too_few_touches(name, len(times), least)
     if len(times) > _MOST_TOUCHES:
@@ -216,8 +229,17 @@ def _checked_pairs(pairs: SpeedPairs) -> SpeedPairs:
     return pairs
 
 
+def _track(columns: Columns, setup: MeasurementSetup) -> Dataset:
+    times, heights = columns.get("time"), columns.get("height")
+    columns.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
+    if len(times) < _LEAST_SAMPLES:
+        raise UserError(columns.table.name, f"{len(times)} points", f"{_LEAST_SAMPLES} or more of a track")
+    return track_of(columns.table.name, setup, times, heights)
+
+
 _READERS: dict[str, Callable[[Columns, MeasurementSetup], Dataset]] = {
     "times": _times,
+    "track": _track,
     "heights": _heights,
     "pairs": _pairs,
     "speeds": _speeds,

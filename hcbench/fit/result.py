@@ -13,6 +13,7 @@ from hcbench.fit.budget import Budget, error_budget
 from hcbench.fit.candidates import LAWS
 from hcbench.fit.estimate import fit_law
 from hcbench.fit.flags import Flag, flagged_touches
+from hcbench.fit.track import scale_warnings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -57,6 +58,7 @@ class FitResult:
     speeds: tuple[float, float]
     budget: Budget
     flags: tuple[Flag, ...]
+    warnings: tuple[str, ...] = ()
 
     @property
     def best(self) -> LawFit:
@@ -113,6 +115,7 @@ def fit(sets: Sequence[Dataset], law: str = "auto") -> FitResult:
         speeds=(float(speeds.min()), float(speeds.max())),
         budget=budget,
         flags=tuple(flagged_touches(best, sets)),
+        warnings=tuple(scale_warnings(best, sets)),
     )
 
 

@@ -62,6 +62,11 @@ class MeasurementSetup:
             raise UserError("mass", "lighter than the air that the ball displaces", "a heavier ball")
 
     @property
+    def drop(self) -> float | None:
+        """The height where the ball was let go, m, if given."""
+        return None if self.height is None else self.height.value
+
+    @property
     def has_air(self) -> bool:
         """Whether flights are in air."""
         return self.mass is not None and self.diameter is not None
@@ -72,6 +77,10 @@ class MeasurementSetup:
         if self.mass is None or self.diameter is None:
             return Ballistics(self.gravity.value)
         return in_air(self.gravity.value, self.mass.value, self.diameter.value, self.drag_coefficient.value)
+
+    def with_gravity(self, gravity: float) -> MeasurementSetup:
+        """The same under another g, m/s²."""
+        return replace(self, gravity=Known(gravity, self.gravity.uncertainty))
 
     def perturbed(self) -> Iterator[tuple[str, float, MeasurementSetup]]:
         """Each uncertain input: its name, standard uncertainty, and the setup with it off by that much."""

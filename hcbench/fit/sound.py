@@ -35,11 +35,12 @@ _OVERSAMPLING = 4
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """sound: (n,), one channel, -1 ... 1. rate: Hz."""
+    """sound: (n,), one channel, -1 ... 1. rate: Hz. step: between two values that a sample can have."""
 
     name: str
     sound: Floats
     rate: int
+    step: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +76,7 @@ def read_recording(path: Path) -> Recording:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # chunks that it does not know
             rate, samples = wavfile.read(path)
-    except (ValueError, EOFError, OSError, MemoryError) as error:
+    except Exception as error:  # damaged headers raise what they like
         what = sanitized(error).rstrip(".")
         raise UserError(name, f"cannot be read as WAV: {what}", "a WAV recording, PCM or float") from None
     sound = np.atleast_2d(np.asarray(samples).T).astype(float)
@@ -96,7 +97,8 @@ def read_recording(path: Path) -> Recording:
     loudest = sound[int(np.argmax(sound.std(axis=1)))]
     if not loudest.std() > 0:
         raise UserError(name, "silence", "a recording of several bounces")
-    return Recording(name, loudest - loudest.mean(), int(rate))
+    step = 0.0 if samples.dtype.kind == "f" else 2.0 ** (1 - 8 * samples.dtype.itemsize)
+    return Recording(name, loudest - loudest.mean(), int(rate), step)
 
 
 def find_touches(recording: Recording, shortest: float = 0.02) -> Picks:
@@ -109,7 +111,7 @@ def find_touches(recording: Recording, shortest: float = 0.02) -> Picks:
         if band > 0.4 * recording.rate:
             break
         filtered = _high_pass(recording, band)
-        places, level = _clicks(filtered, recording.rate)
+        places, level = _clicks(filtered, recording.rate, recording.step)
         train, numbers, score = longest_train(places / recording.rate, level, shortest)
         if score > best[0]:
             best = score, (places[train], level[train], numbers, band, filtered)
@@ -130,14 +132,14 @@ def _high_pass(recording: Recording, band: float) -> Floats:
     return np.asarray(filtered)
 
 
-def _clicks(sound: Floats, rate: int) -> tuple[Indices, Floats]:
+def _clicks(sound: Floats, rate: int, step: float) -> tuple[Indices, Floats]:
     """Samples at which something begins that is louder than before, and how loud it is, dB over the noise."""
     ahead, back = max(4, round(_NEXT * rate)), round(_LAST * rate)
     energy = np.concatenate([[0.0], np.cumsum(sound**2)])
     at = np.arange(back, len(sound) - ahead)
     after = (energy[at + ahead] - energy[at]) / ahead
     before = (energy[at] - energy[at - back]) / back
-    noise = float(np.percentile(after, 25)) + 1e-30
+    noise = float(np.percentile(after, 25)) + step**2 + 1e-30  # few bits are silent between steps
     rise = after / (before + 0.3 * noise)
     rise[after < _OVER_NOISE * noise] = 0.0
     peaks, _ = find_peaks(rise, height=_RISE, distance=max(1, round(_APART * rate)))

@@ -103,12 +103,12 @@ def _not_text(path: Path) -> UserError:
     return UserError(name, "is neither UTF-8 text nor a WAV recording", "text in columns, or .wav")
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path, lines: list[tuple[int, str]]) -> Table:
     """A table with one header line. Separators: comma, semicolon, tab; # begins a comment.
 
     Raises UserError with the file, the line, what it has and what was expected.
     """
-    return table_of(path, [(n, line) for n, line in read_lines(path) if not line.lstrip().startswith("#")])
+    return table_of(path, [(n, line) for n, line in lines if not line.lstrip().startswith("#")])
 
 
 def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:

@@ -80,6 +80,7 @@ def as_text(result: FitResult, engine: str) -> str:
         f"look at: {flag.file}, {flag.touch}: {flag.what} by {flag.sigmas:.1f} standard deviations; kept"
         for flag in result.flags
     ]
+    lines += [f"look at: {warning}" for warning in result.warnings]
     return "\n".join([*lines, "", *_next(result, engine)]) + "\n"
 
 
@@ -202,6 +203,7 @@ def as_record(result: FitResult) -> dict[str, Any]:
             for fit, odds in zip(result.fits, result.odds, strict=True)
         ],
         "flagged": [dataclasses.asdict(flag) for flag in result.flags],
+        "warnings": list(result.warnings),
         "budget": dataclasses.asdict(result.budget),
         "max_error": limit_of(result),
     }
