@@ -400,13 +400,14 @@ def wav(path: Path, kind: str, sound: np.ndarray, rate: int = 44100) -> Path:
         head += b"\1\0\1\0" + rate.to_bytes(4, "little") + (3 * rate).to_bytes(4, "little") + b"\3\0\x18\0"
         path.write_bytes(head + b"data" + len(data).to_bytes(4, "little") + data)
         return path
-    samples = {
-        "8": lambda: np.round(127 * sound + 128).astype(np.uint8),
-        "16": lambda: np.round(32767 * sound).astype(np.int16),
-        "float": lambda: sound.astype(np.float32),
-        "stereo": lambda: np.round(32767 * np.stack([0.01 * sound, sound], axis=1)).astype(np.int16),
-    }[kind]()
-    wavfile.write(path, rate, samples)
+    both = np.stack([0.01 * sound, sound], axis=1)
+    samples: dict[str, Any] = {
+        "8": np.round(127 * sound + 128).astype(np.uint8),
+        "16": np.round(32767 * sound).astype(np.int16),
+        "float": sound.astype(np.float32),
+        "stereo": np.round(32767 * both).astype(np.int16),
+    }
+    wavfile.write(path, rate, samples[kind])
     return path
 
 

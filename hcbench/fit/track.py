@@ -201,7 +201,9 @@ def scale_warnings(fit: LawFit, sets: Sequence[Dataset]) -> list[str]:
             continue
         by = 1e-4
         other = s.with_setup(s.setup.with_gravity(s.setup.gravity.value * (1.0 + by)))
-        column = (model.residual - other.linearise(fit.curve, own, latent).residual) / by
+        # The first speed goes along, so that touches stay in place and no sample changes its flight.
+        along = own + np.array([0.0, 0.0, math.log1p(by)])
+        column = (model.residual - other.linearise(fit.curve, along, latent).residual) / by
         outer = reduce(model, column[:, None]).profile(np.array(fit.scatter), np.array(noise))[0]
         q = len(fit.parameters)
         with_g = [*range(q), q + 1]
