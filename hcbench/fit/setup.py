@@ -78,10 +78,6 @@ class MeasurementSetup:
             return Ballistics(self.gravity.value)
         return in_air(self.gravity.value, self.mass.value, self.diameter.value, self.drag_coefficient.value)
 
-    def with_gravity(self, gravity: float) -> MeasurementSetup:
-        """The same under another g, m/s²."""
-        return replace(self, gravity=Known(gravity, self.gravity.uncertainty))
-
     def perturbed(self) -> Iterator[tuple[str, float, MeasurementSetup]]:
         """Each uncertain input: its name, standard uncertainty, and the setup with it off by that much."""
         names = ["gravity", "contact_time"]

@@ -12,7 +12,7 @@ from scipy.signal import find_peaks
 
 from hcbench.errors import UserError
 from hcbench.fit.datasets import Dataset, bounce_train, drop_prior, pairs_of_launches
-from hcbench.fit.linear import LinearModel, reduce
+from hcbench.fit.linear import LinearModel
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -194,21 +194,25 @@ def _too_few(name: str, count: int) -> UserError:
 
 
 def scale_warnings(fit: LawFit, sets: Sequence[Dataset]) -> list[str]:
-    """Tracks whose flights fall with another g than the one given: a wrong scale or frame rate."""
+    """Tracks whose flights fall with another g than the one given: a wrong scale or frame rate.
+
+    What the fit leaves of each flight is a parabola then, whatever the law.
+    """
     found = []
-    for s, own, latent, model, noise in zip(sets, fit.own, fit.latent, fit.models, fit.noise, strict=True):
+    for s, latent, model, noise in zip(sets, fit.latent, fit.models, fit.noise, strict=True):
         if not isinstance(s, Track):
             continue
-        by = 1e-4
-        other = s.with_setup(s.setup.with_gravity(s.setup.gravity.value * (1.0 + by)))
-        # The first speed goes along, so that touches stay in place and no sample changes its flight.
-        along = own + np.array([0.0, 0.0, math.log1p(by)])
-        column = (model.residual - other.linearise(fit.curve, along, latent).residual) / by
-        outer = reduce(model, column[:, None]).profile(np.array(fit.scatter), np.array(noise))[0]
-        q = len(fit.parameters)
-        with_g = [*range(q), q + 1]
-        inverse = np.linalg.inv(outer[np.ix_(with_g, with_g)])
-        off, sd = float((inverse @ outer[with_g, q])[-1]), math.sqrt(float(inverse[-1, -1]))
+        left = model.residual - model.by_scatter @ latent
+        weights, values = [1e-300], [0.0]
+        for a, b in itertools.pairwise([-math.inf, *s.touch_times]):
+            at = (s.times > a) & (s.times < b)
+            if at.sum() < _LEAST_FRAMES:
+                continue
+            matrix = np.vander(s.times[at] - s.times[at].mean(), 3)
+            values.append(-2.0 * float(np.linalg.lstsq(matrix, left[at], rcond=None)[0][0]))
+            weights.append(1.0 / (4.0 * noise**2 * float(np.linalg.inv(matrix.T @ matrix)[0, 0])))
+        g = s.setup.ballistics.gravity
+        off, sd = float(np.average(values, weights=weights)) / g, 1.0 / (g * math.sqrt(sum(weights)))
         if abs(off) > max(_OFF * sd, _NEAR):
             found.append(
                 f"{s.name}: its flights fall with {100 * (1 + off):.1f} +- {100 * sd:.1f} % of the g given: "
