@@ -216,7 +216,8 @@ def costs_in_bullet(rounds: int) -> Iterator[Claim]:
     }
     made = {}
     for name, (h, law, gap, gravity, speed) in laws.items():
-        scene = bullet_scenes.Scene(h, law, gravity)
+        scene = bullet_scenes.Scene(h, law, gravity, floor=False)
+        scene.floor = scene.body((0, 0, 0), np.inf, mass=0)
         scene.body((0, 0, bullet_scenes.RADIUS + gap), mass=0.45359237, velocity=(0, 0, -speed))
         made[name] = scene.ready()
     taken: dict[str, list[float]] = {name: [] for name in laws}

@@ -45,8 +45,10 @@ class Scene:
         velocity: ArrayLike = (0, 0, 0),
         spin: ArrayLike = (0, 0, 0),
     ) -> int:
-        """A sphere (a radius) or a box (three half sizes)."""
-        if np.ndim(size):
+        """A sphere (a radius), a box (three half sizes), or a plane (infinite)."""
+        if np.isinf(size).any():
+            shape = bullet.createCollisionShape(bullet.GEOM_PLANE, **self.here)
+        elif np.ndim(size):
             shape = bullet.createCollisionShape(
                 bullet.GEOM_BOX, halfExtents=np.array(size).tolist(), **self.here
             )

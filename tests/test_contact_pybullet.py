@@ -438,12 +438,12 @@ def test_several_links_are_one_pair(world: World) -> None:
 
 COMMANDS = [
     ("hunt_crossley alpha=.3", "stiffness= is missing"),
-    ("hunt_crossley stiffness=3e10", "alpha= is missing"),
+    ("hunt_crossley stiffness=3e10", "either alpha=, or law= and restitution="),
     ("hunt_crossley stiffness=3e10 alpha=-1", "alpha=-1: needs 0 ... inf"),
     ("hunt_crossley stiffness=3e10 alpha=x", "alpha=x: no number"),
     ("hunt_crossley stiffness=3e10 law=florez restitution=.8", 'no law "florez", only: first-order'),
     ("hunt_crossley stiffness=3e10 law=flores restitution=0", "needs one above 0"),
-    ("hunt_crossley stiffness=3e10 alpha=.3 cup=.1", "cup=: needs radius,x,y,z"),
+    ("hunt_crossley stiffness=3e10 alpha=.3 cup=.1", "cup=.1: needs radius,x,y,z"),
     ("hunt_crossley stiffness=3e10 alpha=.3 cup=.01,0,0,0", "smaller sphere"),
     ("restitution", "either alpha= or constant="),
     ("restitution alpha=.3 constant=.5", "either alpha= or constant="),

@@ -126,27 +126,25 @@ static int read_body(world* w, body* b) {
 
 /* A body by its id, read when it is first asked for and after its masses have changed; NULL if there is none. */
 static body* body_of(world* w, int id) {
-  body* found = NULL;
-  for (int i = 0; i < w->body_count && !found; i++) {
-    if (w->bodies[i]->id == id) found = w->bodies[i];
-  }
-  if (!found) {
-    send(w, b3InitRequestBodyInfoCommand(w->client, id));
-    found = calloc(1, sizeof(body));
-    *found = (body){.id = id, .stale = 1, .tick = -1};
+  if (id < 0) return NULL;
+  while (id >= w->body_count) {
     w->bodies = realloc(w->bodies, (w->body_count + 1) * sizeof(body*));
-    w->bodies[w->body_count++] = found;
+    w->bodies[w->body_count++] = NULL;
   }
-  return found->stale && !read_body(w, found) ? NULL : found;
+  if (!w->bodies[id]) {
+    send(w, b3InitRequestBodyInfoCommand(w->client, id));
+    w->bodies[id] = calloc(1, sizeof(body));
+    *w->bodies[id] = (body){.id = id, .stale = 1, .tick = -1};
+  }
+  return w->bodies[id]->stale && !read_body(w, w->bodies[id]) ? NULL : w->bodies[id];
 }
 
-static void forget_bodies(world* w) {
-  for (int i = 0; i < w->body_count; i++) {
-    free(w->bodies[i]->base);
-    free(w->bodies[i]->inverse_mass);
-    free(w->bodies[i]);
-  }
-  w->body_count = 0;
+static void forget_body(world* w, int id) {
+  if (id >= w->body_count || !w->bodies[id]) return;
+  free(w->bodies[id]->base);
+  free(w->bodies[id]->inverse_mass);
+  free(w->bodies[id]);
+  w->bodies[id] = NULL;
 }
 
 static int carries(const body* b, int owner, int link) {
@@ -272,40 +270,4 @@ static void make_row(const body* b, int link, const double* point, const double*
     solved[k] = 0;
     for (int j = 0; j < n; j++) solved[k] += b->inverse_mass[k * n + j] * row[j];
   }
-}
-
-static void apply(const world* w, int id, int link, const double* force, const double* point) {
-  void* command = b3ApplyExternalForceCommandInit(w->client);
-  b3ApplyExternalForce(command, id, link, force, point, WORLD_FRAME);
-  send(w, command);
-}
-
-/* A force for the (sub)step that comes next. */
-static void push(world* w, const body* b, int link, const double* point, const double* force) {
-  if (b->freedoms == 0) return;
-  apply(w, b->id, link, force, point);
-  if (w->substeps < 2) return;
-  if (w->push_count == w->push_room) {
-    w->push_room = 2 * w->push_room + 16;
-    w->pushes = realloc(w->pushes, w->push_room * sizeof(pushed));
-  }
-  pushed* made = w->pushes + w->push_count++;
-  *made = (pushed){.body = b->id, .link = link};
-  for (int i = 0; i < 3; i++) made->arm[i] = point[i] - b->link[link].pose[i];
-  memcpy(made->force, force, sizeof(made->force));
-}
-
-/* Bullet keeps external forces over all substeps of a step: take back those of the substep before. */
-static void take_back(world* w) {
-  for (int k = 0; k < w->push_count && w->is_substep; k++) {
-    const pushed* p = w->pushes + k;
-    const body* b = refreshed(w, p->body);
-    double point[3], back[3];
-    for (int i = 0; b && i < 3; i++) {
-      point[i] = b->link[p->link].pose[i] + p->arm[i];
-      back[i] = -p->force[i];
-    }
-    if (b) apply(w, p->body, p->link, back, point);
-  }
-  w->push_count = 0;
 }

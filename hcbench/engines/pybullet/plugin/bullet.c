@@ -5,7 +5,7 @@
 #include <dlfcn.h>
 #include <stddef.h>
 
-enum { PROTOCOL = 202010061, WORLD_FRAME = 2, SPHERE = 2, PLANE = 6, MULTI_BODY = 2, STATE_COMPLETED = 21, DOFS = 128 };
+enum { PROTOCOL = 202010061, WORLD_FRAME = 2, SPHERE = 2, BOX = 3, PLANE = 6, MULTI_BODY = 2, STATE_COMPLETED = 21, DOFS = 128 };
 enum { REVOLUTE, PRISMATIC, SPHERICAL, PLANAR, FIXED };
 enum { SIMULATION_RESET = 0, BODY_REMOVED = 2, LINK_DYNAMICS_CHANGED = 5, SIMULATION_STEPPED = 8 };
 enum { COMPUTE_LINK_VELOCITY = 1, PROCESS_COMMAND = 5 /* its place among the server's virtual functions */ };
@@ -93,37 +93,28 @@ typedef struct {
   void* server;
 } b3Context;
 
-#define B3_FUNCTIONS(X)                                                            \
-  X(void*, b3SubmitClientCommandAndWaitStatus, (void*, void*))                     \
-  X(int, b3GetStatusType, (void*))                                                 \
-  X(void*, b3InitRequestPhysicsParamCommand, (void*))                              \
-  X(int, b3GetStatusPhysicsSimulationParameters, (void*, b3Parameters*))           \
-  X(void*, b3InitRequestBodyInfoCommand, (void*, int))                             \
-  X(int, b3GetNumJoints, (void*, int))                                             \
-  X(int, b3GetJointInfo, (void*, int, int, b3JointInfo*))                          \
-  X(void*, b3GetDynamicsInfoCommandInit, (void*, int, int))                        \
-  X(int, b3GetDynamicsInfo, (void*, b3DynamicsInfo*))                              \
-  X(void*, b3RequestActualStateCommandInit, (void*, int))                          \
-  X(int, b3RequestActualStateCommandComputeLinkVelocity, (void*, int))             \
-  X(int, b3RequestActualStateCommandComputeForwardKinematics, (void*, int))        \
-  X(void*, b3RequestCollisionInfoCommandInit, (void*, int))                        \
-  X(int, b3GetStatusAABB, (void*, int, double*, double*))                          \
-  X(void*, b3InitRequestCollisionShapeInformation, (void*, int, int))              \
-  X(void, b3GetCollisionShapeInformation, (void*, b3Shapes*))                      \
-  X(void*, b3CollisionFilterCommandInit, (void*))                                  \
-  X(void, b3SetCollisionFilterPair, (void*, int, int, int, int, int))              \
-  X(void*, b3InitPerformCollisionDetectionCommand, (void*))                        \
-  X(void*, b3InitRequestContactPointInformation, (void*))                          \
-  X(void, b3SetContactFilterBodyA, (void*, int))                                   \
-  X(void, b3SetContactFilterBodyB, (void*, int))                                   \
-  X(void, b3GetContactPointInformation, (void*, b3Contacts*))                      \
-  X(void*, b3InitClosestDistanceQuery, (void*))                                    \
-  X(void, b3SetClosestDistanceFilterBodyA, (void*, int))                           \
-  X(void, b3SetClosestDistanceFilterBodyB, (void*, int))                           \
-  X(void, b3SetClosestDistanceFilterLinkA, (void*, int))                           \
-  X(void, b3SetClosestDistanceFilterLinkB, (void*, int))                           \
-  X(void, b3SetClosestDistanceThreshold, (void*, double))                          \
-  X(void*, b3ApplyExternalForceCommandInit, (void*))                               \
+#define B3_FUNCTIONS(X) \
+  X(void*, b3SubmitClientCommandAndWaitStatus, (void*, void*)) X(int, b3GetStatusType, (void*)) \
+  X(void*, b3InitRequestPhysicsParamCommand, (void*)) \
+  X(int, b3GetStatusPhysicsSimulationParameters, (void*, b3Parameters*)) \
+  X(void*, b3InitRequestBodyInfoCommand, (void*, int)) X(int, b3GetNumJoints, (void*, int)) \
+  X(int, b3GetJointInfo, (void*, int, int, b3JointInfo*)) \
+  X(void*, b3GetDynamicsInfoCommandInit, (void*, int, int)) X(int, b3GetDynamicsInfo, (void*, b3DynamicsInfo*)) \
+  X(void*, b3RequestActualStateCommandInit, (void*, int)) \
+  X(int, b3RequestActualStateCommandComputeLinkVelocity, (void*, int)) \
+  X(int, b3RequestActualStateCommandComputeForwardKinematics, (void*, int)) \
+  X(void*, b3RequestCollisionInfoCommandInit, (void*, int)) \
+  X(int, b3GetStatusAABB, (void*, int, double*, double*)) \
+  X(void*, b3InitRequestCollisionShapeInformation, (void*, int, int)) \
+  X(void, b3GetCollisionShapeInformation, (void*, b3Shapes*)) X(void*, b3CollisionFilterCommandInit, (void*)) \
+  X(void, b3SetCollisionFilterPair, (void*, int, int, int, int, int)) \
+  X(void*, b3InitPerformCollisionDetectionCommand, (void*)) \
+  X(void*, b3InitRequestContactPointInformation, (void*)) X(void, b3SetContactFilterBodyA, (void*, int)) \
+  X(void, b3SetContactFilterBodyB, (void*, int)) X(void, b3GetContactPointInformation, (void*, b3Contacts*)) \
+  X(void*, b3InitClosestDistanceQuery, (void*)) X(void, b3SetClosestDistanceFilterBodyA, (void*, int)) \
+  X(void, b3SetClosestDistanceFilterBodyB, (void*, int)) X(void, b3SetClosestDistanceFilterLinkA, (void*, int)) \
+  X(void, b3SetClosestDistanceFilterLinkB, (void*, int)) X(void, b3SetClosestDistanceThreshold, (void*, double)) \
+  X(void*, b3ApplyExternalForceCommandInit, (void*)) \
   X(void, b3ApplyExternalForce, (void*, int, int, const double*, const double*, int))
 
 #define DECLARE(type, name, arguments) static type(*name) arguments;

@@ -7,8 +7,8 @@ typedef struct law {
   hcb_law motion;                     /* of a force law, but for the mass; kappa: the stiffness */
   hcb_contact impact;                 /* of a restitution law */
   double friction, dynamic_friction, slip_speed; /* friction below 0: the product of the bodies' own */
-  int compensate, warned, shape[2];   /* shape: SPHERE, PLANE or CUP where the distance is worked out here, else 0 */
-  double radius[2], axis[3], size[2]; /* axis: a plane's normal or a cup's centre, in its body; size: of what turns */
+  int compensate, warned, shape[2];   /* shape: SPHERE, PLANE, BOX or CUP where the distance is worked out here, else 0 */
+  double radius[2], axis[3], size[2]; /* axis: a plane's normal, a box's half sizes or a cup's centre; size: of what turns */
   double force;                       /* normal force of the last step, N */
 } law;
 
@@ -73,6 +73,42 @@ static double friction_of(const contact* c) {
   return c->of->friction >= 0 ? c->of->friction : own;
 }
 
+static void apply(const world* w, int id, int link, const double* force, const double* point) {
+  void* command = b3ApplyExternalForceCommandInit(w->client);
+  b3ApplyExternalForce(command, id, link, force, point, WORLD_FRAME);
+  send(w, command);
+}
+
+/* A force for the (sub)step that comes next. */
+static void push(world* w, const body* b, int link, const double* point, const double* force) {
+  if (b->freedoms == 0) return;
+  apply(w, b->id, link, force, point);
+  if (w->substeps < 2) return;
+  if (w->push_count == w->push_room) {
+    w->push_room = 2 * w->push_room + 16;
+    w->pushes = realloc(w->pushes, w->push_room * sizeof(pushed));
+  }
+  pushed* made = w->pushes + w->push_count++;
+  *made = (pushed){.body = b->id, .link = link};
+  for (int i = 0; i < 3; i++) made->arm[i] = point[i] - b->link[link].pose[i];
+  memcpy(made->force, force, sizeof(made->force));
+}
+
+/* Bullet keeps external forces over all substeps of a step: take back those of the substep before. */
+static void take_back(world* w) {
+  for (int k = 0; k < w->push_count && w->is_substep; k++) {
+    const pushed* p = w->pushes + k;
+    const body* b = refreshed(w, p->body);
+    double point[3], back[3];
+    for (int i = 0; b && i < 3; i++) {
+      point[i] = b->link[p->link].pose[i] + p->arm[i];
+      back[i] = -p->force[i];
+    }
+    if (b) apply(w, p->body, p->link, back, point);
+  }
+  w->push_count = 0;
+}
+
 /* A force on the first body, and its opposite on the second. */
 static void push_both(world* w, const contact* c, const double* force) {
   double back[3] = {-force[0], -force[1], -force[2]};
@@ -103,10 +139,23 @@ static int set_contact(world* w, law* of, const b3Contact* p, contact* c) {
   return isfinite(c->distance) && isfinite(c->rate[0]) && c->inverse_mass > 0;
 }
 
-/* Distance, points and normal of a sphere and a plane, a sphere, or the cup that it lies in. */
+/* The way out of a box with half sizes `size`, in its frame, from its surface to a point; the distance, < 0 inside. */
+static double way_out(const double* size, const double* at, double* n) {
+  double inside = -INFINITY, square = 0;
+  int axis = 0;
+  for (int i = 0; i < 3; i++) {
+    double over = fabs(at[i]) - size[i];
+    if (over > inside) inside = over, axis = i;
+    n[i] = copysign(fmax(0, over), at[i]);
+    square += n[i] * n[i];
+  }
+  for (int i = 0; i < 3; i++) n[i] = square > 0 ? n[i] / sqrt(square) : i == axis ? copysign(1, at[i]) : 0;
+  return square > 0 ? sqrt(square) : inside;
+}
+
+/* Distance, points and normal of a sphere and a plane, a box, a sphere, or the cup that it lies in. */
 static int exact_point(world* w, const law* l, b3Contact* p) {
   int ball = l->shape[0] == SPHERE ? 0 : 1, other = !ball;
-  double away[3], centre[3], n[3], distance, size;
   const body* b[2];
   for (int side = 0; side < 2; side++) {
     p->body[side] = l->body[side];
@@ -114,24 +163,27 @@ static int exact_point(world* w, const law* l, b3Contact* p) {
     if (!(b[side] = refreshed(w, l->body[side]))) return 0;
   }
   const double *at = b[ball]->link[l->link[ball]].pose, *pose = b[other]->link[l->link[other]].pose;
-  if (l->shape[other] != SPHERE) rotate(pose + 3, l->axis, 1, n);
-  for (int i = 0; i < 3; i++) {
-    centre[i] = pose[i] + (l->shape[other] == CUP ? n[i] : 0);
-    away[i] = at[i] - centre[i];
-  }
-  size = sqrt(dot(away, away));
+  double away[3], n[3], distance, size;
+  for (int i = 0; i < 3; i++) away[i] = at[i] - pose[i];
+  rotate(pose + 3, away, -1, away);
   if (l->shape[other] == PLANE) {
-    distance = dot(away, n) - l->radius[ball];
+    memcpy(n, l->axis, sizeof(n));
+    distance = dot(away, n);
+  } else if (l->shape[other] == BOX) {
+    distance = way_out(l->axis, away, n);
   } else {
     int inside = l->shape[other] == CUP ? -1 : 1;
-    distance = inside * (size - l->radius[other]) - l->radius[ball];
+    for (int i = 0; i < 3 && inside < 0; i++) away[i] -= l->axis[i];
+    size = sqrt(dot(away, away));
+    distance = inside * (size - l->radius[other]);
     for (int i = 0; i < 3; i++) n[i] = size > 0 ? inside * away[i] / size : i == 2;
   }
-  p->distance = distance;
+  rotate(pose + 3, n, 1, n);
+  p->distance = distance - l->radius[ball];
   for (int i = 0; i < 3; i++) {
     p->normal[i] = ball ? -n[i] : n[i];
     p->on[ball][i] = at[i] - l->radius[ball] * n[i];
-    p->on[other][i] = p->on[ball][i] - distance * n[i];
+    p->on[other][i] = at[i] - distance * n[i];
   }
   return 1;
 }

@@ -24,111 +24,10 @@
 #include "contacts.c"
 
 #include "force.c"
+#include "options.c"
 #include "restitution.c"
 
-static int fail(world* w, const char* format, ...) {
-  va_list values;
-  va_start(values, format);
-  vsnprintf(w->message, sizeof(w->message), format, values);
-  va_end(values);
-  fprintf(stderr, "hcbench: %s\n", w->message);
-  return 0;
-}
-
-static int is_key(const char* known, const char* key, size_t length) {
-  for (; *known; known += strcspn(known, " ") + (known[strcspn(known, " ")] == ' ')) {
-    if (strcspn(known, " ") == length && !strncmp(known, key, length)) return 1;
-  }
-  return 0;
-}
-
-/* The value of `key` in "name key=value key=value"; its length, 0 if it is not there. */
-static size_t value_of(const char* text, const char* key, const char** value) {
-  size_t length = strlen(key);
-  for (const char* at = strchr(text, ' '); at; at = strchr(at + 1, ' ')) {
-    if (strncmp(at + 1, key, length) || at[1 + length] != '=') continue;
-    *value = at + 2 + length;
-    return strcspn(*value, " ");
-  }
-  return 0;
-}
-
-static int check_keys(world* w, const char* text, const char* known) {
-  for (const char* at = strchr(text, ' '); at; at = strchr(at + 1, ' ')) {
-    size_t length = strcspn(at + 1, "= ");
-    if (length == 0 && (at[1] == ' ' || !at[1])) continue;
-    if (at[1 + length] != '=') return fail(w, "\"%s\": needs key=value after \"%.*s\"", text, (int)length, at + 1);
-    if (!is_key(known, at + 1, length)) return fail(w, "no key \"%.*s\", only: %s", (int)length, at + 1, known);
-  }
-  return 1;
-}
-
-/* The number under `key`, of low ... high; NAN for `otherwise` where it must be given. */
-static int read_number(world* w, const char* text, const char* key, double otherwise, double low, double high, double* out) {
-  const char* value = "";
-  char* end;
-  size_t length = value_of(text, key, &value);
-  *out = otherwise;
-  if (!length) return !isnan(otherwise) || fail(w, "\"%s\": %s= is missing", text, key);
-  *out = strtod(value, &end);
-  if (end != value + length) return fail(w, "%s=%.*s: no number", key, (int)length, value);
-  return (*out >= low && *out <= high) || fail(w, "%s=%g: needs %g ... %g", key, *out, low, high);
-}
-
-static int is_value(const char* text, const char* key, const char* value) {
-  const char* found;
-  size_t length = value_of(text, key, &found);
-  return length == strlen(value) && !strncmp(found, value, length);
-}
-
-static int read_force(world* w, const char* text, law* l) {
-  const char* name;
-  size_t length = value_of(text, "law", &name);
-  double alpha, e;
-  hcb_law* motion = &l->motion;
-  if (!check_keys(w, text, "stiffness exponent alpha law restitution friction dynamic_friction slip_speed cup")) return 0;
-  if (!read_number(w, text, "stiffness", NAN, 0, INFINITY, &motion->kappa)) return 0;
-  if (!read_number(w, text, "exponent", 1.5, 1, 100, &motion->n)) return 0;
-  if (!read_number(w, text, "alpha", length ? -1 : NAN, 0, INFINITY, &alpha)) return 0;
-  if (!read_number(w, text, "restitution", length ? NAN : -1, 0, 1, &e)) return 0;
-  if (length ? alpha >= 0 : e >= 0) return fail(w, "\"%s\": needs alpha=, or law= and restitution=", text);
-  if (!read_number(w, text, "friction", -1, 0, INFINITY, &l->friction)) return 0;
-  if (!read_number(w, text, "dynamic_friction", -1, 0, INFINITY, &l->dynamic_friction)) return 0;
-  if (!read_number(w, text, "slip_speed", 1e-3, 1e-300, INFINITY, &l->slip_speed)) return 0;
-  motion->a = 1.5 * alpha;
-  motion->e = 1;
-  if (length) {
-    char slug[64];
-    snprintf(slug, sizeof(slug), "%.*s", (int)length, name);
-    motion->a = 0;
-    motion->chi = hcb_chi(slug, e);
-    if (isnan(motion->chi)) return fail(w, "there is no law \"%s\", only: %s", slug, HCB_PUBLISHED);
-    if (isinf(motion->chi)) return fail(w, "restitution=%g: the law \"%s\" needs one above 0", e, slug);
-    motion->e = hcb_restitution(motion->chi);
-  }
-  return 1;
-}
-
-static int read_restitution(world* w, const char* text, law* l) {
-  double alpha, e;
-  if (!check_keys(w, text, "alpha constant reading friction compensate_gravity")) return 0;
-  if (!read_number(w, text, "alpha", -1, 0, INFINITY, &alpha)) return 0;
-  if (!read_number(w, text, "constant", -1, 0, 1, &e)) return 0;
-  if (!read_number(w, text, "friction", -1, 0, INFINITY, &l->friction)) return 0;
-  if ((alpha >= 0) == (e >= 0)) return fail(w, "\"%s\": needs either alpha= or constant=", text);
-  const char* reading = "law";
-  size_t length = value_of(text, "reading", &reading);
-  int linear = is_value(text, "reading", "linear");
-  if (length && !linear && !is_value(text, "reading", "law")) {
-    return fail(w, "reading=%.*s: needs law or linear", (int)length, reading);
-  }
-  l->impact.kind = e >= 0 ? HCB_CONSTANT : linear ? HCB_LINEAR : HCB_LAW;
-  l->impact.value = e >= 0 ? e : alpha;
-  l->compensate = is_value(text, "compensate_gravity", "true");
-  return 1;
-}
-
-/* A single sphere or plane in the middle of its link: what `exact_point` can do. */
+/* A single sphere, plane or box in the middle of its link: what `exact_point` can do. */
 static int simple_shape(world* w, law* l, int side) {
   b3Shapes found = {0, NULL};
   if (l->link[side] == ANY || body_of(w, l->body[side])->base->info.type != MULTI_BODY) return 0; /* Bullet tells no others */
@@ -137,28 +36,23 @@ static int simple_shape(world* w, law* l, int side) {
   if (found.count != 1) return 0;
   const b3Shape* s = found.shapes;
   if (dot(s->frame, s->frame) > 0 || fabs(s->frame[6]) < 1) return 0;
-  l->radius[side] = s->size[0];
-  if (s->type == PLANE) memcpy(l->axis, s->size, sizeof(l->axis));
-  return s->type == SPHERE || s->type == PLANE ? s->type : 0;
+  if (s->type == SPHERE) l->radius[side] = s->size[0];
+  for (int i = 0; i < 3 && s->type != SPHERE; i++) l->axis[i] = s->type == BOX ? s->size[i] / 2 : s->size[i];
+  return s->type == SPHERE || s->type == BOX || s->type == PLANE ? s->type : 0;
 }
 
-static int read_shapes(world* w, const char* text, law* l) {
-  double *c = l->axis, radius;
-  const char* given;
-  int used = 0;
-  for (int side = 0; side < 2; side++) l->shape[side] = simple_shape(w, l, side);
-  if (value_of(text, "cup", &given)) {
-    if (sscanf(given, "%lf,%lf,%lf,%lf%n", &radius, c, c + 1, c + 2, &used) < 4 || (given[used] && given[used] != ' ')) {
-      return fail(w, "cup=: needs radius,x,y,z: the cup's radius and its centre in the frame of the second body, m");
-    }
-    if (l->shape[0] != SPHERE || radius <= l->radius[0]) return fail(w, "cup=: the first body must be a smaller sphere");
-    l->radius[1] = radius;
-    l->shape[1] = CUP;
-  } else if (!l->shape[0] || !l->shape[1] || (l->shape[0] == PLANE && l->shape[1] == PLANE)) {
-    l->shape[0] = l->shape[1] = 0;
+static int read_shapes(world* w, const char* cup, law* l) {
+  double *c = l->axis, low[3], high[3];
+  char rest;
+  for (int side = 0; side < 2; side++) l->shape[side] = side && *cup ? CUP : simple_shape(w, l, side);
+  if (*cup && sscanf(cup, "%lf,%lf,%lf,%lf%c", l->radius + 1, c, c + 1, c + 2, &rest) != 4) {
+    return fail(w, "cup=%s: needs radius,x,y,z: the cup's radius and its centre in the frame of the second body, m", cup);
   }
+  if (*cup && (l->shape[0] != SPHERE || l->radius[1] <= l->radius[0])) {
+    return fail(w, "cup=%s: the first body must be a smaller sphere", cup);
+  }
+  if (!l->shape[0] || !l->shape[1] || (l->shape[0] != SPHERE && l->shape[1] != SPHERE)) l->shape[0] = l->shape[1] = 0;
   for (int side = 0; side < 2; side++) { /* of what Bullet finds */
-    double low[3], high[3];
     if (l->shape[0]) body_of(w, l->body[side])->placed = 1;
     b3GetStatusAABB(send(w, b3RequestCollisionInfoCommandInit(w->client, l->body[side])), -1, low, high);
     for (int i = 0; i < 3; i++) low[i] -= high[i];
@@ -207,10 +101,12 @@ static int read_pair(world* w, const b3Arguments* given, law* l) {
   return 1;
 }
 
-static int add_law(world* w, const b3Arguments* given, int is_force) {
+static int add_law(world* w, const b3Arguments* given_, int is_force) {
   law l = {.id = w->next_id, .is_force = is_force};
-  if (!read_pair(w, given, &l) || !(is_force ? read_force : read_restitution)(w, given->text, &l)) return -1;
-  if (!read_shapes(w, given->text, &l)) return -1;
+  options o;
+  if (!read_pair(w, given_, &l) || !read_options(w, given_->text, is_force ? 'h' : 'r', &o)) return -1;
+  if (!(is_force ? read_force : read_restitution)(w, &o, &l) || !read_shapes(w, o.word[IN_CUP], &l)) return -1;
+  l.friction = given(&o, FRICTION, -1);
   collide(w, &l, 0);
   w->laws = realloc(w->laws, (w->law_count + 1) * sizeof(law));
   w->laws[w->law_count++] = l;
@@ -245,7 +141,7 @@ int initPlugin(b3Context* context) {
 void exitPlugin(b3Context* context) {
   world* w = context->user;
   if (!w) return;
-  forget_bodies(w);
+  for (int i = 0; i < w->body_count; i++) forget_body(w, i);
   free_taken(w);
   free(w->memory);
   free(w->contacts);
@@ -308,14 +204,16 @@ int processNotifications(b3Context* context) {
   for (int k = 0; w && k < context->count; k++) {
     const b3Notification* n = context->notifications + k;
     if (n->type == SIMULATION_STEPPED) w->is_substep = 0;
-    if (n->type == SIMULATION_RESET) w->law_count = 0, forget_bodies(w);
-    if (n->type != BODY_REMOVED && n->type != LINK_DYNAMICS_CHANGED) continue;
+    if (n->type == LINK_DYNAMICS_CHANGED && n->of.body < w->body_count && w->bodies[n->of.body]) {
+      w->bodies[n->of.body]->stale = 1;
+    }
     for (int i = w->law_count - 1; n->type == BODY_REMOVED && i >= 0; i--) {
       if (w->laws[i].body[0] == n->of.body || w->laws[i].body[1] == n->of.body) drop(w, i);
     }
-    for (int i = 0; i < w->body_count; i++) {
-      if (w->bodies[i]->id == n->of.body) w->bodies[i]->stale = 1;
-    }
+    if (n->type == BODY_REMOVED) forget_body(w, n->of.body);
+    if (n->type != SIMULATION_RESET) continue;
+    w->law_count = 0;
+    for (int i = 0; i < w->body_count; i++) forget_body(w, i);
   }
   return 0;
 }
