@@ -347,6 +347,7 @@ def test_a_mass_that_changes_is_seen(world: World) -> None:
     world.add(ConstantRestitution(0.9), one, two)
     for mass in (0.2, 3.0):
         bullet.changeDynamics(one, -1, mass=mass, physicsClientId=world.client)
+        bullet.changeDynamics(two, -1, physicsClientId=world.client)  # nothing: Bullet tells of body -1
         world.place(one, (0, 0, 0), (0.4, 0, 0))
         world.place(two, (2 * RADIUS, 0, 0), (0, 0, 0))
         world.step()

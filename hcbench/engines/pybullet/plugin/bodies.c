@@ -140,7 +140,7 @@ static body* body_of(world* w, int id) {
 }
 
 static void forget_body(world* w, int id) {
-  if (id >= w->body_count || !w->bodies[id]) return;
+  if (id < 0 || id >= w->body_count || !w->bodies[id]) return;
   free(w->bodies[id]->base);
   free(w->bodies[id]->inverse_mass);
   free(w->bodies[id]);

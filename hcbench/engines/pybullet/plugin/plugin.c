@@ -204,9 +204,8 @@ int processNotifications(b3Context* context) {
   for (int k = 0; w && k < context->count; k++) {
     const b3Notification* n = context->notifications + k;
     if (n->type == SIMULATION_STEPPED) w->is_substep = 0;
-    if (n->type == LINK_DYNAMICS_CHANGED && n->of.body < w->body_count && w->bodies[n->of.body]) {
-      w->bodies[n->of.body]->stale = 1;
-    }
+    int known = n->of.body >= 0 && n->of.body < w->body_count; /* -1 of a changeDynamics that changes nothing */
+    if (n->type == LINK_DYNAMICS_CHANGED && known && w->bodies[n->of.body]) w->bodies[n->of.body]->stale = 1;
     for (int i = w->law_count - 1; n->type == BODY_REMOVED && i >= 0; i--) {
       if (w->laws[i].body[0] == n->of.body || w->laws[i].body[1] == n->of.body) drop(w, i);
     }
