@@ -209,3 +209,32 @@ def test_a_cup_of_tendons_has_no_friction() -> None:
     cup = replace(load_scene("steel-cup"), friction=0.5)
     with pytest.raises(SettingError, match="friction"):
         registry.engine("mujoco").run(cup, setting("mujoco.impulse"), [SLIDES])
+
+
+@pytest.mark.parametrize(
+    ("recipe", "timestep", "off"),
+    [
+        ("mujoco.restitution-law", STEP, 0.04),  # MuJoCo's contact point is v h / 2 deep in the ball
+        ("pybullet.restitution-law", 1 / 240, 1e-9),
+    ],
+)
+def test_the_restitution_law_is_exact_obliquely_under_gravity(
+    recipe: str, timestep: float, off: float
+) -> None:
+    """From the speed on at which its e leaves gravity its part: α v² > g h."""
+    wanted = target(timestep, low=0.5)
+    made = registry.recipe(recipe)(wanted)
+    result = evaluate_oblique(registry.engine(made.engine), BALL, made, wanted)
+    assert result.failed == 0
+    assert result.max_error < 1e-6
+    assert result.impulse_error < off
+    assert result.energy_gained < 0.0
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+def test_the_force_law_has_coulombs_friction(engine: str) -> None:
+    wanted, case = target(1e-5), replace(BALL, gravity=0.0)
+    made = registry.recipe(f"{engine}.hunt-crossley")(wanted)
+    result = evaluate_oblique(registry.engine(engine), case, made, wanted)
+    assert result.max_error < 1e-6
+    assert result.impulse_error < 1e-3

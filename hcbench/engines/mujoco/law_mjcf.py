@@ -6,13 +6,15 @@ from pathlib import Path
 
 from hcbench.engines.mujoco.mjcf import as_text, named, remove_pairs, section
 from hcbench.engines.mujoco.plugin import config
-from hcbench.laws.contact_law import Law, is_force
+from hcbench.laws.contact_law import Friction, Law, is_force
+from hcbench.scene import Scene
 
 _PAIRS = {"cup": {"tendon": "contact"}, "plane": {"geom1": "ball", "geom2": "plate"}}
 
 
-def write_law(root: ET.Element, form: str, law: Law, path: Path) -> None:
+def write_law(root: ET.Element, scene: Scene, law: Law, path: Path) -> None:
     """The law's plug-in, and MuJoCo's own contact off where a force takes its place."""
+    form = scene.form
     if is_force(law) and form == "cup":
         named(root, "spatial", "contact", path).set("limited", "false")
     elif is_force(law):
@@ -21,13 +23,18 @@ def write_law(root: ET.Element, form: str, law: Law, path: Path) -> None:
         other = "world" if holder is None else holder.get("name", "")
         remove_pairs(root)
         ET.SubElement(section(root, "contact"), "exclude", body1=other, body2="ball")
-    root.append(extension(law, _PAIRS[form]))
+    root.append(extension(law, _PAIRS[form], scene.friction))
     named(root, "body", "ball", path).insert(0, ET.Element("plugin", instance="contact"))
 
 
-def extension(law: Law, pair: Mapping[str, str]) -> ET.Element:
-    """The section that declares a law's plug-in. pair: the keys of its config that say of what."""
-    name, keys = config(law) if is_force(law) else config(law, compensate_gravity="true")
+def extension(law: Law, pair: Mapping[str, str], friction: float = 0.0) -> ET.Element:
+    """The section that declares a law's plug-in. pair: the keys of its config that say of what. friction: μ
+    that goes with a force law; a restitution law keeps MuJoCo's.
+    """
+    if is_force(law):
+        name, keys = config(law, Friction(friction, friction) if friction else None)
+    else:
+        name, keys = config(law, compensate_gravity="true")
     made = ET.Element("extension")
     instance = ET.SubElement(ET.SubElement(made, "plugin", plugin=name), "instance", name="contact")
     for key, value in (*pair.items(), *keys.items()):

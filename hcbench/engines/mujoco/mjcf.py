@@ -100,7 +100,7 @@ def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
     if options.law is not None:
         from hcbench.engines.mujoco.law_mjcf import write_law  # imports SciPy, as the laws do
 
-        write_law(root, scene.form, options.law, path)
+        write_law(root, scene, options.law, path)
     return root
 
 
