@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
 import pytest
 
+from hcbench.cli import run as run_command
 from hcbench.errors import SettingError, UserError
+from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import LAWS, PublishedLaw
 from hcbench.scene import load_scene
@@ -77,6 +84,27 @@ def test_laws_that_came_after_refuse_what_they_have_no_sense_for(engine: str, in
         recipe(Target(law, mass, 1e-6, 0.1, 0.5, "points", ((0.1, 0.0),)))
     with pytest.raises(SettingError, match=f"timestep: 0.001 s.*`{instead}`"):
         recipe(Target(law, mass, 1e-3, 0.1, 0.5, "points", ((0.1, 0.8),)))
+
+
+@pytest.mark.parametrize(
+    ("recipe", "timestep", "error"), [("hunt-crossley", 1e-5, 2e-6), ("restitution-law", 1e-3, 1e-12)]
+)
+def test_a_script_of_pybullets_plug_in_runs_by_itself(recipe: str, timestep: float, error: float) -> None:
+    target = Target(HuntCrossley(SCENE.stiffness, 0.3), SCENE.mass, timestep, 0.0254, 0.508)
+    text = registry.engine("pybullet").script(SCENE, registry.recipe(f"pybullet.{recipe}")(target))
+    assert "import pybullet\n" in text
+    assert "hcbench." not in text
+    run = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
+    pairs = np.array([line.split() for line in run.stdout.splitlines() if line[0] == "0"], dtype=float)
+    assert len(pairs) == 6
+    assert pairs[:, 1] == pytest.approx(closed_form.restitution(0.3, pairs[:, 0]), abs=error)
+
+
+def test_the_path_of_pybullets_plug_in_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command(["plugin", "pybullet"]) == 0
+    assert Path(capsys.readouterr().out.strip()).is_file()
+    assert run_command(["plugin", "pybullet", "--install"]) == 2
+    assert "loadPlugin(path)" in capsys.readouterr().err
 
 
 def _run_beside_another_client() -> float:

@@ -114,14 +114,6 @@ static void couple(const mjModel* m, touch* all, int count) {
   }
 }
 
-/* Coulomb friction regularised around rest: `contact_law.Friction`. */
-static double friction_at(const instance* own, double slip) {
-  double s = slip / own->slip_speed, z = (s - 1) / 2, drop = own->static_friction - own->dynamic_friction;
-  if (s >= 3) return own->dynamic_friction;
-  if (s >= 1) return own->static_friction - drop * z * z * z * (10 + z * (6 * z - 15));
-  return own->static_friction * s * s * s * (10 + s * (6 * s - 15));
-}
-
 static void push(const mjModel* m, mjData* d, const touch* c, double* work) {
   const instance* own = instance_of(d, c->instance);
   double slip = sqrt(dot(c->slip, c->slip)), *row = work, *solved = work + m->nv;
@@ -132,7 +124,7 @@ static void push(const mjModel* m, mjData* d, const touch* c, double* work) {
   mj_solveM(m, d, solved, row, 1);
   /* A step can stop the slip, never turn it around. */
   double most = slip / (m->opt.timestep * row_dot(m->nv, row, solved));
-  double drag = fmin(friction_at(own, slip) * c->force, most);
+  double drag = fmin(hcb_friction(own->static_friction, own->dynamic_friction, own->slip_speed, slip) * c->force, most);
   for (int j = 0; j < m->nv; j++) d->qfrc_passive[j] -= drag * row[j];
 }
 

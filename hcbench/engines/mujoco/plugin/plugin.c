@@ -14,6 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "../../../laws/friction.c"
 #include "../../../laws/impacts.c"
 #include "../../../laws/published.c"
 
