@@ -29,6 +29,8 @@ class _SetupOptions(TypedDict):
     drag_coefficient: Uncertain
     contact_time: Uncertain
     timing: float | None
+    speed: Uncertain
+    exponent: float | None
 
 
 @click.command()
@@ -45,6 +47,8 @@ class _SetupOptions(TypedDict):
 @click.option(
     "--timing", type=QuantityType("timestep", positive=True), help="Uncertainty of a time, where known."
 )
+@click.option("--speed", type=UncertainType("speed"), help="Of the approach, for forces over time.")
+@click.option("--exponent", type=QuantityType("number", positive=True), help="n of the law, for forces.")
 @click.option("--touches", help="Of a recording, which of the touches found to take: '2:14'.")
 @click.option("--law", type=click.Choice(_LAWS), default="auto", show_default=True)
 @click.option(
@@ -69,13 +73,15 @@ def fit(
     """Find α of your material from a measurement of bounces.
 
     FILES hold what was measured, with units in their headers: times of impacts (time [s]), heights of bounces
-    (height [cm]), pairs (speed [m/s],restitution or v_in [m/s],v_out [m/s]); or a sound recording (.wav).
-    Several files share one α.
+    (height [cm]), pairs (speed [m/s],restitution or v_in [m/s],v_out [m/s]); a sound recording (.wav);
+    a track (time [s],height [m], or an export of Tracker or phyphox); or forces: time [ms],force [N], or
+    penetration [um],rate [m/s],force [N]. Several files of bounces share one α.
     """
     from hcbench._files import write_text
-    from hcbench.fit.read import KINDS, read_dataset
+    from hcbench.fit import force
+    from hcbench.fit.read import KINDS, read_dataset, read_force
     from hcbench.fit.result import fit as fit_sets
-    from hcbench.fit.text import as_record, as_text, points_text
+    from hcbench.fit.text import as_record, as_text, points_text, with_uncertainty
 
     if not files:
         raise UserError(
@@ -84,13 +90,22 @@ def fit(
     if kind is not None and kind not in KINDS:
         raise UserError("--as", repr(kind), f"one of {', '.join(KINDS)}")
     setup = _setup(options)
+    engine = "" if as_json else _engine()
+    if len(files) == 1 and (forces := read_force(files[0], setup, kind)) is not None:
+        if page is not None or write_points is not None:
+            raise UserError("--page" if page is not None else "--write-points", "given for forces", "bounces")
+        if as_json:
+            print_json(force.as_record(forces))
+        else:
+            print(force.as_text(forces, with_uncertainty, engine), end="")
+        return
     result = fit_sets([read_dataset(path, setup, kind, _touches(touches)) for path in files], law)
     if write_points is not None:
         write_text(write_points, points_text(result))
     if as_json:
         print_json(as_record(result))
     else:
-        print(as_text(result, _engine()), end="")
+        print(as_text(result, engine), end="")
 
 
 def _touches(text: str | None) -> range | None:
@@ -108,7 +123,7 @@ def _setup(options: _SetupOptions) -> MeasurementSetup:
     from hcbench.fit.setup import HEIGHT_UNCERTAINTY, Known, MeasurementSetup
 
     given: dict[str, Known] = {}
-    for name in ("mass", "diameter", "drag_coefficient", "contact_time"):
+    for name in ("mass", "diameter", "drag_coefficient", "contact_time", "speed"):
         value: Uncertain = options[name]
         if value is not None:
             given[name] = Known(*value)
@@ -118,7 +133,7 @@ def _setup(options: _SetupOptions) -> MeasurementSetup:
         given["gravity"] = Known(
             *units.parse_uncertain(_known_gravity(options["gravity"]), "acceleration", "--gravity")
         )
-    return MeasurementSetup(**given, timing=options["timing"])  # type: ignore[arg-type]
+    return MeasurementSetup(**given, timing=options["timing"], exponent=options["exponent"])
 
 
 def _known_gravity(text: str) -> str:

@@ -132,7 +132,7 @@ class TouchTimes(Dataset):
     numbers: Indices | None = None
     picks: Picks | None = None
     recording: Recording | None = None
-    noise_scale: ClassVar[float] = 1e-4
+    noise_scale: ClassVar[float] = 2e-4
     noise_unit: ClassVar[str] = "s"
 
     @property

@@ -11,6 +11,7 @@ from hcbench._text import sanitized
 from hcbench.errors import UserError
 from hcbench.fit.datasets import Heights, TouchTimes
 from hcbench.fit.exports import phyphox_times, tracker_table
+from hcbench.fit.force import fit_loop, fit_pulse
 from hcbench.fit.pairs import SpeedPairs
 from hcbench.fit.sound import find_touches, is_wav, read_recording
 from hcbench.fit.table import read_lines, read_table
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from hcbench.fit.datasets import Dataset
+    from hcbench.fit.force import ForceFit
     from hcbench.fit.setup import MeasurementSetup
     from hcbench.fit.table import Table
     from hcbench.impact import Floats
@@ -135,11 +137,33 @@ def read_dataset(
     if found is None:
         names = ", ".join(columns.table.header[i][0] for i in columns.places.values())
         raise UserError(columns.table.name, f"columns {sanitized(names)}", _EXPECTED)
+    if found in ("force", "loop"):
+        raise UserError(columns.table.name, "forces among other files", "one file of forces alone")
     needed = next(roles for roles, name in _KINDS.items() if name == found)
     if kind is not None and not needed <= named:
         missing = ", ".join(sorted(needed - named))
         raise UserError(columns.table.name, f"no column {missing}", f"what --as {kind} needs")
     return _READERS[found](columns, setup)
+
+
+def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> ForceFit | None:
+    """The fit of a file of forces; None for any other. kind: as for `read_dataset`."""
+    if kind not in (None, "force", "loop") or is_wav(path):
+        return None
+    lines = read_lines(path)
+    if phyphox_times(path, lines) is not None or tracker_table(path, lines) is not None:
+        return None
+    columns = columns_of(read_table(path, lines))
+    if "force" not in columns.places:
+        return None
+    if kind != "force" and {"penetration", "rate"} <= columns.places.keys():
+        x, v, force = (columns.get(role) for role in ("penetration", "rate", "force"))
+        return fit_loop(columns.table.name, x, v, force, setup.exponent)
+    if "time" not in columns.places:
+        raise UserError(columns.table.name, "force without time, or penetration and rate", _EXPECTED)
+    time = columns.get("time")
+    columns.require("time", np.concatenate([[True], np.diff(time) > 0]), "times that rise")
+    return fit_pulse(columns.table.name, setup, time, columns.get("force"))
 
 
 def _sound(path: Path, setup: MeasurementSetup, touches: range | None) -> Dataset:

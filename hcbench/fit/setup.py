@@ -36,7 +36,8 @@ class MeasurementSetup:
 
     mass, diameter: both or none, of the ball; with both, flights have drag, buoyancy and added mass.
     contact_time: of the first impact; the others last longer as v^(-1/5), as spheres do.
-    timing: standard uncertainty of each time in s; None: to be found. speed: at touch, for forces.
+    timing: standard uncertainty of each time in s; None: to be found. speed, exponent: of the approach (m/s)
+    and n of the law, for forces.
     """
 
     gravity: Known = Known(STANDARD_GRAVITY, GRAVITY_UNCERTAINTY)

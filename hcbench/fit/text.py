@@ -23,12 +23,15 @@ _POINTS = 20
 _BAND_POINTS = 41
 
 
-def with_uncertainty(estimate: Estimate) -> str:
+def with_uncertainty(value: float, uncertainty: float) -> str:
     """ "0.3127 +- 0.0043": two digits of uncertainty."""
-    if not estimate.uncertainty > 0 or not math.isfinite(estimate.uncertainty):
-        return f"{estimate.value:.6g} +- 0"
-    digits = max(0, 1 - math.floor(math.log10(estimate.uncertainty)))
-    return f"{estimate.value:.{digits}f} +- {estimate.uncertainty:.{digits}f}"
+    if not uncertainty > 0 or not math.isfinite(uncertainty):
+        return f"{value:.6g} +- 0"
+    if uncertainty > 1e4:
+        digits = max(2, math.floor(math.log10(abs(value))) - math.floor(math.log10(uncertainty)) + 2)
+        return f"{value:.{digits - 1}e} +- {uncertainty:.1e}"
+    digits = max(0, 1 - math.floor(math.log10(uncertainty)))
+    return f"{value:.{digits}f} +- {uncertainty:.{digits}f}"
 
 
 def speeds_over(result: FitResult, count: int) -> Floats:
@@ -93,14 +96,14 @@ def _headline(result: FitResult) -> list[str]:
         rows["law"] += ", as asked for"
     if result.alpha is not None:
         a, on = result.alpha, "" if result.law else ", if it is hunt-crossley"
-        rows["α"] = f"{with_uncertainty(a)} s/m, 95 %: {a.low:.4g} ... {a.high:.4g} s/m{on}"
+        rows["α"] = _shown(a, " s/m") + on
     if result.e0 is not None:
         e0 = result.e0
         on = "" if result.law == WITH_E0 else ", if there is one"
-        rows["constant loss e0"] = f"{with_uncertainty(e0)}, 95 %: {e0.low:.4g} ... {e0.high:.4g}{on}"
+        rows["constant loss e0"] = _shown(e0) + on
     if result.restitution is not None:
         e, on = result.restitution, "" if result.law else ", if it is constant"
-        rows["e"] = f"{with_uncertainty(e)}, 95 %: {e.low:.4g} ... {e.high:.4g}{on}"
+        rows["e"] = _shown(e) + on
     rows["holds for"] = f"impact speeds of {low:.3g} ... {high:.3g} m/s"
     best = result.best
     noise = ", ".join(
@@ -111,6 +114,11 @@ def _headline(result: FitResult) -> list[str]:
     rows["found"] = f"e scatters by {100 * best.scatter:.2g} %" + (f"; measured to {noise}" if noise else "")
     width = max(map(len, rows))
     return [f"{name:<{width}}  {value}" for name, value in rows.items()]
+
+
+def _shown(estimate: Estimate, unit: str = "") -> str:
+    interval = f"95 %: {estimate.low:.4g} ... {estimate.high:.4g}"
+    return f"{with_uncertainty(estimate.value, estimate.uncertainty)}{unit}, {interval}{unit}"
 
 
 def _heard(result: FitResult) -> list[str]:
@@ -155,7 +163,7 @@ def _next(result: FitResult, engine: str) -> list[str]:
     low, high = result.speeds
     limit = limit_of(result)
     if result.law == "hunt-crossley" and result.alpha is not None:
-        what = check = f'--alpha "{with_uncertainty(result.alpha)} s/m"'
+        what = check = f'--alpha "{with_uncertainty(result.alpha.value, result.alpha.uncertainty)} s/m"'
     elif result.law == "constant" and result.restitution is not None:
         what = check = f"--restitution {result.restitution.value:.6g}"
     else:
