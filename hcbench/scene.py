@@ -11,6 +11,7 @@ from typing import Any, Literal
 from pydantic import Field, StrictInt, field_validator
 
 from hcbench import units
+from hcbench._arguments import checked, checked_fields
 from hcbench.errors import QuantityError, SceneError
 from hcbench.fields import (
     Acceleration,
@@ -47,6 +48,7 @@ class Material:
         _require("poisson_ratio", -1 < nu < 0.5, f"{nu!r}", "within -1 ... 0.5, both excluded")
 
 
+@checked_fields
 @dataclass(frozen=True, slots=True)
 class Scene:
     """The truth about a drop, SI, and the engine files that say the same.
@@ -200,6 +202,7 @@ def built_in_folder(name: str) -> Path:
     return next(path for folder in _BUILT_IN if (path := folder / name).is_dir())
 
 
+@checked
 def load_scene(name_or_path: str | Path, folder: Path | None = None) -> Scene:
     """The scene in a folder (or of its scene.toml), else the built-in one of that name.
 

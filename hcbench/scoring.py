@@ -12,9 +12,11 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from hcbench._arguments import checked
 from hcbench.impact import Floats, Impact, Launch, Loop, Status
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.laws.require import positive, require
 
 RESOLVED = 20  # steps in contact from which a loop can be compared
 _FINE = 100  # and from which its ends say how the force starts and stops
@@ -183,11 +185,14 @@ def _force_distance(loop: Loop, truth: Loop) -> float:
     return math.sqrt(float(np.sum(wrong**2 * weight) / np.sum(weight)))
 
 
+@checked
 def score(impacts: Sequence[Impact], law: HuntCrossley, mass: float) -> Score:
     """Everything there is to say about one setting at one step against one law.
 
-    impacts: over speeds and phases; a launch is one (speed, phase). mass: effective mass, kg.
+    impacts: one or more, over speeds and phases; a launch is one (speed, phase). mass: effective mass, kg.
     """
+    require("impacts", list(impacts), bool(impacts), "one or more")
+    positive("mass", mass, "kg")
     good = [i for i in impacts if i.is_measured]
     speed_in = np.array([i.speed_in for i in good])
     e = np.array([i.restitution for i in good])

@@ -5,7 +5,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from hcbench._arguments import checked_fields
 
+
+@checked_fields
 @dataclass(frozen=True, slots=True)
 class Setting:
     """One way to set an engine up.

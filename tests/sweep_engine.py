@@ -105,4 +105,4 @@ def note(folder: Path, **notes: Any) -> None:
 
 def _look_again() -> None:
     registry._entry_points.cache_clear()
-    registry.engine.cache_clear()
+    registry._engine.cache_clear()

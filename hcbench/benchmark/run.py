@@ -15,6 +15,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
 
+from hcbench._arguments import checked
 from hcbench.benchmark.bounce_sequence import bounce_table, plan_drops
 from hcbench.benchmark.files import files_in_memory, open_files
 from hcbench.benchmark.plan import Plan, make_plan
@@ -58,6 +59,7 @@ class Workers:
     mapper: Callable[..., Iterable[Any]] = map
 
 
+@checked
 def run_study(study: Study, jobs: int = 1, progress: Callable[[int, int], None] | None = None) -> Results:
     """Run all of a study and score it.
 

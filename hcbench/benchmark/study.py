@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import Field, StrictInt
 
+from hcbench._arguments import checked, checked_fields
 from hcbench.errors import SceneError, StudyError
 from hcbench.fields import (
     Acceleration,
@@ -72,6 +73,7 @@ class Run:
         return {name: getattr(self, name) for name in names} | place
 
 
+@checked_fields
 @dataclass(frozen=True, slots=True)
 class Study:
     """What to run. SI. `loop_speeds` are launched too, and their loops kept (at the middle phase).
@@ -206,6 +208,7 @@ def name_of(path: Path) -> str:
     return name or path.stem
 
 
+@checked
 def load_study(path: str | Path) -> Study:
     """Read a study.toml; StudyError for anything that is not one, with the line's name."""
     path = Path(path)

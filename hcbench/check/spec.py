@@ -21,13 +21,12 @@ from hcbench.laws.restitution import (
     Restitution,
     RestitutionCurve,
 )
-from hcbench.measure.measure import LIMIT_S
+from hcbench.measure.measure import LIMIT_S, LONGEST_LIMIT_S
 from hcbench.measure.request import make_request
 from hcbench.sim.model_under_test import Request
 
 MAX_ERROR = 0.02
 MAX_DRIFT = 1e-4  # of e from a baseline: far above rounding, far below what anybody sees
-_LONGEST = 1e6  # s
 
 
 def _no_truth_value(value: Any) -> Any:
@@ -172,8 +171,8 @@ def read_limit(value: Quantity | None) -> float:
     if value is None:
         return LIMIT_S
     limit = units.parse(value, "timestep", "limit")
-    if not 0 < limit <= _LONGEST:
-        raise QuantityError("limit", f"{limit:g} s", f"above 0 s, up to {_LONGEST:g} s")
+    if not 0 < limit <= LONGEST_LIMIT_S:
+        raise QuantityError("limit", f"{limit:g} s", f"above 0 s, up to {LONGEST_LIMIT_S:g} s")
     return limit
 
 

@@ -12,6 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
+from hcbench._arguments import checked_fields
 from hcbench.impact import Floats
 from hcbench.laws.require import positive, require
 from hcbench.units import LARGEST
@@ -25,6 +26,7 @@ class ForceLaw(Protocol):
         ...
 
 
+@checked_fields
 @dataclass(frozen=True, slots=True)
 class HuntCrossley:
     """F = k x^n (1 + (3/2) α v), eq. (16).
@@ -53,6 +55,7 @@ class HuntCrossley:
         )
 
 
+@checked_fields
 @dataclass(frozen=True, slots=True)
 class KelvinVoigt:
     """F = k x + c v, eq. (4): jumps to c v_i at touch, pulls before parting.

@@ -7,6 +7,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from hcbench._arguments import checked_fields
 from hcbench.errors import SettingError
 from hcbench.impact import Floats
 from hcbench.laws import closed_form
@@ -30,6 +31,7 @@ class RestitutionCurve(ABC):
         """What a report calls it."""
 
 
+@checked_fields
 @dataclass(frozen=True, slots=True)
 class Restitution(RestitutionCurve):
     """e of a contact with the parameter α: it falls as the impact speed grows.
@@ -70,6 +72,7 @@ class Restitution(RestitutionCurve):
         return float(max(np.max(e - low), np.max(high - e)))
 
 
+@checked_fields
 @dataclass(frozen=True, slots=True)
 class ConstantRestitution(RestitutionCurve):
     """The same e at all impact speeds.

@@ -13,8 +13,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from hcbench._arguments import checked
 from hcbench._text import sanitized
 from hcbench.errors import EngineFailed, HcbenchError, SceneError, UserError
+from hcbench.impact import Floats
+from hcbench.laws.require import require
 from hcbench.laws.restitution import ConstantRestitution, RestitutionCurve
 from hcbench.measure.diagnose import diagnose, goal_of
 from hcbench.measure.measurement import TOLERANCE, Measurement
@@ -25,6 +28,7 @@ from hcbench.sim.engine import Engine
 from hcbench.sim.model_under_test import ModelUnderTest, Request
 from hcbench.workers import WorkerDied, call
 
+LONGEST_LIMIT_S = 1e6
 LIMIT_S = 60.0  # for one model, which takes a second or two on an idle machine
 LEAST_MEMORY = 4 << 30  # bytes that any model may take
 MEMORY_SHARE = 0.8  # of the machine's memory, which a model may take if that is more
@@ -44,6 +48,7 @@ class Job:
     diagnose: bool
 
 
+@checked
 def measure(
     model: Any,
     pair: Sequence[str] | str | None = None,
@@ -51,12 +56,12 @@ def measure(
     speeds: Any = None,
     phases: int | Sequence[float] | None = None,
     timestep: Any = None,
-    gravity: Any = None,
+    gravity: float | str | Sequence[float | str] | Floats | None = None,
     key: str | None = None,
-    height: Any = None,
+    height: float | str | None = None,
     qpos: Any = None,
-    state: Any = None,
-    coming_from: Any = None,
+    state: str | Path | None = None,
+    coming_from: str | Sequence[float | str] | Floats | None = None,
     actuators: bool = True,
     angle: Any = None,
     along: Any = None,
@@ -90,6 +95,8 @@ def measure(
     Raises UserError (and its kinds) with the reason for what cannot be measured, EngineFailed for an engine
     that crashed or hung on it.
     """
+    require("tolerance", tolerance, 0 <= tolerance <= 1, "0 ... 1, a difference in e")
+    require("limit", limit, 0 < limit <= LONGEST_LIMIT_S, f"above 0 s, up to {LONGEST_LIMIT_S:g} s")
     request = make_request(
         pair,
         speeds,

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hcbench import scoring
+from hcbench._arguments import checked
 from hcbench.errors import QuantityError
 from hcbench.impact import Floats, Impact, Launch, Status
 from hcbench.laws import closed_form
@@ -30,6 +31,7 @@ _LEAST_E = 0.1  # below it no law of a bounce is fitted
 _LOOP_STEPS = 8  # in contact, from which there is a loop to show
 
 
+@checked
 def Wanted(
     alpha: float | None = None,
     constant: float | None = None,

@@ -1,6 +1,5 @@
 """Poses and directions as users write them: joints by name, state files, "above"."""
 
-import json
 import math
 import zipfile
 from collections.abc import Mapping
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from hcbench import units
+from hcbench._files import parse_json, read_text
 from hcbench.errors import QuantityError, UserError
 from hcbench.sim.model_under_test import Vector
 
@@ -75,7 +75,7 @@ def read_state(path: Any) -> Pose:
             with np.load(file, allow_pickle=False) as arrays:
                 content: Any = {name: arrays[name] for name in arrays.files}
         else:
-            content = json.loads(file.read_text(encoding="utf-8"))
+            content = parse_json(read_text(file))
     except (OSError, ValueError, zipfile.BadZipFile) as error:
         raise UserError("state", f"{file}: {error}", "a .npz or JSON file with a pose") from None
     if not isinstance(content, Mapping) or not content:

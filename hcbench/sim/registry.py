@@ -8,6 +8,7 @@ from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
+from hcbench._arguments import checked
 from hcbench.errors import EngineFailed, UserError
 
 if TYPE_CHECKING:
@@ -29,9 +30,14 @@ def names() -> list[str]:
     return list(_entry_points())
 
 
-@cache
+@checked
 def engine(name: str) -> Engine:
     """The engine registered under `name`, its backend not imported yet; UserError for an unknown name."""
+    return _engine(name)
+
+
+@cache
+def _engine(name: str) -> Engine:
     if name not in _entry_points():
         raise _unknown("engine", name, _entry_points())
     try:

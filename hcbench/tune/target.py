@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from hcbench import scoring
+from hcbench._arguments import checked_fields
 from hcbench.errors import SettingError
 from hcbench.impact import Floats
 from hcbench.laws.force import HuntCrossley
@@ -18,6 +19,7 @@ _GOOD_FIT = 0.25
 _WORDS = {"law": "α of eq. (16), by --alpha", "linear": "1 - α v, by --alpha and --target linear"}
 
 
+@checked_fields
 @dataclass(frozen=True, slots=True)
 class Target:
     """The bounce to match.

@@ -1,0 +1,117 @@
+"""Arguments of public functions and classes, held to their annotations: a mistake is a UserError by name."""
+
+import functools
+import inspect
+import types
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
+
+import numpy as np
+
+from hcbench.errors import UserError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+C = TypeVar("C", bound=type)
+
+_LARGEST_FLOAT = int(np.finfo(float).max)
+_WORDS = {
+    float: "a number",
+    int: "a whole number",
+    bool: "True or False",
+    str: "text",
+    Path: "a path",
+    type(None): "None",
+}
+
+
+def checked(function: Callable[P, R]) -> Callable[P, R]:
+    """The function; arguments of another type than annotated are a UserError in the parameter's name."""
+    names = tuple(inspect.signature(function).parameters)
+
+    @functools.wraps(function)
+    def outer(*args: P.args, **kwargs: P.kwargs) -> R:
+        hints = _hints(function)
+        for name, value in (*zip(names, args, strict=False), *kwargs.items()):
+            if name in hints and not _fits(value, hints[name]):
+                raise UserError(name, f"{value!r:.80}", _words(hints[name]))
+        return function(*args, **kwargs)
+
+    return outer
+
+
+def checked_fields(cls: C) -> C:
+    """The dataclass; fields of another type than annotated are a UserError in the field's name."""
+    cls.__init__ = checked(cls.__init__)  # type: ignore[misc]
+    return cls
+
+
+@functools.cache
+def _hints(function: Callable[..., Any]) -> dict[str, Any]:
+    """Parameter -> annotation; those of types that are imported for type checking only are left out."""
+    hints = {}
+    for name, hint in function.__annotations__.items():
+        if name != "return":
+            with suppress(NameError):
+                hints[name] = eval(hint, function.__globals__) if isinstance(hint, str) else hint
+    return hints
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether a value is of an annotated type; a list serves for a tuple, any real number for a float."""
+    if type(value) is hint:  # nearly always, and at once
+        return True
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        return any(_fits(value, part) for part in parts)
+    if origin is Literal:
+        return any(type(value) is type(part) and value == part for part in parts)
+    if hint is float:
+        is_real = isinstance(value, int | float | np.number) and not isinstance(
+            value, bool | np.complexfloating
+        )
+        return (is_real and abs(value) <= _LARGEST_FLOAT) or isinstance(value, float)
+    if hint is int:
+        return isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if hint is type(None) or hint is None:
+        return value is None
+    if origin is np.ndarray:
+        with suppress(ValueError, TypeError):
+            return np.asarray(value).dtype.kind in "iuf"
+        return False
+    if origin is tuple:
+        if isinstance(value, str | bytes | Mapping) or not isinstance(value, tuple | list):
+            return False
+        if parts[-1] is Ellipsis:
+            return all(_fits(part, parts[0]) for part in value)
+        return len(value) == len(parts) and all(map(_fits, value, parts))
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return isinstance(value, Mapping)
+    if isinstance(origin, type) and issubclass(origin, Iterable):
+        is_text = isinstance(value, str | bytes | Mapping)
+        return isinstance(value, Iterable) and not is_text and all(_fits(part, parts[0]) for part in value)
+    if origin is Callable:
+        return callable(value)
+    is_class = (
+        origin is None
+        and hint is not Any
+        and isinstance(hint, type)
+        and not getattr(hint, "_is_protocol", False)
+    )
+    return not is_class or isinstance(value, hint)
+
+
+def _words(hint: Any) -> str:
+    """What a type is called in an error."""
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        return " or ".join(_words(part) for part in parts)
+    if origin is Literal:
+        return " or ".join(repr(part) for part in parts)
+    if origin is np.ndarray:
+        return "numbers"
+    if origin is not None and isinstance(origin, type) and issubclass(origin, Iterable):
+        return f"several of: {_words(parts[0])}" if parts[1:] in ((), (Ellipsis,)) else f"{len(parts)} values"
+    return _WORDS.get(hint, f"a {getattr(hint, '__name__', hint)}")

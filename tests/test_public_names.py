@@ -1,0 +1,138 @@
+"""The names that hcbench promises: each is documented, and a wrong argument is an error that names it."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hcbench
+from hcbench.errors import HcbenchError
+
+ROOT = Path(__file__).parent.parent
+MODULES = ("hcbench", "hcbench.contact.mujoco", "hcbench.contact.pybullet")
+WRONG: list[Any] = [
+    None,
+    "x",
+    "",
+    "1 in/s",
+    b"x",
+    True,
+    -1,
+    -1.0,
+    math.nan,
+    math.inf,
+    1e300,
+    1e-300,
+    10**400,
+    [],
+    {},
+    (),
+    [1, "a"],
+    np.array([1.0, 2.0]),
+    object(),
+]
+LAW = hcbench.HuntCrossley(3.4e10, 0.3)
+SCENE = hcbench.load_scene("steel-plane")
+FIELDS = {name: getattr(SCENE, name) for name in inspect.signature(hcbench.Scene).parameters}
+STUDY: dict[str, Any] = {
+    "title": "t",
+    "scene": SCENE,
+    "alphas": (0.3,),
+    "speeds": (0.1,),
+    "loop_speeds": (),
+    "phases": 1,
+    "main_alpha": 0.3,
+    "step_speed": 0.1,
+    "runs": (),
+}
+# Arguments that each name takes; of `measure` such that nothing is simulated.
+RIGHT: dict[str, dict[str, Any]] = {
+    "hcbench.HuntCrossley": {"stiffness": 3.4e10, "alpha": 0.3},
+    "hcbench.KelvinVoigt": {"stiffness": 1e6, "damping": 3.0},
+    "hcbench.Scene": FIELDS,
+    "hcbench.Setting": {"engine": "reference", "name": "x", "timestep": 1e-3},
+    "hcbench.Study": STUDY,
+    "hcbench.Target": {"law": LAW, "mass": 0.45, "timestep": 1e-3, "speed_min": 0.1, "speed_max": 0.5},
+    "hcbench.Wanted": {"alpha": 0.3},
+    "hcbench.engine": {"name": "reference"},
+    "hcbench.load_scene": {"name_or_path": "steel-plane"},
+    "hcbench.load_study": {"path": ROOT / "reports" / "steel-1lb" / "study.toml"},
+    "hcbench.measure": {"model": object(), "pair": "a,b"},
+    "hcbench.run_study": {"study": None},
+    "hcbench.score": {"impacts": [], "law": LAW, "mass": 0.45},
+    "hcbench.contact.mujoco.ConstantRestitution": {"restitution": 0.9},
+    "hcbench.contact.mujoco.Restitution": {"alpha": 0.3},
+}
+# Records of results, which only hcbench makes; exceptions; and what is about a model or client of an engine.
+MADE_BY_HCBENCH = {"Impact", "Loop", "Measurement", "Results", "Score", "Status", "HcbenchError", "Launch"}
+
+
+def calls() -> Iterator[tuple[str, str]]:
+    for name in RIGHT:
+        for parameter in inspect.signature(resolve(name)).parameters:
+            yield name, parameter
+
+
+def resolve(name: str) -> Callable[..., Any]:
+    module, _, attribute = name.rpartition(".")
+    found: Callable[..., Any] = getattr(import_module(module), attribute)
+    return found
+
+
+@pytest.mark.parametrize(("name", "parameter"), list(calls()))
+def test_a_wrong_argument_is_an_error_of_ours_or_none(name: str, parameter: str) -> None:
+    """241 of 580 such calls raised TypeError, AttributeError and the like."""
+    for value in WRONG:
+        try:
+            resolve(name)(**{**RIGHT[name], parameter: value})
+        except HcbenchError as error:
+            assert str(error).isprintable()
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "value", "message"),
+    [
+        ("hcbench.HuntCrossley", "alpha", "0.3", r"^alpha: '0.3'; expected a number$"),
+        (
+            "hcbench.Target",
+            "reading",
+            "lawful",
+            "^reading: 'lawful'; expected 'law' or 'linear'",
+        ),
+        ("hcbench.Target", "law", 0.3, "^law: 0.3; expected a HuntCrossley$"),
+        ("hcbench.engine", "name", ["x"], "^name: .*expected text$"),
+        ("hcbench.load_study", "path", 7, "^path: 7; expected text or a path$"),
+        ("hcbench.measure", "limit", "60 s", "^limit: '60 s'; expected a number$"),
+        ("hcbench.measure", "limit", 1e10, "^limit: "),
+        ("hcbench.measure", "tolerance", math.nan, "^tolerance: "),
+        ("hcbench.run_study", "study", "study.toml", "^study: 'study.toml'; expected a Study$"),
+        ("hcbench.score", "mass", -1.0, "^(mass|impacts): "),
+    ],
+)
+def test_the_error_names_the_argument(name: str, parameter: str, value: object, message: str) -> None:
+    with pytest.raises(HcbenchError, match=message):
+        resolve(name)(**{**RIGHT[name], parameter: value})
+
+
+def test_every_public_name_of_the_package_is_tried_here() -> None:
+    tried = {name.removeprefix("hcbench.") for name in RIGHT if name.count(".") == 1}
+    assert tried | MADE_BY_HCBENCH == set(hcbench.__all__)
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_every_public_name_has_a_docstring_and_a_line_in_the_documentation(module: str) -> None:
+    home = import_module(module)
+    text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    section = text.partition(f"## `{module}`\n")[2].partition("\n## ")[0]
+    listed = re.findall(r"^\| `(\w+)` \|", section, flags=re.MULTILINE)
+    assert listed == sorted(home.__all__)
+    for name in home.__all__:
+        assert getattr(home, name).__doc__
