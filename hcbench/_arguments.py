@@ -82,11 +82,7 @@ def _fits(value: Any, hint: Any) -> bool:
             return np.asarray(value).dtype.kind in "iuf"
         return False
     if origin is tuple:
-        if isinstance(value, str | bytes | Mapping) or not isinstance(value, tuple | list):
-            return False
-        if parts[-1] is Ellipsis:
-            return all(_fits(part, parts[0]) for part in value)
-        return len(value) == len(parts) and all(map(_fits, value, parts))
+        return isinstance(value, tuple | list) and _fit(value, parts)
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return isinstance(value, Mapping)
     if isinstance(origin, type) and issubclass(origin, Iterable):
@@ -101,6 +97,13 @@ def _fits(value: Any, hint: Any) -> bool:
         and not getattr(hint, "_is_protocol", False)
     )
     return not is_class or isinstance(value, hint)
+
+
+def _fit(values: tuple[Any, ...] | list[Any], hints: tuple[Any, ...]) -> bool:
+    """Whether values are of the types of a tuple's parts, or all of one where `...` follows it."""
+    if hints[-1] is Ellipsis:
+        return all(_fits(value, hints[0]) for value in values)
+    return len(values) == len(hints) and all(map(_fits, values, hints))
 
 
 def _words(hint: Any) -> str:

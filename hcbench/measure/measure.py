@@ -61,7 +61,7 @@ def measure(
     height: float | str | None = None,
     qpos: Any = None,
     state: str | Path | None = None,
-    coming_from: str | Sequence[float | str] | Floats | None = None,
+    coming_from: str | Sequence[float | str] | None = None,
     actuators: bool = True,
     angle: Any = None,
     along: Any = None,
