@@ -332,7 +332,7 @@ CHECK = ["check", *MEASURE[1:]]
         ([*TUNE, "--alpha=.1", "--max-error=-1"], "--max-error: -1; expected 0 ... 1"),
         ([*TUNE, "--alpha=.1", "--max-error=nan"], "--max-error: nan; expected 0 ... 1"),
         ([*TUNE, "--alpha=.1", "--recipe=magic"], "--recipe: 'magic' for 'mujoco'; expected one of: auto"),
-        ([*TUNE, "--alpha=.1", "--integrator=magic"], "--integrator: 'magic' with 'staggered'"),
+        ([*TUNE, "--alpha=.1", "--integrator=magic"], "--integrator: 'magic' with 'impulse'"),
         ([*TUNE, "--alpha=.1", "--scene=nowhere"], "--scene: 'nowhere' was not found"),
         ([*MEASURE, "--alpha=-1"], "--alpha: -1.0 s/m; expected 0 s/m or more"),
         ([*MEASURE, "--restitution=-1"], "--restitution: -1.0; expected 0 ... 1"),

@@ -308,7 +308,7 @@ def test_what_is_no_law_cannot_be_attached(law: Any) -> None:
     "law", [FORCE, {"kind": "restitution", "law": "carvalho-martins", "restitution": 0.8}]
 )
 def test_pasted_text_has_the_law_of_the_setting(law: dict[str, Any]) -> None:
-    text = snippet(Setting("mujoco", "x", 1e-5, {"law": law}), "plane", RADIUS)
+    text = snippet(Setting("mujoco", "x", 1e-5, {"law": law}), "plane")
     load()
     scene = f"""<mujoco><option timestep="1e-5" gravity="0 0 0"/>{text}
       <worldbody><geom name="plate" type="plane" size="1 1 1"/><body name="ball" pos="0 0 {RADIUS}">

@@ -418,7 +418,7 @@ def test_a_trajectory_is_nan_from_where_mujoco_gave_up() -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"solver": "CG"}, "'solver': unknown; expected one of: integrator, rows"),
+        ({"solver": "CG"}, "'solver': unknown; expected one of: integrator, cone, impratio, rows"),
         ({"integrator": "euler"}, "'integrator': 'euler'; expected one of: Euler"),
         ({"rows": 3}, "'rows': 3; expected a list"),
         ({"rows": [3]}, "'rows[0]': 3; expected a table"),

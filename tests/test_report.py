@@ -438,7 +438,7 @@ def test_labels_keep_their_order_and_never_overlap(wanted: list[float]) -> None:
 
 
 def text_of(engine: str, options: dict[str, Any], form: str = "plane") -> str:
-    return snippet(Setting(engine, "x", 1e-3, options), form, 0.0508)
+    return snippet(Setting(engine, "x", 1e-3, options), form)
 
 
 SPRING_ROW: dict[str, Any] = {

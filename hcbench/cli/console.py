@@ -54,6 +54,7 @@ NUMBER = QuantityType("number")
 ALPHA, ALPHAS = QuantityType("alpha"), QuantityType("alpha", several=True)
 SPEED, SPEEDS = QuantityType("speed"), QuantityType("speed", several=True, positive=True)
 TIME, STEP = QuantityType("timestep"), QuantityType("timestep", positive=True)
+ACCELERATION = QuantityType("acceleration")
 MASS = QuantityType("mass", positive=True)
 
 

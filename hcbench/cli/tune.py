@@ -12,6 +12,7 @@ import click
 
 from hcbench.cli._process import PathType
 from hcbench.cli.console import (
+    ACCELERATION,
     MASS,
     NUMBER,
     SPEEDS,
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.tune.choose import Match
+    from hcbench.tune.evaluate import Evaluation
     from hcbench.tune.search import SearchInterrupted
     from hcbench.tune.target import Target
     from hcbench.tune.tune import Tuned
@@ -50,6 +52,9 @@ class _TargetOptions(TypedDict):
     mass: float | None
     stiffness: str | None
     exponent: float | None
+    gravity: float
+    friction: float
+    corners: int
 
 
 @click.command()
@@ -75,7 +80,16 @@ class _TargetOptions(TypedDict):
 @click.option("--mass", type=MASS, help="Effective mass.  [default: the scene's]")
 @click.option("--stiffness", help="k of the law, N/m^n or with units.  [default: the scene's]")
 @click.option("--exponent", type=NUMBER, help="n of the law.  [default: the scene's]")
-@click.option("--max-error", type=float, help="Exit 1 when the largest error of e is above this.")
+@click.option(
+    "--gravity", type=ACCELERATION, default="9.81", show_default=True, help="Into the plate; 0: none."
+)
+@click.option("--friction", type=NUMBER, default="0", show_default=True, help="Coulomb's μ of the contact.")
+@click.option("--corners", type=int, default=1, show_default=True, help="That meet at once: 4 of a flat box.")
+@click.option(
+    "--max-error",
+    type=float,
+    help="Exit 1 when the largest error of e is above this.  [default: auto looks for 0.05]",
+)
 @click.option(
     "--write-scene", type=PathType(path_type=Path), help="Write a file that runs in the plain engine."
 )
@@ -104,7 +118,8 @@ def tune(
     scene, target = _scene_and_target(options)
     try:
         with progress("tuning") as report:
-            tuned = tuning.tune(engine, target, scene, recipe, match, integrator, report)
+            limit = tuning.MAX_ERROR if max_error is None else max_error
+            tuned = tuning.tune(engine, target, scene, recipe, match, integrator, report, limit)
     except SearchInterrupted as interrupt:
         _print_interrupted(interrupt, scene, as_json)
         raise click.Abort(f"interrupted: {interrupt}") from None
@@ -150,7 +165,17 @@ def _scene_and_target(options: _TargetOptions) -> tuple[Scene, Target]:
         points = ((band[0], options["restitution"]),)
     law = HuntCrossley(k, (options["alpha"] or (0.0, 0.0))[0], n)
     reading = "points" if points else options["reading"]
-    return scene, Target(law, mass, options["timestep"], *band, reading, points)
+    return scene, Target(
+        law,
+        mass,
+        options["timestep"],
+        *band,
+        reading,
+        points,
+        gravity=options["gravity"],
+        friction=options["friction"],
+        corners=options["corners"],
+    )
 
 
 def _points(text: str) -> Points:
@@ -179,17 +204,19 @@ def _points(text: str) -> Points:
 def _snippet(setting: Setting, scene: Scene) -> str:
     from hcbench.tune.snippet import snippet
 
-    return snippet(setting, scene.form, scene.relative_radius)
+    return snippet(setting, scene.form)
 
 
 def _margin(target: Target, alpha: tuple[float, float] | None) -> float:
     """How far an uncertain α lets e be off over the band (95 %); 0 for one that is not."""
+    import numpy as np
+
     from hcbench.laws.restitution import Restitution
-    from hcbench.tune.evaluate import held_out_speeds
 
     if alpha is None or target.reading == "points":
         return 0.0
-    return Restitution(alpha[0], target.reading, alpha[1]).margin(held_out_speeds(target))
+    band = np.linspace(target.speed_min, target.speed_max, 13)
+    return Restitution(alpha[0], target.reading, alpha[1]).margin(band)
 
 
 def _print(tuned: Tuned, text: str, margin: float) -> None:
@@ -202,9 +229,11 @@ def _print(tuned: Tuned, text: str, margin: float) -> None:
     rows = {
         "setting": f"{tuned.setting.engine} {tuned.recipe.name}: {tuned.why}",
         "largest error of e": (
-            f"{result.max_error:.2g} against {truth} over {band}, held-out speeds, 8 phases"
+            f"{result.max_error:.2g} against {truth} over {band}, {_conditions(target)},"
+            f" {result.launches} launches at random and about the worst"
         ),
         **({"uncertainty of α": f"e is known to ± {margin:.2g} (95 %)"} if margin else {}),
+        **({"friction": _friction(result, target)} if target.friction else {}),
         "best constant e": f"{result.constant:.6g}, off by {result.constant_error:.2g}",
         "steps in contact": f"{result.steps_min} ... {result.steps_max} of {target.timestep:g} s",
         "largest penetration": f"{result.penetration_max:.3g} m",
@@ -219,6 +248,17 @@ def _print(tuned: Tuned, text: str, margin: float) -> None:
     print(f"\npaste:\n\n{text or 'nothing: the engine as it comes'}\n\nknow:")
     for line in (*tuned.advice, *tuned.recipe.notes):
         print(f"- {line}")
+
+
+def _conditions(target: Target) -> str:
+    falls = f"gravity {target.gravity:g} m/s^2" if target.gravity else "without gravity"
+    slides = f"friction {target.friction:g}, slip up to {target.speed_max:.4g} m/s"
+    return f"{falls}, {slides}" if target.friction else f"{falls}, frictionless and head-on"
+
+
+def _friction(result: Evaluation, target: Target) -> str:
+    off = f"{_percent(result.friction_error)} of {target.friction:g} times the normal impulse"
+    return f"impulse off Coulomb's by at most {off}"
 
 
 def _percent(share: float) -> str:

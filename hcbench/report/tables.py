@@ -145,7 +145,7 @@ def settings(found: Views) -> list[Cells]:
             notes = list(record.get("notes", []))
             entries.setdefault(key, {"run": run, "summary": record["summary"], "notes": notes})
             scene = view.study.get("scenes", {}).get(record["scene"], view.study)
-            text = snippet(Setting(*run[:3], record["options"]), scene["form"], scene["relative_radius_m"])
+            text = snippet(Setting(*run[:3], record["options"]), scene["form"])
             new = {"text": text, "step": run.timestep, "gravity": view.gravity, "alphas": []}
             stated = texts.setdefault(key, {}).setdefault(f"{run.timestep} {text}", new)
             stated["alphas"].append(float(record["alpha_s_per_m"]))

@@ -186,12 +186,16 @@ class Engine(ABC):
         """
         raise UserError("engine", repr(self.name), "an engine that opens models of users", f"{source!r}")
 
-    def snippet(self, setting: Setting, form: str, radius: float) -> str:
+    def snippet(self, setting: Setting, form: str) -> str:
         """What to paste of a setting into a model or script of one's own; "" where nothing is set.
 
-        form: the scene's, "plane" or "cup". radius: of the sphere that meets the plane, m.
+        form: the scene's, "plane" or "cup".
         """
         return setting.options_text
+
+    def with_friction(self, setting: Setting, friction: float) -> Setting:
+        """The same setting that says Coulomb's μ of its contact itself, for whoever pastes it."""
+        return setting
 
     def script(self, scene: Scene, setting: Setting) -> str:
         """A whole file that runs in the plain engine; SettingError where there is none."""

@@ -18,27 +18,34 @@ if TYPE_CHECKING:
 Match = Literal["restitution", "loop", "both"]
 
 
-def choose(engine: str, target: Target, scene: Scene, match: Match) -> tuple[Recipe, str]:
-    """An engine's own recipe for a target, and why. Raises SettingError when none can match it."""
+def candidates(engine: str, target: Target, scene: Scene, match: Match) -> list[tuple[Recipe, str]]:
+    """An engine's own recipes that may serve a target, the simplest first, and what each promises.
+
+    One for the loop; for restitution all that "auto" tries in turn. Raises SettingError where there is none.
+    """
     recipes, form = registry.engine(engine).recipes(), scene.form
     steps = steps_per_contact(target)
     contact = f"the law's contact lasts {steps:.3g} steps of {target.timestep:g} s"
     if match != "restitution":
-        return _choose_for_loop(engine, recipes, target, form, match, contact)
+        return [_choose_for_loop(engine, recipes, target, form, match, contact)]
+    promises = {Role.CONSTANT_E: "one restitution for all speeds"}
     if not target.is_constant:
-        softened = "; its springs are softened for more" if steps < FEWEST_STEPS else ""
-        for role in (Role.LAW_AND_LOOP, Role.LAW) if target.reading == "law" else ():
-            if recipe := first(recipes, role, form, steps):
-                return recipe, f"restitution that falls with speed as the law's does; {contact}{softened}"
-        if recipe := first(recipes, Role.FALLING_E, form, steps):
-            return recipe, f"restitution that falls with speed; {contact}{softened}"
-    if recipe := first(recipes, Role.CONSTANT_E, form, steps):
-        exact = ", exact at any step" if recipe.one_step else ""
-        return recipe, f"one restitution for all speeds{exact}; {contact}"
-    names = ", ".join(registry.recipes(engine))
-    raise SettingError(
-        "recipe", f"'auto' knows none for {engine!r}", f"one of: {names}", "Name one with --recipe"
-    )
+        promises[Role.FALLING_E] = "restitution that falls with speed"
+        if target.reading == "law":
+            as_law = "restitution that falls with speed as the law's does"
+            promises |= {Role.LAW: as_law, Role.LAW_AND_LOOP: as_law}
+    found = [
+        (recipe, f"{promise}; {contact}")
+        for role, promise in promises.items()
+        for recipe in recipes
+        if recipe.native and recipe.role is role and recipe.by_auto
+        if form in recipe.forms and recipe.steps_min <= steps
+    ]
+    if not found:
+        names = ", ".join(registry.recipes(engine))
+        got = f"'auto' knows none for {engine!r}"
+        raise SettingError("recipe", got, f"one of: {names}", "Name one with --recipe")
+    return found
 
 
 def _choose_for_loop(

@@ -40,8 +40,8 @@ class Recipe:
     native: the engine's own contact is set; else a law stands in for it, as a plug-in does.
     one_step: the bounce happens in a single step, whatever the step is: forces and times mean nothing.
     kinds: of targets that it serves. instead: recipes to use for others, as a message says it.
-    forms: of scenes that can have such a contact. steps_min: in the law's shortest contact; `choose` takes it
-    from there on.
+    forms: of scenes that can have such a contact. steps_min: in the law's shortest contact; "auto" tries it
+    from there on, and not at all without `by_auto`.
     """
 
     engine: str
@@ -57,6 +57,7 @@ class Recipe:
     integrators: Integrators | None = None
     forms: tuple[str, ...] = ("plane", "cup")
     steps_min: float = 0.0
+    by_auto: bool = True
 
     def __call__(self, target: Target, integrator: str | None = None) -> Setting:
         """The setting; integrator: one of `integrators`, None for the first.

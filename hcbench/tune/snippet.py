@@ -13,14 +13,14 @@ if TYPE_CHECKING:
     from hcbench.setting import Setting
 
 
-def snippet(setting: Setting, form: str, radius: float) -> str:
+def snippet(setting: Setting, form: str) -> str:
     """What to paste of a setting; "" where nothing is set. Options of an engine not known here as JSON.
 
-    form: the scene's, "plane" or "cup". radius: of the sphere that meets the plane, m.
+    form: the scene's, "plane" or "cup".
     """
     if setting.engine not in registry.names():
         return setting.options_text
-    return registry.engine(setting.engine).snippet(setting, form, radius)
+    return registry.engine(setting.engine).snippet(setting, form)
 
 
 def arguments(values: Mapping[str, Any]) -> str:

@@ -28,6 +28,8 @@ class Target:
     speed_min, speed_max: the band of impact speeds, m/s.
     reading: "law" for e of (16), "linear" for e = 1 - α v_i of (2), "points" for `points`.
     points: pairs (v m/s, e), straight between them and constant beyond; one pair is a constant e.
+    gravity: into the plate, m/s². friction: coefficient of Coulomb friction. corners: points of the body that
+    meet the plate at once, as the 4 of a flat box.
     Raises SettingError for a mass, step or band that is not above 0, and for an e outside 0 ... 1 or that
     rises with v.
     """
@@ -39,6 +41,9 @@ class Target:
     speed_max: float
     reading: TargetKind = "law"
     points: tuple[tuple[float, float], ...] = ()
+    gravity: float = 0.0
+    friction: float = 0.0
+    corners: int = 1
 
     def __post_init__(self) -> None:
         for slot, value, unit in (
@@ -48,6 +53,11 @@ class Target:
         ):
             if not 0 < value < np.inf:
                 raise SettingError(slot, f"{value!r} {unit}", f"above 0 {unit}")
+        for slot, value, least in (("gravity", self.gravity, 0), ("friction", self.friction, 0)):
+            if not least <= value < np.inf:
+                raise SettingError(slot, f"{value!r}", f"{least} or more")
+        if self.corners < 1:
+            raise SettingError("corners", f"{self.corners!r}", "1 or more")
         if not self.speed_min <= self.speed_max < np.inf:
             got = f"{self.speed_min!r} ... {self.speed_max!r} m/s"
             raise SettingError("speeds", got, "the lower speed first")

@@ -7,9 +7,10 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hcbench.errors import UserError
+from hcbench.errors import EngineMissing, HcbenchError, SettingError, UserError
 from hcbench.sim import registry
-from hcbench.tune.choose import Match, choose
+from hcbench.tune.choose import Match, candidates
+from hcbench.tune.constant import minimax_constant
 from hcbench.tune.evaluate import Evaluation, RestResult, evaluate, rest_failures, rest_test
 from hcbench.tune.recipe import Recipe, Role, first
 from hcbench.tune.search import report_progress
@@ -22,8 +23,10 @@ if TYPE_CHECKING:
     from hcbench.setting import Setting
     from hcbench.tune.target import Target
 
+MAX_ERROR = 0.05  # of e: what "auto" asks of a setting
 _SAME_LOOP = 0.05  # rms of the force over its largest: below it the loop counts as the law's
 _DEEP = 0.02  # of the radius: a deeper contact is called soft
+_CLEARLY = 0.5  # of a constant e's error: what a setting with more to it must stay below
 _BETTER = 0.9  # of the best constant's error: what an e that falls with speed should be below
 
 
@@ -40,6 +43,16 @@ class Tuned:
     why: str
     advice: tuple[str, ...]
 
+    @property
+    def error(self) -> float:
+        """Largest error of e; infinite where an impact has none."""
+        off = self.evaluation.max_error
+        return math.inf if self.evaluation.failed or math.isnan(off) else off
+
+    def holds(self, max_error: float) -> bool:
+        """Whether it can be recommended in the target's conditions."""
+        return self.error <= max_error and self.rest.rests and not self.evaluation.deep
+
 
 def tune(
     engine: str,
@@ -49,32 +62,88 @@ def tune(
     match: Match = "restitution",
     integrator: str | None = None,
     progress: Callable[[int, int], None] | None = None,
+    max_error: float = MAX_ERROR,
 ) -> Tuned:
-    """Make a setting that matches a target, and evaluate it at speeds and phases that no recipe has used.
+    """Make a setting that matches a target, and evaluate it under the target's gravity and friction.
 
-    engine: a registered name. recipe: the name of one of its recipes, or "auto". match: what "auto" aims at.
-    integrator: of an engine that has several; None for the recipe's own. progress: called with the
-    evaluations of a search (done, at most).
+    engine: a registered name. recipe: the name of one of its recipes, or "auto": the simplest that stays
+    within `max_error`, rests, and is no deeper than the step asks for; where none does, the best constant e,
+    unless another that rests is twice as near.
+    match: what "auto" aims at. integrator: of an engine that has several; None for the recipe's own.
+    progress: called with the evaluations of a search (done, at most).
     Raises SettingError where no recipe can serve the target, EngineMissing, EngineFailed, and
     SearchInterrupted with the best so far where an interrupt ends a search.
     """
     adapter = registry.engine(engine)
     adapter.version()
-    scene = dataclasses.replace(scene, mass=target.mass)
+    scene = dataclasses.replace(scene, mass=target.mass, gravity=target.gravity, friction=target.friction)
     require_end(target)
     recipes = registry.recipes(engine)
     if recipe == "auto":
-        chosen, why = choose(engine, target, scene, match)
-    elif recipe in recipes:
-        chosen, why = recipes[recipe], "the recipe asked for"
-    else:
+        with report_progress(progress):
+            return _first_that_holds(
+                candidates(engine, target, scene, match), target, scene, integrator, max_error
+            )
+    if recipe not in recipes:
         raise UserError("recipe", f"{recipe!r} for {engine!r}", f"one of: auto, {', '.join(recipes)}")
     with report_progress(progress):
-        setting = chosen(target, integrator)
+        return _tuned(recipes[recipe], "the recipe asked for", target, scene, integrator)
+
+
+def _tuned(recipe: Recipe, why: str, target: Target, scene: Scene, integrator: str | None) -> Tuned:
+    """A recipe's setting, evaluated in its engine."""
+    adapter = registry.engine(recipe.engine)
+    setting = recipe(target, integrator)
+    if target.friction:
+        setting = adapter.with_friction(setting, target.friction)
     evaluation = evaluate(adapter, scene, setting, target)
     rest = rest_test(adapter, scene, setting)
     advice = tuple(_advice(target, scene, evaluation, rest, adapter.recipes()))
-    return Tuned(target, scene, chosen, setting, evaluation, rest, why, advice)
+    return Tuned(target, scene, recipe, setting, evaluation, rest, why, advice)
+
+
+def _first_that_holds(
+    found: Sequence[tuple[Recipe, str]],
+    target: Target,
+    scene: Scene,
+    integrator: str | None,
+    max_error: float,
+) -> Tuned:
+    """The first candidate that holds in the target's conditions; else the best constant e, or what is clearly
+    nearer and rests.
+
+    Raises the first candidate's error where none can be made at all.
+    """
+    _, constant_error = minimax_constant(target)
+    tried: list[Tuned] = []
+    refused: HcbenchError | None = None
+
+    def attempt(recipe: Recipe, why: str) -> Tuned | None:
+        nonlocal refused
+        try:
+            tried.append(_tuned(recipe, why, target, scene, integrator))
+        except (SettingError, EngineMissing) as error:  # such as a version that lacks what one recipe needs
+            refused = refused or error
+            return None
+        return tried[-1]
+
+    constants = [candidate for candidate in found if candidate[0].role is Role.CONSTANT_E]
+    others = [candidate for candidate in found if candidate not in constants]
+    for recipe, why in (constants if constant_error <= max_error else []) + others:
+        tuned = attempt(recipe, why)
+        if tuned and (tuned.holds(max_error) or len(found) == 1):
+            return tuned
+    if constant_error > max_error:
+        for recipe, why in constants:
+            attempt(recipe, why)
+    if not tried:
+        raise refused or AssertionError("there is a candidate")
+    usable = [t for t in tried if t.holds(math.inf)] or tried
+    nearest = min(t.error for t in usable)
+    simplest = sorted(usable, key=lambda t: (t.recipe.role is not Role.CONSTANT_E, t.error))
+    best = next(t for t in simplest if t.error * _CLEARLY <= nearest)
+    off = ", ".join(f"{t.recipe.name} {t.error:.2g}" for t in tried)
+    return dataclasses.replace(best, why=f"no native setting holds within {max_error:g} here: {off}")
 
 
 def _advice(

@@ -28,10 +28,16 @@ def backend() -> Any:
     return mujoco
 
 
+def has_feature(mujoco: Any, feature: str) -> bool:
+    """Whether a MuJoCo has "adhesion" or "integrator 'discrete'"."""
+    owner, attribute, _ = _FEATURES[feature]
+    return hasattr(getattr(mujoco, owner), attribute)
+
+
 def require_feature(mujoco: Any, feature: str) -> None:
     """Raises EngineMissing for a MuJoCo that is too old for "adhesion" or "integrator 'discrete'"."""
-    owner, attribute, since = _FEATURES[feature]
-    if not hasattr(getattr(mujoco, owner), attribute):
+    since = _FEATURES[feature][2]
+    if not has_feature(mujoco, feature):
         raise EngineMissing(
             f"mujoco {mujoco.__version__}",
             f"has no {feature}",

@@ -4,8 +4,9 @@ Options of a setting (all optional; none means as authored):
     integrator: "Euler", "implicit", "implicitfast", "RK4" or "discrete".
     rows: contact constraints that take the place of the model's own, each {"solref": [2 numbers],
         "solimp": [5 numbers], "onset": depth at which it starts, m, "adhesion": force with which it may
-        pull, N}. On a plane each is a <pair>, of coincident geoms where there are several; in a cup each
-        is a tendon's limit.
+        pull, N, "friction": coefficient, "solreffriction": [2 numbers]}. On a plane each is a <pair>, all of
+        the same two geoms; in a cup each is a tendon's limit.
+    cone, impratio: of the <option>, for all contacts.
     law: a plug-in in the model, in place of MuJoCo's own contact, as
         `hcbench.laws.contact_law.law_of` reads it: {"kind": "force", "alpha": s/m, "stiffness": N/m^n,
         "exponent": n}, {"kind": "restitution", "alpha": s/m}, or with {"law": a later law's slug,
@@ -14,6 +15,7 @@ Options of a setting (all optional; none means as authored):
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -62,15 +64,23 @@ class MujocoEngine(SteppedEngine):
 
         return RECIPES
 
-    def snippet(self, setting: Setting, form: str, radius: float) -> str:
+    def snippet(self, setting: Setting, form: str) -> str:
         """What to paste of a setting: MJCF."""
         if "law" not in setting.options:
-            rows = mjcf.rows_snippet(setting, form, radius) if setting.options.get("rows") else ""
+            rows = mjcf.rows_snippet(setting, form) if setting.options.get("rows") else ""
             return rows or setting.options_text
         from hcbench.engines.mujoco.law_mjcf import law_snippet  # imports SciPy, as the laws do
         from hcbench.laws.contact_law import law_of
 
         return law_snippet(law_of(setting.options["law"]), form)
+
+    def with_friction(self, setting: Setting, friction: float) -> Setting:
+        """Each of its rows with friction, unless it says by itself which of them has."""
+        rows = setting.options.get("rows", ())
+        if not rows or any(row.get("friction") for row in rows):
+            return setting
+        options = {**setting.options, "rows": [{**row, "friction": friction} for row in rows]}
+        return replace(setting, options=options)
 
     def script(self, scene: Scene, setting: Setting) -> str:
         """The scene's MJCF under a setting."""

@@ -19,7 +19,6 @@ from hcbench.scene import Scene
 from hcbench.setting import Setting
 
 _HIDDEN = "3"  # a group that MuJoCo's viewer does not draw: coincident copies would flicker
-_MASSLESS = {"mass": "0", "contype": "0", "conaffinity": "0"}
 
 
 def model_path(scene: Scene) -> Path:
@@ -45,30 +44,26 @@ def model_xml(scene: Scene, setting: Setting) -> str:
     return f"<!-- {head.replace('--', '- -')} At qpos0 the ball just touches the plate. -->\n{body}"
 
 
-def rows_snippet(setting: Setting, form: str, radius: float) -> str:
+def rows_snippet(setting: Setting, form: str) -> str:
     """What to paste of a setting with rows into a model of one's own: <option>, and <pair>s or, in the form
-    "cup", limits of a tendon. radius: of the sphere that meets the plane, m.
-    """
+    "cup", limits of a tendon."""
     options = read_options(setting.options)
-    integrator = f' integrator="{options.integrator}"' if options.integrator else ""
-    lines = [f'<option timestep="{shortest(setting.timestep)}"{integrator}/>']
+    option = {"timestep": shortest(setting.timestep), **options.attributes(shortest)}
+    lines = [f"<option {_written(option)}/>"]
     if form == "cup":
         lines.append('<!-- on the tendon "contact"; more rows are copies of it -->')
         for row in options.rows:
             deeper = f" <!-- upper end of range: {shortest(row.onset)} m more -->" if row.onset else ""
             lines.append(_written(limit_attributes(row, shortest)) + deeper)
         return "\n".join(lines)
-    pairs, copies = [], []
-    for i, row in enumerate(options.rows):
+    if len(options.rows) > 1:
+        lines.append("<!-- in <contact>: all of the same two geoms -->")
+    for row in options.rows:
         attributes = pair_attributes(row, shortest)
         if not row.onset:
             del attributes["margin"]
-        pairs.append(f'<pair geom1="{_copy_name(i)}" geom2="plate" condim="1" {_written(attributes)}/>')
-        geom = {"name": _copy_name(i), "type": "sphere", "size": shortest(radius)} | _MASSLESS
-        copies.append(f"<geom {_written(geom)}/>")
-    if len(pairs) > 1:
-        lines += ["<!-- in the ball's body, beside its geom -->", *copies[1:], "<!-- in <contact> -->"]
-    return "\n".join(lines + pairs)
+        lines.append(f'<pair geom1="ball" geom2="plate" {_written(attributes)}/>')
+    return "\n".join(lines)
 
 
 def _written(attributes: Mapping[str, str]) -> str:
@@ -83,8 +78,7 @@ def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
     option = section(root, "option")
     option.set("timestep", numbers_text([timestep]))
     option.set("gravity", numbers_text([0.0, 0.0, -scene.gravity]))
-    if options.integrator is not None:
-        option.set("integrator", options.integrator)
+    option.attrib.update(options.attributes())
     ball = named(root, "body", "ball", path)
     set_mass(ball, scene.mass, path)
     if options.rows and scene.form == "plane":
@@ -96,7 +90,7 @@ def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
     elif options.rows:
         _write_limits(root, scene, options.rows, path)
     if scene.friction:
-        _write_friction(root, scene, path)
+        _write_friction(root, scene, path, any(row.friction for row in options.rows))
     if options.law is not None:
         from hcbench.engines.mujoco.law_mjcf import write_law  # imports SciPy, as the laws do
 
@@ -104,9 +98,9 @@ def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
     return root
 
 
-def _write_friction(root: ET.Element, scene: Scene, path: Path) -> None:
+def _write_friction(root: ET.Element, scene: Scene, path: Path, in_rows: bool) -> None:
     """Coulomb's friction in every contact of ball and plate that does not say its own, and a ball that turns
-    as the scene's does.
+    as the scene's does. in_rows: the rows say which of them has friction.
     """
     if scene.form == "cup":
         given = f"{scene.friction!r} in the form 'cup'"
@@ -123,7 +117,7 @@ def _write_friction(root: ET.Element, scene: Scene, path: Path) -> None:
         geom = named(root, "geom", name, path)
         geom.attrib.update(condim="3", friction=sliding)
     for pair in root.iterfind("contact/pair"):
-        if pair.get("condim") == "1" and pair.get("friction") is None:
+        if not in_rows and pair.get("condim") == "1" and pair.get("friction") is None:
             pair.attrib.update(condim="3", friction=f"{sliding} {sliding}")
 
 
@@ -171,23 +165,13 @@ def set_mass(body: ET.Element, mass: float, path: Path) -> None:
 def add_pairs(
     root: ET.Element, ball: ET.Element, others: Iterable[str], rows: Sequence[ConstraintRow]
 ) -> list[ET.Element]:
-    """Each row a <pair> of the ball's geom with each of the geoms named `others`, added to the model.
-
-    The first row is of the geom itself, others of massless copies of it.
-    """
-    holder = next(element for element in root.iter() if ball in list(element))
-    contact, pairs = section(root, "contact"), []
-    for i, row in enumerate(rows):
-        name = _copy_name(i)
-        if i > 0:
-            massless = copy.deepcopy(ball)
-            massless.attrib.pop("density", None)
-            massless.attrib.update({"name": name} | _MASSLESS, group=_HIDDEN)
-            holder.insert(list(holder).index(ball) + i, massless)
-        for other in others:
-            pairs.append(ET.SubElement(contact, "pair", geom1=name, geom2=other, condim="1"))
-            pairs[-1].attrib.update(pair_attributes(row))
-    return pairs
+    """Each row a <pair> of the ball's geom with each of the geoms named `others`, added to the model."""
+    contact = section(root, "contact")
+    return [
+        ET.SubElement(contact, "pair", {"geom1": ball.get("name", ""), "geom2": other} | pair_attributes(row))
+        for row in rows
+        for other in others
+    ]
 
 
 def pair_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -> dict[str, str]:
@@ -195,7 +179,10 @@ def pair_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -
     values = {"solref": row.solref, "solimp": row.solimp, "margin": [-row.onset]}
     if row.adhesion:
         values["adhesion"] = [row.adhesion]
-    return {key: numbers_text(numbers, number) for key, numbers in values.items()}
+    if row.friction:
+        values |= {"friction": [row.friction] * 2, "solreffriction": row.solreffriction}
+    texts = {key: numbers_text(numbers, number) for key, numbers in values.items() if numbers}
+    return {"condim": "3" if row.friction else "1"} | texts
 
 
 def limit_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -> dict[str, str]:
@@ -209,10 +196,6 @@ def limit_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) 
 def numbers_text(numbers: Iterable[float], number: Callable[[float], str] = repr) -> str:
     """Numbers as an attribute has them. number: writes one."""
     return " ".join(number(float(one) + 0.0) for one in numbers)  # + 0.0: no "-0.0" for a user to read
-
-
-def _copy_name(i: int) -> str:
-    return f"ball.{i + 1}" if i else "ball"
 
 
 def _parse(path: Path, folder: Path, above: tuple[Path, ...]) -> ET.Element:

@@ -13,7 +13,7 @@ Formulas: MuJoCo's documentation, Modeling (solver parameters) and Computation (
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,6 +32,7 @@ STIFF_SOLIMP = (MAX_IMPEDANCE, MAX_IMPEDANCE, 0.001, 0.5, 2.0)
 MAX_POWER = 1000.0  # of solimp; a little above, the sigmoid underflows
 _MINVAL = 1e-15  # mjMINVAL
 _SPRINGLESS = 0.1  # k h² below which the damper of one step, not the spring, makes the bounce
+_SOLID_SPHERE = 3.5  # 1 + m R²/I
 _LONGEST = 100.0  # of the slowest time scale of a contact: how long one is followed
 
 
@@ -40,13 +41,16 @@ class ConstraintRow:
     """One constraint between ball and plate: a contact pair, or a tendon's limit.
 
     solref, solimp: MuJoCo's. onset: penetration from which it acts, m. adhesion: force with which it may
-    pull, N.
+    pull, N. friction: coefficient of sliding, 0 for a contact without friction. solreffriction: MuJoCo's, of
+    its friction; () for that of solref.
     """
 
     solref: tuple[float, ...]
     solimp: tuple[float, ...]
     onset: float = 0.0
     adhesion: float = 0.0
+    friction: float = 0.0
+    solreffriction: tuple[float, ...] = ()
 
     @classmethod
     def direct(
@@ -54,6 +58,18 @@ class ConstraintRow:
     ) -> ConstraintRow:
         """The row of a stiffness S, 1/s², and a damping D, 1/s."""
         return cls((-float(stiffness), -float(damping)), solimp, float(onset), float(adhesion))
+
+    def with_friction(self, coefficient: float, timestep: float, impratio: float) -> ConstraintRow:
+        """The same row with Coulomb friction that stops a rolling solid sphere's slip in about a step.
+
+        The impedance of friction is d_t = w/(1 + w), w = d/(1 - d) impratio s, where the contact point gives
+        way s = 1 + m R²/I = 3.5 times as easily along the plate as along its normal: "0 -(d/d_t)/h" then
+        asks for the deceleration v/h. For a row whose impedance d is constant.
+        """
+        d = self.solimp[0]
+        w = d / (1.0 - d) * impratio * _SOLID_SPHERE
+        damping = d * (1.0 + w) / w / timestep
+        return replace(self, friction=coefficient, solreffriction=(0.0, -damping))
 
     @property
     def stiffness(self) -> float:
@@ -67,11 +83,13 @@ class ConstraintRow:
 
     def option(self) -> dict[str, Any]:
         """As a MuJoCo setting writes it."""
+        rubbing = {"friction": self.friction, "solreffriction": list(self.solreffriction)}
         return {
             "solref": list(self.solref),
             "solimp": [float(number) for number in self.solimp],
             "onset": self.onset,
             "adhesion": self.adhesion,
+            **{key: value for key, value in rubbing.items() if value},
         }
 
 

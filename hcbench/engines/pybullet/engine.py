@@ -14,6 +14,7 @@ settings outlive resetSimulation. So nothing here ever steps in the user's proce
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -55,9 +56,15 @@ class PybulletEngine(SteppedEngine):
 
         return RECIPES
 
-    def snippet(self, setting: Setting, form: str, radius: float) -> str:
+    def snippet(self, setting: Setting, form: str) -> str:
         """What to paste of a setting."""
         return snippet.snippet(setting, form)
+
+    def with_friction(self, setting: Setting, friction: float) -> Setting:
+        """With lateralFriction of ball and plate, which Bullet multiplies."""
+        ball = {**setting.options.get("ball", {}), "lateralFriction": friction}
+        plate = {**setting.options.get("plate", {}), "lateralFriction": 1.0}
+        return replace(setting, options={**setting.options, "ball": ball, "plate": plate})
 
     def script(self, scene: Scene, setting: Setting) -> str:
         """A Python script that drops the ball on the plane."""

@@ -1,5 +1,6 @@
 """Settings of MuJoCo, the preferred ones of each role first."""
 
+from hcbench.engines.mujoco.recipes.compliant import COMPLIANT, COMPLIANT_PAIRS
 from hcbench.engines.mujoco.recipes.impulse import IMPULSE
 from hcbench.engines.mujoco.recipes.soft import SOFT
 from hcbench.engines.mujoco.recipes.spring_damper import SPRING_DAMPER
@@ -14,5 +15,15 @@ STOCK = stock(
     'MuJoCo as it comes, solref "0.02 1": a critically damped contact, e about 0.13 at any speed.',
     "Knows nothing of the law: the contact time, depth and restitution are the engine's defaults.",
 )
-_NATIVE = (STOCK, IMPULSE, SPRING_DAMPER, TWO_PAIR, SOFT, STAGGERED, STAGGERED_PUSH)
+_NATIVE = (
+    STOCK,
+    IMPULSE,
+    COMPLIANT,
+    SPRING_DAMPER,
+    TWO_PAIR,
+    COMPLIANT_PAIRS,
+    SOFT,
+    STAGGERED,
+    STAGGERED_PUSH,
+)
 RECIPES = (*_NATIVE, *plug_in_recipes("mujoco", _NATIVE, {}))

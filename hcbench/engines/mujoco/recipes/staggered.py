@@ -255,7 +255,7 @@ STAGGERED = Recipe(
     "staggered",
     Role.LAW_AND_LOOP,
     staggered,
-    "Coincident pairs, springs that start at staggered depths and a damper: eq. (16), loop included.",
+    "Many pairs of two geoms, springs that start at staggered depths and a damper: eq. (16), loop included.",
     (
         "Euler, implicit, implicitfast and RK4; discrete is refused.",
         "Numbers are per unit effective mass of the two bodies: k and the band of speeds were divided by it.",

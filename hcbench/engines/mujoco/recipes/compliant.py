@@ -1,0 +1,92 @@
+"""MuJoCo at the steps of robots: one soft pair with a constant e, or two whose e falls with speed.
+
+`compliant_fit` has their numbers and says why they hold under gravity and with friction.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+from hcbench.engines.mujoco.backend import backend, has_feature
+from hcbench.engines.mujoco.recipes.common import rows_options
+from hcbench.engines.mujoco.recipes.compliant_fit import IMPRATIO, spring_and_damper_rows, whole_step_row
+from hcbench.engines.mujoco.rows import ConstraintRow
+from hcbench.errors import SettingError
+from hcbench.tune.constant import minimax_constant
+from hcbench.tune.recipe import Integrators, Recipe, Role
+from hcbench.tune.search import map_result
+from hcbench.tune.target import Target
+
+
+def compliant_options(rows: list[ConstraintRow], target: Target, integrator: str) -> dict[str, Any]:
+    """A setting's options with these rows, the first with the target's friction."""
+    if not target.friction:
+        return rows_options(integrator, *rows)
+    rubbing = rows[0].with_friction(target.friction, target.timestep, IMPRATIO)
+    options = rows_options(integrator, rubbing, *rows[1:])
+    return {**options, "cone": "elliptic", "impratio": IMPRATIO}
+
+
+def compliant(target: Target, integrator: str = "Euler") -> dict[str, Any]:
+    """One soft row of a whole number of steps, with the best constant e of the band."""
+    e, _ = minimax_constant(target)
+    return compliant_options([whole_step_row(e, target.timestep, target.corners)], target, integrator)
+
+
+def compliant_pairs(target: Target, integrator: str = "Euler") -> dict[str, Any]:
+    """Two rows with an e that falls with speed; SettingError for a target without loss or without bounce."""
+    if not 0 < (lowest := float(target.restitution(target.speed_max))) < 1:
+        got = f"{lowest:.4g} at {target.speed_max:.4g} m/s"
+        raise SettingError("restitution", got, "a bounce with a loss, 0 < e < 1", "Use `compliant`")
+    with map_result(lambda rows: compliant_options(rows, target, integrator)):
+        rows = _rows_for(
+            target.curve,
+            (target.speed_min, target.speed_max),
+            target.timestep,
+            target.gravity,
+            target.corners,
+            has_feature(backend(), "adhesion"),
+        )
+    return compliant_options(list(rows), target, integrator)
+
+
+@lru_cache(maxsize=16)
+def _rows_for(*case: Any) -> tuple[ConstraintRow, ...]:
+    return tuple(spring_and_damper_rows(*case))
+
+
+_SHARED = (
+    "Euler, implicit and implicitfast; RK4 and discrete are refused.",
+    "Numbers are per unit effective mass and for this step and gravity: the same for any mass.",
+    "With friction the model's cone is elliptic and its impratio 10000, for all of its contacts.",
+)
+_ONE_FORCE = Integrators(("Euler", "implicit", "implicitfast"), "its numbers are of one force a step")
+COMPLIANT = Recipe(
+    "mujoco",
+    "compliant",
+    Role.CONSTANT_E,
+    compliant,
+    "One soft contact of 3 whole steps, spring and damper: the best constant e, with Coulomb friction.",
+    (
+        *_SHARED,
+        "e scatters by about g h / v with where in a step a slow touch falls.",
+        "A flat box meets with 4 corners at once: --corners 4, of 6 steps; fewer gain energy.",
+    ),
+    integrators=_ONE_FORCE,
+)
+COMPLIANT_PAIRS = Recipe(
+    "mujoco",
+    "compliant-pairs",
+    Role.FALLING_E,
+    compliant_pairs,
+    "Two pairs of the same two geoms, spring and damper, fitted with gravity: e falls with speed as wanted.",
+    (
+        *_SHARED,
+        "The spring carries the friction, the damper has none: over an impact it neither pushes nor pulls.",
+        "Faster impacts than the band's lose less than wanted.",
+        "Before MuJoCo 3.11, which has no adhesion, the damper cannot pull: e is a little further off.",
+    ),
+    integrators=_ONE_FORCE,
+    forms=("plane",),
+)
