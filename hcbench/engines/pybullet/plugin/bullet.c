@@ -5,7 +5,8 @@
 #include <dlfcn.h>
 #include <stddef.h>
 
-enum { PROTOCOL = 202010061, WORLD_FRAME = 2, SPHERE = 2, BOX = 3, PLANE = 6, MULTI_BODY = 2, STATE_COMPLETED = 21, DOFS = 128 };
+enum { PROTOCOL = 202010061, WORLD_FRAME = 2, MULTI_BODY = 2, STATE_COMPLETED = 21, DOFS = 128 };
+enum { SPHERE = 2, BOX = 3, PLANE = 6 };
 enum { REVOLUTE, PRISMATIC, SPHERICAL, PLANAR, FIXED };
 enum { SIMULATION_RESET = 0, BODY_REMOVED = 2, LINK_DYNAMICS_CHANGED = 5, SIMULATION_STEPPED = 8 };
 enum { COMPUTE_LINK_VELOCITY = 1, PROCESS_COMMAND = 5 /* its place among the server's virtual functions */ };

@@ -7,8 +7,8 @@ typedef struct law {
   hcb_law motion;                     /* of a force law, but for the mass; kappa: the stiffness */
   hcb_contact impact;                 /* of a restitution law */
   double friction, dynamic_friction, slip_speed; /* friction below 0: the product of the bodies' own */
-  int compensate, warned, shape[2];   /* shape: SPHERE, PLANE, BOX or CUP where the distance is worked out here, else 0 */
-  double radius[2], axis[3], size[2]; /* axis: a plane's normal, a box's half sizes or a cup's centre; size: of what turns */
+  int compensate, warned, shape[2];   /* shape: SPHERE, PLANE, BOX, CUP where the distance is worked out here, else 0 */
+  double radius[2], axis[3], size[2]; /* axis: a plane's normal, a box's half sizes, a cup's centre; size: what turns */
   double force;                       /* normal force of the last step, N */
 } law;
 
@@ -124,7 +124,7 @@ static contact* room_for(world* w, int count) {
   return w->contacts;
 }
 
-/* A point that Bullet, or `exact_point`, found; both forces act in one place, on the surface of the body that moves. */
+/* A point that Bullet or `exact_point` found; both forces act in one place, on the surface of the body that moves. */
 static int set_contact(world* w, law* of, const b3Contact* p, contact* c) {
   c->of = of;
   c->distance = p->distance;

@@ -4,8 +4,8 @@
 #define HCB_COARSE 1.0 /* (omega h)^2 beyond which a step is too coarse */
 
 /* How far a link's surface can move in a step, m. */
-static double travel(const world* w, const law* l, int side) {
-  const body* b = refreshed((world*)w, l->body[side]);
+static double travel(world* w, const law* l, int side) {
+  const body* b = refreshed(w, l->body[side]);
   double fastest = 0, fall = w->h * w->h * sqrt(dot(w->gravity, w->gravity));
   if (!b || b->freedoms == 0) return 1e-9;
   for (int i = -1; i < b->links; i++) {
@@ -79,8 +79,8 @@ static void add_force(world* w, contact* c, const hcb_law* motion) {
   double x = -c->distance, v = -c->rate[0], slip = hypot(c->rate[1], c->rate[2]);
   if (w->h * w->h * frequency_squared(motion, fmax(x, x + w->h * v)) > HCB_COARSE && !c->of->warned) {
     c->of->warned = 1;
-    fprintf(stderr, "hcbench: hunt_crossley, law %d: the step of %g s is too coarse for this contact; take a shorter one, "
-            "or the law restitution\n", c->of->id, w->h);
+    fprintf(stderr, "hcbench: hunt_crossley, law %d: the step of %g s is too coarse for this contact; take a shorter one,"
+            " or the law restitution\n", c->of->id, w->h);
   }
   double force = hcb_euler_force(motion, w->h, x, v) / c->inverse_mass, vector[3];
   if (!(force > 0)) return;

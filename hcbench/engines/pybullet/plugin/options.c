@@ -22,8 +22,8 @@ static const struct {
   const char *name, *of; /* of: "h" hunt_crossley, "r" restitution */
   double low, high;
 } keys[NUMBERS + WORDS] = {
-    {"stiffness", "h", 0, INFINITY}, {"exponent", "h", 1, 100}, {"alpha", "hr", 0, INFINITY}, {"restitution", "h", 0, 1},
-    {"constant", "r", 0, 1}, {"friction", "hr", 0, INFINITY}, {"dynamic_friction", "h", 0, INFINITY},
+    {"stiffness", "h", 0, INFINITY}, {"exponent", "h", 1, 100}, {"alpha", "hr", 0, INFINITY},
+    {"restitution", "h", 0, 1}, {"constant", "r", 0, 1}, {"friction", "hr", 0, INFINITY}, {"dynamic_friction", "h", 0, INFINITY},
     {"slip_speed", "h", 1e-300, INFINITY}, {"law", "h", 0, 0}, {"reading", "r", 0, 0}, {"compensate_gravity", "r", 0, 0},
     {"cup", "h", 0, 0}};
 

@@ -30,7 +30,8 @@
 /* A single sphere, plane or box in the middle of its link: what `exact_point` can do. */
 static int simple_shape(world* w, law* l, int side) {
   b3Shapes found = {0, NULL};
-  if (l->link[side] == ANY || body_of(w, l->body[side])->base->info.type != MULTI_BODY) return 0; /* Bullet tells no others */
+  /* Bullet tells the shapes of no others. */
+  if (l->link[side] == ANY || body_of(w, l->body[side])->base->info.type != MULTI_BODY) return 0;
   send(w, b3InitRequestCollisionShapeInformation(w->client, l->body[side], l->link[side]));
   b3GetCollisionShapeInformation(w->client, &found);
   if (found.count != 1) return 0;
@@ -46,7 +47,7 @@ static int read_shapes(world* w, const char* cup, law* l) {
   char rest;
   for (int side = 0; side < 2; side++) l->shape[side] = side && *cup ? CUP : simple_shape(w, l, side);
   if (*cup && sscanf(cup, "%lf,%lf,%lf,%lf%c", l->radius + 1, c, c + 1, c + 2, &rest) != 4) {
-    return fail(w, "cup=%s: needs radius,x,y,z: the cup's radius and its centre in the frame of the second body, m", cup);
+    return fail(w, "cup=%s: needs radius,x,y,z: of the cup and of its centre in the frame of the second body, m", cup);
   }
   if (*cup && (l->shape[0] != SPHERE || l->radius[1] <= l->radius[0])) {
     return fail(w, "cup=%s: the first body must be a smaller sphere", cup);
