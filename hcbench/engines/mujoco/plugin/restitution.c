@@ -216,22 +216,25 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
   blow* all = mj_stackAllocByte(d, (d->ncon + d->nefc + 1) * sizeof(blow), sizeof(double));
   int count = gather(m, d, first, all);
   if (stage < 2) {
-    double *impulse = stack(d, nv), *gravity = stack(d, nv);
     for (int i = 0; i < count; i++) {
       blow* b = all + i;
       b->rests = b->touches && b->rate[0] <= b->law.still;
       b->parting = b->rate[0];
-      int slides = b->rests && b->friction[0] > 0 && hypot(b->rate[1], b->rate[2]) > 1e-6 * b->law.still;
+      double slow = 1e-6 * b->law.still, *u = b->rate;
+      int slides = b->rests && b->friction[0] > 0 && u[1] * u[1] + u[2] * u[2] > slow * slow;
       busy |= b->touches && (-b->rate[0] > b->law.still || slides || b->tendon >= 0);
     }
-    memset(impulse, 0, nv * sizeof(double));
-    if (busy) collide(m, d, all, count, impulse, gravity, gravity_force(m, d, gravity));
     if (stage) {
       memory->impulse = realloc(memory->impulse, (nv + 1) * sizeof(double));
-      memcpy(memory->impulse, impulse, nv * sizeof(double));
+      mju_zero(memory->impulse, nv);
     }
-    for (int j = 0; j < nv && busy; j++) d->qfrc_passive[j] += impulse[j] / h;
-    if (busy && !stage) shift_bias(m, d, impulse, d->qfrc_passive);
+    if (busy) {
+      double *impulse = stage ? memory->impulse : stack(d, nv), *gravity = stack(d, nv);
+      mju_zero(impulse, nv);
+      collide(m, d, all, count, impulse, gravity, gravity_force(m, d, gravity));
+      for (int j = 0; j < nv; j++) d->qfrc_passive[j] += impulse[j] / h;
+      if (!stage) shift_bias(m, d, impulse, d->qfrc_passive);
+    }
   } else {
     for (int j = 0; j < nv; j++) d->qfrc_passive[j] += memory->impulse[j] / h;
   }
