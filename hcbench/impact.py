@@ -114,6 +114,15 @@ class Launch:
         """Distance to the plate at release, m, for a step of `timestep` s (gravity neglected over it)."""
         return self.height if self.height is not None else (2.0 + self.phase) * timestep * self.speed
 
+    def clearance_in_phase(self, timestep: float, gravity: float) -> float:
+        """`clearance`, m, with a height changed by up to half a step's way, so that the touch falls into its
+        phase. gravity: into the plate, m/s².
+        """
+        if self.height is None:
+            return self.clearance(timestep)
+        way = timestep * self.touch_speed(timestep, gravity)
+        return self.height + (self.phase - 0.5) * min(way, self.height)
+
     def touch_speed(self, timestep: float, gravity: float) -> float:
         """Approach speed at touch, m/s: sqrt(v² + 2 g clearance). gravity: into the plate, m/s²."""
         return math.sqrt(max(0.0, self.speed**2 + 2.0 * gravity * self.clearance(timestep)))

@@ -143,3 +143,25 @@ def test_what_cannot_slide_or_is_no_direction_is_refused() -> None:
         measure(model(), "ball,plate", angle="45 deg", along="0, 0, 1")
     with pytest.raises(QuantityError, match="deg"):
         measure(model(), "ball,plate", angle=60)
+
+
+@pytest.mark.parametrize("phase", [0.1, 0.6])
+def test_a_drop_touches_in_its_phase_at_the_speed_of_its_fall(phase: float) -> None:
+    """Where in a step it touches: how far in it is when the contact first acts, in steps' ways."""
+    (impact,) = measure(
+        model(), "ball,plate", speeds="1 mm/s", height="10 cm", gravity=9.81, phases=[phase], diagnose=False
+    ).impacts  # fmt: skip
+    assert impact.speed_in == pytest.approx(math.sqrt(2 * 9.81 * 0.1), rel=0.02)
+    depths = [
+        measure(
+            model(), "ball,plate", speeds="1 mm/s", height="10 cm", gravity=9.81, phases=[p], diagnose=False
+        ).impacts[0].penetration_max
+        for p in (phase, phase + 0.2)
+    ]  # fmt: skip
+    way = STEP * impact.speed_in
+    assert (depths[0] - depths[1]) % way == pytest.approx(0.2 * way, rel=0.05)  # a step's way grows by g h²
+
+
+def test_an_angle_is_that_of_the_touch() -> None:
+    with pytest.raises(UserError, match="given beside height"):
+        measure(model(), "ball,plate", height="10 cm", angle="45 deg")

@@ -35,13 +35,19 @@ class StepFix:
         return self.text.format(f"{timestep:.6g}"), partial(self.apply, timestep=timestep)
 
 
+def speeds_of(impacts: Sequence[Impact]) -> list[float]:
+    """Launch speeds, m/s; at touch of bodies that fall from a height."""
+    fell = [i.launch.height is not None and math.isfinite(i.speed_in) for i in impacts]
+    return [i.speed_in if falls else i.launch.speed for i, falls in zip(impacts, fell, strict=True)]
+
+
 def constant_e(impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> float | None:
     """The one e for a fix that is constant in speed: the mean of what is wanted at the lowest and the highest
-    launch speed. None where nobody said what is wanted.
+    speed. None where nobody said what is wanted.
     """
     if wanted is None:
         return None
-    speeds = [i.launch.speed for i in impacts]
+    speeds = speeds_of(impacts)
     ends = wanted.at(np.array([min(speeds), max(speeds)]))
     return float(np.clip(ends.mean(), 0.0, 1.0))
 

@@ -35,6 +35,9 @@ def make_request(
     values = DEFAULT_SPEEDS if speeds is None else units.parse_values(speeds, "speed", "speeds", above=0)
     if len(set(values)) != len(values):
         raise QuantityError("speeds", f"{speeds!r} has a speed twice", "each speed once")
+    if height is not None and angle is not None:
+        todo = "It is the angle at touch, of launches; spin goes with a height"
+        raise UserError("angle", "given beside height", "one of the two", todo)
     return Request(
         pair=_pair(pair),
         speeds=tuple(float(v) for v in values),

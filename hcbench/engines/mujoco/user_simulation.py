@@ -60,7 +60,7 @@ class MujocoUserSimulation(Simulation):
         self._model, self._place = model, place
         self._h = float(model.opt.timestep)
         self._data = copy.copy(start)
-        clearance = launch.clearance(self._h)
+        clearance = launch.clearance_in_phase(self._h, gravity)
         self._data.qpos[:] = place.qpos
         mujoco.mj_integratePos(model, self._data.qpos, place.direction, -clearance)
         self._data.qvel[:] = launch.speed * place.direction

@@ -43,12 +43,18 @@ class AlongPlate:
     """One launch along the plate, of a body with a free base."""
 
     def __init__(
-        self, bullet: BulletClient, place: BulletPlacement, launch: Launch, along: Vector | None
+        self,
+        bullet: BulletClient,
+        place: BulletPlacement,
+        launch: Launch,
+        along: Vector | None,
+        clearance: float,
     ) -> None:
+        """clearance: from which the body starts, m."""
         self.bullet, self.place, self.body = bullet, place, place.first.body
         self.axes = plate_frame(place.normal, along)
         self.slip, self.spin = np.array([*launch.slip, 0.0]), np.array(launch.spin)
-        self._clearance = launch.clearance(float(bullet.getPhysicsEngineParameters()["fixedTimeStep"]))
+        self._clearance = clearance
         self._sides = [(1.0, place.first), (-1.0, place.second)]
         self._bodies = {part.body: BulletBody(bullet, part.body) for _, part in self._sides}
         self._seen = self._now = np.zeros(3)  # where the body was at the last contact, and before this step

@@ -51,11 +51,11 @@ class LaunchInUserWorld(Simulation):
         sides = ((1.0, place.first), (-1.0, place.second))
         bodies = [(sign, BulletBody(bullet, part.body), part.link) for sign, part in sides]
         self._moving = [each for each in bodies if each[1].kind != "fixed"]
-        clearance = launch.clearance(self.timestep)
+        clearance = launch.clearance_in_phase(self.timestep, gravity)
         place.launch(bullet, launch.speed, clearance)
         self._x, self._touched, self._point = -clearance, False, place.point.tolist()
         self._normal = place.normal.tolist()
-        self._along = AlongPlate(bullet, place, launch, along) if launch.is_oblique else None
+        self._along = AlongPlate(bullet, place, launch, along, clearance) if launch.is_oblique else None
         if self._along is not None:
             self._along.send(launch.flight_time(self.timestep, gravity))
         self._before = self._rate()

@@ -12,7 +12,7 @@ from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.causes.fixes import numbers
 from hcbench.engines.mujoco.model import explicit_pairs, geom_name, integrator_name
 from hcbench.engines.mujoco.rows import SoftConstraint
-from hcbench.measure.causes import BOUNCY, constant_e
+from hcbench.measure.causes import BOUNCY, constant_e, speeds_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -89,8 +89,8 @@ class Context:
 
     @property
     def written_e(self) -> float:
-        """e of the contact as written, at the median launch speed; NaN without one."""
-        speed = float(np.median([i.launch.speed for i in self.impacts]))
+        """e of the contact as written, at the median speed; NaN without one."""
+        speed = float(np.median(speeds_of(self.impacts)))
         return self.written.restitution(speed) if self.written is not None else np.nan
 
     def goal(self) -> float:
