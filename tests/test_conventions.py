@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 import numpy as np
@@ -158,3 +159,24 @@ def test_bad_requests_are_named(way: dict[str, Any], message: str) -> None:
     with pytest.raises(UserError) as caught:
         convert(**way)
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(("asked", "delivered"), [(0.94, 0.9407), (0.8, 0.808), (0.5, 0.550), (0.3, 0.397)])
+def test_chronos_smc_contact_gives_more_than_it_is_asked_for(asked: float, delivered: float) -> None:
+    """Chrono's own formula (ChContactSMC, Hertz), integrated with its clamp at F = 0."""
+    k, m, v = 3e6, 0.5, 0.7
+    beta = math.log(asked) / math.hypot(math.log(asked), math.pi)
+
+    def force(x: float, rate: float) -> float:
+        sn = 1.5 * k * math.sqrt(max(x, 0.0))  # 2 E* sqrt(R x), of which k x^(1/2) is two thirds
+        return max(0.0, 2.0 / 3.0 * sn * x - 2.0 * math.sqrt(5.0 / 6.0) * beta * math.sqrt(sn * m) * rate)
+
+    x, rate, h = 0.0, v, 2e-7
+    while x >= 0.0:  # the midpoint rule
+        middle = rate - 0.5 * h * force(x, rate) / m
+        x, rate = x + h * middle, rate - h * force(x + 0.5 * h * rate, middle) / m
+    assert -rate / v == pytest.approx(delivered, abs=6e-4)
+    converted = convert(restitution=delivered, speed=v)
+    row = _row(converted, "Chrono", "restitution (SMC)")
+    assert row.value[0] == pytest.approx(asked, abs=2e-3)
+    assert "NSC" in _row(converted, "Chrono", "restitution").note

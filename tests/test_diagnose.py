@@ -91,6 +91,11 @@ PLANTED: dict[str, tuple[Planted, str, float | None]] = {
         "override",
         None,
     ),
+    "a solver of one sweep": (
+        Planted(IMPULSE, IMPULSE, f'{STILL} solver="PGS" iterations="1"'),
+        "solver",
+        None,
+    ),
     "impulse under RK4": (Planted(IMPULSE, IMPULSE, f'{STILL} integrator="RK4"'), "integrator", None),
     "impulse under discrete": (
         Planted(IMPULSE, IMPULSE, f'{STILL} integrator="discrete"'),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -297,3 +298,35 @@ def test_a_mesh_is_found_beside_its_urdf(tmp_path: Path, files: tuple[Path, Path
     files[0].write_text(urdf("ball", '<mesh filename="meshes/tetra.obj"/>', 1.0, restitution(0.8)))
     found = measure(files, speeds=[1.0], diagnose=False)
     assert all(i.status in (Status.PARTED, Status.RESTED) for i in found.impacts)
+
+
+BOX_ON_PLATE = """
+import pybullet as p
+
+def build():
+    client = p.connect(p.DIRECT)
+    boxes = []
+    for mass, half, z in ((0.0, [1, 1, 0.1], -0.1), (1.0, [0.1, 0.1, 0.1], 0.5)):
+        shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
+        box = p.createMultiBody(mass, shape, basePosition=[0, 0, z], physicsClientId=client)
+        still = dict(linearDamping=0, angularDamping=0, contactProcessingThreshold=0, physicsClientId=client)
+        p.changeDynamics(box, -1, restitution=0.95 if mass else 1.0, **still)
+    p.setPhysicsEngineParameter(restitutionVelocityThreshold=0, contactSlop=0, contactERP=0,
+                                contactBreakingThreshold=0.02, physicsClientId=client, {loose})
+    p.setTimeStep(1e-3, physicsClientId=client)
+    return client
+"""
+
+
+@pytest.mark.parametrize("loose", ["numSolverIterations=1", "solverResidualThreshold=1e3"])
+def test_a_loose_solver_is_named_and_its_fix_cures(tmp_path: Path, loose: str) -> None:
+    """Four corners touch at once: one sweep over them gives e = 0.88."""
+    file = tmp_path / "box.py"
+    file.write_text(BOX_ON_PLATE.replace("{loose}", loose), encoding="utf-8")
+    found = measure(f"{file}:build", "body:1,body:0", speeds=[0.1, 0.4], wanted=0.95)
+    assert [cause.code for cause in found.causes] == ["solver"]
+    assert max(abs(i.restitution - 0.95) for i in found.impacts) > 0.05
+    (arguments,) = re.findall(r"setPhysicsEngineParameter\((.*)\)", found.causes[0].fix)
+    file.write_text(BOX_ON_PLATE.replace("{loose}", arguments), encoding="utf-8")
+    cured = measure(f"{file}:build", "body:1,body:0", speeds=[0.1, 0.4], wanted=0.95)
+    assert max(abs(i.restitution - 0.95) for i in cured.impacts) < 0.01

@@ -176,13 +176,36 @@ def _dissipations(alpha: float) -> Iterator[SystemValue]:
 def _restitutions(e: float, alpha: float, speed: float) -> Iterator[SystemValue]:
     at = f"matches at {speed:.6g} m/s only"
     yield SystemValue("PyBullet", "restitution", (e,), "", f"{at}; on one body, 1 on the other")
-    yield SystemValue("Chrono", "restitution", (e,), "", f"{at}; NSC, or SMC with the Hooke or Hertz model")
+    yield SystemValue("Chrono", "restitution", (e,), "", f"{at}; NSC")
+    if (asked := _smc_for(e)) is not None:
+        note = f"{at}; Hooke or Hertz, which do not pull: asked for {e:.4g}, they give {_smc_delivers(e):.4g}"
+        yield SystemValue("Chrono", "restitution (SMC)", (asked,), "", note)
     flores = _flores_for(alpha * speed)
     note = "SMC with the Flores model at that impact speed: what it must be asked to deliver this e"
     yield SystemValue("Chrono", "restitution (Flores)", (flores,), "", note)
     yield SystemValue("LAMMPS", "damping coeff_restitution", (e,), "", f"{at}; hertz and hooke")
     note = f"{at}; before the release of 2 September 2026 it delivered {_old_tsuji(e):.4g} for this e"
     yield SystemValue("LAMMPS", "damping tsuji", (e,), "", note)
+
+
+def _smc_delivers(asked: float) -> float:
+    """e of Chrono's SMC contact, Hooke or Hertz, asked for `asked`: it ends at F = 0, before the surface.
+
+    ζ = -ln e/sqrt(π² + ln² e) would give e at the surface. The Hertz model's damping, √5 ζ √(m k) x^(1/4) v,
+    makes it the linear one over x^(5/4) and ∫x^(1/4) dt, so both end alike (see `_old_tsuji`).
+    """
+    log = math.log(asked)
+    return float(kv.restitution(-log / math.hypot(math.pi, log), kv.Ending.FORCE))
+
+
+def _smc_for(e: float) -> float | None:
+    """What to ask SMC for, to be given e; None below what it gives whatever it is asked."""
+    from scipy.optimize import brentq
+
+    least = 1e-300
+    if e >= 1.0 or e <= _smc_delivers(least):
+        return 1.0 if e == 1.0 else None
+    return math.exp(brentq(lambda log: _smc_delivers(math.exp(log)) - e, math.log(least), 0.0, xtol=1e-14))
 
 
 def _flores_for(alpha_speed: float) -> float:

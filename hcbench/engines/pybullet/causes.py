@@ -22,6 +22,7 @@ MAXIMAL_COORDINATES = 1  # a body type
 _THRESHOLD = 0.2  # m/s, Bullet's own restitutionVelocityThreshold
 _SLOP = 1e-5  # m, Bullet's own contactSlop
 _DAMPING = 0.04  # 1/s, Bullet's own linearDamping
+_ITERATIONS = 50  # Bullet's own numSolverIterations
 _SAME_E = 0.005  # restitutions nearer than this are taken for the same
 
 
@@ -106,7 +107,10 @@ def restitutions(bullet: BulletClient, place: BulletPlacement) -> tuple[float, f
 
 def find_suspects(context: BulletContext) -> list[Suspect]:
     """Everything that may matter here, likeliest first."""
-    checks = (_unset_restitutions, _restitution_product, _bullet_defaults, _few_steps, _gravity, _joint_motor)
+    checks = (
+        *(_unset_restitutions, _restitution_product, _bullet_defaults, _solver),
+        *(_few_steps, _gravity, _joint_motor),
+    )
     return [suspect for check in checks for suspect in check(context)]
 
 
@@ -198,6 +202,17 @@ def _bullet_defaults(c: BulletContext) -> Iterator[Suspect]:
         "Bullet damps all motion: linearDamping and angularDamping are not 0 by themselves.",
         f"linearDamping {_DAMPING:g} /s unless set, {_DAMPING * c.timestep:.2g} of the speed a step",
         *_fix(Call({"linearDamping": 0.0, "angularDamping": 0.0}, c.place.first)),
+    )
+
+
+def _solver(c: BulletContext) -> Iterator[Suspect]:
+    """A solver that stops before it has found the impulses; its threshold cannot be read."""
+    iterations = int(c.bullet.getPhysicsEngineParameters()["numSolverIterations"])
+    yield Suspect(
+        "solver",
+        "The solver stops before it has found the contact's impulse.",
+        f"numSolverIterations {iterations}, solverResidualThreshold 1e-7 unless set",
+        *_fix(Call({"numSolverIterations": max(_ITERATIONS, iterations), "solverResidualThreshold": 1e-7})),
     )
 
 

@@ -3,10 +3,22 @@
 from hcbench.engines.mujoco.causes.contact import mixing, refsafe, solimp, solref
 from hcbench.engines.mujoco.causes.context import Context
 from hcbench.engines.mujoco.causes.friction import sliding_lift
-from hcbench.engines.mujoco.causes.motion import gravity, integrator, losses, margin, resolution
+from hcbench.engines.mujoco.causes.motion import gravity, integrator, losses, margin, resolution, solver
 from hcbench.sim.model_under_test import Suspect
 
-CHECKS = (sliding_lift, mixing, refsafe, solref, integrator, solimp, resolution, gravity, losses, margin)
+CHECKS = (
+    sliding_lift,
+    mixing,
+    refsafe,
+    solref,
+    integrator,
+    solimp,
+    solver,
+    resolution,
+    gravity,
+    losses,
+    margin,
+)
 
 
 def find_suspects(context: Context) -> list[Suspect]:

@@ -14,6 +14,8 @@ from hcbench.impact import Status
 from hcbench.measure import causes
 from hcbench.sim.model_under_test import Suspect
 
+_SOLVER = {"tolerance": 1e-8, "iterations": 100, "ls_iterations": 50}  # MuJoCo's own
+
 
 def integrator(context: Context) -> Iterator[Suspect]:
     """Integrators under which a solref in the direct format does something else."""
@@ -28,6 +30,25 @@ def integrator(context: Context) -> Iterator[Suspect]:
             f"integrator {context.integrator}, solref {fixes.numbers(law.solref)}",
             '<option integrator="implicitfast"/>',
             partial(fixes.set_options, integrator=int(backend().mjtIntegrator.mjINT_IMPLICITFAST)),
+        )
+
+
+def solver(context: Context) -> Iterator[Suspect]:
+    """A solver that stops before it has found the forces: looser than MuJoCo's own settings."""
+    options = context.model.opt
+    loose = [
+        f"{name} {getattr(options, name):g}, {own:g} unless set"
+        for name, own in _SOLVER.items()
+        if (getattr(options, name) > own if name == "tolerance" else getattr(options, name) < own)
+    ]
+    if loose:
+        words = " ".join(f'{name}="{own:g}"' for name, own in _SOLVER.items())
+        yield Suspect(
+            "solver",
+            "The solver stops before it has found the contact's force.",
+            ", ".join(loose),
+            f"<option {words}/>",
+            partial(fixes.set_options, **_SOLVER),
         )
 
 
