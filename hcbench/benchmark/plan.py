@@ -216,7 +216,12 @@ def _targets(study: Study, run: Run) -> list[Target]:
     band = run.speeds if run.dropped else study.speeds
     scene, low, high = run.scene, min(band), max(band)
     laws = [HuntCrossley(scene.stiffness, alpha, scene.exponent) for alpha in run.alphas]
-    return [Target(law, scene.mass, timestep, low, high) for timestep in run.timesteps for law in laws]
+    gravity, friction = scene.normal_gravity, scene.friction
+    return [
+        Target(law, scene.mass, timestep, low, high, gravity=gravity, friction=friction)
+        for timestep in run.timesteps
+        for law in laws
+    ]
 
 
 def _settings(

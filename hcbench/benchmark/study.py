@@ -119,19 +119,22 @@ class Study:
         }
 
     def quick(self) -> Study:
-        """A preview of itself: every fourth speed, half the phases, every second step.
+        """A preview of itself: every fourth speed, every second height and step, half the phases.
 
-        Curves of fewer α than the study's are left out: they are there for settings that take a search.
+        Left out are oblique launches, those off the axis, and launches for fewer α than the study's.
         """
         speeds = self.speeds[3::4] or self.speeds
         runs = tuple(
-            dataclasses.replace(
+            dataclasses.replace(run, speeds=run.speeds[1::2] or run.speeds)
+            if run.dropped
+            else dataclasses.replace(
                 run,
                 speeds=speeds if run.speeds == self.speeds else run.speeds,
-                timesteps=run.timesteps if run.dropped else run.timesteps[::2],
+                timesteps=run.timesteps[::2],
             )
             for run in self.runs
-            if run.dropped or run.speeds != self.speeds or set(run.alphas) == set(self.alphas)
+            if not (run.is_oblique or run.scene.off_axis)
+            and (run.dropped or run.speeds != self.speeds or set(run.alphas) == set(self.alphas))
         )
         return dataclasses.replace(
             self,

@@ -48,6 +48,8 @@ _RECIPES = {
     "spring-damper": ("#E69F00", "s"),
     "impulse": (BLUE, "o"),
     "restitution": (BLUE, "o"),
+    "compliant": ("#0099a8", "d"),
+    "compliant-pairs": ("#7a4fd0", "*"),
     "soft": ("#CC79A7", "D"),
     "two-pair": ("#56B4E9", "^"),
     "staggered": ("#009E73", "P"),
@@ -55,7 +57,7 @@ _RECIPES = {
     "restitution-law": ("#332288", "<"),
     "kelvin-voigt": ("#8a8a2b", "h"),
 }
-_OTHER_RECIPES = (("#661100", ">"), ("#117733", "p"), ("#44AA99", "d"), ("#AA4499", "8"), ("#6699CC", "H"))
+_OTHER_RECIPES = (("#661100", ">"), ("#117733", "p"), ("#44AA99", "|"), ("#AA4499", "8"), ("#6699CC", "H"))
 _ENGINE_DASHES: tuple[tuple[float, ...], ...] = (
     (), (4.5, 1.6), (1.2, 1.2), (6.0, 1.5, 1.2, 1.5), (2.5, 1.0),
 )  # fmt: skip

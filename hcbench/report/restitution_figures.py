@@ -145,6 +145,7 @@ def restitution_figure(view: View, columns: list[Column]) -> Figure:
                 color=view.plot_style(run).colour,
                 fontsize=8.5,
                 zorder=4,
+                bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
             )
     legend_below(figure, law_handles() + _handles(view, columns, drawn))
     return figure
