@@ -68,7 +68,7 @@ class ConstraintRow:
         """
         d = self.solimp[0]
         w = d / (1.0 - d) * impratio * _SOLID_SPHERE
-        damping = d * (1.0 + w) / w / timestep
+        damping = float(f"{d * (1.0 + w) / w / timestep:.6g}")  # as short as a model is written
         return replace(self, friction=coefficient, solreffriction=(0.0, -damping))
 
     @property
