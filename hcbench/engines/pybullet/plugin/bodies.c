@@ -246,8 +246,8 @@ static void velocity_at(const body* b, int link, const double* point, double* ou
 }
 
 /* The row of the Jacobian of a point's velocity along a direction, times `sign`; and M^-1 times it. */
-static void make_row(const body* b, int link, const double* point, const double* direction, double sign, double* row,
-                     double* solved) {
+static void make_row(const body* b, int link, const double* point, const double* direction, double sign,
+                     double* row, double* solved) {
   const link_state* l = b->link + link;
   int n = b->freedoms;
   double moment[3], arm[3] = {point[0] - l->pose[0], point[1] - l->pose[1], point[2] - l->pose[2]};
@@ -264,7 +264,8 @@ static void make_row(const body* b, int link, const double* point, const double*
   }
   cross(point, direction, moment);
   for (int k = 0; k < n; k++) {
-    row[k] = carries(b, b->owner[k], link) ? sign * (dot(b->twist_v[k], direction) + dot(b->twist_w[k], moment)) : 0;
+    double rate = dot(b->twist_v[k], direction) + dot(b->twist_w[k], moment);
+    row[k] = carries(b, b->owner[k], link) ? sign * rate : 0;
   }
   for (int k = 0; k < n; k++) {
     solved[k] = 0;

@@ -7,8 +7,9 @@ typedef struct law {
   hcb_law motion;                     /* of a force law, but for the mass; kappa: the stiffness */
   hcb_contact impact;                 /* of a restitution law */
   double friction, dynamic_friction, slip_speed; /* friction below 0: the product of the bodies' own */
-  int compensate, warned, shape[2];   /* shape: SPHERE, PLANE, BOX, CUP where the distance is worked out here, else 0 */
-  double radius[2], axis[3], size[2]; /* axis: a plane's normal, a box's half sizes, a cup's centre; size: what turns */
+  int compensate, warned;
+  int shape[2];                       /* SPHERE, PLANE, BOX or CUP where the distance is worked out here, else 0 */
+  double radius[2], axis[3], size[2]; /* axis: a plane's normal, a box's half sizes, a cup's centre */
   double force;                       /* normal force of the last step, N */
 } law;
 
@@ -41,12 +42,13 @@ static void add_rows(world* w, contact* c, int first, int count) {
     for (int k = first; k < first + count; k++) {
       c->row[side][k] = take(w, 2 * (size_t)n);
       c->solved[side][k] = c->row[side][k] + n;
-      make_row(c->body[side], c->link[side], c->at, c->frame[k], sign_of(side), c->row[side][k], c->solved[side][k]);
+      double *row = c->row[side][k], *solved = c->solved[side][k];
+      make_row(c->body[side], c->link[side], c->at, c->frame[k], sign_of(side), row, solved);
     }
   }
 }
 
-/* Rates along the normal and two tangents, the normal's row, and what gravity does; c has bodies, points, normal. */
+/* Rates along the normal and two tangents, the normal's row, and what gravity does. */
 static void complete(world* w, contact* c) {
   double *n = c->frame[0], *t = c->frame[1], slip[3] = {0, 0, 0}, size;
   int axis = fabs(n[0]) < 0.6 ? 0 : 1;
@@ -124,7 +126,7 @@ static contact* room_for(world* w, int count) {
   return w->contacts;
 }
 
-/* A point that Bullet or `exact_point` found; both forces act in one place, on the surface of the body that moves. */
+/* Of a point that Bullet or `exact_point` found; forces act in one place, on the surface of the body that moves. */
 static int set_contact(world* w, law* of, const b3Contact* p, contact* c) {
   c->of = of;
   c->distance = p->distance;
@@ -139,7 +141,7 @@ static int set_contact(world* w, law* of, const b3Contact* p, contact* c) {
   return isfinite(c->distance) && isfinite(c->rate[0]) && c->inverse_mass > 0;
 }
 
-/* The way out of a box with half sizes `size`, in its frame, from its surface to a point; the distance, < 0 inside. */
+/* The unit vector out of a box with half sizes `size` to a point in its frame; the distance, below 0 inside. */
 static double way_out(const double* size, const double* at, double* n) {
   double inside = -INFINITY, square = 0;
   int axis = 0;

@@ -79,8 +79,8 @@ static void add_force(world* w, contact* c, const hcb_law* motion) {
   double x = -c->distance, v = -c->rate[0], slip = hypot(c->rate[1], c->rate[2]);
   if (w->h * w->h * frequency_squared(motion, fmax(x, x + w->h * v)) > HCB_COARSE && !c->of->warned) {
     c->of->warned = 1;
-    fprintf(stderr, "hcbench: hunt_crossley, law %d: the step of %g s is too coarse for this contact; take a shorter one,"
-            " or the law restitution\n", c->of->id, w->h);
+    fprintf(stderr, "hcbench: hunt_crossley, law %d: the step of %g s is too coarse for this contact; take a shorter"
+            " one, or the law restitution\n", c->of->id, w->h);
   }
   double force = hcb_euler_force(motion, w->h, x, v) / c->inverse_mass, vector[3];
   if (!(force > 0)) return;

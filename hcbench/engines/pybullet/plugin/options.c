@@ -23,9 +23,9 @@ static const struct {
   double low, high;
 } keys[NUMBERS + WORDS] = {
     {"stiffness", "h", 0, INFINITY}, {"exponent", "h", 1, 100}, {"alpha", "hr", 0, INFINITY},
-    {"restitution", "h", 0, 1}, {"constant", "r", 0, 1}, {"friction", "hr", 0, INFINITY}, {"dynamic_friction", "h", 0, INFINITY},
-    {"slip_speed", "h", 1e-300, INFINITY}, {"law", "h", 0, 0}, {"reading", "r", 0, 0}, {"compensate_gravity", "r", 0, 0},
-    {"cup", "h", 0, 0}};
+    {"restitution", "h", 0, 1}, {"constant", "r", 0, 1}, {"friction", "hr", 0, INFINITY},
+    {"dynamic_friction", "h", 0, INFINITY}, {"slip_speed", "h", 1e-300, INFINITY}, {"law", "h", 0, 0},
+    {"reading", "r", 0, 0}, {"compensate_gravity", "r", 0, 0}, {"cup", "h", 0, 0}};
 
 static int set_option(world* w, int k, const char* value, options* o) {
   char* end;

@@ -47,12 +47,13 @@ static int read_shapes(world* w, const char* cup, law* l) {
   char rest;
   for (int side = 0; side < 2; side++) l->shape[side] = side && *cup ? CUP : simple_shape(w, l, side);
   if (*cup && sscanf(cup, "%lf,%lf,%lf,%lf%c", l->radius + 1, c, c + 1, c + 2, &rest) != 4) {
-    return fail(w, "cup=%s: needs radius,x,y,z: of the cup and of its centre in the frame of the second body, m", cup);
+    return fail(w, "cup=%s: needs radius,x,y,z: of the cup and its centre in the second body's frame, m", cup);
   }
   if (*cup && (l->shape[0] != SPHERE || l->radius[1] <= l->radius[0])) {
     return fail(w, "cup=%s: the first body must be a smaller sphere", cup);
   }
-  if (!l->shape[0] || !l->shape[1] || (l->shape[0] != SPHERE && l->shape[1] != SPHERE)) l->shape[0] = l->shape[1] = 0;
+  int known = l->shape[0] && l->shape[1] && (l->shape[0] == SPHERE || l->shape[1] == SPHERE);
+  if (!known) l->shape[0] = l->shape[1] = 0;
   for (int side = 0; side < 2; side++) { /* of what Bullet finds */
     if (l->shape[0]) body_of(w, l->body[side])->placed = 1;
     b3GetStatusAABB(send(w, b3RequestCollisionInfoCommandInit(w->client, l->body[side])), -1, low, high);
@@ -78,7 +79,7 @@ static void collide(world* w, const law* l, int enable) {
 
 static int read_pair(world* w, const b3Arguments* given, law* l) {
   body* b[2];
-  if (given->ints != 4) return fail(w, "%d integers, needs four: body, link, body, link (-1: base, -2: any)", given->ints);
+  if (given->ints != 4) return fail(w, "%d integers, needs body, link, body, link (-1: base, -2: any)", given->ints);
   for (int side = 0; side < 2; side++) {
     l->body[side] = given->value[2 * side];
     l->link[side] = given->value[2 * side + 1];
@@ -87,7 +88,8 @@ static int read_pair(world* w, const b3Arguments* given, law* l) {
       return fail(w, "body %d has no link %d", l->body[side], l->link[side]);
     }
     for (int i = 0; i < b[side]->links; i++) {
-      if (b[side]->link[i].joint == PLANAR) return fail(w, "body %d has a planar joint, whose axis Bullet does not tell", b[side]->id);
+      if (b[side]->link[i].joint != PLANAR) continue;
+      return fail(w, "body %d has a planar joint, whose axis Bullet does not tell", b[side]->id);
     }
   }
   if (b[0] == b[1] && l->link[0] == l->link[1]) return fail(w, "body %d is given twice", b[0]->id);
@@ -169,7 +171,11 @@ int executePluginCommand(b3Context* context, const b3Arguments* given) {
     context->data = &data;
     return 0;
   }
-  int i = which < 5 ? number_of(w, given) : fail(w, "no command \"%.*s\", only: hunt_crossley, restitution, remove, force, message", (int)length, given->text) - 1;
+  if (which == 5) {
+    const char* all = "hunt_crossley, restitution, remove, force, message";
+    return fail(w, "no command \"%.*s\", only: %s", (int)length, given->text, all) - 1;
+  }
+  int i = number_of(w, given);
   if (i < 0) return -1;
   if (which == 2) {
     collide(w, w->laws + i, 1);

@@ -91,7 +91,9 @@ static void add_impacts(world* w) {
   for (int i = 0; i < n; i++) add_rows(w, all + i, 1, 2);
   for (size_t i = 0; i < rows; i++) {
     u[i] = all[i / 3].rate[i % 3];
-    for (size_t j = 0; j <= i; j++) G[i * rows + j] = G[j * rows + i] = coupling(all + i / 3, i % 3, all + j / 3, j % 3);
+    for (size_t j = 0; j <= i; j++) {
+      G[i * rows + j] = G[j * rows + i] = coupling(all + i / 3, i % 3, all + j / 3, j % 3);
+    }
   }
   hcb_impacts(n, G, c, u, p, work);
   for (int i = 0; i < n; i++) {
