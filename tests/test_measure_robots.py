@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hcbench.cli import run
 from hcbench.errors import UserError
 from hcbench.measure import measure
 
@@ -229,3 +230,42 @@ def test_bodies_that_pass_at_different_heights_are_told_so() -> None:
       <joint type="slide" axis="1 0 0"/><geom size=".05"/></body></worldbody></mujoco>"""
     with pytest.raises(UserError, match=r"passes 'post' 0\.\d+ m away.*heights of 0.1 and 1 m"):
         measure(text, "puck,post")
+
+
+def test_the_pairs_of_a_model_are_listed_with_what_touches(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "robot.xml").write_text(
+        LEGGED.replace(
+            "</mujoco>", '<keyframe><key name="stand" qpos="0 0 .53 1 0 0 0 0"/></keyframe></mujoco>'
+        )
+    )
+    assert run(["pairs", str(tmp_path / "robot.xml"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [set(pair["geoms"]) for pair in found if pair["touching"]] == [{"foot", "floor"}]
+    (foot,) = [pair for pair in found if "foot" in pair["geoms"]]
+    assert foot["bodies"] == ["leg", "world"]
+    assert foot["touching_in"] == ["keyframe 'stand'"]
+    assert foot["contact"]["solref"] == [-40000, -12]
+    measured = measure(tmp_path / "robot.xml", "foot,floor", speeds=[0.5], phases=1, diagnose=False)
+    assert foot["effective_mass_kg"] == pytest.approx(measured.effective_mass, rel=1e-6)
+    with pytest.raises(UserError, match=r"leaves a choice of 2: foot,floor .touching.*--all"):
+        measure(tmp_path / "robot.xml")
+
+
+def test_a_contact_in_force_is_mixed_as_the_engine_does() -> None:
+    from hcbench.engines.mujoco.list_pairs import contact_in_force
+
+    one = 'solref=".01 .5" solimp=".8 .9 .002 .4 3" friction=".3 .01 .002" condim="4" solmix="3"'
+    other = 'solref=".05 .9" friction=".7 .02 .001" condim="3" solmix="2"'
+    for second in (other, other + ' priority="1"', other.replace(".05 .9", "-1000 -5")):
+        text = f"""<mujoco><worldbody><geom type="plane" size="1 1 .1" {one}/><body pos="0 0 .04"><freejoint/>
+          <geom size=".05" {second}/></body></worldbody></mujoco>"""
+        model = mujoco.MjModel.from_xml_string(text)
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        contact, mixed = data.contact[0], contact_in_force(model, 0, 1)
+        assert mixed["solref"] == pytest.approx(list(contact.solref))
+        assert mixed["solimp"] == pytest.approx(list(contact.solimp))
+        assert mixed["friction"] == pytest.approx([contact.friction[0], *contact.friction[2:4]])
+        assert mixed["condim"] == contact.dim

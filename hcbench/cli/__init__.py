@@ -15,7 +15,7 @@ import click
 
 from hcbench._text import sanitized
 from hcbench.cli._process import flush_stdio, install_signal_handlers, translate_errors, wrap_stdio
-from hcbench.cli.check import check, measure
+from hcbench.cli.check import check, measure, pairs
 from hcbench.cli.convert import convert
 from hcbench.cli.engines import engines, plugin
 from hcbench.cli.fit import fit
@@ -38,7 +38,8 @@ def app() -> None:
     """
 
 
-for command in (report, sweep, fit, tune, measure, check, paper, reference, convert, engines, plugin):
+COMMANDS = (report, sweep, fit, tune, pairs, measure, check, paper, reference, convert, engines, plugin)
+for command in COMMANDS:
     app.add_command(translate_errors(command))
 
 

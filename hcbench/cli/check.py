@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from hcbench.check.spec import CheckSpec
+    from hcbench.measure.measure import Job
 
 
 def _file(*names: str, help: str) -> Callable[..., Any]:  # noqa: A002 - Click's own word
@@ -64,10 +66,16 @@ def _spec(models: tuple[str, ...], python: str | None, options: dict[str, object
 @_model_options
 @click.option("--alpha", help="α to look for causes against.")
 @click.option("--restitution", help="e to look for causes against.")
+@click.option("--all", "each", is_flag=True, help="Each pair that touches at the start.")
 @_file("--page", help="Also write a one-page report (HTML).")
 @as_json
 def measure(
-    models: tuple[str, ...], python: str | None, page: Path | None, as_json: bool, **options: object
+    models: tuple[str, ...],
+    python: str | None,
+    each: bool,
+    page: Path | None,
+    as_json: bool,
+    **options: object,
 ) -> None:
     """Measure how a pair bounces in your own model.
 
@@ -84,6 +92,9 @@ def measure(
         raise UserError("model", "none given", "a file, two URDF files, or --python FILE:FUNCTION")
     asked = plan(spec)
     job = Job(asked.source, asked.engine, asked.request, asked.wanted, TOLERANCE, diagnose=True)
+    if each:
+        _measure_each(job, asked.limit, as_json)
+        return
     measurement = measure_job(job, asked.limit)
     if page is not None:
         from hcbench.report.measurement_page import measurement_page
@@ -93,6 +104,63 @@ def measure(
         print_json(as_record(measurement))
     else:
         print(as_text(measurement))
+
+
+def _measure_each(job: Job, limit: float, as_json: bool) -> None:
+    """Every pair that touches at the start; what cannot be measured is told and passed over."""
+    from hcbench.measure.measure import list_pairs, measure_job
+    from hcbench.measure.text import as_record, as_text
+
+    pairs = [pair for pair in list_pairs(job, limit) if pair.touching]
+    if not pairs:
+        todo = "`hcbench pairs` lists what can meet; name one by --pair, or start from another --key"
+        raise UserError("all", "no two parts touch at the start", "a pose in which some do", todo)
+    records: list[object] = []
+    for pair in pairs:
+        one, two = pair.pair.split(",")
+        request = dataclasses.replace(job.request, pair=(one, two))
+        try:
+            measurement = measure_job(dataclasses.replace(job, request=request), limit)
+        except UserError as error:
+            records.append({"pair": [one, two], "refused": str(error)})
+            lines = f"{pair.pair}: not measured: {error}\n"
+        else:
+            records.append(as_record(measurement))
+            lines = as_text(measurement)
+        if not as_json:
+            click.echo(lines)
+    if as_json:
+        print_json(records)
+
+
+@click.command()
+@click.argument("models", nargs=-1, type=PathType())
+@click.option("--python", metavar="FILE:FUNCTION", help="A function that returns the model.")
+@click.option("--key", help="Keyframe to start from.")
+@click.option("--qpos", help="Joints to start from: 'hip=0.3, knee=-30 deg'.")
+@_file("--state", help="A pose to start from (.npz, JSON).")
+@click.option("--engine", metavar="NAME", help="For files of both kinds.")
+@click.option("--limit", help="Time after which a model counts as hung, such as '60 s'.")
+@as_json
+def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options: object) -> None:
+    """List which parts of your model can meet, and which do.
+
+    With what moves them, effective mass and the contact parameters in force.
+    """
+    from hcbench.check.spec import plan
+    from hcbench.measure.measure import Job, list_pairs
+    from hcbench.measure.measurement import TOLERANCE
+    from hcbench.sim.candidate_pairs import as_records, as_table
+
+    spec = _spec(models, python, options)
+    if not spec.models:
+        raise UserError("model", "none given", "a file, two URDF files, or --python FILE:FUNCTION")
+    asked = plan(spec)
+    found = list_pairs(Job(asked.source, asked.engine, asked.request, None, TOLERANCE, False), asked.limit)
+    if as_json:
+        print_json(as_records(found))
+    else:
+        click.echo(as_table(found), nl=False)
 
 
 @click.command()

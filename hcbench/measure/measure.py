@@ -6,12 +6,12 @@ import dataclasses
 import os
 import re
 import runpy
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from hcbench._arguments import checked
 from hcbench._text import sanitized
@@ -24,9 +24,12 @@ from hcbench.measure.measurement import TOLERANCE, Measurement
 from hcbench.measure.phases import impacts_of
 from hcbench.measure.request import make_request
 from hcbench.sim import registry
+from hcbench.sim.candidate_pairs import CandidatePair
 from hcbench.sim.engine import Engine
 from hcbench.sim.model_under_test import ModelUnderTest, Request
 from hcbench.workers import WorkerDied, call
+
+Answer = TypeVar("Answer")
 
 LONGEST_LIMIT_S = 1e6
 LIMIT_S = 60.0  # for one model, which takes a second or two on an idle machine
@@ -118,12 +121,23 @@ def measure(
 
 
 def measure_job(job: Job, limit: float = LIMIT_S) -> Measurement:
-    """Measure: files in a worker process that may crash, hang or run out of memory; objects here."""
+    """Measure one pair."""
+    return _done(_measured, job, limit)
+
+
+def list_pairs(job: Job, limit: float = LIMIT_S) -> list[CandidatePair]:
+    """Which parts of the model can meet; those that touch at the start first."""
+    return _done(_listed, job, limit)
+
+
+def _done(work: Callable[[Job], Answer], job: Job, limit: float) -> Answer:
+    """What `work(job)` returns: of files, in a worker that may crash, hang or need too much; else here."""
     source = _as_files(job.source)
     if source is None:
-        return _measured(job)
+        return work(job)
     try:
-        return call(_measured_in_worker, dataclasses.replace(job, source=source), limit=limit)
+        answer: Answer = call(_in_worker, work, dataclasses.replace(job, source=source), limit=limit)
+        return answer
     except WorkerDied as death:
         raise EngineFailed(
             "model",
@@ -147,10 +161,10 @@ def _label(source: str | tuple[str, ...]) -> str:
     return sanitized("MJCF text" if parts[0].lstrip().startswith("<") else " + ".join(parts))
 
 
-def _measured_in_worker(job: Job) -> Measurement:
+def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
     try:
         with _memory_limit():
-            return _measured(job)
+            return work(job)
     except MemoryError:
         needs = f"{_label(job.source)} needs more than {_memory() >> 30} GiB of memory"
         raise EngineFailed("model", needs, "a model that fits") from None
@@ -159,6 +173,11 @@ def _measured_in_worker(job: Job) -> Measurement:
     except Exception as error:
         reason = f"{_label(job.source)}: {type(error).__name__}: {sanitized(error)}"
         raise EngineFailed("model", reason, "a model that the engine can run") from error
+
+
+def _listed(job: Job) -> list[CandidatePair]:
+    engine, source, rebuild = _sourced(job)
+    return engine.pairs(source, job.request, rebuild)
 
 
 def _measured(job: Job) -> Measurement:
@@ -201,11 +220,17 @@ def _memory_limit() -> Iterator[None]:
 
 
 def _open(job: Job) -> ModelUnderTest:
+    engine, source, rebuild = _sourced(job)
+    return engine.open(source, job.request, rebuild)
+
+
+def _sourced(job: Job) -> tuple[Engine, Any, Callable[[], Any] | None]:
+    """(engine, model, what makes it anew) where a function of a Python file makes it; else None last."""
     source, rebuild = job.source, None
     if isinstance(source, str) and (match := _PYTHON.fullmatch(source)):
         rebuild = partial(_call_python, match["file"], match["function"])
         source = rebuild()
-    return _engine_for(source, job.engine).open(source, job.request, rebuild)
+    return _engine_for(source, job.engine), source, rebuild
 
 
 def _engine_for(source: Any, name: str | None) -> Engine:
@@ -220,7 +245,8 @@ def _engine_for(source: Any, name: str | None) -> Engine:
         files = ", ".join(suffix for engine in engines for suffix in engine.suffixes)
         reason = "is not the name of a model file" if Path(source).exists() else "is not there"
         raise SceneError("model", f"{source} {reason}", f"a model file: {files}")
-    raise UserError("model", f"a {type(source).__name__}", f"a path, {_objects()}")
+    got = "a function that returned None" if source is None else f"a {type(source).__name__}"
+    raise UserError("model", got, f"a path, {_objects()}")
 
 
 def _openers() -> list[Engine]:
@@ -242,10 +268,7 @@ def _call_python(file: str, name: str) -> Any:
     if name not in names:
         raise UserError("model", f"{path} has no {name!r}", "the name of a function in it")
     with _user_code(f"{path}:{name}", "a function without arguments that returns a model"):
-        model = names[name]()
-    if model is None:
-        raise UserError("model", f"{path}:{name} returned None", f"one of: {_objects()}")
-    return model
+        return names[name]()
 
 
 @contextmanager

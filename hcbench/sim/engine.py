@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats, Impact, Launch, Trajectory
     from hcbench.scene import Scene
     from hcbench.setting import Setting
+    from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.model_under_test import ModelUnderTest, Request
     from hcbench.tune.recipe import Recipe
 
@@ -184,6 +185,15 @@ class Engine(ABC):
 
         Raises UserError with the reason where the pair cannot be measured.
         """
+        raise UserError("engine", repr(self.name), "an engine that opens models of users", f"{source!r}")
+
+    def pairs(
+        self,
+        source: Any,
+        request: Request,
+        rebuild: Callable[[], Any] | None = None,
+    ) -> list[CandidatePair]:
+        """Which parts of a user's own model can meet, as `open` takes it; those that touch first."""
         raise UserError("engine", repr(self.name), "an engine that opens models of users", f"{source!r}")
 
     def snippet(self, setting: Setting, form: str) -> str:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.model_under_test import MujocoModel
     from hcbench.scene import Scene
     from hcbench.setting import Setting
+    from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.model_under_test import Request
     from hcbench.tune.recipe import Recipe
 
@@ -125,17 +126,32 @@ class MujocoEngine(SteppedEngine):
         request: Request,
         rebuild: Callable[[], Any] | None = None,
     ) -> MujocoModel:
-        """A model from a path, an MjModel, an MjSpec or MJCF text."""
+        """A model from a path, an MjModel, an MjSpec, MJCF text, or a state as it stands."""
         from hcbench.engines.mujoco.model_under_test import MujocoModel
         from hcbench.engines.mujoco.user_model import load as load_user_model
 
-        if isinstance(source, list | tuple):
-            if len(source) != 1:
-                raise UserError(
-                    "model", f"{len(source)} files", "one file for MuJoCo", "Put both into one MJCF"
-                )
-            source = source[0]
-        return MujocoModel(*load_user_model(source, request), request)
+        return MujocoModel(*load_user_model(_one_file(source), request), request)
+
+    def pairs(
+        self,
+        source: Any,
+        request: Request,
+        rebuild: Callable[[], Any] | None = None,
+    ) -> list[CandidatePair]:
+        """Pairs of geoms that may collide."""
+        from hcbench.engines.mujoco.list_pairs import list_pairs
+        from hcbench.engines.mujoco.user_model import load as load_user_model
+
+        model, _, state = load_user_model(_one_file(source), request)
+        return list_pairs(model, request, state)
+
+
+def _one_file(source: Any) -> Any:
+    if not isinstance(source, list | tuple):
+        return source
+    if len(source) != 1:
+        raise UserError("model", f"{len(source)} files", "one file for MuJoCo", "Put both into one MJCF")
+    return source[0]
 
 
 def _pool(scene: Scene, timestep: float, options: Options) -> BatchPool:

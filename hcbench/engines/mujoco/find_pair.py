@@ -17,6 +17,8 @@ from hcbench.engines.mujoco.model import (
 )
 from hcbench.engines.mujoco.pair import ContactPair, NamedGeoms
 from hcbench.errors import UserError
+from hcbench.sim.candidate_pairs import choice_error
+from hcbench.sim.model_under_test import Request
 from hcbench.sim.names import find_part
 
 
@@ -33,13 +35,14 @@ class MovingJoint:
     turns: bool = False
 
 
-def find_pair(model: Any, names: tuple[str, str] | None) -> ContactPair:
+def find_pair(model: Any, request: Request, state: Any = None) -> ContactPair:
     """The pair that two names mean: bodies first, then geoms, or as "body:NAME" or "geom:NUMBER" says.
 
     Without names, the only body that moves and the only thing it can meet.
     """
+    names = request.pair
     if names is None:
-        names = _only_pair(model)
+        names = _only_pair(model, request, state)
     first, second = (_named_geoms(model, name) for name in names)
     if set(first.geoms) & set(second.geoms):
         got = f"{names[0]!r} and {names[1]!r} are the same"
@@ -68,20 +71,15 @@ def _collides(model: Any, geom: int) -> bool:
     return bool(model.geom_contype[geom] or model.geom_conaffinity[geom] or in_pair)
 
 
-def _only_pair(model: Any) -> tuple[str, str]:
+def _only_pair(model: Any, request: Request, state: Any) -> tuple[str, str]:
     """The names of the only body that moves and of the only fixed geom."""
     movers = [b for b in range(1, model.nbody) if geoms_of(model, b) and _translations(model, b)]
     others = [g for g in geoms_of(model, 0) if _collides(model, g)]
     if len(movers) == 1 and len(others) == 1:
         return f"body:{movers[0]}", f"geom:{others[0]}"
-    moving = ", ".join(body_name(model, b) for b in movers[:8]) or "none"
-    fixed = ", ".join(geom_name(model, g) for g in others[:8]) or "none"
-    raise UserError(
-        "pair",
-        f"none given, and the model leaves a choice (bodies that move: {moving}; fixed geoms: {fixed})",
-        "the names of two bodies or geoms",
-        "Write for example --pair ball,plate",
-    )
+    from hcbench.engines.mujoco.list_pairs import list_pairs
+
+    raise choice_error(list_pairs(model, request, state))
 
 
 def _translations(model: Any, body: int) -> tuple[int, ...]:
@@ -114,7 +112,7 @@ def moving_joints(model: Any, body: int) -> list[MovingJoint]:
             words = f"body {body_name(model, ancestor)!r} on its {kind}"
             joints.append(MovingJoint(ancestor, dofs, words))
     chain = [a for a in _ancestors(model, body) if model.body_jntnum[a]]
-    if any(model.body_dofnum[a] > len(_translations(model, a)) for a in chain) and not joints:
+    if any(model.body_dofnum[a] > len(_translations(model, a)) for a in chain):
         numbers = [model.body_jntadr[a] + j for a in chain for j in range(model.body_jntnum[a])]
         names = ", ".join(joint_name(model, int(j)) for j in numbers[:6]) + ", ..." * (len(numbers) > 6)
         tree = np.flatnonzero(model.body_rootid[model.dof_bodyid] == model.body_rootid[body])

@@ -33,7 +33,7 @@ class MujocoModel(ModelUnderTest):
         self.model, self.label, self.state, self.request = model, label, state, request
         with captured_warnings():
             self.start, self.start_name = start_pose(model, request, state)
-            pair = find_pair(model, request.pair)
+            pair = find_pair(model, request, state)
             self.place = bring_to_touch(pair, start_pose(model, request, state)[0], request.coming_from)
         self.timestep, self.mass = float(model.opt.timestep), self.place.effective_mass
         self.gravity = self.place.gravity

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import chdir, contextmanager
 from functools import partial
@@ -74,6 +75,12 @@ def translated_errors(bullet: BulletClient) -> Iterator[None]:
         yield
     except bullet.error as error:
         raise EngineFailed("pybullet", str(error), "") from error
+
+
+def is_connected() -> bool:
+    """Whether this process has imported pybullet and has a client that calls without one mean."""
+    pybullet = sys.modules.get("pybullet")
+    return pybullet is not None and bool(pybullet.isConnected())
 
 
 def version() -> str:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from hcbench.engines.pybullet import snippet
-from hcbench.engines.pybullet.backend import INSTALL, version
+from hcbench.engines.pybullet.backend import INSTALL, is_connected, version
 from hcbench.engines.pybullet.options import read_options
 from hcbench.engines.pybullet.user_model import LiveWorld
 from hcbench.engines.pybullet.world import PybulletWorld
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from hcbench.engines.pybullet.model_under_test import PybulletModel
     from hcbench.scene import Scene
     from hcbench.setting import Setting
+    from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.model_under_test import Request
     from hcbench.tune.recipe import Recipe
 
@@ -88,6 +89,8 @@ class PybulletEngine(SteppedEngine):
         """A path of its suffixes, several, a client's id, a BulletClient or a `World`."""
         if isinstance(source, list | tuple):
             return all(isinstance(part, str | Path) for part in source)
+        if source is None:  # an ordinary script, whose function returns nothing
+            return is_connected()
         return super().accepts(source) or isinstance(source, int | LiveWorld) or hasattr(source, "_client")
 
     def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> PybulletModel:
@@ -95,3 +98,11 @@ class PybulletEngine(SteppedEngine):
         from hcbench.engines.pybullet.model_under_test import open_world
 
         return open_world(source, request, rebuild)
+
+    def pairs(
+        self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
+    ) -> list[CandidatePair]:
+        """Pairs of links of different bodies."""
+        from hcbench.engines.pybullet.model_under_test import list_pairs_of
+
+        return list_pairs_of(source, request, rebuild)

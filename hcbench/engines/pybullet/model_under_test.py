@@ -25,13 +25,16 @@ from hcbench.engines.pybullet.causes import (
     find_suspects,
     restitutions,
 )
+from hcbench.engines.pybullet.list_pairs import list_pairs
 from hcbench.engines.pybullet.place import FreeBase, place
+from hcbench.engines.pybullet.pose import joint_states, set_pose
 from hcbench.engines.pybullet.record import speed_reading
 from hcbench.engines.pybullet.user_model import LoadedWorld, find_pair, load_files, open_live
 from hcbench.engines.pybullet.user_simulation import LaunchInUserWorld
 from hcbench.errors import UserError
 from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
+from hcbench.sim.candidate_pairs import CandidatePair
 from hcbench.sim.engine import Simulation
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
 from hcbench.sim.read_impact import SpeedReading
@@ -50,8 +53,8 @@ class PybulletModel(ModelUnderTest):
     def __init__(
         self,
         world: LoadedWorld,
-        request: Request,
         build: Callable[[], LoadedWorld] | None,
+        request: Request,
         fixes: Sequence[Suspect] = (),
     ) -> None:
         self.world, self.request, self.build = world, request, build
@@ -59,11 +62,13 @@ class PybulletModel(ModelUnderTest):
         self._settings_before = self.bullet.getPhysicsEngineParameters()
         try:
             self._apply_request()
+            self._pose_before = {} if world.disconnect else joint_states(self.bullet)
+            set_pose(world, request)
             first, second = find_pair(world, request.pair)
             for fix in fixes:
                 if fix.apply is not None:
                     fix.apply(self.bullet)
-            self.place = run_aside(self.bullet, lambda: place(world, first, second))
+            self.place = run_aside(self.bullet, lambda: place(world, first, second, request.coming_from))
             parameters = self.bullet.getPhysicsEngineParameters()
             self.timestep, self.mass = float(parameters["fixedTimeStep"]), self.place.effective_mass
             along = float((np.array(self._gravity()) * self.place.normal).sum())
@@ -84,8 +89,11 @@ class PybulletModel(ModelUnderTest):
     def _put_back(self) -> None:
         """A live client gets back what the request changed; a world of our own is closed."""
         if self.world.disconnect:
-            self.bullet.disconnect()
+            if self.bullet.isConnected():
+                self.bullet.disconnect()
             return
+        for (body, joint), (position, velocity) in self._pose_before.items():
+            self.bullet.resetJointState(body, joint, position, velocity)
         self.bullet.setPhysicsEngineParameter(fixedTimeStep=self._settings_before["fixedTimeStep"])
         self.bullet.setGravity(*(self._settings_before[f"gravityAcceleration{axis}"] for axis in "XYZ"))
 
@@ -123,9 +131,7 @@ class PybulletModel(ModelUnderTest):
         first, second = restitutions(self.bullet, self.place)
         is_known = not math.isnan(first * second)
         parameters = self.bullet.getPhysicsEngineParameters()
-        notes = []
-        if self.place.lift > 0:
-            notes.append("Both files stand at the origin: the moving one was raised above the other first.")
+        notes = [self.place.remark] if self.place.remark else []
         if self.place.overlap > 0:
             notes.append(f"The two overlap by {self.place.overlap:.3g} m at the start: moved apart to touch.")
         return Facts(
@@ -147,6 +153,7 @@ class PybulletModel(ModelUnderTest):
             asked_description=f"restitution {first:g} x {second:g}" if is_known else _UNKNOWN_RESTITUTIONS,
             notes=tuple(notes),
             friction=pair_friction(self.bullet, self.place),
+            point=tuple(float(x) for x in self.place.point),  # type: ignore[arg-type]
         )
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
@@ -161,7 +168,7 @@ class PybulletModel(ModelUnderTest):
         """The same world made anew, with some fixes made; a live client is not touched."""
         if self.build is None:
             raise UserError("model", "a live client cannot be made anew", "files, or a function for it")
-        return PybulletModel(self.build(), self.request, self.build, suspects)
+        return PybulletModel(self.build(), self.build, self.request, suspects)
 
     def close(self) -> None:
         """End what is ours and put back what is not."""
@@ -169,15 +176,44 @@ class PybulletModel(ModelUnderTest):
 
 
 def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None) -> PybulletModel:
-    """A world from files (paths), from a `World`, or from a client id.
+    """A world from files (paths), from a `World`, or from a client.
 
     rebuild: makes the `World` or client anew, where a function built it.
     """
+    return PybulletModel(*_loaded(source, rebuild), request)
+
+
+def list_pairs_of(source: Any, request: Request, rebuild: Callable[[], Any] | None) -> list[CandidatePair]:
+    """Pairs of links that can meet, in the pose asked for."""
+    world, _ = _loaded(source, rebuild)
+    try:
+        return run_aside(world.bullet, lambda: _listed(world, request))
+    finally:
+        if world.disconnect:
+            world.bullet.disconnect()
+
+
+def _listed(world: LoadedWorld, request: Request) -> list[CandidatePair]:
+    set_pose(world, request)
+    return list_pairs(world)
+
+
+def _loaded(
+    source: Any, rebuild: Callable[[], Any] | None
+) -> tuple[LoadedWorld, Callable[[], LoadedWorld] | None]:
+    """(the world, what makes it anew)."""
     if isinstance(source, str | list | tuple) or hasattr(source, "__fspath__"):
         paths: Sequence[str | Path] = source if isinstance(source, list | tuple) else [source]
         files = [str(path) for path in paths]
-        return PybulletModel(load_files(files), request, lambda: load_files(files))
+        return load_files(files), lambda: load_files(files)
     if rebuild is None:
-        return PybulletModel(open_live(source, disconnect=False), request, None)
+        return open_live(source, disconnect=False), None
     first = open_live(source, disconnect=True)
-    return PybulletModel(first, request, lambda: open_live(rebuild(), disconnect=True))
+
+    def build() -> LoadedWorld:
+        # A script that names no client means the first one, which must be the new one.
+        if first.bullet.isConnected():
+            first.bullet.disconnect()
+        return open_live(rebuild(), disconnect=True)
+
+    return first, build

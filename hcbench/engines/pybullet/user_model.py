@@ -14,6 +14,7 @@ from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
 from hcbench.engines.pybullet.model import LINK_NAME
 from hcbench.engines.pybullet.model_file import check_user_model
 from hcbench.errors import UserError
+from hcbench.sim.candidate_pairs import choice_error
 from hcbench.sim.names import find_part
 
 _STARTING_SETTINGS = {**LASTING_SETTINGS, "fixedTimeStep": 1.0 / 240.0}
@@ -57,7 +58,7 @@ class LoadedWorld:
     label: what a report calls it. disconnect: whether to end its client at the end. pair: the two that meet,
     as in a `LiveWorld`; () where names say. files: body id -> name of the file it came from; empty for a
     world of the user's. unread: body id -> (tag, e) of a restitution that its file has in a place where
-    PyBullet does not look.
+    PyBullet does not look. owner: what the user made of the client, which may disconnect it when it goes.
     """
 
     bullet: BulletClient
@@ -66,6 +67,7 @@ class LoadedWorld:
     pair: tuple[int | tuple[int, int], ...] = ()
     files: dict[int, str] = field(default_factory=dict)
     unread: dict[int, tuple[str, float]] = field(default_factory=dict)
+    owner: Any = None
 
 
 def load_files(paths: Sequence[str]) -> LoadedWorld:
@@ -87,7 +89,7 @@ def load_files(paths: Sequence[str]) -> LoadedWorld:
 
 def open_live(source: Any, disconnect: bool) -> LoadedWorld:
     """The world of a `LiveWorld`, a client id, or a BulletClient of pybullet_utils. UserError for others."""
-    world = LiveWorld(source) if isinstance(source, int) else source
+    world = LiveWorld(source or 0) if source is None or isinstance(source, int) else source
     if not isinstance(world, LiveWorld) and hasattr(world, "_client"):
         world = LiveWorld(world._client)
     if not isinstance(world, LiveWorld):
@@ -96,7 +98,7 @@ def open_live(source: Any, disconnect: bool) -> LoadedWorld:
     if not bullet.isConnected():
         raise UserError("model", f"PyBullet client {world.client} is not connected", "a live client")
     pair = () if world.first is None or world.second is None else (world.first, world.second)
-    return LoadedWorld(bullet, "PyBullet world", disconnect, pair)
+    return LoadedWorld(bullet, "PyBullet world", disconnect, pair, owner=source)
 
 
 def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPart, BodyPart]:
@@ -112,12 +114,11 @@ def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPa
     if names is None:
         numbers = bullet.bodies()
         if len(numbers) != 2:
-            raise UserError(
-                "pair",
-                f"none given, and the world has {len(numbers)} bodies",
-                "two names",
-                f"Known: {', '.join(list(dict.fromkeys(known))[:12])}",
-            )
+            from hcbench.engines.pybullet.list_pairs import list_pairs
+
+            if len(numbers) < 2:
+                raise UserError("pair", f"none given, and the world has {len(numbers)} bodies", "two names")
+            raise choice_error(list_pairs(world))
         one, two = (BodyPart(world.files.get(body, f"body:{body}"), body, ANY_LINK) for body in numbers)
         return one, two
     one, two = (

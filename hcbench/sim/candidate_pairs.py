@@ -1,0 +1,106 @@
+"""Which parts of a user's model can meet: what an engine lists of them, as text and as records."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from hcbench._text import number, sanitized, table
+from hcbench.errors import UserError
+
+_NAMED = 6  # pairs that an error names
+
+
+@dataclass(frozen=True, slots=True)
+class CandidatePair:
+    """Two geoms of a model that its engine lets collide.
+
+    bodies, geoms, types: of the two, the one that moves first. pair: what to say to `measure`. joint: what
+    moves one of the two, in words. effective_mass: 1 / (J M^-1 J^T) where they are nearest, kg; NaN where it
+    is unknown. distance: between them at the start, m. touching: whether they touch there. touching_in: names
+    of all poses in which they do. settings: the contact's parameters in force, in the engine's own words.
+    """
+
+    bodies: tuple[str, str]
+    geoms: tuple[str, str]
+    types: tuple[str, str]
+    pair: str
+    joint: str
+    effective_mass: float
+    distance: float
+    touching: bool
+    touching_in: tuple[str, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+def as_records(pairs: Sequence[CandidatePair]) -> list[dict[str, Any]]:
+    """For JSON: an object a pair."""
+    return [
+        {
+            "pair": p.pair,
+            "bodies": list(p.bodies),
+            "geoms": list(p.geoms),
+            "types": list(p.types),
+            "joint": p.joint,
+            "effective_mass_kg": p.effective_mass,
+            "distance_m": p.distance,
+            "touching": p.touching,
+            "touching_in": list(p.touching_in),
+            "contact": dict(p.settings),
+        }
+        for p in pairs
+    ]
+
+
+def as_table(pairs: Sequence[CandidatePair], longest: int = 40) -> str:
+    """Those that touch first, then the nearest."""
+    if not pairs:
+        return "no two parts of this model can meet\n"
+    rows = [
+        (
+            sanitized(p.pair),
+            sanitized(f"{p.bodies[0]}, {p.bodies[1]}"),
+            f"{p.types[0]}, {p.types[1]}",
+            "yes" if p.touching else number(p.distance, ".3g"),
+            number(p.effective_mass, ".4g"),
+            sanitized(p.joint),
+            sanitized("; ".join(f"{name} {_text(value)}" for name, value in p.settings.items())),
+        )
+        for p in pairs[:longest]
+    ]
+    header = ("--pair", "bodies", "types", "touching, or m", "kg", "moved by", "contact")
+    lines = table(header, rows)
+    poses = [f"{p.pair} in {', '.join(p.touching_in)}" for p in pairs if p.touching_in and not p.touching]
+    lines += [f"touching in other poses: {'; '.join(map(sanitized, poses[:_NAMED]))}"] if poses else []
+    if len(pairs) > longest:
+        lines.append(f"and {len(pairs) - longest} more: --json lists all")
+    return "\n".join(lines) + "\n"
+
+
+def _text(value: Any) -> str:
+    return " ".join(f"{x:.4g}" for x in value) if isinstance(value, list | tuple) else f"{value:.4g}"
+
+
+def in_order(pairs: Sequence[CandidatePair]) -> list[CandidatePair]:
+    """Those that touch at the start first, then those that do in another pose, then the nearest."""
+    far = math.inf
+
+    def rank(p: CandidatePair) -> tuple[bool, bool, float]:
+        return not p.touching, not p.touching_in, p.distance if math.isfinite(p.distance) else far
+
+    return sorted(pairs, key=rank)
+
+
+def choice_error(pairs: Sequence[CandidatePair]) -> UserError:
+    """No pair was named, and the model leaves a choice, or none."""
+    if not pairs:
+        got = "none given, and no two parts of the model can meet"
+        return UserError("pair", got, "a model with two parts that collide, one of which moves")
+    some = "; ".join(f"{p.pair}{' (touching)' * p.touching}" for p in pairs[:_NAMED])
+    more = f"; and {len(pairs) - _NAMED} more" if len(pairs) > _NAMED else ""
+    return UserError(
+        "pair",
+        f"none given, and the model leaves a choice of {len(pairs)}: {some}{more}",
+        "the names of two bodies or geoms",
+        f"Try --pair {pairs[0].pair}; `hcbench pairs` lists all, and --all measures those that touch",
+    )
