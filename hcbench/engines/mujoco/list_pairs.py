@@ -67,26 +67,20 @@ def _touching(model: Any) -> dict[_Geoms, list[str]]:
 
 
 def _described(
-    model: Any,
-    data: Any,
-    a: int,
-    b: int,
-    here: set[tuple[int, ...]],
-    touching: dict[tuple[int, ...], list[str]],
+    model: Any, data: Any, a: int, b: int, here: set[_Geoms], touching: dict[_Geoms, list[str]]
 ) -> CandidatePair:
     bodies = int(model.geom_bodyid[a]), int(model.geom_bodyid[b])
     kinds = [backend().mjtGeom(int(model.geom_type[g])).name.removeprefix("mjGEOM_").lower() for g in (a, b)]
     names = geom_name(model, a), geom_name(model, b)
     pair = ContactPair(model, NamedGeoms(names[0], bodies[0], (a,)), NamedGeoms(names[1], bodies[1], (b,)))
     near, mass = pair.nearest(data), math.nan
-    normal = near.normal
-    contact = pair.contact(data)
-    if contact is not None and not normal.any():
-        normal = contact.normal
+    normal, key = near.normal, tuple(sorted((a, b)))
+    if not normal.any():  # they just touch: either sign will do
+        normals = [c.frame[:3] for c in data.contact if tuple(sorted(c.geom.tolist())) == key]
+        normal = normals[0] if normals else normal
     if np.isfinite(near.distance) and normal.any():
         mass = effective_mass(model, data, approach_row(model, data, *bodies, near.point, normal))
     joints = [joint for body in bodies for joint in moving_joints(model, body)]
-    key = tuple(sorted((a, b)))
     return CandidatePair(
         bodies=(body_name(model, bodies[0]), body_name(model, bodies[1])),
         geoms=names,
