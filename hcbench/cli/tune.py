@@ -22,6 +22,7 @@ from hcbench.cli.console import (
     print_json,
     progress,
 )
+from hcbench.cli.tune_model import tunes_models
 from hcbench.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ class _TargetOptions(TypedDict):
 
 
 @click.command()
-@click.argument("engine")
+@click.argument("engine", metavar="ENGINE|MODEL")
 @click.option(
     "--alpha", type=UncertainType("alpha"), help="α of e = 1 - α v: '0.008 s/in' or '0.31 +- 0.004 s/m'."
 )
@@ -66,7 +67,7 @@ class _TargetOptions(TypedDict):
 @click.option(
     "--points", help="Pairs v:e in place of --alpha, such as '0.1:0.95, 0.5:0.85 m/s', or a CSV file."
 )
-@click.option("--timestep", type=STEP, required=True, help="The engine's step, such as '1e-3' or '1 ms'.")
+@click.option("--timestep", type=STEP, help="The engine's step, such as '1 ms'.  [a model: its own]")
 @click.option(
     "--speeds", type=SPEEDS, help="The band of impact speeds.  [default: 1:20 in/s, or that of --points]"
 )
@@ -94,6 +95,7 @@ class _TargetOptions(TypedDict):
     "--write-scene", type=PathType(path_type=Path), help="Write a file that runs in the plain engine."
 )
 @as_json
+@tunes_models
 def tune(
     engine: str,
     recipe: str,
@@ -104,10 +106,7 @@ def tune(
     as_json: bool,
     **options: Unpack[_TargetOptions],
 ) -> None:
-    """Find settings that bounce like your material.
-
-    Prints what to write in ENGINE, one that `hcbench engines` lists, and how wrong it is.
-    """
+    """Find settings that bounce like your material: for ENGINE, or the --pair of MODEL, your own file."""
     from hcbench._files import write_text
     from hcbench.sim import registry
     from hcbench.tune import tune as tuning
@@ -155,7 +154,7 @@ def _scene_and_target(options: _TargetOptions) -> tuple[Scene, Target]:
     elif n != scene.exponent:
         raise UserError("--stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
     mass = scene.mass if options["mass"] is None else options["mass"]
-    points = () if options["points"] is None else _points(options["points"])
+    points = () if options["points"] is None else parse_points(options["points"])
     # Beyond several points nobody knows e.
     speeds = [v for v, _ in points] if len(points) > 1 else _SPEEDS
     if options["speeds"] is not None:
@@ -178,7 +177,7 @@ def _scene_and_target(options: _TargetOptions) -> tuple[Scene, Target]:
     )
 
 
-def _points(text: str) -> Points:
+def parse_points(text: str) -> Points:
     """Pairs (v m/s, e) from 'v:e, v:e unit' or from a CSV file with the columns speed and restitution."""
     from hcbench import units
 
@@ -261,9 +260,8 @@ def _friction(result: Evaluation, target: Target) -> str:
     return f"impulse off Coulomb's by at most {off}"
 
 
-def _percent(share: float) -> str:
-    """Three digits, and no power of ten for what is above 1 %."""
-    return f"{100 * share:.3g} %" if share < 1 else f"{100 * share:.0f} %"
+def _percent(share: float) -> str:  # three digits, and no power of ten above 1 %
+    return f"{100 * share:.{'3g' if share < 1 else '0f'}} %"
 
 
 def _print_interrupted(interrupt: SearchInterrupted, scene: Scene, as_json: bool) -> None:

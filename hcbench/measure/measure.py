@@ -122,15 +122,15 @@ def measure(
 
 def measure_job(job: Job, limit: float = LIMIT_S) -> Measurement:
     """Measure one pair."""
-    return _done(_measured, job, limit)
+    return run_job(_measured, job, limit)
 
 
 def list_pairs(job: Job, limit: float = LIMIT_S) -> list[CandidatePair]:
     """Which parts of the model can meet; those that touch at the start first."""
-    return _done(_listed, job, limit)
+    return run_job(_listed, job, limit)
 
 
-def _done(work: Callable[[Job], Answer], job: Job, limit: float) -> Answer:
+def run_job(work: Callable[[Job], Answer], job: Job, limit: float) -> Answer:
     """What `work(job)` returns: of files, in a worker that may crash, hang or need too much; else here."""
     source = _as_files(job.source)
     if source is None:
@@ -176,7 +176,7 @@ def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
 
 
 def _listed(job: Job) -> list[CandidatePair]:
-    engine, source, rebuild = _sourced(job)
+    engine, source, rebuild = source_of(job)
     return engine.pairs(source, job.request, rebuild)
 
 
@@ -220,11 +220,11 @@ def _memory_limit() -> Iterator[None]:
 
 
 def _open(job: Job) -> ModelUnderTest:
-    engine, source, rebuild = _sourced(job)
+    engine, source, rebuild = source_of(job)
     return engine.open(source, job.request, rebuild)
 
 
-def _sourced(job: Job) -> tuple[Engine, Any, Callable[[], Any] | None]:
+def source_of(job: Job) -> tuple[Engine, Any, Callable[[], Any] | None]:
     """(engine, model, what makes it anew) where a function of a Python file makes it; else None last."""
     source, rebuild = job.source, None
     if isinstance(source, str) and (match := _PYTHON.fullmatch(source)):

@@ -31,7 +31,7 @@ from hcbench.errors import EngineFailed, SettingError, UserError
 from hcbench.sim.read_impact import NOT_FINITE, SpeedReading
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from numpy.typing import NDArray
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.sim.candidate_pairs import CandidatePair
-    from hcbench.sim.model_under_test import ModelUnderTest, Request
+    from hcbench.sim.model_under_test import ModelSetting, ModelUnderTest, Request
     from hcbench.tune.recipe import Recipe
 
     Flags = NDArray[Any]
@@ -195,6 +195,12 @@ class Engine(ABC):
     ) -> list[CandidatePair]:
         """Which parts of a user's own model can meet, as `open` takes it; those that touch first."""
         raise UserError("engine", repr(self.name), "an engine that opens models of users", f"{source!r}")
+
+    def model_settings(
+        self, source: Any, request: Request, e: float, rebuild: Callable[[], Any] | None = None
+    ) -> Iterable[ModelSetting]:
+        """Settings for a pair in a user's own model, each meant to have this e there."""
+        raise UserError("engine", repr(self.name), "an engine that tunes models of users", f"{source!r}")
 
     def snippet(self, setting: Setting, form: str) -> str:
         """What to paste of a setting into a model or script of one's own; "" where nothing is set.

@@ -134,6 +134,21 @@ class Facts:
         return f"at {point} m; {self.pair[0]} comes {side}, along {way}"
 
 
+@dataclass(frozen=True, slots=True)
+class ModelSetting:
+    """A setting for a pair in its own model, to be tried there.
+
+    paste: lines for the model or script. written: the whole model with them, or "". open: the model with it.
+    """
+
+    name: str
+    paste: str
+    written: str
+    notes: tuple[str, ...]
+    request: Request
+    open: Callable[[], ModelUnderTest]
+
+
 class ModelUnderTest(World):
     """A user's own model with a pair of bodies brought to touch: what `measure` needs beyond a world."""
 

@@ -31,13 +31,13 @@ from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.read_impact import SpeedReading
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from hcbench.engines.mujoco.model_under_test import MujocoModel
     from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.sim.candidate_pairs import CandidatePair
-    from hcbench.sim.model_under_test import Request
+    from hcbench.sim.model_under_test import ModelSetting, Request
     from hcbench.tune.recipe import Recipe
 
 
@@ -144,6 +144,14 @@ class MujocoEngine(SteppedEngine):
 
         model, _, state = load_user_model(_one_file(source), request)
         return list_pairs(model, request, state)
+
+    def model_settings(
+        self, source: Any, request: Request, e: float, rebuild: Callable[[], Any] | None = None
+    ) -> Iterable[ModelSetting]:
+        """<pair> elements for the pair."""
+        from hcbench.engines.mujoco.tune_model import model_settings
+
+        return model_settings(_one_file(source), request, e)
 
 
 def _one_file(source: Any) -> Any:

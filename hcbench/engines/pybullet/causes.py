@@ -257,3 +257,15 @@ def _joint_motor(c: BulletContext) -> Iterator[Suspect]:
                 mover.body, mover.joint, bullet.module.VELOCITY_CONTROL, force=0
             ),
         )
+
+
+def restitution_setting(place: BulletPlacement, e: float) -> Suspect:
+    """Everything that gives a pair this e, as one fix."""
+    world = {"restitutionVelocityThreshold": 0.0, "contactSlop": 0.0, "contactERP": 0.0}
+    still = {"linearDamping": 0.0, "angularDamping": 0.0, "contactProcessingThreshold": 0.0}
+    text, apply = _fix(
+        Call({**world, "contactBreakingThreshold": LASTING_SETTINGS["contactBreakingThreshold"]}),
+        Call({**still, "restitution": e}, place.first),
+        Call({"restitution": 1.0, "contactProcessingThreshold": 0.0}, place.second),
+    )
+    return Suspect("restitution", "", "", text, apply)

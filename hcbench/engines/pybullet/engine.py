@@ -27,13 +27,13 @@ from hcbench.errors import UserError
 from hcbench.sim.engine import SteppedEngine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from hcbench.engines.pybullet.model_under_test import PybulletModel
     from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.sim.candidate_pairs import CandidatePair
-    from hcbench.sim.model_under_test import Request
+    from hcbench.sim.model_under_test import ModelSetting, Request
     from hcbench.tune.recipe import Recipe
 
 
@@ -106,3 +106,11 @@ class PybulletEngine(SteppedEngine):
         from hcbench.engines.pybullet.model_under_test import list_pairs_of
 
         return list_pairs_of(source, request, rebuild)
+
+    def model_settings(
+        self, source: Any, request: Request, e: float, rebuild: Callable[[], Any] | None = None
+    ) -> Iterable[ModelSetting]:
+        """Lines of changeDynamics and setPhysicsEngineParameter for the pair."""
+        from hcbench.engines.pybullet.model_under_test import model_settings
+
+        return model_settings(source, request, e, rebuild)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from hcbench.engines.pybullet.causes import (
     STIFFNESS,
     BulletContext,
     find_suspects,
+    restitution_setting,
     restitutions,
 )
 from hcbench.engines.pybullet.list_pairs import list_pairs
@@ -36,7 +37,7 @@ from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.candidate_pairs import CandidatePair
 from hcbench.sim.engine import Simulation
-from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
+from hcbench.sim.model_under_test import Facts, ModelSetting, ModelUnderTest, Request, Suspect
 from hcbench.sim.read_impact import SpeedReading
 
 _UNKNOWN_RESTITUTIONS = "restitutions that PyBullet does not tell of bodies with maximal coordinates"
@@ -217,3 +218,27 @@ def _loaded(
         return open_live(rebuild(), disconnect=True)
 
     return first, build
+
+
+def model_settings(
+    source: Any, request: Request, e: float, rebuild: Callable[[], Any] | None
+) -> Iterator[ModelSetting]:
+    """Bullet's own restitution for the pair, without what keeps it from happening; one setting, in lines."""
+    world, build = _loaded(source, rebuild)
+    if build is None:
+        world.bullet.disconnect() if world.disconnect else None
+        raise UserError("model", "a live client cannot be made anew", "files, or a function for it")
+    with PybulletModel(world, build, request) as model:
+        suspect = restitution_setting(model.place, e)
+    notes = (
+        "Restitutions multiply: e is on the first, 1 on the second. Set all before the first step.",
+        "contactBreakingThreshold outlives resetSimulation and leaks into other clients of the process.",
+    )
+    yield ModelSetting(
+        "restitution",
+        suspect.fix.replace("; ", "\n"),
+        "",
+        notes,
+        request,
+        lambda: PybulletModel(build(), build, request, [suspect]),
+    )

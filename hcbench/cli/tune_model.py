@@ -1,0 +1,133 @@
+"""hcbench tune FILE: a pair in a user's own model, its own step, gravity and names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from click.core import ParameterSource
+
+from hcbench.cli._process import PathType
+from hcbench.cli.console import print_json
+from hcbench.errors import LimitPassed, UserError
+
+if TYPE_CHECKING:
+    from hcbench.tune.model import TunedModel
+
+_SPEEDS = (0.1, 2.0)  # m/s, the band where none is given
+
+
+_REQUEST = ("key", "qpos", "state", "coming_from", "actuators")
+
+
+def tunes_models(command: Callable[..., None]) -> Callable[..., None]:
+    """`tune` with a model in place of an engine's name, and the options that speak of models."""
+    file = PathType(path_type=Path, dir_okay=False)
+
+    @wraps(command)
+    def tune(pair: str | None, write_model: Path | None, **options: Any) -> None:
+        request = {name: options.pop(name) for name in _REQUEST}
+        if is_model(options["engine"]):
+            tune_and_print(pair, write_model, request, options)
+            return
+        if options["timestep"] is None:
+            raise UserError("--timestep", "missing", "the engine's step, such as '1 ms'")
+        command(**options)
+
+    for option in (
+        click.option("--write-model", type=file, help="Write the model with the setting in it."),
+        click.option("--actuators/--no-actuators", default=True, help="Whether a model's actuators act."),
+        click.option("--from", "coming_from", help="Where the moving one comes from: above, +x, 0,1,1."),
+        click.option("--state", type=file, help="A pose of the model to start from (.npz, JSON)."),
+        click.option("--qpos", help="Joints of the model to start from: 'hip=0.3, knee=-30 deg'."),
+        click.option("--key", help="Keyframe of the model to start from."),
+        click.option("--pair", help="Two bodies or geoms of the model, the moving one first."),
+    ):
+        tune = option(tune)
+    return tune
+
+
+def is_model(name: str) -> bool:
+    """Whether what stands where an engine's name would is a model: a file, or FILE.py:FUNCTION."""
+    return Path(name).suffix != "" or Path(name).is_file() or ".py:" in name
+
+
+def tune_and_print(
+    pair: str | None, write_model: Path | None, where: dict[str, Any], options: dict[str, Any]
+) -> None:
+    """Tune, print the lines and how wrong they are, and write the model with them."""
+    from hcbench._files import write_text
+    from hcbench.cli.tune import parse_points
+    from hcbench.measure.measurement import Wanted
+    from hcbench.measure.request import make_request
+    from hcbench.tune.model import tune_model
+
+    source, max_error = options["engine"], options["max_error"]
+    if pair is None:
+        raise UserError("--pair", "missing", "two bodies or geoms", f"`hcbench pairs {source}` lists them")
+    points = () if options["points"] is None else parse_points(options["points"])
+    alpha = None if options["alpha"] is None else options["alpha"][0]
+    wanted = Wanted(alpha, options["restitution"], points, options["reading"])
+    given = click.get_current_context().get_parameter_source("gravity") is ParameterSource.COMMANDLINE
+    speeds = options["speeds"]
+    if speeds is None:
+        speeds = [v for v, _ in points] if len(points) > 1 else list(_SPEEDS)
+    request = make_request(
+        pair,
+        list(speeds),
+        timestep=options["timestep"],
+        gravity=options["gravity"] if given else None,
+        **where,
+    )
+    tuned = tune_model(source, request, wanted)
+    if write_model is not None:
+        if not tuned.written:
+            raise UserError("--write-model", f"a model of {tuned.facts.engine}", "a model that is one file")
+        write_text(write_model, tuned.written)
+    if options["as_json"]:
+        print_json(_record(tuned))
+    else:
+        _print(tuned)
+    if max_error is not None and not tuned.max_error <= max_error:
+        raise LimitPassed("max-error", f"{tuned.max_error:.3g}", f"{max_error:g} or less")
+
+
+def _record(tuned: TunedModel) -> dict[str, Any]:
+    facts = tuned.facts
+    return {
+        "schema": 1,
+        "kind": "hcbench tuned model",
+        "model": facts.model,
+        "engine": facts.engine,
+        "pair": list(facts.pair),
+        "timestep_s": facts.timestep,
+        "gravity_m_per_s2": list(facts.gravity),
+        "effective_mass_kg": facts.effective_mass,
+        "setting": tuned.name,
+        "constant": tuned.constant,
+        "max_error": tuned.max_error,
+        "curve": [
+            dict(zip(("speed_m_per_s", "wanted", "restitution_min", "restitution_max"), point, strict=True))
+            for point in tuned.points
+        ],
+        "paste": tuned.paste,
+        "notes": list(tuned.notes),
+    }
+
+
+def _print(tuned: TunedModel) -> None:
+    facts = tuned.facts
+    gravity = " ".join(f"{g + 0.0:.4g}" for g in facts.gravity)
+    print(f"{facts.model}: {facts.pair[0]} on {facts.pair[1]}")
+    print(f"they meet {facts.meeting}; {facts.moved}")
+    print(f"step {facts.timestep:g} s, gravity {gravity} m/s^2, effective mass {facts.effective_mass:.4g} kg")
+    print(f"setting: {tuned.name}, for e = {tuned.constant:.4g}")
+    print(f"largest error of e: {tuned.max_error:.2g}, in the model with it, held-out speeds, 8 phases")
+    for speed, wanted, low, high in tuned.points:
+        print(f"  {speed:.3g} m/s: wanted {wanted:.4f}, {low:.4f} ... {high:.4f}")
+    print(f"\npaste:\n\n{tuned.paste}\n\nknow:")
+    for note in tuned.notes:
+        print(f"- {note}")
