@@ -73,7 +73,7 @@ def _collides(model: Any, geom: int) -> bool:
 
 def _only_pair(model: Any, request: Request, state: Any) -> tuple[str, str]:
     """The names of the only body that moves and of the only fixed geom."""
-    movers = [b for b in range(1, model.nbody) if geoms_of(model, b) and _translations(model, b)]
+    movers = [b for b in range(1, model.nbody) if geoms_of(model, b) and model.body_weldid[b]]
     others = [g for g in geoms_of(model, 0) if _collides(model, g)]
     if len(movers) == 1 and len(others) == 1:
         return f"body:{movers[0]}", f"geom:{others[0]}"
