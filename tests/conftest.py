@@ -16,6 +16,7 @@ collect_ignore = ["outside"]  # run on its own, as its author would
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "slow: half a minute; -m 'not slow' leaves it out")
     config.addinivalue_line("markers", "adhesion: needs a contact pair's adhesion, MuJoCo 3.11 or later")
 
 
