@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_results import ALPHAS, RUNS, SCENE, SPEEDS, small_results
 
-from hcbench.benchmark.results import REST_COLUMNS, TRAIN_COLUMNS, Results
+from hcbench.benchmark.results import CONDITIONS, REST_COLUMNS, TRAIN_COLUMNS, Results
 from hcbench.errors import OutputError
 from hcbench.laws import closed_form
 from hcbench.report import (
@@ -534,3 +534,20 @@ def test_small_numbers_in_words(value: float, text: str) -> None:
 )
 def test_times_in_words(seconds: float, text: str) -> None:
     assert wording.time(seconds).replace(wording.NBSP, " ") == text
+
+
+def test_results_of_before_there_were_conditions_are_read(results: Results, tmp_path: Path) -> None:
+    """Older folders have no columns of gravity, place and friction, and no table of rests."""
+    results.write(tmp_path)
+    (tmp_path / "rests.csv").unlink()
+    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    for record in summary["settings"]:
+        for name in CONDITIONS:
+            del record[name]
+    (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+    for name in ("restitution", "loops", "scores", "trains"):
+        table = pd.read_csv(tmp_path / f"{name}.csv").drop(columns=CONDITIONS)
+        table.to_csv(tmp_path / f"{name}.csv", index=False)
+    again = views(Results.read(tmp_path)).main
+    assert again.band_runs == views(results).main.band_runs
+    assert advice.headline(again) == advice.headline(views(results).main)
