@@ -251,7 +251,7 @@ def _print(tuned: Tuned, text: str, margin: float) -> None:
 
 def _conditions(target: Target) -> str:
     falls = f"gravity {target.gravity:g} m/s^2" if target.gravity else "without gravity"
-    slides = f"friction {target.friction:g}, slip up to {target.speed_max:.4g} m/s"
+    slides = f"friction {target.friction:g}, sliding and spinning"
     return f"{falls}, {slides}" if target.friction else f"{falls}, frictionless and head-on"
 
 

@@ -11,11 +11,11 @@ import numpy as np
 from hcbench import scoring
 from hcbench.impact import Floats, Impact, Launch
 from hcbench.laws import closed_form
-from hcbench.laws.coulomb import friction_impulse
 from hcbench.scene import Scene
 from hcbench.setting import Setting
 from hcbench.sim.engine import Engine, SteppedEngine
 from hcbench.tune.constant import minimax_constant
+from hcbench.tune.oblique import judge_oblique, oblique_launches
 from hcbench.tune.target import Target
 from hcbench.units import STANDARD_GRAVITY
 
@@ -107,7 +107,9 @@ def _launches(target: Target, speeds: Floats, phases: Floats, slips: Floats) -> 
 
 
 def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> Evaluation:
-    """Launch at held-out speeds and phases, then ever nearer to the worst, and compare with the target."""
+    """Launch at held-out speeds and phases, then ever nearer to the worst, with friction spinning too, and
+    compare with the target.
+    """
     launches = held_out_launches(target)
     if not isinstance(engine, SteppedEngine):  # no phase of a step matters, and each may cost an ODE
         return evaluate_impacts(engine.run(scene, setting, launches[::_PHASES]), target, scene)
@@ -126,6 +128,8 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
         )
         near = np.clip(speeds, target.speed_min, target.speed_max), np.clip(phases, 0.001, 0.999)
         impacts += engine.run(scene, setting, _launches(target, *near, np.abs(slips)))
+    if target.friction:
+        impacts += engine.run(scene, setting, oblique_launches(target))
     return evaluate_impacts(impacts, target, scene)
 
 
@@ -142,6 +146,7 @@ def evaluate_impacts(impacts: Sequence[Impact], target: Target, scene: Scene) ->
     error = np.nan_to_num(_errors(good, target)) if good else np.array([math.nan])
     worst = int(error.argmax())
     constant, constant_error = minimax_constant(target)
+    oblique = [i for i in impacts if i.launch.is_oblique]
     one_phase = [i for i in impacts[: _SPEEDS * _PHASES : _PHASES] if i.is_measured]
     loops = [scoring.score_loop(i, target.law, target.mass) for i in one_phase]
     e = np.array([i.restitution for i in impacts[: _SPEEDS * _PHASES]])
@@ -162,17 +167,9 @@ def evaluate_impacts(impacts: Sequence[Impact], target: Target, scene: Scene) ->
         failed=len(failed),
         reason=failed[0].reason if failed else "",
         launches=len(impacts),
-        friction_error=max((_friction_error(i, scene) for i in good if i.tangential), default=math.nan),
+        friction_error=judge_oblique(oblique, scene, target).impulse_error,
         deep=deepest > max(DEEPEST_STEPS * target.speed_max * target.timestep, _AS_LAW * law_depth),
     )
-
-
-def _friction_error(impact: Impact, scene: Scene) -> float:
-    """Error of the impulse of friction against Coulomb's, over μ times the normal impulse."""
-    along = impact.tangential
-    assert along is not None
-    wanted = friction_impulse(along.slip_in, along.normal_impulse, scene)
-    return math.dist(along.impulse[:2], wanted) / (scene.friction * along.normal_impulse)
 
 
 def rest_test(engine: Engine, scene: Scene, setting: Setting, seconds: float = 5.0) -> RestResult:

@@ -38,6 +38,8 @@ IMPULSE = Recipe(
         "Change the step and solref changes with it: D = (1 + e)/h.",
         "Set solref and solimp on both geoms or in a <pair>: MuJoCo mixes those of the two geoms.",
         "At rest under gravity it creeps into the plate at about 1e-4 g h / (1 + e).",
+        "Without friction only: where the body slides, friction throws it up; take `compliant` then.",
+        "Under gravity e scatters by up to (1 + e) g h / v with where in a step the touch falls.",
         "The force is one impulse of m (1 + e) v / h: forces, stresses and contact times mean nothing.",
     ),
     one_step=True,
