@@ -12,6 +12,7 @@ import signal
 import stat
 import tempfile
 import threading
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
@@ -22,6 +23,7 @@ from hcbench.errors import HcbenchError, OutputError, UserError
 MANIFEST = "hcbench-files.json"
 _KIND = "hcbench files"
 _SCRATCH = (".hcbench-", ".scratch")  # how the names of scratch folders begin and end
+_LEFT_S = 3600.0
 _SUFFIXES = (".html", ".svg", ".png", ".csv", ".json")  # of what is written into folders
 
 
@@ -68,12 +70,21 @@ def write_bytes(path: Path, content: bytes) -> None:
     try:
         stream = _open_stream(path)
         if stream is None:
+            _remove_left(path.resolve().parent)
             replace_file(path.resolve(), content)
         else:
             with stream:
                 stream.write(content)
     except OSError as error:
         raise _unwritable("output", path, error, "a place that can be written to") from None
+
+
+def _remove_left(folder: Path) -> None:
+    """Take away what killed processes were writing here: neighbours that are older than any write lasts."""
+    for left in folder.glob(".hcbench-*.new"):
+        with suppress(OSError):
+            if time.time() - left.lstat().st_mtime > _LEFT_S:
+                left.unlink()
 
 
 def _open_stream(path: Path) -> BinaryIO | None:

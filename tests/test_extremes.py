@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from hcbench import errors
 from hcbench._compile import compiler
-from hcbench._files import parse_json
+from hcbench._files import parse_json, write_text
 from hcbench.cli import run
 from hcbench.errors import HcbenchError, UserError
 from hcbench.impact import Impact, Launch, Status
@@ -216,3 +217,20 @@ def test_thousands_of_bounces_that_lose_next_to_nothing_are_few_impacts(alpha: f
     assert len(computed) < len(exact) / 10
     last = path.rate[-1000:]
     assert np.abs(last).max() == pytest.approx(exact[-1], rel=0.02)
+
+
+def test_what_killed_processes_left_goes_and_what_others_write_stays(tmp_path: Path) -> None:
+    left, fresh = tmp_path / ".hcbench-1-2.new", tmp_path / ".hcbench-3-4.new"
+    for file in (left, fresh):
+        file.write_text("half")
+    os.utime(left, (1.0, 1.0))
+    write_text(tmp_path / "out.txt", "whole")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [fresh.name, "out.txt"]
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no device without an end")
+def test_a_table_linked_to_a_device_is_not_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "summary.json").write_text('{"schema": 1}')
+    for name in ("restitution", "loops", "scores", "trains"):
+        (tmp_path / f"{name}.csv").symlink_to("/dev/zero")
+    refused(capsys, ["check", str(tmp_path)], "not a regular file")

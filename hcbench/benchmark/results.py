@@ -144,6 +144,8 @@ def _fill_conditions(table: Any, study: Mapping[str, Any]) -> None:
 def _read_table(path: Path) -> pd.DataFrame:
     import pandas as pd
 
+    if path.exists() and not path.is_file():  # a device, or a link to one, has no end
+        raise OSError(f"{path.name} is not a regular file")
     # Before version 3 pandas reads the last digit wrong unless told not to; since then it must not be told.
     exact: dict[str, Any] = (
         {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
