@@ -12,12 +12,13 @@ from _loops import bare, in_mujoco, in_mujoco_barely, in_pybullet
 
 from hcbench.benchmark.batch import Batch, run_batch
 from hcbench.contact.mujoco import load as load_plugins
-from hcbench.engines.mujoco import batch, simulate
+from hcbench.engines.mujoco import batch
 from hcbench.engines.mujoco import engine as mujoco_engine
 from hcbench.engines.mujoco.engine import MujocoEngine
 from hcbench.engines.mujoco.mjcf import model_xml
 from hcbench.engines.mujoco.options import read_options
-from hcbench.engines.mujoco.world import load
+from hcbench.engines.mujoco.scene_model import load
+from hcbench.engines.mujoco.world import BatchPool
 from hcbench.impact import Launch
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
@@ -77,17 +78,19 @@ def test_mujoco_over_a_users_loop(beside: Any, recipe: str) -> None:
 @pytest.mark.parametrize("recipe", ["spring-damper", "staggered"])
 def test_mujoco_over_a_bare_c_loop(beside: Any, recipe: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Per ball-step of one core. The same balls: in the models that hcbench puts them in, and all in one."""
-    monkeypatch.setattr(process, "_inside", True)  # one thread
-    mujoco_engine._kept.cache_clear()
+    monkeypatch.setattr(process, "_is_worker", True)  # one thread
+    mujoco_engine._cached_pool.cache_clear()
     setting, many, engine = made(f"mujoco.{recipe}"), launches(480), MujocoEngine()
     loaded = load(SCENE, STEP, read_options(setting.options))
-    fleet = simulate.Fleet.of(loaded)
-    groups = [[many[i] for i in group] for group in fleet.groups(many)]
+    pool = BatchPool.of(loaded)
+    many = sorted(many, key=lambda launch: launch.speed)
+    size = -(-len(many) // -(-len(many) // pool.max_batch))  # as `run_launches` groups them
+    groups = [many[i : i + size] for i in range(0, len(many), size)]
     impacts = {i.launch: i for i in engine.run(SCENE, setting, many)}
     steps = [max(impacts[launch].samples for launch in group) + 5 for group in groups]
-    models = [fleet.crowd(len(group)).model for group in groups]
+    models = [pool.batch(len(group)).model for group in groups]
     default = load(SCENE, STEP, read_options(setting.options))
-    together = batch.crowd(default, 80, sliding=False).model
+    together = batch.compile_batch(default, 80, sliding=False).model
     together.opt.jacobian = mujoco.mjtJacobian.mjJAC_AUTO
     eighty = many[::6]
     longest = max(steps)
@@ -114,12 +117,12 @@ def test_mujoco_over_a_bare_c_loop(beside: Any, recipe: str, monkeypatch: pytest
         must="1/1.2",
         aim="1/1.05",
     )
-    mujoco_engine._kept.cache_clear()
+    mujoco_engine._cached_pool.cache_clear()
 
 
 def test_pybullet_over_a_users_loop(beside: Any) -> None:
     setting, eighty = made("pybullet.spring-damper"), launches(80)
-    many = Batch(SCENE, setting, [(launch.speed, launch.phase) for launch in launches(320)], ())
+    many = Batch(SCENE, setting, launches(320), ())
 
     process._is_worker = False
     with WorkerPool(2) as pool:
@@ -144,7 +147,7 @@ def in_pybullet_alone(setting: Setting, eighty: list[Launch]) -> None:
     try:
         in_pybullet(SCENE, setting, eighty)
     finally:
-        process._inside = False
+        process._is_worker = False
 
 
 def test_the_plug_in_over_native_contact(beside: Any) -> None:
