@@ -25,6 +25,7 @@ from hcbench.fit.setup import Known, MeasurementSetup
 from hcbench.fit.sound import Recording, find_touches
 from hcbench.fit.track import Track, track_of
 from hcbench.laws import closed_form
+from hcbench.units import parse_uncertain
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "examples" / "recording"))
 import synthesise
@@ -515,3 +516,48 @@ def test_force_over_penetration_gives_stiffness_exponent_and_alpha(
     assert low < ALPHA < high
     assert run(["fit", path, "--exponent", "1.5"]) == 0
     assert "hcbench tune" in capsys.readouterr().out
+
+
+# --- the worked example, its page, and what comes after ---
+
+
+def test_the_recording_of_the_example_goes_all_the_way_to_a_tuned_scene(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    example = Path(synthesise.__file__).with_name("drop.wav")
+    monkeypatch.setattr(sys, "argv", ["synthesise.py", str(tmp_path / "again.wav")])
+    synthesise.main()
+    assert np.abs(wavfile.read(tmp_path / "again.wav")[1] - wavfile.read(example)[1].astype(int)).max() <= 1
+    page, scene = tmp_path / "drop.html", tmp_path / "tuned.xml"
+    assert run(["fit", str(example), "--gravity", "9.80665 m/s^2", "--page", str(page), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    low, high = found["alpha_interval_95_s_per_m"]
+    assert found["law"] == "hunt-crossley" and low < 0.3 < high
+    text = page.read_text(encoding="utf-8")
+    assert text.count("data:image/svg+xml") == 3 and "<script" not in text
+    alpha = f"{found['alpha_s_per_m']:.4f} +- {found['alpha_standard_uncertainty_s_per_m']:.4f} s/m"
+    said = ["--alpha", alpha, "--timestep", "1e-3", "--write-scene", str(scene)]
+    assert run(["tune", "mujoco", *said, "--speeds", "0.2:1.4 m/s"]) == 0
+    assert "e is known to ± 0.00" in capsys.readouterr().out
+    assert run(["check", str(scene), "--pair", "ball,plate", "--alpha", alpha, "--speeds", "0.3, 1 m/s"]) == 0
+    assert "by which e is known to ± 0.00" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0.31 +- 0.004 s/m",
+        "0.31 s/m +- 0.004 s/m",
+        "(0.31 ± 0.004) s/m",
+        "0.31 +/- 0.004 s/m",
+        "31e-2 ± 4e-3",
+    ],
+)
+def test_a_quantity_may_have_an_uncertainty(text: str) -> None:
+    assert parse_uncertain(text, "alpha") == pytest.approx((0.31, 0.004))
+
+
+@pytest.mark.parametrize("text", ["0.31 +- x s/m", "0.31 +- -1 s/m", "+- 0.1 s/m", "0.3 kg +- 0.1 s/m"])
+def test_a_wrong_uncertainty_is_refused(text: str) -> None:
+    with pytest.raises(UserError):
+        parse_uncertain(text, "alpha")

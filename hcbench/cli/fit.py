@@ -100,6 +100,10 @@ def fit(
             print(force.as_text(forces, with_uncertainty, engine), end="")
         return
     result = fit_sets([read_dataset(path, setup, kind, _touches(touches)) for path in files], law)
+    if page is not None:
+        from hcbench.report.fit_page import fit_page
+
+        write_text(page, fit_page(result, _engine()))
     if write_points is not None:
         write_text(write_points, points_text(result))
     if as_json:

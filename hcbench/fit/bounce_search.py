@@ -21,6 +21,7 @@ _LEAST_E, _MOST_E = 0.05, 1.01
 # speeds; around that, what it scatters by, and what short flights are mistimed by.
 _SCATTER = 0.05
 _SAME = 3e-4  # s
+_QUIETER = 10.0  # dB that a touch may be quieter than its speed has it
 _LOUDER = 8.0  # dB that a touch may be louder than the one before, though slower
 _UNHEARD_PRICE = 4.5  # paid back by four touches after it: at the end of a train nothing is skipped
 _LOUD = 40.0  # dB over the noise that count as one touch more
@@ -55,7 +56,7 @@ def longest_train(times: Floats, level: Floats, shortest: float) -> tuple[Indice
             if flight > _LONGEST:
                 break
             if flight >= shortest and level[j] < level[i] + _LOUDER:
-                steps[i, j] = _best_step(i, j, flight, steps, times, worth)
+                steps[i, j] = _best_step(i, j, flight, steps, times, level, worth)
     if not steps:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), 0.0
     last = max(steps, key=lambda pair: steps[pair].score)
@@ -80,7 +81,13 @@ def _most_rise(e: float) -> float:
 
 
 def _best_step(
-    i: int, j: int, flight: float, steps: dict[tuple[int, int], _Step], times: Floats, worth: Floats
+    i: int,
+    j: int,
+    flight: float,
+    steps: dict[tuple[int, int], _Step],
+    times: Floats,
+    level: Floats,
+    worth: Floats,
 ) -> _Step:
     best = _Step(float(worth[i] + worth[j]), flight, math.nan, None, False)
     for h in range(i - 1, -1, -1):
@@ -95,6 +102,8 @@ def _best_step(
             options.append((0.5 * (math.sqrt(1.0 + 4.0 * ratio) - 1.0), True))
         for e, skipped in options:
             if not _LEAST_E <= e <= _MOST_E or (skipped and math.isnan(earlier.e)):
+                continue
+            if level[j] < level[i] + 20.0 * math.log10(e) - _QUIETER:
                 continue
             if not math.isnan(earlier.e) and not -_SCATTER <= e - earlier.e <= _most_rise(earlier.e):
                 continue

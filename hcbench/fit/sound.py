@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _BANDS = (1200.0, 4000.0, 8000.0)  # Hz: ringing and speech are low, clicks reach high
 _NEXT, _LAST = 0.6e-3, 4e-3  # s: a click is what is louder for this long than before it
 _RISE = 2.5
-_OVER_NOISE = 4.0
+_OVER_NOISE = 6.0
 _APART = 6e-3  # s
 _MOST_CLICKS = 150
 _LONGEST = 120.0  # s

@@ -78,16 +78,20 @@ def limit_of(result: FitResult) -> float:
 
 def as_text(result: FitResult, engine: str) -> str:
     """All of it, for a terminal."""
-    lines = [*_headline(result), *_heard(result), "", *_laws(result), "", *_budget(result)]
+    rows = headline(result)
+    width = max(map(len, rows))
+    top = [f"{name:<{width}}  {value}" for name, value in rows.items()]
+    lines = [*top, *_heard(result), "", *_laws(result), "", *_budget(result)]
     lines += [
         f"look at: {flag.file}, {flag.touch}: {flag.what} by {flag.sigmas:.1f} standard deviations; kept"
         for flag in result.flags
     ]
     lines += [f"look at: {warning}" for warning in result.warnings]
-    return "\n".join([*lines, "", *_next(result, engine)]) + "\n"
+    return "\n".join([*lines, "", *next_lines(result, engine)]) + "\n"
 
 
-def _headline(result: FitResult) -> list[str]:
+def headline(result: FitResult) -> dict[str, str]:
+    """What was found, row by row."""
     low, high = result.speeds
     count = sum(len(s.pairs()[0]) for s in result.sets)
     rows = {"data": ", ".join(f"{s.name}: {s.kind}" for s in result.sets) + f"; {count} impacts"}
@@ -112,8 +116,7 @@ def _headline(result: FitResult) -> list[str]:
         if s.known_noise is None
     )
     rows["found"] = f"e scatters by {100 * best.scatter:.2g} %" + (f"; measured to {noise}" if noise else "")
-    width = max(map(len, rows))
-    return [f"{name:<{width}}  {value}" for name, value in rows.items()]
+    return rows
 
 
 def _shown(estimate: Estimate, unit: str = "") -> str:
@@ -135,13 +138,14 @@ def _heard(result: FitResult) -> list[str]:
 
 def _laws(result: FitResult) -> list[str]:
     rows = [
-        (fit.law.name, LAWS[fit.law.name].formula, f"{fit.log_evidence:.2f}", _odds_text(odds))
+        (fit.law.name, LAWS[fit.law.name].formula, f"{fit.log_evidence:.2f}", odds_text(odds))
         for fit, odds in zip(result.fits, result.odds, strict=True)
     ]
     return table(("law", "e", "ln likelihood", "odds"), rows)
 
 
-def _odds_text(odds: float) -> str:
+def odds_text(odds: float) -> str:
+    """ "27 : 1"."""
     return f"{odds:.3g} : 1" if odds >= 1 else f"1 : {1 / odds:.3g}"
 
 
@@ -159,7 +163,8 @@ def _budget(result: FitResult) -> list[str]:
     return lines
 
 
-def _next(result: FitResult, engine: str) -> list[str]:
+def next_lines(result: FitResult, engine: str) -> list[str]:
+    """What to type next."""
     low, high = result.speeds
     limit = limit_of(result)
     if result.law == "hunt-crossley" and result.alpha is not None:
