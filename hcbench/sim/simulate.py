@@ -9,6 +9,7 @@ import dataclasses
 import math
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, nullcontext
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,11 +38,17 @@ _LIMIT_STEP_S = 1e-3  # for one step of a trajectory, beyond the engine's limit 
 _PROCESS_GROUP = 8  # launches that an engine in a process of its own simulates together
 
 
+@cache  # as reading a version takes as long as tens of launches
+def _require_installed(name: str) -> None:
+    """Raises EngineMissing."""
+    registry.engine(name).version()
+
+
 def impacts(
     engine: SteppedEngine, scene: Scene, setting: Setting, launches: Sequence[Launch]
 ) -> list[Impact]:
     """One impact for each launch, in order; one that the engine's process dies on is CRASHED."""
-    engine.version()
+    _require_installed(engine.name)
     # Alike together: they take equally long.
     order = sorted(range(len(launches)), key=lambda i: (launches[i].height or 0.0, launches[i].speed))
     in_order = [launches[i] for i in order]
@@ -66,7 +73,7 @@ def trajectory(
     engine: SteppedEngine, scene: Scene, setting: Setting, launch: Launch, duration: float
 ) -> Trajectory:
     """Every step of `duration` s after one launch, NaN from where the engine gave up."""
-    engine.version()
+    _require_installed(engine.name)
     steps = max(1, round(duration / setting.timestep))
     if not engine.own_process:
         return _followed(engine.name, scene, setting, launch, steps)
