@@ -4,10 +4,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 LOWEST := .venv-lowest
+MODELS := .venv-models
 COMPILE = $(BIN)/uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 \
 	  --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate --quiet
 
-.PHONY: report test test-lowest bench check format lock clean
+.PHONY: report test test-lowest test-models bench check format lock clean
 
 report: $(INSTALLED)  ## regenerate the default report into reports/steel-1lb/
 	$(BIN)/hcbench report steel-1lb --out reports/steel-1lb
@@ -17,6 +18,9 @@ test: check  ## lint, types, then every test
 
 test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyproject.toml allows
 	$(LOWEST)/bin/python -m pytest -n 2
+
+test-models: $(MODELS)/.installed  ## 40 models that others wrote, from their packages (docs/models.md)
+	HCBENCH_MODELS=1 $(MODELS)/bin/python -m pytest -n 2 tests/test_models_from_outside.py
 
 bench: $(INSTALLED)  ## every speed claim, side by side with what others do; the table in benchmarks/README.md
 	$(BIN)/python -m pytest benchmarks/bench_reference.py benchmarks/bench_engines.py benchmarks/bench_commands.py \
@@ -45,5 +49,11 @@ $(VENV)/.installed $(LOWEST)/.installed: pyproject.toml
 	$(@D)/bin/pip install --quiet --disable-pip-version-check --no-deps --editable .
 	touch $@
 
+$(MODELS)/.installed: pyproject.toml
+	$(PYTHON) -m venv $(@D)
+	$(@D)/bin/pip install --quiet --disable-pip-version-check --editable '.[dev]' \
+	  'gymnasium[mujoco]' gymnasium-robotics dm_control
+	touch $@
+
 clean:
-	rm -rf $(VENV) $(LOWEST) .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(LOWEST) $(MODELS) .pytest_cache .mypy_cache .ruff_cache

@@ -170,6 +170,14 @@ def test_a_pose_comes_from_names_a_file_or_a_live_state(tmp_path: Path) -> None:
     assert (data.qvel == 7.0).all()
 
 
+def test_a_foot_that_just_touches_the_floor_is_launched_along_its_normal() -> None:
+    standing = LEGGED.replace('pos="0 0 1"', 'pos="0 0 .53"').replace(
+        'size="3 3 .1"', 'size="3 3 .1" pos="2 1 0"'
+    )
+    facts = measure(standing, "foot,floor", speeds=[0.5], phases=1, diagnose=False).facts
+    assert facts.normal == pytest.approx((0, 0, -1), abs=1e-9)
+
+
 TABLE = f"""{HEAD}<body name="table" pos="1 0 .2"><geom name="top" type="box" size=".3 .3 .2"/></body>
   <geom name="floor" type="plane" size="3 3 .1"/>
   <body name="box" pos=".2 0 .1"><freejoint/><geom name="box" type="box" size=".05 .05 .05"/></body>

@@ -190,10 +190,13 @@ def _move_over(pair: ContactPair, data: Any, joint: MovingJoint, normal: Floats)
 
 
 def _guess_normal(pair: ContactPair, data: Any) -> Floats:
-    """For two that touch exactly at the start: that of MuJoCo's contact, or the line between centres."""
+    """For two that just touch at the start: that of MuJoCo's contact, of a plane, or between centres."""
     contact = pair.contact(data)
     if contact is not None:
         return contact.normal
+    for side, sign in ((pair.second, -1.0), (pair.first, 1.0)):
+        if int(pair.model.geom_type[side.geoms[0]]) == int(backend().mjtGeom.mjGEOM_PLANE):
+            return np.asarray(sign * data.geom_xmat[side.geoms[0]].reshape(3, 3)[:, 2])
     line = data.geom_xpos[pair.second.geoms[0]] - data.geom_xpos[pair.first.geoms[0]]
     length = float(np.linalg.norm(line))
     return line / length if length > 0 else np.array([0.0, 0.0, -1.0])
