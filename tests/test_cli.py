@@ -188,6 +188,13 @@ MODEL = """<mujoco><option timestep="0.001"/><worldbody><geom name="plate" type=
 </worldbody></mujoco>"""
 
 
+def test_the_scene_that_tune_writes_passes_its_own_check_under_gravity(tmp_path: Path) -> None:
+    scene, law = str(tmp_path / "tuned.xml"), ["--alpha", "0.301 s/m"]
+    band = ["--timestep", "1e-3", "--speeds", "0.2:1.4 m/s", "--write-scene", scene]
+    assert run(["tune", "mujoco", *law, *band]) == 0
+    assert run(["check", scene, "--pair", "ball,plate", *law, "--speeds", "0.3, 1 m/s"]) == 0
+
+
 def test_measure_and_check_a_model_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     good, bad = tmp_path / "good.xml", tmp_path / "bad.xml"
     good.write_text(MODEL.replace("SOLREF", 'solref="-1000 0"'), encoding="utf-8")

@@ -213,6 +213,15 @@ def _slide(row: Floats, joint: MovingJoint) -> Floats | None:
     return direction
 
 
+def _acceleration_in_flight(model: Any, data: Any, row: Floats) -> float:
+    """m/s² along the normal, at rest, by gravity, springs and actuators. Contact is off: it may adhere."""
+    mujoco, flags = backend(), model.opt.disableflags
+    model.opt.disableflags = flags | int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    mujoco.mj_forward(model, data)
+    model.opt.disableflags = flags
+    return float(row @ data.qacc_smooth)
+
+
 def _at_touch(
     pair: ContactPair, data: Any, joint: MovingJoint, move: Floats, contact: PairContact, overlap: float
 ) -> PairAtTouch:
@@ -230,8 +239,7 @@ def _at_touch(
     back = response(model, data, row)
     if (tethered := tether_error(model, data, back, names)) is not None:
         raise tethered
-    backend().mj_forward(model, data)  # at rest: what is left to move it is gravity, springs and actuators
-    gravity = float(row @ data.qacc_smooth)
+    gravity = _acceleration_in_flight(model, data, row)
     contact = replace(contact, normal=normal)
     return PairAtTouch(pair, joint, data.qpos.copy(), direction, contact, mass, gravity, overlap)
 
