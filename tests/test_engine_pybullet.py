@@ -368,6 +368,7 @@ def test_a_missing_pybullet_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) 
 
     assert ENGINE.version() == metadata.version("pybullet")
     monkeypatch.setattr(metadata, "version", nowhere)
+    simulate._require_installed.cache_clear()
     with pytest.raises(EngineMissing, match=r"pip install 'pybullet>=3\.2\.7'"):
         fly("plane", 1e-3, {}, [Launch(0.2)])
 
