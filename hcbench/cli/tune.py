@@ -106,7 +106,7 @@ def tune(
     as_json: bool,
     **options: Unpack[_TargetOptions],
 ) -> None:
-    """Find settings that bounce like your material, in ENGINE or your MODEL."""
+    """Find settings that bounce like your material."""
     from hcbench._files import write_text
     from hcbench.sim import registry
     from hcbench.tune import tune as tuning
