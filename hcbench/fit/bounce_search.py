@@ -28,7 +28,7 @@ _LOUD = 40.0  # dB over the noise that count as one touch more
 
 
 @dataclass(slots=True)
-class _Step:
+class _PartialTrain:
     """The best train that ends with the flight between two clicks.
 
     last: its last flight, s: the second of two where a touch between them is unheard. e: of its last impact,
@@ -49,7 +49,7 @@ def longest_train(times: Floats, level: Floats, shortest: float) -> tuple[Indice
     Dynamic programming over flights: e lies between 0.05 and 1 and changes little from bounce to bounce.
     """
     worth = 1.0 + np.clip(level, 0.0, None) / _LOUD
-    steps: dict[tuple[int, int], _Step] = {}
+    steps: dict[tuple[int, int], _PartialTrain] = {}
     for j in range(len(times)):
         for i in range(j - 1, -1, -1):
             flight = times[j] - times[i]
@@ -84,12 +84,12 @@ def _best_step(
     i: int,
     j: int,
     flight: float,
-    steps: dict[tuple[int, int], _Step],
+    steps: dict[tuple[int, int], _PartialTrain],
     times: Floats,
     level: Floats,
     worth: Floats,
-) -> _Step:
-    best = _Step(float(worth[i] + worth[j]), flight, math.nan, None, False)
+) -> _PartialTrain:
+    best = _PartialTrain(float(worth[i] + worth[j]), flight, math.nan, None, False)
     for h in range(i - 1, -1, -1):
         earlier = steps.get((h, i))
         if earlier is None:
@@ -110,11 +110,11 @@ def _best_step(
             score = earlier.score + float(worth[j]) - _UNHEARD_PRICE * skipped
             if score > best.score:
                 last = flight * e / (1.0 + e) if skipped else flight
-                best = _Step(score, last, e, (h, i), skipped or earlier.skipped)
+                best = _PartialTrain(score, last, e, (h, i), skipped or earlier.skipped)
     return best
 
 
-def _walk_back(last: tuple[int, int], steps: dict[tuple[int, int], _Step]) -> tuple[Indices, Indices]:
+def _walk_back(last: tuple[int, int], steps: dict[tuple[int, int], _PartialTrain]) -> tuple[Indices, Indices]:
     """The clicks of the train that ends with a flight, and the number of each touch."""
     clicks, gaps = [last[1], last[0]], []
     pair: tuple[int, int] = last

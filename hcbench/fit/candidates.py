@@ -20,7 +20,7 @@ VISCOELASTIC_POWER, PLASTIC_POWER = 0.2, -0.25
 Local = tuple[float, float, tuple[float, ...]]  # ln e, d ln e/d ln v, d ln e/d parameters
 
 
-class Curve(ABC):
+class FittedCurve(ABC):
     """One law with its parameters fixed."""
 
     @property
@@ -45,7 +45,7 @@ class CandidateLaw(ABC):
     count: ClassVar[int] = 1
 
     @abstractmethod
-    def curve(self, parameters: tuple[float, ...], reference: float) -> Curve:
+    def curve(self, parameters: tuple[float, ...], reference: float) -> FittedCurve:
         """The law with these parameters; reference: speed in m/s at which the first one is ln e."""
 
     @abstractmethod
@@ -54,7 +54,7 @@ class CandidateLaw(ABC):
 
 
 @dataclass(frozen=True, slots=True)
-class _PowerCurve(Curve):
+class _PowerCurve(FittedCurve):
     """ln e from e = level + factor v^power; derivatives by ln e at the reference speed."""
 
     level: float
@@ -84,7 +84,7 @@ class ConstantLaw(CandidateLaw):
 
     name, formula = "constant", "e"
 
-    def curve(self, parameters: tuple[float, ...], reference: float) -> Curve:
+    def curve(self, parameters: tuple[float, ...], reference: float) -> FittedCurve:
         """The law with these parameters."""
         return _PowerCurve(0.0, min(math.exp(parameters[0]), 1.0), 0.0, reference)
 
@@ -98,7 +98,7 @@ class ViscoelasticLaw(CandidateLaw):
 
     name, formula = "viscoelastic", "1 - C v^(1/5)"
 
-    def curve(self, parameters: tuple[float, ...], reference: float) -> Curve:
+    def curve(self, parameters: tuple[float, ...], reference: float) -> FittedCurve:
         """The law with these parameters."""
         factor = -self.describe(parameters, reference)["coefficient"]
         return _PowerCurve(1.0, factor, VISCOELASTIC_POWER, reference)
@@ -113,7 +113,7 @@ class PlasticLaw(CandidateLaw):
 
     name, formula = "plastic", "C v^(-1/4)"
 
-    def curve(self, parameters: tuple[float, ...], reference: float) -> Curve:
+    def curve(self, parameters: tuple[float, ...], reference: float) -> FittedCurve:
         """The law with these parameters."""
         factor = self.describe(parameters, reference)["coefficient"]
         return _PowerCurve(0.0, factor, PLASTIC_POWER, reference)
@@ -150,7 +150,7 @@ def dissipation_of(log_e: float) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class _HuntCrossleyCurve(Curve):
+class _HuntCrossleyCurve(FittedCurve):
     """ln e = ln e0 + ln e of eq. (16)."""
 
     rate: float  # (3/2) α, s/m
@@ -176,7 +176,7 @@ class HuntCrossleyLaw(CandidateLaw):
 
     name, formula = "hunt-crossley", "e of eq. (16), α"
 
-    def curve(self, parameters: tuple[float, ...], reference: float) -> Curve:
+    def curve(self, parameters: tuple[float, ...], reference: float) -> FittedCurve:
         """The law with these parameters."""
         return _HuntCrossleyCurve(dissipation_of(parameters[0]) / reference, reference, None)
 
@@ -193,7 +193,7 @@ class LossyHuntCrossleyLaw(CandidateLaw):
 
     name, formula, count = "hunt-crossley with e0", "e0 · e of eq. (16), α", 2
 
-    def curve(self, parameters: tuple[float, ...], reference: float) -> Curve:
+    def curve(self, parameters: tuple[float, ...], reference: float) -> FittedCurve:
         """The law with these parameters."""
         return _HuntCrossleyCurve(dissipation_of(parameters[0]) / reference, reference, parameters[1])
 

@@ -14,7 +14,7 @@ from hcbench.fit.linear import LinearModel
 if TYPE_CHECKING:
     from typing import Self
 
-    from hcbench.fit.candidates import Curve
+    from hcbench.fit.candidates import FittedCurve
     from hcbench.fit.flight import Ballistics
     from hcbench.fit.setup import Known, MeasurementSetup
     from hcbench.fit.sound import Indices, Picks, Recording
@@ -53,7 +53,7 @@ class Dataset(ABC):
         """Own parameters to start from, shape (p,)."""
 
     @abstractmethod
-    def linearise(self, curve: Curve, own: Floats, latent: Floats) -> LinearModel:
+    def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
         """The linear model about a law, own parameters and relative changes of each e, `latent` (m,).
 
         Its residual is that at no changes: what the ones given do is added back to first order.
@@ -84,7 +84,7 @@ class BounceTrain:
 
 
 def bounce_train(
-    curve: Curve, ballistics: Ballistics, first: float, latent: Floats, dropped: bool
+    curve: FittedCurve, ballistics: Ballistics, first: float, latent: Floats, dropped: bool
 ) -> BounceTrain:
     """Flights with the relative changes `latent` of each e.
 
@@ -175,7 +175,7 @@ class TouchTimes(Dataset):
         )
         return np.array([self.times[0], math.log(first)])
 
-    def linearise(self, curve: Curve, own: Floats, latent: Floats) -> LinearModel:
+    def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
         """The linear model about a law, own parameters and changes of e."""
         dropped, ballistics = self.setup.height is not None, self.setup.ballistics
         train = bounce_train(curve, ballistics, math.exp(own[1]), latent, dropped)
@@ -257,7 +257,7 @@ class Heights(Dataset):
             return np.log(self._launches()[:1])
         return np.log([self.setup.ballistics.dropped(height.value)[0]])
 
-    def linearise(self, curve: Curve, own: Floats, latent: Floats) -> LinearModel:
+    def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
         """The linear model about a law, own parameters and relative changes of each e, `latent` (m,).
 
         Its residual is that at no changes: what the ones given do is added back to first order.

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.fit.linear import reduce
-from hcbench.fit.noise import Surface, best_noise, coarse_grid, refined, surface
+from hcbench.fit.noise import NoiseLikelihood, best_noise, coarse_grid, refined, surface
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.fit.candidates import CandidateLaw, Curve
+    from hcbench.fit.candidates import CandidateLaw, FittedCurve
     from hcbench.fit.datasets import Dataset
     from hcbench.fit.linear import LinearModel, Reduced
     from hcbench.impact import Floats
@@ -56,7 +56,7 @@ class LawFit:
     latent: tuple[Floats, ...]
     models: tuple[LinearModel, ...]
     reduced: tuple[Reduced, ...]
-    surface: Surface
+    surface: NoiseLikelihood
     posterior: Posterior
     log_evidence: float
     scatter: float
@@ -64,7 +64,7 @@ class LawFit:
     beyond: float
 
     @property
-    def curve(self) -> Curve:
+    def curve(self) -> FittedCurve:
         """e over speed at the most likely parameters."""
         return self.law.curve(tuple(self.parameters), self.reference)
 
@@ -131,7 +131,7 @@ def _law_step(reduced: Sequence[Reduced], scatter: float, noise: Sequence[float]
 
 
 def _posterior(
-    law: CandidateLaw, parameters: Floats, move: Floats, hessian: Floats, fine: Surface
+    law: CandidateLaw, parameters: Floats, move: Floats, hessian: Floats, fine: NoiseLikelihood
 ) -> tuple[Posterior, float, float]:
     """The posterior over the law's parameters, ln of its integral, and the share that was cut off."""
     make = _line if law.count == 1 else _shares
@@ -151,7 +151,7 @@ def _posterior(
 
 
 def _line(
-    parameters: Floats, centre: Floats, hessian: Floats, spread: Floats | None, fine: Surface
+    parameters: Floats, centre: Floats, hessian: Floats, spread: Floats | None, fine: NoiseLikelihood
 ) -> tuple[Floats, float, Floats]:
     sd = 1.0 / math.sqrt(max(float(hessian[0, 0]), 1e-12)) if spread is None else float(spread[0])
     factor = 2.0 * _WIDTH if spread is None else _WIDTH
@@ -161,7 +161,7 @@ def _line(
 
 
 def _shares(
-    parameters: Floats, centre: Floats, hessian: Floats, spread: Floats | None, fine: Surface
+    parameters: Floats, centre: Floats, hessian: Floats, spread: Floats | None, fine: NoiseLikelihood
 ) -> tuple[Floats, Floats, Floats]:
     """A grid over ψ = ln e at the reference speed and the share f of it that goes with α, even in both.
 

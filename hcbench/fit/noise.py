@@ -71,7 +71,7 @@ def coarse_grid(sets: Sequence[Dataset]) -> NoiseGrid:
 
 
 @dataclass(frozen=True, slots=True)
-class Surface:
+class NoiseLikelihood:
     """Likelihood of a law's parameters δ over a grid of noise, for each data set.
 
     outer: (k, l, q+1, q+1) matrices S; offset: (k, l).
@@ -107,7 +107,7 @@ class Surface:
         return np.asarray(logsumexp(total, axis=0)), total
 
 
-def surface(reduced: Sequence[Reduced], sets: Sequence[Dataset], grid: NoiseGrid) -> Surface:
+def surface(reduced: Sequence[Reduced], sets: Sequence[Dataset], grid: NoiseGrid) -> NoiseLikelihood:
     """The likelihood over a grid; right-hand sides after the residual are left out."""
     outer, offset = [], []
     for one, log_noise in zip(reduced, grid.log_noise, strict=True):
@@ -116,10 +116,10 @@ def surface(reduced: Sequence[Reduced], sets: Sequence[Dataset], grid: NoiseGrid
         outer.append(matrices[..., : one.law + 1, : one.law + 1])
         offset.append(offsets)
     prior_scatter, prior_noise = grid.weights(sets)
-    return Surface(grid, tuple(outer), tuple(offset), prior_scatter, tuple(prior_noise))
+    return NoiseLikelihood(grid, tuple(outer), tuple(offset), prior_scatter, tuple(prior_noise))
 
 
-def refined(coarse: Surface, delta: Floats, sets: Sequence[Dataset]) -> NoiseGrid:
+def refined(coarse: NoiseLikelihood, delta: Floats, sets: Sequence[Dataset]) -> NoiseGrid:
     """A grid over what the coarse one leaves likely at δ."""
     per_set = coarse.over_noise(delta)
     by_scatter = [logsumexp(part, axis=1) for part in per_set]
@@ -138,7 +138,7 @@ def _zoomed(grid: Floats, log_weight: Floats) -> Floats:
     return np.linspace(grid[low], grid[high], _FINE)
 
 
-def best_noise(surface: Surface, delta: Floats) -> tuple[float, list[float]]:
+def best_noise(surface: NoiseLikelihood, delta: Floats) -> tuple[float, list[float]]:
     """The most likely s_e, and s_m a data set, at δ."""
     per_set = surface.over_noise(delta)
     total = surface.prior_scatter + sum(logsumexp(part, axis=1) for part in per_set)

@@ -11,7 +11,7 @@ from hcbench.fit.datasets import Dataset
 from hcbench.fit.linear import LinearModel
 
 if TYPE_CHECKING:
-    from hcbench.fit.candidates import Curve
+    from hcbench.fit.candidates import FittedCurve
     from hcbench.fit.setup import MeasurementSetup
     from hcbench.impact import Floats
 
@@ -62,7 +62,7 @@ class SpeedPairs(Dataset):
         """Own parameters to start from."""
         return np.zeros(0)
 
-    def linearise(self, curve: Curve, own: Floats, latent: Floats) -> LinearModel:
+    def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
         """The linear model about a law; it is linear in the changes of e as it is."""
         n = len(self.speed)
         local = [curve.local(v) for v in self.speed]

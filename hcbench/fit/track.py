@@ -17,7 +17,7 @@ from hcbench.fit.linear import LinearModel
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hcbench.fit.candidates import Curve
+    from hcbench.fit.candidates import FittedCurve
     from hcbench.fit.estimate import LawFit
     from hcbench.fit.setup import MeasurementSetup
     from hcbench.impact import Floats
@@ -77,7 +77,7 @@ class Track(Dataset):
             first = self.setup.ballistics.dropped(self._drop)[0]
         return np.array([self.floor, self.touch_times[0], math.log(first)])
 
-    def linearise(self, curve: Curve, own: Floats, latent: Floats) -> LinearModel:
+    def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
         """The linear model about a law, own parameters and changes of e."""
         ball, q = self.setup.ballistics, curve.count
         first = math.exp(own[2])

@@ -101,8 +101,8 @@ def law_of(options: Mapping[str, Any]) -> Law:
     words = {word: given.pop(word)} if named or (make is Restitution and word in given) else {}
     numbers: dict[str, Any] = read_numbers(given, required, optional, SettingError, "option 'law.{}'")
     if not named:
-        if (reading := words.get("reading", "law")) not in ("law", "linear"):
-            raise SettingError("option 'law.reading'", repr(reading), "'law' or 'linear'")
+        reading = words.get("reading", "law")
+        require("option 'law.reading'", reading, reading in ("law", "linear"), "'law' or 'linear'")
         law: Law = make(**words, **numbers)
         return law
     family = law_named(words["law"])

@@ -15,7 +15,7 @@ from hcbench.scene import Scene
 from hcbench.setting import Setting
 from hcbench.sim.engine import Engine, SteppedEngine
 from hcbench.tune.constant import minimax_constant
-from hcbench.tune.oblique import judge_oblique, oblique_launches
+from hcbench.tune.oblique import friction_error, oblique_launches
 from hcbench.tune.target import Target
 from hcbench.units import STANDARD_GRAVITY
 
@@ -167,7 +167,7 @@ def evaluate_impacts(impacts: Sequence[Impact], target: Target, scene: Scene) ->
         failed=len(failed),
         reason=failed[0].reason if failed else "",
         launches=len(impacts),
-        friction_error=judge_oblique(oblique, scene, target).impulse_error,
+        friction_error=friction_error(oblique, scene),
         deep=deepest > max(DEEPEST_STEPS * target.speed_max * target.timestep, _AS_LAW * law_depth),
     )
 

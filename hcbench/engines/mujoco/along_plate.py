@@ -16,7 +16,7 @@ from hcbench.sim.tangential import plate_frame
 _MISSED = 1e-9  # of the motion asked for, that joints may leave out
 
 
-class AlongPlate:
+class MujocoAlongPlate:
     """One launch along the plate. friction: on the moving one in the step that is read, N, in the world."""
 
     def __init__(self, place: PairAtTouch, launch: Launch, along: Vector | None) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from hcbench.engines.mujoco.along_plate import AlongPlate
+from hcbench.engines.mujoco.along_plate import MujocoAlongPlate
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model import geom_name
 from hcbench.engines.mujoco.shares import NAMES, SpeedShares, has_more_than_contacts, strange_share
@@ -65,7 +65,7 @@ class MujocoUserSimulation(Simulation):
         mujoco.mj_integratePos(model, self._data.qpos, place.direction, -clearance)
         self._data.qvel[:] = launch.speed * place.direction
         self._data.time = 0.0
-        self._along = AlongPlate(place, launch, along) if launch.is_oblique else None
+        self._along = MujocoAlongPlate(place, launch, along) if launch.is_oblique else None
         if self._along is not None:
             self._along.send(self._data, launch.flight_time(self._h, gravity))
         # RK4 leaves its last stage in the data: the state before the step is looked at beside it.
@@ -166,7 +166,7 @@ class MujocoUserSimulation(Simulation):
 class _Reader:
     """Reads depth, force and rate of the pair off an MjData that belongs to one state."""
 
-    def __init__(self, model: Any, place: PairAtTouch, data: Any, along: AlongPlate | None) -> None:
+    def __init__(self, model: Any, place: PairAtTouch, data: Any, along: MujocoAlongPlate | None) -> None:
         mujoco = backend()
         self.model, self.place, self.along, self.count = model, place, along, 0
         self.table = place.pair.sides.tolist()

@@ -39,7 +39,7 @@ def surface_point(contacts: Sequence[Any]) -> list[float]:
     return [float(x) for x in np.mean(fresh, axis=0)]
 
 
-class AlongPlate:
+class BulletAlongPlate:
     """One launch along the plate, of a body with a free base."""
 
     def __init__(

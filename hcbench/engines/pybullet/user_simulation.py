@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.engines.pybullet.along_plate import AlongPlate, surface_point
+from hcbench.engines.pybullet.along_plate import BulletAlongPlate, surface_point
 from hcbench.engines.pybullet.model import BulletBody
 from hcbench.engines.pybullet.vectors import dot
 from hcbench.impact import FRICTION, SLIP
@@ -55,7 +55,7 @@ class LaunchInUserWorld(Simulation):
         place.launch(bullet, launch.speed, clearance)
         self._x, self._touched, self._point = -clearance, False, place.point.tolist()
         self._normal = place.normal.tolist()
-        self._along = AlongPlate(bullet, place, launch, along, clearance) if launch.is_oblique else None
+        self._along = BulletAlongPlate(bullet, place, launch, along, clearance) if launch.is_oblique else None
         if self._along is not None:
             self._along.send(launch.flight_time(self.timestep, gravity))
         self._before = self._rate()

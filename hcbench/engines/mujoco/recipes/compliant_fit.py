@@ -74,7 +74,7 @@ def _oscillator(steps: Any, damping: Any) -> tuple[Any, Any]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Fit:
+class _RowFit:
     """What spring and damper rows are fitted to, in units of the step h and the band's highest speed v.
 
     speeds: over v. phases: where in a step the touch falls. wanted: e; shape (n,) each. fall: g h / v.
@@ -175,13 +175,13 @@ def spring_and_damper_rows(
     low, high = speeds
     lowest, highest = _bounds(1.0 - float(curve.at(low)), timestep, gravity, corners)
 
-    def fit_to(speed_count: int, phase_count: int) -> _Fit:
+    def fit_to(speed_count: int, phase_count: int) -> _RowFit:
         share = np.geomspace(low / high, 1.0, speed_count)
         phase = (np.arange(phase_count) + 0.5) / phase_count
         phase[0], phase[-1] = 0.003, 0.997
         u, where = (grid.ravel() for grid in np.meshgrid(share, phase, indexing="ij"))
         fall = gravity * timestep / high
-        return _Fit(u, where, curve.at(u * high), fall, corners, adhesive, lowest, highest)
+        return _RowFit(u, where, curve.at(u * high), fall, corners, adhesive, lowest, highest)
 
     fine = fit_to(25, 10)
     with map_result(lambda parameters: fine.rows(parameters, timestep, high)):
@@ -200,14 +200,14 @@ def _bounds(loss: float, timestep: float, gravity: float, corners: int) -> tuple
     return lowest, highest
 
 
-def _search(coarse: _Fit, fine: _Fit) -> Floats:
+def _search(coarse: _RowFit, fine: _RowFit) -> Floats:
     """Parameters (8,) with the least error: by evolution on a coarse grid, polished on a fine one."""
     search = Search(_MEMBERS * (1 + _GENERATIONS) + _POLISHES * _POLISH)
     lowest, highest = fine.lowest, fine.highest
     first = np.random.default_rng(_SEED).uniform(lowest, highest, (_MEMBERS, len(lowest)))
     first[: len(_STARTS)] = np.clip(_STARTS, lowest, highest)
 
-    def errors(fit: _Fit, parameters: Floats) -> Any:
+    def errors(fit: _RowFit, parameters: Floats) -> Any:
         off = fit.errors(parameters)
         search.record(parameters, off)
         return off
