@@ -11,18 +11,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, Unpack
 
 from hcbench._arguments import checked
 from hcbench._text import sanitized
 from hcbench.errors import EngineFailed, HcbenchError, SceneError, UserError
-from hcbench.impact import Floats
 from hcbench.laws.require import require
 from hcbench.laws.restitution import ConstantRestitution, RestitutionCurve
 from hcbench.measure.diagnose import diagnose, goal_of
 from hcbench.measure.measurement import TOLERANCE, Measurement
 from hcbench.measure.phases import impacts_of
-from hcbench.measure.request import make_request
+from hcbench.measure.request import RequestOptions, make_request
 from hcbench.sim import registry
 from hcbench.sim.candidate_pairs import CandidatePair
 from hcbench.sim.engine import Engine
@@ -56,24 +55,12 @@ def measure(
     model: Any,
     pair: Sequence[str] | str | None = None,
     *,
-    speeds: Any = None,
-    phases: int | Sequence[float] | None = None,
-    timestep: Any = None,
-    gravity: float | str | Sequence[float | str] | Floats | None = None,
-    key: str | None = None,
-    height: float | str | None = None,
-    qpos: Any = None,
-    state: str | Path | None = None,
-    coming_from: str | Sequence[float | str] | None = None,
-    actuators: bool = True,
-    angle: Any = None,
-    along: Any = None,
-    spin: Any = None,
     engine: str | None = None,
     wanted: RestitutionCurve | float | None = None,
     tolerance: float = TOLERANCE,
     diagnose: bool = True,
     limit: float = LIMIT_S,
+    **asked: Unpack[RequestOptions],
 ) -> Measurement:
     """Measure the bounce of a pair of the user's own model.
 
@@ -82,42 +69,17 @@ def measure(
         environment or client in the pose that it is in.
         Files are measured in a process of their own; objects in this one, and left as they were.
     pair: names of two bodies or geoms (URDF: links or files), the moving one first; "a,b" or ("a", "b").
-    speeds: launch speeds, m/s or text like "1:20 in/s".
-    phases: how many, or which, of a time step; None: 4, one where they cannot matter, and up to 32 where e
-        scatters over them.
-    timestep: s. gravity: m/s^2, a vector or a number along -z. key: keyframe. height: clearance, m.
-    qpos: joints to start from, "hip=0.3, knee=-30 deg" or a mapping. state: a file with a pose (.npz, JSON).
-    coming_from: where the moving one comes from: "above", "+x", three numbers; None: the nearest way.
-    actuators: False turns them off.
-    angle: from the normal, rad or text like "30, 60 deg": speeds are then along the normal, with tan(angle)
-        times as much along the plate. along: which way, a vector. spin: rad/s, about the axis across that
-        way, with which the body rolls on; or three, about that way, across it, and away from the plate.
     engine: the name of one; None: the first that opens such a model.
-    wanted: e to compare with. tolerance: |e - wanted| from which causes are looked for.
+    wanted: e to compare with. tolerance: |e - wanted| from which causes are looked for, if `diagnose`.
     limit: s, after which a model in a file counts as hung.
+    asked: speeds, pose and all else of the launches, as `RequestOptions` has them.
     Raises UserError (and its kinds) with the reason for what cannot be measured, EngineFailed for an engine
     that crashed or hung on it.
     """
     require("tolerance", tolerance, 0 <= tolerance <= 1, "0 ... 1, a difference in e")
     require("limit", limit, 0 < limit <= LONGEST_LIMIT_S, f"above 0 s, up to {LONGEST_LIMIT_S:g} s")
-    request = make_request(
-        pair,
-        speeds,
-        phases,
-        timestep,
-        gravity,
-        key,
-        height,
-        qpos=qpos,
-        state=state,
-        coming_from=coming_from,
-        actuators=actuators,
-        angle=angle,
-        along=along,
-        spin=spin,
-    )
     goal = ConstantRestitution(wanted) if isinstance(wanted, int | float) else wanted
-    return measure_job(Job(model, engine, request, goal, tolerance, diagnose), limit)
+    return measure_job(Job(model, engine, make_request(pair, **asked), goal, tolerance, diagnose), limit)
 
 
 def measure_job(job: Job, limit: float = LIMIT_S) -> Measurement:

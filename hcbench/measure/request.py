@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, TypedDict
 
 from hcbench import units
+from hcbench._arguments import checked
 from hcbench.errors import QuantityError, UserError
+from hcbench.impact import Floats
 from hcbench.measure.pose import read_direction, read_joints, read_state
 from hcbench.sim.model_under_test import DEFAULT_PHASES, DEFAULT_SPEEDS, Request, Vector
 
@@ -14,24 +17,55 @@ MAX_PHASES = 1000
 MAX_HEIGHT = 1e4  # m
 
 
+class RequestOptions(TypedDict, total=False):
+    """How to launch a pair in a model, as a user writes it: SI numbers, or text with units.
+
+    speeds: launch speeds, m/s or text like "1:20 in/s".
+    phases: how many, or which, of a time step; None: 4, one where they cannot matter, and up to 32 where e
+        scatters over them.
+    timestep: s. gravity: m/s^2, a vector or a number along -z. key: keyframe. height: clearance, m.
+    qpos: joints to start from, "hip=0.3, knee=-30 deg" or a mapping. state: a file with a pose (.npz, JSON).
+    coming_from: where the moving one comes from: "above", "+x", three numbers; None: the nearest way.
+    actuators: False turns them off.
+    angle: from the normal, rad or text like "30, 60 deg": speeds are then along the normal, with tan(angle)
+        times as much along the plate. along: which way, a vector. spin: rad/s, about the axis across that
+        way, with which the body rolls on; or three, about that way, across it, and away from the plate.
+    """
+
+    speeds: Any
+    phases: int | Sequence[float] | None
+    timestep: Any
+    gravity: float | str | Sequence[float | str] | Floats | None
+    key: str | None
+    height: float | str | None
+    qpos: Any
+    state: str | Path | None
+    coming_from: str | Sequence[float | str] | None
+    actuators: bool
+    angle: Any
+    along: Any
+    spin: Any
+
+
+@checked
 def make_request(
     pair: Sequence[str] | str | None = None,
     speeds: Any = None,
     phases: int | Sequence[float] | None = None,
     timestep: Any = None,
-    gravity: Any = None,
+    gravity: float | str | Sequence[float | str] | Floats | None = None,
     key: str | None = None,
-    height: Any = None,
+    height: float | str | None = None,
     *,
     qpos: Any = None,
-    state: Any = None,
-    coming_from: Any = None,
+    state: str | Path | None = None,
+    coming_from: str | Sequence[float | str] | None = None,
     actuators: bool = True,
     angle: Any = None,
     along: Any = None,
     spin: Any = None,
 ) -> Request:
-    """A request from what a user writes: text with units, lists, single numbers. Raises QuantityError."""
+    """A request from what a user writes; see `RequestOptions`. Raises QuantityError."""
     values = DEFAULT_SPEEDS if speeds is None else units.parse_values(speeds, "speed", "speeds", above=0)
     if len(set(values)) != len(values):
         raise QuantityError("speeds", f"{speeds!r} has a speed twice", "each speed once")

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hcbench.measure.measurement import Measurement
-from hcbench.measure.text import setting_text
+from hcbench.measure.text import setting_text, shares_note
 from hcbench.report.page import Drawing, draw, render
 from hcbench.report.plot_style import INK, LAW, LIMIT, MEASURED, draw_band, draw_loop, new_figure, speed_axis
 
@@ -19,6 +19,7 @@ def measurement_page(measurement: Measurement) -> str:
         "measurement.html",
         measurement=measurement,
         summary=_summary(measurement),
+        notes=(*measurement.facts.notes, *shares_note(measurement)),
         curve=draw(Drawing("curve", lambda: _curve_figure(measurement))),
         loops=draw(Drawing("loops", (lambda: _loops_figure(measurement)) if measurement.loops else None)),
         points=[
