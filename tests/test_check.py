@@ -344,10 +344,10 @@ def test_a_model_that_takes_its_process_down_is_told_and_the_rest_runs(
     (tmp_path / "setup.py").write_text(code)
     (tmp_path / "pyproject.toml").write_text(
         f"""[tool.hcbench]
-limit = "3 s"
 speeds = "0.5 m/s"
 [[tool.hcbench.check]]
 model = "setup.py:build"
+limit = "{1 if code == HANG else 60} s"
 restitution = 0.9
 [[tool.hcbench.check]]
 model = {GOOD!r}
@@ -479,11 +479,11 @@ def test_the_record_of_a_measurement_is_whole() -> None:
     json.dumps(record)
 
 
-def test_twenty_checks_give_the_same_bytes(tmp_path: Path) -> None:
+def test_checks_made_again_give_the_same_bytes(tmp_path: Path) -> None:
     seen = set()
-    for i in range(20):
+    for i in range(5):
         files = Outputs(tmp_path / f"{i}.xml", tmp_path / f"{i}.md")
-        report = check(ask(BROKEN, restitution=0.9), files)
+        report = check(ask(BROKEN, restitution=0.9, speeds="0.1 m/s"), files)
         record = json.dumps(as_record_of(report))
         seen.add((as_text(report), record, *(p.read_bytes() for p in (files.junit, files.markdown) if p)))
     assert len(seen) == 1
