@@ -153,7 +153,30 @@ class Trajectory:
         """At most so many of the steps, evenly, both ends among them."""
         count = len(self.time)
         every = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
-        return Trajectory(self.time[every], self.penetration[every], self.rate[every], self.force[every])
+        return self._at(every)
+
+    def simplified(self, tolerance: float) -> Trajectory:
+        """The steps that matter: straight lines over time between them pass all others within `tolerance`
+        times the largest penetration, rate and force (Douglas and Peucker, 1973). Both ends stay.
+        """
+        columns = np.array([self.penetration, self.rate, self.force])
+        largest = np.abs(columns).max(axis=1, keepdims=True)
+        columns = columns / np.where(largest > 0.0, largest, 1.0)
+        last = len(self.time) - 1
+        kept, waiting = {0, last}, [(0, last)]
+        while waiting:
+            start, end = waiting.pop()
+            share = (self.time[start + 1 : end] - self.time[start]) / (self.time[end] - self.time[start])
+            line = columns[:, [start]] + share * (columns[:, [end]] - columns[:, [start]])
+            off = np.abs(columns[:, start + 1 : end] - line).max(axis=0, initial=0.0)
+            if (off > tolerance).any():
+                worst = start + 1 + int(off.argmax())
+                kept.add(worst)
+                waiting += [(start, worst), (worst, end)]
+        return self._at(np.array(sorted(kept)))
+
+    def _at(self, which: NDArray[np.int_]) -> Trajectory:
+        return Trajectory(self.time[which], self.penetration[which], self.rate[which], self.force[which])
 
 
 # Rows of what is recorded along the plate at each step, in the directions of `Launch`: velocity of the

@@ -9,12 +9,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hcbench._files import atomic_folder
 from hcbench.benchmark.results import RUN_KEY, Results
 from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import Study, find_study, load_study, name_of, study_from
 from hcbench.errors import StudyError
+from hcbench.impact import Trajectory
 
 CONTENT = {
     "scene": "steel-plane",
@@ -51,6 +54,13 @@ def test_every_impact_asked_for_is_a_row(results: Results) -> None:
 def test_loops_are_kept_where_asked_and_nowhere_else(results: Results) -> None:
     assert results.loops["speed_m_per_s"].unique() == pytest.approx([0.254])
     assert set(results.loops["engine"]) >= {"reference", "mujoco"}
+
+
+def test_all_loops_keeps_every_speed_of_the_band_and_scores_as_before(results: Results) -> None:
+    everything = run_study(study_from({**CONTENT, "all_loops": True}), jobs=2)
+    assert set(everything.loops["speed_m_per_s"]) == set(everything.impacts["speed_m_per_s"])
+    assert len(everything.loops.groupby([*RUN_KEY, "speed_m_per_s"])) == 4 * 2 * 3  # runs, α, speeds
+    pd.testing.assert_frame_equal(everything.scores, results.scores)
 
 
 def test_the_reference_is_scored_perfect_against_its_own_law(results: Results) -> None:
@@ -164,3 +174,22 @@ def test_a_study_is_loaded_from_a_path_in_text_too(tmp_path: Path) -> None:
 
 def test_run_keys_identify_a_score(results: Results) -> None:
     assert not results.scores.duplicated(RUN_KEY).any()
+
+
+@given(st.integers(2, 60), st.integers(0, 2**32 - 1), st.sampled_from([0.0, 2e-3, 0.1]))
+def test_a_simplified_loop_stays_within_its_tolerance(count: int, seed: int, tolerance: float) -> None:
+    rng = np.random.default_rng(seed)
+    time = np.cumsum(rng.uniform(0.1, 1.0, count))
+    whole = Trajectory(time, *np.cumsum(rng.normal(size=(3, count)), axis=1))
+    thin = whole.simplified(tolerance)
+    assert thin.time[[0, -1]].tolist() == time[[0, -1]].tolist()
+    for name in ("penetration", "rate", "force"):
+        values, kept = getattr(whole, name), getattr(thin, name)
+        off = np.abs(np.interp(time, thin.time, kept) - values).max()
+        assert off <= (tolerance + 1e-12) * np.abs(values).max()
+
+
+def test_a_loop_of_straight_lines_keeps_only_its_corners() -> None:
+    x = np.concatenate([np.linspace(0, 1, 50), np.linspace(1, 0, 50)[1:]])
+    thin = Trajectory(np.arange(99.0), x, 1 - x, 3 * x).simplified(2e-3)
+    assert thin.penetration.tolist() == [0.0, 1.0, 0.0]

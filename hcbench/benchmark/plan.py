@@ -194,6 +194,8 @@ def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
         records.append({**run_key(run.scene, setting, alpha), **about})
         loop_speeds = study.loop_speeds if run.speeds == study.speeds else ()
         speeds = tuple(sorted({*run.speeds, *loop_speeds}))
+        if study.all_loops and (loop_speeds or run.dropped):
+            loop_speeds = speeds
         key = (run.scene, run.dropped, setting.key, speeds, run.angles, run.spin)
         sent = (speeds, loop_speeds, study.phases, run.angles, run.spin)
         new = LaunchGrid(run.scene, run.dropped, setting, (), *sent)

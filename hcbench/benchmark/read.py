@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _LAUNCH = ["speed_m_per_s", "phase"]
-_LOOP_SAMPLES = 400  # kept of one loop; what a figure can show
+_LOOP_TOLERANCE = 2e-3  # of the largest force, depth and rate: what a figure can show of a loop
 
 
 def is_sweep(folder: str | Path) -> bool:
@@ -58,10 +58,11 @@ def results_in(store: Store) -> Results:
     for key in keys:
         by_launch = samples[key].groupby(_LAUNCH) if key in samples else ()
         kept = {launch: _loop(table) for launch, table in by_launch}
-        of_key = [_impact(row, kept) for row in impacts[key].itertuples(index=False)]
+        scored = {launch: loop for launch, loop in kept.items() if launch[0] in study["loop_speeds"]}
+        of_key = [_impact(row, scored) for row in impacts[key].itertuples(index=False)]
         law = HuntCrossley(study["stiffness"], key[RUN_KEY.index("alpha_s_per_m")], study["exponent"])
         scores.append((*key, *dataclasses.astuple(scoring.score(of_key, law, study["mass_kg"]))))
-        loops += [_loop_table(key, impact) for impact in of_key if impact.loop is not None]
+        loops += [_loop_table((*key, *launch), loop) for launch, loop in kept.items()]
     return Results(
         study=study,
         settings=about["settings"],
@@ -130,11 +131,10 @@ def _impact(row: Any, kept: Mapping[Any, Loop]) -> Impact:
     )
 
 
-def _loop_table(key: tuple[Any, ...], impact: Impact) -> pd.DataFrame:
-    """LOOP_COLUMNS of one impact, thinned to what a figure can show. key: the values of RUN_KEY."""
+def _loop_table(key: tuple[Any, ...], whole: Loop) -> pd.DataFrame:
+    """LOOP_COLUMNS of one impact, thinned to what a figure can show. key: the columns before the samples'."""
     import pandas as pd
 
-    assert impact.loop is not None
-    loop = impact.loop.thinned(_LOOP_SAMPLES)
-    columns = (impact.launch.speed, impact.launch.phase, loop.time, loop.penetration, loop.rate, loop.force)
-    return pd.DataFrame(dict(zip(LOOP_COLUMNS, (*key, *columns), strict=True)))
+    loop = whole.simplified(_LOOP_TOLERANCE)
+    columns = (*key, loop.time, loop.penetration, loop.rate, loop.force)
+    return pd.DataFrame(dict(zip(LOOP_COLUMNS, columns, strict=True)))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, StrictInt
+from pydantic import Field, StrictBool, StrictInt
 
 from hcbench._arguments import checked, checked_fields
 from hcbench.errors import SceneError, StudyError
@@ -76,8 +76,9 @@ class Run:
 @checked_fields
 @dataclass(frozen=True, slots=True)
 class Study:
-    """What to run. SI. `loop_speeds` are launched too, and their loops kept (at the middle phase).
+    """What to run. SI. `loop_speeds` are launched too, and their loops kept (at the middle phase) and scored.
 
+    all_loops: keep those at every other speed of the band too, and of the drops, to look at.
     scene: the main one; each run has its own. main_alpha, step_speed: the α and the speed that figures of one
     α or one speed show. train_height, m: settings that run under gravity are dropped from there and followed
     bounce after bounce until they rest; those at the step train_step, s, too, without having to.
@@ -94,6 +95,7 @@ class Study:
     runs: tuple[Run, ...]
     train_height: float | None = None
     train_step: float | None = None
+    all_loops: bool = False
 
     @property
     def is_oblique(self) -> bool:
@@ -185,6 +187,7 @@ class _StudyFile(_SentTable):
     step_speed: Speed | None = None
     train_height: Clearance | None = None
     train_step: Step | None = None
+    all_loops: StrictBool = Field(False, description="true or false")
     run: list[dict[str, Any]] = Field(min_length=1, description="[[run]] tables")
 
 
@@ -245,6 +248,7 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
         runs=runs,
         train_height=file.train_height,
         train_step=file.train_step,
+        all_loops=file.all_loops,
     )
 
 

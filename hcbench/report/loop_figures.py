@@ -19,14 +19,16 @@ _MARKED = 58  # samples below which each has a marker
 
 def drawable(view: View) -> list[RunKey]:
     """Runs with enough samples in every loop: each setting at its finest step and at its coarse one."""
-    enough = [
-        run
-        for run, loops in view.loops.items()
-        if not run.is_law and min(map(len, loops.values())) >= LOOP_SAMPLES
-    ]
+    enough = [run for run in view.loops if not run.is_law and _fewest_samples(view, run) >= LOOP_SAMPLES]
     finest = {run[:2]: min(o.timestep for o in enough if o[:2] == run[:2]) for run in enough}
     coarse = view.runs_by_resolution(resolved=False)
     return [run for run in enough if run.timestep == finest[run[:2]] or run in coarse]
+
+
+def _fewest_samples(view: View, run: RunKey) -> int:
+    """In any contact at the main α, before loops were thinned."""
+    score = view.score(run)
+    return 0 if score is None else int(score["samples_min"])
 
 
 def on_law_scale(view: View, run: RunKey) -> bool:
@@ -128,7 +130,7 @@ def _draw_run_loop(
 ) -> None:
     x, f = (loop[name].to_numpy(dtype=float) for name in ("penetration_m", "force_n"))
     style = view.plot_style(run)
-    marker = style.marker if len(x) < _MARKED else ""
+    marker = style.marker if _fewest_samples(view, run) < _MARKED else ""
     line = {"color": style.colour, "linewidth": 1.3, "marker": marker, "markersize": 3.5, "zorder": 3}
     draw_loop(axes, x / depth, f / force, **line, markerfacecolor=style.fill)
 

@@ -223,11 +223,14 @@ class View:
 
     @cached_property
     def loops(self) -> dict[RunKey, dict[float, pd.DataFrame]]:
-        """Loops for the main α: run -> impact speed (m/s) -> samples in time order."""
+        """Loops for the main α at the study's speeds for loops: run -> impact speed (m/s) -> samples in order
+        of time.
+        """
         out: dict[RunKey, dict[float, pd.DataFrame]] = {}
         if self.results.loops.empty:
             return out
         table = self._of_main_alpha(self.results.loops)
+        table = table[table["speed_m_per_s"].isin(self.study["loop_speeds"])]
         for key, rows in table.groupby([*_RUN, "speed_m_per_s"], sort=False):
             *run, speed = cast("tuple[Any, ...]", key)
             out.setdefault(self._run(*run), {})[float(speed)] = rows
