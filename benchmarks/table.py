@@ -1,4 +1,4 @@
-"""Puts the ratios of a run of the benchmarks into README.md.
+"""Puts the ratios of a run of the benchmarks into README.md, and adds them to history.csv.
 
 python benchmarks/table.py RESULTS.json
 """
@@ -10,7 +10,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 README = Path(__file__).with_name("README.md")
+HISTORY = Path(__file__).with_name("history.csv")
 BEGIN, END = "<!-- begin table -->", "<!-- end table -->"
 
 
@@ -43,6 +46,30 @@ def rows(results: dict[str, Any]) -> list[str]:
     return found
 
 
+def history(results: dict[str, Any]) -> pd.DataFrame:
+    """A row a candidate: when, of which commit and where it was measured, what it took, and its ratio."""
+    machine = results["machine_info"]
+    run = {
+        "date": results["datetime"][:10],
+        "commit": results["commit_info"]["id"][:10],
+        "processor": machine["cpu"].get("brand_raw", machine["processor"]),
+        "cores": machine["cores"],
+        "load": round(machine["load"], 1),
+    }
+    return pd.DataFrame(
+        {
+            **run,
+            "what": one["extra_info"]["what"],
+            "who": name,
+            "takes": float(f"{value:.4g}"),
+            "unit": one["extra_info"]["unit"],
+            "over_hcbench": float(f"{value / list(one['extra_info']['seconds'].values())[-1]:.4g}"),
+        }
+        for one in results["benchmarks"]
+        for name, value in one["extra_info"]["seconds"].items()
+    )
+
+
 def main() -> None:
     results = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
     machine = results["machine_info"]
@@ -57,6 +84,7 @@ def main() -> None:
     before, _, rest = text.partition(BEGIN)
     README.write_text(before + table + rest.partition(END)[2], encoding="utf-8")
     print(table)
+    history(results).to_csv(HISTORY, mode="a", header=not HISTORY.exists(), index=False)
 
 
 if __name__ == "__main__":

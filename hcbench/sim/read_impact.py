@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 NOT_FINITE = "position, velocity or force is not finite"
 # What became of a launch without a contact to its end. {0}: the time simulated, s; {1}: the engine's words.
-_FAILED = {
+_FAILED: dict[int, tuple[Status, str]] = {
     End.NOT_FINITE: (Status.DIVERGED, "{1}"),
     End.TOO_DEEP: (Status.DIVERGED, "went through the plate: deeper than its own radius"),
     End.TURNED_BACK: (Status.NO_TOUCH, "turned back without a contact force of the pair"),
@@ -103,11 +103,11 @@ def impacts_of(
     came, left = (tuple(states[:2, each, step]) for step in (first, after))
     v_in, v_out = reading.speeds(came, left, gravity * h, gravity)
     pushed = ~(came[1] > 0.0) | ((ends == End.PARTED) & (left[1] > 0.0))
-    impacts = []
+    time, impacts = time - time[:1], []
     for i, (launch, start, stop, n, end) in enumerate(
         zip(launches, first.tolist(), stops.tolist(), counts.tolist(), ends.tolist(), strict=True)
     ):
-        acted, rested, failed = stop - start, end == End.RESTED, _FAILED.get(End(end))
+        acted, rested, failed = stop - start, end == End.RESTED, _FAILED.get(end)
         if failed is not None:
             impacts.append(Impact(launch, failed[0], failed[1].format(time[n - 1], diverged)))
         elif pushed[i]:
@@ -126,7 +126,7 @@ def impacts_of(
                 penetration_max=deepest[i],
                 force_max=hardest[i],
                 samples=acted,
-                loop=Loop(time[:acted] - time[0], *states[:, i, start:stop]),
+                loop=Loop(time[:acted], *states[:, i, start:stop]),
             )
             impacts.append(impact)
     return impacts

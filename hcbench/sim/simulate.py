@@ -95,7 +95,7 @@ def run_launches(
     Raises SettingError for a launch that cannot arrive.
     """
     for launch in launches:
-        if math.isinf(launch.flight_time(world.timestep, world.gravity)):
+        if launch.speed == 0.0 and math.isinf(launch.flight_time(world.timestep, world.gravity)):
             raise SettingError("speed", "0 m/s without gravity", "a speed above 0, or gravity to fall by")
     groups = max(1, math.ceil(len(launches) / (places or world.places)))
     size = max(1, math.ceil(len(launches) / groups))
@@ -155,7 +155,8 @@ def _until_ended(
             world.diverged,
         )
         for k, (i, impact, count) in enumerate(zip(which, read, counts[ended].tolist(), strict=True)):
-            whole = with_tangential(impact, rows[:, k, :count], world.timestep, world.mass)
+            along = rows[:, k, :count]
+            whole = with_tangential(impact, along, world.timestep, world.mass) if len(rows) > 3 else impact
             ended_impacts[i] = _explained(whole, simulation.remark(count))
         going = ~ended
         left, history = left[going], [part[:, going] for part in history]

@@ -127,16 +127,19 @@ class StopRule:
         return np.where(ended, step[0] + first + 1, 0), why
 
     def _rested(self, after: Flags, v: Floats, acting: Flags, step: Whole) -> Flags:
-        slow = self.rest_speed[:, None]
-        still = after & (v <= slow) & (v >= -slow)
+        slow, speed = self.rest_speed[:, None], np.abs(v)
+        if self.fall == 0.0 and not (speed <= IDLE_SHARE / REST_SHARE * slow).any():  # nearly always
+            self.last_moving[:] = self.last_driven[:] = step[-1]
+            return np.zeros((), bool)
+        still = after & (speed <= slow)
         lasted, self.last_moving = _slow_for(still, self.last_moving, step)
         rested: Flags = lasted >= REST_STEPS
         half = (step - np.minimum(self.touch[:, None], step)) // 2
-        idle = after & ~acting & (np.abs(v) <= IDLE_SHARE / REST_SHARE * slow)
+        idle = after & ~acting & (speed <= IDLE_SHARE / REST_SHARE * slow)
         lasted, self.last_driven = _slow_for(idle, self.last_driven, step)
         rested |= lasted >= np.maximum(IDLE_STEPS, half)
         if self.fall > 0.0:
-            falling = after & (np.abs(v) <= FALL_STEPS * self.fall)
+            falling = after & (speed <= FALL_STEPS * self.fall)
             lasted, self.last_faster = _slow_for(falling, self.last_faster, step)
             rested |= lasted >= np.maximum(FALLING_STEPS, half)
         return rested

@@ -104,7 +104,7 @@ def with_tangential(impact: Impact, rows: Floats, timestep: float, mass: float) 
 
     rows: of `Record.rows`, all steps of this launch, shape (11, n). mass: effective, along the normal, kg.
     """
-    if not (impact.is_measured and impact.launch.is_oblique and len(rows) > 3):
+    if not (impact.is_measured and impact.launch.is_oblique):
         return impact
     force, along = rows[2], rows[3:]
     first = int((force != 0.0).argmax())
