@@ -113,17 +113,30 @@ def test_restitution_agrees_with_50_digits_over_sixteen_decades() -> None:
     assert relative_errors(_restitution_series.one_minus_restitution(d), [1 - e for e in truth]).max() < 1e-15
 
 
+def test_a_speed_has_the_same_bits_in_any_company() -> None:
+    d = np.concatenate([np.linspace(0.0, 2.0, 301), np.logspace(0, 3, 99)])
+    alone = [_restitution_series.restitution_of(np.array([x])).item() for x in d]
+    assert _restitution_series.restitution_of(d).tolist() == alone
+
+
 def test_no_dissipation_returns_all_of_the_speed() -> None:
     assert closed_form.restitution(0.0, 3.0) == 1.0
     assert closed_form.restitution(0.3, 0.0) == 1.0
     assert closed_form.energy_loss(HuntCrossley(K3, 0.0), 1.0, 2.0) == 0.0
 
 
-def test_coefficients_are_those_of_the_function() -> None:
-    """Makes the Chebyshev series of bounce.py again."""
+@pytest.mark.parametrize(
+    ("highest", "series"),
+    [
+        (_restitution_series.LOW, _restitution_series.LOW_SERIES),
+        (_restitution_series.TOP, _restitution_series.SERIES),
+    ],
+)
+def test_coefficients_are_those_of_the_function(highest: float, series: tuple[float, ...]) -> None:
+    """Makes the Chebyshev series again."""
     count = 64
     with mpmath.workdps(60):
-        top = mpmath.mpf(_restitution_series.TOP) / (_restitution_series.TOP + _restitution_series.SHIFT)
+        top = mpmath.mpf(highest) / (highest + _restitution_series.SHIFT)
         angles = [mpmath.pi * (k + mpmath.mpf(1) / 2) / count for k in range(count)]
         samples = []
         for angle in angles:
@@ -135,7 +148,7 @@ def test_coefficients_are_those_of_the_function() -> None:
             for j in range(count)
         ]
     last = max(j for j, c in enumerate(made) if abs(c) > 1e-17)
-    assert tuple(float(c) for c in made[: last + 1]) == _restitution_series.SERIES
+    assert tuple(float(c) for c in made[: last + 1]) == series
 
 
 def test_restitution_broadcasts_alpha_over_speed() -> None:

@@ -6,10 +6,11 @@ next to its branch point. So e is evaluated as
 
     e = (1 + t S(t)) / (1 + d),    1 - e = d (1 - S(t) / (5 + d)) / (1 + d),    t = d / (5 + d),
 
-two forms without cancellation, with S a Chebyshev series over 0 <= d <= 42. Beyond, e = 1/d to the last
-digit. The nearest singularities of S in t are at the pole d = -5 and where d - ln(1 + d) = ±2πi; the shift 5
-keeps both far and the series short. tests/test_reference_exact.py makes the coefficients again: sample
-S at 64 Chebyshev points in 60-digit arithmetic, discrete cosine transform, drop what is below 1e-17.
+two forms without cancellation, with S a Chebyshev series over 0 <= d <= 1, where most bounces are, and
+another over 0 <= d <= 42. Beyond, e = 1/d to the last digit. The nearest singularities of S in t are at the
+pole d = -5 and where d - ln(1 + d) = ±2πi; the shift 5 keeps both far and the series short.
+tests/test_reference_exact.py makes the coefficients again: sample S at 64 Chebyshev points in 60-digit
+arithmetic, discrete cosine transform, drop what is below 1e-17.
 """
 
 from __future__ import annotations
@@ -26,6 +27,14 @@ if TYPE_CHECKING:
 SHIFT = 5.0
 TOP = 42.0  # (1 + d) exp(-(1 + d)) = 9e-18 here: e and 1/d are the same double from here on
 # fmt: off
+LOW = 1.0
+LOW_SERIES = (
+    1.3841315711724689, -0.2706494835811008, 0.01085920530818937, -0.0009310048810048926,
+    8.73783794011912e-05, -7.212615049949131e-06, 7.313744781041737e-07, -7.12470957766144e-08,
+    7.2578437436425365e-09, -7.600797554642898e-10, 8.023815127190313e-11, -8.656441218374736e-12,
+    9.42654109096766e-13, -1.038692330904781e-13, 1.1553023699997146e-14, -1.2952607692684689e-15,
+    1.4630706256883469e-16, -1.6631141218643358e-17,
+)
 SERIES = (
     0.6535149405641728, -0.8154677346208224, 0.19268799345376825, 0.0011744978101141568,
     -0.0004793371395136684, -0.006284272511286914, 0.0007835481276890518, 0.000694346667933714,
@@ -48,13 +57,14 @@ _CHUNK = 8192  # doubles: the few buffers of one chunk stay in the processor's s
 _START = (0.99793785, 1.24335334, -0.36192314, -1.11520903, 0.73747348)
 
 
-def _series(d: Floats) -> Floats:
-    """S for one chunk of 0 <= d <= TOP, by Clenshaw's recurrence in place."""
+def _series(d: Floats, top: float) -> Floats:
+    """S for one chunk of 0 <= d <= top, which is LOW or TOP, by Clenshaw's recurrence in place."""
+    series = LOW_SERIES if top == LOW else SERIES
     x2 = d / (SHIFT + d)
-    x2 *= 4.0 * (SHIFT + TOP) / TOP
+    x2 *= 4.0 * (SHIFT + top) / top
     x2 -= 2.0
     b1, b2, work = np.zeros_like(d), np.zeros_like(d), np.empty_like(d)
-    for coefficient in SERIES[:0:-1]:
+    for coefficient in series[:0:-1]:
         np.multiply(x2, b1, out=work)
         work -= b2
         work += coefficient
@@ -62,25 +72,30 @@ def _series(d: Floats) -> Floats:
     b1 *= x2
     b1 *= 0.5
     b1 -= b2
-    b1 += SERIES[0]
+    b1 += series[0]
     return b1
 
 
-def _in_chunks(near: Callable[[Floats], Floats], far: Callable[[Floats], Floats], d: Floats) -> Floats:
+def _in_chunks(near: Callable[[Floats, float], Floats], far: Callable[[Floats], Floats], d: Floats) -> Floats:
     flat = np.ascontiguousarray(d).reshape(-1)
     out = np.empty_like(flat)
     for start in range(0, flat.size, _CHUNK):
         part = flat[start : start + _CHUNK]
-        if part.max() <= TOP:
-            out[start : start + _CHUNK] = near(part)
-        else:
-            clipped = near(np.minimum(part, TOP))
-            out[start : start + _CHUNK] = np.where(part > TOP, far(np.maximum(part, TOP)), clipped)
+        most = part.max()
+        if most <= LOW:
+            out[start : start + _CHUNK] = near(part, LOW)
+            continue
+        values = near(np.minimum(part, TOP), TOP)
+        if most > TOP:
+            values = np.where(part > TOP, far(np.maximum(part, TOP)), values)
+        low = part <= LOW
+        values[low] = near(part[low], LOW)
+        out[start : start + _CHUNK] = values
     return out.reshape(np.shape(d))
 
 
-def _near_restitution(d: Floats) -> Floats:
-    e = _series(d)
+def _near_restitution(d: Floats, top: float) -> Floats:
+    e = _series(d, top)
     e *= d
     e /= SHIFT + d
     e += 1.0
@@ -88,8 +103,8 @@ def _near_restitution(d: Floats) -> Floats:
     return e
 
 
-def _near_loss(d: Floats) -> Floats:
-    share = _series(d)
+def _near_loss(d: Floats, top: float) -> Floats:
+    share = _series(d, top)
     share /= SHIFT + d
     np.subtract(1.0, share, out=share)
     share *= d
@@ -104,11 +119,12 @@ def restitution_of(d: Floats) -> Floats:
 
 def restitution_of_one(d: float) -> float:
     """The same for one number d <= TOP as a float: without arrays a hundred times as fast."""
-    x2 = 4.0 * (SHIFT + TOP) / TOP * d / (SHIFT + d) - 2.0
+    top, series = (LOW, LOW_SERIES) if d <= LOW else (TOP, SERIES)
+    x2 = 4.0 * (SHIFT + top) / top * d / (SHIFT + d) - 2.0
     b1 = b2 = 0.0
-    for coefficient in SERIES[:0:-1]:
+    for coefficient in series[:0:-1]:
         b1, b2 = x2 * b1 - b2 + coefficient, b1
-    return (1.0 + d / (SHIFT + d) * (0.5 * x2 * b1 - b2 + SERIES[0])) / (1.0 + d)
+    return (1.0 + d / (SHIFT + d) * (0.5 * x2 * b1 - b2 + series[0])) / (1.0 + d)
 
 
 def one_minus_restitution(d: Floats) -> Floats:
