@@ -98,8 +98,8 @@ def test_a_damaged_description_is_no_sweep(
 @pytest.mark.parametrize(
     ("content", "cause"),
     [
-        ("[]", "schema 1"),
-        ("null", "schema 1"),
+        ("[]", "schema 1 or 2"),
+        ("null", "schema 1 or 2"),
         ("[" * DEEP, "nested too deeply"),
         ('{"schema": 1}', "study: missing"),
         ('{"schema": 1, "study": []}', "study: []"),

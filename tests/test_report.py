@@ -536,11 +536,12 @@ def test_times_in_words(seconds: float, text: str) -> None:
     assert wording.time(seconds).replace(wording.NBSP, " ") == text
 
 
-def test_results_of_before_there_were_conditions_are_read(results: Results, tmp_path: Path) -> None:
-    """Older folders have no columns of gravity, place and friction, and no table of rests."""
+def test_results_of_the_former_schema_are_read(results: Results, tmp_path: Path) -> None:
+    """Schema 1 has no columns of gravity, place and friction, and no table of rests."""
     results.write(tmp_path)
     (tmp_path / "rests.csv").unlink()
     summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    summary["schema"] = 1
     for record in summary["settings"]:
         for name in CONDITIONS:
             del record[name]

@@ -3,7 +3,7 @@
 restitution.csv  one row an impact           loops.csv     one row a sample of a kept loop
 scores.csv       one row a setting, α, step  trains.csv    one row a bounce of a drop under gravity
 rests.csv        one row a drop: how the body lies at the end
-summary.json     schema, study, settings, versions
+summary.json     schema (2; that of version 0.1.0 is 1, and is read too), study, settings, versions
 hcbench-files.json: what of a folder was written, so that the next time clears up after this one.
 """
 
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
     from hcbench.setting import Setting
 
-SCHEMA = 1
+SCHEMA, FORMER = 2, 1
 TABLES = ("restitution", "loops", "scores", "trains", "rests")
 CONDITIONS = ["gravity_m_per_s2", "off_axis_m", "friction"]  # under which a setting ran, beside its scene
-_LATER = ("rests",)  # tables that results have had since there were any without
+_SINCE_2 = ("rests",)  # tables that schema 1 has not
 RUN_KEY = [
     "scene",
     *CONDITIONS,
@@ -113,29 +113,30 @@ class Results:
 
     @classmethod
     def read(cls, folder: Path) -> Results:
-        """Read what `write` wrote; UserError for a folder that is not one, or of another schema."""
+        """Read what `write` wrote, in this schema or the former one; UserError for another folder."""
         try:
             summary = parse_json(read_text(folder / "summary.json"))
-            paths = [folder / f"{name}.csv" for name in TABLES]
-            tables = [_read_table(path) for path in paths if path.exists() or path.stem not in _LATER]
+            schema = summary.get("schema") if isinstance(summary, dict) else None
+            if schema not in (SCHEMA, FORMER):
+                raise UserError(
+                    "results",
+                    f"{folder} has schema {schema!r}",
+                    f"schema {FORMER} or {SCHEMA}",
+                    "Run the study again with this version of hcbench",
+                )
+            names = [name for name in TABLES if schema == SCHEMA or name not in _SINCE_2]
+            tables = [_read_table(folder / f"{name}.csv") for name in names]
         except (OSError, ValueError) as error:
             raise UserError("results", f"{folder}: {error}", "a folder that `hcbench report` wrote") from None
-        if not isinstance(summary, dict) or summary.get("schema") != SCHEMA:
-            schema = summary.get("schema") if isinstance(summary, dict) else None
-            raise UserError(
-                "results",
-                f"{folder} has schema {schema!r}",
-                f"schema {SCHEMA}",
-                "Run the study again with this version of hcbench",
-            )
         validate(ResultTable, summary, UserError, f"{folder}/summary.json: {{}}")
-        for table in (*tables, *summary["settings"]):
-            _fill_conditions(table, summary["study"])
+        if schema == FORMER:
+            for table in (*tables, *summary["settings"]):
+                _add_conditions(table, summary["study"])
         return cls(summary["study"], summary["settings"], summary["versions"], *tables)
 
 
-def _fill_conditions(table: Any, study: Mapping[str, Any]) -> None:
-    """Give an older table, or record, the columns that all of its rows share: there was one gravity then."""
+def _add_conditions(table: Any, study: Mapping[str, Any]) -> None:
+    """Give a table or record of schema 1 the columns that its rows share: there was one gravity then."""
     for name, value in zip(CONDITIONS, (study.get("gravity", 0.0), 0.0, 0.0), strict=True):
         if name not in table:
             table[name] = value
