@@ -17,6 +17,7 @@ R = TypeVar("R")
 C = TypeVar("C", bound=type)
 
 _LARGEST_FLOAT = int(np.finfo(float).max)
+_LARGEST_INT = 2**31 - 1  # engines take no larger ones
 _WORDS = {
     float: "a number",
     int: "a whole number",
@@ -61,7 +62,7 @@ def _hints(function: Callable[..., Any]) -> dict[str, Any]:
 
 def _fits(value: Any, hint: Any) -> bool:
     """Whether a value is of an annotated type; a list serves for a tuple, any real number for a float."""
-    if type(value) is hint:  # nearly always, and at once
+    if type(value) is hint and hint is not int:  # nearly always, and at once
         return True
     origin, parts = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
@@ -74,7 +75,8 @@ def _fits(value: Any, hint: Any) -> bool:
         )
         return (is_real and abs(value) <= _LARGEST_FLOAT) or isinstance(value, float)
     if hint is int:
-        return isinstance(value, int | np.integer) and not isinstance(value, bool)
+        is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+        return is_whole and abs(value) <= _LARGEST_INT
     if hint is type(None) or hint is None:
         return value is None
     if origin is np.ndarray:

@@ -35,6 +35,7 @@ def _require(slot: str, good: bool, got: str, expected: str, todo: str = "") -> 
         raise SceneError(slot, got, expected, todo)
 
 
+@checked_fields
 @dataclass(frozen=True, slots=True)
 class Material:
     """Elastic constants of a body: young_modulus Pa, poisson_ratio 1."""

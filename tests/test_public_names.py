@@ -10,11 +10,16 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
+import pybullet
 import pytest
 
 import hcbench
 from hcbench.errors import HcbenchError
+from hcbench.laws.published import law_named
+from hcbench.measure.request import RequestOptions
+from hcbench.scene import Material
 
 ROOT = Path(__file__).parent.parent
 MODULES = ("hcbench", "hcbench.contact.mujoco", "hcbench.contact.pybullet")
@@ -40,6 +45,20 @@ WRONG: list[Any] = [
     object(),
 ]
 LAW = hcbench.HuntCrossley(3.4e10, 0.3)
+STEEL = Material(2.1e11, 0.3)
+SPEC = mujoco.MjSpec.from_string(
+    """<mujoco><worldbody><geom name="plate" type="plane" size="1 1 1"/><body name="ball"><freejoint/>
+    <geom name="ball" size=".1"/></body></worldbody></mujoco>"""
+)
+CLIENT = pybullet.connect(pybullet.DIRECT)
+BALL, PLATE = (
+    pybullet.createMultiBody(
+        mass,
+        pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=0.1, physicsClientId=CLIENT),
+        physicsClientId=CLIENT,
+    )
+    for mass in (1.0, 0.0)
+)
 SCENE = hcbench.load_scene("steel-plane")
 FIELDS = {name: getattr(SCENE, name) for name in inspect.signature(hcbench.Scene).parameters}
 STUDY: dict[str, Any] = {
@@ -70,6 +89,26 @@ RIGHT: dict[str, dict[str, Any]] = {
     "hcbench.score": {"impacts": [], "law": LAW, "mass": 0.45},
     "hcbench.contact.mujoco.ConstantRestitution": {"restitution": 0.9},
     "hcbench.contact.mujoco.Restitution": {"alpha": 0.3},
+    "hcbench.contact.mujoco.Friction": {"static": 0.5, "dynamic": 0.4},
+    "hcbench.contact.mujoco.TouchSpeedLaw": {
+        "family": law_named("flores"),
+        "stiffness": 1e7,
+        "restitution": 0.9,
+    },
+    "hcbench.contact.mujoco.config": {"law": LAW},
+    "hcbench.contact.mujoco.add_to_spec": {"spec": SPEC, "law": LAW, "geoms": ("ball", "plate")},
+    "hcbench.contact.mujoco.hertz_stiffness": {
+        "model": SPEC.compile(),
+        "geom1": "ball",
+        "geom2": "plate",
+        "material1": STEEL,
+        "material2": STEEL,
+    },
+    "hcbench.contact.pybullet.command": {"law": LAW},
+    "hcbench.contact.pybullet.add": {"law": LAW, "first": BALL, "second": PLATE, "client": CLIENT},
+    "hcbench.contact.pybullet.force": {"number": 0, "client": CLIENT},
+    "hcbench.contact.pybullet.remove": {"number": 0, "client": CLIENT},
+    "hcbench.contact.pybullet.load": {"client": CLIENT},
 }
 # Records of results, which only hcbench makes; exceptions; and what is about a model or client of an engine.
 MADE_BY_HCBENCH = {"Impact", "Loop", "Measurement", "Results", "Score", "Status", "HcbenchError", "Launch"}
@@ -77,8 +116,11 @@ MADE_BY_HCBENCH = {"Impact", "Loop", "Measurement", "Results", "Score", "Status"
 
 def calls() -> Iterator[tuple[str, str]]:
     for name in RIGHT:
-        for parameter in inspect.signature(resolve(name)).parameters:
-            yield name, parameter
+        for parameter in inspect.signature(resolve(name)).parameters.values():
+            if parameter.kind is not parameter.VAR_KEYWORD:
+                yield name, parameter.name
+    for option in RequestOptions.__annotations__:
+        yield "hcbench.measure", option
 
 
 def resolve(name: str) -> Callable[..., Any]:
@@ -87,12 +129,16 @@ def resolve(name: str) -> Callable[..., Any]:
     return found
 
 
+def arguments(name: str) -> dict[str, Any]:
+    return {key: value.copy() if value is SPEC else value for key, value in RIGHT[name].items()}
+
+
 @pytest.mark.parametrize(("name", "parameter"), list(calls()))
 def test_a_wrong_argument_is_an_error_of_ours_or_none(name: str, parameter: str) -> None:
     """241 of 580 such calls raised TypeError, AttributeError and the like."""
     for value in WRONG:
         try:
-            resolve(name)(**{**RIGHT[name], parameter: value})
+            resolve(name)(**{**arguments(name), parameter: value})
         except HcbenchError as error:
             assert str(error).isprintable()
 
@@ -119,7 +165,7 @@ def test_a_wrong_argument_is_an_error_of_ours_or_none(name: str, parameter: str)
 )
 def test_the_error_names_the_argument(name: str, parameter: str, value: object, message: str) -> None:
     with pytest.raises(HcbenchError, match=message):
-        resolve(name)(**{**RIGHT[name], parameter: value})
+        resolve(name)(**{**arguments(name), parameter: value})
 
 
 def test_every_public_name_of_the_package_is_tried_here() -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeGuard
 
+from hcbench._arguments import checked_fields
 from hcbench.errors import SettingError
 from hcbench.fields import read_numbers
 from hcbench.laws import closed_form
@@ -23,6 +24,7 @@ require = partial(require_that, error=SettingError)
 STEPS_PER_CONTACT = 4.0  # fewer, and the force over a step is no longer well defined
 
 
+@checked_fields
 @dataclass(frozen=True, slots=True)
 class Friction:
     """Coulomb friction regularised around rest, as continuous multibody plants do it.

@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from hcbench._arguments import checked_fields
 from hcbench.impact import Floats
 from hcbench.laws._restitution_series import inverse_restitution, restitution_of
 from hcbench.laws.force import HuntCrossley
@@ -195,6 +196,7 @@ def law_named(name: str) -> PublishedLaw:
     raise AssertionError  # `require` has raised
 
 
+@checked_fields
 @dataclass(frozen=True, slots=True)
 class TouchSpeedLaw:
     """One of these laws as it is published: v_i is the touch speed of each impact.

@@ -231,9 +231,14 @@ class Engine(ABC):
 
 
 def _check(launch: Launch) -> None:
-    height = launch.height or 0.0
-    if not math.isfinite(launch.speed + launch.phase + height + sum(launch.slip) + sum(launch.spin)):
-        raise SettingError("launch", f"{launch!r}", "finite numbers")
+    try:
+        height = launch.height or 0.0
+        numbers = launch.speed + launch.phase + height + sum(launch.slip) + sum(launch.spin)
+        finite = math.isfinite(numbers)
+    except (TypeError, AttributeError, OverflowError):
+        finite = False
+    if not finite:
+        raise SettingError("launch", f"{launch!r:.200}", "a Launch of finite numbers")
     if height < 0:
         raise SettingError("height", f"{height!r} m", "0 m or more over the plate")
     if launch.speed < 0 or (launch.speed == 0 and not launch.height):

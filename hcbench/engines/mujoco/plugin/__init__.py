@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from hcbench import _compile
+from hcbench._arguments import checked
 from hcbench.engines.mujoco.backend import backend
 from hcbench.errors import CannotRun, EngineMissing, OutputError, SettingError
 from hcbench.laws import hertz
@@ -92,6 +93,7 @@ def install() -> Path:
     return path
 
 
+@checked
 def config(law: Law, friction: Friction | None = None, **more: str) -> tuple[str, dict[str, str]]:
     """The plug-in of a law, and its instance's config but for the pair. more: other keys, as they are."""
     require_law(law)
@@ -115,6 +117,7 @@ def config(law: Law, friction: Friction | None = None, **more: str) -> tuple[str
     return FORCE, keys | more
 
 
+@checked
 def add_to_spec(
     spec: Any,
     law: Law,
@@ -134,6 +137,8 @@ def add_to_spec(
 
     Raises SettingError for what cannot be a pair, CannotRun without a C compiler.
     """
+    if not isinstance(spec, backend().MjSpec):
+        raise SettingError("spec", f"{spec!r:.80}", "a mujoco.MjSpec")
     plugin, keys = config(law, friction, **more)
     named = [kind for kind, value in (("geoms", geoms), ("bodies", bodies), ("tendon", tendon)) if value]
     if len(named) != 1:
@@ -199,9 +204,12 @@ def _warn_of_shapes(geoms: Sequence[Any]) -> None:
                 )
 
 
+@checked
 def hertz_stiffness(model: Any, geom1: str, geom2: str, material1: Material, material2: Material) -> float:
     """K of F = k x^(3/2) in N/m^1.5, eq. (5), from the radii of two geoms: spheres, or one and a plane."""
     mujoco, radii = backend(), []
+    if not isinstance(model, mujoco.MjModel):
+        raise SettingError("model", f"{model!r:.80}", "a mujoco.MjModel")
     for name in (geom1, geom2):
         geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name)
         if geom < 0:

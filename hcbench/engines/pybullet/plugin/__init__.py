@@ -13,9 +13,12 @@ from __future__ import annotations
 
 import functools
 import struct
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 from hcbench import _compile
+from hcbench._arguments import checked
 from hcbench._text import shortest
 from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.model import LINK_NAME
@@ -25,12 +28,7 @@ from hcbench.laws.published import TouchSpeedLaw
 from hcbench.laws.restitution import ConstantRestitution, Restitution
 from hcbench.sim.names import suggest_names
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    Side = int | tuple[int, int | str]  # a body, or a body and its link by number or name
-
+Side = int | tuple[int, int | str]  # a body, or a body and its link by number or name
 _SPEED = 0.508  # m/s: 20 in/s, up to where the paper's law holds
 
 
@@ -40,6 +38,7 @@ def library() -> Path:
     return _compile.build("engines/pybullet/plugin/plugin.c", link=["-ldl"])
 
 
+@checked
 def load(client: int = 0) -> int:
     """The plug-in's number in a client, loaded if it is not yet."""
     bullet = BulletClient(client)
@@ -51,6 +50,7 @@ def load(client: int = 0) -> int:
     return number
 
 
+@checked
 def command(
     law: Law,
     friction: Friction | float | None = None,
@@ -86,6 +86,7 @@ def command(
     return " ".join([name, *words])
 
 
+@checked
 def add(
     law: Law, first: Side, second: Side, *, client: int = 0, friction: Friction | float | None = None,
     cup: Sequence[float] | None = None, speed: float = _SPEED, compensate_gravity: bool = False,
@@ -122,12 +123,14 @@ def add(
     return number
 
 
+@checked
 def remove(number: int, *, client: int = 0) -> None:
     """End a law; Bullet's own contact of its pair is on again. SettingError where there is no such law."""
     if BulletClient(client).executePluginCommand(load(client), "remove", [number]) < 0:
         raise SettingError(f"contact law {number}", "not in this client", "a number that `add` returned")
 
 
+@checked
 def force(number: int, *, client: int = 0) -> float:
     """The normal force of a law in the last (sub)step, N, of all its contacts together."""
     answer = BulletClient(client).executePluginCommand(load(client), "force", [number])
@@ -136,7 +139,7 @@ def force(number: int, *, client: int = 0) -> float:
     return float(struct.unpack("d", bytes(part & 255 for part in answer[2]))[0])
 
 
-def _side(bullet: BulletClient, side: Any) -> tuple[int, int]:
+def _side(bullet: BulletClient, side: Side) -> tuple[int, int]:
     """(body, link) as numbers; what they mean, the plug-in checks."""
     body, link = (side, -1) if isinstance(side, int) else side
     if isinstance(link, int):
