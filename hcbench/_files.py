@@ -21,6 +21,7 @@ from typing import Any, BinaryIO
 from hcbench.errors import HcbenchError, OutputError, UserError
 
 MANIFEST = "hcbench-files.json"
+MOST_BYTES = 64 << 20  # of a file that is read, unless told
 _KIND = "hcbench files"
 _SCRATCH = (".hcbench-", ".scratch")  # how the names of scratch folders begin and end
 _LEFT_S = 3600.0
@@ -48,13 +49,18 @@ def _no_nan(content: Any) -> Any:
     return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
-def read_text(path: Path, encoding: str = "utf-8", most: int = 64 << 20) -> str:
-    """A text file of at most `most` bytes; OSError for a longer one, whatever size it says it has."""
+def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
+    """A file of at most `most` bytes; OSError for a longer one, whatever size it says it has."""
     with path.open("rb") as file:
         content = file.read(most + 1)
     if len(content) > most:
         raise OSError(errno.EFBIG, f"has more than {most >> 20} MiB")
-    return content.decode(encoding)
+    return content
+
+
+def read_text(path: Path, encoding: str = "utf-8", most: int = MOST_BYTES) -> str:
+    """The text of a file, by `read_bytes`."""
+    return read_bytes(path, most).decode(encoding)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -234,3 +235,19 @@ def test_a_table_linked_to_a_device_is_not_read(tmp_path: Path, capsys: pytest.C
     for name in ("restitution", "loops", "scores", "trains"):
         (tmp_path / f"{name}.csv").symlink_to("/dev/zero")
     refused(capsys, ["check", str(tmp_path)], "not a regular file")
+
+
+def test_a_pose_that_unpacks_without_end_is_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    state = tmp_path / "pose.npz"
+    with zipfile.ZipFile(state, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("qpos.npy", bytes(65 << 20))
+    refused(capsys, ["measure", "scenes/steel-plane/scene.xml", "--state", str(state)], "more than 64 MiB")
+
+
+@pytest.mark.parametrize("content", [b"", b"PK", b"PK\x03\x04" + bytes(40), bytes(100)])
+def test_a_pose_that_is_damaged_is_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes
+) -> None:
+    state = tmp_path / "pose.npz"
+    state.write_bytes(content)
+    refused(capsys, ["measure", "scenes/steel-plane/scene.xml", "--state", str(state)], "a .npz or JSON file")

@@ -1,7 +1,9 @@
 """Poses and directions as users write them: joints by name, state files, "above"."""
 
+import io
 import math
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hcbench import units
-from hcbench._files import parse_json, read_text
+from hcbench._files import MOST_BYTES, parse_json, read_bytes, read_text
 from hcbench.errors import QuantityError, UserError
 from hcbench.sim.model_under_test import Vector
 
@@ -72,15 +74,22 @@ def read_state(path: Any) -> Pose:
     file = Path(path)
     try:
         if file.suffix == ".npz":
-            with np.load(file, allow_pickle=False) as arrays:
-                content: Any = {name: arrays[name] for name in arrays.files}
+            content: Any = _arrays(read_bytes(file))
         else:
             content = parse_json(read_text(file))
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
         raise UserError("state", f"{file}: {error}", "a .npz or JSON file with a pose") from None
     if not isinstance(content, Mapping) or not content:
         raise UserError("state", f"{file} has no names in it", 'JSON like {"hip": 0.3}, or {"qpos": [...]}')
     return read_joints(content)
+
+
+def _arrays(content: bytes) -> dict[str, Any]:
+    """The arrays of an .npz file that unpacks to no more than may be read."""
+    if sum(part.file_size for part in zipfile.ZipFile(io.BytesIO(content)).infolist()) > MOST_BYTES:
+        raise ValueError(f"unpacks to more than {MOST_BYTES >> 20} MiB")
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays.files}
 
 
 def read_direction(text: Any) -> Vector | None:
