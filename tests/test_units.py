@@ -30,6 +30,13 @@ def test_text_becomes_the_si_number_it_means(text: object, quantity: str, si: fl
     assert units.parse(text, quantity) == pytest.approx(si, rel=1e-15)
 
 
+@pytest.mark.parametrize(
+    ("si", "unit", "factor"), [(si, unit, f) for si, few in units._USUAL.items() for unit, f in few.items()]
+)
+def test_units_that_are_read_without_pint_are_those_of_pint(si: str, unit: str, factor: float) -> None:
+    assert factor == pytest.approx(units._factor(unit, si), rel=1e-15)
+
+
 def test_a_stiffness_has_the_unit_of_its_exponent() -> None:
     assert units.parse("1 lbf/in", "stiffness", exponent=1.0) == pytest.approx(4.4482216152605 / 0.0254)
     with pytest.raises(QuantityError, match=r"N/m\^2"):
