@@ -74,8 +74,8 @@ _LONGEST_UNIT = 60
 _TOWER = re.compile(r"(\*\*|\^)[^*^/]*(\*\*|\^)|\d{4}")  # powers of powers: Pint would compute them
 
 
-# What one unit is in the SI unit of its kind: those that nearly everybody writes. Pint knows the others, and takes
-# half a second to import.
+# What one unit is in the SI unit of its kind: those that nearly everybody writes. Pint knows all others, and
+# takes half a second to import.
 _USUAL = {
     "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "in/s": INCH},
     "s/m": {"s/m": 1.0, "s/in": 1.0 / INCH},

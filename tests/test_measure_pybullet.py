@@ -118,6 +118,7 @@ def test_e_as_loaded_is_that_of_a_loop_written_by_hand(
 
 def test_as_loaded_means_bullets_own_step_and_no_gravity(files: tuple[Path, Path]) -> None:
     found = measure(files, speeds=[1.0], diagnose=False)
+    assert found.facts.point == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
     assert found.facts.timestep == H
     assert found.facts.gravity == (0.0, 0.0, 0.0)
     assert found.facts.asked == (0.8,)

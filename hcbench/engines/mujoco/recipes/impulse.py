@@ -31,7 +31,7 @@ IMPULSE = Recipe(
     "impulse",
     Role.CONSTANT_E,
     impulse,
-    "One contact step turns v into -e v: the best constant e, at any step and phase; no force loop.",
+    "One contact step turns v into -e v: the best constant e, exact without gravity and friction; no loop.",
     (
         "Euler, implicit and implicitfast; RK4 and discrete give e = 0 and are refused.",
         "Needs no stiffness, mass or speed: the same numbers serve every body, at this step only.",

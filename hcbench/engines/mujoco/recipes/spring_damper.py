@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
+from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, HARDLY_RUBS, SOFTENED, rows_options
 from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, STIFF_SOLIMP, ConstraintRow
 from hcbench.tune import constant
 from hcbench.tune.recipe import Recipe, Role
@@ -39,6 +39,8 @@ SPRING_DAMPER = Recipe(
         "Euler, implicit, implicitfast and RK4; discrete takes away up to .2 of e and is refused.",
         "Stiffness and damping are per unit effective mass: the same numbers give the same e for any mass.",
         "At least 20 steps a contact: the spring is softer where the law has fewer.",
+        SOFTENED,
+        HARDLY_RUBS,
         "e does not depend on speed, and the force jumps at touch: it is not the law's loop.",
         "Set solref and solimp on both geoms or in a <pair>: MuJoCo mixes those of the two geoms.",
     ),

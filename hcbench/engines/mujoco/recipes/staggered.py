@@ -13,7 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, SPRING_SOLIMP, nonnegative_fit, rows_options
+from hcbench.engines.mujoco.recipes.common import (
+    DAMPED_STEP,
+    HARDLY_RUBS,
+    SOFTENED,
+    SPRING_SOLIMP,
+    nonnegative_fit,
+    rows_options,
+)
 from hcbench.engines.mujoco.recipes.sensitivity import restitution_sensitivity
 from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, weight
 from hcbench.errors import SettingError
@@ -261,10 +268,11 @@ STAGGERED = Recipe(
         "Numbers are per unit effective mass of the two bodies: k and the band of speeds were divided by it.",
         "Impacts beyond the band's highest speed leave the law: the damper has no more to give.",
         "With fewer than 10 steps in the law's shortest contact the spring is softer, for 24 steps:"
-        " same e, same shape of loop, larger penetration.",
+        " larger penetration and, without gravity, the same e and shape of loop.",
         "A steady load feels up to twice the stiffness: the dampers' impedance carries half of it.",
         "As stiff as the law it rests without creep, about as deep; oscillations die at the law's (3/4) α g.",
-        "Softened it rests deeper and swings wider.",
+        SOFTENED,
+        HARDLY_RUBS,
         "Pairs are frictionless (condim 1); the dampers need MuJoCo 3.11 or later (pair adhesion).",
     ),
     kinds=("law",),

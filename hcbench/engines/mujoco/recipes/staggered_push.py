@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
+from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, SOFTENED, rows_options
 from hcbench.engines.mujoco.recipes.nonadhesive_fit import (
     ITERATIONS,
     InitialGuess,
@@ -98,6 +98,7 @@ STAGGERED_PUSH = Recipe(
         "Damping has to stay below what springs can push: up to about α v = 0.35, beyond it is refused.",
         "Exponents from about 1.25 on: a spring that does not stiffen has nothing to hide a damper in.",
         "With fewer than 10 steps in the law's shortest contact the spring is softer, for 24 steps.",
+        SOFTENED,
     ),
     kinds=("law",),
     instead="`soft`",

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
+from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, HARDLY_RUBS, SOFTENED, rows_options
 from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, restitution
 from hcbench.errors import SettingError
 from hcbench.impact import Floats
@@ -154,6 +154,8 @@ TWO_PAIR = Recipe(
         "Stiffness and damping are per unit effective mass: the same numbers give the same e for any mass.",
         "The loop starts and ends at the origin, but its spring is linear: not the law's loop unless n = 1.",
         "At least 36 steps a contact: the spring is softer where the law has fewer.",
+        SOFTENED,
+        HARDLY_RUBS,
         "The damper needs MuJoCo 3.11 or later (pair adhesion). Pairs are frictionless (condim 1).",
     ),
     integrators=DAMPED_STEP,
