@@ -177,7 +177,7 @@ SOFT = Recipe(
     "soft",
     Role.FALLING_E,
     soft,
-    "One contact, solref and all five solimp numbers searched: without gravity e falls with speed nearly as wanted.",
+    "One contact, solref and all of solimp searched: without gravity e falls with speed nearly as wanted.",
     (
         "Euler, implicit, implicitfast and RK4, at steps up to about 2.6e-5 s in the band 1 ... 20 in/s.",
         "Numbers are per unit effective mass: the same for any mass.",
