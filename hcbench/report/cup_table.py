@@ -29,17 +29,18 @@ def rows(found: Views, results: Results) -> list[dict[str, Any]]:
     shown = []
     for key, group in table.groupby(_RUN, sort=False):
         gravity = float(cast("tuple[Any, ...]", key)[0])
-        own = group["scene"] == study["scene"]
+        own, on_axis = group["scene"] == study["scene"], group["off_axis_m"] == 0.0
+        if (own & on_axis).all():
+            continue
         axis, off, flat = (
-            group[which].set_index(_LAUNCH)["restitution"]
-            for which in (own & (group["off_axis_m"] == 0), own & (group["off_axis_m"] > 0), ~own)
+            group[which].set_index(_LAUNCH)["restitution"] for which in (own & on_axis, own & ~on_axis, ~own)
         )
         if len(axis) and (len(off) or len(flat)):
             shown.append(
                 {
                     "run": view.run_of({**group.iloc[0].to_dict(), "scene": study["scene"]}),
                     "heavy": gravity > 0,
-                    "error": _error(group[own & (group["off_axis_m"] == 0)]),
+                    "error": _error(group[own & on_axis]),
                     "off_axis": _difference(axis, off),
                     "flat": _difference(axis, flat),
                 }

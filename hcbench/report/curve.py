@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
 
 from hcbench.impact import Floats
@@ -31,16 +32,25 @@ class Curve:
 
 def curve_of(rows: pd.DataFrame, mass: float) -> Curve:
     """Fold phases; speeds that differ by round-off only are one speed."""
-    good = rows[rows["restitution"].notna()]
-    v_in, e = good["speed_in_m_per_s"].astype(float), good["restitution"].astype(float)
-    error = (e - good["restitution_law"].astype(float)).abs()
-    columns = {"speed": v_in, "e": e, "error": error, "loss": 0.5 * mass * v_in**2 * (1 - e**2)}
-    by_speed = pd.DataFrame(columns).groupby(good["speed_m_per_s"].astype(float).round(12))
+    names = ("speed_m_per_s", "speed_in_m_per_s", "restitution", "restitution_law")
+    asked, v_in, e, law = (rows[name].to_numpy(dtype=float) for name in names)
+    good = np.isfinite(e)
+    asked, v_in, e, law = asked[good], v_in[good], e[good], law[good]
+    _, group, count = np.unique(asked.round(12), return_inverse=True, return_counts=True)
+    first = np.cumsum(count) - count
+
+    def ordered(values: Floats) -> Floats:
+        return np.asarray(values[np.lexsort((values, group))])
+
+    def median(values: Floats) -> Floats:
+        middle = ordered(values)
+        return np.asarray((middle[first + (count - 1) // 2] + middle[first + count // 2]) / 2.0)
+
     return Curve(
-        speed=by_speed["speed"].median().to_numpy(),
-        low=by_speed["e"].min().to_numpy(),
-        middle=by_speed["e"].median().to_numpy(),
-        high=by_speed["e"].max().to_numpy(),
-        error=by_speed["error"].max().to_numpy(),
-        loss=by_speed["loss"].median().to_numpy(),
+        speed=median(v_in),
+        low=ordered(e)[first],
+        middle=median(e),
+        high=ordered(e)[first + count - 1],
+        error=ordered(np.abs(e - law))[first + count - 1],
+        loss=median(0.5 * mass * v_in**2 * (1 - e**2)),
     )

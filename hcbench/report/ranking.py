@@ -83,7 +83,7 @@ def lacks(view: View, run: RunKey) -> tuple[str, ...]:
             reasons.append(f"sinks {wording.length(rest.depth)} at rest")
     deep = view.depths.get(run, math.nan) / (view.band[1] * run.timestep)
     if view.gravity and deep > DEEP:
-        reasons.append(f"{wording.length(view.depths[run])} deep in a bounce")
+        reasons.append(f"goes {wording.length(view.depths[run])} deep in a bounce")
     return tuple(reasons)
 
 

@@ -146,24 +146,31 @@ def settings(found: Views) -> list[Cells]:
             entries.setdefault(key, {"run": run, "summary": record["summary"], "notes": notes})
             scene = view.study.get("scenes", {}).get(record["scene"], view.study)
             text = snippet(Setting(*run[:3], record["options"]), scene["form"])
-            new = {"text": text, "step": run.timestep, "gravity": view.gravity, "alphas": []}
+            new = {"text": text, "step": run.timestep, "gravity": view.gravity, "alphas": [], "of": []}
             stated = texts.setdefault(key, {}).setdefault(f"{run.timestep} {text}", new)
             stated["alphas"].append(float(record["alpha_s_per_m"]))
+            stated["of"].append((view.gravity, run, stated["alphas"][-1]))
     for key, entry in entries.items():
         entry["texts"] = sorted(
             (_text(found.main, several, **text) for text in texts[key].values()),
             key=lambda text: not text["main"],
         )
+    pasted = [text for entry in entries.values() for text in entry["texts"] if text["text"]]
+    for number, each in enumerate(pasted, 1):
+        each["id"] = f"paste-{number}"
     return list(entries.values())
 
 
-def _text(view: View, several: bool, text: str, step: float, gravity: float, alphas: list[float]) -> Cells:
+def _text(
+    view: View, several: bool, text: str, step: float, gravity: float, alphas: list[float], of: list[Any]
+) -> Cells:
     different = list(dict.fromkeys(alphas))
     every = len(different) == len(view.alphas) > 1
     which = "every α" if every else wording.listed([wording.alpha_short(a) for a in different])
     main = any(math.isclose(a, view.main_alpha, rel_tol=1e-9) for a in alphas)
     where = (", for gravity" if gravity else ", without gravity") if several else ""
-    return {"text": text, "title": f"step {wording.time(step)}, {which}{where}", "main": main}
+    title = f"step {wording.time(step)}, {which}{where}"
+    return {"text": text, "title": title, "main": main, "of": of, "lines": text.count("\n") + 1}
 
 
 def failed_impacts(found: Views) -> list[Cells]:

@@ -43,13 +43,13 @@ def rough_time(seconds: float) -> str:
 
 
 def alpha(value: float) -> str:
-    """α in the paper's unit and in SI."""
-    return f"{alpha_short(value)} ({value:.3g}{NBSP}s/m)"
+    """α in SI and in the paper's unit."""
+    return f"{alpha_short(value)} ({value * INCH:.3g}{NBSP}s/in)"
 
 
 def alpha_short(value: float) -> str:
-    """α in the paper's unit."""
-    return f"α{NBSP}={NBSP}{value * INCH:.3g}{NBSP}s/in"
+    """α in SI."""
+    return f"α{NBSP}={NBSP}{value:.3g}{NBSP}s/m"
 
 
 def inches_per_second(value: float) -> str:
@@ -72,6 +72,14 @@ def number(value: float) -> str:
     if size and not 1e-3 <= size < 1e5:
         return _scientific(f"{value:.1e}")
     return f"{value + 0.0:.3g}" if size < 1000 else f"{value:.0f}"
+
+
+def bound(value: float) -> str:
+    """`number` in two digits, rounded up, 10⁻⁷ at the least: what an error is within."""
+    if not value > 1e-7:
+        return number(value) if math.isnan(value) else power_of_ten(1e-7)
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return number(math.ceil(value / unit - 1e-9) * unit)
 
 
 def four_digits(value: float) -> str:

@@ -1,0 +1,88 @@
+// A drop, bounce after bounce: heights over time, with the balls on their curves.
+
+const clock = {time: 0, end: 1, running: 0, last: 0};
+const still = matchMedia("(prefers-reduced-motion: reduce)");
+let dropPlot, falling = [];  // {name, style, drop}
+
+// Height at a time, m; null beyond what was followed.
+function heightAt({touch, parting, height, ended}, time) {
+  const first = touch[0] ?? Infinity;
+  if (time < first) return Math.max(0, data.dropHeight - data.dropGravity * time * time / 2);
+  let i = parting.findLastIndex(t => t <= time);
+  if (i < 0 || time >= (touch[i + 1] ?? Infinity)) return 0;
+  const flight = 2 * Math.sqrt(2 * height[i] / data.dropGravity), until = touch[i + 1] ?? parting[i] + flight;
+  const share = (time - parting[i]) / (until - parting[i]);
+  if (share > 1) return ended ? 0 : null;
+  return 4 * height[i] * share * (1 - share);
+}
+
+function drawDrop() {
+  at("fall").hidden = data.dropHeight === null;
+  if (data.dropHeight === null) return;
+  const law = lawDrop(data.body, alphaNow(), data.dropHeight, data.dropGravity);
+  const dropOf = run => data.drops.find(d => keyOf(d) === keyOf(run) && d.step === run.step && d.alpha === run.alpha);
+  const drops = shownRuns().map(run => ({name: nameOf(run), style: run, drop: dropOf(run)}));
+  falling = [{name: "the law", style: LAW_STYLE, drop: law}, ...drops.filter(({drop}) => drop)];
+  clock.end = law.touch.at(-1);
+  at("time").max = clock.end;
+  at("time").step = clock.end / 500;
+  const time = {low: 0, high: clock.end, label: "time, s"};
+  dropPlot = new Plot(at("drop"), time, {low: 0, high: 1.06e3 * data.dropHeight, label: "height, mm"}, {height: 300});
+  const points = Array.from({length: 601}, (_, i) => clock.end * i / 600);
+  for (const {name, style, drop} of falling) {
+    const heights = points.map(t => heightAt(drop, t)).map(h => h === null ? null : 1e3 * h);
+    if (name === "the law") dropPlot.law(points, heights);
+    else dropPlot.line(style, points, heights);
+  }
+  const missing = drops.filter(({drop}) => !drop).map(({name}) => name);
+  const why = missing.length ? ` Not dropped at this step and α: ${missing.join(", ")}.` : "";
+  at("drop-words").textContent = `From ${text(1e3 * data.dropHeight)} mm under gravity; a ball in contact is drawn on the plate.${why}`;
+  legend(at("drop-legend"), falling.slice(1).map(({name, style}) => ({title: name, colour: style.colour})));
+  moveTo(Math.min(clock.time, clock.end));
+}
+
+function moveTo(time) {
+  clock.time = time;
+  const {px, box} = {px: dropPlot.px(time), box: dropPlot.box};
+  dropPlot.labels.replaceChildren(node("line", {class: "here", x1: px, x2: px, y1: box.top, y2: box.bottom}));
+  const words = falling.map(({name, style, drop}) => {
+    const height = heightAt(drop, time);
+    if (height === null) return `${name} not followed so far`;
+    const place = {cx: px, cy: dropPlot.py(1e3 * height) - 6, r: 6};
+    dropPlot.labels.append(node("circle", {class: "ball", style: `--colour: ${style.colour}`, ...place}));
+    return `${name} ${(1e3 * height).toFixed(1)} mm`;
+  });
+  at("time").value = time;
+  at("time").setAttribute("aria-valuetext", `${time.toFixed(3)} s: ${words.join(", ")}`);
+  at("drop").setAttribute("aria-label", `Heights of dropped balls at ${time.toFixed(3)} s: ${words.join(", ")}`);
+}
+
+// The next touch or apex of the law's ball: what Play steps to where motion is not wanted.
+function nextMoment() {
+  const {touch, parting} = falling[0].drop;
+  const moments = touch.flatMap((t, i) => i ? [(parting[i - 1] + t) / 2, t] : [t]);
+  return moments.find(t => t > clock.time + 1e-6) ?? 0;
+}
+
+function play() {
+  if (still.matches) return moveTo(nextMoment());
+  if (clock.running) return pause();
+  if (clock.time >= clock.end) clock.time = 0;
+  clock.last = performance.now();
+  at("play").textContent = "Pause";
+  clock.running = requestAnimationFrame(frame);
+}
+
+function pause() {
+  cancelAnimationFrame(clock.running);
+  clock.running = 0;
+  at("play").textContent = "Play";
+}
+
+function frame(now) {
+  const time = Math.min(clock.end, clock.time + Math.max(0, now - clock.last) / 1e3 * Number(at("rate").value));
+  clock.last = now;
+  moveTo(time);
+  if (time >= clock.end) pause();
+  else clock.running = requestAnimationFrame(frame);
+}

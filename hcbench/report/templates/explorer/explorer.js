@@ -1,0 +1,225 @@
+// The page's first screen: choices, their answer, e over speed, a drop, and what an impact looked like.
+// Everything drawn is in the page's data; the law is computed (law.js).
+
+const data = JSON.parse(document.getElementById("explorer-data").textContent);
+const at = id => document.getElementById(`explorer-${id}`);
+const INCH = 0.0254, LAW_STYLE = {colour: "var(--law-ink)", dashes: ""};
+const state = {...data.start, own: null, setting: "", speed: NaN, toggled: new Set(), tab: "loop"};
+
+// What is chosen
+
+const sameAlpha = run => state.own === null && run.alpha === state.alpha;
+const keyOf = run => `${run.engine} ${run.setting}`;
+const alphaNow = () => state.own ?? state.alpha;
+const answerNow = () => data.answers.find(answer => answer.engine === state.engine && answer.step === state.step
+  && answer.gravity === state.gravity && answer.alpha === alphaNow());
+
+function runsHere() {
+  return data.runs.filter(run => run.gravity === state.gravity && run.step === state.step && sameAlpha(run));
+}
+
+function isShown(run) {
+  return (answerNow()?.shown ?? []).includes(keyOf(run)) !== state.toggled.has(keyOf(run));
+}
+
+// The name of a run's line: with its engine where several are shown.
+function nameOf(run) {
+  return new Set(shownRuns().map(other => other.engine)).size > 1 ? run.title : run.label;
+}
+
+// The answer first, then the rest in the study's order.
+function shownRuns() {
+  const first = run => keyOf(run) !== answerNow()?.shown[0];
+  return runsHere().filter(isShown).sort((a, b) => first(a) - first(b));
+}
+
+// The chosen impact: its run, and which of its speeds.
+function chosen() {
+  const runs = shownRuns(), find = key => runs.find(run => keyOf(run) === key);
+  const run = find(state.setting) ?? find(answerNow()?.shown[0]) ?? runs[0];
+  if (!run) return null;
+  const wanted = Number.isFinite(state.speed) ? state.speed : 0.6 * Math.max(...run.v);
+  const far = run.v.map((v, i) => run.e[i] === null ? Infinity : Math.abs(v - wanted));
+  const i = far.indexOf(Math.min(...far));
+  return Number.isFinite(far[i]) ? {run, i} : null;
+}
+
+function describe({run, i}) {
+  const v = run.v[i], law = lawRestitution(alphaNow(), v), range = run.high[i] - run.low[i] > 5e-4;
+  const phases = range ? ` (${text(run.low[i])} to ${text(run.high[i])} by where in a step the touch falls)` : "";
+  return `${run.title} at ${text(v)} m/s (${text(v / INCH)} in/s): e = ${run.e[i].toFixed(4)}${phases}; the law ${law.toFixed(4)}`;
+}
+
+// Choices
+
+function fill(select, options, value) {
+  select.replaceChildren(...options.map(([name, key]) => new Option(name, key, false, key === String(value))));
+}
+
+function showChoices() {
+  const here = data.runs.filter(run => run.engine === state.engine && run.gravity === state.gravity);
+  const steps = [...new Set(here.map(run => run.step))].sort((a, b) => a - b);
+  if (!steps.includes(state.step)) {
+    const far = steps.map(h => Math.abs(Math.log(h / state.step)));
+    state.step = steps[far.indexOf(Math.min(...far))];
+  }
+  fill(at("engine"), data.engines, state.engine);
+  fill(at("step"), steps.map(h => [stepName(h), String(h)]), state.step);
+  fill(at("gravity"), data.gravities.map(g => [g ? "under gravity" : "without gravity", String(g)]), state.gravity);
+  const alphas = data.alphas.map(a => [`${text(a)} s/m`, String(a)]);
+  fill(at("alpha"), [...alphas, ["another", "other"]], state.own === null ? state.alpha : "other");
+  at("own").hidden = state.own === null;
+  if (state.own !== null && Number(at("own-alpha").value) !== state.own) at("own-alpha").value = state.own;
+}
+
+function showAnswer() {
+  const answer = answerNow(), [engine] = data.engines.find(([, key]) => key === state.engine);
+  const command = `hcbench tune ${state.engine} --alpha "${alphaNow()} s/m" --timestep "${state.step} s"`
+    + ` --gravity ${state.gravity}`;
+  const {say, more} = answer ?? {
+    say: `Not run here: ${engine} at ${stepName(state.step)} for α = ${text(alphaNow())} s/m.`,
+    more: ["Drawn is the law alone. To find a setting, paste this command:", command],
+  };
+  at("say").textContent = say;
+  at("more").replaceChildren(...more.map(line => Object.assign(document.createElement("p"), {textContent: line})));
+  at("paste-text").textContent = answer ? (document.getElementById(answer.paste)?.textContent ?? at("paste-text").textContent) : command;
+  const nothing = Boolean(answer) && !answer.paste;
+  at("copy").hidden = at("paste").hidden = nothing;
+  at("copied").textContent = "";
+}
+
+async function copy() {
+  const words = at("paste-text").textContent;
+  try {
+    await navigator.clipboard.writeText(words);
+    at("copied").textContent = "Copied.";
+  } catch {
+    at("paste").open = true;
+    getSelection().selectAllChildren(at("paste-text"));
+    at("copied").textContent = "Selected below: copy it with the keyboard.";
+  }
+}
+
+// e over speed
+
+let curve, curvePoints = [];
+
+function drawCurve() {
+  const runs = shownRuns(), top = data.band[1], speeds = Array.from({length: 81}, (_, i) => top * i / 80);
+  const law = speeds.map(v => lawRestitution(alphaNow(), v));
+  const least = Math.min(...law, ...runs.flatMap(run => run.low.filter(e => e !== null)));
+  const most = Math.max(1, ...runs.flatMap(run => run.high));
+  const low = least < 0.5 ? 0 : Math.floor(20 * least - 0.2) / 20, width = at("curve").parentElement.clientWidth;
+  const last = run => run.e.findLast(e => e !== null) ?? low;
+  const names = [{name: "the law", y: law.at(-1)}, ...runs.map(run => ({name: nameOf(run), style: run, y: last(run)}))];
+  const right = Plot.room(names.map(({name}) => name), width), wide = right > 12;
+  curve = new Plot(at("curve"), {low: 0, high: top, label: "impact speed, m/s", upper: {label: "in/s", scale: INCH}},
+    {low, high: most > 1.005 ? 1.02 * most : 1, label: "restitution e"}, {height: wide ? 380 : 290, right});
+  curve.law(speeds, law);
+  runs.forEach(run => curve.band(run, run.v, run.low, run.high));
+  runs.forEach(run => curve.line(run, run.v, run.e));
+  runs.forEach(run => curve.dots(run, run.v, run.e));
+  curvePoints = runs.flatMap(run => run.v.flatMap((v, i) => run.e[i] === null ? [] : [{run, i, x: curve.px(v), y: curve.py(run.e[i])}]));
+  if (wide) curve.names(names);
+  legend(at("curve-legend"), wide ? [] : runs);
+  showChosen();
+}
+
+function legend(place, runs) {
+  place.replaceChildren(...["the law", ...runs].filter(() => runs.length).map(run => {
+    const entry = Object.assign(document.createElement("span"), {className: "key", textContent: run.title ?? run});
+    entry.style.setProperty("--colour", run.colour ?? "var(--law-ink)");
+    return entry;
+  }));
+}
+
+function showChosen() {
+  const point = chosen(), slider = at("curve");
+  slider.querySelector(".chosen")?.remove();
+  const words = point ? describe(point) : "No impact of what is shown came back.";
+  slider.setAttribute("aria-valuetext", words);
+  slider.setAttribute("aria-valuemax", point ? point.run.v.length - 1 : 0);
+  slider.setAttribute("aria-valuenow", point ? point.i : 0);
+  if (point) curve.ring(point.run.v[point.i], point.run.e[point.i], "chosen");
+  at("reading").textContent = words;
+}
+
+function nearest(event) {
+  const box = at("curve").getBoundingClientRect(), x = event.clientX - box.left, y = event.clientY - box.top;
+  let best = null, least = 40;
+  for (const point of curvePoints) {
+    const far = Math.hypot(point.x - x, point.y - y);
+    if (far < least) [best, least] = [point, far];
+  }
+  return best;
+}
+
+function hover(event) {
+  at("curve").querySelector(".near")?.remove();
+  const point = nearest(event);
+  if (point) curve.ring(point.run.v[point.i], point.run.e[point.i], "near");
+  const words = point ?? chosen();
+  if (words) at("reading").textContent = describe(words);
+}
+
+function choose({run, i}) {
+  Object.assign(state, {setting: keyOf(run), speed: run.v[i]});
+  showChosen();
+  drawTab();
+  save();
+}
+
+function walk(event) {
+  const point = chosen(), runs = shownRuns();
+  if (!point) return;
+  const turn = {ArrowUp: 1, ArrowDown: -1}[event.key], move = {ArrowLeft: -1, ArrowRight: 1, Home: -1e9, End: 1e9}[event.key];
+  if (turn) {
+    state.setting = keyOf(runs[(runs.indexOf(point.run) + turn + runs.length) % runs.length]);
+    const next = chosen();
+    if (next) choose(next);
+  } else if (move) {
+    const known = point.run.v.map((_, i) => i).filter(i => point.run.e[i] !== null);
+    const to = Math.max(0, Math.min(known.length - 1, known.indexOf(point.i) + move));
+    choose({run: point.run, i: known[to]});
+  } else return;
+  event.preventDefault();
+}
+
+// The choice in the address
+
+function save() {
+  const {engine, step, gravity, setting, speed, toggled, tab} = state;
+  const which = {setting, speed: Number.isFinite(speed) ? speed : "", toggled: [...toggled].join(","), tab};
+  const choice = {engine, step, gravity, alpha: alphaNow(), ...which};
+  const parts = Object.entries(choice).filter(([, value]) => value !== "");
+  history.replaceState(null, "", `#${new URLSearchParams(parts)}`);
+}
+
+function load() {
+  const choice = new URLSearchParams(location.hash.slice(1)), number = key => choice.has(key) ? Number(choice.get(key)) : NaN;
+  if (!choice.has("engine")) return;
+  if (data.engines.some(([, key]) => key === choice.get("engine"))) state.engine = choice.get("engine");
+  if (number("step") > 0) state.step = number("step");
+  if (data.gravities.includes(number("gravity"))) state.gravity = number("gravity");
+  const alpha = number("alpha");
+  if (data.alphas.includes(alpha)) Object.assign(state, {alpha, own: null});
+  else if (alpha >= 0 && alpha <= 100) state.own = alpha;
+  state.setting = choice.get("setting") ?? "";
+  state.speed = number("speed");
+  state.toggled = new Set((choice.get("toggled") ?? "").split(",").filter(Boolean));
+  if (at(`tab-${choice.get("tab")}`)) state.tab = choice.get("tab");
+}
+
+function draw() {
+  showChoices();
+  showAnswer();
+  drawCurve();
+  drawDrop();
+  drawTab();
+}
+
+function change(update) {
+  Object.assign(state, update);
+  draw();
+  save();
+}

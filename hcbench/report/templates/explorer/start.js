@@ -1,0 +1,67 @@
+// Puts the parts together when the page opens.
+
+function start() {
+  at("body").hidden = at("choices").hidden = at("copy").hidden = false;
+  document.body.classList.add("explored");  // hides the still pictures that stand in for all this
+  at("choices").addEventListener("submit", event => event.preventDefault());
+  at("engine").addEventListener("change", event => change({engine: event.target.value, setting: "", toggled: new Set()}));
+  at("step").addEventListener("change", event => change({step: Number(event.target.value)}));
+  at("gravity").addEventListener("change", event => change({gravity: Number(event.target.value)}));
+  at("alpha").addEventListener("change", event => {
+    if (event.target.value !== "other") return change({alpha: Number(event.target.value), own: null});
+    change({own: state.alpha});
+    at("own-alpha").focus();
+  });
+  at("own-alpha").addEventListener("change", event => {
+    const value = Number(event.target.value);
+    const known = data.alphas.find(a => Math.abs(a - value) < 1e-9);
+    if (event.target.value && value >= 0 && value <= 100) change(known === undefined ? {own: value} : {own: null, alpha: known});
+  });
+  at("copy").addEventListener("click", copy);
+  at("curve").addEventListener("pointermove", hover);
+  at("curve").addEventListener("pointerleave", showChosen);
+  at("curve").addEventListener("click", event => {
+    const point = nearest(event);
+    if (point) choose(point);
+  });
+  at("curve").addEventListener("keydown", walk);
+  at("boxes").addEventListener("change", event => {
+    const key = event.target.value;
+    if (!state.toggled.delete(key)) state.toggled.add(key);
+    drawCurve();
+    drawDrop();
+    save();
+  });
+  for (const name of Object.keys(TABS)) {
+    at(`tab-${name}`).addEventListener("click", () => {
+      state.tab = name;
+      drawTab();
+      save();
+    });
+    at(`tab-${name}`).addEventListener("keydown", switchTab);
+  }
+  at("play").addEventListener("click", play);
+  at("time").addEventListener("input", event => {
+    pause();
+    moveTo(Number(event.target.value));
+  });
+  // As wide as its place, on screen and on paper.
+  let width = 0;
+  new ResizeObserver(([entry]) => {
+    if (Math.abs(entry.contentRect.width - width) > 1) {
+      width = entry.contentRect.width;
+      drawCurve();
+      drawDrop();
+      drawTab();
+    }
+  }).observe(at("body"));
+  addEventListener("hashchange", () => {
+    load();
+    draw();
+  });
+  document.addEventListener("DOMContentLoaded", showAnswer);  // what to paste stands further down the page
+  load();
+  draw();
+}
+
+start();
