@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hcbench.cli import run as run_command
 from hcbench.errors import SettingError, UserError
+from hcbench.impact import Launch
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import LAWS, PublishedLaw
-from hcbench.scene import load_scene
+from hcbench.measure import measure
+from hcbench.scene import Scene, load_scene
+from hcbench.setting import Setting
 from hcbench.sim import registry
 from hcbench.tune.constant import minimax_constant
 from hcbench.tune.evaluate import Evaluation, evaluate
@@ -23,13 +28,21 @@ from hcbench.workers import call
 
 SCENE = load_scene("steel-plane")
 ALPHAS = (0.002, 0.016)
+MODEL = """<mujoco><option timestep="0.002" integrator="{integrator}" gravity="0 0 {gravity}"/>
+<extension><plugin plugin="hcbench.restitution"><instance name="bounce">
+  <config key="body1" value="ball"/><config key="body2" value="world"/><config key="alpha" value="0.315"/>
+</instance></plugin></extension><worldbody><geom name="plate" type="plane" size="1 1 1"/>
+<body name="ball" pos="0 0 .2"><freejoint/><geom name="ball" size=".05" mass="1"/></body></worldbody>
+</mujoco>"""
 
 
-def verdict(recipe: str, alpha: float, timestep: float) -> Evaluation:
-    law = HuntCrossley(SCENE.stiffness, alpha / 0.0254, SCENE.exponent)
-    target = Target(law, SCENE.mass, timestep, 0.0254, 0.508)
+def verdict(
+    recipe: str, alpha: float, timestep: float, speed_min: float = 0.0254, scene: Scene = SCENE
+) -> Evaluation:
+    law = HuntCrossley(scene.stiffness, alpha / 0.0254, scene.exponent)
+    target = Target(law, scene.mass, timestep, speed_min, 20 * speed_min, gravity=scene.gravity)
     setting = registry.recipe(recipe)(target)
-    return evaluate(registry.engine(setting.engine), SCENE, setting, target)
+    return evaluate(registry.engine(setting.engine), scene, setting, target)
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
@@ -54,6 +67,49 @@ def test_the_restitution_law_is_exact_at_any_step(engine: str, alpha: float, tim
     found = verdict(f"{engine}.restitution-law", alpha, timestep)
     assert found.failed == 0
     assert found.max_error < 1e-12
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+@pytest.mark.parametrize("name", ["steel-plane", "steel-cup"])
+@pytest.mark.parametrize("timestep", [1e-4, 1e-3, 1 / 240])
+def test_the_restitution_law_is_exact_under_gravity_above_1_6_g_h(
+    engine: str, name: str, timestep: float
+) -> None:
+    scene = replace(load_scene(name), gravity=9.81)
+    for alpha in ALPHAS:
+        found = verdict(f"{engine}.restitution-law", alpha, timestep, 1.65 * 9.81 * timestep, scene)
+        assert found.failed == 0
+        assert found.max_error < 1e-9
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+@pytest.mark.parametrize("e", [1.0, 0.9, 0.5, 0.25])
+def test_a_constant_e_is_exact_from_the_speed_on_that_the_docs_say(engine: str, e: float) -> None:
+    h, g = 4e-3, 9.81
+    least = 0.5 / e if engine == "mujoco" else (1 + np.sqrt(1 - 0.75 * e**2)) / e**2
+    options = {"law": {"kind": "restitution", "law": "exact", "restitution": e}}
+    still: dict[str, Any] = {"ball": {"linearDamping": 0.0, "angularDamping": 0.0}}
+    setting = Setting(engine, "constant", h, options | (still if engine == "pybullet" else {}))
+    speeds = 1.02 * max(1.6, least) * g * h * np.geomspace(1, 20, 8)
+    launches = [
+        Launch.touching(float(v), 0.03 + i / 8, h, g, steps_most=5.0) for v in speeds for i in range(8)
+    ]
+    scene = replace(SCENE, gravity=g)
+    seen = registry.engine(engine).run(scene, setting, launches)
+    assert [impact.restitution for impact in seen] == pytest.approx([e] * len(seen), abs=1e-9)
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+@pytest.mark.parametrize("gravity", [0.0, 9.81])
+def test_measure_reads_the_e_of_a_users_model_with_the_plug_in(integrator: str, gravity: float) -> None:
+    text = MODEL.format(integrator=integrator, gravity=-gravity)
+    found = measure(text, "ball,plate", speeds=[0.1, 0.37, 1.1], phases=4)
+    assert len(found.impacts) == 3 * 4
+    for impact in found.impacts:
+        e = closed_form.restitution(0.315, impact.speed_in)
+        assert impact.restitution == pytest.approx(e, abs=1e-9)
+    assert "hcbench.restitution" in found.facts.asked_description
+    assert not found.causes
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet"])

@@ -14,19 +14,37 @@
 enum { HCB_LAW = 0, HCB_LINEAR = 1, HCB_CONSTANT = 2 };
 
 /* kind, value: e is that of eq. (16) for alpha = value, or 1 - value v, or value. friction: Coulomb's coefficient.
-   still: m/s, approaches up to it are no impacts. bonus: m/s added to the parting speed, as far as e <= 1 (what
-   gravity takes in the step, where speeds at the step's end are meant). */
+   still: m/s, approaches up to it are no impacts. lift, (m/s)^2, and lag, m/s: e is of the speeds
+   U = sqrt(u^2 - lift) - lag where the rates here are u; hcb_under_gravity sets them. */
 typedef struct {
   int kind;
-  double value, friction, still, bonus;
+  double value, friction, still, lift, lag;
 } hcb_contact;
 
 /* e at an approach of `speed` > 0 m/s. */
 double hcb_contact_restitution(const hcb_contact* c, double speed) {
+  double at_plane = c->lift ? sqrt(fmax(0, speed * speed - c->lift)) : fmax(0, speed - c->lag);
   double e = c->kind == HCB_CONSTANT ? c->value
-             : c->kind == HCB_LINEAR ? 1 - c->value * speed
-                                     : hcb_restitution(1.5 * c->value * speed);
-  return fmin(1, fmax(0, e) + fmax(0, c->bonus) / speed);
+             : c->kind == HCB_LINEAR ? 1 - c->value * at_plane
+                                     : hcb_restitution(1.5 * c->value * at_plane);
+  double out = fmin(1, fmax(0, e)) * at_plane;
+  return fmin(1, (c->lift ? sqrt(fmax(0, out * out + c->lift)) : fmax(0, out - c->lag)) / speed);
+}
+
+/* A contact at depth x with approach v that gravity accelerates by b towards contact; `still` as a speed v. Steps that
+   move by the new velocity, v' = v + h b, x' = x + h v', keep u^2 - 2 b x in flight, u = v + b h/2: its root at x = 0 is
+   the speed at the touch plane, which e is of, and impacts are between rates u. As none parts faster than it came, what
+   flight keeps never grows: the kinetic energy of the rates u, less the work of gravity. Steps that are exact in flight
+   keep v^2 - 2 b x. In contacts that touched before this step e is of v. */
+void hcb_under_gravity(hcb_contact* c, double x, double v, double b, double h, int exact_flight) {
+  double half = b * h / 2, still = c->still + half;
+  if (x > h * v * (1 + 1e-9)) {
+    c->lag = half;
+    c->still = still;
+    return;
+  }
+  c->lift = 2 * b * x + exact_flight * half * (2 * v + half);
+  c->still = sqrt(fmax(0, still * still + fmin(0, c->lift))); /* turned before touch: as fast there */
 }
 
 /* Contacts that collide together, as local arrays: m rows are 3 each. G is symmetric. */

@@ -25,6 +25,7 @@ _ATTACH = f"{_PLUG_IN}, to attach in your own simulation: no native setting."
 _RESOLVED = f"{_PLUG_IN} for steps that resolve the contact: no native setting."
 _QUARTER = "Steps of a quarter of the shortest contact or less; for longer ones take `restitution-law`."
 _IMPULSE = "Any step; the force is one impulse: forces and contact times mean nothing."
+_AT_PLANE = "Under gravity e is of the speeds at the touch plane; below 1.6 g h a body may come to rest."
 _TOUCH_SPEED = "v_i is the speed at touch of each impact: one e for all speeds; the paper's falls with speed."
 _DELIVERED = "What it delivers follows from χ and is not what it was asked for, but for `exact`."
 
@@ -61,7 +62,7 @@ def plug_in_recipes(engine: str, native: Sequence[Recipe], common: Options) -> t
             Role.LAW,
             lambda target: {"law": _restitution_law(target), **common},
             "Plug-in: each impact gets the law's e of its own speed, in one step.",
-            (_ATTACH, _IMPULSE),
+            (_ATTACH, _IMPULSE, _AT_PLANE),
             one_step=True,
             kinds=("law", "linear"),
         ),

@@ -171,10 +171,7 @@ def _better(target: Target, scene: Scene, recipes: Sequence[Recipe]) -> str:
     """What follows a restitution that falls with speed, where a constant e was taken."""
     if target.reading != "points":
         law = first(recipes, Role.LAW, scene.form, native=False)
-        near = ", to g h / v under gravity" if target.gravity else ""
-        return (
-            f"; the plug-in `{law.name}` of hcbench.contact follows the law at any step{near}" if law else ""
-        )
+        return f"; the plug-in `{law.name}` of hcbench.contact follows the law at any step" if law else ""
     falling = first(recipes, Role.FALLING_E, scene.form)
     sentences = [target.fitting_law()]
     if falling:

@@ -28,7 +28,6 @@ from hcbench.engines.mujoco.scene_model import load
 from hcbench.engines.mujoco.world import BatchPool, MujocoWorld
 from hcbench.errors import EngineMissing, UserError
 from hcbench.sim.engine import SteppedEngine
-from hcbench.sim.read_impact import SpeedReading
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -93,14 +92,11 @@ class MujocoEngine(SteppedEngine):
         if options.law is None:
             return MujocoWorld(_pool(scene, setting.timestep, options))
         from hcbench.engines.mujoco import plugin  # imports SciPy, as the laws do
-        from hcbench.laws.contact_law import is_force, require_resolved
+        from hcbench.laws.contact_law import require_resolved
 
         require_resolved(options.law, scene.mass, fastest, setting.timestep)
         plugin.load()
-        world = MujocoWorld(BatchPool.of(load(scene, setting.timestep, options)))
-        if not is_force(options.law):  # an impulse, of the speed that the step starts with
-            world.speed_reading = SpeedReading.STEP_START
-        return world
+        return MujocoWorld(BatchPool.of(load(scene, setting.timestep, options)))
 
     def plugin(self, *, install: bool = False) -> Path:
         """The library of hcbench.hunt_crossley and hcbench.restitution."""

@@ -31,10 +31,7 @@ def extension(law: Law, pair: Mapping[str, str], friction: float = 0.0) -> ET.El
     """The section that declares a law's plug-in. pair: the keys of its config that say of what. friction: μ
     that goes with a force law; a restitution law keeps MuJoCo's.
     """
-    if is_force(law):
-        name, keys = config(law, Friction(friction, friction) if friction else None)
-    else:
-        name, keys = config(law, compensate_gravity="true")
+    name, keys = config(law, Friction(friction, friction) if friction and is_force(law) else None)
     made = ET.Element("extension")
     instance = ET.SubElement(ET.SubElement(made, "plugin", plugin=name), "instance", name="contact")
     for key, value in (*pair.items(), *keys.items()):

@@ -12,6 +12,7 @@ from hcbench.engines.mujoco.causes.context import Context, written_contact
 from hcbench.engines.mujoco.find_pair import find_pair
 from hcbench.engines.mujoco.model import geom_friction, geom_name, speed_reading
 from hcbench.engines.mujoco.place import bring_to_touch
+from hcbench.engines.mujoco.plugged import restitution_law
 from hcbench.engines.mujoco.start_pose import start_pose
 from hcbench.engines.mujoco.user_simulation import MujocoUserSimulation
 from hcbench.impact import Impact, Launch
@@ -64,6 +65,10 @@ class MujocoModel(ModelUnderTest):
         """What the model says of itself and of the pair."""
         model, place, mujoco = self.model, self.place, backend()
         written, words = written_contact(place)
+        asked = written.curve(self.request.speeds) if written is not None else ()
+        if (law := restitution_law(model, place.contact.rows[0][2])) is not None:
+            asked = tuple(float(law.at(v)) for v in self.request.speeds)
+            words = f"plug-in hcbench.restitution: {law}"
         solref, solimp, geoms = place.contact.rows[0]
         settings = {
             "integrator": mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_").lower(),
@@ -84,7 +89,7 @@ class MujocoModel(ModelUnderTest):
             effective_mass=place.effective_mass,
             normal=tuple(float(x) for x in place.contact.normal),  # type: ignore[arg-type]
             settings=settings,
-            asked=written.curve(self.request.speeds) if written is not None else (),
+            asked=asked,
             asked_description=words,
             notes=tuple(self._notes()),
             point=tuple(float(x) for x in place.contact.point),  # type: ignore[arg-type]
@@ -106,6 +111,8 @@ class MujocoModel(ModelUnderTest):
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """What may keep this pair from bouncing as asked."""
+        if restitution_law(self.model, self.place.contact.rows[0][2]) is not None:
+            return list(other_contacts(self._others()))  # the others are MuJoCo's own contact's
         context = Context(self.place, impacts, wanted, tuple(self._gravity()))
         return [*find_suspects(context), *other_contacts(self._others())]
 

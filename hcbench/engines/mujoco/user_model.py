@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.mujoco import plugin
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.errors import EngineFailed, SceneError
 from hcbench.units import LARGEST, SMALLEST
@@ -85,6 +86,9 @@ def _compiled(compile_model: Callable[[], Any], label: str) -> Any:
     try:
         return compile_model()
     except (ValueError, RuntimeError, TypeError, OSError) as error:
+        if "plugin hcbench." in str(error) and not plugin.load.cache_info().currsize:
+            plugin.load()
+            return _compiled(compile_model, label)
         words = " ".join(str(error).split()).removeprefix("Error: ").removeprefix("XML Error: ")
         if "allocate" in words:
             raise EngineFailed("model", f"{label}: {words}", "a model that fits into memory") from None

@@ -11,6 +11,7 @@ import numpy as np
 from hcbench.engines.mujoco.along_plate import MujocoAlongPlate
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model import geom_name
+from hcbench.engines.mujoco.plugged import WithoutContact, restitution_law
 from hcbench.engines.mujoco.shares import NAMES, SpeedShares, has_more_than_contacts, strange_share
 from hcbench.impact import TANGENTIAL_ROWS
 from hcbench.sim.engine import Record, Simulation
@@ -74,6 +75,8 @@ class MujocoUserSimulation(Simulation):
         self._reader = _Reader(model, place, _with_kinematics(self._data, model), self._along)
         self._x, self._rate, self._touched, self._steps = -clearance, launch.speed, False, 0
         self._last: _Step | None = None  # RK4 only: waits for the one after it
+        plugged = restitution_law(model, place.contact.rows[0][2]) is not None
+        self._beside = WithoutContact(model) if plugged else None
         self._others, self._shares = others, shares
         tells = not self._staged and has_more_than_contacts(model)
         self._causes = SpeedShares(model, place.pair.sides) if tells else None
@@ -123,12 +126,16 @@ class MujocoUserSimulation(Simulation):
             _copy_state(model, data, seen)
             mujoco.mj_forward(model, seen)
         before, then = data.qvel.copy(), data.time
+        if self._beside is not None:
+            _copy_state(model, data, self._beside.data)
         mujoco.mj_step(model, data)
         self._steps += 1
         if data.time <= then:
             unknown = None if self._along is None else np.full(TANGENTIAL_ROWS, math.nan)
             return _Step(math.nan, math.nan, math.nan, math.nan, unknown)
         depth, force, rate = self._reader.read(seen, before)
+        if self._beside is not None and depth is not None:
+            force = self._beside.force(self._reader.row(seen), data.qvel, self._place.effective_mass)
         if depth is not None:
             self._x = depth
         elif self._steps > 1:

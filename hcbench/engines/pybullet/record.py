@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 _ROUND_OFF = 16 * np.finfo(float).eps  # of what a step adds up: a smaller change of velocity is no force
 
 
-def speed_reading(springs: bool, rigid: bool) -> SpeedReading:
+def speed_reading(at_plane: bool, rigid: bool) -> SpeedReading:
     """Which speeds a contact of Bullet's turns round.
 
-    springs: it has a contactStiffness, or a force law, and acts from the touch plane on. Else its restitution
+    at_plane: it has a contactStiffness, or a law, and is of the touch plane. Else its restitution
     is of the speed at the step's end; of that at its start where `rigid`: of a body with maximal coordinates.
     """
-    if springs:
+    if at_plane:
         return SpeedReading.TOUCH_PLANE
     return SpeedReading.STEP_START if rigid else SpeedReading.STEP_END
 

@@ -27,7 +27,6 @@ from hcbench.engines.pybullet.record import (
     tangential_rows,
 )
 from hcbench.errors import SceneError
-from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.engine import CannotShareError, Record, Simulation, World
 from hcbench.workers import in_worker
 
@@ -39,7 +38,6 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats, Launch
     from hcbench.scene import Scene
     from hcbench.sim.engine import Flags
-    from hcbench.sim.read_impact import SpeedReading
 
     Step = Callable[[], Sequence[float] | None]
 
@@ -60,7 +58,9 @@ class PybulletWorld(World):
         assert in_worker(), "PyBullet's settings are global: they would leak into the user's own"
         self.scene, self.options = scene, options
         self.timestep, self.gravity, self.mass = timestep, scene.normal_gravity, scene.mass
-        self.deepest, self.speed_reading = scene.touch_radius, _speed_reading(options)
+        self.deepest = scene.touch_radius
+        at_plane = options.law is not None or "contactStiffness" in options.ball
+        self.speed_reading = speed_reading(at_plane, options.maximal_coordinates)
         self.places = _BALLS_IN_WORLD
         self.reports_force = options.ball.get("linearDamping") != 0.0
         self.bullet = client()
@@ -118,7 +118,6 @@ class PybulletWorld(World):
             client=self.bullet.client,
             cup=(bowl, 0.0, 0.0, bowl) if self.scene.form == "cup" else None,
             speed=self._fastest,
-            compensate_gravity=True,
         )
         self._laws.append(made)
 
@@ -215,13 +214,6 @@ class PybulletSimulation(Simulation):
                 if self._reads_position:
                     positions += place(ball)[0]
         return forces, motions, positions
-
-
-def _speed_reading(options: PybulletOptions) -> SpeedReading:
-    if options.law is None:
-        return speed_reading("contactStiffness" in options.ball, options.maximal_coordinates)
-    # A plug-in that sets speeds takes those at the step's start.
-    return speed_reading(not isinstance(options.law, RestitutionCurve), rigid=True)
 
 
 def _set_up(bullet: BulletClient, scene: Scene, timestep: float, options: PybulletOptions) -> tuple[int, int]:

@@ -25,7 +25,7 @@ static const char* const RESTITUTION_NAME = "hcbench.restitution";
 static const char* const force_keys[] = {"geom1", "geom2", "body1", "body2", "tendon", "stiffness", "exponent", "alpha",
                                          "law", "restitution", "friction", "dynamic_friction", "slip_speed"};
 static const char* const restitution_keys[] = {"geom1", "geom2", "body1", "body2", "tendon", "alpha", "reading",
-                                               "restitution", "compensate_gravity"};
+                                               "restitution"};
 
 typedef struct { /* a number of the config, or where in numeric_data it is */
   double value;
@@ -38,7 +38,7 @@ typedef struct { /* what stages of a Runge-Kutta step share of one contact */
 } plan;
 
 typedef struct { /* an instance, in mjData.plugin_data */
-  int is_force, tendon, pairs, *pair, linear, compensate, asked_for_e, warned;
+  int is_force, tendon, pairs, *pair, linear, asked_for_e, warned;
   char law[NAME];
   number stiffness, alpha, e;
   double exponent, static_friction, dynamic_friction, slip_speed;
@@ -181,7 +181,7 @@ static void read_force(const mjModel* m, int i, instance* own) {
 }
 
 static void read_restitution(const mjModel* m, int i, instance* own) {
-  const char *reading = config(m, i, "reading"), *compensate = config(m, i, "compensate_gravity");
+  const char* reading = config(m, i, "reading");
   own->asked_for_e = *config(m, i, "restitution") != 0;
   if (own->asked_for_e == (*config(m, i, "alpha") != 0)) fail(m, i, "needs either \"alpha\" or \"restitution\"");
   if (own->asked_for_e) {
@@ -190,11 +190,7 @@ static void read_restitution(const mjModel* m, int i, instance* own) {
     own->alpha = read_number(m, i, "alpha", NAN, 0, INFINITY);
   }
   own->linear = !strcmp(reading, "linear");
-  own->compensate = !strcmp(compensate, "true");
   if (*reading && !own->linear && strcmp(reading, "law")) fail(m, i, "config \"reading\": \"%s\", needs law or linear", reading);
-  if (*compensate && !own->compensate && strcmp(compensate, "false")) {
-    fail(m, i, "config \"compensate_gravity\": \"%s\", needs true or false", compensate);
-  }
 }
 
 /* Reads the config if it is not what was read before: `rollout` steps other models with the same mjData. */

@@ -12,7 +12,7 @@
 
 typedef struct { /* a contact of a law: rows of the solver from `row` on */
   int instance, id, order, tendon, body[2], row, rows, dim, cone, touches, rests;
-  double rate[6], friction[5], slip, parting, depth;
+  double rate[6], friction[5], slip, parting, x, depth; /* depth: of the pair's shallowest */
   const double *point, *frame;
   hcb_contact law;
 } blow;
@@ -89,7 +89,7 @@ static void read_contact(const mjModel* m, const mjData* d, const mjContact* c, 
   b->cone = c->dim > 1 && m->opt.cone == mjCONE_PYRAMIDAL;
   b->row = c->efc_address;
   b->rows = b->cone ? 2 * (c->dim - 1) : c->dim;
-  b->depth = -c->dist;
+  b->x = b->depth = -c->dist;
   b->touches = c->dist <= 0;
   for (int i = 0; i < 5; i++) b->friction[i] = c->dim > 1 ? c->friction[i] : 0;
   velocity_at(m, d, b->body[0], c->pos, v1);
@@ -139,7 +139,7 @@ static int gather(const mjModel* m, mjData* d, int first, blow* all) {
       if (range[1] - length != d->efc_pos[k]) continue; /* the lower limit */
       blow* b = all + count++;
       *b = (blow){.instance = i, .tendon = own->tendon, .row = k, .rows = 1, .dim = 1};
-      b->depth = length - range[1];
+      b->x = b->depth = length - range[1];
       b->touches = b->depth >= 0;
       b->rate[0] = -d->ten_velocity[own->tendon];
       b->law = law_of_contact(m, own, 0, 0);
@@ -161,6 +161,7 @@ static void collide(const mjModel* m, mjData* d, blow* all, int count, double* i
     if (all[i].touches) of[n++] = all + i;
   }
   rests = mj_stackAllocByte(d, count * sizeof(int), sizeof(double));
+  double* calm = stack(d, count);
   double* J = malloc((2 * rows * nv + rows * rows + hcb_impacts_work(count) + 4 * rows) * sizeof(double));
   double *B = J + rows * nv, *G = B + rows * nv, *u = G + rows * rows, *p = u + rows, *slip = p + rows;
   double *free_ = slip + rows, *work = free_ + rows;
@@ -182,16 +183,19 @@ static void collide(const mjModel* m, mjData* d, blow* all, int count, double* i
   hcb_coupling(n, nv, J, B, G);
   for (int i = 0; i < 3 * n; i++) free_[i] = falls ? h * row_dot(nv, B + (size_t)i * nv, gravity) : 0;
   for (int i = 0; i < n; i++) {
-    int gives_back = instance_of(d, of[i]->instance)->compensate;
-    if (of[i]->tendon >= 0) c[i].still += HCB_STILL * fmax(0, -free_[3 * i]);
-    c[i].bonus = gives_back ? fmax(0, -free_[3 * i]) : 0;
+    double gained = -free_[3 * i];
+    if (of[i]->tendon >= 0) c[i].still += HCB_STILL * fmax(0, gained);
+    calm[i] = c[i].still;
+    hcb_under_gravity(c + i, of[i]->x, -u[3 * i], gained / h, h, m->opt.integrator == mjINT_RK4);
   }
+  for (int i = 0; i < 3 * n; i++) u[i] += free_[i] / 2;
   hcb_impacts(n, G, c, u, p, work);
   for (int i = 0; i < 3 * n; i++) {
+    u[i] -= free_[i] / 2;
     free_[i] += u[i];
     for (int j = 0; j < nv && p[i] != 0; j++) impulse[j] += p[i] * J[(size_t)i * nv + j];
   }
-  for (int i = 0; i < n; i++) rests[i] = of[i]->rests = u[3 * i] <= c[i].still;
+  for (int i = 0; i < n; i++) rests[i] = of[i]->rests = u[3 * i] <= calm[i];
   hcb_resting_slip(n, G, c, free_, rests, slip, work);
   for (int i = 0; i < n; i++) {
     of[i]->parting = u[3 * i];

@@ -55,7 +55,6 @@ def command(
     law: Law,
     friction: Friction | float | None = None,
     cup: Sequence[float] | None = None,
-    compensate_gravity: bool = False,
 ) -> str:
     """The text of executePluginCommand that adds a law. The rest as in `add`."""
     require_law(law)
@@ -75,10 +74,8 @@ def command(
         keys["slip_speed"] = friction.slip_speed
     elif friction is not None:
         keys["friction"] = friction.dynamic if isinstance(friction, Friction) else friction
-    if cup is not None and is_force(law):
+    if cup is not None:
         keys["cup"] = ",".join(shortest(float(part)) for part in cup)
-    if compensate_gravity and not is_force(law):
-        keys["compensate_gravity"] = "true"
     name = "hunt_crossley" if is_force(law) else "restitution"
     words = (
         f"{key}={value if isinstance(value, str) else shortest(float(value))}" for key, value in keys.items()
@@ -89,22 +86,20 @@ def command(
 @checked
 def add(
     law: Law, first: Side, second: Side, *, client: int = 0, friction: Friction | float | None = None,
-    cup: Sequence[float] | None = None, speed: float = _SPEED, compensate_gravity: bool = False,
+    cup: Sequence[float] | None = None, speed: float = _SPEED,
 ) -> int:  # fmt: skip
     """Let a law act between two bodies of a client in every step from now on; returns its number.
 
     first, second: a body, whose base is meant, or (body, link) with the link's number or name; -2 means any.
     friction: a coefficient, or `Friction` for a force law; the product of the bodies' own where not given.
     cup: (radius, x, y, z) of the spherical cup that the first body, a sphere, lies in: its centre in the
-        frame of the second body's centre of mass, m. For a force law: a mesh would be less exact.
+        frame of the second body's centre of mass, m: a mesh would be less exact.
     speed: largest approach speed expected, m/s: a step too coarse for a force law there is refused.
-    compensate_gravity: e of a restitution law is that of the speeds before and after the whole step, as far
-        as e at the impact stays below 1.
 
     A force law takes the place of Bullet's own contact of the pair. resetSimulation ends all laws.
     Raises SettingError for what cannot be a pair or a law, CannotRun without a C compiler.
     """
-    text, bullet = command(law, friction, cup, compensate_gravity), BulletClient(client)
+    text, bullet = command(law, friction, cup), BulletClient(client)
     plugin = load(client)
     sides = [part for side in (first, second) for part in _side(bullet, side)]
     number = int(bullet.executePluginCommand(plugin, text, sides))

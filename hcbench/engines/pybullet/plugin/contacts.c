@@ -7,7 +7,7 @@ typedef struct law {
   hcb_law motion;                     /* of a force law, but for the mass; kappa: the stiffness */
   hcb_contact impact;                 /* of a restitution law */
   double friction, dynamic_friction, slip_speed; /* friction below 0: the product of the bodies' own */
-  int compensate, warned;
+  int warned;
   int shape[2];                       /* SPHERE, PLANE, BOX or CUP where the distance is worked out here, else 0 */
   double radius[2], axis[3], size[2]; /* axis: a plane's normal, a box's half sizes, a cup's centre */
   double force;                       /* normal force of the last step, N */
@@ -48,6 +48,15 @@ static void add_rows(world* w, contact* c, int first, int count) {
   }
 }
 
+/* Acceleration by gravity against the direction of a row. */
+static double falling(const contact* c, int k) {
+  double sum = 0;
+  for (int side = 0; side < 2; side++) {
+    for (int j = 0; j < c->body[side]->freedoms; j++) sum -= c->row[side][k][j] * c->body[side]->falling[j];
+  }
+  return sum;
+}
+
 /* Rates along the normal and two tangents, the normal's row, and what gravity does. */
 static void complete(world* w, contact* c) {
   double *n = c->frame[0], *t = c->frame[1], slip[3] = {0, 0, 0}, size;
@@ -56,7 +65,7 @@ static void complete(world* w, contact* c) {
   size = sqrt(dot(t, t));
   for (int i = 0; i < 3; i++) t[i] /= size;
   cross(n, t, c->frame[2]);
-  c->weight = c->fall = 0;
+  c->weight = 0;
   add_rows(w, c, 0, 1);
   for (int side = 0; side < 2; side++) {
     double v[3];
@@ -64,9 +73,9 @@ static void complete(world* w, contact* c) {
     velocity_at(c->body[side], c->link[side], c->at, v);
     for (int i = 0; i < 3; i++) slip[i] += sign_of(side) * v[i];
     c->weight = fmax(c->weight, -sign_of(side) * dot(w->gravity, n));
-    for (int k = 0; k < c->body[side]->freedoms; k++) c->fall -= c->row[side][0][k] * c->body[side]->falling[k];
   }
   for (int k = 0; k < 3; k++) c->rate[k] = dot(slip, c->frame[k]);
+  c->fall = falling(c, 0);
   c->inverse_mass = coupling(c, 0, c, 0);
 }
 

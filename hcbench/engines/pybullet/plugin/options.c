@@ -11,7 +11,7 @@ static int fail(world* w, const char* format, ...) {
 
 /* What stands after "name" in "name key=value key=value": numbers (NAN: not given), and words as they are. */
 enum { STIFFNESS, EXPONENT, ALPHA, RESTITUTION, CONSTANT, FRICTION, DYNAMIC_FRICTION, SLIP_SPEED, NUMBERS };
-enum { LAW, READING, COMPENSATE, IN_CUP, WORDS };
+enum { LAW, READING, IN_CUP, WORDS };
 
 typedef struct {
   double number[NUMBERS];
@@ -25,7 +25,7 @@ static const struct {
     {"stiffness", "h", 0, INFINITY}, {"exponent", "h", 1, 100}, {"alpha", "hr", 0, INFINITY},
     {"restitution", "h", 0, 1}, {"constant", "r", 0, 1}, {"friction", "hr", 0, INFINITY},
     {"dynamic_friction", "h", 0, INFINITY}, {"slip_speed", "h", 1e-300, INFINITY}, {"law", "h", 0, 0},
-    {"reading", "r", 0, 0}, {"compensate_gravity", "r", 0, 0}, {"cup", "h", 0, 0}};
+    {"reading", "r", 0, 0}, {"cup", "hr", 0, 0}};
 
 static int set_option(world* w, int k, const char* value, options* o) {
   char* end;
@@ -87,7 +87,5 @@ static int read_restitution(world* w, const options* o, law* l) {
   }
   l->impact.kind = constant ? HCB_CONSTANT : linear ? HCB_LINEAR : HCB_LAW;
   l->impact.value = o->number[constant ? CONSTANT : ALPHA];
-  l->compensate = !strcmp(o->word[COMPENSATE], "true");
-  if (l->compensate || !o->word[COMPENSATE][0] || !strcmp(o->word[COMPENSATE], "false")) return 1;
-  return fail(w, "compensate_gravity=%s: needs true or false", o->word[COMPENSATE]);
+  return 1;
 }

@@ -72,9 +72,10 @@ static int sort_out(world* w, int count, hcb_contact* laws, int* near) {
     hcb_contact* impact = laws + *near;
     *impact = c->of->impact;
     impact->friction = friction_of(c);
-    impact->still = fmax(HCB_STILL * w->h * c->weight + 1e-9, d - w->h * c->fall);
-    impact->bonus = c->of->compensate ? fmax(0, w->h * c->fall) : 0;
-    busy |= -c->rate[0] > impact->still;
+    impact->still = HCB_STILL * w->h * c->weight + 1e-9;
+    hcb_under_gravity(impact, -c->distance, -c->rate[0], c->fall, w->h, 0);
+    impact->still = fmax(impact->still, d - w->h * c->fall / 2);
+    busy |= w->h * c->fall / 2 - c->rate[0] > impact->still;
     w->contacts[(*near)++] = *c;
   }
   return busy;
@@ -90,7 +91,7 @@ static void add_impacts(world* w) {
   contact* all = w->contacts;
   for (int i = 0; i < n; i++) add_rows(w, all + i, 1, 2);
   for (size_t i = 0; i < rows; i++) {
-    u[i] = all[i / 3].rate[i % 3];
+    u[i] = all[i / 3].rate[i % 3] - w->h / 2 * falling(all + i / 3, i % 3);
     for (size_t j = 0; j <= i; j++) {
       G[i * rows + j] = G[j * rows + i] = coupling(all + i / 3, i % 3, all + j / 3, j % 3);
     }
