@@ -23,7 +23,7 @@ _ROUND_OFF = 64 * np.finfo(float).eps
 
 def restitution_law(model: Any, geoms: Sequence[int]) -> RestitutionCurve | None:
     """What the plug-in makes of a contact of two geoms; None where it has none of them."""
-    ends = [*model.plugin_attradr[1:].tolist(), model.npluginattr]
+    ends = [*model.plugin_attradr.tolist(), model.npluginattr][1:]
     for start, end in zip(model.plugin_attradr.tolist(), ends, strict=True):
         values = bytes(model.plugin_attr[start:end].astype(np.uint8)).decode().split("\0")[:-1]
         if len(values) != len(_KEYS):  # another plug-in
