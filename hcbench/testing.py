@@ -69,9 +69,14 @@ def impacts_for(recipe: str, scene: str) -> tuple[Impact, ...]:
             engine.run(case, setting, LAUNCHES)
         pytest.skip("refused for this form of scene, with the reason")
     try:
-        return tuple(engine.run(case, setting, LAUNCHES))
+        impacts = tuple(engine.run(case, setting, LAUNCHES))
     except EngineMissing as error:
         pytest.skip(str(error))
+    if (ends := registry.recipe(recipe).ends) is not None:
+        assert {i.status for i in impacts} == {ends}
+        assert all(i.reason for i in impacts)
+        pytest.skip(f"no bounce: {impacts[0].reason}")
+    return impacts
 
 
 class EngineConformance:
@@ -106,8 +111,10 @@ class EngineConformance:
 
     def test_the_speed_in_is_the_speed_launched(self, recipe: str, scene: str) -> None:
         """Nothing slows the body before it touches."""
-        loss = self.stock_damping if registry.recipe(recipe).role is Role.STOCK else 1e-9
-        assert all(1 - loss < i.speed_in / i.launch.speed < 1 + 1e-9 for i in impacts_for(recipe, scene))
+        exact = max(1e-9, rounding(recipe))
+        loss = self.stock_damping if registry.recipe(recipe).role is Role.STOCK else exact
+        loss = max(loss, exact)
+        assert all(1 - loss < i.speed_in / i.launch.speed < 1 + exact for i in impacts_for(recipe, scene))
 
     def test_what_the_loop_loses_is_what_the_body_loses(self, recipe: str, scene: str) -> None:
         """The area of force over penetration is the kinetic energy lost."""
@@ -160,24 +167,25 @@ class EngineConformance:
             reading = run(reading_of, heavy, setting, limit=60)
             if reading is SpeedReading.TOUCH_PLANE:  # a body released at rest moves by g h² in its first step
                 speed = math.hypot(speed, fall / 2)
-            off = 1e-8 * speed if "touch plane" in reading else off
+            off = max(1e-8, rounding(recipe)) * speed if "touch plane" in reading else off
         assert impact.speed_in == pytest.approx(speed, abs=off)
 
     def test_restitution_is_what_the_role_promises(self, recipe: str, scene: str) -> None:
-        """One e for a native constant, eq. (16) for a law."""
-        role, native = registry.recipe(recipe).role, registry.recipe(recipe).native
-        if role in (Role.STOCK, Role.FALLING_E) or (role is Role.CONSTANT_E and not native):
+        """One e for a native constant, eq. (16) for a law; as near as the recipe says."""
+        made_by = registry.recipe(recipe)
+        role, native, within = made_by.role, made_by.native, made_by.within
+        falling = role is Role.FALLING_E and not within
+        if role is Role.STOCK or falling or (role is Role.CONSTANT_E and not native):
             pytest.skip("its role promises no e at this target")
         impacts = impacts_for(recipe, scene)
         e = np.array([i.restitution for i in impacts])
         law = closed_form.restitution(ALPHA, np.array([i.speed_in for i in impacts]))
         if role is Role.CONSTANT_E:
             asked = float(closed_form.restitution(ALPHA, np.array(BAND)).mean())
-            one_step = registry.recipe(recipe).one_step
-            assert abs(float(e.mean()) - asked) < (1e-12 if one_step else 2e-4)
-            assert np.abs(e - asked).max() < (1e-12 if one_step else 5e-4)
+            assert abs(float(e.mean()) - asked) < (within or (1e-12 if made_by.one_step else 2e-4))
+            assert np.abs(e - asked).max() < (within or (1e-12 if made_by.one_step else 5e-4))
         else:
-            assert np.abs(e - law).max() < (1e-4 if native else 1e-7)
+            assert np.abs(e - law).max() < (within or (1e-4 if native else 1e-7))
 
     def test_chunks_of_steps_join_without_a_seam(self, recipe: str, scene: str) -> None:
         """A simulation advanced in pieces records what it does in one."""
@@ -189,6 +197,12 @@ class EngineConformance:
         run = call if engine.own_process else lambda f, *args, limit: f(*args)
         whole, pieces = (run(record_in, recipe, scene, parts, limit=60) for parts in ((24,), (5, 1, 18)))
         assert np.array_equal(whole, pieces, equal_nan=True)
+
+
+def rounding(recipe: str) -> float:
+    """Relative error of a speed that an engine's numbers allow for."""
+    bits = registry.engine(recipe.partition(".")[0]).bits
+    return 16 * float(np.finfo(f"f{bits // 8}").eps)
 
 
 def reading_of(scene: Scene, setting: Setting) -> SpeedReading:

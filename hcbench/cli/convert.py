@@ -30,7 +30,7 @@ def convert(as_json: bool, reading: Reading, solref: str | None, **quantities: f
     Between α, an e at a speed, and the parameters of Drake, Simbody, Chrono, LAMMPS and other engines.
     """
     from hcbench import units
-    from hcbench.laws.conventions import convert
+    from hcbench.sim.convert import convert
 
     contact = convert(**quantities, solref=_solref(solref), reading=reading)
     if as_json:

@@ -7,7 +7,7 @@ only.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -19,14 +19,9 @@ from hcbench.laws.restitution import Reading
 
 _OVER_ALPHA = {"alpha": 1.0, "drake": 1.5, "simbody": 1.0}  # each dissipation over α
 
-TRAPS = (
-    "Drake's d is 1.5 α, Simbody's c is α: the number copied from one to the other is off by half.",
-    "Simbody raises x to 3/2, Drake's point contact to 1; e is the same: it depends on α v, not on k or n.",
-    "An e is of one speed: by the law it falls as v grows, in MuJoCo, PyBullet, Chrono and LAMMPS it stays.",
+_TRAPS = (
+    "An e is of one speed: by the law it falls as v grows, in engines that know a restitution it stays.",
     "e = 1 - α v, eq. (2), is not what the law does: 0.80 against 0.833 at α v = 0.2. Say which is meant.",
-    "MuJoCo's default solimp varies along the contact: these numbers want a constant one, .9999 .9999 .001.",
-    "MuJoCo mixes solref and solimp of the two geoms: set both, or a <pair>.",
-    "PyBullet multiplies the restitutions of both bodies; its velocity threshold, slop and ERP must be 0.",
 )
 
 
@@ -47,6 +42,48 @@ class SystemValue:
 
 
 @dataclass(frozen=True, slots=True)
+class Words:
+    """One contact as one system writes it. missing: what could not be said, and why, a sentence each."""
+
+    rows: tuple[SystemValue, ...] = ()
+    missing: tuple[str, ...] = ()
+    traps: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class OneContact:
+    """What is to be said in every system's words.
+
+    alpha: α, s/m. speed: where a restitution should hold, m/s, or None. reading: whether that is e of (16) or
+    1 - α v. contact_time: of a spring and damper, s. timestep: of a bounce in one step, s; None: not known.
+    """
+
+    alpha: float
+    speed: float | None = None
+    contact_time: float | None = None
+    timestep: float | None = None
+    reading: Reading = "law"
+
+    @property
+    def restitution(self) -> float | None:
+        """e for engines that know one, above 0; None where no speed is given, or none has such an e."""
+        if self.speed is None:
+            return None
+        e = 1.0 - self.alpha * self.speed if self.reading == "linear" else self.curve_at_speed
+        return e if e > 0.0 else None
+
+    @property
+    def curve_at_speed(self) -> float:
+        """e of (16) at `speed`."""
+        return float(closed_form.restitution(self.alpha, self.speed or 0.0))
+
+    @property
+    def at(self) -> str:
+        """Where a constant e holds, for a note."""
+        return f"matches at {self.speed:.6g} m/s only"
+
+
+@dataclass(frozen=True, slots=True)
 class Conversion:
     """One contact in all conventions.
 
@@ -60,7 +97,7 @@ class Conversion:
     restitution_linear: float | None
     rows: tuple[SystemValue, ...]
     missing: tuple[str, ...]
-    traps: tuple[str, ...] = TRAPS
+    traps: tuple[str, ...]
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON; units are in the keys."""
@@ -75,7 +112,7 @@ class Conversion:
         }
 
 
-def convert(
+def contact_of(
     *,
     alpha: float | None = None,
     drake: float | None = None,
@@ -86,14 +123,13 @@ def convert(
     contact_time: float | None = None,
     timestep: float | None = None,
     reading: Reading = "law",
-) -> Conversion:
-    """Say one contact in every convention. Give exactly one of the first five.
+) -> OneContact:
+    """One contact, from exactly one of the first five.
 
     alpha: α, s/m. drake: hunt_crossley_dissipation, s/m. simbody: dissipation, s/m. restitution: e at
     `speed`. solref: MuJoCo's two numbers (constant impedance assumed); with a 0 in front the one-step
-    setting at `timestep`. speed (m/s): where engines with a constant e should match. contact_time (s): of
-    MuJoCo's spring. timestep (s): of MuJoCo's one-step bounce. reading: which e the engines get, that of
-    (16) or 1 - α v. Raises UserError for numbers without meaning and for none or several of the first five.
+    setting at `timestep`. The rest as in `OneContact`.
+    Raises UserError for numbers without meaning and for none or several of the first five.
     """
     dissipations = {"alpha": alpha, "drake": drake, "simbody": simbody}
     given = {**dissipations, "restitution": restitution, "solref": solref}
@@ -111,32 +147,32 @@ def convert(
     dissipation = dissipations.get(names[0])
     if dissipation is not None:
         require(names[0], dissipation, 0.0 <= dissipation < math.inf, "0 s/m or more")
-        return _conversion(dissipation / _OVER_ALPHA[names[0]], speed, contact_time, timestep, reading)
-    e = restitution if solref is None else _restitution_of_solref(solref, timestep)
-    assert e is not None
-    return _conversion(_alpha_of(e, speed, reading), speed, contact_time, timestep, reading)
+        alpha = dissipation / _OVER_ALPHA[names[0]]
+    else:
+        e = restitution if solref is None else _restitution_of_solref(solref, timestep)
+        assert e is not None
+        alpha = _alpha_of(e, speed, reading)
+    if speed is not None:
+        require("alpha", alpha, math.isfinite(alpha * speed), "α v that is a number: a smaller α or speed")
+    return OneContact(alpha, speed, contact_time, timestep, reading)
 
 
-def _conversion(
-    alpha: float, speed: float | None, contact_time: float | None, timestep: float | None, reading: Reading
-) -> Conversion:
-    """α (s/m) in every convention; the rest as for `convert`."""
-    rows, missing = [*_dissipations(alpha)], []
-    e, linear = None, None
-    if speed is None:
+def said(contact: OneContact, engines: Iterable[Words | None]) -> Conversion:
+    """A contact in the paper's words, in those of libraries without an engine here, and of `engines`."""
+    e, linear, missing = None, None, []
+    if contact.speed is None:
         missing.append("Restitutions and solref: they need the speed at which they should hold.")
     else:
-        require("alpha", alpha, math.isfinite(alpha * speed), "α v that is a number: a smaller α or speed")
-        e, linear = float(closed_form.restitution(alpha, speed)), 1.0 - alpha * speed
-        wanted = linear if reading == "linear" else e
-        if wanted > 0.0:
-            rows += _restitutions(wanted, alpha, speed)
-            rows += _mujoco(wanted, contact_time, timestep, missing)
-        else:
-            missing.append(
-                f"Restitutions and solref: 1 - α v is {wanted:.4g} at {speed:g} m/s, below what any has."
-            )
-    return Conversion(alpha, speed, e, linear, tuple(rows), tuple(missing))
+        e, linear = contact.curve_at_speed, 1.0 - contact.alpha * contact.speed
+        if contact.restitution is None:
+            low = f"1 - α v is {linear:.4g} at {contact.speed:g} m/s"
+            missing.append(f"Restitutions and solref: {low}, below what any has.")
+    all_words = [Words(tuple(_others(contact)), tuple(missing), _TRAPS), *filter(None, engines)]
+    rows, lacking, traps = (
+        tuple(each for words in all_words for each in getattr(words, part))
+        for part in ("rows", "missing", "traps")
+    )
+    return Conversion(contact.alpha, contact.speed, e, linear, rows, lacking, traps)
 
 
 def _alpha_of(e: float, speed: float | None, reading: Reading) -> float:
@@ -164,23 +200,21 @@ def _restitution_of_solref(solref: tuple[float, float], timestep: float | None) 
     return float(kv.restitution(second, kv.Ending.FORCE))
 
 
-def _dissipations(alpha: float) -> Iterator[SystemValue]:
+def _others(contact: OneContact) -> Iterator[SystemValue]:
+    """The paper, and libraries that are no engine here."""
+    alpha, e = contact.alpha, contact.restitution
     yield SystemValue("paper", "α", (alpha,), "s/m", "e = 1 - α v for small α v, eq. (2)")
     yield SystemValue("paper", "λ/k", (1.5 * alpha,), "s/m", "F = k x^n (1 + (λ/k) v), eqs. (15), (16)")
-    yield SystemValue(
-        "Drake", "hunt_crossley_dissipation", (1.5 * alpha,), "s/m", "d = 1.5 α; continuous plants only"
-    )
     yield SystemValue("Simbody", "dissipation", (alpha,), "s/m", "c = α: its force has the 3/2 written out")
-
-
-def _restitutions(e: float, alpha: float, speed: float) -> Iterator[SystemValue]:
-    at = f"matches at {speed:.6g} m/s only"
-    yield SystemValue("PyBullet", "restitution", (e,), "", f"{at}; on one body, 1 on the other")
+    if e is None:
+        return
+    assert contact.speed is not None
+    at = contact.at
     yield SystemValue("Chrono", "restitution", (e,), "", f"{at}; NSC")
     if (asked := _smc_for(e)) is not None:
         note = f"{at}; Hooke or Hertz, which do not pull: asked for {e:.4g}, they give {_smc_delivers(e):.4g}"
         yield SystemValue("Chrono", "restitution (SMC)", (asked,), "", note)
-    flores = _flores_for(alpha * speed)
+    flores = _flores_for(alpha * contact.speed)
     note = "SMC with the Flores model at that impact speed: what it must be asked to deliver this e"
     yield SystemValue("Chrono", "restitution (Flores)", (flores,), "", note)
     yield SystemValue("LAMMPS", "damping coeff_restitution", (e,), "", f"{at}; hertz and hooke")
@@ -222,28 +256,3 @@ def _old_tsuji(e: float) -> float:
     """
     a = 1.2728 + e * (-4.2783 + e * (11.087 + e * (-22.348 + e * (27.467 + e * (-18.022 + e * 4.8218)))))
     return float(kv.restitution(max(a, 0.0) / math.sqrt(5.0), kv.Ending.SURFACE))
-
-
-def _mujoco(
-    e: float, contact_time: float | None, timestep: float | None, missing: list[str]
-) -> Iterator[SystemValue]:
-    if timestep is None:
-        missing.append("MuJoCo's one-step bounce: it needs the timestep.")
-    else:
-        note = "bounces in one step, Euler or implicitfast; solimp .9999 .9999 .001"
-        yield SystemValue("MuJoCo", "solref", (0.0, -(1.0 + e) / timestep), "", note)
-    if contact_time is None:
-        missing.append("MuJoCo's spring and damper: it needs the contact time.")
-        return
-    law = kv.matched(e, contact_time, 1.0, kv.Ending.FORCE)
-    zeta = kv.damping_ratio(law, 1.0)
-    note = "spring and damper per unit effective mass; constant solimp, at least 20 steps a contact"
-    yield SystemValue("MuJoCo", "solref", (-law.stiffness, -law.damping), "1/s², 1/s", note)
-    if zeta == 0.0:
-        missing.append("MuJoCo's timeconst: without damping it is infinite.")
-        return
-    timeconst = 2.0 / law.damping
-    note = "the same as timeconst, dampratio"
-    if timestep is not None and timeconst < 2.0 * timestep:
-        note += "; refsafe would raise timeconst to twice the step and change e"
-    yield SystemValue("MuJoCo", "solref", (timeconst, zeta), "s, 1", note)

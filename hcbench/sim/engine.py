@@ -1,13 +1,12 @@
 """The contract of an engine, stated once.
 
 An engine builds a world, releases bodies in it, advances it, and hands back penetration, rate and force of
-each step; `hcbench.sim.simulate` does the rest. Nothing of the engine's own types leaves it. Engines import
-their backend when used, never when their module is imported.
+each step; `hcbench.sim.simulate` does the rest. None of its own types leave it. It imports its backend late.
 
     class MyEngine(SteppedEngine):
         name, title = "myengine", "My Engine"
+        backend = Backend("myengine", "its-package", "1.0", "1.2")
 
-        def version(self): return "1.0"
         def load(self, scene, setting, fastest): return MyWorld(scene, setting)
 
     class MyWorld(World):
@@ -22,6 +21,8 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
@@ -36,8 +37,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hcbench.impact import Floats, Impact, Launch, Trajectory
+    from hcbench.laws.conventions import OneContact, Words
     from hcbench.scene import Scene
     from hcbench.setting import Setting
+    from hcbench.sim.backend import Backend
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.model_under_test import ModelSetting, ModelUnderTest, Request
     from hcbench.tune.recipe import Recipe
@@ -132,23 +135,32 @@ class Engine(ABC):
     """A physics engine, or anything else that can drop a body on a plate.
 
     name: as registered, and as settings name it. title: as reports print it.
-    install: the command that installs the backend; "" for one that needs none.
     suffixes: of the model files of users that it opens. opens: objects that it opens, in words.
+    backend: the package that it needs; None for none. bits: of its numbers. oblique: sends bodies so too.
     """
 
     name: ClassVar[str]
     title: ClassVar[str] = ""
-    install: ClassVar[str] = ""
+    backend: ClassVar[Backend | None] = None
+    bits: ClassVar[int] = 64
+    oblique: ClassVar[bool] = True
     suffixes: ClassVar[tuple[str, ...]] = ()
     opens: ClassVar[tuple[str, ...]] = ()
 
-    @abstractmethod
+    @property
+    def install(self) -> str:
+        """The command that installs the backend; "" for an engine that needs none."""
+        return self.backend.command if self.backend else ""
+
     def version(self) -> str:
-        """Version of the installed backend; raises EngineMissing where there is none."""
+        """Version of the installed backend, not imported; raises EngineMissing where there is none."""
+        assert self.backend is not None, f"engine {self.name!r} has neither a backend nor a version"
+        return self.backend.version()
 
     def recipes(self) -> Sequence[Recipe]:
-        """What makes its settings, of each role the preferred one first; modules are imported when called."""
-        return ()
+        """What makes its settings, of each role the preferred one first: `recipes.RECIPES` in its folder."""
+        recipes = self.module("recipes")
+        return recipes.RECIPES if recipes else ()
 
     def plugin(self, *, install: bool = False) -> Path:
         """The library of the contact laws for this engine, compiled when first asked for.
@@ -209,6 +221,17 @@ class Engine(ABC):
         """
         return setting.options_text
 
+    def words(self, contact: OneContact) -> Words | None:
+        """What to write for a contact, for `hcbench convert`: `words.words` in its folder, or None."""
+        module = self.module("words")
+        return module.words(contact) if module else None
+
+    @final
+    def module(self, name: str) -> Any:
+        """A module of its folder, imported when first asked for; None where there is none."""
+        folder = type(self).__module__.rpartition(".")[0]
+        return import_module(f"{folder}.{name}") if folder and find_spec(f"{folder}.{name}") else None
+
     def with_friction(self, setting: Setting, friction: float) -> Setting:
         """The same setting that says Coulomb's μ of its contact itself, for whoever pastes it."""
         return setting
@@ -227,6 +250,10 @@ class Engine(ABC):
             raise SettingError("timestep", f"{setting.timestep!r} s", "a step above 0 s")
         for launch in launches:
             _check(launch)
+            if launch.is_oblique and not self.oblique:
+                raise SettingError(
+                    "launch", f"oblique, in {self.name!r}", "one along the normal, without spin"
+                )
         return self.impacts(scene, setting, launches)
 
 

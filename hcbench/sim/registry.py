@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
-from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from hcbench._arguments import checked
@@ -50,8 +48,7 @@ def _engine(name: str) -> Engine:
 
 def submodule(name: str, part: str) -> Any:
     """The module `part` in the package of an engine, as `two_blocks`; None where the engine has none."""
-    package = type(engine(name)).__module__.rpartition(".")[0]
-    return import_module(f"{package}.{part}") if package and find_spec(f"{package}.{part}") else None
+    return engine(name).module(part)
 
 
 def recipes(name: str) -> dict[str, Recipe]:

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import warnings
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ from hcbench.errors import SettingError
 from hcbench.impact import Impact, Status, Trajectory
 from hcbench.laws import closed_form
 from hcbench.sim import registry
+from hcbench.sim.backend import UntriedVersionWarning
 from hcbench.sim.engine import CannotShareError
 from hcbench.sim.read_impact import impacts_of
 from hcbench.sim.stop import StopRule
@@ -40,8 +42,15 @@ _PROCESS_GROUP = 8  # launches that an engine in a process of its own simulates 
 
 @cache  # as reading a version takes as long as tens of launches
 def _require_installed(name: str) -> None:
-    """Raises EngineMissing."""
-    registry.engine(name).version()
+    """Raises EngineMissing; warns, once, of a version that was never tried."""
+    engine = registry.engine(name)
+    engine.version()
+    if engine.backend is not None and (untried := engine.backend.untried()):
+        warnings.warn(untried, UntriedVersionWarning, stacklevel=2)
+
+
+def _explained_errors(engine: SteppedEngine) -> AbstractContextManager[None]:
+    return engine.backend.explained_errors() if engine.backend else nullcontext()
 
 
 def impacts(
@@ -178,9 +187,9 @@ def _simulated(launches: Sequence[Launch], name: str, scene: Scene, setting: Set
     engine: SteppedEngine = registry.engine(name)  # type: ignore[assignment]
     speeds = [launch.touch_speed(setting.timestep, scene.gravity) for launch in launches]
     quiet = redirect_output if engine.own_process else nullcontext
-    with quiet():
+    with quiet(), _explained_errors(engine):
         world = engine.load(scene, setting, max([_SLOWEST, *speeds]))
-    with world:
+    with world, _explained_errors(engine):
         places = min(world.places, _PROCESS_GROUP) if engine.own_process else world.places
         groups = run_launches(world, launches, places, _expected_steps(scene, setting.timestep, launches))
         while True:
@@ -210,6 +219,7 @@ def _followed(name: str, scene: Scene, setting: Setting, launch: Launch, steps: 
     done = 0
     with (
         redirect_output() if engine.own_process else nullcontext(),
+        _explained_errors(engine),
         engine.load(scene, setting, fastest) as world,
         closing(world.follow(launch)) as simulation,
     ):

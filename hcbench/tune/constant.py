@@ -34,6 +34,29 @@ def contact_time(target: Target, steps: float = STEPS_A_CONTACT) -> float:
     return max(duration, steps * target.timestep)
 
 
+def implicit_spring_damper(target: Target, duration: float, instead: str) -> tuple[float, float]:
+    """k, N/m, and c, N s/m, of F = k (x + h v') + c v', v' the rate after a step, for the best constant e.
+
+    Those whose steps have the poles exp((-β ± i ω) h) of `spring_damper`'s contact exactly:
+    m exp(2 β h) = m + h c + h² k, so c is smaller than a continuous damper's by k h. Where c would be below
+    0 the contact is made slower until it is not. SettingError for e = 1: such a step always damps.
+    """
+    e, _ = minimax_constant(target)
+    h, m = target.timestep, target.mass
+    if e >= 1.0:
+        raise SettingError("restitution", "1", "e below 1", "An implicit step always damps")
+    beta, omega = spring_damper(e, duration, instead)
+    # c >= 0 asks for exp(2 β h) - 1 >= h² k / m, nearly 2 β >= ω² h.
+    slower = max(1.0, (omega**2 + beta**2) * h / (2 * beta) * (1 + 1e-9))
+    while True:
+        grow, turn = math.exp(beta / slower * h), omega / slower * h
+        stiffness = (grow**2 + 1 - 2 * grow * math.cos(turn)) / h**2
+        damping = (grow**2 - 1) / h - stiffness * h
+        if damping >= 0:
+            return m * stiffness, m * damping
+        slower *= 1.02
+
+
 def spring_damper(restitution: float, duration: float, instead: str) -> tuple[float, float]:
     """β and ω, 1/s, of the contact x'' + 2 β x' + (ω² + β²) x = 0 that has this e and duration (s).
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from hcbench.errors import SettingError
@@ -68,6 +69,49 @@ def plug_in_recipes(engine: str, native: Sequence[Recipe], common: Options) -> t
         ),
         *published_law_recipes(engine, published_law, _RESOLVED, STEPS_PER_CONTACT),
     )
+
+
+def python_law_recipes(
+    engine: str,
+    native: Sequence[Recipe],
+    hook: str,
+    *,
+    force: float = 0.0,
+    each_impact: float = 0.0,
+    common: Options = MappingProxyType({}),
+) -> tuple[Recipe, ...]:
+    """Recipes for an engine that lets a law in from Python, by lines of the user's own, on a plane.
+
+    native: as for `plug_in_recipes`. hook: where the law goes in, a sentence. force, each_impact: how near e
+    comes with the law as contact force, and with its e set before each impact; 0 where the engine has no way.
+    common: options of each setting, beside "law".
+    """
+    names = [recipe.name for recipe in native if recipe.role in (Role.CONSTANT_E, Role.FALLING_E)]
+    own = partial(Recipe, engine, native=False, instead=_any_of(names), forms=("plane",))
+    recipes = []
+    if force:
+        recipes += [own(
+            "hunt-crossley",
+            Role.LAW_AND_LOOP,
+            lambda target: {"law": _force_law(target), **common},
+            "From Python: eq. (16) as contact force, for steps that resolve the contact.",
+            (hook, "Steps of a quarter of the shortest contact or less."),
+            kinds=("law",),
+            steps_min=STEPS_PER_CONTACT,
+            within=force,
+        )]  # fmt: skip
+    if each_impact:
+        recipes += [own(
+            "restitution-law",
+            Role.LAW,
+            lambda target: {"law": _restitution_law(target), **common},
+            "From Python: each impact gets the law's e of its own speed, in one step.",
+            (hook, _IMPULSE),
+            one_step=True,
+            kinds=("law", "linear"),
+            within=each_impact,
+        )]  # fmt: skip
+    return tuple(recipes)
 
 
 def _force_law(target: Target) -> Options:

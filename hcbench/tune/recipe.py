@@ -6,6 +6,7 @@ from enum import StrEnum
 from typing import Any
 
 from hcbench.errors import SettingError
+from hcbench.impact import Status
 from hcbench.setting import Setting
 from hcbench.tune.search import map_result
 from hcbench.tune.target import Target, TargetKind, require_kind
@@ -42,6 +43,8 @@ class Recipe:
     kinds: of targets that it serves. instead: recipes to use for others, as a message says it.
     forms: of scenes that can have such a contact. steps_min: in the law's shortest contact; "auto" tries it
     from there on, and not at all without `by_auto`.
+    within: how far e may be from what the role promises; 0: what `hcbench.testing` asks of all.
+    ends: how every launch ends, of an engine that as it comes does not bounce a body at all.
     """
 
     engine: str
@@ -58,6 +61,8 @@ class Recipe:
     forms: tuple[str, ...] = ("plane", "cup")
     steps_min: float = 0.0
     by_auto: bool = True
+    within: float = 0.0
+    ends: Status | None = None
 
     def __call__(self, target: Target, integrator: str | None = None) -> Setting:
         """The setting; integrator: one of `integrators`, None for the first.
@@ -95,6 +100,15 @@ def first(
     return None
 
 
-def stock(engine: str, summary: str, *notes: str) -> Recipe:
-    """The engine as it comes: nothing is set but the step."""
-    return Recipe(engine, "stock", Role.STOCK, lambda target: {}, summary, notes)
+def on_a_plane(
+    engine: str, name: str, role: Role, function: Callable[..., Mapping[str, Any]], **more: Any
+) -> Callable[..., Recipe]:
+    """A recipe for scenes of the form "plane", to be called with summary and notes. more: of `Recipe`."""
+    return lambda summary, *notes: Recipe(
+        engine, name, role, function, summary, notes, forms=("plane",), **more
+    )
+
+
+def stock(engine: str, summary: str, *notes: str, **more: Any) -> Recipe:
+    """The engine as it comes: nothing is set but the step. more: of `Recipe`."""
+    return Recipe(engine, "stock", Role.STOCK, lambda target: {}, summary, notes, **more)

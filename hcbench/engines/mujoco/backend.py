@@ -5,8 +5,9 @@ from collections.abc import Iterator
 from typing import Any
 
 from hcbench.errors import EngineFailed, EngineMissing
+from hcbench.sim.backend import Backend
 
-INSTALL = "pip install mujoco"
+BACKEND = Backend("mujoco", "mujoco", "3.3", "4.0", "pip install mujoco", instead="mujoco-core")
 # What older versions lack: the class and the attribute that show it, and the first version that has it.
 _FEATURES = {
     "adhesion": ("MjModel", "pair_adhesion", "3.11"),
@@ -21,7 +22,7 @@ def backend() -> Any:
         import mujoco.rollout
     except ImportError as error:
         raise EngineMissing(
-            "engine 'mujoco'", f"cannot be imported: {error}", "", f"Try: {INSTALL}"
+            "engine 'mujoco'", f"cannot be imported: {error}", "", f"Try: {BACKEND.command}"
         ) from None
     except Exception as error:  # its graphics library, named by MUJOCO_GL, may be missing
         raise EngineFailed("engine 'mujoco'", f"cannot be imported: {error}", "") from error
@@ -42,7 +43,7 @@ def require_feature(mujoco: Any, feature: str) -> None:
             f"mujoco {mujoco.__version__}",
             f"has no {feature}",
             f"{since} or later",
-            f"Try: {INSTALL} --upgrade",
+            f"Try: {BACKEND.command} --upgrade",
         )
 
 

@@ -17,27 +17,26 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from hcbench.engines.mujoco import mjcf
-from hcbench.engines.mujoco.backend import INSTALL
+from hcbench.engines.mujoco.backend import BACKEND
 from hcbench.engines.mujoco.options import Options, read_options
 from hcbench.engines.mujoco.scene_model import load
 from hcbench.engines.mujoco.world import BatchPool, MujocoWorld
-from hcbench.errors import EngineMissing, UserError
+from hcbench.errors import UserError
 from hcbench.sim.engine import SteppedEngine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable
 
     from hcbench.engines.mujoco.model_under_test import MujocoModel
     from hcbench.scene import Scene
     from hcbench.setting import Setting
+    from hcbench.sim.backend import Backend
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.model_under_test import ModelSetting, Request
-    from hcbench.tune.recipe import Recipe
 
 
 class MujocoEngine(SteppedEngine):
@@ -45,24 +44,9 @@ class MujocoEngine(SteppedEngine):
 
     name: ClassVar[str] = "mujoco"
     title: ClassVar[str] = "MuJoCo"
-    install: ClassVar[str] = INSTALL
+    backend: ClassVar[Backend] = BACKEND
     suffixes: ClassVar[tuple[str, ...]] = (".xml", ".mjcf", ".mjb", ".mjz")
     opens: ClassVar[tuple[str, ...]] = ("an MjModel", "an MjSpec")
-
-    def version(self) -> str:
-        """The wheel's version; the module itself is not imported, it is slow."""
-        for wheel in ("mujoco", "mujoco-core"):
-            try:
-                return metadata.version(wheel)
-            except metadata.PackageNotFoundError:
-                continue
-        raise EngineMissing("engine 'mujoco'", "not installed", "its wheel", f"Try: {INSTALL}")
-
-    def recipes(self) -> Sequence[Recipe]:
-        """What makes its settings."""
-        from hcbench.engines.mujoco.recipes import RECIPES
-
-        return RECIPES
 
     def snippet(self, setting: Setting, form: str) -> str:
         """What to paste of a setting: MJCF."""

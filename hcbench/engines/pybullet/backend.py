@@ -6,13 +6,19 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import chdir, contextmanager
 from functools import partial
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from hcbench.errors import EngineFailed, EngineMissing, SceneError
+from hcbench.errors import EngineFailed, SceneError
+from hcbench.sim.backend import Backend
 
-INSTALL = "pip install 'pybullet>=3.2.7'  # wheels for CPython up to 3.11"
+BACKEND = Backend(
+    "pybullet",
+    "pybullet",
+    "3.2.7",
+    "3.2.7",
+    "pip install 'pybullet>=3.2.7'  # wheels for CPython up to 3.11",
+)
 # Bullet's own values of what outlives resetSimulation; contactBreakingThreshold, a global of the process,
 # outlives the client too. Every world made here starts with them.
 LASTING_SETTINGS = {"contactBreakingThreshold": 0.02, "numSubSteps": 0, "enableFileCaching": 0}
@@ -25,13 +31,8 @@ class BulletClient:
     """
 
     def __init__(self, client: int) -> None:
-        try:
-            import pybullet  # prints on import
-        except ImportError as error:
-            got = f"cannot be imported: {error}"
-            raise EngineMissing("engine 'pybullet'", got, "", f"Try: {INSTALL}") from None
-        self.module, self.client = pybullet, client
-        self.error: type[Exception] = pybullet.error
+        self.module, self.client = BACKEND.module(), client  # prints on import
+        self.error: type[Exception] = self.module.error
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         function = getattr(self.module, name)
@@ -81,11 +82,3 @@ def is_connected() -> bool:
     """Whether this process has imported pybullet and has a client that calls without one mean."""
     pybullet = sys.modules.get("pybullet")
     return pybullet is not None and bool(pybullet.isConnected())
-
-
-def version() -> str:
-    """The wheel's version, without importing it. Raises EngineMissing where it is not installed."""
-    try:
-        return metadata.version("pybullet")
-    except metadata.PackageNotFoundError:
-        raise EngineMissing("engine 'pybullet'", "not installed", "its wheel", f"Try: {INSTALL}") from None

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from hcbench.engines.pybullet import snippet
-from hcbench.engines.pybullet.backend import INSTALL, is_connected, version
+from hcbench.engines.pybullet.backend import BACKEND, is_connected
 from hcbench.engines.pybullet.options import read_options
 from hcbench.engines.pybullet.user_model import LiveWorld
 from hcbench.engines.pybullet.world import PybulletWorld
@@ -27,14 +27,14 @@ from hcbench.errors import UserError
 from hcbench.sim.engine import SteppedEngine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable
 
     from hcbench.engines.pybullet.model_under_test import PybulletModel
     from hcbench.scene import Scene
     from hcbench.setting import Setting
+    from hcbench.sim.backend import Backend
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.model_under_test import ModelSetting, Request
-    from hcbench.tune.recipe import Recipe
 
 
 class PybulletEngine(SteppedEngine):
@@ -42,20 +42,10 @@ class PybulletEngine(SteppedEngine):
 
     name: ClassVar[str] = "pybullet"
     title: ClassVar[str] = "PyBullet"
-    install: ClassVar[str] = INSTALL
+    backend: ClassVar[Backend] = BACKEND
     suffixes: ClassVar[tuple[str, ...]] = (".urdf", ".sdf")
     opens: ClassVar[tuple[str, ...]] = ("a PyBullet World",)
     own_process: ClassVar[bool] = True
-
-    def version(self) -> str:
-        """The wheel's version; the module itself is not imported, it prints."""
-        return version()
-
-    def recipes(self) -> Sequence[Recipe]:
-        """What makes its settings."""
-        from hcbench.engines.pybullet.recipes import RECIPES
-
-        return RECIPES
 
     def snippet(self, setting: Setting, form: str) -> str:
         """What to paste of a setting."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from hcbench.engines.pybullet.along_plate import pair_friction
 from hcbench.engines.pybullet.aside import release_aside, run_aside
-from hcbench.engines.pybullet.backend import version
+from hcbench.engines.pybullet.backend import BACKEND
 from hcbench.engines.pybullet.causes import (
     BODY_TYPE,
     MAXIMAL_COORDINATES,
@@ -137,7 +137,7 @@ class PybulletModel(ModelUnderTest):
             notes.append(f"The two overlap by {self.place.overlap:.3g} m at the start: moved apart to touch.")
         return Facts(
             engine="pybullet",
-            version=version(),
+            version=BACKEND.version(),
             model=self.world.label,
             pair=(self.place.first.name, self.place.second.name),
             moved=self.place.mover.description,

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench.sim.momentum import momentum_force
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.tangential import rows_of_ball
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
     from hcbench.scene import Scene
-
-_ROUND_OFF = 16 * np.finfo(float).eps  # of what a step adds up: a smaller change of velocity is no force
 
 
 def speed_reading(at_plane: bool, rigid: bool) -> SpeedReading:
@@ -72,5 +71,4 @@ def force_from_momentum(scene: Scene, timestep: float, velocity: Floats, deeper:
     gained[..., 2] += fall
     slowed = -(gained * deeper).sum(axis=-1)
     speed = np.abs(velocity).sum(axis=-1)
-    noise = _ROUND_OFF * (speed[:-1] + speed[1:] + fall)
-    return np.asarray(scene.mass * np.where(np.abs(slowed) <= noise, 0.0, slowed / timestep))
+    return momentum_force(scene.mass, timestep, slowed, speed[:-1] + speed[1:] + fall)

@@ -34,7 +34,6 @@ class RecordedEngine(Engine):
     """
 
     name: ClassVar[str] = "recorded"
-    install: ClassVar[str] = ""
 
     def version(self) -> str:
         """The version of hcbench."""

@@ -20,7 +20,6 @@ from hcbench.laws.published import LAWS, TouchSpeedLaw, law_named
 from hcbench.scene import Scene
 from hcbench.setting import Setting
 from hcbench.sim.engine import Engine
-from hcbench.tune.recipe import Recipe
 
 Law = HuntCrossley | KelvinVoigt | TouchSpeedLaw
 
@@ -40,17 +39,10 @@ class ReferenceEngine(Engine):
 
     name: ClassVar[str] = "reference"
     title: ClassVar[str] = "Reference"
-    install: ClassVar[str] = ""
 
     def version(self) -> str:
         """The version of hcbench."""
         return str(hcbench.__version__)
-
-    def recipes(self) -> Sequence[Recipe]:
-        """What makes its settings."""
-        from hcbench.engines.reference.recipes import RECIPES
-
-        return RECIPES
 
     def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         """One impact for each launch, in order."""

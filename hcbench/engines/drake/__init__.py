@@ -1,0 +1,1 @@
+"""Drake: multibody plants, continuous and discrete, with compliant point contact."""

@@ -1,0 +1,147 @@
+"""Drake behind the contract of an engine: a ball on a half space, by point contact.
+
+A discrete plant steps by the setting's step; a continuous one is only looked at in such steps.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from hcbench._text import shortest
+from hcbench.fields import Finite
+from hcbench.laws.force import HuntCrossley
+from hcbench.sim.backend import Backend
+from hcbench.sim.read_impact import SpeedReading
+from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
+from hcbench.tune.snippet import arguments
+
+if TYPE_CHECKING:
+    from hcbench.scene import Scene
+
+Positive = Annotated[Finite | None, Field(ge=0.0)]
+
+
+class DrakeOptions(ScriptOptions):
+    """A setting's options: none of them means a discrete plant with nothing set.
+
+    plant: a continuous one, of an integrator and accuracy, is only looked at in the setting's steps.
+    point_stiffness (N/m), dissipation (s/m), relaxation_time (s): of each body.
+    """
+
+    plant: Literal["continuous", "discrete"] = "discrete"
+    integrator: Literal["runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3"] = "runge_kutta3"
+    accuracy: Annotated[Finite, Field(gt=0.0, lt=1.0)] = 1e-4
+    approximation: Literal["lagged", "similar", "tamsi", "sap"] = "lagged"
+    point_stiffness: Positive = None
+    dissipation: Positive = None
+    relaxation_time: Positive = None
+
+
+class DrakeEngine(ScriptedEngine[DrakeOptions]):
+    """Drake's MultibodyPlant behind pydrake."""
+
+    name: ClassVar[str] = "drake"
+    title: ClassVar[str] = "Drake"
+    backend: ClassVar[Backend] = Backend("drake", "drake", "1.51", "1.51")
+    laws = (HuntCrossley,)
+    table = DrakeOptions
+
+    def lines(self, options: DrakeOptions, scene: Scene) -> str:
+        """Plant, contact or law, and Simulator."""
+        plant, contact, integrator = _parts(options, "timestep")
+        before, after, force = (
+            ("", _LAW, _LAW_FORCE) if options.law else (f"{contact}\n{_SHAPES}", "", _FORCE)
+        )
+        force = force if options.plant == "continuous" else ""  # a discrete one's results are of two times
+        return _LINES.format(plant=plant, before=before, after=after, integrator=integrator, force=force)
+
+    def paste(self, options: DrakeOptions, timestep: str) -> str:
+        """Plant, properties or law, and integrator."""
+        plant, contact, integrator = _parts(options, timestep)
+        return "\n".join(filter(None, (plant, _LAW if options.law else contact, integrator)))
+
+    def reading(self, options: DrakeOptions) -> SpeedReading:
+        """At the touch plane: all of its contacts act from there on."""
+        exact = options.plant == "continuous"
+        return SpeedReading.TOUCH_PLANE_EXACT_FLIGHT if exact else SpeedReading.TOUCH_PLANE
+
+
+def _parts(options: DrakeOptions, timestep: str) -> tuple[str, str, str]:
+    """Plant, properties of both bodies, and integrator."""
+    properties = "properties = drake.ProximityProperties()  # of both bodies"
+    names = ("dissipation", "point_stiffness")
+    if given := {name: v for name in names if (v := getattr(options, name)) is not None}:
+        friction = "friction=drake.CoulombFriction(0, 0), properties=properties"
+        properties += f"\ndrake.AddContactMaterial({arguments(given)}, {friction})"
+    if (time := options.relaxation_time) is not None:
+        properties += f'\nproperties.AddProperty("material", "relaxation_time", {shortest(time)})'
+    if options.plant == "continuous":
+        return _PLANT.format("0.0"), properties, _INTEGRATOR.format(options.integrator, options.accuracy)
+    name = f"drake.DiscreteContactApproximation.k{options.approximation.capitalize()}"
+    plant = f"{_PLANT.format(timestep)}\nplant.set_discrete_contact_approximation({name})"
+    return plant, properties, ""
+
+
+_PLANT = "plant, _ = drake.AddMultibodyPlantSceneGraph(builder, time_step={})"
+_INTEGRATOR = """\
+drake.ResetIntegratorFromFlags(simulator, "{}", 0.001)  # scheme, largest step
+simulator.get_mutable_integrator().set_target_accuracy({})"""
+_LINES = """\
+import logging
+import pydrake.all as drake
+logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of half spaces in deformable contact
+builder = drake.DiagramBuilder()
+{plant}
+turning = drake.RotationalInertia(*[inertia] * 3)
+ball = plant.AddRigidBody("ball", drake.SpatialInertia.MakeFromCentralInertia(m, [0, 0, 0], turning))
+{before}
+plant.mutable_gravity_field().set_gravity_vector([0, 0, -gravity])
+plant.Finalize()
+{after}
+simulator = drake.Simulator(builder.Build())
+{integrator}
+root = simulator.get_mutable_context()
+context = plant.GetMyMutableContextFromRoot(root)
+def place(height, velocity):
+    root.SetTime(0.0)
+    plant.SetFreeBodyPose(context, ball, drake.RigidTransform([0, 0, height]))
+    plant.SetFreeBodySpatialVelocity(context, ball, drake.SpatialVelocity([0, 0, 0], [0, 0, velocity]))
+    simulator.Initialize()
+    return height, velocity
+def step():
+    simulator.AdvanceTo((round(root.get_time() / timestep) + 1) * timestep)
+    state = plant.GetPositionsAndVelocities(context)  # quaternion, x y z, spin, velocity
+    return state[6], state[12]
+{force}"""
+_SHAPES = """\
+for body, shape in ((ball, drake.Sphere(R)), (plant.world_body(), drake.HalfSpace())):
+    plant.RegisterCollisionGeometry(body, drake.RigidTransform(), shape, "shape", properties)"""
+_LAW = """\
+class Law(drake.LeafSystem):  # pushes the ball, of radius R, off the plane z = 0
+    def __init__(self):
+        super().__init__()
+        self.DeclareVectorInputPort("state", plant.num_multibody_states())
+        forces = drake.Value[list[drake.ExternallyAppliedSpatialForce_[float]]]
+        self.DeclareAbstractOutputPort("force", forces, self.push)
+    def push(self, context, output):
+        state = self.get_input_port(0).Eval(context)
+        applied = drake.ExternallyAppliedSpatialForce()
+        applied.body_index, applied.p_BoBq_B = ball.index(), [0, 0, 0]
+        applied.F_Bq_W = drake.SpatialForce([0, 0, 0], [0, 0, law(R - state[6], -state[12])])
+        output.set_value([applied])
+system = builder.AddSystem(Law())  # after plant.Finalize()
+builder.Connect(plant.get_state_output_port(), system.get_input_port(0))
+builder.Connect(system.get_output_port(0), plant.get_applied_spatial_force_input_port())"""
+_LAW_FORCE = """\
+def force():
+    state = plant.GetPositionsAndVelocities(context)
+    return law(R - state[6], -state[12]) if state[6] < R else None"""
+_FORCE = """\
+def force():  # of the present state; contact_force() is that on the second body
+    if plant.GetPositions(context)[6] >= R:
+        return None
+    results = plant.get_contact_results_output_port().Eval(context)
+    contacts = range(results.num_point_pair_contacts())
+    return sum(abs(results.point_pair_contact_info(i).contact_force()[2]) for i in contacts)"""

@@ -1,0 +1,85 @@
+"""Settings of Drake in closed form, the preferred ones of each role first.
+
+Point contact is F = max(0, k x (1 + d v)), k and d of the pair: eq. (16) with n = 1 and d = 1.5 α. So e is
+the law's, whatever k is, and the loop is not. k = k1 k2/(k1 + k2): each body is given twice the pair's.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from hcbench.tune import constant
+from hcbench.tune.law_recipes import python_law_recipes
+from hcbench.tune.recipe import Role, on_a_plane, stock
+from hcbench.tune.target import Target
+
+_DAMPED = 9e-4  # share of e that the discrete plant's own damping may take, where that is not too soft
+_DEEPEST = 1e-3  # m: as deep as the band's highest speed may go for it
+
+
+def _hertz_stiffness(target: Target) -> float:
+    """k, N/m, of the linear spring that goes as deep as the law's at the middle of the band, undamped."""
+    n, energy = target.law.exponent, 0.5 * target.mass * target.speed_min * target.speed_max
+    deepest = ((n + 1.0) * energy / target.law.stiffness) ** (1.0 / (n + 1.0))
+    return float(2.0 * energy / deepest**2)
+
+
+def continuous(target: Target) -> dict[str, Any]:
+    """The law's e at any step, by an integrator with error control."""
+    pair = {"point_stiffness": 2.0 * _hertz_stiffness(target), "dissipation": target.law.dissipation}
+    return {"plant": "continuous", "accuracy": 1e-10, **pair}
+
+
+def discrete(target: Target) -> dict[str, Any]:
+    """A soft spring: implicit Euler multiplies e by exp(-π ω h/2), ω² = k/m.
+
+    Gravity, which a contact of π/ω feels, takes about π α g/ω: the two are even at ω² = 2 α g/h.
+    """
+    h, law = target.timestep, target.law
+    under_gravity = math.sqrt(2.0 * law.alpha * target.gravity / h)
+    omega = max(2.0 * _DAMPED / (math.pi * h), target.speed_max / _DEEPEST, under_gravity)
+    k = min(target.mass * omega**2, _hertz_stiffness(target))
+    return {"approximation": "tamsi", "point_stiffness": 2.0 * k, "dissipation": law.dissipation}
+
+
+def spring_damper(target: Target) -> dict[str, Any]:
+    """One e for all speeds: `sap` damps by c = k τ, τ the sum of the relaxation times."""
+    stiffness, damping = constant.implicit_spring_damper(target, constant.contact_time(target), "continuous")
+    pair = {"point_stiffness": 2.0 * stiffness, "relaxation_time": 0.5 * damping / stiffness}
+    return {"approximation": "sap", **pair}
+
+
+_HALF = "The pair has half of the point_stiffness of the two bodies, and their dissipation."
+_NATIVE = (
+    stock(
+        "drake",
+        "Drake as it comes: a discrete plant with dissipation 50 s/m, so e below .4 at 1 in/s and .04 at 20.",
+        "dissipation 50 s/m is α = 33 s/m, a hundred times that of steel; point_stiffness is 1e6 N/m.",
+        forms=("plane",),
+    ),
+    on_a_plane("drake", "continuous", Role.LAW, continuous, within=1e-7, kinds=("law",))(
+        "Continuous plant, d = 1.5 α: the law's e at any step; its force is linear in depth, not Hertz's.",
+        "The plant is continuous (time_step=0): the step only says how often you look at it.",
+        "Stock accuracy, 1e-4, errs by up to .03; a hundredfold one costs four times the time.",
+        "Fixed steps gain energy when coarse: e of 2 at 1e-4 s by runge_kutta3.",
+        _HALF,
+    ),
+    on_a_plane("drake", "discrete", Role.FALLING_E, discrete, within=1e-3, kinds=("law",))(
+        "Discrete plant, d = 1.5 α and a spring softened until the plant's own damping takes 1/1000 of e.",
+        "A discrete plant multiplies e by exp(-π ω h/2), ω² = k/m, and d cannot be negative to make up.",
+        "Soft: it goes in up to 1 mm deep and stays for milliseconds, so gravity is felt in the contact.",
+        "At steps above 1e-6 s the spring that it would take is too soft to be let: e is low then.",
+        "`lagged`, the default, and `similar` give the same e at more cost; `sap` ignores dissipation.",
+        _HALF,
+    ),
+    on_a_plane("drake", "spring-damper", Role.CONSTANT_E, spring_damper)(
+        "Discrete plant, `sap`: the best constant e and the law's contact time mid-band.",
+        "The relaxation times of both bodies add up; Drake's default of 0.1 s each lets nothing bounce.",
+        "The implicit step damps by itself: coarse steps soften the spring until that alone is not too much.",
+        _HALF,
+    ),
+)
+_HOOK = "A LeafSystem from the plant's state to its applied spatial force; no collision geometry."
+_CONTINUOUS = {"plant": "continuous", "accuracy": 1e-8}
+RECIPES = (*_NATIVE, *python_law_recipes("drake", _NATIVE, _HOOK, force=1e-6, common=_CONTINUOUS))

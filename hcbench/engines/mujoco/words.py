@@ -1,0 +1,49 @@
+"""One contact as MuJoCo writes it: solref, for `hcbench convert`."""
+
+from __future__ import annotations
+
+from hcbench.laws import kelvin_voigt as kv
+from hcbench.laws.conventions import OneContact, SystemValue, Words
+
+_TRAPS = (
+    "MuJoCo's default solimp varies along the contact: these numbers want a constant one, .9999 .9999 .001.",
+    "MuJoCo mixes solref and solimp of the two geoms: set both, or a <pair>.",
+)
+
+
+def words(contact: OneContact) -> Words:
+    """The bounce in one step, and the spring and damper."""
+    rows: list[SystemValue] = []
+    missing: list[str] = []
+    if contact.restitution is not None:
+        rows += _one_step(contact.restitution, contact.timestep, missing)
+        rows += _spring_damper(contact.restitution, contact.contact_time, contact.timestep, missing)
+    return Words(tuple(rows), tuple(missing), _TRAPS)
+
+
+def _one_step(e: float, timestep: float | None, missing: list[str]) -> list[SystemValue]:
+    if timestep is None:
+        missing.append("MuJoCo's one-step bounce: it needs the timestep.")
+        return []
+    note = "bounces in one step, Euler or implicitfast; solimp .9999 .9999 .001"
+    return [SystemValue("MuJoCo", "solref", (0.0, -(1.0 + e) / timestep), "", note)]
+
+
+def _spring_damper(
+    e: float, contact_time: float | None, timestep: float | None, missing: list[str]
+) -> list[SystemValue]:
+    if contact_time is None:
+        missing.append("MuJoCo's spring and damper: it needs the contact time.")
+        return []
+    law = kv.matched(e, contact_time, 1.0, kv.Ending.FORCE)
+    zeta = kv.damping_ratio(law, 1.0)
+    note = "spring and damper per unit effective mass; constant solimp, at least 20 steps a contact"
+    direct = SystemValue("MuJoCo", "solref", (-law.stiffness, -law.damping), "1/s², 1/s", note)
+    if zeta == 0.0:
+        missing.append("MuJoCo's timeconst: without damping it is infinite.")
+        return [direct]
+    timeconst = 2.0 / law.damping
+    note = "the same as timeconst, dampratio"
+    if timestep is not None and timeconst < 2.0 * timestep:
+        note += "; refsafe would raise timeconst to twice the step and change e"
+    return [direct, SystemValue("MuJoCo", "solref", (timeconst, zeta), "s, 1", note)]

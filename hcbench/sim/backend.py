@@ -1,0 +1,82 @@
+"""The Python package behind an engine: whether it is there, its module, and the versions tried."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from importlib import import_module, metadata
+from typing import Any
+
+from hcbench.errors import EngineFailed, EngineMissing, HcbenchError
+
+
+class UntriedVersionWarning(UserWarning):
+    """An engine's package has a version that hcbench was never run with."""
+
+
+@dataclass(frozen=True, slots=True)
+class Backend:
+    """One of an engine's packages.
+
+    engine: the engine's name. package: as the package index has it. oldest, newest: versions between which it
+    was tried, as many numbers of them as matter. install: the command; "" for hcbench's extra of that name.
+    instead: a package that has the same module.
+    """
+
+    engine: str
+    package: str
+    oldest: str
+    newest: str
+    install: str = ""
+    instead: str = ""
+
+    @property
+    def command(self) -> str:
+        """What installs it."""
+        return self.install or f"pip install 'hcbench[{self.engine}]'"
+
+    def version(self) -> str:
+        """The installed version; nothing is imported. Raises EngineMissing."""
+        for package in filter(None, (self.package, self.instead)):
+            with suppress(metadata.PackageNotFoundError):
+                return metadata.version(package)
+        raise EngineMissing(f"engine {self.engine!r}", "not installed", "its wheel", f"Try: {self.command}")
+
+    def module(self, name: str = "") -> Any:
+        """The package's module `name`, by default called as the package. Raises EngineMissing."""
+        try:
+            return import_module(name or self.package)
+        except ImportError as error:
+            got = f"cannot be imported: {error}"
+            raise EngineMissing(f"engine {self.engine!r}", got, "", f"Try: {self.command}") from None
+
+    def untried(self) -> str:
+        """What is to be said of an installed version outside those tried; "" of one within."""
+        version = self.version()
+        oldest, newest = _numbers(self.oldest), _numbers(self.newest)
+        given = _numbers(version)
+        if oldest <= given[: len(oldest)] and given[: len(newest)] <= newest:
+            return ""
+        tried = self.oldest if self.oldest == self.newest else f"{self.oldest} ... {self.newest}"
+        return f"{self.package} {version} was never tried with hcbench; {tried} was"
+
+    @contextmanager
+    def explained_errors(self) -> Iterator[None]:
+        """What a version never tried raises is EngineFailed, in one line; a tried one's errors are ours."""
+        try:
+            yield
+        except HcbenchError:
+            raise
+        except Exception as error:
+            if not (untried := self.untried()):
+                raise
+            got = f"{type(error).__name__}: {error}"
+            raise EngineFailed(
+                f"engine {self.engine!r}", got, "", f"{untried}: install one of those"
+            ) from error
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    return tuple(int(number) for number in re.findall(r"\d+", version.partition("+")[0])[:3])

@@ -1,0 +1,209 @@
+"""Engines that a Python script runs: the script that users are handed is, line for line, what is measured.
+
+An engine writes the lines that build its world and define
+
+    place(height, velocity)   the ball's centre, m, with its velocity upwards, m/s, and nothing remembered
+    step()                    one step more
+    force()                   N, that acts from the present state on; None, or not defined at all, where what
+                              the step does to the momentum is the force
+
+`place` and `step` return height and velocity as the engine then has them. The lines find the names m, R,
+inertia, gravity and timestep (SI, the plane is z = 0), and of a setting with a law `law(x, v)` or `e(v)`.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar, final
+
+import numpy as np
+from pydantic import PlainValidator
+
+from hcbench._text import shortest
+from hcbench.errors import SettingError
+from hcbench.fields import OptionTable, validate
+from hcbench.laws.contact_law import law_of
+from hcbench.laws.force import HuntCrossley
+from hcbench.laws.restitution import Restitution
+from hcbench.sim.engine import Record, Simulation, SteppedEngine, World
+from hcbench.sim.momentum import momentum_force
+
+if TYPE_CHECKING:
+    from hcbench.impact import Launch
+    from hcbench.scene import Scene
+    from hcbench.setting import Setting
+    from hcbench.sim.engine import Flags
+    from hcbench.sim.read_impact import SpeedReading
+
+PythonLaw = HuntCrossley | Restitution
+
+
+def python_law_of(options: Mapping[str, Any]) -> PythonLaw:
+    """The law that a setting's option "law" names, for an engine into which Python lets it: eq. (16) only."""
+    law = law_of(options)
+    if not isinstance(law, PythonLaw):
+        raise SettingError("option 'law.law'", repr(options["law"]), "no such word: eq. (16), by alpha")
+    return law
+
+
+class ScriptOptions(OptionTable):
+    """A setting's options. law: from Python, in place of the contact or to set its e before each impact."""
+
+    law: Annotated[PythonLaw, PlainValidator(python_law_of)] | None = None
+
+
+Options = TypeVar("Options", bound=ScriptOptions)
+
+
+class ScriptedEngine(SteppedEngine, Generic[Options]):
+    """An engine whose ball on a plane is a script; `lines` writes it, `paste` what of it a setting sets.
+
+    table: of its settings' options. laws: those that it lets in from Python.
+    """
+
+    oblique: ClassVar[bool] = False
+    laws: ClassVar[tuple[type[PythonLaw], ...]] = (HuntCrossley, Restitution)
+    table: type[Options]
+
+    @abstractmethod
+    def lines(self, options: Options, scene: Scene) -> str:
+        """The engine's part of the script. Raises SettingError for options that do not go together."""
+
+    @abstractmethod
+    def paste(self, options: Options, timestep: str) -> str:
+        """What to write into a script of one's own; timestep: s."""
+
+    @abstractmethod
+    def reading(self, options: Options) -> SpeedReading:
+        """Which speeds e is the ratio of."""
+
+    @final
+    def read(self, setting: Setting) -> Options:
+        """The options of a setting; SettingError names the first that the engine does not have."""
+        options = validate(self.table, setting.options, SettingError, f"{self.name} option '{{}}'")
+        if options.law is not None and not isinstance(options.law, self.laws):
+            got, expected = ("'restitution'", "'force'")[:: 1 if HuntCrossley in self.laws else -1]
+            raise SettingError(
+                f"{self.name} option 'law.kind'", got, f"{expected}, which it has a way in for"
+            )
+        return options
+
+    @final
+    def snippet(self, setting: Setting, form: str) -> str:
+        """What of the script a setting sets; "" where that is nothing."""
+        return self.paste(self.read(setting), shortest(setting.timestep)) if setting.options else ""
+
+    def script(self, scene: Scene, setting: Setting) -> str:
+        """The script, which prints restitution against speed when run."""
+        if scene.form not in self.forms(setting):
+            got = f"the form {scene.form!r}"
+            raise SettingError(f"{setting.engine} {setting.name!r}", got, "the form 'plane'")
+        numbers = (scene.mass, scene.touch_radius, scene.inertia, scene.normal_gravity, setting.timestep)
+        options = self.read(setting)
+        return _SCRIPT.format(
+            title=self.title,
+            numbers=", ".join(map(shortest, numbers)),
+            law=law_lines(options.law),
+            lines=self.lines(options, scene),
+        )
+
+    def forms(self, setting: Setting) -> Sequence[str]:
+        """Of scenes that the lines can be written for."""
+        return ("plane",)
+
+    def load(self, scene: Scene, setting: Setting, fastest: float) -> ScriptWorld:
+        """The world of the script."""
+        script = self.script(scene, setting)
+        return ScriptWorld(self, scene, setting, script)
+
+
+def law_lines(law: PythonLaw | None) -> str:
+    """The law as a function of Python's; "" for none."""
+    if law is None:
+        return ""
+    if isinstance(law, HuntCrossley):
+        return _FORCE.format(*map(shortest, (law.stiffness, law.exponent, law.alpha)))
+    return _RESTITUTION.format(law.reading, shortest(law.alpha))
+
+
+class ScriptWorld(World):
+    """One ball over a plane, as a script has it."""
+
+    def __init__(self, engine: ScriptedEngine[Any], scene: Scene, setting: Setting, script: str) -> None:
+        assert engine.backend is not None
+        self.timestep, self.gravity, self.mass = setting.timestep, scene.normal_gravity, scene.mass
+        self.radius = self.deepest = scene.touch_radius
+        self.bits, self.speed_reading = engine.bits, engine.reading(engine.read(setting))
+        self.names: dict[str, Any] = {"__name__": f"hcbench_{engine.name}"}
+        exec(compile(script, f"<{engine.name} script>", "exec"), self.names)
+
+    def release(self, launches: Sequence[Launch]) -> BallSimulation:
+        """The ball of one launch."""
+        (launch,) = launches
+        return BallSimulation(self, self.radius + launch.clearance(self.timestep), -launch.speed)
+
+
+class BallSimulation(Simulation):
+    """A ball under way; state: height, m, and velocity upwards, m/s."""
+
+    def __init__(self, world: ScriptWorld, height: float, velocity: float) -> None:
+        self.world = world
+        self.state: tuple[float, float] = world.names["place"](height, velocity)
+
+    def advance(self, steps: int) -> Record:
+        """`steps` steps."""
+        world, states, told = self.world, [self.state], []
+        step, force = world.names["step"], world.names.get("force", lambda: None)
+        for _ in range(steps):
+            told.append(force())
+            states.append(step())
+        self.state = states[-1]
+        z, v = np.array(states, dtype=np.float64).T
+        fall = world.gravity * world.timestep
+        speeds = np.abs(v[:-1]) + np.abs(v[1:]) + fall
+        by_momentum = momentum_force(world.mass, world.timestep, np.diff(v) + fall, speeds, world.bits)
+        read = np.array([math.nan if f is None else f for f in told])
+        return Record(
+            (world.radius - z[:-1])[None], -v[None, :-1], np.where(np.isnan(read), by_momentum, read)[None]
+        )
+
+    def keep(self, which: Flags) -> None:
+        """There is only one."""
+
+
+_SCRIPT = '''"""A ball dropped on a plane in {title}: prints restitution against impact speed (m/s)."""
+
+m, R, inertia, gravity, timestep = {numbers}  # SI; the plane is z = 0
+{law}
+{lines}
+
+if __name__ == "__main__":
+    for speed in (0.05, 0.1, 0.2, 0.3, 0.4, 0.5):
+        z, v = place(R + 2.5 * timestep * speed, -speed)
+        for _ in range(1000000):
+            z, v = step()
+            if v > 0 and z > R:
+                break
+        print(speed, v / speed)
+'''
+
+_FORCE = '''
+
+def law(x, v, k={}, n={}, alpha={}):
+    """Eq. (16) of Hunt and Crossley 1975: force, N, over penetration, m, and its rate, m/s."""
+    return max(0.0, k * x**n * (1.0 + 1.5 * alpha * v)) if x > 0.0 else 0.0
+
+'''
+_RESTITUTION = '''
+from hcbench.laws.restitution import Restitution
+
+curve = Restitution(reading="{}", alpha={})
+
+
+def e(v):
+    """Restitution at an impact speed, m/s."""
+    return min(1.0, max(0.0, float(curve.at(v)))) if v > 0.0 else 0.0
+
+'''
