@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 import numpy as np
 
 from hcbench.errors import EngineFailed, SettingError, UserError
+from hcbench.sim.launch import require_launch
 from hcbench.sim.read_impact import NOT_FINITE, SpeedReading
 
 if TYPE_CHECKING:
@@ -249,27 +250,8 @@ class Engine(ABC):
         if not setting.timestep > 0:
             raise SettingError("timestep", f"{setting.timestep!r} s", "a step above 0 s")
         for launch in launches:
-            _check(launch)
-            if launch.is_oblique and not self.oblique:
-                raise SettingError(
-                    "launch", f"oblique, in {self.name!r}", "one along the normal, without spin"
-                )
+            require_launch(launch, self.name, self.oblique)
         return self.impacts(scene, setting, launches)
-
-
-def _check(launch: Launch) -> None:
-    try:
-        height = launch.height or 0.0
-        numbers = launch.speed + launch.phase + height + sum(launch.slip) + sum(launch.spin)
-        finite = math.isfinite(numbers)
-    except (TypeError, AttributeError, OverflowError):
-        finite = False
-    if not finite:
-        raise SettingError("launch", f"{launch!r:.200}", "a Launch of finite numbers")
-    if height < 0:
-        raise SettingError("height", f"{height!r} m", "0 m or more over the plate")
-    if launch.speed < 0 or (launch.speed == 0 and not launch.height):
-        raise SettingError("speed", f"{launch.speed!r} m/s", "a speed above 0, or a height to fall from")
 
 
 class SteppedEngine(Engine):

@@ -1,0 +1,29 @@
+"""What an engine refuses to launch."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from hcbench.errors import SettingError
+
+if TYPE_CHECKING:
+    from hcbench.impact import Launch
+
+
+def require_launch(launch: Launch, engine: str, oblique: bool) -> None:
+    """Raises SettingError for a launch without meaning; oblique: whether the engine sends bodies so too."""
+    try:
+        height = launch.height or 0.0
+        numbers = launch.speed + launch.phase + height + sum(launch.slip) + sum(launch.spin)
+        finite = math.isfinite(numbers)
+    except (TypeError, AttributeError, OverflowError):
+        finite = False
+    if not finite:
+        raise SettingError("launch", f"{launch!r:.200}", "a Launch of finite numbers")
+    if height < 0:
+        raise SettingError("height", f"{height!r} m", "0 m or more over the plate")
+    if launch.speed < 0 or (launch.speed == 0 and not launch.height):
+        raise SettingError("speed", f"{launch.speed!r} m/s", "a speed above 0, or a height to fall from")
+    if launch.is_oblique and not oblique:
+        raise SettingError("launch", f"oblique, in {engine!r}", "one along the normal, without spin")
