@@ -8,7 +8,7 @@ MODELS := .venv-models
 COMPILE = $(BIN)/uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 \
 	  --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate --quiet
 
-.PHONY: report test test-lowest test-models bench check format lock clean
+.PHONY: report test test-lowest test-models test-engines bench check format lock clean
 
 report: $(INSTALLED)  ## regenerate the default report into reports/steel-1lb/
 	$(BIN)/hcbench report steel-1lb --out reports/steel-1lb
@@ -21,6 +21,9 @@ test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyp
 
 test-models: $(MODELS)/.installed  ## 40 models that others wrote, from their packages (docs/models.md)
 	HCBENCH_MODELS=1 $(MODELS)/bin/python -m pytest -n 2 tests/test_models_from_outside.py
+
+test-engines: $(INSTALLED)  ## engines from the package index, each version in an environment of its own
+	HCBENCH_ENGINES=1 $(BIN)/python -m pytest -n 2 tests/test_engines_from_index.py
 
 bench: $(INSTALLED)  ## every speed claim, side by side with what others do; the table in benchmarks/README.md
 	$(BIN)/python -m pytest benchmarks/bench_reference.py benchmarks/bench_engines.py benchmarks/bench_commands.py \

@@ -20,7 +20,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from hcbench._files import replace_file
+from hcbench._files import replace_file, user_folder
 from hcbench.errors import CannotRun, UserError
 
 _HERE = Path(__file__).parent
@@ -49,15 +49,6 @@ def compiler() -> list[str]:
     if importlib.util.find_spec("ziglang"):
         return [sys.executable, "-m", "ziglang", "cc"]
     raise NotCompiled("no C compiler found (looked for $CC, cc, gcc, clang and the package ziglang)")
-
-
-def _cache() -> Path:
-    base = os.environ.get("HCBENCH_CACHE") or os.environ.get("XDG_CACHE_HOME")
-    if base:
-        return Path(base) / "hcbench"
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches" / "hcbench"
-    return Path.home() / ".cache" / "hcbench"
 
 
 def _private(folder: Path) -> bool:
@@ -90,7 +81,7 @@ def _digest(library: Path) -> str:
 
 
 def _folder() -> Path:
-    folder = _cache()
+    folder = user_folder("cache")
     return folder if _private(folder) else Path(tempfile.mkdtemp(prefix="hcbench-"))
 
 

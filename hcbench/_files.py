@@ -10,13 +10,14 @@ import os
 import shutil
 import signal
 import stat
+import sys
 import tempfile
 import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 
 from hcbench.errors import HcbenchError, OutputError, UserError
 
@@ -26,6 +27,14 @@ _KIND = "hcbench files"
 _SCRATCH = (".hcbench-", ".scratch")  # how the names of scratch folders begin and end
 _LEFT_S = 3600.0
 _SUFFIXES = (".html", ".svg", ".png", ".csv", ".json")  # of what is written into folders
+
+
+def user_folder(kind: Literal["cache", "data"]) -> Path:
+    """Where hcbench keeps what it made for this user; $HCBENCH_CACHE, $HCBENCH_DATA may say where."""
+    base = os.environ.get(f"HCBENCH_{kind.upper()}") or os.environ.get(f"XDG_{kind.upper()}_HOME")
+    if not base and sys.platform == "darwin":
+        base = Path.home() / "Library" / {"cache": "Caches", "data": "Application Support"}[kind]
+    return Path(base or Path.home() / {"cache": ".cache", "data": ".local/share"}[kind]) / "hcbench"
 
 
 def json_text(content: Any) -> str:
@@ -153,7 +162,7 @@ def atomic_folder(folder: Path, *names: str) -> Iterator[Path]:
         made = [p for p in (folder, *folder.parents) if not p.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         _require_ours(folder, names, _read_manifest(folder))
-        with _scratch_in(folder) as scratch:
+        with scratch_folder(folder) as scratch:
             yield scratch
             with deferred_signals():
                 _move_all(scratch, folder)
@@ -167,7 +176,7 @@ def atomic_folder(folder: Path, *names: str) -> Iterator[Path]:
 
 
 @contextmanager
-def _scratch_in(folder: Path) -> Iterator[Path]:
+def scratch_folder(folder: Path) -> Iterator[Path]:
     """A new folder in `folder`, locked until the block ends; those go that killed processes left there."""
     # Locked, so that none is taken for left between its making and its locking; one's own scratch folder is.
     with nullcontext() if folder.name.endswith(_SCRATCH[1]) else _locked(folder):

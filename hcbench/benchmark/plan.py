@@ -263,7 +263,7 @@ def digests_of(scene: Scene, engine: str) -> dict[str, str]:
     """SHA-256 of an engine's model files, each with the files that it names, by role; "" for what is gone."""
     return {
         role: _digest(path, path.stat().st_mtime_ns) if path.is_file() else ""
-        for role, path in sorted(scene.models.get(engine, {}).items())
+        for role, path in sorted(scene.models.get(registry.base_name(engine), {}).items())
     }
 
 

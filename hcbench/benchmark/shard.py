@@ -19,6 +19,7 @@ from hcbench.benchmark.tables import ShardFiles, shard_files
 from hcbench.errors import CannotRun, SceneError, UserError
 from hcbench.impact import Impact, Status
 from hcbench.scene import Scene, load_scene
+from hcbench.sim import registry
 from hcbench.workers import call, map_surviving_crashes, use_own_worker
 
 _FIRST = 64  # launches in the first batch of a shard: it shows how long contacts last
@@ -63,8 +64,9 @@ def run_shard(shard: Shard, timeouts: Timeouts) -> ShardFiles:
 
 def _run(batch: Batch, timeouts: Timeouts) -> BatchResult:
     limit = partial(timeouts.limit, batch.setting.timestep)
+    where = registry.engine(batch.setting.engine).interpreter
     try:
-        return call(run_batch, batch, limit=limit(len(batch.launches)))
+        return call(run_batch, batch, limit=limit(len(batch.launches)), at=where)
     except UserError:
         raise
     except Exception:  # which launch it was, and why, is found by running each alone
@@ -75,6 +77,7 @@ def _run(batch: Batch, timeouts: Timeouts) -> BatchResult:
             lost=lambda i, reason: Impact(batch.launches[i], Status.CRASHED, reason),
             limit=limit(1),
             give_up=_GIVE_UP,
+            at=where,
         )
         return result_of(impacts, batch)
 
@@ -84,7 +87,8 @@ def run_bounces(drop: Drop, timeouts: Timeouts) -> Dropped:
     use_own_worker()
     scene = _scene_here(drop.inputs, drop.setting.engine)
     limit = timeouts.start + _STEP_S * drop.duration / drop.setting.timestep
-    return call(simulate_bounces, scene, drop, limit=limit)
+    where = registry.engine(drop.setting.engine).interpreter
+    return call(simulate_bounces, scene, drop, limit=limit, at=where)
 
 
 def _scene_here(inputs: Inputs, engine: str) -> Scene:

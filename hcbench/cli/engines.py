@@ -1,36 +1,135 @@
-"""hcbench engines and hcbench plugin: the engines, their settings, and the laws as plug-ins of theirs."""
+"""hcbench engines and hcbench plugin: engines, where they are, their settings, and the laws as plug-ins."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli.console import as_json, print_json
+from hcbench.cli.console import as_json, print_json, progress
+from hcbench.errors import UserError
+
+if TYPE_CHECKING:
+    from hcbench.environments.store import Environment
 
 
-@click.command()
+@click.group(invoke_without_command=True)
 @as_json
-def engines(as_json: bool) -> None:
-    """List the engines and their settings.
+@click.pass_context
+def engines(context: click.Context, as_json: bool) -> None:
+    """List the engines and their settings; add or remove versions.
 
-    With their versions, and how to install a missing one.
+    With version, Python, size and place of each, and how to install a missing one.
     """
-    from hcbench.errors import EngineMissing
+    if context.invoked_subcommand is None:
+        _list(as_json)
+
+
+@engines.command("list")
+@as_json
+def list_engines(as_json: bool) -> None:
+    """As without a command."""
+    _list(as_json)
+
+
+@engines.command()
+@click.argument("names", metavar="ENGINE[@VERSION]...", nargs=-1, required=True)
+@click.option(
+    "--python", help="Version or path of its Python, of those on this machine.  [default: this one]"
+)
+def add(names: tuple[str, ...], python: str | None) -> None:
+    """Install engines, each in an environment of its own.
+
+    Settings, studies, measure and check then know it as ENGINE@VERSION, beside any other version.
+    """
+    from hcbench.sim import install
+
+    for name in names:
+        with progress(f"adding {name}") as tick:
+            made = install.add(name, python, tick)
+        print(f"{made.name}  {_about(made)}")
+
+
+@engines.command()
+@click.argument("names", metavar="ENGINE[@VERSION]...", nargs=-1, required=True)
+def remove(names: tuple[str, ...]) -> None:
+    """Take away the environments of engines."""
+    from hcbench.environments import store
+
+    for name in names:
+        found = [e for e in store.environments() if name in (e.name, e.engine)]
+        if len(found) != 1:
+            there = ", ".join(e.name for e in found or store.environments()) or "none"
+            raise UserError("engine", f"{name!r}", f"an engine in an environment of its own: {there}")
+        store.remove(found[0])
+        print(f"removed: {found[0].name}")
+
+
+def _list(as_json: bool) -> None:
+    from hcbench.environments import store
     from hcbench.sim import registry
 
     listed = []
     for name in registry.names():
-        engine = registry.engine(name)
-        settings = {recipe.name: recipe.summary for recipe in registry.recipes(name).values()}
-        try:
-            version, install = engine.version(), ""
-        except EngineMissing:
-            version, install = "", engine.install
-        listed.append({"name": name, "version": version, "install": install, "settings": settings})
-        if not as_json:
-            print(f"{name}  {version or f'not installed: {install}'}")
-            width = max(map(len, settings), default=0)
-            for setting, summary in settings.items():
-                print(f"  {setting:<{width}}  {summary}")
+        own = [_record(name, {**_beside(name), "settings": _settings(name)})]
+        own += [_record(e.name, _elsewhere(e)) for e in store.environments(name)]
+        if len(own) > 1 and not own[0]["version"]:
+            own[0]["install"] = ""  # a version is there
+        listed += own
     if as_json:
         print_json(listed)
+        return
+    for record in listed:
+        print(f"{record['name']}  {_described(record)}")
+        width = max(map(len, record["settings"]), default=0)
+        for setting, summary in record["settings"].items():
+            print(f"  {setting:<{width}}  {summary}")
+
+
+def _record(name: str, about: dict[str, Any]) -> dict[str, Any]:
+    known: dict[str, Any]
+    known = {"version": "", "install": "", "settings": {}, "python": "", "size_bytes": None, "where": ""}
+    return {"name": name, **known, **about}
+
+
+def _settings(name: str) -> dict[str, str]:
+    from hcbench.sim import registry
+
+    return {recipe.name: recipe.summary for recipe in registry.recipes(name).values()}
+
+
+def _beside(name: str) -> dict[str, Any]:
+    """Of an engine that is installed beside hcbench, or how to install it."""
+    import platform
+
+    from hcbench.environments import ADD
+    from hcbench.sim import install, registry
+
+    if version := registry.version_beside(name):
+        size, where = install.files_of(name)
+        return {"version": version, "python": platform.python_version(), "size_bytes": size, "where": where}
+    return {"install": f"{ADD} {name}, or: {registry.engine(name).install}"}
+
+
+def _elsewhere(made: Environment) -> dict[str, Any]:
+    return {
+        "version": made.version,
+        "python": made.python,
+        "size_bytes": made.size,
+        "where": str(made.folder),
+    }
+
+
+def _described(record: dict[str, Any]) -> str:
+    if not record["version"]:
+        return f"not installed: {record['install']}" if record["install"] else "in environments of its own"
+    size = f", {record['size_bytes'] / 1e6:.0f} MB" if record["size_bytes"] else ""
+    where = f" in {record['where']}" if record["where"] else ""
+    return f"{record['version']}, Python {record['python']}{size}{where}"
+
+
+def _about(made: Environment) -> str:
+    return _described(_elsewhere(made))
 
 
 @click.command()

@@ -52,6 +52,10 @@ def tunes_models(command: Callable[..., None]) -> Callable[..., None]:
 
 def is_model(name: str) -> bool:
     """Whether what stands where an engine's name would is a model: a file, or FILE.py:FUNCTION."""
+    from hcbench.sim import registry
+
+    if registry.base_name(name) in registry.names():  # whose version may look like a suffix
+        return False
     return Path(name).suffix != "" or Path(name).is_file() or ".py:" in name
 
 

@@ -97,8 +97,11 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float) -> Answer:
     source = _as_files(job.source)
     if source is None:
         return work(job)
+    engine = None if job.engine is None and _is_python(source) else _engine_for(source, job.engine)
+    name, where = (job.engine, None) if engine is None else (engine.name, engine.interpreter)
     try:
-        answer: Answer = call(_in_worker, work, dataclasses.replace(job, source=source), limit=limit)
+        job = dataclasses.replace(job, source=source, engine=name)
+        answer: Answer = call(_in_worker, work, job, limit=limit, at=where)
         return answer
     except WorkerDied as death:
         raise EngineFailed(
@@ -135,6 +138,10 @@ def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
     except Exception as error:
         reason = f"{_label(job.source)}: {type(error).__name__}: {sanitized(error)}"
         raise EngineFailed("model", reason, "a model that the engine can run") from error
+
+
+def _is_python(source: str | tuple[str, ...]) -> bool:
+    return isinstance(source, str) and _PYTHON.fullmatch(source) is not None
 
 
 def _listed(job: Job) -> list[CandidatePair]:
@@ -198,11 +205,14 @@ def source_of(job: Job) -> tuple[Engine, Any, Callable[[], Any] | None]:
 def _engine_for(source: Any, name: str | None) -> Engine:
     """The engine of that name, or the first that opens such a model."""
     engines = _openers()
-    for engine in engines:
-        if engine.accepts(source) if name is None else engine.name == name:
-            return engine
     if name is not None:
+        base = registry.base_name(name)
+        if base in [registry.base_name(engine.name) for engine in engines]:
+            return registry.engine(name)
         raise UserError("engine", repr(name), " or ".join(engine.name for engine in engines))
+    for engine in engines:
+        if engine.accepts(source):
+            return engine
     if isinstance(source, str | Path):
         files = ", ".join(suffix for engine in engines for suffix in engine.suffixes)
         reason = "is not the name of a model file" if Path(source).exists() else "is not there"

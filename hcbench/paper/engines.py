@@ -78,12 +78,14 @@ def simulate_in_engine(
     positive("until", until, "s")
     if tuned_at is not None:
         positive("tuned_at", tuned_at, "m/s")
-    registry.engine(name).version()  # raises EngineMissing
+    engine = registry.engine(name)
+    engine.version()  # raises EngineMissing
     count = math.ceil(until / timestep) + 1
     forces = np.array([0.0 if drive is None else drive(i * timestep) for i in range(count)])
     start = velocity - 0.5 * timestep * float(forces[0]) / system.mass
     blocks = TwoBlocks(system.mass, system.gap, law, timestep, tuned_at)
-    positions, velocities = call(_simulate, name, blocks, position, start, forces, limit=LIMIT)
+    where = engine.interpreter
+    positions, velocities = call(_simulate, name, blocks, position, start, forces, limit=LIMIT, at=where)
     return EngineTrajectory(
         time=np.asarray(np.arange(count) * timestep, dtype=np.float64),
         position=positions[:-1],

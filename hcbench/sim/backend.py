@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from importlib import import_module, metadata
 from typing import Any
 
+from hcbench.environments import ADD
 from hcbench.errors import EngineFailed, EngineMissing, HcbenchError
 
 
@@ -42,15 +43,18 @@ class Backend:
         for package in filter(None, (self.package, self.instead)):
             with suppress(metadata.PackageNotFoundError):
                 return metadata.version(package)
-        raise EngineMissing(f"engine {self.engine!r}", "not installed", "its wheel", f"Try: {self.command}")
+        raise self._missing("not installed", "its wheel")
 
     def module(self, name: str = "") -> Any:
         """The package's module `name`, by default called as the package. Raises EngineMissing."""
         try:
             return import_module(name or self.package)
         except ImportError as error:
-            got = f"cannot be imported: {error}"
-            raise EngineMissing(f"engine {self.engine!r}", got, "", f"Try: {self.command}") from None
+            raise self._missing(f"cannot be imported: {error}") from None
+
+    def _missing(self, got: str, expected: str = "") -> EngineMissing:
+        todo = f"Try: {ADD} {self.engine}, or: {self.command}"
+        return EngineMissing(f"engine {self.engine!r}", got, expected, todo)
 
     def untried(self) -> str:
         """What is to be said of an installed version outside those tried; "" of one within."""

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.model_under_test import ModelSetting, ModelUnderTest, Request
     from hcbench.tune.recipe import Recipe
+    from hcbench.workers import Interpreter
 
     Flags = NDArray[Any]
 
@@ -138,9 +139,11 @@ class Engine(ABC):
     name: as registered, and as settings name it. title: as reports print it.
     suffixes: of the model files of users that it opens. opens: objects that it opens, in words.
     backend: the package that it needs; None for none. bits: of its numbers. oblique: sends bodies so too.
+    interpreter: of the environment that it runs in; None for this process' own.
     """
 
     name: ClassVar[str]
+    interpreter: ClassVar[Interpreter | None] = None
     title: ClassVar[str] = ""
     backend: ClassVar[Backend | None] = None
     bits: ClassVar[int] = 64

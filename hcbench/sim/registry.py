@@ -1,4 +1,8 @@
-"""Finds engines by entry points of the group hcbench.engines: ours and others come in by the same door."""
+"""Finds engines by entry points of the group hcbench.engines: ours and others come in by the same door.
+
+"myengine" is the engine beside hcbench, or the newest in an environment of its own where none is there;
+"myengine@1.2" is that version, wherever it is.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,10 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any
 
 from hcbench._arguments import checked
-from hcbench.errors import EngineFailed, UserError
+from hcbench.environments import store
+from hcbench.errors import EngineFailed, EngineMissing, UserError
+from hcbench.sim.elsewhere import absent, elsewhere, renamed
+from hcbench.workers import environment
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -30,8 +37,52 @@ def names() -> list[str]:
 
 @checked
 def engine(name: str) -> Engine:
-    """The engine registered under `name`, its backend not imported yet; UserError for an unknown name."""
-    return _engine(name)
+    """The engine registered under `name`, its backend not imported yet; UserError for an unknown name.
+
+    name: with "@" and a version for one of several, which may be in an environment of its own.
+    """
+    base, at, version = name.partition("@")
+    adapter = _engine(base)
+    if environment():
+        return renamed(adapter, name)
+    found = store.find(base, version)
+    if not at:
+        there = found is None or version_beside(base)
+        return adapter if there or found is None else elsewhere(adapter, base, found, entry_point(base).value)
+    if found is not None:
+        return elsewhere(adapter, name, found, entry_point(base).value)
+    return renamed(adapter, name) if version_beside(base) == version else absent(adapter, name)
+
+
+def base_name(name: str) -> str:
+    """The registered name in one that may say a version."""
+    return name.partition("@")[0]
+
+
+def version_beside(name: str) -> str:
+    """The version of an engine that is installed beside hcbench; "" for none."""
+    try:
+        return _engine(name).version()
+    except EngineMissing:
+        return ""
+
+
+def is_there(name: str) -> bool:
+    """Whether an engine can run: beside hcbench or in an environment of its own."""
+    try:
+        return bool(engine(name).version())
+    except EngineMissing:
+        return False
+
+
+def entry_point(name: str) -> EntryPoint:
+    """What an engine of a registered name comes by."""
+    return _entry_points()[name]
+
+
+def adopt(name: str, value: str) -> None:
+    """Register an engine in a worker of its environment, where no package says that it is there."""
+    _entry_points()[name] = EntryPoint(name, value, GROUP)
 
 
 @cache
@@ -48,7 +99,7 @@ def _engine(name: str) -> Engine:
 
 def submodule(name: str, part: str) -> Any:
     """The module `part` in the package of an engine, as `two_blocks`; None where the engine has none."""
-    return engine(name).module(part)
+    return _engine(base_name(name)).module(part)
 
 
 def recipes(name: str) -> dict[str, Recipe]:
@@ -67,8 +118,8 @@ def recipe_names() -> list[str]:
 
 def recipe(name: str) -> Recipe:
     """The recipe with a name such as "engine.recipe"; UserError when it is unknown."""
-    engine_name, _, recipe_name = name.partition(".")
-    if engine_name not in names() or recipe_name not in recipes(engine_name):
+    engine_name, _, recipe_name = name.rpartition(".")
+    if base_name(engine_name) not in names() or recipe_name not in recipes(engine_name):
         raise _unknown("recipe", name, recipe_names())
     return recipes(engine_name)[recipe_name]
 

@@ -20,6 +20,7 @@ from hcbench.impact import Impact, Status, Trajectory
 from hcbench.laws import closed_form
 from hcbench.sim import registry
 from hcbench.sim.backend import UntriedVersionWarning
+from hcbench.sim.elsewhere import STEP_S
 from hcbench.sim.engine import CannotShareError
 from hcbench.sim.read_impact import impacts_of
 from hcbench.sim.stop import StopRule
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
 
 _CHUNK_MIN, _CHUNK_SHARE = 8, 8  # steps in a chunk: at least, and as a share of those taken already
 _SLOWEST = 1e-3  # m/s: for a body let down on the plate, a step is judged at this speed
-_LIMIT_STEP_S = 1e-3  # for one step of a trajectory, beyond the engine's limit for a launch
 _PROCESS_GROUP = 8  # launches that an engine in a process of its own simulates together
 
 
@@ -86,7 +86,7 @@ def trajectory(
     steps = max(1, round(duration / setting.timestep))
     if not engine.own_process:
         return _followed(engine.name, scene, setting, launch, steps)
-    limit = engine.limit + steps * _LIMIT_STEP_S
+    limit = engine.limit + steps * STEP_S
     return call(_followed, engine.name, scene, setting, launch, steps, limit=limit)
 
 

@@ -18,7 +18,7 @@ def snippet(setting: Setting, form: str) -> str:
 
     form: the scene's, "plane" or "cup".
     """
-    if setting.engine not in registry.names():
+    if registry.base_name(setting.engine) not in registry.names():
         return setting.options_text
     return registry.engine(setting.engine).snippet(setting, form)
 

@@ -15,8 +15,10 @@ from typing import Any, Self, TypeVar
 
 from hcbench.errors import CannotRun
 from hcbench.workers.process import (
+    Interpreter,
     Worker,
     WorkerDied,
+    environment,
     in_worker,
     mark_as_worker,
     redirect_output,
@@ -25,9 +27,11 @@ from hcbench.workers.process import (
 )
 
 __all__ = [
+    "Interpreter",
     "WorkerDied",
     "WorkerPool",
     "call",
+    "environment",
     "in_worker",
     "map_surviving_crashes",
     "mark_as_worker",
@@ -39,17 +43,24 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 
-def call(function: Callable[..., Result], *args: Any, limit: float | None) -> Result:
+def call(
+    function: Callable[..., Result], *args: Any, limit: float | None, at: Interpreter | None = None
+) -> Result:
     """What `function(*args)` returns, run in a worker process.
 
-    limit: s, after which the worker counts as hung; None: never.
+    limit: s, after which the worker counts as hung; None: never. at: the interpreter of another environment.
     Raises what the function raises, and WorkerDied.
     """
-    if in_worker():
+    if _is_here(at):
         return function(*args)
     result: Result
-    (result,) = worker_of_thread().run(_yield_result, (function, *args), limit)
+    (result,) = worker_of_thread().at(at).run(_yield_result, (function, *args), limit)
     return result
+
+
+def _is_here(at: Interpreter | None) -> bool:
+    """Whether this is a worker process, and such a one."""
+    return in_worker() and (at is None or at.name == environment())
 
 
 def _yield_result(function: Callable[..., Result], *args: Any) -> Iterator[Result]:
@@ -64,6 +75,7 @@ def map_surviving_crashes(
     limit: float,
     together: int = 1,
     give_up: int = 3,
+    at: Interpreter | None = None,
 ) -> list[Result]:
     """One result for each job, in order, run in a worker process; what crashes or hangs it costs one job.
 
@@ -72,10 +84,11 @@ def map_surviving_crashes(
     limit: s for each job. together: how many jobs `function` has under way at a time; those that a crash
         interrupted are run one by one, to find the one that causes it.
     give_up: crashes in a row, with no result in between, after which no other job is tried.
+    at: as for `call`.
     """
-    if in_worker():
+    if _is_here(at):
         return list(function(jobs, *args))
-    worker = worker_of_thread()
+    worker = worker_of_thread().at(at)
     results: list[Result] = []
     crashes = suspects_end = 0  # jobs before suspects_end are run one by one
     while (done := len(results)) < len(jobs):

@@ -1,5 +1,7 @@
 """One worker process as its parent sees it, and the main loop that it runs."""
 
+from __future__ import annotations
+
 import atexit
 import ctypes
 import os
@@ -8,16 +10,18 @@ import signal
 import subprocess
 import sys
 import threading
-import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import Pipe
+from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 from weakref import WeakSet
 
-from hcbench.errors import CannotRun, EngineFailed, HcbenchError
+from hcbench.environments import ADD
+from hcbench.errors import CannotRun, EngineFailed, EngineMissing
+from hcbench.workers.message import End, pickled, portable
 
 Result = TypeVar("Result")
 
@@ -30,17 +34,31 @@ class WorkerDied(EngineFailed):
     results: Sequence[Any] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class Interpreter:
+    """A Python of another environment, for worker processes.
+
+    name: of the environment. python: the executable. setup: code that makes hcbench importable there.
+    """
+
+    name: str
+    python: str
+    setup: str
+
+
 _is_worker = False
+_environment = ""  # the name of this process' Interpreter
 
 
-def mark_as_worker() -> None:
+def mark_as_worker(environment: str = "") -> None:
     """Declare this process to be hcbench's own: engines then run in it, in place.
 
+    environment: the name of the Interpreter that it was started in.
     To be called first thing in a process. It ignores Ctrl-C from then on: a terminal sends that to every
     process, and the parent decides what becomes of its workers.
     """
-    global _is_worker  # noqa: PLW0603 - a fact about the process
-    _is_worker = True
+    global _is_worker, _environment
+    _is_worker, _environment = True, environment
     with suppress(ValueError):  # not the main thread: then interrupts do not come here anyway
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -48,6 +66,11 @@ def mark_as_worker() -> None:
 def in_worker() -> bool:
     """Whether this process is hcbench's own."""
     return _is_worker
+
+
+def environment() -> str:
+    """The name of the environment that this worker process was started in; "" for the user's own."""
+    return _environment
 
 
 @contextmanager
@@ -73,9 +96,13 @@ def redirect_output() -> Iterator[None]:
 
 
 class Worker:
-    """A worker process as seen from its parent. Started when first used, and again after a crash."""
+    """A worker process as seen from its parent. Started when first used, and again after a crash.
 
-    def __init__(self) -> None:
+    interpreter: what runs it; None for this process' own.
+    """
+
+    def __init__(self, interpreter: Interpreter | None = None) -> None:
+        self._interpreter, self._others = interpreter, dict[Interpreter, Worker]()
         self._process: subprocess.Popen[bytes] | None = None
         self.reset_after_fork()
         _workers.add(self)
@@ -87,6 +114,14 @@ class Worker:
         self._process = None
         self._lock, self._closed = threading.Lock(), False
 
+    def at(self, interpreter: Interpreter | None) -> Worker:
+        """The worker beside this one that another interpreter runs; it ends with this one."""
+        if interpreter is None:
+            return self
+        other = self._others.setdefault(interpreter, Worker(interpreter))
+        other._closed |= self._closed
+        return other
+
     def run(
         self, function: Callable[..., Iterator[Result]], args: tuple[Any, ...], limit: float | None
     ) -> list[Result]:
@@ -96,7 +131,7 @@ class Worker:
             try:
                 if self._process is None or self._process.poll() is not None:
                     self._start()
-                self._pipe.send((_working_directory(), function, args))
+                self._pipe.send_bytes(pickled((_working_directory(), function, args)))
                 error = self._receive(results, limit)
             except (EOFError, OSError) as error:
                 death = WorkerDied("engine", self._cause_of_death(error), "")
@@ -114,10 +149,17 @@ class Worker:
         self._kill()
         self._pipe, end = Pipe()
         path = [str(entry) for entry in sys.path]
-        code = f"import sys; sys.path[:] = {path!r}; from {__name__} import serve; serve({end.fileno()})"
+        setup, command, name = f"import sys; sys.path[:] = {path!r}", [sys.executable], ""
+        if self._interpreter is not None:
+            # -I: nothing of this process' environment is found there, whatever PYTHONPATH says.
+            setup, command = self._interpreter.setup, [self._interpreter.python, "-I"]
+            name = self._interpreter.name
+            if not Path(command[0]).exists():
+                raise EngineMissing(f"engine {name!r}", "its environment is gone", "", f"Try: {ADD} {name}")
+        code = f"{setup}\nfrom {__name__} import serve\nserve({end.fileno()}, {name!r})"
         with end:
             self._process = subprocess.Popen(
-                [sys.executable, "-c", code],
+                [*command, "-c", code],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
@@ -131,7 +173,7 @@ class Worker:
         """Append what the worker sends to `results`, and return the error that ended it."""
         while self._pipe.poll(limit):
             answer = self._pipe.recv()
-            if isinstance(answer, _End):
+            if isinstance(answer, End):
                 return answer.error
             results.append(answer)
         raise TimeoutError(f"no answer within {limit:g} s")
@@ -150,6 +192,8 @@ class Worker:
     def close(self) -> None:
         """End the process for good, whatever it does: who waits for it gets WorkerDied or CannotRun."""
         self._closed = True
+        for other in list(self._others.values()):
+            other.close()
         if (process := self._process) is not None:
             process.kill()
         with self._lock:
@@ -164,13 +208,6 @@ class Worker:
             process.kill()
             process.wait()
             self._pipe.close()
-
-
-@dataclass(frozen=True, slots=True)
-class _End:
-    """What a worker sends after the results of a request."""
-
-    error: Exception | None
 
 
 def _inherit(handle: int) -> dict[str, Any]:
@@ -188,37 +225,24 @@ def _working_directory() -> str:
         return os.path.sep  # deleted under us
 
 
-def serve(handle: int) -> NoReturn:
+def serve(handle: int, environment: str = "") -> NoReturn:
     """The main loop of a worker process: answers requests on a pipe until it closes."""
-    mark_as_worker()
+    mark_as_worker(environment)
     pipe = type(Pipe()[0])(handle)
     error: Exception | None = None
     with suppress(EOFError, OSError):  # the parent has gone
         while True:
-            pipe.send(_End(error))
+            pipe.send_bytes(pickled(End(error)))
             request = pipe.recv_bytes()
             try:
                 folder, function, args = pickle.loads(request)
                 os.chdir(folder)  # the parent's: relative paths mean the same here
                 for result in function(*args):
-                    pipe.send(result)
+                    pipe.send_bytes(pickled(result))
                 error = None
             except Exception as raised:
-                error = _portable(raised)
+                error = portable(raised)
     os._exit(0)
-
-
-def _portable(error: Exception) -> Exception:
-    """An error of Python's own or of hcbench as it is, any other in words.
-
-    Other packages' errors do not cross: to read one, the parent would have to import the engine.
-    """
-    package = type(error).__module__.partition(".")[0]
-    if package not in ("builtins", "hcbench"):
-        return EngineFailed("engine", f"{type(error).__name__}: {error}", "")
-    if not isinstance(error, HcbenchError):
-        error.add_note("".join(traceback.format_exception(error)))
-    return error
 
 
 _workers: WeakSet[Worker] = WeakSet()  # of this process

@@ -1,0 +1,158 @@
+"""Makes an environment with uv: beside its place first, then by a rename, so that none is there half-made."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from importlib import metadata
+from pathlib import Path
+
+from hcbench._files import scratch_folder
+from hcbench.environments import store
+from hcbench.environments.store import Environment
+from hcbench.errors import CannotRun, HcbenchError, OutputError, UserError
+
+LOWEST_PYTHON = (3, 11)  # that hcbench runs on
+_NO_NETWORK = re.compile(r"(?i)failed to fetch|error sending request|dns error|network (is|was) |timed? ?out")
+_NO_WHEEL = re.compile(r"(?i)no (usable )?wheels|wheels are required|only found wheels")
+_NO_VERSION = re.compile(r"(?i)there (is|are) no versions? of|was not found in the package registry")
+
+
+def add(
+    engine: str,
+    package: str,
+    requirements: Sequence[str],
+    python: str,
+    trial: Callable[[Environment], None],
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Environment:
+    """Install an engine into an environment of its own, in place of one of the same version.
+
+    package: whose version is the engine's. requirements: what to install, as pip writes it. python: a version
+    or a path, of an interpreter that is there. trial: uses the environment; what it raises ends all.
+    progress: called with (steps done, steps in all).
+    Raises UserError for a version or a Python that is not to be had, CannotRun and OutputError; then nothing
+    is left of it.
+    """
+    home = store.home()
+    try:
+        home.mkdir(parents=True, exist_ok=True)
+        with scratch_folder(home) as scratch:
+            folder = scratch / "environment"
+            progress(0, 3)
+            _make(folder, python)
+            version_of_python = _python_version(folder)
+            progress(1, 3)
+            installing = ("pip", "install", "--no-build", "--python", str(folder), *requirements)
+            _uv(*installing, folder=scratch, about=f"{engine} for Python {version_of_python}")
+            progress(2, 3)
+            version, size = _version_in(folder, package), _size(folder)
+            made = Environment(engine, version, version_of_python, size, tuple(requirements), folder)
+            made.write()
+            trial(made)
+            placed = replace(made, folder=home / made.name)
+            store.replace(folder, placed, scratch)
+            progress(3, 3)
+    except OSError as error:
+        raise OutputError("engines", f"{home}: {error.strerror or error}", "a folder that takes it") from None
+    return placed
+
+
+def interpreters() -> list[str]:
+    """Versions of the Pythons on this machine that uv finds, newest first."""
+    done = _run_uv(["python", "list", "--only-installed"], Path.cwd())
+    found = re.findall(r"(?m)^cpython-(\d+\.\d+\.\d+)\S*\s", done.stdout)
+    return list(dict.fromkeys(found))
+
+
+def _make(folder: Path, python: str) -> None:
+    done = _run_uv(["venv", "--relocatable", "--python", python, str(folder)], folder.parent)
+    if done.returncode:
+        text = _one_line(done.stderr)
+        if re.search(r"(?i)no interpreter found|not found|could not find|failed to inspect", text):
+            there = ", ".join(interpreters()) or "none"
+            raise UserError("python", f"{python!r} is not on this machine", f"one of: {there}, or a path")
+        raise _explained(text, f"an environment with Python {python}", folder.parent)
+    if tuple(map(int, _python_version(folder).split(".")[:2])) < LOWEST_PYTHON:
+        lowest = ".".join(map(str, LOWEST_PYTHON))
+        raise UserError("python", f"{python!r}, which is {_python_version(folder)}", f"{lowest} or later")
+
+
+def _uv(*arguments: str, folder: Path, about: str) -> None:
+    done = _run_uv(arguments, folder)
+    if done.returncode:
+        raise _explained(_one_line(done.stderr), about, folder)
+
+
+def _run_uv(arguments: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    """uv, with the user's own settings of indexes, and interpreters of this machine only."""
+    try:
+        import uv
+
+        command = uv.find_uv_bin()
+    except (ImportError, FileNotFoundError):
+        raise CannotRun(
+            "uv", "not installed", "the package that makes environments", "Try: pip install uv"
+        ) from None
+    return subprocess.run(
+        [command, *arguments],
+        cwd=folder,  # a project's own settings of uv, where the user happens to be, are not meant
+        env={**os.environ, "UV_PYTHON_DOWNLOADS": "never", "NO_COLOR": "1"},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def _one_line(text: str) -> str:
+    """What uv says, without its drawing."""
+    words = re.sub(r"[×╰─▶│├┬]|(?m:^\s*(error|cause|hint):)|(?m:^(Using|warning:) .*)", " ", text)
+    return " ".join(words.split())
+
+
+def _explained(text: str, about: str, folder: Path) -> HcbenchError:
+    """What uv says as an error of ours, in one line."""
+    if "No space left" in text or "os error 28" in text:
+        left = f"{shutil.disk_usage(folder).free >> 20} MiB left on the disk of {store.home()}"
+        return OutputError("engines", f"no space for {about}: {left}", "more of it")
+    if _NO_NETWORK.search(text):
+        reason = "the network is off" if "disabled" in text else _first(r"\S+://[^\s)]+", text)
+        return CannotRun("package index", f"cannot be reached for {about}: {reason}", "a network")
+    if _NO_VERSION.search(text) and not _NO_WHEEL.search(text):
+        got = _first(
+            r"(?i)there (?:is|are) no versions? of \S+|\S+ was not found in the package registry", text
+        )
+        return UserError("engine", f"{about}: {got}", "a version that the package index has")
+    if _NO_WHEEL.search(text):
+        return UserError(
+            "engine", f"{about}: no wheel of it", "a version or a Python that has one", "Try --python"
+        )
+    return CannotRun("uv", f"{about}: {text}", "")
+
+
+def _first(pattern: str, text: str) -> str:
+    found = re.search(pattern, text)
+    return found[0] if found else text
+
+
+def _python_version(folder: Path) -> str:
+    """Of the interpreter that an environment was made with."""
+    found = re.search(r"(?m)^version_info = (\S+)", (folder / "pyvenv.cfg").read_text(encoding="utf-8"))
+    assert found is not None, "uv says which"
+    return found[1]
+
+
+def _version_in(folder: Path, package: str) -> str:
+    """Of a package in an environment."""
+    places = [str(place) for place in folder.glob("[Ll]ib/**/site-packages")]
+    (found,) = metadata.Distribution.discover(name=package, path=places)
+    return found.version
+
+
+def _size(folder: Path) -> int:
+    return sum(path.lstat().st_size for path in folder.rglob("*") if not path.is_symlink())

@@ -1,0 +1,107 @@
+"""Which environments there are: a folder each, with a record of what is in it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hcbench._files import json_text, parse_json, read_text, scratch_folder, user_folder, write_text
+from hcbench.errors import OutputError
+
+RECORD = "hcbench-engine.json"
+_SCHEMA = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Environment:
+    """One engine in one version, installed in an environment of its own.
+
+    version: of the engine's package. python: the interpreter's version. size: bytes of its files.
+    requirements: what was asked for, as pip writes it. folder: where it is.
+    """
+
+    engine: str
+    version: str
+    python: str
+    size: int
+    requirements: tuple[str, ...]
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """As settings say it: "myengine@1.2"."""
+        return f"{self.engine}@{self.version}"
+
+    @property
+    def executable(self) -> Path:
+        """Its Python."""
+        windows = self.folder / "Scripts" / "python.exe"
+        return windows if windows.exists() else self.folder / "bin" / "python"
+
+    def write(self) -> None:
+        """Put the record into the folder."""
+        content = {
+            "schema": _SCHEMA,
+            "engine": self.engine,
+            "version": self.version,
+            "python": self.python,
+            "size_bytes": self.size,
+            "requirements": self.requirements,
+        }
+        write_text(self.folder / RECORD, json_text(content))
+
+
+def home() -> Path:
+    """The folder that has the environments; it may not be there yet."""
+    return user_folder("data") / "engines"
+
+
+def environments(engine: str = "*") -> list[Environment]:
+    """All that are there and whole, or those of one engine, by engine and version."""
+    found = []
+    for folder in home().glob(f"{engine}@*"):
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            found.append(_read(folder))
+    return sorted(found, key=lambda environment: (environment.engine, _order(environment.version)))
+
+
+def find(engine: str, version: str = "") -> Environment | None:
+    """The environment of an engine in a version; the newest where none is named. None where there is none."""
+    found = [e for e in environments(engine) if version in ("", e.version)]
+    return found[-1] if found else None
+
+
+def remove(environment: Environment) -> None:
+    """Take it away, at once: killed in the middle, it is gone all the same."""
+    try:
+        with scratch_folder(home()) as scratch:
+            environment.folder.rename(scratch / "removed")
+    except OSError as error:
+        raise OutputError(environment.name, f"{environment.folder}: {error.strerror}", "") from None
+
+
+def replace(made: Path, environment: Environment, scratch: Path) -> None:
+    """Move an environment that was made beside into its place. OSError where that fails."""
+    with suppress(FileNotFoundError):
+        environment.folder.rename(scratch / "replaced")
+    made.rename(environment.folder)
+
+
+def _read(folder: Path) -> Environment:
+    record: Mapping[str, Any] = parse_json(read_text(folder / RECORD))
+    if record["schema"] != _SCHEMA:
+        raise ValueError("of another hcbench")
+    engine, version, python = (str(record[key]) for key in ("engine", "version", "python"))
+    found = Environment(engine, version, python, record["size_bytes"], tuple(record["requirements"]), folder)
+    if folder.name != found.name:
+        raise ValueError("not in its place")
+    return found
+
+
+def _order(version: str) -> list[tuple[int, str]]:
+    """Sorts 3.9 before 3.10."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.findall(r"\d+|[a-z]+", version)]

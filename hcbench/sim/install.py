@@ -1,0 +1,103 @@
+"""Installs engines into environments of their own: what each needs, and a bounce to try it."""
+
+from __future__ import annotations
+
+import re
+import sys
+from importlib import metadata
+from typing import TYPE_CHECKING
+
+from hcbench.environments import make, store
+from hcbench.errors import CannotRun, HcbenchError, UserError
+from hcbench.impact import Launch, Status
+from hcbench.laws.force import HuntCrossley
+from hcbench.scene import load_scene
+from hcbench.sim import registry
+from hcbench.sim.elsewhere import interpreter, worker_requirements
+from hcbench.tune.target import Target
+from hcbench.workers import call
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hcbench.environments.store import Environment
+    from hcbench.impact import Impact
+    from hcbench.sim.backend import Backend
+
+_TRIAL_S = 300.0  # for one bounce: engines that compile their kernels first take a minute
+_TRIAL_STEP, _TRIAL_SPEED = 1e-3, 0.4  # s, m/s
+_VERSION = re.compile(r"\d[\w.+!-]*")
+
+
+def add(
+    name: str, python: str | None = None, progress: Callable[[int, int], None] = lambda done, total: None
+) -> Environment:
+    """Install an engine into an environment of its own; the one that is there where it is what was asked for.
+
+    name: "myengine", for the newest version, or "myengine@1.2". python: a version or path of an interpreter;
+    None for that of this process. progress: called with (steps done, steps in all).
+    Raises UserError for what is not to be had, CannotRun for what does not run, OutputError.
+    """
+    base, at, version = name.partition("@")
+    backend = _backend(base)
+    if at and not _VERSION.fullmatch(version):
+        raise UserError("engine", repr(name), f"a version after the @, such as {base}@1.2")
+    asked = _requirements(base, backend, version)
+    found = store.find(base, version) if at else None
+    if found and set(asked) <= set(found.requirements) and python in (None, found.python):
+        return found
+    return make.add(base, backend.package, asked, python or sys.executable, _try, progress)
+
+
+def files_of(name: str) -> tuple[int, str]:
+    """(bytes, folder) of the package of an engine that is installed beside hcbench; (0, "") for none."""
+    backend, size, where = registry.engine(name).backend, 0, ""
+    for package in (backend.package, backend.instead) if backend else ():
+        for found in metadata.Distribution.discover(name=package) if package else ():
+            size += sum(file.size or 0 for file in found.files or ())
+            where = str(found.locate_file(""))
+    return size, where
+
+
+def _backend(name: str) -> Backend:
+    backend = registry.engine(name).backend
+    if backend is None:
+        raise UserError("engine", repr(name), "one that has a package to install", "This one needs none")
+    return backend
+
+
+def _requirements(name: str, backend: Backend, version: str) -> list[str]:
+    """What an environment of an engine needs: its package in a version ("": any), and what goes with it."""
+    adapter = registry.entry_point(name).dist
+    lines, own = list(worker_requirements()), adapter is not None and adapter.name == "hcbench"
+    for line in (adapter.requires or ()) if adapter else ():
+        needed, _, marker = line.partition(";")
+        marker, extra = re.subn(rf"(and\s+)?extra\s*==\s*['\"]{name}['\"]", "", marker)
+        package = re.split(r"[^\w.-]", needed.strip(), maxsplit=1)[0]
+        if package in (backend.package, "hcbench") or not (extra or not (own or "extra" in marker)):
+            continue
+        lines.append("; ".join(part for part in (needed.strip(), marker.strip()) if part))
+    return [*lines, f"{backend.package}=={version}" if version else f"{backend.package}>={backend.oldest}"]
+
+
+def _try(made: Environment) -> None:
+    """Let a ball bounce there. Raises CannotRun where that fails."""
+    there = interpreter(made, registry.entry_point(made.engine).value)
+    try:
+        impact = call(_bounce, made.engine, limit=_TRIAL_S, at=there)
+        reason = impact.reason if impact.status is Status.CRASHED else ""
+    except Exception as error:
+        reason = f"{error}" if isinstance(error, HcbenchError) else f"{type(error).__name__}: {error}"
+    if reason:
+        backend = _backend(made.engine)
+        tried = f"It was left out: {backend.oldest} ... {backend.newest} were tried"
+        raise CannotRun(f"engine {made.name!r}", f"installs, and does not run: {reason}", "", tried)
+
+
+def _bounce(name: str) -> Impact:
+    scene = load_scene("steel-plane")
+    law = HuntCrossley(scene.stiffness, 0.3, scene.exponent)
+    target = Target(law, scene.mass, _TRIAL_STEP, _TRIAL_SPEED, _TRIAL_SPEED)
+    engine = registry.engine(name)
+    (impact,) = engine.run(scene, engine.recipes()[0](target), [Launch(_TRIAL_SPEED, 0.5)])
+    return impact
