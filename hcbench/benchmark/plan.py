@@ -177,6 +177,8 @@ def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
     mapper: calls recipes, as `map` does; that of a pool calls them side by side. Raises UserError for what
     the study asks wrongly, and EngineMissing.
     """
+    if study.page == "field":
+        study = study.of_engines(registry.is_there)
     recipes = [_recipe(run) for run in study.runs]
     engines = sorted({run.engine for run in study.runs})
     versions = versions_here(*engines)  # a missing engine is said before any recipe runs

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field, StrictBool, StrictInt
 
@@ -81,7 +81,8 @@ class Study:
     all_loops: keep those at every other speed of the band too, and of the drops, to look at.
     scene: the main one; each run has its own. main_alpha, step_speed: the α and the speed that figures of one
     α or one speed show. train_height, m: settings that run under gravity are dropped from there and followed
-    bounce after bounce until they rest; those at the step train_step, s, too, without having to.
+    bounce after bounce until they rest; those at the step train_step, s, too, without having to. page: what
+    is written of it; "field": every engine that is there, beside each other. missing: those that are not.
     """
 
     title: str
@@ -95,6 +96,8 @@ class Study:
     runs: tuple[Run, ...]
     train_height: float | None = None
     train_step: float | None = None
+    page: str = "report"
+    missing: tuple[str, ...] = ()
     all_loops: bool = False
 
     @property
@@ -104,7 +107,8 @@ class Study:
 
     def described(self) -> dict[str, Any]:
         """As JSON, defaults filled in."""
-        names = [f.name for f in dataclasses.fields(self) if f.name not in ("scene", "runs")]
+        left_out = {"scene", "runs", *(("page", "missing") if self.page == "report" else ())}
+        names = [f.name for f in dataclasses.fields(self) if f.name not in left_out]
         values = {name: getattr(self, name) for name in names}
         scene = self.scene
         return {
@@ -119,6 +123,14 @@ class Study:
             "scenes": {run.scene.name: _described(run.scene) for run in self.runs},
             "runs": [run.described() for run in self.runs],
         }
+
+    def of_engines(self, there: Callable[[str], bool]) -> Study:
+        """It without the runs of engines that are not there. StudyError where none is."""
+        missing = dict.fromkeys(run.engine for run in self.runs if not there(run.engine))
+        runs = tuple(run for run in self.runs if run.engine not in missing)
+        if not runs:
+            raise StudyError("study", "none of its engines is there", "one", "`hcbench engines` lists them")
+        return dataclasses.replace(self, runs=runs, missing=tuple(missing))
 
     def quick(self) -> Study:
         """A preview of itself: every fourth speed, every second height and step, half the phases.
@@ -187,6 +199,7 @@ class _StudyFile(_SentTable):
     step_speed: Speed | None = None
     train_height: Clearance | None = None
     train_step: Step | None = None
+    page: Literal["report", "field"] = "report"
     all_loops: StrictBool = Field(False, description="true or false")
     run: list[dict[str, Any]] = Field(min_length=1, description="[[run]] tables")
 
@@ -248,6 +261,7 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
         runs=runs,
         train_height=file.train_height,
         train_step=file.train_step,
+        page=file.page,
         all_loops=file.all_loops,
     )
 

@@ -33,6 +33,10 @@ def build(results: Results, folder: Path, pool: WorkerPool | None = None) -> Pat
     index.html; figures/*.svg, *.png; restitution.csv, loops.csv, scores.csv, summary.json.
     The same results give the same bytes. Raises OutputError where the folder cannot be written.
     """
+    if results.study.get("page") == "field":
+        from hcbench.report.field import page
+
+        return page.build(results, folder, pool)
     found = views(results)
     with atomic_folder(folder, PAGE) as scratch:
         results.write(scratch)
