@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING
 
 import pytest
@@ -16,6 +17,7 @@ collect_ignore = ["outside"]  # run on its own, as its author would
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    os.environ["HCBENCH_DATA"] = os.devnull  # engines that a user added are none of the tests'
     config.addinivalue_line("markers", "slow: half a minute; -m 'not slow' leaves it out")
     config.addinivalue_line("markers", "adhesion: needs a contact pair's adhesion, MuJoCo 3.11 or later")
 

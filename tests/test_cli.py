@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from hcbench.benchmark.plan import versions_here
 from hcbench.cli import run
 
 # The case of section 3.1, k = 3.1e7 lbf/in^1.5, m = 1 lb: α s/in, v in/s, e, x_m in, F_max lbf.
@@ -147,11 +148,14 @@ def test_a_missing_engine_names_its_install_command_and_exits_3(
         raise metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(metadata, "version", absent)
+    versions_here.cache_clear()
     study = STUDY.replace("reference", "mujoco") + 'recipe = "impulse"\ntimesteps = 1e-3\n'
     (tmp_path / "study.toml").write_text(study, encoding="utf-8")
     assert run(["report", str(tmp_path), "--out", str(tmp_path / "out")]) == 3
-    assert "pip install" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "hcbench engines add mujoco, or: pip install mujoco" in error
     assert not (tmp_path / "out").exists()
+    versions_here.cache_clear()
 
 
 def test_an_unwritable_folder_exits_3_and_leaves_nothing(
