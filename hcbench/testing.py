@@ -47,6 +47,8 @@ def target_for(recipe: Recipe, scene: Scene) -> Target:
     """The law at α = 0.008 s/in, at the step that a recipe's claims are checked at."""
     if recipe.role is Role.STOCK or recipe.one_step:
         timestep = 1e-3
+    elif registry.engine(recipe.engine).bits == 32:
+        timestep = 1e-5  # in shorter ones a float32 position moves by a few of its last digits
     else:
         # Published laws are many, and the same lines for all: coarser is enough.
         timestep = 4e-6 if recipe.role is Role.CONSTANT_E and not recipe.native else 1e-6
@@ -167,7 +169,8 @@ class EngineConformance:
             reading = run(reading_of, heavy, setting, limit=60)
             if reading is SpeedReading.TOUCH_PLANE:  # a body released at rest moves by g h² in its first step
                 speed = math.hypot(speed, fall / 2)
-            off = max(1e-8, rounding(recipe)) * speed if "touch plane" in reading else off
+            if "touch plane" in reading:  # where it is enters by v² - 2 g x
+                off = 1e-8 * speed + GRAVITY * rounding(recipe) * heavy.touch_radius / speed
         assert impact.speed_in == pytest.approx(speed, abs=off)
 
     def test_restitution_is_what_the_role_promises(self, recipe: str, scene: str) -> None:

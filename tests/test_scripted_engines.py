@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import warnings
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -38,11 +39,15 @@ def installed(name: str) -> Any:
 def test_the_script_prints_the_restitution_that_was_measured(recipe: str) -> None:
     setting = setting_for(recipe, "steel-plane")
     engine = installed(setting.engine)
+    impacts = engine.run(PLANE, setting, [Launch(speed, 0.5) for speed in (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)])
+    if max(impact.restitution for impact in impacts) < 1e-6:
+        pytest.skip("nothing bounces: the script waits for long")
     printed = io.StringIO()
-    with contextlib.redirect_stdout(printed):
+    with contextlib.redirect_stdout(printed), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the engine's own, such as of a graphics library
         exec(engine.script(PLANE, setting), {"__name__": "__main__"})
     told = np.array([line.split() for line in printed.getvalue().splitlines()], dtype=float)
-    impacts = engine.run(PLANE, setting, [Launch(speed, 0.5) for speed in told[:, 0]])
+    assert told[:, 0].tolist() == [impact.launch.speed for impact in impacts]
     assert told[:, 1] == pytest.approx(
         [i.restitution for i in impacts], abs=1e-6 if engine.bits == 32 else 1e-9
     )
@@ -52,8 +57,8 @@ def test_the_script_prints_the_restitution_that_was_measured(recipe: str) -> Non
 def test_what_is_pasted_stands_in_the_script(recipe: str) -> None:
     setting = setting_for(recipe, "steel-plane")
     engine = registry.engine(setting.engine)
-    script = engine.script(PLANE, setting).splitlines()
-    pasted = engine.snippet(setting, "plane").splitlines()
+    script = [line.strip() for line in engine.script(PLANE, setting).splitlines()]
+    pasted = [line.strip() for line in engine.snippet(setting, "plane").splitlines()]
     step = repr(setting.timestep)
     for line in pasted:
         assert line in script or line.replace(step, "timestep") in script

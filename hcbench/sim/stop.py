@@ -6,7 +6,7 @@ The decision does not depend on how many steps are looked at together.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
@@ -31,6 +31,8 @@ REST_SHARE, REST_STEPS = 1e-6, 32
 # ... or for 128 steps and half of the contact no faster than gravity makes it in 1.5 steps. In so many steps
 # the weight pushes it further in than that speed can carry it out: it cannot part any more.
 FALL_STEPS, FALLING_STEPS = 1.5, 128
+# ... or for as long, under gravity, in the same place to the last bit: in float32 a speed may be too small for
+# a step to move the position at all, and grow by gravity until the contact takes it away.
 # ... or for 128 steps and half of the contact slower than 1e-3 of its speed at touch, without any force:
 # it lies within an overlap that the engine lets pass, such as Bullet's contactSlop.
 IDLE_SHARE, IDLE_STEPS = 1e-3, 128
@@ -56,8 +58,9 @@ class StopRule:
     flight_steps: steps within which a touch must come. contact_steps: and a contact end. rest_speed: m/s.
     fall: speed that gravity gives in a step, m/s. deepest: m, penetration beyond which nothing is seen.
     steps: seen so far. touch: the step in which the force first acted, or beyond every step. last_moving,
-    last_faster, last_driven: the last step that was faster than `rest_speed`; than gravity makes a body at
-    rest; and in which a force acted or the body was not idle.
+    last_faster, last_driven, last_moved: the last step that was faster than `rest_speed`; than gravity makes
+    a body at rest; in which a force acted or the body was not idle; and that began elsewhere than the one
+    before, whose penetration was last_x, m.
     """
 
     flight_steps: Whole
@@ -69,6 +72,8 @@ class StopRule:
     last_moving: Whole
     last_faster: Whole
     last_driven: Whole
+    last_moved: Whole
+    last_x: Floats
     steps: int = 0
 
     @classmethod
@@ -91,6 +96,8 @@ class StopRule:
             last_moving=moving,
             last_faster=moving.copy(),
             last_driven=moving.copy(),
+            last_moved=moving.copy(),
+            last_x=np.full(len(launches), np.nan),
         )
 
     def add(self, x: Floats, v: Floats, f: Floats) -> tuple[Whole, NDArray[np.int64]]:
@@ -106,7 +113,7 @@ class StopRule:
         checks = [
             (End.NOT_FINITE, not_finite(x, v, f)),
             (End.PARTED, after & (x <= 0.0) & (v < 0.0) & ~acting),
-            (End.RESTED, self._rested(after, v, acting, step)),
+            (End.RESTED, self._rested(after, x, v, acting, step)),
         ]
         if self.deepest < math.inf:
             checks.insert(1, (End.TOO_DEEP, x > self.deepest))
@@ -126,7 +133,7 @@ class StopRule:
                 why[ended & np.broadcast_to(flag, x.shape)[each, first]] = end
         return np.where(ended, step[0] + first + 1, 0), why
 
-    def _rested(self, after: Flags, v: Floats, acting: Flags, step: Whole) -> Flags:
+    def _rested(self, after: Flags, x: Floats, v: Floats, acting: Flags, step: Whole) -> Flags:
         slow, speed = self.rest_speed[:, None], np.abs(v)
         if self.fall == 0.0 and not (speed <= IDLE_SHARE / REST_SHARE * slow).any():  # nearly always
             self.last_moving[:] = self.last_driven[:] = step[-1]
@@ -142,12 +149,17 @@ class StopRule:
             falling = after & (speed <= FALL_STEPS * self.fall)
             lasted, self.last_faster = _slow_for(falling, self.last_faster, step)
             rested |= lasted >= np.maximum(FALLING_STEPS, half)
+            in_place = after & (x == np.concatenate([self.last_x[:, None], x[:, :-1]], axis=1))
+            lasted, self.last_moved = _slow_for(in_place, self.last_moved, step)
+            self.last_x = x[:, -1]
+            rested |= lasted >= np.maximum(IDLE_STEPS, half)
         return rested
 
     def keep(self, which: Flags) -> None:
         """Watch only these from now on."""
-        for name in ("flight_steps", "rest_speed", "touch", "last_moving", "last_faster", "last_driven"):
-            setattr(self, name, getattr(self, name)[which])
+        for field in fields(self):
+            if isinstance(value := getattr(self, field.name), np.ndarray):
+                setattr(self, field.name, value[which])
 
 
 def _slow_for(slow: Flags, last: Whole, step: Whole) -> tuple[Whole, Whole]:

@@ -1,0 +1,1 @@
+"""OpenSim: Simbody's Hunt-Crossley contact."""

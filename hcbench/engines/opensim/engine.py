@@ -1,0 +1,143 @@
+"""OpenSim behind the contract of an engine: a ball on a half space, by Simbody's contact forces.
+
+Options of a setting (all optional; none means as it comes):
+    stiffness: K of F = K x^1.5 (1 + 1.5 c x'), N/m^1.5, of the pair: HuntCrossleyForce, with one set of
+        parameters for both geometries, is given S = 2^1.5 K/((4/3) sqrt(R)). dissipation: c, s/m.
+    accuracy: of the Manager's error control (RungeKuttaMerson), looked at once a step.
+    law: {"kind": "force", ...} in place of the contact, as `hcbench.laws.contact_law.law_of` reads it.
+
+OpenSim logs to stdout and into a file: it is run in a process of its own.
+"""
+
+from __future__ import annotations
+
+from textwrap import indent
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from pydantic import Field
+
+from hcbench._text import shortest
+from hcbench.fields import Finite
+from hcbench.laws.force import HuntCrossley
+from hcbench.sim.backend import Backend
+from hcbench.sim.read_impact import SpeedReading
+from hcbench.sim.scripted import PythonLaw, ScriptedEngine, ScriptOptions
+
+if TYPE_CHECKING:
+    from hcbench.scene import Scene
+
+NotNegative = Annotated[Finite | None, Field(ge=0.0)]
+
+
+class OpensimOptions(ScriptOptions):
+    """A setting's options, checked."""
+
+    stiffness: NotNegative = None
+    dissipation: NotNegative = None
+    accuracy: Annotated[Finite | None, Field(gt=0.0, lt=1.0)] = None
+
+
+class OpensimEngine(ScriptedEngine[OpensimOptions]):
+    """OpenSim, whose dynamics are Simbody's."""
+
+    name: ClassVar[str] = "opensim"
+    title: ClassVar[str] = "OpenSim (Simbody)"
+    backend: ClassVar[Backend] = Backend("opensim", "opensim", "4.6", "4.6")
+    own_process: ClassVar[bool] = True
+    laws: ClassVar[tuple[type[PythonLaw], ...]] = (HuntCrossley,)
+    table = OpensimOptions
+
+    def lines(self, options: OpensimOptions, scene: Scene) -> str:
+        """Model, contact or law, and Manager."""
+        contact, integrator = _parts(options)
+        return _LINES.format(
+            contact=contact, integrator=indent(integrator, "    "), force="" if options.law else _READ
+        )
+
+    def paste(self, options: OpensimOptions, timestep: str) -> str:
+        """Contact or law, and integrator."""
+        return "\n".join(filter(None, _parts(options)))
+
+    def reading(self, options: OpensimOptions) -> SpeedReading:
+        """At the touch plane; its flights are exact."""
+        return SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
+
+
+def _parts(options: OpensimOptions) -> tuple[str, str]:
+    """Contact or law, and integrator."""
+    law = options.law
+    if law is None:
+        given = (_STIFFNESS, options.stiffness), (_DISSIPATION, options.dissipation)
+        contact = _CONTACT.format("".join(text.format(shortest(v)) for text, v in given if v is not None))
+    else:
+        assert isinstance(law, HuntCrossley)
+        contact = _LAW.format(
+            k=shortest(law.stiffness), n=shortest(law.exponent), a=shortest(1.5 * law.alpha)
+        )
+    accuracy = options.accuracy
+    return contact, "" if accuracy is None else f"manager.setIntegratorAccuracy({shortest(accuracy)})"
+
+
+_CONTACT = """\
+model.addContactGeometry(osim.ContactSphere(R, osim.Vec3(0), ball, "sphere"))
+upwards = osim.Vec3(0, 0, -math.pi / 2)  # the half space's normal is -x of its frame
+model.addContactGeometry(osim.ContactHalfSpace(osim.Vec3(0), upwards, model.getGround(), "plate"))
+contact = osim.HuntCrossleyForce()
+contact.addGeometry("sphere")
+contact.addGeometry("plate"){}
+model.addForce(contact)"""
+_STIFFNESS = """
+contact.setStiffness(2**1.5 * {} / (4 / 3 * math.sqrt(R)))  # of the two, so after their names"""
+_DISSIPATION = """
+contact.setDissipation({})"""
+_LAW = """\
+push = "{k}*max(0,%r-q)^{n}*max(0,1-{a}*qdot)" % R  # q: the coordinate, the centre's height
+model.addForce(osim.ExpressionBasedCoordinateForce("height", push))
+
+def force():
+    return law(R - height.getValue(state), -height.getSpeedValue(state)) or None"""
+_LINES = """\
+import math
+
+import opensim as osim
+
+osim.Logger.setLevelString("Off")  # else 12 lines a step, and a file
+osim.Logger.removeFileSink()
+model = osim.Model()
+model.setGravity(osim.Vec3(0, -gravity, 0))
+ball = osim.Body("ball", m, osim.Vec3(0), osim.Inertia(inertia, inertia, inertia))
+model.addBody(ball)
+turn = osim.Vec3(0, 0, math.pi / 2)  # a slider moves along x of its frame
+slider = osim.SliderJoint("slider", model.getGround(), osim.Vec3(0), turn, ball, osim.Vec3(0), turn)
+height = slider.updCoordinate()
+height.setName("height")
+model.addJoint(slider)
+{contact}
+model.finalizeConnections()
+origin = model.initSystem()
+height = model.getCoordinateSet().get(0)
+
+def place(z, v):
+    global state, manager, steps
+    steps, state = 0, osim.State(origin)
+    height.setValue(state, z)
+    height.setSpeedValue(state, v)
+    manager = osim.Manager(model)
+    manager.setWriteToStorage(False)
+    manager.setPerformAnalyses(False)
+{integrator}
+    manager.initialize(state)
+    return z, v
+
+def step():
+    global state, steps
+    steps += 1
+    state = manager.integrate(steps * timestep)
+    return height.getValue(state), height.getSpeedValue(state)
+{force}"""
+_READ = """
+def force():
+    if height.getValue(state) > R:
+        return None
+    model.realizeDynamics(state)
+    return contact.getRecordValues(state).get(1) or None  # on the ball: x, y, z ..."""

@@ -1,0 +1,1 @@
+"""PhysX 5 through SAPIEN: rigid contact with a restitution, in float32."""

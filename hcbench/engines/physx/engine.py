@@ -1,0 +1,127 @@
+"""PhysX behind the contract of an engine: a ball on a plane, by SAPIEN's Python bindings.
+
+Options of a setting (all optional; none means as SAPIEN makes it):
+    bounce_threshold (m/s), enable_tgs: of the scene's configuration, set before the system is made.
+    restitution: e of the material of ball and plate, which PhysX averages.
+    law: {"kind": "restitution", ...} for e(v) set before each impact, or {"kind": "force", ...} in place of
+        the contact, as `hcbench.laws.contact_law.law_of` reads them.
+
+SAPIEN keeps its configuration in globals of the process, so it is stepped in a process of its own.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from pydantic import Field, StrictBool
+
+from hcbench._text import shortest
+from hcbench.errors import SettingError
+from hcbench.fields import Finite
+from hcbench.laws.force import HuntCrossley
+from hcbench.sim.backend import Backend
+from hcbench.sim.read_impact import SpeedReading
+from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
+
+if TYPE_CHECKING:
+    from hcbench.scene import Scene
+
+
+class PhysxOptions(ScriptOptions):
+    """A setting's options, checked."""
+
+    bounce_threshold: Annotated[Finite | None, Field(ge=0.0)] = None
+    enable_tgs: StrictBool | None = None
+    restitution: Annotated[Finite | None, Field(ge=0.0, le=1.0)] = None
+
+
+class PhysxEngine(ScriptedEngine[PhysxOptions]):
+    """PhysX 5 behind SAPIEN."""
+
+    name: ClassVar[str] = "physx"
+    title: ClassVar[str] = "PhysX (SAPIEN)"
+    backend: ClassVar[Backend] = Backend("physx", "sapien", "3.0.3", "3.0.3")
+    bits: ClassVar[int] = 32
+    own_process: ClassVar[bool] = True
+    table = PhysxOptions
+
+    def lines(self, options: PhysxOptions, scene: Scene) -> str:
+        """Configuration, material or law, and a new scene for each launch."""
+        if options.law is not None and options.restitution is not None:
+            raise SettingError("physx option 'law'", "given with a restitution", "one of the two")
+        config, material, hook = _parts(options)
+        shapes = ", material=material" if material else ""
+        filtered = _UNFILTERED if isinstance(options.law, HuntCrossley) else ""
+        call = "\n    before_step()" if hook else ""
+        return _LINES.format(
+            config=config, material=material, hook=hook, shapes=shapes, filtered=filtered, call=call
+        )
+
+    def paste(self, options: PhysxOptions, timestep: str) -> str:
+        """Configuration, material, and what to call before each step."""
+        return "\n".join(filter(None, _parts(options)))
+
+    def reading(self, options: PhysxOptions) -> SpeedReading:
+        """PhysX turns the speed around that the step's gravity has been added to."""
+        force = isinstance(options.law, HuntCrossley)
+        return SpeedReading.TOUCH_PLANE if force else SpeedReading.STEP_END
+
+
+def _parts(options: PhysxOptions) -> tuple[str, str, str]:
+    """Configuration, material, and the law's function."""
+    given = options.model_dump(include={"bounce_threshold", "enable_tgs"}, exclude_none=True)
+    config = ", ".join(["gravity=np.array([0, 0, -gravity])", *(f"{k}={v}" for k, v in given.items())])
+    if options.law is not None:
+        force = isinstance(options.law, HuntCrossley)
+        return _CONFIG.format(config), "" if force else _MATERIAL.format("0"), _FORCE if force else _EACH
+    e = options.restitution
+    return _CONFIG.format(config), "" if e is None else _MATERIAL.format(shortest(e)), ""
+
+
+_CONFIG = "sapien.physx.set_scene_config({})  # before the system is made"
+_MATERIAL = "material = sapien.physx.PhysxMaterial(0, 0, {})  # frictions, e; of both shapes: it is averaged"
+_UNFILTERED = """
+    for shape in body.collision_shapes:  # nothing but the law acts
+        shape.set_collision_groups([0, 0, 0, 0])"""
+_LINES = """\
+import numpy as np
+import sapien
+
+{config}
+{material}
+
+def place(height, velocity):
+    global system, scene, body
+    system = sapien.physx.PhysxCpuSystem()
+    system.timestep = timestep
+    scene = sapien.Scene([system])
+    plate, ball = scene.create_actor_builder(), scene.create_actor_builder()
+    plate.add_plane_collision(sapien.Pose(q=[0.70710678, 0, -0.70710678, 0]){shapes})  # normal x to z
+    plate.build_static("plate")
+    ball.add_sphere_collision(radius=R{shapes})
+    body = ball.build("ball").find_component_by_type(sapien.physx.PhysxRigidDynamicComponent)
+    body.mass, body.inertia = m, [inertia] * 3{filtered}
+    body.entity.pose, body.linear_velocity = sapien.Pose([0, 0, height]), [0, 0, velocity]
+    return state()
+
+def state():
+    return float(body.entity_pose.p[2]), float(body.linear_velocity[2])
+{hook}
+def step():{call}
+    system.step()
+    return state()"""
+_FORCE = """
+def force():
+    z, v = state()
+    return law(R - z, -v)
+
+def before_step():
+    body.add_force_at_point([0, 0, force()], body.entity_pose.p)
+"""
+_EACH = """
+def before_step():
+    z, v = state()
+    speed = gravity * timestep - v  # what PhysX turns around
+    if z - R < 2 * timestep * speed:  # else the step brings no touch
+        material.restitution = e(speed)
+"""
