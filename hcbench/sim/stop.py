@@ -31,7 +31,7 @@ REST_SHARE, REST_STEPS = 1e-6, 32
 # ... or for 128 steps and half of the contact no faster than gravity makes it in 1.5 steps. In so many steps
 # the weight pushes it further in than that speed can carry it out: it cannot part any more.
 FALL_STEPS, FALLING_STEPS = 1.5, 128
-# ... or for as long, under gravity, in the same place to the last bit: in float32 a speed may be too small for
+# ... or for as long, under gravity, in one place to the last bit: in float32 a speed may be too small for
 # a step to move the position at all, and grow by gravity until the contact takes it away.
 # ... or for 128 steps and half of the contact slower than 1e-3 of its speed at touch, without any force:
 # it lies within an overlap that the engine lets pass, such as Bullet's contactSlop.
@@ -151,7 +151,7 @@ class StopRule:
             rested |= lasted >= np.maximum(FALLING_STEPS, half)
             in_place = after & (x == np.concatenate([self.last_x[:, None], x[:, :-1]], axis=1))
             lasted, self.last_moved = _slow_for(in_place, self.last_moved, step)
-            self.last_x = x[:, -1]
+            self.last_x = x[:, -1].copy()
             rested |= lasted >= np.maximum(IDLE_STEPS, half)
         return rested
 
