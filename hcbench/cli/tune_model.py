@@ -15,7 +15,7 @@ from hcbench.cli.console import print_json
 from hcbench.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
-    from hcbench.tune.model import TunedModel
+    from hcbench.tune.model import TunedModel, TunedPair
 
 _SPEEDS = (0.1, 2.0)  # m/s, the band where none is given
 
@@ -28,7 +28,7 @@ def tunes_models(command: Callable[..., None]) -> Callable[..., None]:
     file = PathType(path_type=Path, dir_okay=False)
 
     @wraps(command)
-    def tune(pair: str | None, write_model: Path | None, **options: Any) -> None:
+    def tune(pair: tuple[str, ...], write_model: Path | None, **options: Any) -> None:
         request = {name: options.pop(name) for name in _REQUEST}
         if is_model(options["engine"]):
             tune_and_print(pair, write_model, request, options)
@@ -44,7 +44,11 @@ def tunes_models(command: Callable[..., None]) -> Callable[..., None]:
         click.option("--state", type=file, help="A pose of the model to start from (.npz, JSON)."),
         click.option("--qpos", help="Joints of the model to start from: 'hip=0.3, knee=-30 deg'."),
         click.option("--key", help="Keyframe of the model to start from."),
-        click.option("--pair", help="Two bodies or geoms of the model, the moving one first."),
+        click.option(
+            "--pair",
+            multiple=True,
+            help="Two bodies or geoms, the moving one first. Repeatable.",
+        ),
     ):
         tune = option(tune)
     return tune
@@ -60,7 +64,7 @@ def is_model(name: str) -> bool:
 
 
 def tune_and_print(
-    pair: str | None, write_model: Path | None, where: dict[str, Any], options: dict[str, Any]
+    pairs: tuple[str, ...], write_model: Path | None, where: dict[str, Any], options: dict[str, Any]
 ) -> None:
     """Tune, print the lines and how wrong they are, and write the model with them."""
     from hcbench._files import write_text
@@ -68,9 +72,10 @@ def tune_and_print(
     from hcbench.measure.measurement import Wanted
     from hcbench.measure.request import make_request
     from hcbench.tune.model import tune_model
+    from hcbench.tune.tune import MAX_ERROR
 
     source, max_error = options["engine"], options["max_error"]
-    if pair is None:
+    if not pairs:
         raise UserError("--pair", "missing", "two bodies or geoms", f"`hcbench pairs {source}` lists them")
     points = () if options["points"] is None else parse_points(options["points"])
     alpha = None if options["alpha"] is None else options["alpha"][0]
@@ -79,17 +84,21 @@ def tune_and_print(
     speeds = options["speeds"]
     if speeds is None:
         speeds = [v for v, _ in points] if len(points) > 1 else list(_SPEEDS)
-    request = make_request(
-        pair,
-        list(speeds),
-        timestep=options["timestep"],
-        gravity=options["gravity"] if given else None,
-        **where,
-    )
-    tuned = tune_model(source, request, wanted)
+    requests = [
+        make_request(
+            pair,
+            list(speeds),
+            timestep=options["timestep"],
+            gravity=options["gravity"] if given else None,
+            **where,
+        )
+        for pair in pairs
+    ]
+    tuned = tune_model(source, requests, wanted, max_error=MAX_ERROR if max_error is None else max_error)
     if write_model is not None:
         if not tuned.written:
-            raise UserError("--write-model", f"a model of {tuned.facts.engine}", "a model that is one file")
+            got = f"a model of {tuned.pairs[0].facts.engine}"
+            raise UserError("--write-model", got, "a model that is one file")
         write_text(write_model, tuned.written)
     if options["as_json"]:
         print_json(_record(tuned))
@@ -100,38 +109,44 @@ def tune_and_print(
 
 
 def _record(tuned: TunedModel) -> dict[str, Any]:
-    facts = tuned.facts
+    facts = tuned.pairs[0].facts
     return {
         "schema": 1,
         "kind": "hcbench tuned model",
         "model": facts.model,
         "engine": facts.engine,
-        "pair": list(facts.pair),
         "timestep_s": facts.timestep,
         "gravity_m_per_s2": list(facts.gravity),
-        "effective_mass_kg": facts.effective_mass,
         "setting": tuned.name,
-        "constant": tuned.constant,
         "max_error": tuned.max_error,
-        "curve": [
-            dict(zip(("speed_m_per_s", "wanted", "restitution_min", "restitution_max"), point, strict=True))
-            for point in tuned.points
-        ],
+        "pairs": [_pair_record(pair) for pair in tuned.pairs],
         "paste": tuned.paste,
         "notes": list(tuned.notes),
     }
 
 
+def _pair_record(tuned: TunedPair) -> dict[str, Any]:
+    names = ("speed_m_per_s", "wanted", "restitution_min", "restitution_max")
+    return {
+        "pair": list(tuned.facts.pair),
+        "effective_mass_kg": tuned.facts.effective_mass,
+        "max_error": tuned.max_error,
+        "curve": [dict(zip(names, point, strict=True)) for point in tuned.points],
+    }
+
+
 def _print(tuned: TunedModel) -> None:
-    facts = tuned.facts
+    facts = tuned.pairs[0].facts
     gravity = " ".join(f"{g + 0.0:.4g}" for g in facts.gravity)
-    print(f"{facts.model}: {facts.pair[0]} on {facts.pair[1]}")
-    print(f"they meet {facts.meeting}; {facts.moved}")
-    print(f"step {facts.timestep:g} s, gravity {gravity} m/s^2, effective mass {facts.effective_mass:.4g} kg")
-    print(f"setting: {tuned.name}, for e = {tuned.constant:.4g}")
-    print(f"largest error of e: {tuned.max_error:.2g}, in the model with it, held-out speeds, 8 phases")
-    for speed, wanted, low, high in tuned.points:
-        print(f"  {speed:.3g} m/s: wanted {wanted:.4f}, {low:.4f} ... {high:.4f}")
+    print(f"{facts.model}, step {facts.timestep:g} s, gravity {gravity} m/s^2")
+    print(f"setting: {tuned.name}")
+    for pair in tuned.pairs:
+        facts = pair.facts
+        print(f"\n{facts.pair[0]} on {facts.pair[1]}, effective mass {facts.effective_mass:.4g} kg")
+        print(f"they meet {facts.meeting}; what moves: {facts.moved}")
+        print(f"largest error of e: {pair.max_error:.2g}, in the model with it, held-out speeds, 8 phases")
+        for speed, wanted, low, high in pair.points:
+            print(f"  {speed:.3g} m/s: wanted {wanted:.4f}, {low:.4f} ... {high:.4f}")
     print(f"\npaste:\n\n{tuned.paste}\n\nknow:")
     for note in tuned.notes:
         print(f"- {note}")

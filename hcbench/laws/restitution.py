@@ -30,6 +30,11 @@ class RestitutionCurve(ABC):
     def description(self) -> str:
         """What a report calls it."""
 
+    def best_constant(self, low: float, high: float) -> float:
+        """The one e with the least largest error over a band of speeds, m/s."""
+        e = self.at(np.geomspace(low, high, 50))
+        return float(e.min() + e.max()) / 2
+
 
 @checked_fields
 @dataclass(frozen=True, slots=True)

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
     from hcbench.impact import Floats, Impact, Launch, Trajectory
     from hcbench.laws.conventions import OneContact, Words
+    from hcbench.laws.restitution import RestitutionCurve
     from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.sim.backend import Backend
@@ -213,9 +214,16 @@ class Engine(ABC):
         raise UserError("engine", repr(self.name), "an engine that opens models of users", f"{source!r}")
 
     def model_settings(
-        self, source: Any, request: Request, e: float, rebuild: Callable[[], Any] | None = None
+        self,
+        source: Any,
+        requests: Sequence[Request],
+        goal: RestitutionCurve,
+        rebuild: Callable[[], Any] | None = None,
     ) -> Iterable[ModelSetting]:
-        """Settings for a pair in a user's own model, each meant to have this e there."""
+        """Settings for pairs in a user's own model, each meant to have the e of `goal` there; simplest first.
+
+        requests: one a pair, alike but for that; their speeds span the band.
+        """
         raise UserError("engine", repr(self.name), "an engine that tunes models of users", f"{source!r}")
 
     def snippet(self, setting: Setting, form: str) -> str:

@@ -136,17 +136,17 @@ class Facts:
 
 @dataclass(frozen=True, slots=True)
 class ModelSetting:
-    """A setting for a pair in its own model, to be tried there.
+    """A setting for pairs in their own model, to be tried there.
 
-    paste: lines for the model or script. written: the whole model with them, or "". open: the model with it.
+    paste: lines for the model or script. written: the whole model with them, or "". open: the model with the
+    setting, for the launches of a request.
     """
 
     name: str
     paste: str
     written: str
     notes: tuple[str, ...]
-    request: Request
-    open: Callable[[], ModelUnderTest]
+    open: Callable[[Request], ModelUnderTest]
 
 
 class ModelUnderTest(World):

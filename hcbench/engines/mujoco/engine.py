@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from hcbench.engines.mujoco.model_under_test import MujocoModel
+    from hcbench.laws.restitution import RestitutionCurve
     from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.sim.backend import Backend
@@ -126,12 +127,16 @@ class MujocoEngine(SteppedEngine):
         return list_pairs(model, request, state)
 
     def model_settings(
-        self, source: Any, request: Request, e: float, rebuild: Callable[[], Any] | None = None
+        self,
+        source: Any,
+        requests: Sequence[Request],
+        goal: RestitutionCurve,
+        rebuild: Callable[[], Any] | None = None,
     ) -> Iterable[ModelSetting]:
-        """<pair> elements for the pair."""
+        """<pair> elements for the pairs."""
         from hcbench.engines.mujoco.tune_model import model_settings
 
-        return model_settings(_one_file(source), request, e)
+        return model_settings(_one_file(source), requests, goal)
 
 
 def _one_file(source: Any) -> Any:

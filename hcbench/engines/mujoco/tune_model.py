@@ -1,8 +1,10 @@
-"""Contact parameters for a pair in a user's own MuJoCo model, as <pair> elements, and the model with them."""
+"""Contact parameters for pairs in a user's own MuJoCo model, as <pair> elements, and the model with them."""
 
-import math
-from collections.abc import Iterator
-from functools import partial
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -12,30 +14,89 @@ from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.find_pair import find_pair
 from hcbench.engines.mujoco.list_pairs import contact_in_force
 from hcbench.engines.mujoco.mjcf import numbers_text
-from hcbench.engines.mujoco.model import body_name, effective_mass, integrator_name
+from hcbench.engines.mujoco.model import (
+    body_name,
+    collision_filter,
+    explicit_pairs,
+    integrator_name,
+    response,
+)
 from hcbench.engines.mujoco.model_under_test import MujocoModel
 from hcbench.engines.mujoco.place import PairAtTouch
-from hcbench.engines.mujoco.rows import STIFF_SOLIMP
+from hcbench.engines.mujoco.recipes.compliant_fit import IMPRATIO
+from hcbench.engines.mujoco.rows import MIN_IMPEDANCE, ConstraintRow
+from hcbench.engines.mujoco.tune_rows import Aim, Load, estimated_mobility, max_error, row_choices
 from hcbench.errors import UserError
+from hcbench.impact import Impact
+from hcbench.laws.restitution import RestitutionCurve
+from hcbench.sim import simulate
 from hcbench.sim.model_under_test import ModelSetting, Request
 
-_IMPEDANCE, _IMPRATIO = 1e-3, 1e3  # soft rows, by which friction adds next to nothing to the bounce
-_STEPS = (2, 3, 4, 6, 8, 12)  # in contact, of a spring and damper with a half period of whole steps
-_RK4_STEPS = (8, 12, 20, 30)
-_STOP = 0.005  # K h² of a contact that stops a body: it pushes out what is inside, and no more
 _PAIRS_MAX = 200
+_SEEN_SPEEDS, _SEEN_PHASES = 5, (0.1, 0.4, 0.7)  # of the launches that a setting is mended by
+_MENDED, _PATIENCE = 5, 3  # times at most, and times in a row that may bring nothing
 _numbers = partial(numbers_text, number="{:.10g}".format)
 
+Rows = tuple[ConstraintRow, ...]
 
-def model_settings(source: Any, request: Request, e: float) -> Iterator[ModelSetting]:
-    """Settings for one e, to be tried: spring and damper over n steps, or one step where that is safe."""
+
+@dataclass(frozen=True)
+class _TunedPair:
+    """A pair of the user's, and what its contact has to do. request: its launches."""
+
+    request: Request
+    place: PairAtTouch
+    geoms: tuple[tuple[int, int], ...]
+    load: Load
+
+    @cached_property
+    def band(self) -> tuple[float, float]:
+        """Lowest and highest launch speed, m/s."""
+        return min(self.request.speeds), max(self.request.speeds)
+
+
+def model_settings(
+    source: Any, requests: Sequence[Request], goal: RestitutionCurve
+) -> Iterator[ModelSetting]:
+    """Settings for all pairs at once, the simplest first; the last are mended by how they do in the model."""
     model, label = _spec(source).compile(), _label(source)
-    place = MujocoModel(_as_asked(model, request), label, None, request).place
-    geoms = _geom_pairs(model, request)
-    contact = contact_in_force(model, *place.contact.rows[0][2])
-    slides = int(contact["condim"]) > 1 and contact["friction"][0] > 0
-    h, rk4 = float(request.timestep or model.opt.timestep), integrator_name(model) == "RK4"
-    rows = _rows(e, h, _strength(place), slides, rk4)
+    _require_tunable(model)
+    pairs = [_read_pair(model, label, request) for request in requests]
+
+    def setting(name: str, rows: Sequence[Rows]) -> ModelSetting:
+        return _setting(source, label, name, list(zip(pairs, rows, strict=True)))
+
+    rows: tuple[Rows, ...] = ()
+    name = ""
+    for choice in zip(*(row_choices(goal, pair.band, pair.load) for pair in pairs), strict=True):
+        name, rows = choice[0][0], tuple(each for _, each in choice)
+        yield setting(name, rows)
+    aims, errors = [Aim(goal, pair.load) for pair in pairs], list[float]()
+    while len(rows[0]) > 1 and len(errors) < _MENDED:
+        seen = [_impacts_in(setting(name, rows), pair) for pair in pairs]
+        errors.append(max(max_error(impacts, goal) for impacts in seen))
+        if min(errors[-_PATIENCE:]) > min(errors):
+            return
+        each = zip(seen, pairs, aims, strict=True)
+        if len(errors) == 1:
+            aims = [aim.as_felt(impacts, pair.place.effective_mass) for impacts, pair, aim in each]
+        else:
+            aims = [aim.off_by(impacts, goal) for impacts, _, aim in each]
+        rows = tuple(aim.rows(pair.band) for pair, aim in zip(pairs, aims, strict=True))
+        yield setting(name, rows)
+
+
+def _impacts_in(setting: ModelSetting, pair: _TunedPair) -> list[Impact]:
+    """Some impacts of a pair over its band, in a model with a setting."""
+    low, high = pair.band
+    speeds = tuple(np.geomspace(low, high, _SEEN_SPEEDS if low < high else 1).tolist())
+    with setting.open(pair.request) as model:
+        launches = replace(pair.request, speeds=speeds, phases=_SEEN_PHASES).launches()
+        return simulate.impacts_in(model, launches)
+
+
+def _require_tunable(model: Any) -> None:
+    """Refuse what keeps <pair>s from having the e that they are given."""
     if integrator_name(model) == "discrete":
         raise UserError(
             "model",
@@ -43,121 +104,127 @@ def model_settings(source: Any, request: Request, e: float) -> Iterator[ModelSet
             "Euler, implicit, implicitfast or RK4",
             '<option integrator="implicitfast"/>',
         )
-    for name, solref, impedance in rows:
-        yield _setting(source, label, request, geoms, place, (name, solref, impedance))
+    if model.opt.enableflags & backend().mjtEnableBit.mjENBL_OVERRIDE:
+        raise UserError(
+            "model",
+            "the flag override, which replaces the parameters of every contact",
+            "contacts with parameters of their own",
+            '<option><flag override="disable"/></option>',
+        )
 
 
-def _rows(
-    e: float, h: float, strength: float, slides: bool, rk4: bool
-) -> Iterator[tuple[str, tuple[float, float], tuple[float, ...]]]:
-    """(name, solref, solimp). strength: of all points that touch at once, in that of one at their middle."""
-    soft = (_IMPEDANCE, _IMPEDANCE, 0.001, 0.5, 1.0)
-    if e < 0.02:
-        yield "stop", (-_STOP / h**2, -1.0 / h), STIFF_SOLIMP
-    elif not slides and not rk4:
-        yield "one step", (-min(1e4, 1e-3 / h**2), -(1.0 + e) / h), STIFF_SOLIMP
-    for n in _RK4_STEPS if rk4 else ():  # in continuous time, which RK4 follows
-        loss, lasts = -math.log(max(e, 1e-3)), n * h
-        stiffness = (math.pi**2 + loss**2) / lasts**2
-        yield f"{n} steps", (-stiffness / strength, -2.0 * loss / lasts / strength), soft
-    for n in () if rk4 else _STEPS:
-        c = max(e, 1e-3) ** (2.0 / n)
-        stiffness = (1.0 + c - 2.0 * math.sqrt(c) * math.cos(math.pi / n)) / h**2
-        yield f"{n} steps", (-stiffness / strength, -(1.0 - c) / h / strength), soft
+def _read_pair(model: Any, label: str, request: Request) -> _TunedPair:
+    place = MujocoModel(_as_asked(model.__copy__(), request), label, None, request).place
+    contact = contact_in_force(model, *place.contact.rows[0][2])
+    slides = int(contact["condim"]) > 1 and contact["friction"][0] > 0
+    h, rk4 = float(request.timestep or model.opt.timestep), integrator_name(model) == "RK4"
+    load = Load.at_touch(place, h, rk4, slides)
+    return _TunedPair(request, place, tuple(_geom_pairs(model, request)), load)
 
 
-def _setting(
-    source: Any,
-    label: str,
-    request: Request,
-    geoms: list[tuple[int, int]],
-    place: PairAtTouch,
-    row: tuple[str, tuple[float, float], tuple[float, ...]],
-) -> ModelSetting:
-    name, solref, solimp = row
+def _setting(source: Any, label: str, name: str, pairs: Sequence[tuple[_TunedPair, Rows]]) -> ModelSetting:
     spec, lines, notes = _spec(source), [], list[str]()
     model = spec.compile()
-    h = float(request.timestep or model.opt.timestep)
-    soft = solimp[0] == _IMPEDANCE
-    names = _name_geoms(spec, model, geoms, notes)
-    for a, b in geoms:
-        before = contact_in_force(model, a, b)
-        friction = before["friction"]
-        values: dict[str, Any] = {
-            "condim": int(before["condim"]),
-            "friction": [friction[0], friction[0], friction[1], friction[2], friction[2]],
-            "solref": list(solref),
-            "solimp": list(solimp),
-        }
-        if soft and values["condim"] > 1:
-            values["solreffriction"] = [0.0, -_friction_damping(place, h)]
-        if place.contact.onset:
-            values["margin"] = place.contact.onset
-        lines.append(_add_pair(spec, names[a], names[b], values))
+    names = _name_geoms(spec, model, [geoms for pair, _ in pairs for geoms in pair.geoms], notes)
+    is_soft = any(rows[0].solimp[0] == MIN_IMPEDANCE for _, rows in pairs)
+    for pair, rows in pairs:
+        for geoms in pair.geoms:
+            lines += _write_rows(spec, model, pair, geoms, (names[geoms[0]], names[geoms[1]]), rows)
     option = ""
-    if soft and any(contact_in_force(model, a, b)["condim"] > 1 for a, b in geoms):
-        spec.option.cone, spec.option.impratio = backend().mjtCone.mjCONE_ELLIPTIC, _IMPRATIO
-        option = f'<option cone="elliptic" impratio="{_IMPRATIO:g}"/>\n'
+    if is_soft and any(pair.load.slides for pair, _ in pairs):
+        spec.option.cone, spec.option.impratio = backend().mjtCone.mjCONE_ELLIPTIC, IMPRATIO
+        option = f'<option cone="elliptic" impratio="{IMPRATIO:g}"/>\n'
         notes.append(
-            f"cone and impratio are of the whole model: elliptic and {_IMPRATIO:g}, so that friction neither "
+            f"cone and impratio are of the whole model: elliptic and {IMPRATIO:g}, so that friction neither "
             "throws up what slides nor slips; other contacts change a little."
         )
-    if model.body_weldid[place.pair.first.body] and model.body_weldid[place.pair.second.body]:
-        mass, one = place.effective_mass, body_name(model, place.pair.first.body)
-        notes.append(f"Both bodies move: the effective mass is {mass:.4g} kg, less than that of {one!r}.")
+    notes += [note for pair, _ in pairs for note in _mass_note(pair.place)]
     notes.append("friction, condim, margin, masses, step and integrator are as they were.")
-    written = spec.to_xml()
-    compiled = spec.compile()
+    written, compiled = spec.to_xml(), spec.compile()
 
-    def opened() -> MujocoModel:
+    def opened(request: Request) -> MujocoModel:
         return MujocoModel(_as_asked(compiled.__copy__(), request), label, None, request)
 
     paste = f"{option}<contact>\n" + "\n".join(f"  {line}" for line in lines) + "\n</contact>"
-    return ModelSetting(name, paste, written, tuple(notes), request, opened)
+    return ModelSetting(name, paste, written, tuple(dict.fromkeys(notes)), opened)
 
 
-def _strength(place: PairAtTouch) -> float:
-    """How much all points of contact together do of what one on the effective mass would: a soft row acts as
-    on 1 / (sum of body_invweight0), MuJoCo's own estimate, at each point.
-    """
-    model, pair = place.pair.model, place.pair
-    mobility = sum(float(model.body_invweight0[part.body][0]) for part in (pair.first, pair.second))
-    return len(place.contact.rows) / (mobility * place.effective_mass) if mobility > 0 else 1.0
+def _mass_note(place: PairAtTouch) -> list[str]:
+    model, bodies = place.pair.model, (place.pair.first.body, place.pair.second.body)
+    if not all(model.body_weldid[body] for body in bodies):
+        return []
+    one = body_name(model, bodies[0])
+    return [
+        f"Both bodies move: the effective mass is {place.effective_mass:.4g} kg, less than that of {one!r}."
+    ]
 
 
-def _friction_damping(place: PairAtTouch, h: float) -> float:
-    """1/s, of a friction row that stops a slip in one step: its mobility over the normal one's is s."""
-    model, data = place.pair.model, backend().MjData(place.pair.model)
-    data.qpos[:] = place.qpos
-    backend().mj_forward(model, data)
-    normal = place.contact.normal
-    across = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
-    row = place.pair.approach_row(data, place.contact.point, across / np.linalg.norm(across))
-    s = place.effective_mass / effective_mass(model, data, row)
-    if s < 1e-6:  # nothing slides
-        return 1.0 / h
-    w = _IMPEDANCE / (1.0 - _IMPEDANCE) * _IMPRATIO * s
-    return float(_IMPEDANCE * (1.0 + w) / w / h)
+def _write_rows(
+    spec: Any, model: Any, pair: _TunedPair, geoms: tuple[int, int], names: tuple[str, str], rows: Rows
+) -> list[str]:
+    """Set or add the <pair>s of two geoms, one for each row, the first with friction; their lines."""
+    before, place = contact_in_force(model, *geoms), pair.place
+    first, second = (int(model.geom_bodyid[geom]) for geom in geoms)
+    # MuJoCo's estimates of mass differ between links, though these bounce as one.
+    share = estimated_mobility(model, first, second)
+    share /= estimated_mobility(model, place.pair.first.body, place.pair.second.body)
+    known = [p for p in spec.pairs if {p.geomname1, p.geomname2} == set(names)]
+    for extra in known[1:]:
+        spec.delete(extra)
+    lines = []
+    for i, row in enumerate(rows):
+        is_soft = row.solimp[0] < 0.5
+        values: dict[str, Any] = {
+            "solref": [number * (share if is_soft else 1.0) for number in row.solref],
+            "solimp": list(row.solimp),
+        }
+        if i > 0:
+            values["condim"] = 1
+        elif not known:
+            friction = before["friction"]
+            values["condim"] = int(before["condim"])
+            values["friction"] = [friction[0], friction[0], friction[1], friction[2], friction[2]]
+        if i == 0 and is_soft and pair.load.slides:
+            values["solreffriction"] = [0.0, -_friction_damping(place, pair.load)]
+        if row.adhesion:
+            values["adhesion"] = row.adhesion
+        if place.contact.onset or known:
+            values |= {"margin": place.contact.onset, "gap": 0.0}
+        element = known[0] if known and i == 0 else spec.add_pair(geomname1=names[0], geomname2=names[1])
+        lines.append(_set(element, names, values))
+    return lines
 
 
-def _add_pair(spec: Any, one: str, two: str, values: dict[str, Any]) -> str:
-    """Set or add the <pair> of two geoms; its line."""
-    known = [pair for pair in spec.pairs if {pair.geomname1, pair.geomname2} == {one, two}]
-    pair = known[0] if known else spec.add_pair(geomname1=one, geomname2=two)
+def _set(element: Any, names: tuple[str, str], values: dict[str, Any]) -> str:
+    """Set a <pair>'s attributes; its line."""
     for name, value in values.items():
-        field = getattr(pair, name)
+        field = getattr(element, name)
         if isinstance(value, list):
             field[: len(value)] = value
         else:
-            setattr(pair, name, value)
+            setattr(element, name, value)
     attributes = " ".join(
         f'{name}="{_numbers(value) if isinstance(value, list) else f"{value:g}"}"'
         for name, value in values.items()
     )
-    return f'<pair geom1="{one}" geom2="{two}" {attributes}/>'
+    return f'<pair geom1="{names[0]}" geom2="{names[1]}" {attributes}/>'
 
 
-def _name_geoms(spec: Any, model: Any, geoms: list[tuple[int, int]], notes: list[str]) -> dict[int, str]:
+def _friction_damping(place: PairAtTouch, load: Load) -> float:
+    """1/s, of friction rows that together stop a slip in one step, along the way that slides most easily."""
+    model, data = place.pair.model, backend().MjData(place.pair.model)
+    data.qpos[:] = place.qpos
+    backend().mj_forward(model, data)
+    normal = place.contact.normal
+    across = np.linalg.svd(normal[None])[2][1:]
+    rows = np.array([place.pair.approach_row(data, place.contact.point, way) for way in across])
+    mobility = rows @ np.array([response(model, data, row) for row in rows]).T
+    weight = MIN_IMPEDANCE / (1.0 - MIN_IMPEDANCE) * IMPRATIO * load.strength
+    weight *= place.effective_mass * float(np.linalg.eigvalsh(mobility)[-1])
+    return MIN_IMPEDANCE * (1.0 + weight) / max(weight, 1e-3) / load.timestep
+
+
+def _name_geoms(spec: Any, model: Any, geoms: Sequence[tuple[int, int]], notes: list[str]) -> dict[int, str]:
     """Names by which a <pair> calls geoms; those without one get one."""
     names = {}
     by_id = {geom.id: geom for geom in spec.geoms}
@@ -174,6 +241,7 @@ def _geom_pairs(model: Any, request: Request) -> list[tuple[int, int]]:
     """All pairs of geoms of the two that MuJoCo collides."""
     pair = find_pair(model, request)
     geoms = [(a, b) for a in pair.first.geoms for b in pair.second.geoms]
+    geoms = [each for each in geoms if explicit_pairs(model, each) or not collision_filter(model, *each)]
     if len(geoms) > _PAIRS_MAX:
         raise UserError("pair", f"{len(geoms)} pairs of geoms", f"{_PAIRS_MAX} at most", "Name single geoms")
     return geoms

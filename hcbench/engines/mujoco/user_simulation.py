@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class _Step(NamedTuple):
-    """The state before a step; free: approach acceleration without contact, RK4 only."""
+    """The state before a step; free: the rate after it without contact, RK4 near a touch only, else NaN."""
 
     x: float
     rate: float
@@ -34,6 +34,7 @@ class _Step(NamedTuple):
     along: Floats | None  # what `Record.tangential` has, oblique launches only
 
 
+_STAGE_REACH = 2.0  # steps of its speed, within which a stage of RK4 may touch
 _STAGE_NOISE = 1e-9  # of the largest change of speed: below it a step under RK4 had no contact in it
 
 
@@ -72,6 +73,7 @@ class MujocoUserSimulation(Simulation):
         # RK4 leaves its last stage in the data: the state before the step is looked at beside it.
         self._staged = int(model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4)
         self._seen = mujoco.MjData(model) if self._staged else self._data
+        self._free: Any = mujoco.MjData(model) if self._staged else None
         self._reader = _Reader(model, place, _with_kinematics(self._data, model), self._along)
         self._x, self._rate, self._touched, self._steps = -clearance, launch.speed, False, 0
         self._last: _Step | None = None  # RK4 only: waits for the one after it
@@ -143,7 +145,8 @@ class MujocoUserSimulation(Simulation):
             self._x += self._h * (0.5 * (self._rate + rate) if self._staged else rate)
             self._x = min(self._x, 0.0) if self._touched else self._x
         self._rate = rate
-        free = float(self._reader.row(seen) @ seen.qacc_smooth) if self._staged else 0.0
+        near = self._staged and force == 0.0 and self._x + _STAGE_REACH * self._h * abs(rate) > 0.0
+        free = self._rate_without_contact() if near else math.nan
         along = None
         if self._along is not None:
             along = self._along.row(seen, before, self._reader.contact_point(seen), rate)
@@ -158,11 +161,23 @@ class MujocoUserSimulation(Simulation):
                 self._first_touch.setdefault(geom, self._steps - 1)
         return step
 
+    def _rate_without_contact(self) -> float:
+        """The approach rate after the step from the state in `_seen`, had no contact acted in it."""
+        model, data = self._model, self._free
+        _copy_state(model, self._seen, data)
+        flags = model.opt.disableflags
+        model.opt.disableflags = flags | int(self._mujoco.mjtDisableBit.mjDSBL_CONTACT)
+        self._mujoco.mj_step(model, data)
+        model.opt.disableflags = flags
+        reader = self._reader
+        point = reader.contact_point(_with_kinematics(data, model))
+        return float(self._place.pair.approach_row(data, point, reader.normal) @ data.qvel)
+
     def _with_hidden_force(self, step: _Step, after: _Step) -> _Step:
         """With the mean force of the whole step, where the state before it had none but a stage of it did."""
-        if step.force != 0.0:
+        if step.force != 0.0 or math.isnan(step.free):
             return step
-        mean = (step.rate - after.rate) / self._h + step.free
+        mean = (step.free - after.rate) / self._h
         noise = _STAGE_NOISE * max(abs(step.rate), abs(after.rate)) / self._h
         if not abs(mean) > noise:
             return step

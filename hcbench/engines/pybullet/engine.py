@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from hcbench.engines.pybullet.model_under_test import PybulletModel
+    from hcbench.laws.restitution import RestitutionCurve
     from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.sim.backend import Backend
@@ -98,9 +99,13 @@ class PybulletEngine(SteppedEngine):
         return list_pairs_of(source, request, rebuild)
 
     def model_settings(
-        self, source: Any, request: Request, e: float, rebuild: Callable[[], Any] | None = None
+        self,
+        source: Any,
+        requests: Sequence[Request],
+        goal: RestitutionCurve,
+        rebuild: Callable[[], Any] | None = None,
     ) -> Iterable[ModelSetting]:
         """Lines of changeDynamics and setPhysicsEngineParameter for the pair."""
         from hcbench.engines.pybullet.model_under_test import model_settings
 
-        return model_settings(source, request, e, rebuild)
+        return model_settings(source, requests, goal, rebuild)

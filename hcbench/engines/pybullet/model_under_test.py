@@ -221,24 +221,30 @@ def _loaded(
 
 
 def model_settings(
-    source: Any, request: Request, e: float, rebuild: Callable[[], Any] | None
+    source: Any, requests: Sequence[Request], goal: RestitutionCurve, rebuild: Callable[[], Any] | None
 ) -> Iterator[ModelSetting]:
-    """Bullet's own restitution for the pair, without what keeps it from happening; one setting, in lines."""
+    """Bullet's own restitution for the pairs, without what keeps it from happening; one setting, in lines."""
     world, build = _loaded(source, rebuild)
     if build is None:
         world.bullet.disconnect() if world.disconnect else None
         raise UserError("model", "a live client cannot be made anew", "files, or a function for it")
-    with PybulletModel(world, build, request) as model:
-        suspect = restitution_setting(model.place, e)
+    e, suspects, sides = 0.0, list[Suspect](), dict[tuple[int, int], int]()
+    for i, request in enumerate(requests):
+        with PybulletModel(build() if i else world, build, request) as model:
+            e = goal.best_constant(min(request.speeds), max(request.speeds))
+            suspects.append(restitution_setting(model.place, e))
+            for side, part in enumerate((model.place.first, model.place.second)):
+                if sides.setdefault((part.body, part.link), side) != side:
+                    got = f"{part.name!r} is the first of one pair and the second of another"
+                    todo = "Restitutions multiply: tune one pair after the other"
+                    raise UserError("pair", got, "each part on one side", todo)
+    lines = dict.fromkeys(line for suspect in suspects for line in suspect.fix.split("; "))
     notes = (
-        "Restitutions multiply: e is on the first, 1 on the second. Set all before the first step.",
+        f"Restitutions multiply: {e:.4g} is on the first, 1 on the second. Set all before the first step.",
         "contactBreakingThreshold outlives resetSimulation and leaks into other clients of the process.",
     )
-    yield ModelSetting(
-        "restitution",
-        suspect.fix.replace("; ", "\n"),
-        "",
-        notes,
-        request,
-        lambda: PybulletModel(build(), build, request, [suspect]),
-    )
+
+    def opened(request: Request) -> PybulletModel:
+        return PybulletModel(build(), build, request, suspects)
+
+    yield ModelSetting("restitution", "\n".join(lines), "", notes, opened)

@@ -45,12 +45,12 @@ _STARTS = np.array([
 ])  # fmt: skip
 
 
-def half_period_steps(corners: int) -> int:
+def half_period_steps(corners: float) -> int:
     """Steps of a contact that `corners` of a body meet at once: fewer gain energy. Found by trial."""
     return 3 if corners == 1 else math.ceil(2 * math.sqrt(corners) + 2)
 
 
-def whole_step_row(restitution: float, timestep: float, corners: int = 1) -> ConstraintRow:
+def whole_step_row(restitution: float, timestep: float, corners: float = 1) -> ConstraintRow:
     """A linear spring and damper that turns v into -e v in n whole steps, exactly without gravity.
 
     The step v+ = v - h (K x + D v), x+ = x + h v+ multiplies by exp(±i π/n) √c, c = 1 - D h: after n steps by
@@ -78,15 +78,19 @@ class _RowFit:
     """What spring and damper rows are fitted to, in units of the step h and the band's highest speed v.
 
     speeds: over v. phases: where in a step the touch falls. wanted: e; shape (n,) each. fall: g h / v.
-    corners: of a body that meet at once. adhesive: whether the damper may pull. lowest, highest: bounds.
+    corners: of a body that meet at once, or how much more a row does there than on a ball. adhesive: whether
+    the damper may pull. rk4: the integrator, else Euler's. carried: as `spring_and_damper_rows` has it, h and
+    h² times. lowest, highest: bounds.
     """
 
     speeds: Floats
     phases: Floats
     wanted: Floats
     fall: float
-    corners: int
+    corners: float
     adhesive: bool
+    rk4: bool
+    carried: tuple[float, float]
     lowest: Floats
     highest: Floats
 
@@ -107,38 +111,61 @@ class _RowFit:
         return off + np.maximum(0.0, deepest - _DEEPEST)
 
     def _flown(self, numbers: tuple[Floats, ...]) -> tuple[Floats, Floats]:
-        """e of each launch, (p, n), 0 where it has not parted; largest penetration over v h, (p,).
-
-        MuJoCo's own step: rows together give a = (Σ w a_ref - g)/(1 + Σ w), of those that act.
-        """
-        K, D, damping, d0, dw, width, midpoint, power = numbers
-        shape, g = (len(K), len(self.speeds)), self.fall
-        later = 1.0 - self.phases  # of a step, from the touch to the first state that sees it
+        """e of each launch, (p, n), 0 where it has not parted; largest penetration over v h, (p,)."""
+        shape, g = (len(numbers[0]), len(self.speeds)), self.fall
+        # Of a step, from the touch to the first state that sees it; a stage of RK4 may see it a step before.
+        later = -self.phases if self.rk4 else 1.0 - self.phases
+        ahead = 0.0 if self.rk4 else 0.5  # of a step's fall: by so much Euler's speed is that of later
         x = np.broadcast_to(self.speeds * later + g * later**2 / 2, shape).copy()
-        v = np.broadcast_to(self.speeds + g * (later - 0.5), shape).copy()
-        e, deepest, w = np.zeros(shape), np.zeros(shape[0]), self.corners * _WEIGHT
-        parted = np.zeros(shape, bool)
-        for _ in range(int(_FOLLOWED * self.highest[0])):
-            closed = x > 0.0
-            share = impedance((d0, dw, width, midpoint, power), x)
-            weights = np.where(closed, self.corners * share / (1.0 - share), 0.0)
-            spring, pull = (K * x + D * v) / MIN_IMPEDANCE, damping / dw * v
-            a = (w * spring + weights * pull - g) / (1.0 + w + weights)
-            if not self.adhesive:  # a row once left out never comes back, as a is larger with it
-                weights = np.where(pull < a, 0.0, weights)
-                a = (w * spring + weights * pull - g) / (1.0 + w + weights)
-            a = np.where(spring < a, (weights * pull - g) / (1.0 + weights), a)
-            v = v - np.where(closed, a, -g)
-            x = x + v
+        v = np.broadcast_to(self.speeds + g * (later - ahead), shape).copy()
+        e, deepest, parted = np.zeros(shape), np.zeros(shape[0]), np.zeros(shape, bool)
+        x0, v0 = x, v
+        for k in range(int(_FOLLOWED * self.highest[0])):
+            x, v = self._step(numbers, x, v, lambda t, k=k: self._free(x0, v0, k + t))
             deepest = np.maximum(deepest, x.max(axis=1))
             leaves = ~parted & (x <= 0.0) & (v < 0.0)
             if leaves.any():
-                out = np.sqrt(np.maximum(0.0, (v + g / 2) ** 2 - 2 * g * x)) / self.speeds
+                out = np.sqrt(np.maximum(0.0, (v + g * ahead) ** 2 - 2 * g * x)) / self.speeds
                 e = np.where(leaves, out, e)
                 parted |= leaves
                 if parted.all():
                     break
         return e, deepest
+
+    def _free(self, x: Floats, v: Floats, steps: float) -> tuple[Floats, Floats]:
+        """(x, v) without contact, so many steps after these."""
+        half = 0.0 if self.rk4 else 0.5
+        return x + v * steps + self.fall * steps * (steps / 2 + half), v + self.fall * steps
+
+    def _step(self, numbers: Any, x: Floats, v: Floats, free: Any) -> tuple[Floats, Floats]:
+        """(x, v) after a step: Euler's, by the new speed, or the classical Runge-Kutta of MuJoCo's RK4.
+
+        free: (x, v) without contact, a share of a step later.
+        """
+        if not self.rk4:
+            v = v - self._acceleration(numbers, x, v, free(0.0))
+            return x + v, v
+        one = -self._acceleration(numbers, x, v, free(0.0))
+        two = -self._acceleration(numbers, x + v / 2, v + one / 2, free(0.5))
+        three = -self._acceleration(numbers, x + v / 2 + one / 4, v + two / 2, free(0.5))
+        four = -self._acceleration(numbers, x + v + two / 2, v + three, free(1.0))
+        return x + v + (one + two + three) / 6, v + (one + 2 * two + 2 * three + four) / 6
+
+    def _acceleration(self, numbers: Any, x: Floats, v: Floats, free: tuple[Floats, Floats]) -> Floats:
+        """Away from the plate. Rows together give a = (Σ w a_ref - g)/(1 + Σ w), of those that act."""
+        K, D, damping, d0, dw, width, midpoint, power = numbers
+        w = self.corners * _WEIGHT
+        g = self.fall + self.carried[0] * (free[1] - v) + self.carried[1] * (free[0] - x)
+        closed = x > 0.0
+        share = impedance((d0, dw, width, midpoint, power), x)
+        weights = np.where(closed, self.corners * share / (1.0 - share), 0.0)
+        spring, pull = (K * x + D * v) / MIN_IMPEDANCE, damping / dw * v
+        a = (w * spring + weights * pull - g) / (1.0 + w + weights)
+        if not self.adhesive:  # a row once left out never comes back, as a is larger with it
+            weights = np.where(pull < a, 0.0, weights)
+            a = (w * spring + weights * pull - g) / (1.0 + w + weights)
+        a = np.where(spring < a, (weights * pull - g) / (1.0 + weights), a)
+        return np.where(closed, a, -g)
 
     def rows(self, parameters: Floats, timestep: float, speed: float) -> list[ConstraintRow]:
         """Spring and damper in SI units, of parameters (8,)."""
@@ -161,34 +188,41 @@ def spring_and_damper_rows(
     speeds: tuple[float, float],
     timestep: float,
     gravity: float,
-    corners: int = 1,
+    corners: float = 1,
     adhesive: bool = True,
+    rk4: bool = False,
+    carried: tuple[float, float] = (0.0, 0.0),
+    points: int = 0,
 ) -> list[ConstraintRow]:
     """Two rows with this e over a band of impact speeds (m/s), for two <pair>s of the same two geoms.
 
     A soft linear spring of a few steps half period, and a damper whose impedance grows with depth. All their
     numbers are searched for in a model of the two rows that equals MuJoCo's step, gravity included (m/s²,
     into the plate), to the least largest error over speeds and phases. Per unit mass: the same for any mass.
-    corners: of a body that meet at once. adhesive: whether the damper may pull (MuJoCo 3.11 and later).
+    corners: of a body that meet at once, or how much more a row does there than on a ball. adhesive: whether
+    the damper may pull (MuJoCo 3.11 and later). rk4: that integrator, else Euler's. carried: damping (1/s)
+    and stiffness (1/s²) by which the rest of a robot, that goes on as it came, takes the contact along.
+    points: corners that meet at once, where `corners` says something else; 0: those.
     Raises SearchInterrupted with the best so far.
     """
     low, high = speeds
-    lowest, highest = _bounds(1.0 - float(curve.at(low)), timestep, gravity, corners)
+    lowest, highest = _bounds(1.0 - float(curve.at(low)), timestep, gravity, points or corners)
 
     def fit_to(speed_count: int, phase_count: int) -> _RowFit:
         share = np.geomspace(low / high, 1.0, speed_count)
         phase = (np.arange(phase_count) + 0.5) / phase_count
         phase[0], phase[-1] = 0.003, 0.997
         u, where = (grid.ravel() for grid in np.meshgrid(share, phase, indexing="ij"))
-        fall = gravity * timestep / high
-        return _RowFit(u, where, curve.at(u * high), fall, corners, adhesive, lowest, highest)
+        fall, h = gravity * timestep / high, timestep
+        along = carried[0] * h, carried[1] * h**2
+        return _RowFit(u, where, curve.at(u * high), fall, corners, adhesive, rk4, along, lowest, highest)
 
     fine = fit_to(25, 10)
     with map_result(lambda parameters: fine.rows(parameters, timestep, high)):
         return fine.rows(_search(fit_to(9, 6), fine), timestep, high)
 
 
-def _bounds(loss: float, timestep: float, gravity: float, corners: int) -> tuple[Floats, Floats]:
+def _bounds(loss: float, timestep: float, gravity: float, corners: float) -> tuple[Floats, Floats]:
     """Lowest and highest parameters, (8,) each. loss: 1 - e of the slowest impact."""
     lowest, highest = _LOWEST.copy(), _HIGHEST.copy()
     # No more than a part of the slowest impact's loss is the spring's.
