@@ -29,7 +29,7 @@ from hcbench.errors import UserError
 from hcbench.sim.engine import SteppedEngine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
     from hcbench.engines.mujoco.model_under_test import MujocoModel
     from hcbench.laws.restitution import RestitutionCurve

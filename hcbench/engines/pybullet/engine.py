@@ -27,7 +27,7 @@ from hcbench.errors import UserError
 from hcbench.sim.engine import SteppedEngine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
     from hcbench.engines.pybullet.model_under_test import PybulletModel
     from hcbench.laws.restitution import RestitutionCurve
