@@ -178,18 +178,18 @@ def test_a_baseline_that_is_no_json(tmp_path: Path, text: str) -> None:
     ("text", "words"),
     [
         ("", "is empty"),
-        ("# only a remark\n", "is empty"),
+        ("# only a remark\n", "comments only"),
         ("speed,restitution\n1,0.9\n", "names no unit"),
-        ("1,0.9\n2,0.8\n", "no header"),
-        ("speed [kg],restitution\n1,0.9\n", "is not a unit of speed"),
-        ("speed [wibble],e\n1,0.9\n", "is not a unit of speed"),
-        ("speed [m/s],e\n", "no pairs"),
+        ("1,0.9\n2,0.8\n", "expected a header"),
+        ("speed [kg],restitution\n1,0.9\n", "'kg' under 'speed' is not such a unit"),
+        ("speed [wibble],e\n1,0.9\n", "'wibble' under 'speed' is not such a unit"),
+        ("speed [m/s],e\n", "no rows"),
         ("speed [m/s],e\n1,fast\n", "line 2: 'fast'"),
         ("speed [m/s],e\n1,nan\n", "line 2: 'nan'"),
-        ("speed [m/s],e\n\n1,0.9\n1,0.8\n", "line 4: 1 m/s stands there twice"),
+        ("speed [m/s],e\n\n1,0.9\n1,0.8\n", "line 4: speed 1; expected each speed once"),
         ("speed [m/s],e\n1,0.9,3\n", "3 cells"),
-        ("speed [m/s],e,x\n1,0.9,3\n", "3 columns"),
-        ("speed [m/s],e\n1,1.4\n", "restitution 1.4"),
+        ("speed [m/s],e,x\n1,0.9,3\n", "columns speed, e, x"),
+        ("speed [m/s],e\n1,1.4\n", "line 2: e 1.4"),
         ("speed [m/s],e\n-1,0.4\n", "above 0"),
     ],
 )
@@ -225,7 +225,7 @@ def test_an_input_without_an_end_is_not_read_to_it(tmp_path: Path) -> None:
 
 
 def test_pairs_from_no_file_or_no_text(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="No such file"):
+    with pytest.raises(UserError, match="does not exist"):
         read_pairs(tmp_path / "gone.csv")
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(UserError, match="UTF-8"):

@@ -14,7 +14,9 @@ from scipy.integrate import solve_ivp
 from scipy.io import wavfile
 
 from hcbench.cli import run
+from hcbench.cli.tune import parse_points
 from hcbench.errors import UserError
+from hcbench.fit import fit_files
 from hcbench.fit.candidates import LAWS, dissipation_of, hunt_crossley
 from hcbench.fit.datasets import Heights, TouchTimes
 from hcbench.fit.estimate import fit_law
@@ -209,6 +211,19 @@ def test_drag_that_is_left_out_makes_a_table_tennis_ball_lossy() -> None:
     assert in_a_vacuum.value == pytest.approx(0.1055, rel=0.01)
 
 
+def test_a_fit_shows_itself_in_a_notebook(tmp_path: Path) -> None:
+    times = times_of(synthesise.hunt_crossley(0.3), 1)
+    path = write(tmp_path, "time [s]\n" + "\n".join(f"{t:.6f}" for t in times), "<b>.csv")
+    found = fit_files(path, setup=EXACT)
+    assert found.alpha is not None
+    shown = found._repr_html_()
+    assert f"{found.alpha.value:.3f}" in shown and "&lt;b&gt;.csv" in shown and "<b>" not in shown
+    (axes,) = found.plot().axes
+    law, data = (np.asarray(line.get_xydata()) for line in axes.lines)
+    assert len(data) == len(times) - 2
+    assert np.interp(1.0, *law.T) == pytest.approx(synthesise.hunt_crossley(0.3)(1.0), abs=0.01)
+
+
 # --- which law ---
 
 
@@ -279,9 +294,7 @@ def test_the_command_hands_alpha_to_tune_and_check(
     assert run(["fit", path]) == 0
     shown = capsys.readouterr().out
     assert 'hcbench tune mujoco --alpha "0.29' in shown and " +- 0.00" in shown
-    assert run(["tune", "pybullet", "--points", str(points), "--timestep", "1e-3", "--json"]) == 0
-    error = json.loads(capsys.readouterr().out)
-    assert len(error["target"]["points"]) == 20
+    assert len(parse_points(str(points))) == 20
 
 
 @pytest.mark.parametrize(
@@ -536,10 +549,10 @@ def test_the_recording_of_the_example_goes_all_the_way_to_a_tuned_scene(
     text = page.read_text(encoding="utf-8")
     assert text.count("data:image/svg+xml") == 3 and "<script" not in text
     alpha = f"{found['alpha_s_per_m']:.4f} +- {found['alpha_standard_uncertainty_s_per_m']:.4f} s/m"
-    said = ["--alpha", alpha, "--timestep", "1e-4", "--write-scene", str(scene)]
-    assert run(["tune", "mujoco", *said, "--recipe", "staggered", "--speeds", "0.2:1.4 m/s"]) == 0
+    said = ["--alpha", alpha, "--timestep", "1e-3", "--speeds", "0.2:1.4 m/s"]
+    assert run(["tune", "mujoco", *said, "--write-scene", str(scene)]) == 0
     assert "e is known to ± 0.00" in capsys.readouterr().out
-    gate = ["--pair", "ball,plate", "--alpha", alpha, "--speeds", "0.3, 1 m/s", "--gravity", "0"]
+    gate = ["--pair", "ball,plate", "--alpha", alpha, "--speeds", "0.3, 1 m/s"]
     assert run(["check", str(scene), *gate]) == 0
     assert "by which e is known to ± 0.00" in capsys.readouterr().out
 

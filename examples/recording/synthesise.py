@@ -153,22 +153,22 @@ def recording(
     """
     clock = np.arange(int((times[-1] + 0.5) * rate)) / rate
     sound = np.zeros(len(clock))
-    echoes = [
-        (0.0, 1.0),
-        *((rng.uniform(1e-3, 30e-3), surface.echo * rng.uniform(0.2, 1.0)) for _ in range(6)),
+    echoes = [(0, 1.0)]
+    echoes += [
+        (round(rng.uniform(1e-3, 30e-3) * rate), surface.echo * rng.uniform(0.2, 1.0)) for _ in range(6)
     ]
     for time, speed in zip(times, speeds, strict=True):
-        shares = [share * rng.uniform(0.5, 1.5) for _, _, share in surface.modes]
+        begin = np.searchsorted(clock, time)
+        t = clock[begin : begin + int(0.4 * rate)] - time
+        length = surface.click * speed**-0.2
+        heard = np.where(t < length, np.sin(np.pi * t / length), 0.0)
+        for frequency, decay, share in surface.modes:
+            gain = share * rng.uniform(0.5, 1.5)
+            heard += gain * np.sin(2 * np.pi * frequency * t) * np.exp(-t / decay)
         for delay, gain in echoes:
-            begin = np.searchsorted(clock, time + delay)
-            t = clock[begin : begin + int(0.4 * rate)] - time - delay
-            length = surface.click * speed**-0.2
-            sound[begin : begin + len(t)] += (
-                gain * speed * np.where(t < length, np.sin(np.pi * t / length), 0.0)
+            sound[begin + delay : begin + delay + len(t)] += (
+                gain * speed * heard[: len(sound) - begin - delay]
             )
-            for (frequency, decay, _), share in zip(surface.modes, shares, strict=True):
-                ring = np.sin(2 * np.pi * frequency * t) * np.exp(-t / decay)
-                sound[begin : begin + len(t)] += gain * speed * share * ring
     noise = pink_noise(len(clock), rng) * speeds[0] * 10 ** (-decibels / 20)
     whole = sound + noise
     return np.asarray(0.9 * whole / np.abs(whole).max())

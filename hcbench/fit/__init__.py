@@ -1,1 +1,25 @@
 """From a measurement of bounces to α with its uncertainty, and to the law that the data support."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from hcbench.fit.result import FitResult
+    from hcbench.fit.setup import MeasurementSetup
+
+
+def fit_files(*files: str | Path, setup: MeasurementSetup | None = None, law: str = "auto") -> FitResult:
+    """α of the material in files of measured bounces, as `hcbench fit` finds it.
+
+    files: recordings, times, heights, tracks or pairs of one ball on one plate. setup: what is known besides;
+    by default standard gravity and no drop height. law: "auto", or one that the data follow for certain.
+    Raises UserError where the files do not hold enough. The result shows itself in a notebook.
+    """
+    from hcbench.fit.read import read_dataset
+    from hcbench.fit.result import fit
+    from hcbench.fit.setup import MeasurementSetup
+
+    known = MeasurementSetup() if setup is None else setup
+    return fit([read_dataset(Path(file), known) for file in files], law)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 from hcbench.laws._restitution_series import TOP, restitution_of_one
@@ -134,6 +135,7 @@ def hunt_crossley(d: float) -> tuple[float, float]:
     return math.copysign(math.log(e), -d), math.copysign(slope, -d)
 
 
+@lru_cache(maxsize=4096)  # the points of one posterior are described again and again
 def dissipation_of(log_e: float) -> float:
     """d = (3/2) α v at which ln e of eq. (16) is this, by Newton's iteration over ln d."""
     if abs(log_e) < 1e-6:

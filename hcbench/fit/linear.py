@@ -60,7 +60,7 @@ class Reduced:
     def grams(self, scatter: Floats, noise: Floats) -> tuple[Floats, Floats]:
         """Normal matrices (..., p+q+c, p+q+c) and ln det of the covariance (...), over s_e and s_m (...)."""
         variance = scatter[..., None] ** 2 * self.size**2 + noise[..., None] ** 2
-        normal = np.einsum("...m,ma,mb->...ab", 1.0 / variance, self.columns, self.columns, optimize=True)
+        normal = self.columns.T @ (self.columns / variance[..., None])
         normal += self.rest / noise[..., None, None] ** 2 + self.prior
         log_det = np.log(variance).sum(axis=-1) + 2.0 * self.rest_count * np.log(noise)
         return normal, log_det

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from hcbench.fit.linear import Reduced
     from hcbench.impact import Floats
 
-SCATTER_SCALE = 0.005  # of e from one impact to the next: 0.1 ... 2 % are seen
+SCATTER_SCALE = 0.0035  # of e from one impact to the next, its likeliest: 0.1 ... 2 % are seen
 _SPAN = 1e4  # widest range on either side of what is likely
 _FACTOR = math.log(3.0)
 _COARSE, _FINE = 15, 13
@@ -24,12 +24,13 @@ _NEGLIGIBLE = 9.0  # in ln of the density
 
 
 def scatter_prior(log_scatter: Floats) -> Floats:
-    """ln of the density over ln s_e: normal about what balls do, within a factor of 3.
+    """ln of the density over ln s_e: 1/s_e is half a normal distribution, of width 1/SCATTER_SCALE.
 
-    It keeps few touches that happen to lie on the curve from an interval of no width; many outweigh it.
+    It has next to nothing below a third of the scale, so that few touches that happen to lie on the curve do
+    not get an interval of no width, and a long tail above it.
     """
-    away = (log_scatter - math.log(SCATTER_SCALE)) / _FACTOR
-    return -0.5 * away**2 - math.log(_FACTOR * math.sqrt(2.0 * math.pi))
+    away = SCATTER_SCALE * np.exp(-log_scatter)
+    return np.asarray(0.5 * math.log(2.0 / math.pi) + np.log(away) - 0.5 * away**2)
 
 
 def noise_prior(log_noise: Floats, scale: float) -> Floats:
@@ -87,7 +88,7 @@ class NoiseLikelihood:
         """ln of prior times likelihood at one δ (q,) for each data set: (k, l)."""
         z = np.concatenate([-delta, [1.0]])
         return [
-            offset - 0.5 * np.einsum("a,klab,b->kl", z, outer, z, optimize=True) + prior
+            offset - 0.5 * (outer @ z) @ z + prior
             for outer, offset, prior in zip(self.outer, self.offset, self.prior_noise, strict=True)
         ]
 

@@ -18,11 +18,13 @@ from hcbench.fit.track import scale_warnings
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from matplotlib.figure import Figure
+
     from hcbench.fit.datasets import Dataset
     from hcbench.fit.estimate import LawFit
     from hcbench.impact import Floats
 
-ODDS_TO_TELL, ODDS_OVER_E0 = 20.0, 3.0
+ODDS_TO_TELL, ODDS_OVER_E0 = 25.0, 3.0
 _GAINS = 0.999  # share of the posterior at e > 1 from which on the data cannot be right
 WITH_E0 = "hunt-crossley with e0"
 COVERAGE = 1.959964  # standard deviations on either side of 95 %
@@ -59,6 +61,22 @@ class FitResult:
     budget: Budget
     flags: tuple[Flag, ...]
     warnings: tuple[str, ...] = ()
+
+    def _repr_html_(self) -> str:
+        """What was found and the odds of each law, for a notebook."""
+        from hcbench.fit.notebook import as_html
+
+        return as_html(self)
+
+    def plot(self) -> Figure:
+        """e over impact speed: the data, and the law with its 95 % band, as a matplotlib figure."""
+        from matplotlib.figure import Figure
+
+        from hcbench.fit.notebook import draw_curve
+
+        figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+        draw_curve(figure.subplots(), self, "C3", [f"C{i}" for i in (0, 1, 2, 4, 5, 6)])
+        return figure
 
     @property
     def best(self) -> LawFit:

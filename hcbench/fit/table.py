@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 _LARGEST = 16 << 20  # bytes
 _NAMED = re.compile(
-    r"\s*(?P<name>[^\[\]{}]*?)\s*(?:\[\s*(?P<unit>[^\]]*?)\s*\]|\(\s*(?P<round>[^()]*?)\s*\))\s*"
+    r"\s*(?P<name>[^\[\]{}]*?)\s*"
+    r"(?:\[\s*(?P<square>[^\]]*?)\s*\]|\(\s*(?P<round>[^()]*?)\s*\)|\{\s*(?P<curly>[^{}]*?)\s*\})\s*"
 )
 _CONVERT = "Convert it first: ffmpeg -i {name} {stem}.wav"
 _SOUNDS = (".m4a", ".mp3", ".aac", ".ogg", ".opus", ".flac", ".wma", ".amr", ".caf", ".3gp", ".mp4", ".mov")
@@ -137,8 +138,9 @@ def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
 
 
 def split_header(cell: str) -> tuple[str, str]:
-    """(name in lower case, unit) of "name [unit]" or "name (unit)"; the unit "" where there is none."""
+    """(name in lower case, unit) of "name [unit]", "name (unit)" or "name {unit}"; the unit "" for none."""
     match = _NAMED.fullmatch(cell)
     if match is None:
         return cell.strip().lower(), ""
-    return match["name"].lower(), match["unit"] if match["unit"] is not None else match["round"]
+    unit = next(text for text in match.group("square", "round", "curly") if text is not None)
+    return match["name"].lower(), unit

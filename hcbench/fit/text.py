@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 SCHEMA = 1
 _POINTS = 20
-_BAND_POINTS = 41
+_BAND_POINTS = 25
 
 
 def with_uncertainty(value: float, uncertainty: float) -> str:
@@ -44,7 +44,7 @@ def band(result: FitResult, count: int = _BAND_POINTS) -> tuple[Floats, Floats, 
     fit = result.best
     speeds = speeds_over(result, count)
     estimate = {"hunt-crossley": result.alpha, "constant": result.restitution}.get(fit.law.name)
-    keep = fit.posterior.weight > 1e-6 * fit.posterior.weight.max()
+    keep = fit.posterior.weight > 1e-4 * fit.posterior.weight.max()
     curves = np.array(
         [
             [fit.law.curve(tuple(p), fit.reference).at(v) for v in speeds]

@@ -22,9 +22,11 @@ if TYPE_CHECKING:
     from hcbench.fit.setup import MeasurementSetup
     from hcbench.impact import Floats
 
-_SIGMAS = 7.0  # of the noise, that the last flight must be higher than
+_SIGMAS = 7.0  # of the noise, that flights must be higher than to be looked for
+_FOLLOWS = 5.0  # the same of flights that follow on one another: where they are is known
 _SHARE = 0.005  # of the highest point, likewise
 _LEAST_FRAMES = 4  # of a flight
+_UNSURE = 0.1  # of the last flight: whether its end is still flight, nothing after it tells
 _FALLEN = 0.05  # share of the drop after which the ball is falling freely for sure
 _OFF = 3.0  # standard deviations of g from which on the scale or the clock is called wrong
 _NEAR = 0.01  # of g: less is no concern, whatever the standard deviation
@@ -122,7 +124,7 @@ class Track(Dataset):
 def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats) -> Track:
     """A track with its touches found. Raises UserError where there are too few."""
     noise = float(np.median(np.abs(np.diff(heights, 3)))) / (0.6745 * math.sqrt(20.0))
-    least = max(_SIGMAS * noise, _SHARE * float(np.ptp(heights)))
+    least, follows = (max(n * noise, _SHARE * float(np.ptp(heights))) for n in (_SIGMAS, _FOLLOWS))
     lows = find_peaks(-heights, prominence=least)[0]
     lows = lows[: 1 + int(np.argmax(np.append(np.diff(lows) < _LEAST_FRAMES, True)))]
     if not len(lows):
@@ -140,11 +142,12 @@ def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats)
     has_fall = int(lows[0]) - begin >= _LEAST_FRAMES
     touches = times[lows].tolist()
     for _ in range(2):
-        touches = _extended(touches, times, heights - floor, least, frame, g)
+        touches = _extended(touches, times, heights - floor, follows, frame, g)
         touches, floor = _refined(touches, times[begin:], heights[begin:], floor, frame, g)
     if len(touches) < (2 if has_fall or setup.height is not None else 4):
         raise _too_few(name, len(touches))
-    kept = (times >= times[begin] if has_fall else times > touches[0]) & (times < touches[-1])
+    end = touches[-1] - _UNSURE * (touches[-1] - touches[-2])
+    kept = (times >= times[begin] if has_fall else times > touches[0]) & (times < end)
     drop = top - floor if has_fall else None
     return Track(name, setup, times[kept], heights[kept], np.array(touches), floor, drop)
 

@@ -8,9 +8,10 @@ import numpy as np
 
 from hcbench.fit.candidates import LAWS
 from hcbench.fit.datasets import TouchTimes
-from hcbench.fit.text import band, headline, next_lines, odds_text, with_uncertainty
+from hcbench.fit.notebook import draw_curve
+from hcbench.fit.text import headline, next_lines, odds_text, with_uncertainty
 from hcbench.report.page import Drawing, draw, render
-from hcbench.report.plot_style import COLOURS, INK, LIMIT, MEASURED, SLATE, draw_band, new_figure, speed_axis
+from hcbench.report.plot_style import COLOURS, INK, LIMIT, MEASURED, SLATE, new_figure, speed_axis
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,16 +53,9 @@ def _curve_figure(result: FitResult) -> Figure:
     """e over impact speed: the data as one reads them off, the law with its 95 % band."""
     figure = new_figure(6.4, 3.6)
     axes = figure.subplots()
-    speeds, e, low, high = band(result)
-    draw_band(axes, speeds, low, high, LIMIT)
-    axes.plot(speeds, e, color=LIMIT, label=f"{result.best.law.name}, 95 % band")
-    for i, s in enumerate(result.sets):
-        v, read = s.pairs()
-        axes.plot(v, read, linestyle="none", marker="o", color=COLOURS[i % len(COLOURS)], label=s.name)
-    axes.set_ylabel("restitution e", color=INK)
-    axes.set_xlim(left=0.0)
+    draw_curve(axes, result, LIMIT, COLOURS)
+    axes.yaxis.label.set_color(INK)
     speed_axis(axes, inches=False)
-    axes.legend(loc="best")
     return figure
 
 
