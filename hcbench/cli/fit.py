@@ -149,7 +149,8 @@ def _known_gravity(text: str) -> str:
 
 
 def _engine() -> str:
-    """The first engine that can be tuned, for the line to type next."""
+    """The engine for the line to type next: of those that can run, the one with the most recipes."""
     from hcbench.sim import registry
 
-    return next((name for name in registry.names() if registry.recipes(name)), "ENGINE")
+    there = [name for name in registry.names() if registry.is_there(name)]
+    return max(there, key=lambda name: len(registry.recipes(name)), default="ENGINE")
