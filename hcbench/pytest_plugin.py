@@ -46,8 +46,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """The marker, for --strict-markers and --markers."""
+    """The markers, for --strict-markers and --markers."""
     config.addinivalue_line("markers", _MARKER)
+    if not config.pluginmanager.hasplugin("xdist"):  # which has it, and for which `hcbench.testing` sets it
+        config.addinivalue_line("markers", "xdist_group(name): tests that run in one process of pytest-xdist")
 
 
 @pytest.fixture

@@ -62,18 +62,25 @@ def setting_for(recipe: str, scene: str) -> Setting:
 
 
 @cache
-def impacts_for(recipe: str, scene: str) -> tuple[Impact, ...]:
-    """Impacts of LAUNCHES; a skip with the reason where a recipe refuses the scene or the version is old."""
+def _run(recipe: str, scene: str) -> tuple[Impact, ...] | str:
+    """Impacts of LAUNCHES, or why there are none: a recipe refuses the scene, an engine is not there."""
     setting, case = setting_for(recipe, scene), load_scene(scene)
     engine = registry.engine(setting.engine)
     if case.form not in registry.recipe(recipe).forms:
         with pytest.raises(SettingError, match=case.form):
             engine.run(case, setting, LAUNCHES)
-        pytest.skip("refused for this form of scene, with the reason")
+        return "refused for this form of scene, with the reason"
     try:
-        impacts = tuple(engine.run(case, setting, LAUNCHES))
+        return tuple(engine.run(case, setting, LAUNCHES))
     except EngineMissing as error:
-        pytest.skip(str(error))
+        return str(error)
+
+
+def impacts_for(recipe: str, scene: str) -> tuple[Impact, ...]:
+    """Impacts of LAUNCHES; a skip with the reason where there are none, or no bounce."""
+    impacts = _run(recipe, scene)
+    if isinstance(impacts, str):
+        pytest.skip(impacts)
     if (ends := registry.recipe(recipe).ends) is not None:
         assert {i.status for i in impacts} == {ends}
         assert all(i.reason for i in impacts)
@@ -94,11 +101,13 @@ class EngineConformance:
 
     @classmethod
     def pytest_generate_tests(cls, metafunc: pytest.Metafunc) -> None:
-        """Every recipe of the engine in every scene."""
+        """Every recipe of the engine in every scene; the tests of one share what it ran, so one process."""
         if "recipe" in metafunc.fixturenames:
             names = [f"{cls.engine}.{name}" for name in registry.recipes(cls.engine)]
+            cases = [(name, scene) for name in names for scene in cls.scenes]
             metafunc.parametrize(
-                ("recipe", "scene"), [(name, scene) for name in names for scene in cls.scenes]
+                ("recipe", "scene"),
+                [pytest.param(*case, marks=pytest.mark.xdist_group(" ".join(case))) for case in cases],
             )
 
     def test_an_impact_for_each_launch_in_order(self, recipe: str, scene: str) -> None:

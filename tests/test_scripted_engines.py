@@ -58,10 +58,10 @@ def test_what_is_pasted_stands_in_the_script(recipe: str) -> None:
     setting = setting_for(recipe, "steel-plane")
     engine = registry.engine(setting.engine)
     script = [line.strip() for line in engine.script(PLANE, setting).splitlines()]
-    pasted = [line.strip() for line in engine.snippet(setting, "plane").splitlines()]
-    step = repr(setting.timestep)
-    for line in pasted:
-        assert line in script or line.replace(step, "timestep") in script
+    pasted = engine.snippet(setting, "plane").splitlines()
+    assert bool(pasted) is bool(setting.options)
+    for line in map(str.strip, pasted):
+        assert line in script or line.replace(repr(setting.timestep), "timestep") in script
 
 
 @pytest.mark.parametrize("name", SCRIPTED)

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar, fi
 import numpy as np
 from pydantic import PlainValidator
 
-from hcbench._text import shortest
+from hcbench._text import sanitized, shortest
 from hcbench.errors import SettingError
 from hcbench.fields import OptionTable, validate
 from hcbench.laws.contact_law import law_of
@@ -97,13 +97,14 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
 
     def script(self, scene: Scene, setting: Setting) -> str:
         """The script, which prints restitution against speed when run."""
-        if scene.form not in self.forms(setting):
-            got = f"the form {scene.form!r}"
+        if scene.form not in self.forms(setting) or scene.off_axis:
+            got = "off its axis" if scene.off_axis else f"the form {scene.form!r}"
             raise SettingError(f"{setting.engine} {setting.name!r}", got, "the form 'plane'")
         numbers = (scene.mass, scene.touch_radius, scene.inertia, scene.normal_gravity, setting.timestep)
         options = self.read(setting)
         return _SCRIPT.format(
             title=self.title,
+            form=scene.form,
             numbers=", ".join(map(shortest, numbers)),
             law=law_lines(options.law),
             lines=self.lines(options, scene),
@@ -158,7 +159,11 @@ class BallSimulation(Simulation):
         step, force = world.names["step"], world.names.get("force", lambda: None)
         for _ in range(steps):
             told.append(force())
-            states.append(step())
+            try:
+                states.append(step())
+            except RuntimeError as error:  # the engine gave up
+                world.diverged = sanitized(error)
+                states.append((math.nan, math.nan))
         self.state = states[-1]
         z, v = np.array(states, dtype=np.float64).T
         fall = world.gravity * world.timestep
@@ -173,18 +178,18 @@ class BallSimulation(Simulation):
         """There is only one."""
 
 
-_SCRIPT = '''"""A ball dropped on a plane in {title}: prints restitution against impact speed (m/s)."""
+_SCRIPT = '''"""A ball dropped on a {form} in {title}: prints restitution against impact speed (m/s)."""
 
-m, R, inertia, gravity, timestep = {numbers}  # SI; the plane is z = 0
+m, R, inertia, gravity, timestep = {numbers}  # SI; the {form} is at z = 0
 {law}
 {lines}
 
 if __name__ == "__main__":
     for speed in (0.05, 0.1, 0.2, 0.3, 0.4, 0.5):
         z, v = place(R + 2.5 * timestep * speed, -speed)
-        for _ in range(1000000):
+        for _ in range(100000):
             z, v = step()
-            if v > 0 and z > R:
+            if (v > 0 and z > R) or v == 0:
                 break
         print(speed, v / speed)
 '''

@@ -79,12 +79,13 @@ def python_law_recipes(
     force: float = 0.0,
     each_impact: float = 0.0,
     common: Options = MappingProxyType({}),
+    each_impact_options: Callable[[Target], Options] = lambda target: {},
 ) -> tuple[Recipe, ...]:
     """Recipes for an engine that lets a law in from Python, by lines of the user's own, on a plane.
 
     native: as for `plug_in_recipes`. hook: where the law goes in, a sentence. force, each_impact: how near e
     comes with the law as contact force, and with its e set before each impact; 0 where the engine has no way.
-    common: options of each setting, beside "law".
+    common, each_impact_options: options of each setting, and of those that set e, beside "law".
     """
     names = [recipe.name for recipe in native if recipe.role in (Role.CONSTANT_E, Role.FALLING_E)]
     own = partial(Recipe, engine, native=False, instead=_any_of(names), forms=("plane",))
@@ -104,7 +105,7 @@ def python_law_recipes(
         recipes += [own(
             "restitution-law",
             Role.LAW,
-            lambda target: {"law": _restitution_law(target), **common},
+            lambda target: {"law": _restitution_law(target), **common, **each_impact_options(target)},
             "From Python: each impact gets the law's e of its own speed, in one step.",
             (hook, _IMPULSE),
             one_step=True,

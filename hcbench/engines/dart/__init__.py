@@ -1,0 +1,1 @@
+"""DART: rigid contact with Newton's restitution, in one step."""

@@ -1,0 +1,110 @@
+"""DART behind the contract of an engine: a ball on a box, by rigid contact."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from pydantic import Field
+
+from hcbench._text import shortest
+from hcbench.fields import Finite
+from hcbench.laws.force import HuntCrossley
+from hcbench.laws.restitution import Restitution
+from hcbench.sim.backend import Backend
+from hcbench.sim.read_impact import SpeedReading
+from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
+
+if TYPE_CHECKING:
+    from hcbench.scene import Scene
+
+
+class DartOptions(ScriptOptions):
+    """A setting's options: none of them means a scene in metres with nothing set.
+
+    restitution: of the ball's shape; the plate's is 1. units_per_metre: of DART's unit of length, 100 for cm.
+    """
+
+    restitution: Annotated[Finite | None, Field(ge=0.0, le=1.0)] = None
+    units_per_metre: Annotated[Finite, Field(gt=0.0)] = 1.0
+
+
+class DartEngine(ScriptedEngine[DartOptions]):
+    """DART 6 behind dartpy."""
+
+    name: ClassVar[str] = "dart"
+    title: ClassVar[str] = "DART"
+    backend: ClassVar[Backend] = Backend("dart", "dartpy", "6.20", "6.20")
+    table = DartOptions
+
+    def lines(self, options: DartOptions, scene: Scene) -> str:
+        """Skeletons of plate and ball in a World."""
+        by_force = isinstance(options.law, HuntCrossley)
+        shapes = "ball_shape.createDynamicsAspect()" if by_force else f"{_SHAPES}\n{_set(options)}".rstrip()
+        hook = _hook(options).replace("\n", "\n    ") or "pass"
+        return _LINES.format(length=shortest(options.units_per_metre), shapes=shapes, hook=hook)
+
+    def paste(self, options: DartOptions, timestep: str) -> str:
+        """Restitutions of both shapes, and what to do before each step."""
+        length = f"L = {shortest(options.units_per_metre)}  # of DART's lengths in a metre"
+        return "\n".join(filter(None, (length, _set(options), _hook(options))))
+
+    def reading(self, options: DartOptions) -> SpeedReading:
+        """At the step's end, as its restitution is of that speed."""
+        by_force = isinstance(options.law, HuntCrossley)
+        return SpeedReading.TOUCH_PLANE if by_force else SpeedReading.STEP_END
+
+
+def _set(options: DartOptions) -> str:
+    if options.restitution is None and not isinstance(options.law, Restitution):
+        return ""
+    e = "" if options.restitution is None else f"\n{_SET_BALL.format(shortest(options.restitution))}"
+    return f"plate_shape.getDynamicsAspect().setRestitutionCoeff(1.0)  # they multiply{e}"
+
+
+def _hook(options: DartOptions) -> str:
+    """Before each step."""
+    if isinstance(options.law, HuntCrossley):
+        return _PUSH
+    return _SET_EACH if options.law else ""
+
+
+_SET_BALL = "ball_shape.getDynamicsAspect().setRestitutionCoeff({})"
+_SET_EACH = f"""\
+speed = gravity * timestep - ball.getVelocities()[5] / L  # at the end of the step
+{_SET_BALL.format("min(1.0, (1 + e(speed)) * (1 + 1e-5) - 1)")}"""
+_PUSH = """\
+x, v = R - ball.getPositions()[5] / L, -ball.getVelocities()[5] / L
+body.addExtForce([0, 0, law(x, v) * L], [0, 0, 0], False, True)"""
+_SHAPES = """\
+for shape in (plate_shape, ball_shape):
+    shape.createCollisionAspect()
+    shape.createDynamicsAspect()"""
+_LINES = """\
+import dartpy as dart
+import numpy as np
+
+L = {length}  # of DART's lengths in a metre
+world = dart.simulation.World()
+world.setTimeStep(timestep)
+world.setGravity([0, 0, -gravity * L])
+plate, ball = dart.dynamics.Skeleton("plate"), dart.dynamics.Skeleton("ball")
+_, ground = plate.createWeldJointAndBodyNodePair()
+_, body = ball.createFreeJointAndBodyNodePair()
+body.setInertia(dart.dynamics.Inertia(m, [0, 0, 0], np.eye(3) * inertia * L**2))
+plate_shape = ground.createShapeNode(dart.dynamics.BoxShape([50 * L, 50 * L, 0.2 * L]))
+plate_shape.setRelativeTranslation([0, 0, -0.1 * L])
+ball_shape = body.createShapeNode(dart.dynamics.SphereShape(R * L))
+{shapes}
+world.addSkeleton(plate)
+world.addSkeleton(ball)
+def state():
+    return ball.getPositions()[5] / L, ball.getVelocities()[5] / L
+def place(height, velocity):
+    world.reset()
+    ball.setPositions([0, 0, 0, 0, 0, height * L])  # rotation, then x y z
+    ball.setVelocities([0, 0, 0, 0, 0, velocity * L])
+    return state()
+def step():
+    {hook}
+    world.step()
+    return state()"""

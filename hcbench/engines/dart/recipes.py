@@ -1,0 +1,66 @@
+"""Settings of DART in closed form."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from hcbench.errors import SettingError
+from hcbench.tune.constant import minimax_constant
+from hcbench.tune.law_recipes import python_law_recipes
+from hcbench.tune.recipe import Role, on_a_plane, stock
+from hcbench.tune.target import Target
+
+_MIXING = 1e-5  # constraint force mixing, built in: a shape's e gives (1 + e)/(1 + 1e-5) - 1
+_THRESHOLD, _CAP = 0.1, 100.0  # units of length a second: no bounce below in e v, none faster than that
+
+
+def units_per_metre(target: Target, e: float) -> float:
+    """The smallest unit of length, a power of ten, whose cap is half again the band's highest speed."""
+    units = 10.0 ** math.floor(math.log10(_CAP / (1.5 * target.speed_max)))
+    if e * target.speed_min * units <= _THRESHOLD:
+        got, least = f"from {target.speed_min:.4g} m/s on", _THRESHOLD / (e * units) if e else math.inf
+        raise SettingError("speeds", got, f"{least:.4g} m/s or more: DART bounces within a band of 1000 only")
+    return units
+
+
+def restitution(target: Target) -> dict[str, Any]:
+    """The best constant e, in a unit of length that keeps the band between threshold and cap."""
+    e, _ = minimax_constant(target)
+    return {
+        "restitution": min(1.0, (1.0 + e) * (1.0 + _MIXING) - 1.0),
+        "units_per_metre": units_per_metre(target, e),
+    }
+
+
+_UNITS = (
+    "Nothing bounces while e v is below 0.1 units of length a second, nor faster than 100: a scene in cm is"
+    " good from 1 mm/s to 1 m/s, one in metres from 0.1 m/s on. All lengths of the scene scale, gravity too.",
+    "With gravity the rebound is e (v + g h): energy grows, up to bouncing for ever at e = 1.",
+)
+_NATIVE = (
+    stock(
+        "dart",
+        "DART as it comes: a shape's restitution is 0 and nothing bounces.",
+        "URDF, SDF and SKEL files cannot say restitution: it always comes from Python.",
+        forms=("plane",),
+    ),
+    on_a_plane("dart", "restitution", Role.CONSTANT_E, restitution, one_step=True)(
+        "DART's restitution: the best constant e, exact at any step and phase, in a unit that it bounces in.",
+        "Restitutions multiply: the plate's must be set to 1, stock is 0.",
+        "Constraint force mixing of 1e-5 takes its part: set (1 + e)(1 + 1e-5) - 1; .99998 is the most.",
+        *_UNITS,
+        "The force is one impulse of m (1 + e) v / h: forces and contact times mean nothing.",
+    ),
+)
+_HOOK = "Lines of Python before each world.step(): addExtForce, or setRestitutionCoeff on the ball's shape."
+
+
+def _unit_of_law(target: Target) -> dict[str, Any]:
+    return {"units_per_metre": units_per_metre(target, float(target.restitution(target.speed_min)))}
+
+
+_LAWS = python_law_recipes(
+    "dart", _NATIVE, _HOOK, force=5e-6, each_impact=1e-12, each_impact_options=_unit_of_law
+)
+RECIPES = (*_NATIVE, *_LAWS)

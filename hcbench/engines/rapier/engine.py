@@ -1,0 +1,78 @@
+"""Rapier behind the contract of an engine: a ball on a half space, by rigid contact."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from pydantic import Field
+
+from hcbench._text import shortest
+from hcbench.fields import Finite
+from hcbench.laws.restitution import Restitution
+from hcbench.sim.backend import Backend
+from hcbench.sim.read_impact import SpeedReading
+from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
+
+if TYPE_CHECKING:
+    from hcbench.scene import Scene
+
+
+class RapierOptions(ScriptOptions):
+    """A setting's options: none of them means colliders with nothing set.
+
+    restitution: of both colliders, whose average it uses.
+    """
+
+    restitution: Annotated[Finite | None, Field(ge=0.0, le=1.0)] = None
+
+
+class RapierEngine(ScriptedEngine[RapierOptions]):
+    """Rapier 3D behind rapier3d; its numbers have 32 bits."""
+
+    name: ClassVar[str] = "rapier"
+    title: ClassVar[str] = "Rapier"
+    backend: ClassVar[Backend] = Backend("rapier", "rapier3d", "0.36", "0.36")
+    bits: ClassVar[int] = 32
+    laws = (Restitution,)
+    table = RapierOptions
+
+    def lines(self, options: RapierOptions, scene: Scene) -> str:
+        """Bodies and colliders of a PhysicsWorld."""
+        hook = _EACH.replace("\n", "\n    ") if options.law else "pass"
+        return _LINES.format(e=_set(options) or "pass", hook=hook)
+
+    def paste(self, options: RapierOptions, timestep: str) -> str:
+        """Restitution of both colliders."""
+        return _EACH if options.law else _set(options)
+
+    def reading(self, options: RapierOptions) -> SpeedReading:
+        """At the step's start."""
+        return SpeedReading.STEP_START
+
+
+def _set(options: RapierOptions) -> str:
+    e = options.restitution
+    return "" if e is None else _SET.format(shortest(e))
+
+
+_SET = "plate.restitution = ball.restitution = {}"
+_EACH = _SET.format("e(-body.linvel.z)")
+_LINES = """\
+import rapier3d as rapier
+
+def place(height, velocity):
+    global world, body, plate, ball
+    world = rapier.PhysicsWorld(gravity=(0, 0, -gravity))
+    world.integration_parameters.dt = timestep
+    start = rapier.RigidBody.dynamic(translation=(0, 0, height), linvel=(0, 0, velocity))
+    made, colliders = world.rigid_bodies.insert(start), world.colliders
+    body = world.rigid_bodies[made]
+    plate = colliders[colliders.insert(rapier.Collider.halfspace((0, 0, 1)))]
+    sphere = rapier.Collider.ball(R, mass=m)
+    ball = colliders[colliders.insert_with_parent(sphere, made, world.rigid_bodies)]
+    {e}
+    return body.translation.z, body.linvel.z
+def step():
+    {hook}
+    world.step()
+    return body.translation.z, body.linvel.z"""
