@@ -5,7 +5,7 @@ An engine writes the lines that build its world and define
     place(height, velocity)   the ball's centre, m, with its velocity upwards, m/s, and nothing remembered
     step()                    one step more
     force()                   N, that acts from the present state on; None, or not defined at all, where what
-                              the step does to the momentum is the force
+                              the step does to the momentum is the force, or `law` that of the state
 
 `place` and `step` return height and velocity as the engine then has them. The lines find the names m, R,
 inertia, gravity and timestep (SI, the plane is z = 0), and of a setting with a law `law(x, v)` or `e(v)`.
@@ -156,9 +156,12 @@ class BallSimulation(Simulation):
     def advance(self, steps: int) -> Record:
         """`steps` steps."""
         world, states, told = self.world, [self.state], []
-        step, force = world.names["step"], world.names.get("force", lambda: None)
+        step: Any = world.names["step"]
+        force, law = world.names.get("force"), world.names.get("law")
         for _ in range(steps):
-            told.append(force())
+            z, v = states[-1]
+            at_start = law(world.radius - z, -v) if law and z < world.radius else None
+            told.append(force() if force else at_start)
             try:
                 states.append(step())
             except RuntimeError as error:  # the engine gave up

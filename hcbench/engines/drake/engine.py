@@ -5,20 +5,18 @@ A discrete plant steps by the setting's step; a continuous one is only looked at
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from hcbench._text import shortest
 from hcbench.fields import Finite
 from hcbench.laws.force import HuntCrossley
+from hcbench.scene import Scene
 from hcbench.sim.backend import Backend
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
 from hcbench.tune.snippet import arguments
-
-if TYPE_CHECKING:
-    from hcbench.scene import Scene
 
 Positive = Annotated[Finite | None, Field(ge=0.0)]
 
@@ -26,12 +24,11 @@ Positive = Annotated[Finite | None, Field(ge=0.0)]
 class DrakeOptions(ScriptOptions):
     """A setting's options: none of them means a discrete plant with nothing set.
 
-    plant: a continuous one, of an integrator and accuracy, is only looked at in the setting's steps.
+    plant: a continuous one, of an accuracy, is only looked at in the setting's steps.
     point_stiffness (N/m), dissipation (s/m), relaxation_time (s): of each body.
     """
 
     plant: Literal["continuous", "discrete"] = "discrete"
-    integrator: Literal["runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3"] = "runge_kutta3"
     accuracy: Annotated[Finite, Field(gt=0.0, lt=1.0)] = 1e-4
     approximation: Literal["lagged", "similar", "tamsi", "sap"] = "lagged"
     point_stiffness: Positive = None
@@ -51,9 +48,7 @@ class DrakeEngine(ScriptedEngine[DrakeOptions]):
     def lines(self, options: DrakeOptions, scene: Scene) -> str:
         """Plant, contact or law, and Simulator."""
         plant, contact, integrator = _parts(options, "timestep")
-        before, after, force = (
-            ("", _LAW, _LAW_FORCE) if options.law else (f"{contact}\n{_SHAPES}", "", _FORCE)
-        )
+        before, after, force = ("", _LAW, "") if options.law else (f"{contact}\n{_SHAPES}", "", _FORCE)
         force = force if options.plant == "continuous" else ""  # a discrete one's results are of two times
         return _LINES.format(plant=plant, before=before, after=after, integrator=integrator, force=force)
 
@@ -71,14 +66,13 @@ class DrakeEngine(ScriptedEngine[DrakeOptions]):
 def _parts(options: DrakeOptions, timestep: str) -> tuple[str, str, str]:
     """Plant, properties of both bodies, and integrator."""
     properties = "properties = drake.ProximityProperties()  # of both bodies"
-    names = ("dissipation", "point_stiffness")
-    if given := {name: v for name in names if (v := getattr(options, name)) is not None}:
+    if given := options.model_dump(include={"dissipation", "point_stiffness"}, exclude_none=True):
         friction = "friction=drake.CoulombFriction(0, 0), properties=properties"
         properties += f"\ndrake.AddContactMaterial({arguments(given)}, {friction})"
     if (time := options.relaxation_time) is not None:
         properties += f'\nproperties.AddProperty("material", "relaxation_time", {shortest(time)})'
     if options.plant == "continuous":
-        return _PLANT.format("0.0"), properties, _INTEGRATOR.format(options.integrator, options.accuracy)
+        return _PLANT.format("0.0"), properties, _INTEGRATOR.format(options.accuracy)
     name = f"drake.DiscreteContactApproximation.k{options.approximation.capitalize()}"
     plant = f"{_PLANT.format(timestep)}\nplant.set_discrete_contact_approximation({name})"
     return plant, properties, ""
@@ -86,7 +80,7 @@ def _parts(options: DrakeOptions, timestep: str) -> tuple[str, str, str]:
 
 _PLANT = "plant, _ = drake.AddMultibodyPlantSceneGraph(builder, time_step={})"
 _INTEGRATOR = """\
-drake.ResetIntegratorFromFlags(simulator, "{}", 0.001)  # scheme, largest step
+drake.ResetIntegratorFromFlags(simulator, "runge_kutta3", 0.001)  # scheme, largest step
 simulator.get_mutable_integrator().set_target_accuracy({})"""
 _LINES = """\
 import logging
@@ -112,8 +106,7 @@ def place(height, velocity):
     return height, velocity
 def step():
     simulator.AdvanceTo((round(root.get_time() / timestep) + 1) * timestep)
-    state = plant.GetPositionsAndVelocities(context)  # quaternion, x y z, spin, velocity
-    return state[6], state[12]
+    return plant.GetPositionsAndVelocities(context)[[6, 12]]  # of quaternion, x y z, spin, velocity
 {force}"""
 _SHAPES = """\
 for body, shape in ((ball, drake.Sphere(R)), (plant.world_body(), drake.HalfSpace())):
@@ -134,10 +127,6 @@ class Law(drake.LeafSystem):  # pushes the ball, of radius R, off the plane z = 
 system = builder.AddSystem(Law())  # after plant.Finalize()
 builder.Connect(plant.get_state_output_port(), system.get_input_port(0))
 builder.Connect(system.get_output_port(0), plant.get_applied_spatial_force_input_port())"""
-_LAW_FORCE = """\
-def force():
-    state = plant.GetPositionsAndVelocities(context)
-    return law(R - state[6], -state[12]) if state[6] < R else None"""
 _FORCE = """\
 def force():  # of the present state; contact_force() is that on the second body
     if plant.GetPositions(context)[6] >= R:

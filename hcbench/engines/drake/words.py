@@ -5,8 +5,8 @@ from hcbench.laws.conventions import OneContact, SystemValue, Words
 
 def words(contact: OneContact) -> Words:
     """Its dissipation."""
-    note = "d = 1.5 α, on both bodies; continuous plants only"
-    value = SystemValue("Drake", "hunt_crossley_dissipation", (1.5 * contact.alpha,), "s/m", note)
+    note, name = "d = 1.5 α, on both bodies; continuous plants only", "hunt_crossley_dissipation"
+    value = SystemValue("Drake", name, (1.5 * contact.alpha,), "s/m", note)
     return Words(
         (value,),
         traps=(

@@ -54,18 +54,16 @@ class ExudynEngine(ScriptedEngine[ExudynOptions]):
 
     def lines(self, options: ExudynOptions, scene: Scene) -> str:
         """A mass point, its contact or the law, and a solver that takes one step at a time."""
-        if scene.form == "cup":
-            centre, radius, hollow = -scene.plate_radius, -scene.plate_radius, "True"
-        else:
-            centre, radius, hollow = -_PLATE_RADIUS, _PLATE_RADIUS, "False"
-        where = {"centre": shortest(centre), "radius": shortest(radius), "hollow": hollow}
+        cup = scene.form == "cup"
+        centre = -scene.plate_radius if cup else -_PLATE_RADIUS
+        where = {"centre": shortest(centre), "radius": shortest(abs(centre)), "hollow": cup}
         contact = _LAW if options.law else _CONTACT.format(numbers=_numbers(options), **where)
         return _LINES.format(
             contact=contact,
             settings=_SETTINGS,
             solver=_SOLVER.format(options.solver),
             data=int(options.law is None),
-            force=_LAW_FORCE if options.law else _FORCE,
+            force="" if options.law else _FORCE,
         )
 
     def paste(self, options: ExudynOptions, timestep: str) -> str:
@@ -84,8 +82,11 @@ def _numbers(options: ExudynOptions) -> str:
 
 
 _SOLVER = "solver = exudyn.DynamicSolverType.{}"
-_FORCE = "mbs.GetObjectOutput(contact, exudyn.OutputVariableType.Force)[2]"
-_LAW_FORCE = "law(-states.GetODE2Coordinates()[2], -states.GetODE2Coordinates_t()[2])"
+_FORCE = """\
+def force():
+    if states.GetODE2Coordinates()[2] >= 0:
+        return None
+    return mbs.GetObjectOutput(contact, exudyn.OutputVariableType.Force)[2]"""
 _SETTINGS = """\
 settings = exudyn.SimulationSettings()
 settings.timeIntegration.minimumStepSize = 1e-16  # the default, 1e-8, ends one impact in five at parting
@@ -102,7 +103,6 @@ contact = mbs.AddObject(ObjectContactSphereSphere(
 _LAW = """\
 def push(mbs, t, item, offset, velocity, stiffness, damping, force):
     return -law(-offset, -velocity)
-
 height = mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=node, coordinate=2))
 rest = mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=mbs.AddNode(NodePointGround()), coordinate=0))
 contact = mbs.AddObject(CoordinateSpringDamper(markerNumbers=[rest, height], springForceUserFunction=push))"""
@@ -137,7 +137,4 @@ def place(height, velocity):
 def step():
     mbs.SolveDynamic(settings, solverType=solver, updateInitialValues=True)
     return R + states.GetODE2Coordinates()[2], states.GetODE2Coordinates_t()[2]
-def force():
-    if states.GetODE2Coordinates()[2] >= 0:
-        return None
-    return {force}"""
+{force}"""
