@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
 
     Progress = Callable[[int, int], None]
+    Errors = Callable[[Floats], Floats]
 
+_MUTATION, _CROSSED = (0.4, 0.9), 0.9
 _progress: ContextVar[Progress | None] = ContextVar("progress", default=None)
 
 
@@ -71,6 +73,16 @@ class Search:
             self._best = float(errors[i]), np.array(parameters[i])
         self.add(len(errors))
 
+    def recorded(self, errors: Errors) -> Errors:
+        """The same function, of parameters (n, k), whose evaluations are counted and remembered."""
+
+        def evaluate(parameters: Floats) -> Floats:
+            off = errors(parameters)
+            self.record(parameters, off)
+            return off
+
+        return evaluate
+
     @contextmanager
     def return_best_on_interrupt(self) -> Iterator[None]:
         """Turn a KeyboardInterrupt in the block into SearchInterrupted, once there is a best."""
@@ -82,3 +94,35 @@ class Search:
             error, parameters = self._best
             done = min(self._done, self._budget)
             raise SearchInterrupted(parameters, error, done, self._budget) from None
+
+
+def evolve(
+    errors: Errors,
+    members: Floats,
+    generations: int,
+    bounds: tuple[Floats, Floats],
+    random: np.random.Generator,
+    towards_best: bool = False,
+) -> Floats:
+    """Members, shape (n, k), after so many generations, the one with the least error first.
+
+    Differential evolution (Storn & Price 1997), binomial crossing, a whole generation in one call of
+    `errors`, (n, k) to (n,): SciPy's takes longer to import than this to search. bounds: lowest and highest,
+    (k,). towards_best: mutants differ from the best member, which is faster and finds less; else from their
+    own.
+    """
+    found = errors(members)
+    (count, size), each = members.shape, np.arange(len(members))
+    for _ in range(generations):
+        one, other = members[random.integers(0, count, (2, count))]
+        base = members[found.argmin()] if towards_best else members
+        mutants = base + random.uniform(*_MUTATION) * (one - other)
+        crossed = random.random(members.shape) < _CROSSED
+        crossed[each, random.integers(0, size, count)] = True
+        trials = np.where(crossed, mutants, members)
+        outside = (trials < bounds[0]) | (trials > bounds[1])
+        trials = np.where(outside, random.uniform(*bounds, members.shape), trials)
+        off = errors(trials)
+        better = off <= found
+        members, found = np.where(better[:, None], trials, members), np.where(better, off, found)
+    return members[found.argsort()]

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from scipy.optimize import nnls
 
 from hcbench.engines.mujoco.rows import MIN_IMPEDANCE, ConstraintRow
 from hcbench.impact import Floats
@@ -19,6 +18,8 @@ DAMPED_STEP = Integrators(("Euler", "implicit", "implicitfast", "RK4"), "its dam
 
 def nonnegative_fit(columns: Floats, goal: Floats) -> tuple[Floats, float]:
     """(x >= 0 with the least |columns x - goal|, that misfit); columns of any units, x = 0 for empty ones."""
+    from scipy.optimize import nnls  # slow to import, and few recipes need it
+
     norms = np.linalg.norm(columns, axis=0)
     norms[norms == 0.0] = 1.0
     x, misfit = nnls(columns / norms, goal, maxiter=10_000)

@@ -12,36 +12,42 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.optimize import Bounds, differential_evolution, minimize
 
 from hcbench.engines.mujoco.recipes.common import SPRING_SOLIMP
-from hcbench.engines.mujoco.rows import MIN_IMPEDANCE, ConstraintRow, impedance
+from hcbench.engines.mujoco.rows import MIN_IMPEDANCE, ConstraintRow
 from hcbench.impact import Floats
 from hcbench.laws.restitution import RestitutionCurve
-from hcbench.tune.search import Search, map_result
+from hcbench.tune.search import Search, evolve, map_result
 
 IMPRATIO = 1e4  # about the inverse of the spring's impedance
 _WEIGHT = MIN_IMPEDANCE / (1 - MIN_IMPEDANCE)  # of the spring, in MuJoCo's sums
 _PULL = 1e6  # N: more than any contact asks for
-_SEED, _MEMBERS, _GENERATIONS, _POLISHES, _POLISH = 1975, 48, 110, 3, 300
+_POWER = 4.0  # of the damper's solimp: others do no better
+_SEED, _MEMBERS, _GENERATIONS, _BEST, _POLISH = 1975, 48, 90, 20, 60
 _SAG = 0.2  # m of rest depth a second of step, at the most
 _CALM = 3.6  # 1/s: the spring's least damping; a body at rest has calmed down by exp(-9) after 5 s
+# Of the spring's damping D h: more than is needed, and what calms a body at 5 ms.
+_ENOUGH, _LEAST = 6.5e-3, 4e-3
 _DEEPEST = 2.4  # times v h at the top of the band
-_FOLLOWED = 6.0  # half periods of the spring
-# Half period in steps; logs of D h of the spring, D h, d0, dw, width over v h and midpoint; power.
-_LOWEST = np.array([4.0, *np.log([6.5e-3, 0.05, MIN_IMPEDANCE, 5e-3, 0.3, 3e-3]), 1.0])
-_HIGHEST = np.array([10.0, *np.log([0.3, 5.0, 1e-2, 0.3, 12.0, 0.5]), 5.0])
+_FOLLOWED = 3.0  # half periods of the spring
+# Half period in steps; logs of D h of the spring, D h, dw, width over v h and midpoint of the damper.
+_LOWEST = np.array([4.0, *np.log([_LEAST, 0.05, 5e-3, 0.3, 3e-3])])
+_HIGHEST = np.array([10.0, *np.log([0.3, 5.0, 0.3, 20.0, 0.5])])
 # What long searches found for several α and steps, as members of the first generation.
 _STARTS = np.array([
-    [5.85, -5.12, -2.82, -9.2, -1.45, 0.71, -1.51, 5.0],
-    [6.51, -5.12, -1.26, -9.2, -1.27, 2.03, -3.98, 5.0],
-    [7.12, -5.12, -1.21, -9.2, -1.27, 1.53, -3.72, 5.0],
-    [7.07, -5.12, -0.33, -9.2, -2.04, 1.69, -4.16, 5.0],
-    [9.39, -5.81, -0.58, -9.2, -1.39, 2.25, -4.53, 2.8],
-    [4.99, -5.04, -0.81, -9.2, -1.57, 1.03, -3.16, 5.0],
+    [7.18, -5.63, -2.46, -1.24, 1.99, -3.69],
+    [7.92, -5.62, -2.46, -3.04, 1.39, -1.76],
+    [7.91, -5.62, -1.08, -1.21, 2.86, -4.82],
+    [8.66, -5.63, -0.91, -1.20, 2.70, -4.81],
+    [9.39, -5.60, -0.77, -1.27, 2.38, -4.69],
+    [6.53, -5.31, -1.67, -1.20, 1.85, -3.24],
+    [6.53, -5.52, -2.74, -1.22, 1.49, -2.95],
+    [7.14, -5.04, -0.33, -1.70, 2.20, -4.23],
+    [5.00, -5.04, -1.06, -2.29, 0.48, -2.43],
 ])  # fmt: skip
 
 
@@ -95,91 +101,100 @@ class _RowFit:
     highest: Floats
 
     def numbers(self, parameters: Floats) -> tuple[Floats, ...]:
-        """K h², D h of the spring; D h, d0, dw, width/(v h), midpoint, power of the damper; (p, 1) each."""
-        inside = np.clip(parameters, self.lowest, self.highest)
-        steps, power = inside[:, :1], inside[:, 7:]
-        spring_damping, damping, d0, dw, width, midpoint = np.exp(inside[:, 1:7]).T[..., None]
-        stiffness, spring_damping = _oscillator(steps, spring_damping)
-        share = 1.0 / self.corners
-        low = np.minimum(d0, dw)
-        return stiffness * share, spring_damping * share, damping, low, dw, width, midpoint, power
+        """K h², D h of the spring; D h, dw, width/(v h), midpoint of the damper; (p,) each."""
+        inside = np.clip(parameters, self.lowest, self.highest).T
+        spring_damping, damping, dw, width, midpoint = np.exp(inside[1:])
+        stiffness, spring_damping = _oscillator(inside[0], spring_damping)
+        return stiffness / self.corners, spring_damping / self.corners, damping, dw, width, midpoint
 
     def errors(self, parameters: Floats) -> Floats:
-        """Largest error of e, and what the contact is deeper than may be; (p, 8) to (p,)."""
+        """Largest error of e, and what the contact is deeper than may be; (p, 6) to (p,)."""
         e, deepest = self._flown(self.numbers(parameters))
         off: Floats = np.abs(e - self.wanted).max(axis=1)
         return off + np.maximum(0.0, deepest - _DEEPEST)
 
     def _flown(self, numbers: tuple[Floats, ...]) -> tuple[Floats, Floats]:
         """e of each launch, (p, n), 0 where it has not parted; largest penetration over v h, (p,)."""
-        shape, g = (len(numbers[0]), len(self.speeds)), self.fall
+        (K, D, damping, dw, width, midpoint), g = numbers, self.fall
+        launches, w = len(self.speeds), self.corners * _WEIGHT / MIN_IMPEDANCE
+        steep = 1.0 / midpoint ** (_POWER - 1.0), 1.0 / (1.0 - midpoint) ** (_POWER - 1.0)
+        each = np.repeat([w * K, w * D, damping / dw, dw, width, midpoint, *steep], launches, axis=1)
         # Of a step, from the touch to the first state that sees it; a stage of RK4 may see it a step before.
         later = -self.phases if self.rk4 else 1.0 - self.phases
         ahead = 0.0 if self.rk4 else 0.5  # of a step's fall: by so much Euler's speed is that of later
-        x = np.broadcast_to(self.speeds * later + g * later**2 / 2, shape).copy()
-        v = np.broadcast_to(self.speeds + g * (later - ahead), shape).copy()
-        e, deepest, parted = np.zeros(shape), np.zeros(shape[0]), np.zeros(shape, bool)
-        x0, v0 = x, v
+        x = np.tile(self.speeds * later + g * later**2 / 2, len(K))
+        v = np.tile(self.speeds + g * (later - ahead), len(K))
+        x0, v0, e, deepest, which = x, v, np.zeros(x.size), x.copy(), np.arange(x.size)
         for k in range(int(_FOLLOWED * self.highest[0])):
-            x, v = self._step(numbers, x, v, lambda t, k=k: self._free(x0, v0, k + t))
-            deepest = np.maximum(deepest, x.max(axis=1))
-            leaves = ~parted & (x <= 0.0) & (v < 0.0)
-            if leaves.any():
-                out = np.sqrt(np.maximum(0.0, (v + g * ahead) ** 2 - 2 * g * x)) / self.speeds
-                e = np.where(leaves, out, e)
-                parted |= leaves
-                if parted.all():
+            x, v = self._step(each, x, v, partial(self._free, x0, v0, k))
+            deepest[which] = np.maximum(deepest[which], x)
+            parted = (x <= 0.0) & (v < 0.0)
+            if parted.any():
+                out = np.sqrt(np.maximum(0.0, (v[parted] + g * ahead) ** 2 - 2 * g * x[parted]))
+                e[which[parted]] = out / self.speeds[which[parted] % launches]
+                going = np.flatnonzero(~parted)
+                if not going.size:
                     break
-        return e, deepest
+                x, v, x0, v0, which, each = (a[..., going] for a in (x, v, x0, v0, which, each))
+        return e.reshape(-1, launches), deepest.reshape(-1, launches).max(axis=1)
 
-    def _free(self, x: Floats, v: Floats, steps: float) -> tuple[Floats, Floats]:
-        """(x, v) without contact, so many steps after these."""
-        half = 0.0 if self.rk4 else 0.5
+    def _free(self, x: Floats, v: Floats, whole: int, share: float) -> tuple[Floats, Floats]:
+        """(x, v) without contact, so many whole steps and a share of one after these."""
+        half, steps = 0.0 if self.rk4 else 0.5, whole + share
         return x + v * steps + self.fall * steps * (steps / 2 + half), v + self.fall * steps
 
-    def _step(self, numbers: Any, x: Floats, v: Floats, free: Any) -> tuple[Floats, Floats]:
+    def _step(self, each: Floats, x: Floats, v: Floats, free: Any) -> tuple[Floats, Floats]:
         """(x, v) after a step: Euler's, by the new speed, or the classical Runge-Kutta of MuJoCo's RK4.
 
         free: (x, v) without contact, a share of a step later.
         """
         if not self.rk4:
-            v = v - self._acceleration(numbers, x, v, free(0.0))
+            v = v - self._acceleration(each, x, v, free, 0.0)
             return x + v, v
-        one = -self._acceleration(numbers, x, v, free(0.0))
-        two = -self._acceleration(numbers, x + v / 2, v + one / 2, free(0.5))
-        three = -self._acceleration(numbers, x + v / 2 + one / 4, v + two / 2, free(0.5))
-        four = -self._acceleration(numbers, x + v + two / 2, v + three, free(1.0))
+        one = -self._acceleration(each, x, v, free, 0.0)
+        two = -self._acceleration(each, x + v / 2, v + one / 2, free, 0.5)
+        three = -self._acceleration(each, x + v / 2 + one / 4, v + two / 2, free, 0.5)
+        four = -self._acceleration(each, x + v + two / 2, v + three, free, 1.0)
         return x + v + (one + two + three) / 6, v + (one + 2 * two + 2 * three + four) / 6
 
-    def _acceleration(self, numbers: Any, x: Floats, v: Floats, free: tuple[Floats, Floats]) -> Floats:
-        """Away from the plate. Rows together give a = (Σ w a_ref - g)/(1 + Σ w), of those that act."""
-        K, D, damping, d0, dw, width, midpoint, power = numbers
-        w = self.corners * _WEIGHT
-        g = self.fall + self.carried[0] * (free[1] - v) + self.carried[1] * (free[0] - x)
-        closed = x > 0.0
-        share = impedance((d0, dw, width, midpoint, power), x)
-        weights = np.where(closed, self.corners * share / (1.0 - share), 0.0)
-        spring, pull = (K * x + D * v) / MIN_IMPEDANCE, damping / dw * v
-        a = (w * spring + weights * pull - g) / (1.0 + w + weights)
+    def _acceleration(self, each: Floats, x: Floats, v: Floats, free: Any, share: float) -> Floats:
+        """Away from the plate, (m,). Rows together give a = (Σ w a_ref - g)/(1 + Σ w), of those that act.
+
+        each: (8, m). free, share: as of `_step`.
+        """
+        K, D, damping, dw, width, midpoint, before, after = each
+        g, w = self.fall, self.corners * _WEIGHT
+        if any(self.carried):
+            x_free, v_free = free(share)
+            g = g + self.carried[0] * (v_free - v) + self.carried[1] * (x_free - x)
+        u = np.clip(x / width, 0.0, 1.0)
+        early = u <= midpoint
+        rise = np.where(early, u, 1.0 - u) ** 2
+        rise *= rise
+        rise *= np.where(early, before, after) * (dw - MIN_IMPEDANCE)
+        d = np.where(early, MIN_IMPEDANCE + rise, dw - rise)
+        weights = self.corners * d / (1.0 - d)
+        spring, pull = K * x + D * v, damping * v
+        a = (spring + weights * pull - g) / (1.0 + w + weights)
         if not self.adhesive:  # a row once left out never comes back, as a is larger with it
             weights = np.where(pull < a, 0.0, weights)
-            a = (w * spring + weights * pull - g) / (1.0 + w + weights)
-        a = np.where(spring < a, (weights * pull - g) / (1.0 + weights), a)
-        return np.where(closed, a, -g)
+            a = (spring + weights * pull - g) / (1.0 + w + weights)
+        a = np.where(spring < w * a, (weights * pull - g) / (1.0 + weights), a)
+        return np.where(x > 0.0, a, -g)
 
     def rows(self, parameters: Floats, timestep: float, speed: float) -> list[ConstraintRow]:
-        """Spring and damper in SI units, of parameters (8,)."""
+        """Spring and damper in SI units, of parameters (6,)."""
         h = timestep
-        units = (1 / h**2, 1 / h, 1 / h, 1.0, 1.0, speed * h, 1.0, 1.0)
-        K, D, damping, *solimp = (
-            _short(float(number[0, 0]) * unit)
+        units = (1 / h**2, 1 / h, 1 / h, 1.0, speed * h, 1.0)
+        K, D, damping, dw, width, midpoint = (
+            _short(float(number[0]) * unit)
             for number, unit in zip(self.numbers(parameters[None]), units, strict=True)
         )
-        d0, dw, width, midpoint, power = solimp
+        solimp = (MIN_IMPEDANCE, dw, width, midpoint, _POWER)
         adhesion = _PULL if self.adhesive else 0.0
         return [
             ConstraintRow.direct(K, D, SPRING_SOLIMP),
-            ConstraintRow.direct(0.0, damping, (d0, dw, width, midpoint, power), adhesion=adhesion),
+            ConstraintRow.direct(0.0, damping, solimp, adhesion=adhesion),
         ]
 
 
@@ -223,10 +238,10 @@ def spring_and_damper_rows(
 
 
 def _bounds(loss: float, timestep: float, gravity: float, corners: float) -> tuple[Floats, Floats]:
-    """Lowest and highest parameters, (8,) each. loss: 1 - e of the slowest impact."""
+    """Lowest and highest parameters, (6,) each. loss: 1 - e of the slowest impact."""
     lowest, highest = _LOWEST.copy(), _HIGHEST.copy()
-    # No more than a part of the slowest impact's loss is the spring's.
-    lowest[1] = min(lowest[1], math.log(min(_CALM * timestep, 0.5 * max(1e-3, loss))))
+    # No more than a part of the slowest impact's loss is the spring's, but what a body at rest calms down by.
+    lowest[1] = math.log(min(_ENOUGH, _CALM * timestep, max(_LEAST, 0.5 * loss)))
     if gravity > 0.0:  # the spring's rest depth, g (n h/π)²
         highest[0] = min(highest[0], max(math.pi * math.sqrt(_SAG / (gravity * timestep)), lowest[0] + 0.6))
     if corners > 1:
@@ -235,38 +250,13 @@ def _bounds(loss: float, timestep: float, gravity: float, corners: float) -> tup
 
 
 def _search(coarse: _RowFit, fine: _RowFit) -> Floats:
-    """Parameters (8,) with the least error: by evolution on a coarse grid, polished on a fine one."""
-    search = Search(_MEMBERS * (1 + _GENERATIONS) + _POLISHES * _POLISH)
-    lowest, highest = fine.lowest, fine.highest
-    first = np.random.default_rng(_SEED).uniform(lowest, highest, (_MEMBERS, len(lowest)))
-    first[: len(_STARTS)] = np.clip(_STARTS, lowest, highest)
-
-    def errors(fit: _RowFit, parameters: Floats) -> Any:
-        off = fit.errors(parameters)
-        search.record(parameters, off)
-        return off
-
-    def population_errors(parameters: Floats) -> Any:
-        return errors(coarse, parameters.T)
-
-    def error(parameters: Floats) -> float:
-        return float(errors(fine, parameters[None])[0])
-
+    """Parameters (6,) with the least error: by evolution on a coarse grid, then on a fine one."""
+    search = Search(_MEMBERS * (1 + _GENERATIONS) + _BEST * (1 + _POLISH))
+    random = np.random.default_rng(_SEED)
+    first = random.uniform(fine.lowest, fine.highest, (_MEMBERS, len(fine.lowest)))
+    first[: len(_STARTS)] = np.clip(_STARTS, fine.lowest, fine.highest)
+    bounds = fine.lowest, fine.highest
     with search.return_best_on_interrupt():
-        best = differential_evolution(
-            population_errors,
-            Bounds(lowest, highest),
-            init=first,
-            maxiter=_GENERATIONS,
-            seed=_SEED,
-            tol=0.0,
-            mutation=(0.4, 0.9),
-            recombination=0.9,
-            vectorized=True,
-            updating="deferred",
-            polish=False,
-        ).x
-        for _ in range(_POLISHES):  # each from a fresh simplex
-            options = {"maxfev": _POLISH, "adaptive": True, "xatol": 1e-9, "fatol": 1e-8}
-            best = minimize(error, np.asarray(best), method="Nelder-Mead", options=options).x  # type: ignore[call-overload]
-    return np.asarray(best)
+        found = evolve(search.recorded(coarse.errors), first, _GENERATIONS, bounds, random)
+        polished = evolve(search.recorded(fine.errors), found[:_BEST], _POLISH, bounds, random, True)
+    return np.asarray(polished[0])

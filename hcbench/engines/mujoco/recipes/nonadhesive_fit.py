@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import nnls
 
 from hcbench.engines.mujoco.recipes.common import SPRING_SOLIMP, nonnegative_fit
 from hcbench.engines.mujoco.rows import MIN_IMPEDANCE, ConstraintRow, combine, impedance
@@ -151,6 +150,8 @@ def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGues
 
     knots: where springs start, m.
     """
+    from scipy.optimize import nnls  # slow to import
+
     law, mass, low, top = band.law, band.mass, band.low, band.top
     solimps = guess.solimps(low, top)
     widths = np.array([solimp[2] for solimp in solimps])
@@ -229,6 +230,8 @@ def levenberg_marquardt(samples: Samples, rows: PushingRows, search: Search) -> 
 
     Counts ITERATIONS, whether it needs them or not.
     """
+    from scipy.optimize import nnls
+
     problem = _LeastSquares(samples, rows)
     parameters, caution = problem.start, _CAUTION
     weights, misfit = problem.evaluate(parameters)

@@ -11,7 +11,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.optimize import Bounds, differential_evolution, minimize
 
 from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
 from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, impedance
@@ -97,6 +96,8 @@ def _restitution(parameters: Floats, speeds: Floats) -> Floats:
 @lru_cache(maxsize=64)
 def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
     """The best parameters for e wanted at shares of the highest speed."""
+    from scipy.optimize import Bounds, differential_evolution, minimize  # slow to import
+
     speeds, e = np.array(shares), np.array(wanted)
     search = Search(_MEMBERS * (1 + _GENERATIONS) + _POLISH_TWO + _POLISH_ALL)
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, HARDLY_RUBS, SOFTENED, rows_options
 from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, restitution
@@ -100,6 +99,8 @@ def two_pair_rows(target: Target) -> list[ConstraintRow]:
 
     Raises SettingError for a target without loss, SearchInterrupted with the best so far.
     """
+    from scipy.optimize import least_squares  # slow to import
+
     speeds = np.geomspace(target.speed_min, target.speed_max, _SPEEDS)
     wanted = target.restitution(speeds)
     if not 0 < wanted[-1] < 1:
