@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +21,7 @@ from hcbench.tune.target import Target
 from hcbench.units import STANDARD_GRAVITY
 
 _SPEEDS, _PHASES = 9, 8  # of the grid that tells the spread over phases
-_RANDOM, _NEAR, _ROUNDS = 200, 24, 3  # launches at random; about the worst one, so many times
+_RANDOM, _NEAR, _ROUNDS = 400, 24, 3  # launches at random; about the worst one, so many times
 _NEARBY = 0.02  # of the band, and of a step
 _SEED = 1609
 _GOLDEN = (math.sqrt(5) - 1) / 2
@@ -115,8 +116,11 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
         return evaluate_impacts(engine.run(scene, setting, launches[::_PHASES]), target, scene)
     impacts = engine.run(scene, setting, launches)
     random = np.random.default_rng(_SEED)
-    for closer in range(_ROUNDS):
-        off = np.nan_to_num(_errors(impacts, target), nan=-1.0)
+    if target.friction:
+        impacts += engine.run(scene, setting, oblique_launches(target))
+    measures = (_errors, _friction_errors) if target.friction else (_errors,)
+    for closer, errors in itertools.product(range(_ROUNDS), measures):
+        off = np.nan_to_num(errors(impacts, target, scene), nan=-1.0)
         worst = impacts[int(off.argmax())]
         speeds, phases, slips = (
             centre + random.uniform(-1, 1, _NEAR) * _NEARBY * unit / 4.0**closer
@@ -127,13 +131,18 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
             )
         )
         near = np.clip(speeds, target.speed_min, target.speed_max), np.clip(phases, 0.001, 0.999)
-        impacts += engine.run(scene, setting, _launches(target, *near, np.abs(slips)))
-    if target.friction:
-        impacts += engine.run(scene, setting, oblique_launches(target))
+        around = _launches(target, *near, np.abs(slips))
+        turning = [replace(launch, spin=worst.launch.spin) for launch in around]
+        impacts += engine.run(scene, setting, turning)
     return evaluate_impacts(impacts, target, scene)
 
 
-def _errors(impacts: Sequence[Impact], target: Target) -> Floats:
+def _friction_errors(impacts: Sequence[Impact], _: Target, scene: Scene) -> Floats:
+    """Of friction's impulse, shape (n,); NaN where there is none."""
+    return np.array([friction_error([impact], scene) for impact in impacts])
+
+
+def _errors(impacts: Sequence[Impact], target: Target, _: Scene) -> Floats:
     """|e - target|, shape (n,); NaN where there is no e."""
     speed, e = np.array([(i.speed_in, i.restitution) for i in impacts]).T
     return np.asarray(np.abs(e - target.restitution(speed)))
@@ -143,7 +152,7 @@ def evaluate_impacts(impacts: Sequence[Impact], target: Target, scene: Scene) ->
     """Compare impacts with the target: of `held_out_launches`, and any others after them."""
     good = [i for i in impacts if i.is_measured]
     failed = [i for i in impacts if not i.is_measured]
-    error = np.nan_to_num(_errors(good, target)) if good else np.array([math.nan])
+    error = np.nan_to_num(_errors(good, target, scene)) if good else np.array([math.nan])
     worst = int(error.argmax())
     constant, constant_error = minimax_constant(target)
     oblique = [i for i in impacts if i.launch.is_oblique]

@@ -77,6 +77,8 @@ def tune(
     adapter = registry.engine(engine)
     adapter.version()
     scene = dataclasses.replace(scene, mass=target.mass, gravity=target.gravity, friction=target.friction)
+    if target.friction and scene.form == "plane":  # a solid ball as large as it looks
+        scene = dataclasses.replace(scene, ball_radius=scene.relative_radius, plate_radius=math.inf)
     require_end(target)
     recipes = registry.recipes(engine)
     if recipe == "auto":

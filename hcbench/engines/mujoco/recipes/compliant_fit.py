@@ -30,8 +30,8 @@ _POWER = 4.0  # of the damper's solimp: others do no better
 _SEED, _MEMBERS, _GENERATIONS, _BEST, _POLISH = 1975, 48, 90, 20, 60
 _SAG = 0.2  # m of rest depth a second of step, at the most
 _CALM = 3.6  # 1/s: the spring's least damping; a body at rest has calmed down by exp(-9) after 5 s
-# Of the spring's damping D h: more than is needed, and what calms a body at 5 ms.
-_ENOUGH, _LEAST = 6.5e-3, 4e-3
+# Of the spring's damping D h: enough for a body to calm down, the least that will, and of the loss allowed.
+_ENOUGH, _LEAST, _SHARE = 6.5e-3, 4e-3, 0.4
 _DEEPEST = 2.4  # times v h at the top of the band
 _FOLLOWED = 3.0  # half periods of the spring
 # Half period in steps; logs of D h of the spring, D h, dw, width over v h and midpoint of the damper.
@@ -241,7 +241,7 @@ def _bounds(loss: float, timestep: float, gravity: float, corners: float) -> tup
     """Lowest and highest parameters, (6,) each. loss: 1 - e of the slowest impact."""
     lowest, highest = _LOWEST.copy(), _HIGHEST.copy()
     # No more than a part of the slowest impact's loss is the spring's, but what a body at rest calms down by.
-    lowest[1] = math.log(min(_ENOUGH, _CALM * timestep, max(_LEAST, 0.5 * loss)))
+    lowest[1] = math.log(min(_ENOUGH, _CALM * timestep, max(_LEAST, _SHARE * loss)))
     if gravity > 0.0:  # the spring's rest depth, g (n h/π)²
         highest[0] = min(highest[0], max(math.pi * math.sqrt(_SAG / (gravity * timestep)), lowest[0] + 0.6))
     if corners > 1:
