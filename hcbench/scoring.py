@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import lru_cache
 
 import numpy as np
 
@@ -126,13 +127,18 @@ def fit_alpha(speed_in: Floats, restitution: Floats) -> tuple[float, float]:
     return math.exp(best.x), math.sqrt(best.fun)
 
 
+@lru_cache(maxsize=64)  # as every setting is launched at the same few speeds
+def _law_loop(law: HuntCrossley, mass: float, speed: float) -> Loop:
+    return closed_form.loop(law, mass, speed, _REFERENCE_POINTS)
+
+
 def score_loop(impact: Impact, law: HuntCrossley, mass: float) -> LoopScore | None:
     """One impact's loop against the law's at the same speed in; None where there is no resolved loop."""
     loop = impact.loop
     if loop is None or impact.status is not Status.PARTED or impact.samples < RESOLVED:
         return None
     speed = impact.speed_in
-    truth = closed_form.loop(law, mass, speed, _REFERENCE_POINTS)
+    truth = _law_loop(law, mass, speed)
     force_max, force = float(closed_form.force_max(law, mass, speed)), loop.force
     largest = float(force.max())
     impulse = np.abs(force).sum()

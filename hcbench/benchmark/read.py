@@ -11,6 +11,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from hcbench import scoring
 from hcbench.benchmark.batch import MEASURED
 from hcbench.benchmark.bounce_sequence import RESTS
@@ -22,7 +24,7 @@ from hcbench.impact import Impact, Launch, Loop, Status
 from hcbench.laws.force import HuntCrossley
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     import pandas as pd
 
@@ -59,16 +61,16 @@ def results_in(store: Store) -> Results:
         by_launch = samples[key].groupby(_LAUNCH) if key in samples else ()
         kept = {launch: _loop(table) for launch, table in by_launch}
         scored = {launch: loop for launch, loop in kept.items() if launch[0] in study["loop_speeds"]}
-        of_key = [_impact(row, scored) for row in impacts[key].itertuples(index=False)]
+        of_key = _impacts(impacts[key], scored)
         law = HuntCrossley(study["stiffness"], key[RUN_KEY.index("alpha_s_per_m")], study["exponent"])
         scores.append((*key, *dataclasses.astuple(scoring.score(of_key, law, study["mass_kg"]))))
-        loops += [_loop_table((*key, *launch), loop) for launch, loop in kept.items()]
+        loops += [((*key, *launch), loop.simplified(_LOOP_TOLERANCE)) for launch, loop in kept.items()]
     return Results(
         study=study,
         settings=about["settings"],
         versions=_versions(about["versions"]),
         impacts=pd.concat([impacts[key] for key in keys], ignore_index=True),
-        loops=pd.concat(loops, ignore_index=True) if loops else pd.DataFrame(columns=LOOP_COLUMNS),
+        loops=_loop_table(loops),
         scores=pd.DataFrame(scores, columns=[*RUN_KEY, *scoring.SCORE_FIELDS]),
         **_drops(store, study),
     )
@@ -119,22 +121,34 @@ def _loop(table: pd.DataFrame) -> Loop:
     return Loop(*columns)
 
 
-def _impact(row: Any, kept: Mapping[Any, Loop]) -> Impact:
-    launch, angle = (row.speed_m_per_s, row.phase), getattr(row, "angle_rad", 0.0)
-    return Impact(
-        launch=Launch.at_angle(angle, *launch),
-        status=Status(row.status),
-        reason=row.reason,
-        samples=row.samples,
-        loop=None if angle else kept.get(launch),
-        **{name: getattr(row, column) for column, name in MEASURED.items()},
-    )
+def _impacts(table: pd.DataFrame, kept: Mapping[Any, Loop]) -> list[Impact]:
+    columns = {name: table[name].tolist() for name in table}
+    angles = columns.get("angle_rad", [0.0] * len(table))
+    measured = zip(*(columns[column] for column in MEASURED), strict=True)
+    named = (columns[name] for name in ("status", "reason", "samples"))
+    return [
+        Impact(
+            launch=Launch.at_angle(angle, *launch),
+            status=Status(status),
+            reason=reason,
+            samples=samples,
+            loop=None if angle else kept.get(launch),
+            **dict(zip(MEASURED.values(), values, strict=True)),
+        )
+        for angle, launch, status, reason, samples, values in zip(
+            angles, zip(*(columns[name] for name in _LAUNCH), strict=True), *named, measured, strict=True
+        )
+    ]
 
 
-def _loop_table(key: tuple[Any, ...], whole: Loop) -> pd.DataFrame:
-    """LOOP_COLUMNS of one impact, thinned to what a figure can show. key: the columns before the samples'."""
+def _loop_table(loops: Sequence[tuple[tuple[Any, ...], Loop]]) -> pd.DataFrame:
+    """LOOP_COLUMNS of loops, each with the columns before the samples' own."""
     import pandas as pd
 
-    loop = whole.simplified(_LOOP_TOLERANCE)
-    columns = (*key, loop.time, loop.penetration, loop.rate, loop.force)
+    if not loops:
+        return pd.DataFrame(columns=LOOP_COLUMNS)
+    lengths = [len(loop.time) for _, loop in loops]
+    own = (pd.Series(values).repeat(lengths).array for values in zip(*(key for key, _ in loops), strict=True))
+    samples = zip(*((loop.time, loop.penetration, loop.rate, loop.force) for _, loop in loops), strict=True)
+    columns = (*own, *map(np.concatenate, samples))
     return pd.DataFrame(dict(zip(LOOP_COLUMNS, columns, strict=True)))
