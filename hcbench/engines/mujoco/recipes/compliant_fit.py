@@ -135,7 +135,8 @@ class _RowFit:
                 going = np.flatnonzero(~parted)
                 if not going.size:
                     break
-                x, v, x0, v0, which, each = (a[..., going] for a in (x, v, x0, v0, which, each))
+                x, v, x0, v0, each = (a[..., going] for a in (x, v, x0, v0, each))
+                which = which[going]
         return e.reshape(-1, launches), deepest.reshape(-1, launches).max(axis=1)
 
     def _free(self, x: Floats, v: Floats, whole: int, share: float) -> tuple[Floats, Floats]:
