@@ -32,11 +32,11 @@ def steps_per_contact(target: Target) -> float:
     return float(closed_form.duration(target.law, target.mass, target.speed_max)) / target.timestep
 
 
-def resolvable_law(target: Target) -> HuntCrossley:
-    """The target's law, or one with less stiffness so that the shortest contact lasts SOFTENED_STEPS."""
+def resolvable_law(target: Target, softened_steps: float = SOFTENED_STEPS) -> HuntCrossley:
+    """The target's law; where it lasts under FEWEST_STEPS, one softened to so many at the shortest."""
     ends = np.array([target.speed_min, target.speed_max])
     steps = float(closed_form.duration(target.law, target.mass, ends).min()) / target.timestep
     if steps >= FEWEST_STEPS:
         return target.law
-    softer = (steps / SOFTENED_STEPS) ** (target.law.exponent + 1.0)
+    softer = (steps / softened_steps) ** (target.law.exponent + 1.0)
     return replace(target.law, stiffness=target.law.stiffness * softer)

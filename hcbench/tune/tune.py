@@ -100,7 +100,7 @@ def _tuned(recipe: Recipe, why: str, target: Target, scene: Scene, integrator: s
         setting = adapter.with_friction(setting, target.friction)
     evaluation = evaluate(adapter, scene, setting, target)
     rest = rest_test(adapter, scene, setting)
-    advice = tuple(_advice(target, scene, evaluation, rest, adapter.recipes()))
+    advice = tuple(_advice(target, scene, evaluation, rest, recipe, adapter.recipes()))
     return Tuned(target, scene, recipe, setting, evaluation, rest, why, advice)
 
 
@@ -149,9 +149,14 @@ def _first_that_holds(
 
 
 def _advice(
-    target: Target, scene: Scene, evaluation: Evaluation, rest: RestResult, recipes: Sequence[Recipe]
+    target: Target,
+    scene: Scene,
+    evaluation: Evaluation,
+    rest: RestResult,
+    recipe: Recipe,
+    recipes: Sequence[Recipe],
 ) -> Iterator[str]:
-    """What to know of a setting, a sentence each."""
+    """What to know of a setting of a recipe, a sentence each. recipes: all of its engine's."""
     depth, radius = evaluation.penetration_max, scene.relative_radius
     if evaluation.failed:
         yield f"{evaluation.failed} impacts gave no restitution: {evaluation.reason}"
@@ -163,7 +168,7 @@ def _advice(
         yield f"the contact is soft: {depth:.2g} m deep at the highest speed, {share}"
     if not rest.rests:
         shallow = first(recipes, Role.CONSTANT_E, scene.form)
-        other = f"; --recipe {shallow.name} rests shallow" if shallow else ""
+        other = f"; --recipe {shallow.name} rests shallow" if shallow and shallow is not recipe else ""
         yield f"under gravity {', and '.join(rest_failures(rest, radius))}{other}"
     if not math.isnan(evaluation.loop_rms) and evaluation.loop_rms > _SAME_LOOP:
         yield "forces are not the law's: only the restitution is"
@@ -173,7 +178,7 @@ def _better(target: Target, scene: Scene, recipes: Sequence[Recipe]) -> str:
     """What follows a restitution that falls with speed, where a constant e was taken."""
     if target.reading != "points":
         law = first(recipes, Role.LAW, scene.form, native=False)
-        return f"; the plug-in `{law.name}` of hcbench.contact follows the law at any step" if law else ""
+        return f"; the plug-in `{law.name}` follows the law at any step" if law else ""
     falling = first(recipes, Role.FALLING_E, scene.form)
     sentences = [target.fitting_law()]
     if falling:

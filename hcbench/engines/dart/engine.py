@@ -49,9 +49,11 @@ class DartEngine(ScriptedEngine[DartOptions]):
         return "\n".join(filter(None, (length, _set(options), _hook(options))))
 
     def reading(self, options: DartOptions) -> SpeedReading:
-        """At the step's end, as its restitution is of that speed."""
+        """Its restitution is of the speed at the step's end."""
+        if options.law is None:
+            return SpeedReading.STEP_END
         by_force = isinstance(options.law, HuntCrossley)
-        return SpeedReading.TOUCH_PLANE if by_force else SpeedReading.STEP_END
+        return SpeedReading.TOUCH_PLANE if by_force else SpeedReading.STEP_START
 
 
 def _set(options: DartOptions) -> str:
@@ -70,8 +72,9 @@ def _hook(options: DartOptions) -> str:
 
 _SET_BALL = "ball_shape.getDynamicsAspect().setRestitutionCoeff({})"
 _SET_EACH = f"""\
-speed = gravity * timestep - ball.getVelocities()[5] / L  # at the end of the step
-{_SET_BALL.format("min(1.0, (1 + e(speed)) * (1 + 1e-5) - 1)")}"""
+v = -ball.getVelocities()[5] / L  # DART turns round v + g h, at the end of the step; wanted is e v
+share = e(v) * v / (v + gravity * timestep) if v > 0 else 0.0
+{_SET_BALL.format("min(1.0, (1 + share) * (1 + 1e-5) - 1)")}"""
 _PUSH = """\
 x, v = R - ball.getPositions()[5] / L, -ball.getVelocities()[5] / L
 body.addExtForce([0, 0, law(x, v) * L], [0, 0, 0], False, True)"""

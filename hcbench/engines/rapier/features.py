@@ -5,6 +5,6 @@ from hcbench.sim.features import Feature, Features
 FEATURES = Features(
     law=Feature("Newton's e in one step: average of both colliders", "measured, to 3e-7"),
     exponent=Feature("none: rigid", "one step whatever the step"),
-    threshold=Feature("none", "measured down to 1 in/s"),
+    threshold=Feature("none", "measured down to 0.1 mm/s at 1 ms"),
     licence=Feature("Apache-2.0", "its wheel"),
 )
