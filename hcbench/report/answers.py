@@ -33,7 +33,7 @@ def answer(view: View, heavy: View | None, engine: str, step: float, alpha: floa
     choice = sorted((run for run in runs if run != stock), key=lambda run: _error(view, run, alpha))
     usable = [run for run in choice if math.isfinite(_error(view, run, alpha))]
     best = _simplest(view, usable, alpha)
-    shown = [run for run in (best, stock) if run is not None]
+    shown = [run for run in (best, stock) if run is not None] or choice[:1]
     return Answer(_sentence(view, best, stock, alpha), _more(view, heavy, best, choice, alpha), best, shown)
 
 

@@ -43,11 +43,12 @@ def build(results: Results, folder: Path, pool: WorkerPool | None = None) -> Pat
         (scratch / "figures").mkdir()
         save = partial(draw, folder=scratch / "figures")
         figures = list(map(save, drawings(found))) if pool is None else pool.map(save, drawings(found))
-        write_text(scratch / PAGE, _page(found, results, figures))
+        write_text(scratch / PAGE, page_text(found, results, figures))
     return folder / PAGE
 
 
-def _page(found: Views, results: Results, figures: list[dict[str, Any]]) -> str:
+def page_text(found: Views, results: Results, figures: list[dict[str, Any]]) -> str:
+    """The page. figures: what `draw` returned of each of `drawings`."""
     view, free = found.main, found.free or found.main
     height, cup = view.study.get("train_height"), cup_table.rows(found, results)
     settings = tables.settings(found)

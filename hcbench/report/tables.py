@@ -18,6 +18,7 @@ from hcbench.units import INCH
 Cells: TypeAlias = dict[str, Any]
 _MARKS = {"good": "✓", "even": "=", "bad": "✗"}
 _AGAINST_CONSTANT = {"good": "better than", "even": "as good as", "bad": "worse than"}
+LONG = 7  # lines of what to paste, from where on it is folded
 _PERCENT = ("loop_rms", "touch_force", "tension_share")
 
 

@@ -109,10 +109,10 @@ function drawCurve() {
   const law = speeds.map(v => lawRestitution(alphaNow(), v));
   const least = Math.min(...law, ...runs.flatMap(run => run.low.filter(e => e !== null)));
   const most = Math.max(1, ...runs.flatMap(run => run.high));
-  const low = least < 0.5 ? 0 : Math.floor(20 * least - 0.2) / 20, width = at("curve").parentElement.clientWidth;
+  const low = least < 0.5 ? 0 : Math.floor(20 * least - 0.2) / 20;
   const last = run => run.e.findLast(e => e !== null) ?? low;
   const names = [{name: "the law", y: law.at(-1)}, ...runs.map(run => ({name: nameOf(run), style: run, y: last(run)}))];
-  const right = Plot.room(names.map(({name}) => name), width), wide = right > 12;
+  const right = Plot.room(names.map(({name}) => name), at("curve")), wide = right > 12;
   curve = new Plot(at("curve"), {low: 0, high: top, label: "impact speed, m/s", upper: {label: "in/s", scale: INCH}},
     {low, high: most > 1.005 ? 1.02 * most : 1, label: "restitution e"}, {height: wide ? 380 : 290, right});
   curve.law(speeds, law);

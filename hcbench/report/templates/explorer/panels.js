@@ -104,7 +104,7 @@ function drawSteps() {
   const steps = lines.flatMap(line => line.steps), errors = lines.flatMap(line => line.errors);
   const name = value => `${value < 1.01e-7 ? "≤ " : ""}${powerOfTen(Math.round(Math.log10(value)))}`;
   const decade = (value, round) => 10 ** round(Math.log10(value));
-  const right = Plot.room(lines.map(line => nameOf(line.run)), at("steps").parentElement.clientWidth);
+  const right = Plot.room(lines.map(line => nameOf(line.run)), at("steps"));
   const few = new Set(steps).size < 5 ? [...new Set(steps)] : undefined;
   const x = {low: Math.min(...steps) / 1.3, high: Math.max(...steps) * 1.3, label: "time step", only: few};
   const y = {low: decade(Math.min(...errors), Math.floor), high: Math.max(1, ...errors), label: "largest error of e"};

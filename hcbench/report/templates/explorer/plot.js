@@ -44,10 +44,13 @@ function ticks(low, high, count, log) {
 }
 
 class Plot {
+  static paper = false;  // whether it is drawn to be printed
+
   // x, y: {low, high, label, log, name, only, upper}; name writes a tick, `only` says which there are; upper:
   // {label, scale}, a second axis on top.
   constructor(svg, x, y, {height = 300, right = 12} = {}) {
-    const width = Math.round(svg.parentElement.clientWidth);
+    const width = Plot.width(svg);
+    if (Plot.paper) height *= 0.8;
     this.svg = svg;
     this.x = x;
     this.y = y;
@@ -61,6 +64,13 @@ class Plot {
     this.labels = node("g");
     svg.replaceChildren(node("clipPath", {id: clip}, inside), this.axes, this.lines, this.labels);
     this.drawAxes();
+  }
+
+  // The width of a plot: that of its place, less what surrounds it.
+  static width(svg) {
+    const place = svg.parentElement, style = getComputedStyle(place);
+    if (Plot.paper) return {"explorer-curve": 460, "explorer-drop": 225, "explorer-steps": 700}[svg.id] ?? 345;
+    return Math.round(place.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight));
   }
 
   static share(axis, value) {
@@ -139,8 +149,8 @@ class Plot {
   }
 
   // How much room names beside the ends of lines take, in a plot so wide.
-  static room(names, width) {
-    return width > 520 ? 16 + 7.3 * Math.max(...names.map(name => name.length)) : 12;
+  static room(names, svg) {
+    return Plot.width(svg) > 440 ? 16 + 7.3 * Math.max(...names.map(name => name.length)) : 12;
   }
 
   // Names beside the ends of lines, moved apart: {name, style, y}.

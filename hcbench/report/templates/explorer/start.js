@@ -45,16 +45,25 @@ function start() {
     pause();
     moveTo(Number(event.target.value));
   });
-  // As wide as its place, on screen and on paper.
+  // As wide as its place; on paper as wide as that will be.
   let width = 0;
+  const redraw = () => {
+    drawCurve();
+    drawDrop();
+    drawTab();
+  };
   new ResizeObserver(([entry]) => {
-    if (Math.abs(entry.contentRect.width - width) > 1) {
+    if (Math.abs(entry.contentRect.width - width) > 1 && !Plot.paper) {
       width = entry.contentRect.width;
-      drawCurve();
-      drawDrop();
-      drawTab();
+      redraw();
     }
   }).observe(at("body"));
+  for (const [name, paper] of [["beforeprint", true], ["afterprint", false]]) {
+    addEventListener(name, () => {
+      Plot.paper = paper;
+      redraw();
+    });
+  }
   addEventListener("hashchange", () => {
     load();
     draw();
