@@ -423,10 +423,10 @@ def test_no_two_settings_of_an_engine_look_alike() -> None:
 def test_a_setting_looks_the_same_in_every_study() -> None:
     alone = plot_style.plot_styles([("mujoco", "impulse")], "reference")
     among = plot_style.plot_styles(
-        [("mujoco", "impulse"), ("mujoco", "aaa"), ("drake", "impulse"), ("pybullet", "x")], "reference"
+        [("mujoco", "impulse"), ("mujoco", "aaa"), ("nobodys", "impulse"), ("pybullet", "x")], "reference"
     )
     assert alone["mujoco", "impulse"] == among["mujoco", "impulse"]
-    assert among["drake", "impulse"].dashes != among["mujoco", "impulse"].dashes
+    assert among["nobodys", "impulse"].dashes != among["mujoco", "impulse"].dashes
 
 
 def test_engines_have_their_titles_and_those_that_are_not_installed_their_names() -> None:
@@ -514,7 +514,7 @@ def test_nothing_to_paste_for_an_engine_as_it_comes() -> None:
 
 
 def test_options_of_an_unknown_engine_are_shown_as_they_are() -> None:
-    assert json.loads(text_of("drake", {"time_step": 0.0, "dissipation": 1.5})) == {
+    assert json.loads(text_of("nobodys", {"time_step": 0.0, "dissipation": 1.5})) == {
         "time_step": 0.0,
         "dissipation": 1.5,
     }
