@@ -19,7 +19,18 @@ ROOT = Path(hcbench.__file__).parent
 
 # A room may import from its own floor and from those before it.
 FLOORS = [
-    {"errors", "units", "fields", "_arguments", "_compile", "_files", "_text", "workers", "environments"},
+    {
+        "errors",
+        "units",
+        "fields",
+        "_arguments",
+        "_compile",
+        "_files",
+        "_notebook",
+        "_text",
+        "workers",
+        "environments",
+    },
     {"impact", "setting", "scene", "laws", "reference"},
     {"sim", "scoring", "tune.recipe", "tune.search", "tune.target"},  # recipes are part of an engine
     {"measure", "tune", "engines", "contact", "fit"},

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from hcbench._files import json_text, parse_json, read_text, write_text
+from hcbench._notebook import Shown
 from hcbench.errors import UserError
 from hcbench.fields import ResultTable, validate
 from hcbench.scoring import CLAIMS
@@ -76,7 +77,7 @@ def _none(columns: list[str]) -> pd.DataFrame:
 
 
 @dataclass(frozen=True, slots=True)
-class Results:
+class Results(Shown):
     """Everything a report or a check reads.
 
     study: the study file's content with its defaults filled in. settings: one record a run key.

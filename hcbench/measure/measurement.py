@@ -10,6 +10,7 @@ import numpy as np
 
 from hcbench import scoring
 from hcbench._arguments import checked
+from hcbench._notebook import Shown
 from hcbench.errors import QuantityError
 from hcbench.impact import Floats, Impact, Launch, Status
 from hcbench.laws import closed_form
@@ -88,7 +89,7 @@ class CurvePoint:
 
 
 @dataclass(frozen=True, slots=True)
-class Measurement:
+class Measurement(Shown):
     """One pair of one model, measured.
 
     remedy: what is left with all causes fixed, as a sentence.

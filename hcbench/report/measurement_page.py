@@ -18,9 +18,9 @@ def measurement_page(measurement: Measurement) -> str:
     return render(
         "measurement.html",
         measurement=measurement,
-        summary=_summary(measurement),
+        summary=summary(measurement),
         notes=(*measurement.facts.notes, *shares_note(measurement)),
-        curve=draw(Drawing("curve", lambda: _curve_figure(measurement))),
+        curve=draw(Drawing("curve", lambda: curve_figure(measurement))),
         loops=draw(Drawing("loops", (lambda: _loops_figure(measurement)) if measurement.loops else None)),
         points=[
             (point, e, math.nan if wanted is None else float(wanted.at(point.speed_in)))
@@ -30,19 +30,20 @@ def measurement_page(measurement: Measurement) -> str:
     )
 
 
-def _summary(measurement: Measurement) -> str:
+def summary(measurement: Measurement) -> str:
+    """What was found, in a sentence."""
     points = [p for p in measurement.curve if not math.isnan(p.restitution)]
     if not points:
         return "No impact of it could be measured."
     low, high = min(p.lowest for p in points), max(p.highest for p in points)
     band = f"{points[0].speed_in:.3g} ... {points[-1].speed_in:.3g} m/s"
-    summary = f"Restitution between {low:.3f} and {high:.3f} at impact speeds of {band}"
+    found = f"Restitution between {low:.3f} and {high:.3f} at impact speeds of {band}"
     if measurement.spread > 0:
-        summary += f", up to {measurement.spread:.2g} apart by where in a time step the touch falls"
-    return summary + (". Energy is gained in some impacts." if measurement.energy_gained else ".")
+        found += f", up to {measurement.spread:.2g} apart by where in a time step the touch falls"
+    return found + (". Energy is gained in some impacts." if measurement.energy_gained else ".")
 
 
-def _curve_figure(measurement: Measurement) -> Figure:
+def curve_figure(measurement: Measurement) -> Figure:
     """e over approach speed, its phases as a band, and what was asked and wanted."""
     points = [p for p in measurement.curve if not math.isnan(p.restitution)]
     speeds, e, low, high = (

@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from hcbench._notebook import Shown
 from hcbench.errors import EngineMissing, HcbenchError, SettingError, UserError
 from hcbench.sim import registry
 from hcbench.tune.choose import Match, candidates
@@ -31,7 +32,7 @@ _BETTER = 0.9  # of the best constant's error: what an e that falls with speed s
 
 
 @dataclass(frozen=True, slots=True)
-class Tuned:
+class Tuned(Shown):
     """A setting, what the engine does with it, why it was chosen, and advice that follows."""
 
     target: Target

@@ -1,0 +1,67 @@
+"""Results in a notebook: HTML that holds what was found, and a figure."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from small_results import small_results
+
+import hcbench
+from hcbench.fit.pairs import SpeedPairs
+from hcbench.fit.result import fit
+from hcbench.fit.setup import MeasurementSetup
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
+from hcbench.scene import load_scene
+from hcbench.tune.target import Target
+from hcbench.tune.tune import tune
+
+GOOD = Path(__file__).parents[1] / "examples" / "good.xml"
+
+
+def measured() -> Any:
+    wanted = hcbench.Wanted(alpha=0.315)
+    return hcbench.measure(GOOD, pair="ball,plate", speeds=[0.1, 0.3], phases=2, wanted=wanted)
+
+
+def tuned() -> Any:
+    scene = load_scene("steel-plane")
+    target = Target(HuntCrossley(scene.stiffness, 0.315), scene.mass, 1e-3, 0.1, 0.5, gravity=9.81)
+    return tune("mujoco", target, scene, "impulse")
+
+
+def fitted() -> Any:
+    speeds = np.linspace(0.1, 0.5, 12)
+    e = closed_form.restitution(0.4, speeds) + np.random.default_rng(0).normal(0, 2e-3, 12)
+    none = np.zeros(12)
+    return fit([SpeedPairs("pairs", MeasurementSetup(), speeds, e, none, none)])
+
+
+SHOWN = {
+    "measured": (measured, "ball on plate", "Restitution between"),
+    "tuned": (tuned, "MuJoCo: impulse", "largest error of e"),
+    "fitted": (fitted, "α = 0.4", "holds for"),
+    "results": (small_results, "A steel ball", "Out of the box single does not bounce like the law."),
+}
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_a_result_shows_itself(name: str) -> None:
+    make, title, fact = SHOWN[name]
+    result = make()
+    html = result._repr_html_()
+    assert title in html
+    assert fact in html
+    assert not re.search(r"<script|https?://(?!www\.w3\.org|purl|creativecommons|matplotlib)", html)
+    ElementTree.fromstring(re.sub(r'src="[^"]*"', "", html).replace("&nbsp;", " "))  # every tag is closed
+    with mpl.rc_context({"axes.grid": False, "lines.linewidth": 9.0}):
+        figure = result.plot()
+        assert mpl.rcParams["lines.linewidth"] == 9.0
+    assert figure.axes
+    assert max(line.get_linewidth() for axes in figure.axes for line in axes.lines) < 9.0
