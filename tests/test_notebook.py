@@ -18,6 +18,7 @@ from hcbench.fit.result import fit
 from hcbench.fit.setup import MeasurementSetup
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.measure.measurement import Wanted
 from hcbench.scene import load_scene
 from hcbench.tune.target import Target
 from hcbench.tune.tune import tune
@@ -26,8 +27,8 @@ GOOD = Path(__file__).parents[1] / "examples" / "good.xml"
 
 
 def measured() -> Any:
-    wanted = hcbench.Wanted(alpha=0.315)
-    return hcbench.measure(GOOD, pair="ball,plate", speeds=[0.1, 0.3], phases=2, wanted=wanted)
+    verb: Any = hcbench.measure
+    return verb(GOOD, pair="ball,plate", speeds=[0.1, 0.3], phases=2, wanted=Wanted(alpha=0.315))
 
 
 def tuned() -> Any:
