@@ -213,6 +213,7 @@ class Tangential:
         return 1.0 - self.energy_out / self.energy_in
 
 
+LOOP_TOLERANCE = 2e-3  # to which a loop is `simplified`, what a figure can show of it
 Loop = Trajectory  # of the contact alone: force over penetration
 
 

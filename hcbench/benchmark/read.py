@@ -20,7 +20,7 @@ from hcbench.benchmark.files import open_files
 from hcbench.benchmark.results import LOOP_COLUMNS, REST_COLUMNS, RUN_KEY, Results
 from hcbench.benchmark.store import DESCRIPTION, Store
 from hcbench.errors import UserError
-from hcbench.impact import Impact, Launch, Loop, Status
+from hcbench.impact import LOOP_TOLERANCE, Impact, Launch, Loop, Status
 from hcbench.laws.force import HuntCrossley
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _LAUNCH = ["speed_m_per_s", "phase"]
-_LOOP_TOLERANCE = 2e-3  # of the largest force, depth and rate: what a figure can show of a loop
 
 
 def is_sweep(folder: str | Path) -> bool:
@@ -64,7 +63,7 @@ def results_in(store: Store) -> Results:
         of_key = _impacts(impacts[key], scored)
         law = HuntCrossley(study["stiffness"], key[RUN_KEY.index("alpha_s_per_m")], study["exponent"])
         scores.append((*key, *dataclasses.astuple(scoring.score(of_key, law, study["mass_kg"]))))
-        loops += [((*key, *launch), loop.simplified(_LOOP_TOLERANCE)) for launch, loop in kept.items()]
+        loops += [((*key, *launch), loop.simplified(LOOP_TOLERANCE)) for launch, loop in kept.items()]
     return Results(
         study=study,
         settings=about["settings"],

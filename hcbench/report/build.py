@@ -11,8 +11,8 @@ from hcbench._files import atomic_folder, write_text
 from hcbench.report import advice, cup_table, ranking, tables, wording
 from hcbench.report.conditions import Views, views
 from hcbench.report.drawings import class_heading, drawings, loop_speeds, step_speed
-from hcbench.report.explorer import as_json, explorer_data
-from hcbench.report.page import PAGE, draw, render, script
+from hcbench.report.explorer import explorer, explorer_script
+from hcbench.report.page import PAGE, draw, render
 from hcbench.report.view import View
 from hcbench.report.wording import NBSP
 from hcbench.scoring import CLAIMS, RESOLVED
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from hcbench.benchmark.results import Results
     from hcbench.workers import WorkerPool
-
-_SCRIPTS = ("law", "plot", "explorer", "panels", "drop", "start")
 
 
 def build(results: Results, folder: Path, pool: WorkerPool | None = None) -> Path:
@@ -52,15 +50,11 @@ def page_text(found: Views, results: Results, figures: list[dict[str, Any]]) -> 
     view, free = found.main, found.free or found.main
     height, cup = view.study.get("train_height"), cup_table.rows(found, results)
     settings = tables.settings(found)
-    texts = [text for entry in settings for text in entry["texts"] if text["text"]]
-    data = explorer_data(found, {key: text["id"] for text in texts for key in text["of"]})
-    answer = data["answers"][data["first"]] if data else {}
+    explored = explorer(found, settings)
     return render(
         "report.html",
-        script=script(*(f"explorer/{name}.js" for name in _SCRIPTS)) if data else None,
-        data_text=as_json(data),
-        answer=answer,
-        pasted=next((text["text"] for text in texts if data and text["id"] == answer["paste"]), ""),
+        script=explorer_script() if explored else None,
+        explorer=explored,
         settings=settings,
         found=found,
         view=view,

@@ -13,6 +13,7 @@ import numpy as np
 
 from hcbench.laws import closed_form
 from hcbench.report.answers import Answer, conditions, largest_error
+from hcbench.report.page import Script, script
 from hcbench.report.view import REFERENCE, RunKey, View
 from hcbench.report.wording import engine_title
 from hcbench.units import STANDARD_GRAVITY
@@ -28,8 +29,35 @@ _KEY = ["scene", "engine", "setting", "timestep_s", "alpha_s_per_m"]
 _USUAL_STEP = 2e-3  # s: what the page opens with, where it ran
 
 
+@dataclass(frozen=True, slots=True)
+class Explorer:
+    """What the templates need of it. data: JSON. answer: the one that the page opens with; pasted: its text.
+
+    tabs: id -> title of the panels under the plots.
+    """
+
+    data: str
+    tabs: Mapping[str, str]
+    answer: Mapping[str, Any] = field(default_factory=dict)
+    pasted: str = ""
+
+
+TABS = {
+    "loop": "Force loop",
+    "steps": "Error over step",
+    "settings": "All settings",
+    "numbers": "What was measured",
+}
+_SCRIPTS = ("law", "plot", "explorer", "panels", "drop", "start")
+
+
+def explorer_script() -> Script:
+    """What draws it."""
+    return script(*(f"explorer/{name}.js" for name in _SCRIPTS))
+
+
 @dataclass(slots=True)
-class _Loops:
+class LoopStore:
     """Loops, each once: many settings do the same for every α."""
 
     stored: list[Any] = field(default_factory=list)
@@ -37,16 +65,27 @@ class _Loops:
 
     def add(self, columns: Iterable[Sequence[float]]) -> int:
         """The number of a loop of times (s), penetrations (m) and forces (N)."""
-        loop = [_digits(values, 4) for values in columns]
+        loop = [digits(values, 4) for values in columns]
         place = self.places.setdefault(json.dumps(loop), len(self.stored))
         if place == len(self.stored):
             self.stored.append(loop)
         return place
 
 
+def explorer(found: Views, settings: Sequence[Mapping[str, Any]]) -> Explorer | None:
+    """That of a report; None where no engine ran over a band. settings: the table of how each was set."""
+    texts = [text for entry in settings for text in entry["texts"] if text["text"]]
+    data = explorer_data(found, {key: text["id"] for text in texts for key in text["of"]})
+    if not data:
+        return None
+    answer = data["answers"][data["first"]]
+    pasted = next((text["text"] for text in texts if text["id"] == answer["paste"]), "")
+    return Explorer(as_json(data), TABS, answer, pasted)
+
+
 def explorer_data(found: Views, pastes: Pastes) -> dict[str, Any]:
     """All of it, JSON-able; nothing where no engine ran over a band. pastes: where what to paste stands."""
-    view, loops = found.main, _Loops()
+    view, loops = found.main, LoopStore()
     answers = [
         (shown.gravity, *key, a) for shown in found.shown for key, a in conditions(shown, found.heavy).items()
     ]
@@ -98,7 +137,7 @@ def _answer(
     return {**where, "say": found.say, "more": list(found.more), "shown": shown, "paste": paste}
 
 
-def _runs(view: View, loops: _Loops) -> Iterable[dict[str, Any]]:
+def _runs(view: View, loops: LoopStore) -> Iterable[dict[str, Any]]:
     """Curves of every setting, step and α of the engines that ran over a band."""
     kept = _kept_loops(view)
     for (run, alpha), by_speed in _impacts(view).items():
@@ -118,12 +157,12 @@ def _runs(view: View, loops: _Loops) -> Iterable[dict[str, Any]]:
             "alpha": alpha,
             "phase": phase,
             "largest": float(f"{largest_error(view, run, alpha):.3g}"),
-            "asked": _digits(by_speed, 4),
-            "v": _digits(map(_finite, speed_in, by_speed), 5),
-            "e": _places(e, 5),
-            "low": _places(low, 5),
-            "high": _places(high, 5),
-            "error": _digits(error, 3),
+            "asked": digits(by_speed, 4),
+            "v": digits(map(_finite, speed_in, by_speed), 5),
+            "e": places(e, 5),
+            "low": places(low, 5),
+            "high": places(high, 5),
+            "error": digits(error, 3),
             "samples": samples,
             "loops": [loops.add(of_run[speed][1:]) if speed in of_run else -1 for speed in by_speed],
         }
@@ -195,7 +234,7 @@ def _scans(view: View) -> list[dict[str, Any]]:
             "alpha": view.main_alpha,
             "v": speed,
             "steps": [float(h) for h in table["timestep"]],
-            "error": _digits(np.maximum(abs(table["low"] - law), abs(table["high"] - law)), 3),
+            "error": digits(np.maximum(abs(table["low"] - law), abs(table["high"] - law)), 3),
         }
         for run, table in view.step_curves().items()
         if run.engine != REFERENCE
@@ -210,17 +249,17 @@ def _drops(view: View) -> list[dict[str, Any]]:
             continue
         table = view.bounces.get(run)
         columns = {"touch": "touch_s", "parting": "parting_s", "height": "height_m"}
-        path = {name: [] if table is None else _digits(table[column], 5) for name, column in columns.items()}
+        path = {name: [] if table is None else digits(table[column], 5) for name, column in columns.items()}
         about = {"engine": run.engine, "setting": run.label, "step": run.timestep, "alpha": view.main_alpha}
         drops.append({**about, **path, "ended": len(path["touch"]) < 10})
     return drops
 
 
-def _digits(values: Iterable[float], digits: int) -> list[float | None]:
+def digits(values: Iterable[float], count: int) -> list[float | None]:
     """In so many digits, None for what is not finite."""
-    return [float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in values]
+    return [float(f"{v:.{count}g}") if math.isfinite(v) else None for v in values]
 
 
-def _places(values: Iterable[float], places: int) -> list[float | None]:
+def places(values: Iterable[float], count: int) -> list[float | None]:
     """With so many decimals, None for what is not finite."""
-    return [round(float(v), places) + 0.0 if math.isfinite(v) else None for v in values]
+    return [round(float(v), count) + 0.0 if math.isfinite(v) else None for v in values]

@@ -7,6 +7,8 @@ from matplotlib.figure import Figure
 
 from hcbench.measure.measurement import Measurement
 from hcbench.measure.text import setting_text, shares_note
+from hcbench.report.explorer import explorer_script
+from hcbench.report.measurement_explorer import explorer_of
 from hcbench.report.page import Drawing, draw, render
 from hcbench.report.plot_style import INK, LAW, LIMIT, MEASURED, draw_band, draw_loop, new_figure, speed_axis
 
@@ -15,8 +17,11 @@ def measurement_page(measurement: Measurement) -> str:
     """The page as HTML text."""
     asked = measurement.facts.asked or (math.nan,) * len(measurement.curve)
     wanted = measurement.wanted
+    explored = explorer_of(measurement)
     return render(
         "measurement.html",
+        script=explorer_script() if explored else None,
+        explorer=explored,
         measurement=measurement,
         summary=summary(measurement),
         notes=(*measurement.facts.notes, *shares_note(measurement)),

@@ -73,6 +73,7 @@ function showChoices() {
 }
 
 function showAnswer() {
+  if (!at("say")) return;
   const answer = answerNow(), [engine] = data.engines.find(([, key]) => key === state.engine);
   const command = `hcbench tune ${state.engine} --alpha "${alphaNow()} s/m" --timestep "${state.step} s"`
     + ` --gravity ${state.gravity}`;
@@ -211,7 +212,7 @@ function load() {
 }
 
 function draw() {
-  showChoices();
+  if (at("choices")) showChoices();
   showAnswer();
   drawCurve();
   drawDrop();

@@ -1,6 +1,7 @@
 // What a chosen impact looked like, its error at other steps, every setting to show, and the numbers.
 
-const TABS = {loop: drawLoop, steps: drawSteps, settings: listSettings, numbers: fillTable};
+const PANELS = {loop: drawLoop, steps: drawSteps, settings: listSettings, numbers: fillTable};
+const TABS = Object.fromEntries(Object.entries(PANELS).filter(([name]) => at(`tab-${name}`)));
 const APART = 4;  // a contact so many times larger than the law's has scales of its own
 
 function drawTab() {

@@ -1,8 +1,6 @@
 // Puts the parts together when the page opens.
 
-function start() {
-  at("body").hidden = at("choices").hidden = at("copy").hidden = false;
-  document.body.classList.add("explored");  // hides the still pictures that stand in for all this
+function listenToChoices() {
   at("choices").addEventListener("submit", event => event.preventDefault());
   at("engine").addEventListener("change", event => change({engine: event.target.value, setting: "", toggled: new Set()}));
   at("step").addEventListener("change", event => change({step: Number(event.target.value)}));
@@ -18,13 +16,6 @@ function start() {
     if (event.target.value && value >= 0 && value <= 100) change(known === undefined ? {own: value} : {own: null, alpha: known});
   });
   at("copy").addEventListener("click", copy);
-  at("curve").addEventListener("pointermove", hover);
-  at("curve").addEventListener("pointerleave", showChosen);
-  at("curve").addEventListener("click", event => {
-    const point = nearest(event);
-    if (point) choose(point);
-  });
-  at("curve").addEventListener("keydown", walk);
   at("boxes").addEventListener("change", event => {
     const key = event.target.value;
     if (!state.toggled.delete(key)) state.toggled.add(key);
@@ -32,6 +23,19 @@ function start() {
     drawDrop();
     save();
   });
+}
+
+function start() {
+  for (const name of ["body", "choices", "copy"]) if (at(name)) at(name).hidden = false;
+  document.body.classList.add("explored");  // hides the still pictures that stand in for all this
+  if (at("choices")) listenToChoices();
+  at("curve").addEventListener("pointermove", hover);
+  at("curve").addEventListener("pointerleave", showChosen);
+  at("curve").addEventListener("click", event => {
+    const point = nearest(event);
+    if (point) choose(point);
+  });
+  at("curve").addEventListener("keydown", walk);
   for (const name of Object.keys(TABS)) {
     at(`tab-${name}`).addEventListener("click", () => {
       state.tab = name;
