@@ -14,17 +14,21 @@ import pandas as pd
 import pytest
 from small_results import ALPHAS, MASS, STIFFNESS, small_results
 
+import hcbench
 from hcbench.benchmark.bounce_sequence import law_heights
 from hcbench.benchmark.results import REST_COLUMNS, RUN_KEY, TRAIN_COLUMNS, Results
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.measure.measurement import Wanted
 from hcbench.report.build import page_text
 from hcbench.report.conditions import views
 from hcbench.report.drawings import drawings
+from hcbench.report.measurement_page import measurement_page
 from hcbench.report.page import Drawing, draw
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     from playwright.sync_api import Browser, Page
 
@@ -106,19 +110,19 @@ def opened(chromium: Browser, address: str) -> Iterator[Callable[..., Page]]:
     """Opens the page; what it asks for or complains of fails the test."""
     contexts, trouble = [], []
 
-    def open_page(choice: str = "", width: int = 1300, **how: Any) -> Page:
+    def open_page(choice: str = "", width: int = 1300, to: str = address, **how: Any) -> Page:
         contexts.append(chromium.new_context(viewport={"width": width, "height": 900}, **how))
         page = contexts[-1].new_page()
         page.on("console", lambda message: trouble.append(message.text))
         page.on("pageerror", lambda error: trouble.append(str(error)))
         page.on("request", lambda request: trouble.append(request.url))
-        page.goto(address + choice)
+        page.goto(to + choice)
         return page
 
     yield open_page
     for context in contexts:
         context.close()
-    assert [what for what in trouble if not what.startswith((address, "data:"))] == []
+    assert [what for what in trouble if not what.startswith(("file:", "data:"))] == []
 
 
 @pytest.fixture
@@ -369,3 +373,25 @@ def test_without_a_script_the_answer_and_a_picture_stay(opened: Callable[..., Pa
     assert still.locator("#figure-overview img").is_visible()
     assert not still.locator("#explorer-choices").is_visible()
     assert not page.locator("#figure-overview img").is_visible()
+
+
+SOFT = """<mujoco><option timestep="0.0002" integrator="Euler"/><worldbody>
+<geom name="plate" type="plane" size="1 1 .1" solref="-3e5 -40"/>
+<body pos="0 0 .2"><freejoint/><geom name="ball" type="sphere" size=".05" mass=".5" solref="-3e5 -40"/></body>
+</worldbody></mujoco>"""
+
+
+def test_a_measurements_page_has_the_same_explorer(opened: Callable[..., Page], tmp_path: Path) -> None:
+    (tmp_path / "soft.xml").write_text(SOFT)
+    verb: Any = hcbench.measure
+    found = verb(
+        tmp_path / "soft.xml", pair="ball,plate", speeds=[0.2, 0.4], phases=2, wanted=Wanted(alpha=0.1)
+    )
+    (tmp_path / "page.html").write_text(measurement_page(found), encoding="utf-8")
+    page = opened(to=(tmp_path / "page.html").as_uri())
+    page.locator("#explorer-curve").press("Home")
+    slow = min(found.loops, key=lambda impact: impact.speed_in)
+    assert f"e = {slow.restitution:.4f}" in reading(page)
+    assert f"at most {slow.force_max:.3g} N" in words(page, "loop-words")
+    assert page.locator("#explorer-panel-loop .plot:visible").count() == 2
+    assert not page.locator(".still img").first.is_visible()
