@@ -8,15 +8,10 @@ from typing import Any
 from xml.etree import ElementTree
 
 import matplotlib as mpl
-import numpy as np
 import pytest
 from small_results import small_results
 
 import hcbench
-from hcbench.fit.pairs import SpeedPairs
-from hcbench.fit.result import fit
-from hcbench.fit.setup import MeasurementSetup
-from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.measure.measurement import Wanted
 from hcbench.scene import load_scene
@@ -37,17 +32,9 @@ def tuned() -> Any:
     return tune("mujoco", target, scene, "impulse")
 
 
-def fitted() -> Any:
-    speeds = np.linspace(0.1, 0.5, 12)
-    e = closed_form.restitution(0.4, speeds) + np.random.default_rng(0).normal(0, 2e-3, 12)
-    none = np.zeros(12)
-    return fit([SpeedPairs("pairs", MeasurementSetup(), speeds, e, none, none)])
-
-
 SHOWN = {
     "measured": (measured, "ball on plate", "Restitution between"),
     "tuned": (tuned, "MuJoCo: impulse", "largest error of e"),
-    "fitted": (fitted, "α = 0.4", "holds for"),
     "results": (small_results, "A steel ball", "Out of the box single does not bounce like the law."),
 }
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench._notebook import Shown
 from hcbench.errors import UserError
 from hcbench.fit.budget import Budget, error_budget
 from hcbench.fit.candidates import LAWS
@@ -42,7 +41,7 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
-class FitResult(Shown):
+class FitResult:
     """law: the one that the data support; None where several are left. asked: the one of --law, or "auto".
 
     fits: every law tried, the likeliest first; odds: of each against the best of the others.

@@ -29,7 +29,7 @@ def fit_page(result: FitResult, engine: str) -> str:
         "fit.html",
         result=result,
         facts=headline(result),
-        curve=draw(Drawing("curve", lambda: curve_figure(result))),
+        curve=draw(Drawing("curve", lambda: _curve_figure(result))),
         residuals=draw(Drawing("residuals", lambda: _residual_figure(result))),
         sounds=[
             draw(Drawing(f"sound-{i}", lambda s=s: _sound_figure(s)))  # type: ignore[misc]
@@ -43,18 +43,13 @@ def fit_page(result: FitResult, engine: str) -> str:
         budget=[(row.source, row.kind, f"{row.share:.2g}") for row in result.budget.rows],
         parameter="α, s/m" if alpha else result.budget.parameter,
         next_lines=next_lines(result, engine),
-        title=title(result),
+        title=f"α = {with_uncertainty(result.alpha.value, result.alpha.uncertainty)} s/m"
+        if result.alpha is not None and result.law is not None
+        else f"law: {result.law or 'cannot tell'}",
     )
 
 
-def title(result: FitResult) -> str:
-    """α, or else the law."""
-    if result.alpha is None or result.law is None:
-        return f"law: {result.law or 'cannot tell'}"
-    return f"α = {with_uncertainty(result.alpha.value, result.alpha.uncertainty)} s/m"
-
-
-def curve_figure(result: FitResult) -> Figure:
+def _curve_figure(result: FitResult) -> Figure:
     """e over impact speed: the data as one reads them off, the law with its 95 % band."""
     figure = new_figure(6.4, 3.6)
     axes = figure.subplots()

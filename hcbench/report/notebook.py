@@ -11,11 +11,9 @@ from matplotlib.figure import Figure
 
 from hcbench import _text
 from hcbench.benchmark.results import Results
-from hcbench.fit.result import FitResult
-from hcbench.fit.text import headline as fit_headline
 from hcbench.measure.measurement import Measurement
 from hcbench.measure.text import headline as measured_headline
-from hcbench.report import advice, fit_page, measurement_page, wording
+from hcbench.report import advice, measurement_page, wording
 from hcbench.report.conditions import views
 from hcbench.report.page import Drawing, draw, render
 from hcbench.report.plot_style import INK, LAW, MEASURED, draw_band, figure_defaults, new_figure, speed_axis
@@ -52,7 +50,6 @@ def _words(result: Any) -> tuple[str, dict[str, str], str]:
 
 
 _figure.register(Measurement)(measurement_page.curve_figure)
-_figure.register(FitResult)(fit_page.curve_figure)
 
 
 @_words.register
@@ -61,11 +58,6 @@ def _(measurement: Measurement) -> tuple[str, dict[str, str], str]:
     causes = wording.listed([cause.title for cause in measurement.causes])
     facts = {"where": where, "found": measurement_page.summary(measurement), "why": causes}
     return title, facts, "\n".join(cause.fix for cause in measurement.causes)
-
-
-@_words.register
-def _(result: FitResult) -> tuple[str, dict[str, str], str]:
-    return fit_page.title(result), fit_headline(result), ""
 
 
 @_figure.register
