@@ -56,6 +56,7 @@ $(MODELS)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(@D)
 	$(@D)/bin/pip install --quiet --disable-pip-version-check --editable '.[dev]' \
 	  'gymnasium[mujoco]' gymnasium-robotics dm_control
+	$(@D)/bin/pip install --quiet --disable-pip-version-check --no-deps metaworld robosuite
 	touch $@
 
 clean:

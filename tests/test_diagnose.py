@@ -15,6 +15,7 @@ from hcbench.measure import Measurement, Wanted, measure
 
 STIFF = 'solimp=".9999 .9999 .001 .5 2"'
 IMPULSE = f'solref="0 -950" {STIFF}'  # e = 0.9 at 2 ms
+SOFT = 'solref="-10000 -4" solimp=".9999 .9999 .001 .5 2"'
 SPRING = f'solref="-40000 -12" {STIFF}'
 STILL = 'gravity="0 0 0"'
 
@@ -32,6 +33,7 @@ class Planted:
 
     def text(self) -> str:
         return f"""<mujoco><option {_last(self.option)}>{self.flag}</option><worldbody>
+          <site name="hook" pos="0 0 1.5"/>
           <geom name="plate" type="plane" size="1 1 .1" {_last(self.plate)}/>
           <body name="ball" pos="0 0 1">{self.joint}<geom name="sphere" type="sphere" size=".1"
           {_last(self.ball)}/></body></worldbody>{self.contact}</mujoco>"""
@@ -44,6 +46,14 @@ class Planted:
         if fix.startswith("<option"):
             return replace(self, option=f"{self.option} {attributes}")
         names = fix.partition(":")[0]
+        if fix.startswith("another pose"):
+            return replace(
+                self,
+                joint=self.joint.replace('limited="true"', attributes),
+                contact=self.contact.replace('limited="true"', attributes),
+            )
+        if fix.startswith("--no-actuators"):
+            return replace(self, contact="")
         if "joint" in fix:
             return replace(
                 self, joint=self.joint.replace("/>", f" {attributes}/>").replace(' damping="50"', "")
@@ -123,6 +133,36 @@ PLANTED: dict[str, tuple[Planted, str, float | None]] = {
         "joint-damping",
         None,
     ),
+    "a limit that is reached in contact": (
+        both(
+            SOFT,
+            option=f'{STILL} timestep="5e-4"',
+            joint='<joint name="rail" type="slide" axis="0 0 1" range="-.901 2" limited="true"/>',
+        ),
+        "limits",
+        None,
+    ),
+    "an actuator that brakes": (
+        both(
+            'solref="-10000 -2" solimp=".3 .3"',
+            option=f'{STILL} timestep="5e-4"',
+            joint='<joint name="rail" type="slide" axis="0 0 1"/>',
+            contact='<actuator><velocity joint="rail" kv="60"/></actuator>',
+        ),
+        "actuators",
+        None,
+    ),
+    "a tether that tightens in contact": (
+        both(
+            SOFT,
+            option=f'{STILL} timestep="5e-4"',
+            joint='<freejoint/><site name="eye"/>',
+            contact="""<tendon><spatial name="string" limited="true" range="0 1.401"><site site="hook"/>
+              <site site="eye"/></spatial></tendon>""",
+        ),
+        "limits",
+        None,
+    ),
     "a fluid": (
         both(f'solref="-10000 -2" {STIFF}', option=f'{STILL} density="50000" viscosity="50"'),
         "fluid",
@@ -168,6 +208,10 @@ def test_it_is_the_first_that_is_named(name: str) -> None:
     planted, code, goal = PLANTED[name]
     wanted = goal if code == "damped-solref" else None
     assert first_look(planted, wanted).causes[0].code == code
+
+
+def test_25_causes_and_more_are_planted_and_named_first() -> None:
+    assert len(ALONE) + len(BULLET) - 1 >= 25
 
 
 def test_gravity_at_coarse_steps_is_named() -> None:
@@ -327,7 +371,9 @@ BULLET: dict[str, tuple[dict[str, Any], str, float]] = {
 def test_a_cause_planted_in_pybullet_is_named(name: str, tmp_path: Path) -> None:
     changes, code, _ = BULLET[name]
     found = measure(world(tmp_path, **changes), speeds=SPEEDS)
-    assert code in [cause.code for cause in found.causes], [(c.code, c.evidence) for c in found.causes]
+    codes = [cause.code for cause in found.causes]
+    first = 1 if name == "too few steps on a spring" else 0  # its restitutions, both 0, are told before
+    assert codes[first] == code, [(c.code, c.evidence) for c in found.causes]
 
 
 @pytest.mark.parametrize("gravity", [0, -9.81])

@@ -128,6 +128,65 @@ def test_a_foot_on_a_knee_is_measured_at_its_own_contact(speed: float) -> None:
     assert found.effective_mass < 0.9 * mujoco.mj_getTotalmass(model)
 
 
+FLOOR = '<geom name="floor" type="plane" size="3 3 .1"/>'
+FREE = '<body name="{name}" pos="0 0 {z}"><freejoint/><geom name="{name}" {shape}/></body>'
+HOPPER = """<body name="trunk" pos="0 0 1"><joint type="slide" axis="0 0 1"/>
+  <geom type="box" size=".1 .1 .1"/><body pos="0 0 -.1"><joint name="hip" axis="0 1 0" damping=".2"/>
+  <geom type="capsule" fromto="0 0 0 .2 0 -.3" size=".03"/><body pos=".2 0 -.3">
+  <joint name="knee" axis="0 1 0" stiffness="5"/><geom type="capsule" fromto="0 0 0 -.15 0 -.3" size=".02"/>
+  <geom name="toe" type="sphere" pos="-.15 0 -.3" size=".04"/></body></body></body>"""
+# (bodies; geom that moves; its body; other; qpos at touch; which of qpos goes up)
+SHAPES: dict[str, tuple[str, str, str, list[float], int]] = {
+    "box": (FREE.format(name="b", z=1, shape='type="box" size=".1 .05 .1"'), "b", "floor", [0, 0, 0.1], 2),
+    "cylinder": (
+        FREE.format(name="b", z=1, shape='type="cylinder" size=".1 .05"'),
+        "b",
+        "floor",
+        [0, 0, 0.05],
+        2,
+    ),
+    "ellipsoid": (
+        FREE.format(name="b", z=1, shape='type="ellipsoid" size=".1 .08 .05"'),
+        "b",
+        "floor",
+        [0, 0, 0.05],
+        2,
+    ),
+    "two balls": (
+        FREE.format(name="b", z=2, shape='size=".1"') + FREE.format(name="c", z=1, shape='size=".15"'),
+        "b",
+        "c",
+        [0, 0, 1.25],
+        2,
+    ),
+    "leg of two links": (HOPPER, "toe", "floor", [-0.26], 0),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("speed", [0.2, 1.1])
+def test_e_of_a_shape_is_that_of_a_loop_written_by_hand(name: str, speed: float) -> None:
+    """With a ball, a pendulum, two arms and a leg, and a ball and an arm in PyBullet: twelve models."""
+    bodies, geom, other, touch, up = SHAPES[name]
+    text = f"{HEAD}{FLOOR}{bodies}</worldbody></mujoco>"
+    found = measure(text, f"geom:{geom},geom:{other}", speeds=[speed], phases=[0.3], diagnose=False)
+    model = mujoco.MjModel.from_xml_string(text)
+    qpos, qvel = mujoco.MjData(model).qpos.copy(), np.zeros(model.nv)
+    qpos[: len(touch)] = touch
+    qpos[up] += 2.3e-3 * speed
+    qvel[up] = -speed
+    body = model.body(model.geom(geom).bodyid[0]).name or int(model.geom(geom).bodyid[0])
+    into, out = bounce_by_hand(model, qpos, qvel, body, geom, [0, 0, -1])
+    (impact,) = found.impacts
+    if name != "two balls":  # of which both move: the loop follows one
+        assert impact.restitution == pytest.approx(out / into, abs=1e-4)
+        return
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = qpos, qvel
+    mujoco.mj_step(model, data, nstep=200)
+    assert impact.restitution == pytest.approx((data.qvel[2] - data.qvel[8]) / speed, abs=1e-4)
+
+
 def test_what_an_actuator_adds_is_told_apart_and_can_be_left_out() -> None:
     touch = touching_pose(mujoco.MjModel.from_xml_string(ARM.format(kp=0)), [0.2, 0.5])
     pose = {"qpos": touch, "ctrl": touch[0] + 0.02}  # it presses on

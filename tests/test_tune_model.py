@@ -202,3 +202,25 @@ def test_a_humanoid_stands_on_two_rows_a_foot() -> None:
     assert found.name == "spring and damper"
     assert found.paste.count('<pair geom1="foot_') == 4
     assert stands_at(found.written, "trunk") == pytest.approx(stands_at(HUMANOID, "trunk"), abs=2e-3)
+
+
+def test_a_tuned_model_with_meshes_compiles_where_it_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A mesh of a default class, in a folder beside the model."""
+    (tmp_path / "robot" / "meshes").mkdir(parents=True)
+    (tmp_path / "robot" / "meshes" / "tetra.obj").write_text(
+        "v -.1 -.1 0\nv .2 -.1 0\nv -.1 .2 0\nv 0 0 .2\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+    )
+    path = tmp_path / "robot" / "robot.xml"
+    path.write_text("""<mujoco><compiler meshdir="meshes"/><default><default class="shell">
+      <geom type="mesh" mesh="tetra" condim="1"/></default></default><asset><mesh file="tetra.obj"/></asset>
+      <worldbody><geom name="floor" type="plane" size="3 3 .1" condim="1"/><body name="foot" pos="0 0 1">
+      <joint type="slide" axis="0 0 1"/><geom class="shell"/></body></worldbody></mujoco>""")
+    out = tmp_path / "tuned.xml"
+    wanted = ["--restitution", "0.6", "--max-error", "1"]
+    arguments = ["--pair", "foot,floor", *wanted, "--write-model", str(out), "--json"]
+    assert run(["tune", str(path), *arguments]) == 0
+    record = json.loads(capsys.readouterr().out)
+    found = measure(out, "foot,floor", speeds=[0.5], phases=3, diagnose=False)
+    assert found.curve[0].restitution == pytest.approx(0.6, abs=record["max_error"] + 0.005)

@@ -21,6 +21,7 @@ from hcbench.sim.candidate_pairs import CandidatePair, in_order
 from hcbench.sim.model_under_test import Request
 
 _Geoms = tuple[int, ...]  # two, in order
+_HEAVIEST = 1e4  # of the whole model's mass
 _POSES_MAX = 50  # keyframes that are looked at
 
 
@@ -80,6 +81,7 @@ def _described(
         normal = normals[0] if normals else normal
     if np.isfinite(near.distance) and normal.any():
         mass = effective_mass(model, data, approach_row(model, data, *bodies, near.point, normal))
+        mass = mass if mass < _HEAVIEST * float(model.body_mass.sum()) else math.nan  # round-off moves it
     joints = [joint for body in bodies for joint in moving_joints(model, body)]
     return CandidatePair(
         bodies=(body_name(model, bodies[0]), body_name(model, bodies[1])),

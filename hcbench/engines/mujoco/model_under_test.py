@@ -113,7 +113,7 @@ class MujocoModel(ModelUnderTest):
         """What may keep this pair from bouncing as asked."""
         if restitution_law(self.model, self.place.contact.rows[0][2]) is not None:
             return list(other_contacts(self._others()))  # the others are MuJoCo's own contact's
-        context = Context(self.place, impacts, wanted, tuple(self._gravity()))
+        context = Context(self.place, impacts, wanted, tuple(self._gravity()), self.shares)
         return [*find_suspects(context), *other_contacts(self._others())]
 
     def _others(self) -> list[str]:

@@ -265,7 +265,13 @@ def _spec(source: Any) -> Any:
     if isinstance(source, str) and source.lstrip().startswith("<"):
         return mujoco.MjSpec.from_string(source)
     if isinstance(source, str | Path) and Path(source).suffix.lower() in (".xml", ".mjcf", ".urdf"):
-        return mujoco.MjSpec.from_file(str(source))
+        spec = mujoco.MjSpec.from_file(str(source))
+        folder = Path(source).parent
+        if any(asset.file for asset in (*spec.meshes, *spec.hfields, *spec.textures, *spec.skins)):
+            # The model that is written may stand elsewhere.
+            spec.meshdir = str((folder / spec.meshdir).resolve())
+            spec.texturedir = str((folder / spec.texturedir).resolve())
+        return spec
     raise UserError("model", f"a {type(source).__name__}", "an MJCF file or an MjSpec, which can be written")
 
 

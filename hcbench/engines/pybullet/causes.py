@@ -44,6 +44,11 @@ class BulletContext:
         return self.place.first, self.place.second
 
     @property
+    def is_spring(self) -> bool:
+        """Whether a contactStiffness takes the place of restitution."""
+        return any(self.bullet.getDynamicsInfo(s.body, s.link)[STIFFNESS] > 0 for s in self.sides)
+
+    @property
     def slowest(self) -> float:
         """The lowest approach speed seen, m/s."""
         return min((i.speed_in for i in self.impacts if np.isfinite(i.speed_in)), default=0.0)
@@ -226,7 +231,7 @@ def _few_steps(c: BulletContext) -> Iterator[Suspect]:
             f"{first:g} x {second:g} = {first * second:.4g}",
             *_fix_restitutions(c.sides, (1.0, 1.0)),
         )
-    elif any(c.bullet.getDynamicsInfo(side.body, side.link)[STIFFNESS] > 0 for side in c.sides):
+    elif c.is_spring:
         step = causes.StepFix(c.timestep, "p.setTimeStep({})", lambda p, timestep: p.setTimeStep(timestep))
         yield from causes.energy_gain(c.impacts, step)
         yield from causes.few_steps(c.impacts, step, "a lower contactStiffness")

@@ -3,6 +3,7 @@
 from hcbench.engines.mujoco.causes.contact import mixing, refsafe, solimp, solref
 from hcbench.engines.mujoco.causes.context import Context
 from hcbench.engines.mujoco.causes.friction import sliding_lift
+from hcbench.engines.mujoco.causes.held import drives, limits
 from hcbench.engines.mujoco.causes.motion import gravity, integrator, losses, margin, resolution, solver
 from hcbench.sim.model_under_test import Suspect
 
@@ -17,6 +18,8 @@ CHECKS = (
     resolution,
     gravity,
     losses,
+    limits,
+    drives,
     margin,
 )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,7 @@ from hcbench.engines.mujoco.rows import SoftConstraint
 from hcbench.measure.causes import BOUNCY, constant_e, speeds_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from hcbench.engines.mujoco.place import PairAtTouch
     from hcbench.impact import Floats, Impact
@@ -27,12 +27,13 @@ _DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
 
 @dataclass(frozen=True)
 class Context:
-    """A pair in a model, and the impacts to explain. gravity: m/s^2."""
+    """A pair in a model, and the impacts to explain. gravity: m/s^2. shares: as `Facts` has them."""
 
     place: PairAtTouch
     impacts: Sequence[Impact]
     wanted: RestitutionCurve | None
     gravity: tuple[float, ...]
+    shares: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def model(self) -> Any:

@@ -48,6 +48,17 @@ def set_options(model: Any, **values: Any) -> None:
         setattr(model.opt, name, value)
 
 
+def disable(model: Any, flag: int) -> None:
+    """Turn off something of the whole model."""
+    model.opt.disableflags |= flag
+
+
+def free_limits(model: Any, joints: Sequence[int], tendons: Sequence[int]) -> None:
+    """Take the limits off some joints and tendons."""
+    model.jnt_limited[list(joints)] = 0
+    model.tendon_limited[list(tendons)] = 0
+
+
 def zero_dofs(model: Any, field: str, dofs: Sequence[int]) -> None:
     """Take a loss off some degrees of freedom."""
     getattr(model, field)[list(dofs)] = 0.0
