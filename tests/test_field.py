@@ -78,7 +78,7 @@ def test_every_cell_of_the_features_says_where_it_is_from(view: FieldView) -> No
     assert len(cells) == len(COLUMNS)
     assert all(cell.source for cell in cells if cell.text != "–")
     by_name = dict(zip(COLUMNS, cells, strict=True))
-    assert re.fullmatch(r"yes, its area is the energy lost to .*%", by_name["loop"].text)
+    assert re.fullmatch(r"yes: its area is the energy lost to .*%", by_name["loop"].text)
     assert by_name["by_speed"].text.startswith("its own: staggered, ")
 
 

@@ -20,9 +20,10 @@ def engine_title(name: str) -> str:
 
 
 def time(seconds: float) -> str:
-    """ "1 µs", "0.2 ms", "4.17 ms": three digits; "1/240 s", which is Bullet's own step."""
-    if math.isclose(seconds, 1 / 240, rel_tol=1e-9):
-        return f"1/240{NBSP}s"
+    """ "1 µs", "0.2 ms", "4.17 ms": three digits; "1/240 s" and "1/60 s", as engines have them."""
+    for rate in (240, 60):
+        if math.isclose(seconds, 1 / rate, rel_tol=1e-9):
+            return f"1/{rate}{NBSP}s"
     for size, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")):
         if seconds >= size * (1 - 1e-9):
             return f"{seconds / size:.3g}{NBSP}{unit}"

@@ -121,8 +121,8 @@ def curves_figure(view: FieldView) -> Figure:
         figure,
         [
             Line2D([], [], label="the law, eq. (16)", **_LAW),
-            Line2D([], [], label=f"as it comes, step {time(fine)}", **_STOCK),
-            Line2D([], [], label=f"best setting, step {time(fine)}", **_BEST),
+            Line2D([], [], label="as it comes", **_STOCK),
+            Line2D([], [], label=f"best setting of its own at {time(fine)}", **_BEST),
             Line2D([], [], label=f"the same at {time(coarse)}", **{**_BEST, **_HEAVY}),
         ],
     )

@@ -7,7 +7,8 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 from hcbench.report.field.view import NO_BOUNCE, Case
-from hcbench.report.wording import listed, number, time
+from hcbench.report.ranking import LOOP_NEAR
+from hcbench.report.wording import listed, number, percent, time
 from hcbench.sim import registry
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ _ROBOT_STEP = 1e-3  # s
 
 def headline(view: FieldView) -> list[str]:
     """Sentences, the weightiest first; what nothing in the study tells is left out."""
-    found = [_law(view), _robots(view), _as_it_comes(view), _gains(view), _versions(view)]
+    found = [_law(view), _robots(view), _loops(view), _as_it_comes(view), _gains(view), _versions(view)]
     return [sentence for sentence in found if sentence]
 
 
@@ -49,15 +50,31 @@ def _robots(view: FieldView) -> str:
     )
 
 
+def _loops(view: FieldView) -> str:
+    """Whose force is the law's too."""
+    near: dict[str, tuple[float, Case]] = {}
+    for case, score in view.scores.items():
+        recipe, rms = view.recipe(case), float(score["loop_rms"])
+        own = recipe is not None and recipe.native and not case.gravity and case.engine in view.engines
+        if own and score["loops"] and rms <= LOOP_NEAR and not view.gains(case):
+            engine = registry.base_name(case.engine)
+            near[engine] = min(near.get(engine, (rms, case)), (rms, case))
+    words = [f"{view.title(c.engine)} {c.setting} ({percent(rms)})" for rms, c in sorted(near.values())]
+    return f"The force over penetration is the law's too in {listed(words)}." if words else ""
+
+
 def _as_it_comes(view: FieldView) -> str:
-    """Who does not bounce with nothing set."""
-    still = []
+    """Who does not bounce with nothing set, and who loses the ball."""
+    still, lost = [], []
     for engine in view.engines:
         cases = [c for h in view.steps if (c := view.stock(engine, view.gravities[0], h)) is not None]
-        highest = [high for case in cases if math.isfinite(high := view.restitution(case)[1])]
-        if cases and max(highest, default=0.0) < NO_BOUNCE:
+        if cases and all(view.lost(case) for case in cases):
+            lost.append(f"{view.title(engine)} ({view.lost(cases[0])})")
+        elif cases and max(view.restitution(case)[1] for case in cases) < NO_BOUNCE:
             still.append(view.title(engine))
-    return f"As they come, no bounce at any step: {listed(still)}." if still else ""
+    parts = [f"no bounce at any step in {listed(still)}"] if still else []
+    parts += [f"no contact that holds the ball in {listed(lost)}"] if lost else []
+    return f"As they come: {'; '.join(parts)}." if parts else ""
 
 
 def _gains(view: FieldView) -> str:
@@ -72,7 +89,8 @@ def _gains(view: FieldView) -> str:
         worst = max(stock or cases, key=lambda case: view.restitution(case)[1])
         name = "as it comes" if stock else worst.setting
         high = view.restitution(worst)[1]
-        words.append(f"{view.title(engine)} {name} (e up to {number(high)} at {time(worst.timestep)})")
+        where = f"{time(worst.timestep)}{' under gravity' if worst.gravity else ''}"
+        words.append(f"{view.title(engine)} {name} (e up to {number(high)} at {where})")
     return f"Energy out of nothing: {listed(words)}." if words else ""
 
 
@@ -88,8 +106,13 @@ def _versions(view: FieldView) -> str:
             if case.engine == one and (b := view.impacts.get(case._replace(engine=other))) is not None
         ]
         largest = max((d for d in differences if math.isfinite(d)), default=math.nan)
-        pair, off = f"{view.title(one)} and {view.title(other)}", number(largest)
-        words.append(f"{pair} differ in e by at most {off}, over {len(differences)} runs")
+        alike = f"bounce alike in all of {len(differences)} runs"
+        off = (
+            alike
+            if largest == 0.0
+            else f"differ in e by up to {number(largest)} over {len(differences)} runs"
+        )
+        words.append(f"{view.title(one)} and {view.title(other)} {off}")
     return f"{'; '.join(words)}." if words else ""
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,13 +11,14 @@ import numpy as np
 from hcbench.report.field.view import NO_BOUNCE, has_law
 from hcbench.report.wording import NBSP, listed, number, percent, time
 from hcbench.sim import registry
-from hcbench.sim.features import Features
+from hcbench.sim.features import Feature, Features
 
 if TYPE_CHECKING:
     from hcbench.report.field.probe import Probe
     from hcbench.report.field.view import Case, FieldView
 
-RUN = "this run"
+RUN, _FOLDER = "this run", "hcbench's adapter"
+_AREA = 0.02  # of the energy lost: how far off the area of a loop may be that says something
 COLUMNS = {
     "law": "its own law",
     "exponent": "exponent",
@@ -31,48 +32,36 @@ COLUMNS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Cell:
-    """What is in a cell, and where it is from."""
-
-    text: str
-    source: str
-
-
-def matrix(view: FieldView, probes: Mapping[str, Probe | None]) -> list[tuple[str, list[Cell]]]:
+def matrix(view: FieldView, probes: Mapping[str, Probe | None]) -> list[tuple[str, list[Feature]]]:
     """(engine, its cells in the order of COLUMNS). probes: by engine."""
     return [(engine, _cells(view, engine, probes.get(engine))) for engine in view.engines]
 
 
-def _cells(view: FieldView, engine: str, probe: Probe | None) -> list[Cell]:
+def _cells(view: FieldView, engine: str, probe: Probe | None) -> list[Feature]:
     base = registry.base_name(engine)
     module, adapter = registry.submodule(base, "features"), registry.engine(base)
-    said: dict[str, Cell] = {}
+    said: dict[str, Feature] = {}
     if module is not None and isinstance(module.FEATURES, Features):
-        said = {f.name: Cell(**_of(getattr(module.FEATURES, f.name))) for f in fields(Features)}
+        said = {f.name: getattr(module.FEATURES, f.name) for f in fields(Features)}
     files = listed([*adapter.suffixes, *adapter.opens]) or "–"
     from_run = {
         "by_speed": _by_speed(view, engine),
         "loop": _loop(view, engine),
-        "numbers": Cell(f"float{adapter.bits}", "the contract of its folder"),
-        "bits": Cell(_bits(probe), RUN if probe else ""),
-        "threshold": said.get("threshold", Cell("–", "")),
-        "files": Cell(files, "the contract of its folder"),
+        "numbers": Feature(f"float{adapter.bits}", _FOLDER),
+        "bits": Feature(_bits(probe), RUN if probe else ""),
+        "threshold": said.get("threshold", Feature("–", "")),
+        "files": Feature(files, _FOLDER),
     }
     seen = _slowest_bounce(view, engine)
     if seen:
         stated = from_run["threshold"]
-        from_run["threshold"] = Cell(
+        from_run["threshold"] = Feature(
             f"{stated.text}; {seen}".removeprefix("–; "), f"{stated.source}; {RUN}".strip("; ")
         )
-    return [{**said, **from_run}.get(name, Cell("–", "")) for name in COLUMNS]
+    return [{**said, **from_run}.get(name, Feature("–", "")) for name in COLUMNS]
 
 
-def _of(feature: object) -> dict[str, str]:
-    return {"text": feature.text, "source": feature.source}  # type: ignore[attr-defined]
-
-
-def _by_speed(view: FieldView, engine: str) -> Cell:
+def _by_speed(view: FieldView, engine: str) -> Feature:
     """The best of its settings that are meant to follow the law, its own and put in."""
     words = []
     for native, how in ((True, "its own"), (False, "put in")):
@@ -85,18 +74,16 @@ def _by_speed(view: FieldView, engine: str) -> Cell:
         if found:
             case = min(found, key=view.error)
             words.append(f"{how}: {case.setting}, {number(view.error(case))} at {time(case.timestep)}")
-    return Cell("; ".join(words) or "no", RUN)
+    return Feature("; ".join(words) or "no", RUN)
 
 
-def _loop(view: FieldView, engine: str) -> Cell:
+def _loop(view: FieldView, engine: str) -> Feature:
     """How near the loop's area is to the energy lost, of the case seen best."""
-    least, best = 1.0, None
-    for case, rows in view.loops.items():
-        if case.engine == engine and len(rows) > 3 and (off := _area_error(view, case)) < least:
-            least, best = off, case
-    if best is None:
-        return Cell("no: turned in a step", RUN)
-    return Cell(f"yes, its area is the energy lost to {percent(max(least, 1e-12))}", RUN)
+    seen = [case for case in view.loops if case.engine == engine and view.scores[case]["loops"]]
+    off = min((_area_error(view, case) for case in seen), default=1.0)
+    if off > _AREA:
+        return Feature("no: steps hold whole bounces" if not seen else "no: it is not the force", RUN)
+    return Feature(f"yes: its area is the energy lost to {percent(max(off, 1e-12))}", RUN)
 
 
 def _area_error(view: FieldView, case: Case) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import platform
 from dataclasses import dataclass
 from functools import partial
@@ -16,6 +17,7 @@ from hcbench.report.field.view import Case, FieldView
 from hcbench.report.page import PAGE, draw, render
 from hcbench.report.wording import number, span, time
 from hcbench.setting import Setting
+from hcbench.sim import registry
 from hcbench.tune.snippet import snippet
 
 if TYPE_CHECKING:
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from hcbench.workers import WorkerPool
 
 COST = "cost.csv"
+_SEEN = 0.005  # of e: less is no bounce to anybody who looks
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +62,7 @@ def _probes(view: FieldView) -> list[tuple[Case, tuple[Case, probe.Probe | None]
     scene = probe.scene_of(view)
     for engine in view.engines:
         steps = sorted(view.steps, key=lambda h: abs(math.log(h / 1e-3)))
-        picks = (view.best(engine, 0.0, h) or view.stock(engine, 0.0, h) for h in steps)
+        picks = [pick(engine, 0.0, h) for pick in (view.best, view.stock) for h in steps]
         case = next((case for case in picks if case is not None), None)
         if case is not None:
             found.append((case, (case, probe.probe(_setting(view, case), scene))))
@@ -76,7 +79,7 @@ def _setting(view: FieldView, case: Case) -> Setting:
 
 
 def _costs(view: FieldView, probes: dict[str, tuple[Case, probe.Probe | None]]) -> str:
-    machine = f"{platform.machine()}, Python {platform.python_version()}"
+    machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     costs = [
         (view.title(c.engine), c.setting, c.timestep, p.cost) for c, p in probes.values() if p is not None
     ]
@@ -92,6 +95,7 @@ def _page(view: FieldView, figures: list[dict[str, Any]], probes: dict[str, prob
         figures={figure["name"]: figure for figure in figures},
         best=[_table(view, gravity, partial(_best_entry, view)) for gravity in view.gravities],
         stock=[_table(view, gravity, partial(_stock_entry, view)) for gravity in view.gravities],
+        energy=[(view.title(engine), _energy(view, engine)) for engine in view.engines],
         matrix=matrix.matrix(view, probes),
         columns=matrix.COLUMNS,
         settings=_settings(view),
@@ -125,8 +129,28 @@ def _stock_entry(view: FieldView, engine: str, gravity: float, timestep: float) 
     if case is None:
         return Entry("–", "", "none")
     low, high = view.restitution(case)
-    text = "no bounce" if not math.isfinite(low) or high == 0.0 else span(f"{low:.2f}", f"{high:.2f}")
+    text = view.lost(case) or ("no bounce" if high < _SEEN else span(f"{low:.2f}", f"{high:.2f}"))
     return Entry(text, "gains energy" if view.gains(case) else "", _grade(view, case))
+
+
+def _energy(view: FieldView, engine: str) -> list[Entry]:
+    """The largest e of the engine as it comes, of its own settings, and of laws that are put in."""
+    groups: dict[str, list[Case]] = {"stock": [], "own": [], "put in": []}
+    for case in view.scores:
+        recipe = view.recipe(case)
+        if case.engine == engine and recipe is not None and math.isfinite(view.restitution(case)[1]):
+            kind = "stock" if case.setting == "stock" else "own" if recipe.native else "put in"
+            groups[kind].append(case)
+    return [_largest(view, cases) for cases in groups.values()]
+
+
+def _largest(view: FieldView, cases: list[Case]) -> Entry:
+    case = max(cases, key=lambda case: view.restitution(case)[1], default=None)
+    if case is None:
+        return Entry("–", "", "none")
+    where = f"{case.setting}, {time(case.timestep)}{', under gravity' if case.gravity else ''}"
+    gains = view.gains(case)
+    return Entry(number(view.restitution(case)[1]), where, "bad" if gains else "none")
 
 
 def _grade(view: FieldView, case: Case) -> str:
@@ -140,6 +164,8 @@ def _settings(view: FieldView) -> list[dict[str, Any]]:
     """What to paste of each engine's best setting at each step, without gravity; one text once."""
     entries = []
     for engine in view.engines:
+        if registry.base_name(engine) in view.engines[: view.engines.index(engine)]:
+            continue  # another version of it has told
         texts: dict[tuple[str, str], list[float]] = {}
         notes: dict[str, tuple[str, ...]] = {}
         for h in view.steps:

@@ -137,6 +137,11 @@ class FieldView:
         e = self.impacts[case]["restitution"].astype(float)
         return float(e.min()), float(e.max())
 
+    def lost(self, case: Case) -> str:
+        """What became of the impacts where none gave an e, in a word; "" where any did."""
+        statuses = self.impacts[case]["status"]
+        return "" if statuses.isin(("parted", "rested")).any() else str(statuses.mode().iloc[0])
+
     def curve(self, case: Case) -> pd.DataFrame:
         """By speed: the columns speed (at touch, m/s), low, middle, high of e over the phases."""
         rows = self.impacts[case]
