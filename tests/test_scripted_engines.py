@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import io
+import subprocess
+import sys
 import warnings
 from importlib import metadata
 from pathlib import Path
@@ -84,10 +86,10 @@ def test_a_missing_engine_is_one_line_with_the_command() -> None:
 
 def test_a_version_never_tried_is_said() -> None:
     here = metadata.version("numpy")
-    assert Backend("sled", "numpy", "1.0", "999").untried() == ""
-    assert Backend("sled", "numpy", here, here).untried() == ""
+    assert Backend("sled", "numpy", "1.0", "999").untried(here) == ""
+    assert Backend("sled", "numpy", here, here).untried(here) == ""
     untried = Backend("sled", "numpy", "0.1", "0.2")
-    assert untried.untried() == f"numpy {here} was never tried with hcbench; 0.1 ... 0.2 was"
+    assert untried.untried(here) == f"numpy {here} was never tried with hcbench; 0.1 ... 0.2 was"
     with pytest.raises(EngineFailed, match=r"AttributeError: gone.*0\.1"), untried.explained_errors():
         raise AttributeError("gone")
     with pytest.raises(AttributeError), Backend("sled", "numpy", here, here).explained_errors():
@@ -111,3 +113,18 @@ def test_an_engine_is_its_folder_of_250_lines() -> None:
         folder = Path(registry.engine(name).module("engine").__file__).parent
         lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in folder.glob("*.py"))
         assert lines <= 250, f"{name}: {lines} lines"
+
+
+def test_the_command_line_says_so_in_one_line() -> None:
+    installed("rapier")
+    code = (
+        "import sys; from hcbench import cli; from hcbench.engines.rapier.engine import RapierEngine;"
+        "from hcbench.sim.backend import Backend;"
+        "RapierEngine.backend = Backend('rapier', 'rapier3d', '0.1', '0.2');"
+        "sys.argv = ['hcbench', 'tune', 'rapier', '--alpha', '0.3', '--timestep', '1 ms', '--gravity', '0'];"
+        "cli.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("hcbench: rapier3d 0.3")
+    assert line.endswith("was never tried with hcbench; 0.1 ... 0.2 was")

@@ -258,7 +258,7 @@ def _shard_size(grid: LaunchGrid) -> int:
 def versions_here(*engines: str) -> Mapping[str, str]:
     """Of everything that the bytes of a shard depend on: package or engine -> version."""
     packages = {name: version(name) for name in ("hcbench", "numpy", "pyarrow", "scipy")}
-    return {**packages, **{name: registry.engine(name).version() for name in engines}}
+    return {**packages, **{name: registry.require(name) for name in engines}}
 
 
 def digests_of(scene: Scene, engine: str) -> dict[str, str]:

@@ -9,6 +9,7 @@ import atexit
 import errno
 import os
 import sys
+import warnings
 from contextlib import suppress
 
 import click
@@ -47,6 +48,7 @@ def main() -> None:
     """Run the command line; every way out is an exit code and at most one line."""
     try:
         install_signal_handlers()
+        warnings.formatwarning = lambda message, *_, **__: f"hcbench: {message}\n"
         wrap_stdio()
         code = run(sys.argv[1:])
     except HcbenchError as error:

@@ -56,9 +56,8 @@ class Backend:
         todo = f"Try: {ADD} {self.engine}, or: {self.command}"
         return EngineMissing(f"engine {self.engine!r}", got, expected, todo)
 
-    def untried(self) -> str:
-        """What is to be said of an installed version outside those tried; "" of one within."""
-        version = self.version()
+    def untried(self, version: str) -> str:
+        """What is to be said of a version outside those tried; "" of one within."""
         oldest, newest = _numbers(self.oldest), _numbers(self.newest)
         given = _numbers(version)
         if oldest <= given[: len(oldest)] and given[: len(newest)] <= newest:
@@ -74,7 +73,7 @@ class Backend:
         except HcbenchError:
             raise
         except Exception as error:
-            if not (untried := self.untried()):
+            if not (untried := self.untried(self.version())):
                 raise
             got = f"{type(error).__name__}: {error}"
             raise EngineFailed(

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import warnings
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any
@@ -13,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 from hcbench._arguments import checked
 from hcbench.environments import store
 from hcbench.errors import EngineFailed, EngineMissing, UserError
+from hcbench.sim.backend import UntriedVersionWarning
 from hcbench.sim.elsewhere import absent, elsewhere, renamed
-from hcbench.workers import environment
+from hcbench.workers import environment, in_worker
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -73,6 +75,20 @@ def is_there(name: str) -> bool:
         return bool(engine(name).version())
     except EngineMissing:
         return False
+
+
+def require(name: str) -> str:
+    """The version of an engine; warns of one that was never tried. Raises EngineMissing."""
+    adapter = engine(name)
+    version = adapter.version()
+    if adapter.backend and not in_worker() and (untried := adapter.backend.untried(version)):
+        _warn(untried)
+    return version
+
+
+@cache  # once, whatever Python's own filters make of it
+def _warn(untried: str) -> None:
+    warnings.warn(untried, UntriedVersionWarning, stacklevel=3)
 
 
 def entry_point(name: str) -> EntryPoint:

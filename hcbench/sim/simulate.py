@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import warnings
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, closing, nullcontext
 from functools import cache
@@ -19,7 +18,6 @@ from hcbench.errors import SettingError
 from hcbench.impact import Impact, Status, Trajectory
 from hcbench.laws import closed_form
 from hcbench.sim import registry
-from hcbench.sim.backend import UntriedVersionWarning
 from hcbench.sim.elsewhere import STEP_S
 from hcbench.sim.engine import CannotShareError
 from hcbench.sim.read_impact import impacts_of
@@ -42,11 +40,8 @@ _PROCESS_GROUP = 8  # launches that an engine in a process of its own simulates 
 
 @cache  # as reading a version takes as long as tens of launches
 def _require_installed(name: str) -> None:
-    """Raises EngineMissing; warns, once, of a version that was never tried."""
-    engine = registry.engine(name)
-    engine.version()
-    if engine.backend is not None and (untried := engine.backend.untried()):
-        warnings.warn(untried, UntriedVersionWarning, stacklevel=2)
+    """Raises EngineMissing."""
+    registry.require(name)
 
 
 def _explained_errors(engine: SteppedEngine) -> AbstractContextManager[None]:

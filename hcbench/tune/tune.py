@@ -75,8 +75,7 @@ def tune(
     Raises SettingError where no recipe can serve the target, EngineMissing, EngineFailed, and
     SearchInterrupted with the best so far where an interrupt ends a search.
     """
-    adapter = registry.engine(engine)
-    adapter.version()
+    registry.require(engine)
     scene = dataclasses.replace(scene, mass=target.mass, gravity=target.gravity, friction=target.friction)
     if target.friction and scene.form == "plane":  # a solid ball as large as it looks
         scene = dataclasses.replace(scene, ball_radius=scene.relative_radius, plate_radius=math.inf)
