@@ -49,6 +49,7 @@ def test_held_out_launches_span_the_band_and_the_step() -> None:
     ("engine", "timestep", "match", "recipe"),
     [
         ("mujoco", 1e-6, "both", "staggered"),
+        ("pybullet", 1e-6, "both", "staggered"),
         pytest.param("mujoco", 1e-6, "restitution", "two-pair", marks=pytest.mark.adhesion),
         ("mujoco", 1e-3, "restitution", "compliant-pairs"),
         ("pybullet", 1e-3, "restitution", "restitution"),
@@ -111,7 +112,7 @@ def test_a_loop_that_the_step_cannot_see_is_refused_with_the_step_that_can() -> 
 
 def test_a_loop_that_no_native_setting_has_names_the_plug_in() -> None:
     with pytest.raises(SettingError, match="plug-in"):
-        candidates("pybullet", target(1e-6), SCENE, "loop")
+        candidates("pybullet", target(1e-6), load_scene("steel-cup"), "loop")
 
 
 def test_an_integrator_that_breaks_a_recipe_is_refused_and_others_serve() -> None:

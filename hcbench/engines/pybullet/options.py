@@ -8,10 +8,10 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import Field, PlainValidator, StrictBool
+from pydantic import Field, PlainValidator, StrictBool, ValidationInfo, field_validator
 
 from hcbench.errors import SettingError
-from hcbench.fields import OptionTable, validate
+from hcbench.fields import Finite, OptionTable, mistake, validate
 from hcbench.laws.contact_law import Law, law_of
 
 # Keywords of setPhysicsEngineParameter and of changeDynamics, by the type that PyBullet asks for.
@@ -59,12 +59,31 @@ _ELSEWHERE = {
 }
 
 
+class LinkOptions(OptionTable):
+    """A sphere of the ball, `onset` m smaller, with contactStiffness (N/m) and contactDamping (N s/m)."""
+
+    onset: Finite
+    stiffness: Finite
+    damping: Finite
+
+    @field_validator("onset", "stiffness")
+    @classmethod
+    def _in_range(cls, value: float, info: ValidationInfo) -> float:
+        if value < 0 or (value == 0 and info.field_name == "stiffness"):
+            raise mistake("0 m or more" if info.field_name == "onset" else "above 0 N/m", f"{value!r}")
+        return value
+
+
 class PybulletOptions(OptionTable):
-    """A setting's options, checked. All empty: the models as loaded, in a world as Bullet makes it."""
+    """A setting's options, checked. All empty: the models as loaded, in a world as Bullet makes it.
+
+    links: in place of the one sphere of the ball.
+    """
 
     world: dict[str, Any] = Field({}, description="a table of setPhysicsEngineParameter's keywords")
     ball: dict[str, Any] = Field({}, description="a table of changeDynamics's keywords")
     plate: dict[str, Any] = Field({}, description="a table of changeDynamics's keywords")
+    links: tuple[LinkOptions, ...] = Field((), description="a list of the ball's links")
     maximal_coordinates: StrictBool = Field(False, description="true or false")
     law: Annotated[Law, PlainValidator(law_of)] | None = None
 
@@ -72,6 +91,10 @@ class PybulletOptions(OptionTable):
 def read_options(options: Mapping[str, Any]) -> PybulletOptions:
     """Options from a setting; SettingError names the first word that PyBullet does not have."""
     checked = validate(PybulletOptions, options, SettingError, "pybullet option '{}'")
+    alone = checked.law is None and not checked.maximal_coordinates and "restitution" not in checked.ball
+    if checked.links and not alone:
+        got = "given with a law, a restitution or maximal coordinates"
+        raise SettingError("pybullet option 'links'", got, "links alone: they are the contact")
     _check(checked.world, "world", _WORLD, "setPhysicsEngineParameter")
     _check(checked.ball, "ball", _BODY, "changeDynamics")
     _check(checked.plate, "plate", _BODY, "changeDynamics")

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 from hcbench._text import shortest
 from hcbench.engines.pybullet import plugin
+from hcbench.engines.pybullet.staggered_ball import JOINT, LINK, WRITE
 from hcbench.errors import SettingError
-from hcbench.laws.contact_law import is_force, law_of
+from hcbench.laws.contact_law import law_of
 from hcbench.tune.snippet import arguments
 
 if TYPE_CHECKING:
@@ -20,11 +21,11 @@ if TYPE_CHECKING:
 
 def snippet(setting: Setting, form: str = "plane") -> str:
     """What to paste; see `Engine.snippet`."""
-    if {"world", "ball", "plate", "law"} & set(setting.options):
+    if {"world", "ball", "plate", "law", "links"} & set(setting.options):
         calls = _calls(setting, lambda body, keyword: f'loadURDF("{body}.urdf"{keyword})', "path")
         law = law_of(setting.options["law"]) if "law" in setting.options else None
-        in_cup = form == "cup" and law is not None and is_force(law)
-        return f"{calls}\n{_CUP}" if in_cup else calls
+        links = f"{_OWN_BALL}\n" if setting.options.get("links") else ""
+        return f"{links}{calls}\n{_CUP}" if form == "cup" and law is not None else f"{links}{calls}"
     return setting.options_text
 
 
@@ -42,6 +43,9 @@ def script(scene: Scene, setting: Setting) -> str:
     }
     path = repr(str(plugin.library())) if "law" in setting.options else ""
     setup = _calls(setting, lambda body, keyword: f"{bodies[body]}{keyword})", path)
+    if setting.options.get("links"):
+        of_ball = f"radius, mass, inertia = {radius}, {shortest(scene.mass)}, {shortest(scene.inertia)}"
+        setup = f"{of_ball}\nfriction = {shortest(scene.friction)}\n{setup}"
     return _SCRIPT.format(setup=setup, step=shortest(setting.timestep), radius=radius)
 
 
@@ -54,10 +58,24 @@ def _calls(setting: Setting, make: Callable[[str, str], str], path: str) -> str:
     world = {"fixedTimeStep": setting.timestep, **options.get("world", {})}
     keyword = ", useMaximalCoordinates=True" if options.get("maximal_coordinates") else ""
     bodies = ("ball", "plate")
+    before: list[str] = []
+    made = {body: make(body, keyword) for body in bodies}
+    calls = {
+        body: f"pybullet.changeDynamics({body}, -1, {arguments(options[body])})"
+        for body in bodies
+        if options.get(body)
+    }
+    if links := options.get("links"):
+        rows = "".join(f"    ({x['onset']!r}, {x['stiffness']!r}, {x['damping']!r}),\n" for x in links)
+        before = [f"LINK = {LINK!r}", f"JOINT = {JOINT!r}", f"links = [  # start, k, c\n{rows}]", WRITE]
+        made["ball"] = 'loadURDF("ball.urdf", flags=pybullet.URDF_USE_INERTIA_FROM_FILE)'
+        each = calls["ball"].replace("-1", "link")
+        calls["ball"] = f"for link in range(-1, {len(links) - 1}):\n    {each}"
     lines = [
         f"pybullet.setPhysicsEngineParameter({arguments(world)})",
-        *(f"{body} = pybullet.{make(body, keyword)}" for body in bodies),
-        *(f"pybullet.changeDynamics({b}, -1, {arguments(options[b])})" for b in bodies if options.get(b)),
+        *before,
+        *(f"{body} = pybullet.{made[body]}" for body in bodies),
+        *calls.values(),
     ]
     if "law" in options:
         law = json.dumps(plugin.command(law_of(options["law"])))
@@ -66,6 +84,7 @@ def _calls(setting: Setting, make: Callable[[str, str], str], path: str) -> str:
     return "\n".join(lines)
 
 
+_OWN_BALL = "# radius, mass, inertia and friction: of your ball; friction 0 for none"
 _CUP = "# with cup=RADIUS,X,Y,Z as well: the cup's, and its centre in the frame of the plate"
 
 _SCRIPT = '''"""A ball dropped on a plane in PyBullet: prints restitution against impact speed (m/s)."""

@@ -12,7 +12,9 @@ setting and form hold it.
 from __future__ import annotations
 
 import math
+import tempfile
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,13 +28,13 @@ from hcbench.engines.pybullet.record import (
     speed_reading,
     tangential_rows,
 )
+from hcbench.engines.pybullet.staggered_ball import ball_urdf
 from hcbench.errors import SceneError
 from hcbench.sim.engine import CannotShareError, Record, Simulation, World
 from hcbench.workers import in_worker
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
     from hcbench.engines.pybullet.options import PybulletOptions
     from hcbench.impact import Floats, Launch
@@ -59,9 +61,10 @@ class PybulletWorld(World):
         self.scene, self.options = scene, options
         self.timestep, self.gravity, self.mass = timestep, scene.normal_gravity, scene.mass
         self.deepest = scene.touch_radius
-        at_plane = options.law is not None or "contactStiffness" in options.ball
+        at_plane = bool(options.law or options.links) or "contactStiffness" in options.ball
         self.speed_reading = speed_reading(at_plane, options.maximal_coordinates)
-        self.places = _BALLS_IN_WORLD
+        # How often Bullet's solver sweeps over several links depends on all that are in contact.
+        self.places = 1 if options.links else _BALLS_IN_WORLD
         self.reports_force = options.ball.get("linearDamping") != 0.0
         self.bullet = client()
         with translated_errors(self.bullet):
@@ -222,7 +225,10 @@ def _set_up(bullet: BulletClient, scene: Scene, timestep: float, options: Pybull
     bullet.setPhysicsEngineParameter(fixedTimeStep=timestep, **{**LASTING_SETTINGS, **options.world})
     bullet.setGravity(0.0, 0.0, -scene.gravity)
     check_ball(_urdf(scene, "ball"), scene)
-    ball = _load(bullet, scene, "ball", options.maximal_coordinates)
+    if options.links:
+        ball = _load_links(bullet, scene, options)
+    else:
+        ball = _load(bullet, scene, "ball", options.maximal_coordinates)
     check_plate(_urdf(scene, "plate"))
     plate = _load(bullet, scene, "plate", options.maximal_coordinates)
     _check_shapes(bullet, scene, ball, plate)
@@ -239,7 +245,8 @@ def _make_ready(bullet: BulletClient, scene: Scene, options: PybulletOptions, ba
     elif bullet.getDynamicsInfo(ball, -1)[0] != scene.mass:
         bullet.changeDynamics(ball, -1, mass=scene.mass)
     friction = {"lateralFriction": scene.friction} if scene.friction else {}
-    bullet.changeDynamics(ball, -1, **{**friction, **options.ball})
+    for link in range(-1, max(0, len(options.links) - 1)):
+        bullet.changeDynamics(ball, link, **{**friction, **options.ball})
 
 
 @cache
@@ -263,6 +270,15 @@ def _urdf(scene: Scene, role: str) -> Path:
 def _load(bullet: BulletClient, scene: Scene, role: str, maximal: bool) -> int:
     (body,) = bullet.load_model(_urdf(scene, role), f"scene {scene.name!r}", useMaximalCoordinates=maximal)
     return body
+
+
+def _load_links(bullet: BulletClient, scene: Scene, options: PybulletOptions) -> int:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "ball.urdf"
+        path.write_text(ball_urdf(scene, options.links), encoding="utf-8")
+        flags = bullet.module.URDF_USE_INERTIA_FROM_FILE
+        (body,) = bullet.load_model(path, f"scene {scene.name!r}", flags=flags)
+        return body
 
 
 def _check_shapes(bullet: BulletClient, scene: Scene, ball: int, plate: int) -> None:

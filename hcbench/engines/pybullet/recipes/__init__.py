@@ -2,6 +2,7 @@
 
 from hcbench.engines.pybullet.recipes.restitution import RESTITUTION
 from hcbench.engines.pybullet.recipes.spring_damper import SPRING_DAMPER
+from hcbench.engines.pybullet.recipes.staggered import STAGGERED
 from hcbench.tune.law_recipes import plug_in_recipes
 from hcbench.tune.recipe import stock
 
@@ -11,7 +12,7 @@ STOCK = stock(
     "Knows nothing of the law. Bullet acts on a contact it predicts for the coming step,"
     " so what bounce there is depends on the phase.",
 )
-_NATIVE = (STOCK, RESTITUTION, SPRING_DAMPER)
+_NATIVE = (STOCK, RESTITUTION, SPRING_DAMPER, STAGGERED)
 # Bullet slows every body in flight; the law is about contact alone.
 _NO_DRAG = {"ball": {"linearDamping": 0.0, "angularDamping": 0.0}}
 RECIPES = (*_NATIVE, *plug_in_recipes("pybullet", _NATIVE, _NO_DRAG))

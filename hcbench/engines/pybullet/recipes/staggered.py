@@ -1,0 +1,59 @@
+"""PyBullet: the whole of eq. (16), loop included, in Bullet's own contact."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from hcbench.engines.pybullet.recipes.restitution import BALL, WORLD
+from hcbench.engines.pybullet.recipes.spring_damper import RIGID
+from hcbench.engines.pybullet.recipes.staggered_fit import Contacts, fit_contacts
+from hcbench.tune.recipe import Recipe, Role
+from hcbench.tune.softening import FEWEST_STEPS, resolvable_law, steps_per_contact
+
+if TYPE_CHECKING:
+    from hcbench.tune.target import Target
+
+_LINKS, _LINKS_OF_FEW_STEPS, _FEW_STEPS = 12, 20, 60.0
+
+
+def staggered(target: Target) -> dict[str, Any]:
+    """Links of the ball that start to touch at staggered depths, each with a spring and a damper."""
+    few = steps_per_contact(target) < _FEW_STEPS
+    make = partial(_options, target.timestep)
+    law = resolvable_law(target)
+    return make(fit_contacts(target, law, _LINKS_OF_FEW_STEPS if few else _LINKS, make))
+
+
+def _options(timestep: float, contacts: Contacts) -> dict[str, Any]:
+    bullets = contacts.damping - timestep * contacts.stiffness  # Bullet adds k h by itself
+    columns = (contacts.onset.tolist(), contacts.stiffness.tolist(), bullets.tolist())
+    return {
+        "world": WORLD,
+        "ball": BALL,
+        "plate": {"contactStiffness": RIGID, "contactDamping": 0.0},
+        "links": [{"onset": x, "stiffness": k, "damping": c} for x, k, c in zip(*columns, strict=True)],
+    }
+
+
+STAGGERED = Recipe(
+    "pybullet",
+    "staggered",
+    Role.LAW_AND_LOOP,
+    staggered,
+    "A ball of a dozen massless links, spheres that start at staggered depths: eq. (16), loop included.",
+    (
+        "The URDF of the ball is written with it: Bullet takes contact_damping below 0 from a URDF only.",
+        "k and c are for this mass and step: c is the law's less k h, which Bullet's implicit step adds.",
+        "Plain stepSimulation; a step in contact costs about ten times a single contact's.",
+        "With fewer than 10 steps in the law's shortest contact the spring is softer, for 24 steps:"
+        " without gravity the same e; the ball must be larger than the penetration.",
+        "The plate needs contactStiffness 1e30: Bullet puts the two in series.",
+        "Friction is Coulomb's, of the sum; leave frictionAnchor off.",
+        "contactBreakingThreshold outlives resetSimulation and leaks into other clients of the process.",
+    ),
+    kinds=("law",),
+    instead="`spring-damper` or `restitution`",
+    forms=("plane",),
+    steps_min=FEWEST_STEPS,
+)
