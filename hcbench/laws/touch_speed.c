@@ -8,8 +8,6 @@
    the stored energy, so that the damping of a body at rest stays finite. With steel under its own weight e is off by up
    to 1e-6 at 0.5 m/s, 7e-6 at 0.1, 2e-4 at 0.025. Other loads are not seen. */
 
-static double power_terms(double z, double limit);
-
 static const double gauss_nodes[] = {0.06943184420297371, 0.33000947820757187, 0.6699905217924281,
                                    0.9305681557970263};
 static const double gauss_weights[] = {0.17392742256872692, 0.32607257743127307, 0.32607257743127307,
