@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from hcbench.errors import UserError
-from hcbench.fit.read import columns_of
-from hcbench.fit.table import read_lines, read_table
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,6 +18,9 @@ def read_pairs(path: Path) -> tuple[tuple[float, float], ...]:
     Separators: comma, semicolon or tab; # begins a comment. Columns of uncertainties are left aside.
     Raises UserError with the file, the line, what it has and what was expected.
     """
+    from hcbench.fit.read import columns_of  # slow to import: recordings too are read there
+    from hcbench.fit.table import read_lines, read_table
+
     columns = columns_of(read_table(path, read_lines(path)))
     role = "speed" if "speed" in columns.places else "speed_in"
     if {name for name in columns.places if not name.startswith("u_")} != {role, "restitution"}:

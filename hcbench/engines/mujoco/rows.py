@@ -219,8 +219,6 @@ class SoftConstraint:
 
     def restitution(self, speed: float) -> float:
         """e at an impact speed, m/s, in continuous time; of an impulse setting the D h - 1 of its step."""
-        from scipy.integrate import solve_ivp  # slow to import, and only measuring needs it
-
         if self.is_impulse:
             return -self.solref[1] * self.timestep - 1.0
         if not speed > 0 or self.overflows:
@@ -228,6 +226,7 @@ class SoftConstraint:
         k, b = self.stiffness_damping()
         if k <= 0:
             return 0.0
+        from scipy.integrate import solve_ivp  # slow to import, and only measuring such a contact needs it
 
         def push(x: float, v: float) -> float:
             d = self.impedance(x)
