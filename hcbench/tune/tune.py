@@ -52,7 +52,13 @@ class Tuned(Shown):
 
     def holds(self, max_error: float) -> bool:
         """Whether it can be recommended in the target's conditions."""
-        return self.error <= max_error and self.rest.rests and not self.evaluation.deep
+        return self.error <= max_error and not self.flaws
+
+    @property
+    def flaws(self) -> str:
+        """What keeps it from being recommended however well it bounces; "" where nothing does."""
+        deep = "deep" if self.evaluation.deep else ""
+        return ", ".join(filter(None, [deep, "" if self.rest.rests else "does not rest"]))
 
 
 def tune(
@@ -144,7 +150,7 @@ def _first_that_holds(
     nearest = min(t.error for t in usable)
     simplest = sorted(usable, key=lambda t: (t.recipe.role is not Role.CONSTANT_E, t.error))
     best = next(t for t in simplest if t.error * _CLEARLY <= nearest)
-    off = ", ".join(f"{t.recipe.name} {t.error:.2g}" for t in tried)
+    off = ", ".join(f"{t.recipe.name} {t.error:.2g}{f' ({t.flaws})' if t.flaws else ''}" for t in tried)
     return dataclasses.replace(best, why=f"no native setting holds within {max_error:g} here: {off}")
 
 

@@ -27,12 +27,13 @@ IMPRATIO = 1e4  # about the inverse of the spring's impedance
 _WEIGHT = MIN_IMPEDANCE / (1 - MIN_IMPEDANCE)  # of the spring, in MuJoCo's sums
 _PULL = 1e6  # N: more than any contact asks for
 _POWER = 4.0  # of the damper's solimp: others do no better
-_SEED, _MEMBERS, _GENERATIONS, _BEST, _POLISH = 1975, 48, 90, 20, 60
+_SEED, _MEMBERS, _GENERATIONS, _BEST, _POLISH = 1975, 48, 90, 40, 60
 _SAG = 0.2  # m of rest depth a second of step, at the most
 _CALM = 3.6  # 1/s: the spring's least damping; a body at rest has calmed down by exp(-9) after 5 s
 # Of the spring's damping D h: enough for a body to calm down, the least that will, and of the loss allowed.
 _ENOUGH, _LEAST, _SHARE = 6.5e-3, 4e-3, 0.4
 _DEEPEST = 2.4  # times v h at the top of the band
+_GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _FOLLOWED = 3.0  # half periods of the spring
 # Half period in steps; logs of D h of the spring, D h, dw, width over v h and midpoint of the damper.
 _LOWEST = np.array([4.0, *np.log([_LEAST, 0.05, 5e-3, 0.3, 3e-3])])
@@ -225,10 +226,10 @@ def spring_and_damper_rows(
     lowest, highest = _bounds(1.0 - float(curve.at(low)), timestep, gravity, points or corners)
 
     def fit_to(speed_count: int, phase_count: int) -> _RowFit:
-        share = np.geomspace(low / high, 1.0, speed_count)
-        phase = (np.arange(phase_count) + 0.5) / phase_count
-        phase[0], phase[-1] = 0.003, 0.997
-        u, where = (grid.ravel() for grid in np.meshgrid(share, phase, indexing="ij"))
+        # At each speed other phases, so that few of them leave none out.
+        later = (np.arange(speed_count) * _GOLDEN) % 1.0
+        where = np.clip((np.arange(phase_count) + later[:, None]).ravel() / phase_count, 0.003, 0.997)
+        u = np.repeat(np.geomspace(low / high, 1.0, speed_count), phase_count)
         fall, h = gravity * timestep / high, timestep
         along = carried[0] * h, carried[1] * h**2
         return _RowFit(u, where, curve.at(u * high), fall, corners, adhesive, rk4, along, lowest, highest)
