@@ -10,10 +10,9 @@ from typing import Any
 
 from hcbench.engines.mujoco.backend import backend, has_feature
 from hcbench.engines.mujoco.recipes.common import rows_options
-from hcbench.engines.mujoco.recipes.compliant_fit import IMPRATIO, spring_and_damper_rows, whole_step_row
+from hcbench.engines.mujoco.recipes.compliant_fit import IMPRATIO, pushing_row, spring_and_damper_rows
 from hcbench.engines.mujoco.rows import ConstraintRow
 from hcbench.errors import SettingError
-from hcbench.tune.constant import minimax_constant
 from hcbench.tune.recipe import Integrators, Recipe, Role
 from hcbench.tune.search import map_result
 from hcbench.tune.target import Target
@@ -29,9 +28,11 @@ def compliant_options(rows: list[ConstraintRow], target: Target, integrator: str
 
 
 def compliant(target: Target, integrator: str = "Euler") -> dict[str, Any]:
-    """One soft row of a whole number of steps, with the best constant e of the band."""
-    e, _ = minimax_constant(target)
-    return compliant_options([whole_step_row(e, target.timestep, target.corners)], target, integrator)
+    """One soft row of a few steps, as near to the e wanted as one e can be."""
+    band = target.speed_min, target.speed_max
+    with map_result(lambda row: compliant_options([row], target, integrator)):
+        row = _row_for(target.curve, band, target.timestep, target.gravity, target.corners)
+    return compliant_options([row], target, integrator)
 
 
 def compliant_pairs(target: Target, integrator: str = "Euler") -> dict[str, Any]:
@@ -52,6 +53,11 @@ def compliant_pairs(target: Target, integrator: str = "Euler") -> dict[str, Any]
 
 
 @lru_cache(maxsize=16)
+def _row_for(*case: Any) -> ConstraintRow:
+    return pushing_row(*case)
+
+
+@lru_cache(maxsize=16)
 def _rows_for(*case: Any) -> tuple[ConstraintRow, ...]:
     return tuple(spring_and_damper_rows(*case))
 
@@ -67,11 +73,11 @@ COMPLIANT = Recipe(
     "compliant",
     Role.CONSTANT_E,
     compliant,
-    "One soft contact of 3 whole steps, spring and damper: the best constant e, with Coulomb friction.",
+    "One soft contact of a few steps, spring and damper: the best constant e, with Coulomb friction.",
     (
         *_SHARED,
-        "e scatters by about g h / v with where in a step a slow touch falls.",
-        "A flat box meets with 4 corners at once: --corners 4, of 6 steps; fewer gain energy.",
+        "e scatters with where in a step a touch falls: slow ones by g h / v, all by some .2 (1 - e).",
+        "A flat box meets with 4 corners at once: --corners 4, of 6 steps at least; fewer gain energy.",
     ),
     integrators=_ONE_FORCE,
 )

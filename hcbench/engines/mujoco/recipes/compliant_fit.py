@@ -28,6 +28,8 @@ _WEIGHT = MIN_IMPEDANCE / (1 - MIN_IMPEDANCE)  # of the spring, in MuJoCo's sums
 _PULL = 1e6  # N: more than any contact asks for
 _POWER = 4.0  # of the damper's solimp: others do no better
 _SEED, _MEMBERS, _GENERATIONS, _BEST, _POLISH = 1975, 48, 90, 40, 60
+_ALONE, _ALL = 28, -0.01  # members and generations of a row by itself; log of its highest D h
+_NO_DAMPER = np.log([1e-12, 0.3, 1.0, 0.5])
 _SAG = 0.2  # m of rest depth a second of step, at the most
 _CALM = 3.6  # 1/s: the spring's least damping; a body at rest has calmed down by exp(-9) after 5 s
 # Of the spring's damping D h: enough for a body to calm down, the least that will, and of the loss allowed.
@@ -223,20 +225,53 @@ def spring_and_damper_rows(
     Raises SearchInterrupted with the best so far.
     """
     low, high = speeds
-    lowest, highest = _bounds(1.0 - float(curve.at(low)), timestep, gravity, points or corners)
+    bounds = _bounds(1.0 - float(curve.at(low)), timestep, gravity, points or corners)
 
     def fit_to(speed_count: int, phase_count: int) -> _RowFit:
-        # At each speed other phases, so that few of them leave none out.
-        later = (np.arange(speed_count) * _GOLDEN) % 1.0
-        where = np.clip((np.arange(phase_count) + later[:, None]).ravel() / phase_count, 0.003, 0.997)
-        u = np.repeat(np.geomspace(low / high, 1.0, speed_count), phase_count)
+        u, where = _grid(low / high, speed_count, phase_count)
         fall, h = gravity * timestep / high, timestep
         along = carried[0] * h, carried[1] * h**2
-        return _RowFit(u, where, curve.at(u * high), fall, corners, adhesive, rk4, along, lowest, highest)
+        return _RowFit(u, where, curve.at(u * high), fall, corners, adhesive, rk4, along, *bounds)
 
     fine = fit_to(25, 10)
     with map_result(lambda parameters: fine.rows(parameters, timestep, high)):
         return fine.rows(_search(fit_to(9, 6), fine), timestep, high)
+
+
+def _grid(lowest: float, speeds: int, phases: int) -> tuple[Floats, Floats]:
+    """(speed over the highest, phase) of so many speeds and phases each; (n,) each.
+
+    At each speed other phases, so that few of them leave none out.
+    """
+    later = (np.arange(speeds) * _GOLDEN) % 1.0
+    where = np.clip((np.arange(phases) + later[:, None]).ravel() / phases, 0.003, 0.997)
+    return np.repeat(np.geomspace(lowest, 1.0, speeds), phases), where
+
+
+def pushing_row(
+    curve: RestitutionCurve, speeds: tuple[float, float], timestep: float, gravity: float, corners: int = 1
+) -> ConstraintRow:
+    """One row that only pushes, and comes as near to this e over a band of impact speeds (m/s) as one e can.
+
+    Half period and damping of a linear spring and damper, searched for with gravity and over all phases:
+    where its last step would pull, a whole number n of steps gives e^(2/n) instead of e. Per unit mass.
+    Raises SearchInterrupted with the best so far.
+    """
+    low, high = speeds
+    e, n = float(curve.at(math.sqrt(low * high))), half_period_steps(corners)
+    whole = n, math.log(max(1e-4, 1.0 - e ** (2.0 / n)))
+    lowest, highest = bounds = _bounds(1.0 - e, timestep, gravity, corners)
+    lowest[:2], highest[1] = np.minimum(lowest[:2], whole), _ALL
+    lowest[2:] = highest[2:] = _NO_DAMPER
+    u, where = _grid(low / high, 9, 16)
+    fall, still = gravity * timestep / high, (0.0, 0.0)
+    fit = _RowFit(u, where, curve.at(u * high), fall, corners, False, False, still, *bounds)
+    search, random = Search(_ALONE * (1 + _ALONE)), np.random.default_rng(_SEED)
+    first = random.uniform(*bounds, (_ALONE, len(lowest)))
+    first[0, :2] = whole
+    with map_result(lambda found: fit.rows(found, timestep, high)[0]), search.return_best_on_interrupt():
+        best = evolve(search.recorded(fit.errors), first, _ALONE, bounds, random)
+    return fit.rows(best[0], timestep, high)[0]
 
 
 def _bounds(loss: float, timestep: float, gravity: float, corners: float) -> tuple[Floats, Floats]:
