@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from small_results import ALPHAS, RUNS, SCENE, SPEEDS, small_results
 
 from hcbench.benchmark.results import CONDITIONS, REST_COLUMNS, TRAIN_COLUMNS, Results
+from hcbench.benchmark.study import study_from
 from hcbench.errors import OutputError
 from hcbench.laws import closed_form
 from hcbench.report import (
@@ -33,7 +34,7 @@ from hcbench.report import (
 )
 from hcbench.report.build import build
 from hcbench.report.conditions import Views, under, views
-from hcbench.report.drawings import drawings
+from hcbench.report.drawings import drawings, loop_speeds, step_speed
 from hcbench.report.view import RunKey, View
 from hcbench.setting import Setting
 from hcbench.tune.snippet import snippet
@@ -559,3 +560,18 @@ def test_results_of_the_former_schema_are_read(results: Results, tmp_path: Path)
     again = views(Results.read(tmp_path)).main
     assert again.band_runs == views(results).main.band_runs
     assert advice.headline(again) == advice.headline(views(results).main)
+
+
+@pytest.mark.parametrize("unit", ["m/s", "in/s"])
+def test_a_study_is_reported_in_the_unit_that_it_is_written_in(results: Results, unit: str) -> None:
+    written = {"scene": "steel-plane", "alphas": "0.3 s/m", "speeds": f"0.1, 0.4 {unit}"}
+    run = {"engine": "reference", "recipe": "hunt-crossley", "timesteps": "1e-5 s"}
+    study = study_from({**written, "run": [run]}).described()
+    assert study["speed_unit"] == unit
+    shown = View(dataclasses.replace(results, study={**results.study, "speed_unit": unit}))
+    for text in (advice.band_text(shown), loop_speeds(shown), step_speed(shown)):
+        assert ("in/s" in text) == (unit == "in/s")
+        assert unit in text
+    figure = restitution_figures.restitution_figure(shown, [restitution_figures.Column("", ALPHAS[1], [LAW])])
+    tops = [axis.get_xlabel() for axes in figure.axes for axis in axes.child_axes]
+    assert ("in/s" in tops) == (unit == "in/s")

@@ -83,6 +83,7 @@ class Study:
     α or one speed show. train_height, m: settings that run under gravity are dropped from there and followed
     bounce after bounce until they rest; those at the step train_step, s, too, without having to. page: what
     is written of it; "field": every engine that is there, beside each other. missing: those that are not.
+    speed_unit: that its speeds are shown in, "in/s" or "m/s", as they were written.
     """
 
     title: str
@@ -99,6 +100,7 @@ class Study:
     page: str = "report"
     missing: tuple[str, ...] = ()
     all_loops: bool = False
+    speed_unit: str = "in/s"
 
     @property
     def is_oblique(self) -> bool:
@@ -262,6 +264,7 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
         train_height=file.train_height,
         train_step=file.train_step,
         page=file.page,
+        speed_unit="in/s" if "in" in str(content.get("speeds")) else "m/s",
         all_loops=file.all_loops,
     )
 

@@ -149,9 +149,10 @@ def steps_text(runs: Sequence[RunKey]) -> str:
 
 
 def band_text(view: View) -> str:
-    """The impact speeds of the study: "0.025 … 0.51 m/s (1 … 20 in/s)"."""
+    """The impact speeds of the study: "0.025 … 0.51 m/s (1 … 20 in/s)"; of one in m/s, in m/s."""
     metres, inches = (wording.span(*(f"{v / unit:.2g}" for v in view.band)) for unit in (1.0, INCH))
-    return f"{metres}{wording.NBSP}m/s ({inches}{wording.NBSP}in/s)"
+    also = f" ({inches}{wording.NBSP}in/s)" if view.in_inches else ""
+    return f"{metres}{wording.NBSP}m/s{also}"
 
 
 def cards(view: View) -> list[AdviceCard]:

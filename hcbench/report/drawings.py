@@ -20,7 +20,6 @@ from hcbench.report.page import Drawing
 from hcbench.report.ranking import overview_runs
 from hcbench.report.restitution_figures import Column
 from hcbench.report.view import REFERENCE, STEPS_TO_RESOLVE, RunKey, View
-from hcbench.units import INCH
 
 
 def drawings(found: Views) -> list[Drawing]:
@@ -96,13 +95,14 @@ def _limit(view: View, resolved: bool) -> str:
 
 def loop_speeds(view: View) -> str:
     """At which speeds loops are shown, and for which α."""
-    speeds = wording.listed([f"{float(v) / INCH:.3g}" for v in sorted(view.study["loop_speeds"])])
-    return f"{speeds} in/s, {wording.alpha_short(view.main_alpha)}"
+    speeds = wording.speeds(sorted(view.study["loop_speeds"]), view.in_inches)
+    return f"{speeds}, {wording.alpha_short(view.main_alpha)}"
 
 
 def step_speed(view: View) -> str:
     """At which speed the time step is varied, and for which α."""
-    return f"{wording.inches_per_second(view.study['step_speed'])}, {wording.alpha_short(view.main_alpha)}"
+    speed = wording.speeds([view.study["step_speed"]], view.in_inches)
+    return f"{speed}, {wording.alpha_short(view.main_alpha)}"
 
 
 def _overview(view: View) -> Drawing:

@@ -61,7 +61,7 @@ def loops_figure(view: View, runs: list[RunKey]) -> Figure:
             _draw_run_loop(axes, view, run, view.loops[run][speed], 1e-6, 1.0)
             if number == 0:
                 law = law_loops[speed]
-                _name_speed(axes, speed, law.penetration * 1e6, law.force)
+                _name_speed(axes, wording.speeds([speed], view.in_inches), law.penetration * 1e6, law.force)
         axes.set_xlim(-0.02 * deepest, 1.06 * deepest)
         axes.set_ylim(1.1 * pull - 0.02 * hardest, 1.06 * hardest)
         axes.set_title(f"{run.title}, {run.step}", color=view.plot_style(run).colour)
@@ -135,10 +135,10 @@ def _draw_run_loop(
     draw_loop(axes, x / depth, f / force, **line, markerfacecolor=style.fill)
 
 
-def _name_speed(axes: Axes, speed: float, x: Floats, force: Floats) -> None:
+def _name_speed(axes: Axes, speed: str, x: Floats, force: Floats) -> None:
     top = int(force.argmax())
     axes.annotate(
-        wording.inches_per_second(speed),
+        speed,
         (x[top], force[top]),
         (-5, 1),
         textcoords="offset points",

@@ -119,7 +119,7 @@ def _panels(view: View, columns: list[Column], label: str, sharey: Any) -> tuple
             shown = [run for run in runs if run.engine in (engine, REFERENCE)]
             curves = [(nth, run, view.curve(run, alpha)) for nth, run in enumerate(shown)]
             panels.append(_Panel(axes, alpha, [(n, r, curve) for n, r, curve in curves if curve is not None]))
-            speed_axis(axes, label=row == len(engines) - 1, inches=row == 0)
+            speed_axis(axes, label=row == len(engines) - 1, inches=row == 0 and view.in_inches)
             if row == 0:
                 axes.set_title(title, pad=8)
     return figure, panels
@@ -211,7 +211,7 @@ def overview_figure(view: View, runs: list[RunKey]) -> Figure:
         set_ticks(bottom.yaxis, [0.0, round(0.8 * top, 2)])
         _draw_named(bottom, view, far, [])
         axes.tick_params(labelbottom=False)
-    speed_axis(axes, label=not far)
+    speed_axis(axes, label=not far, inches=view.in_inches)
     if far:
         speed_axis(bottom, inches=False)
     axes.set_xlim(0, v_end * 1.005)

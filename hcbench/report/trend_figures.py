@@ -60,7 +60,7 @@ def energy_figure(view: View) -> Figure:
         runs = [run for run in shown if run.engine in (engine, REFERENCE)]
         handles = [_draw_loss(axes, view, run, runs, nth) for nth, run in enumerate(runs)]
         axes.set_title(wording.engine_title(engine))
-        _speed_ticks(axes, v)
+        _speed_ticks(axes, v, view.in_inches)
         axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, -0.14), ncols=2, fontsize=8.5)
     least = min(axes.get_ylim()[0] for axes in panels)
     for axes in panels:
@@ -95,10 +95,12 @@ def _draw_guides(axes: Axes, v: Floats, level: float) -> None:
         )
 
 
-def _speed_ticks(axes: Axes, v: Floats) -> None:
+def _speed_ticks(axes: Axes, v: Floats, in_inches: bool) -> None:
     ticks = [s for s in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0) if v[0] <= s <= v[-1]]
     set_ticks(axes.xaxis, ticks)
     axes.set_xlabel("impact speed v, m/s")
+    if not in_inches:
+        return
     second_axis(axes, "top", "in/s")
     inches = [s for s in (1, 2, 5, 10, 20, 50, 100) if v[0] * 0.99 <= s * INCH <= v[-1] * 1.01]
     set_ticks(axes.child_axes[-1].xaxis, inches)

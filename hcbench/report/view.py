@@ -88,6 +88,11 @@ class View:
         return float(self.study["gravity"])
 
     @property
+    def in_inches(self) -> bool:
+        """Whether speeds are shown in in/s, as the study has them; else in m/s."""
+        return str(self.study.get("speed_unit", "in/s")) == "in/s"
+
+    @property
     def mass(self) -> float:
         """Of the ball, kg."""
         return float(self.study["mass_kg"])

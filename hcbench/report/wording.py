@@ -1,7 +1,7 @@
 """Numbers and names as people read them: the one place that figures, tables and sentences go by."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from hcbench.errors import HcbenchError
 from hcbench.sim import registry
@@ -53,9 +53,10 @@ def alpha_short(value: float) -> str:
     return f"α{NBSP}={NBSP}{value:.3g}{NBSP}s/m"
 
 
-def inches_per_second(value: float) -> str:
-    """A speed in the paper's unit."""
-    return f"{value / INCH:.3g}{NBSP}in/s"
+def speeds(values: Iterable[float], in_inches: bool) -> str:
+    """ "4, 8 and 16 in/s", or in m/s."""
+    unit, name = (INCH, "in/s") if in_inches else (1.0, "m/s")
+    return f"{listed([f'{float(v) / unit:.3g}' for v in values])}{NBSP}{name}"
 
 
 def span(low: str, high: str, space: str = NBSP) -> str:
