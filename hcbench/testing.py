@@ -138,14 +138,14 @@ class EngineConformance:
             assert loop_area(loop) == pytest.approx(lost, rel=0.01)
 
     def test_restitution_hardly_depends_on_the_phase(self, recipe: str, scene: str) -> None:
-        """Where in a step the touch falls moves e by less than 0.005."""
+        """Where in a step the touch falls moves e by less than 0.005, or than the recipe allows for."""
         if registry.recipe(recipe).role is Role.STOCK:
             pytest.skip("by luck of the phase: that is what it is here to show")
         if max(i.samples for i in impacts_for(recipe, scene)) in range(6, 16):
             pytest.skip("a contact of a few steps scatters a little: `tune` says by how much")
         for speed in SPEEDS:
             e = [i.restitution for i in impacts_for(recipe, scene) if i.launch.speed == speed]
-            assert max(e) - min(e) < 0.005
+            assert max(e) - min(e) < max(0.005, 2 * registry.recipe(recipe).within)
 
     def test_some_launches_or_one_alone_give_the_same_bits(self, recipe: str, scene: str) -> None:
         """Results do not depend on what else is simulated, nor on how often."""

@@ -102,7 +102,7 @@ def test_an_engine_comes_in_by_one_entry_point() -> None:
     ]
     assert {entry.group for entry in mine} == {"hcbench.engines"}
     assert sorted(entry.name for entry in mine) == sorted(
-        p.name for p in (ROOT / "engines").iterdir() if (p / "engine.py").is_file()
+        p.name.replace("_", "-") for p in (ROOT / "engines").iterdir() if (p / "engine.py").is_file()
     )
 
 

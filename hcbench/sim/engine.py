@@ -269,11 +269,12 @@ class SteppedEngine(Engine):
     """An engine that advances in time steps: all but the closed form.
 
     own_process: settings of the whole process, prints and crashes: simulations run in a process of their own.
-    limit: s, after which one launch in such a process counts as hung.
+    limit: s, after which one launch in such a process counts as hung. together: launches in it at once.
     """
 
     own_process: ClassVar[bool] = False
     limit: ClassVar[float] = 30.0
+    together: ClassVar[int] = 8
 
     @abstractmethod
     def load(self, scene: Scene, setting: Setting, fastest: float) -> World:

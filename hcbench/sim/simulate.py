@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 _CHUNK_MIN, _CHUNK_SHARE = 8, 8  # steps in a chunk: at least, and as a share of those taken already
 _SLOWEST = 1e-3  # m/s: for a body let down on the plate, a step is judged at this speed
-_PROCESS_GROUP = 8  # launches that an engine in a process of its own simulates together
 
 
 @cache  # as reading a version takes as long as tens of launches
@@ -64,8 +63,8 @@ def impacts(
             *where,
             lost=lambda launch, reason: Impact(launch, Status.CRASHED, reason),
             limit=engine.limit,
-            together=_PROCESS_GROUP,
-            give_up=_PROCESS_GROUP,
+            together=engine.together,
+            give_up=engine.together,
         )
     else:
         results = list(_simulated(in_order, *where))
@@ -185,7 +184,7 @@ def _simulated(launches: Sequence[Launch], name: str, scene: Scene, setting: Set
     with quiet(), _explained_errors(engine):
         world = engine.load(scene, setting, max([_SLOWEST, *speeds]))
     with world, _explained_errors(engine):
-        places = min(world.places, _PROCESS_GROUP) if engine.own_process else world.places
+        places = min(world.places, engine.together) if engine.own_process else world.places
         groups = run_launches(world, launches, places, _expected_steps(scene, setting.timestep, launches))
         while True:
             with quiet():

@@ -1,0 +1,1 @@
+"""MuJoCo MJX: MuJoCo written in JAX, on the scenes of MuJoCo."""

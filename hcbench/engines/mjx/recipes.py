@@ -1,0 +1,60 @@
+"""Settings of MJX: MuJoCo's own, as far as MJX and float32 do the same with them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from hcbench.engines.mjx.engine import IMPEDANCE
+from hcbench.sim import registry
+from hcbench.sim.batched import borrowed
+from hcbench.tune.law_recipes import python_law_recipes
+from hcbench.tune.recipe import Integrators
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from hcbench.tune.target import Target
+
+_STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MJX does not have it")
+_SCATTER = 4e-3  # of e: a float32 position at R has steps of 4 nm, and 1e-5 s moves it by 250 and more
+_FLOAT = "float32: e scatters by .004 at 1e-5 s and 1e-6 s; put the contact near the origin, not 1 m up."
+_PUSHES = "`two-pair` and `staggered` are refused: MJX drops a pair's adhesion without a word."
+
+
+def impulse(target: Target, integrator: str = "Euler") -> Mapping[str, Any]:
+    """MuJoCo's, with an impedance whose rest float32 can tell."""
+    options = registry.recipe("mujoco.impulse").function(target, integrator)
+    rows = [{**row, "solimp": [IMPEDANCE, IMPEDANCE, *row["solimp"][2:]]} for row in options["rows"]]
+    return {**options, "rows": rows}
+
+
+_NATIVE = borrowed(
+    "mjx",
+    "mujoco",
+    {
+        "stock": {"notes": (_FLOAT,)},
+        "impulse": {
+            "function": impulse,
+            "notes": (
+                "solimp .9, not .9999: of 1 - d float32 keeps too little, and e is off by .0024.",
+                "Under gravity its step carries .9 of the weight only: e is off by .1 g h / v more.",
+                "D = (1 + e)/h is of this step only. The force is one impulse.",
+            ),
+            "integrators": Integrators(("Euler", "implicitfast"), "the bounce needs one force a step"),
+            "within": 3e-6,
+        },
+        "spring-damper": {"notes": (_FLOAT, _PUSHES), "integrators": _STEPS, "within": _SCATTER},
+        "staggered-push": {"notes": (_FLOAT, _PUSHES), "integrators": _STEPS, "within": _SCATTER},
+    },
+)
+RECIPES = (
+    *_NATIVE,
+    *python_law_recipes(
+        "mjx",
+        _NATIVE,
+        "In the step that jit and vmap take. precision = 'float64' is jax_enable_x64, for the whole process.",
+        force=1e-3,
+        common={"precision": "float64"},
+    ),
+    *python_law_recipes("mjx", _NATIVE, "In the step that jit and vmap take.", each_impact=5e-6),
+)

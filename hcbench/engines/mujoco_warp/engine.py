@@ -1,0 +1,182 @@
+"""MuJoCo Warp behind the contract of an engine: it flies the MJCF that `hcbench tune mujoco` writes.
+
+Options of a setting: those of MuJoCo, and
+    law: {"kind": "restitution", ...} for e(v) set in each step, or {"kind": "force", ...} in place of the
+        contact, as `hcbench.laws.contact_law.law_of` reads them.
+
+Of several <pair>s of the same two geoms it keeps one, without a word: its scenes have a copy of the ball's
+geom for each.
+"""
+
+from __future__ import annotations
+
+import copy
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from hcbench._text import shortest
+from hcbench.errors import SettingError
+from hcbench.laws.force import HuntCrossley
+from hcbench.sim.backend import Backend
+from hcbench.sim.batched import BatchWorld, BorrowedScenes, require_motion, run_lines
+from hcbench.sim.read_impact import SpeedReading
+
+if TYPE_CHECKING:
+    from hcbench.impact import Floats
+    from hcbench.scene import Scene
+    from hcbench.setting import Setting
+    from hcbench.sim.scripted import PythonLaw
+
+_PLACES = 128  # a step of one world costs as much as of all
+_MOST_STEPS = 64  # between two looks
+_HIGHEST_POWER = 100.0  # of a solimp in float32, which ends at 2^-149
+
+
+class MujocoWarpEngine(BorrowedScenes):
+    """MuJoCo in Warp, 4.0."""
+
+    name: ClassVar[str] = "mujoco-warp"
+    title: ClassVar[str] = "MuJoCo Warp"
+    backend: ClassVar[Backend] = Backend("mujoco-warp", "mujoco-warp", "4.0", "4.0")
+    bits: ClassVar[int] = 32
+    own_process: ClassVar[bool] = True
+    limit: ClassVar[float] = 600.0  # Warp compiles some 40 kernels when first used
+    together: ClassVar[int] = _PLACES
+    lender: ClassVar[str] = "mujoco"
+
+    def lent(self, setting: Setting) -> Setting:
+        """What of a setting MuJoCo reads; e(v) needs a pair whose solref a step can set."""
+        law, lent = self.law(setting), super().lent(setting)
+        if law is None or isinstance(law, HuntCrossley):
+            return lent
+        row = {"solref": [0.0, -1.0 / setting.timestep], "solimp": [0.9999, 0.9999, 0.001, 0.5, 2.0]}
+        return replace(lent, options={**lent.options, "rows": [row]})
+
+    def script(self, scene: Scene, setting: Setting) -> str:
+        """MuJoCo's scene, with a geom for each pair."""
+        return with_a_geom_each(super().script(scene, setting))
+
+    def snippet(self, setting: Setting, form: str) -> str:
+        """MJCF, or the law's lines."""
+        text = _law_lines(self.law(setting)) or super().snippet(setting, form)
+        if text.count("<pair ") > 1:
+            text += "\n<!-- each pair wants a massless copy of the ball's geom of its own as geom1 -->"
+        return text
+
+    def load(self, scene: Scene, setting: Setting, fastest: float) -> WarpWorld:
+        """A scene under a setting. Raises SettingError for what float32 turns into something else."""
+        require_motion(scene, setting.timestep, fastest, self.bits)
+        xml, law = self.script(scene, setting), self.law(setting)
+        names = "mujoco", "warp", "mujoco_warp"
+        mujoco, warp, mujoco_warp = (self.backend.module(name) for name in names)
+        warp.config.quiet = True
+        model, slot = mujoco.MjModel.from_xml_string(xml), f"mujoco-warp {setting.name!r}"
+        power = float(np.concatenate([model.pair_solimp, model.geom_solimp])[:, 4].max())
+        if power > _HIGHEST_POWER:
+            got = f"solimp of power {power:.4g}, which underflows in float32: no bounce"
+            raise SettingError(slot, got, f"a power up to {_HIGHEST_POWER:g}", "Use `two-pair`")
+        if isinstance(law, HuntCrossley):
+            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        try:
+            on_device = mujoco_warp.put_model(model)
+        except NotImplementedError as error:
+            raise SettingError(slot, f"{error}", "what MuJoCo Warp has of MuJoCo") from None
+        known = {"wp": warp, "mjw": mujoco_warp, "model": on_device, "R": scene.touch_radius, "np": np}
+        lines = run_lines(_law_lines(law), known)
+        world = WarpWorld(scene, setting.timestep, mujoco, model, lines)
+        if law is not None and not isinstance(law, HuntCrossley):
+            world.speed_reading = SpeedReading.STEP_START
+        elif model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+            world.speed_reading = SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
+        return world
+
+
+def with_a_geom_each(xml: str) -> str:
+    """MJCF in which each pair but the first has a massless copy of its first geom for itself."""
+    root = ET.fromstring(xml)
+    holders = {geom.get("name"): (body, geom) for body in root.iter() for geom in body.findall("geom")}
+    for i, pair in enumerate(root.findall("contact/pair")[1:], 2):
+        body, original = holders[pair.get("geom1")]
+        geom = copy.deepcopy(original)
+        geom.set("name", f"{pair.get('geom1')} {i}")
+        geom.attrib.update(mass="0", contype="0", conaffinity="0", group="3")
+        body.append(geom)
+        pair.set("geom1", geom.get("name", ""))
+    return ET.tostring(root, encoding="unicode")
+
+
+class WarpWorld(BatchWorld):
+    """`places` worlds on one device."""
+
+    places = _PLACES
+
+    def __init__(self, scene: Scene, timestep: float, mujoco: Any, model: Any, names: dict[str, Any]) -> None:
+        super().__init__(scene, timestep)
+        self._mujoco, self._model, self._names = mujoco, model, names
+        self._step, self._before = names["mjw"].step, names.get("before_step", lambda data: None)
+
+    def place(self, heights: Floats, velocities: Floats) -> Floats:
+        """New data."""
+        most = int(self._model.npair) + 4  # contacts of a world, and rows
+        empty = self._mujoco.MjData(self._model)
+        self._data = self._names["mjw"].put_data(
+            self._model, empty, nworld=self.places, nconmax=most, njmax=most
+        )
+        qpos = np.tile(empty.qpos, (self.places, 1))
+        qvel = np.zeros((self.places, self._model.nv))
+        qpos[:, 2], qvel[:, 2] = heights, velocities
+        self._data.qpos.assign(qpos.astype(np.float32))
+        self._data.qvel.assign(qvel.astype(np.float32))
+        return self._state()
+
+    def step(self, steps: int) -> Floats:
+        """Up to as many steps as are worth a look."""
+        path = []
+        for _ in range(min(steps, _MOST_STEPS)):
+            self._before(self._data)
+            self._step(self._names["model"], self._data)
+            path.append(self._state())
+        return np.array(path)
+
+    def _state(self) -> Floats:
+        return np.array([self._data.qpos.numpy()[:, 2], self._data.qvel.numpy()[:, 2]], np.float64)
+
+
+def _law_lines(law: PythonLaw | None) -> str:
+    """What puts a law into a model; "" for none."""
+    if law is None:
+        return ""
+    if isinstance(law, HuntCrossley):
+        k, n, a = map(shortest, (law.stiffness, law.exponent, 1.5 * law.alpha))
+        return _FORCE.format(k=k, n=n, a=a)
+    return _EACH.format(shortest(law.alpha), law.reading)
+
+
+_FORCE = """\
+@wp.kernel
+def push(qpos: wp.array2d[float], qvel: wp.array2d[float], radius: float, out: wp.array2d[float]):
+    world = wp.tid()  # contacts are off; the plane is z = 0
+    x = radius - qpos[world, 2]
+    if x > 0.0:
+        force = {k} * wp.pow(x, {n}) * (1.0 - {a} * qvel[world, 2])
+        out[world, 2] = out[world, 2] + wp.max(force, 0.0)
+
+def passive(model, data):
+    wp.launch(push, dim=data.nworld, inputs=[data.qpos, data.qvel, R], outputs=[data.qfrc_passive])
+
+model.callback.passive = passive"""
+_EACH = """\
+from hcbench.laws.restitution import Restitution
+
+curve = Restitution({}, {!r})
+h, gravity = model.opt.timestep.numpy()[0], -model.opt.gravity.numpy()[0][2]
+rest = 1 - model.pair_solimp.numpy()[0, 0][0]  # of gravity, by impedance
+
+def before_step(data):  # each world has a solref of its own; the pair's is that of `impulse`
+    v = np.maximum(-data.qvel.numpy()[:, 2], 1e-6)
+    damping = (1 + np.clip(curve.at(v), 0, 1)) / h + rest * gravity / v
+    solref = np.stack([0 * v, -damping], axis=1)[:, None].astype(np.float32)
+    model.pair_solref = wp.array(solref, dtype=wp.vec2)"""

@@ -1,0 +1,136 @@
+"""Engines that step many copies of a world at once, as for training: a ball over a plane in each."""
+
+from __future__ import annotations
+
+import linecache
+from abc import abstractmethod
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from hcbench.errors import SettingError
+from hcbench.sim import registry
+from hcbench.sim.engine import Record, Simulation, SteppedEngine, World
+from hcbench.sim.momentum import momentum_force
+from hcbench.sim.scripted import PythonLaw, python_law_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from hcbench.impact import Floats, Launch
+    from hcbench.scene import Scene
+    from hcbench.setting import Setting
+    from hcbench.sim.engine import Flags
+    from hcbench.tune.recipe import Recipe
+
+_FEWEST = 4.0  # units in the last place of the position that a step at the highest speed must move it by
+
+
+def require_motion(scene: Scene, timestep: float, fastest: float, bits: int) -> None:
+    """Raises SettingError for a step so short that the ball, in numbers of so many bits, does not move."""
+    place = float(np.spacing(scene.touch_radius, dtype=f"f{bits // 8}"))
+    if fastest * timestep < _FEWEST * place:
+        got = f"{timestep:g} s in float{bits}: at {fastest:.3g} m/s the ball moves {fastest * timestep:.1g} m"
+        expected = f"{_FEWEST * place:.1g} m or more, as positions have steps of {place:.1g} m"
+        raise SettingError("timestep", got, expected, f"Use {_FEWEST * place / fastest:.1g} s or more")
+
+
+class BatchWorld(World):
+    """`places` copies of a world, always so many: those without a launch follow the last one's.
+
+    bits: of the engine's numbers.
+    """
+
+    bits: int = 32
+
+    def __init__(self, scene: Scene, timestep: float) -> None:
+        self.scene, self.timestep, self.gravity = scene, timestep, scene.normal_gravity
+        self.mass, self.deepest = scene.mass, scene.touch_radius
+
+    @abstractmethod
+    def place(self, heights: Floats, velocities: Floats) -> Floats:
+        """Put the balls' centres at heights, m, with velocities upwards, m/s, and nothing remembered; both as
+        the engine then has them, shape (2, places).
+        """
+
+    @abstractmethod
+    def step(self, steps: int) -> Floats:
+        """Heights and velocities upwards after each of at most `steps` more steps, shape (n, 2, places)."""
+
+    def release(self, launches: Sequence[Launch]) -> BatchSimulation:
+        """A ball for each launch."""
+        padded = [*launches, *[launches[-1]] * (self.places - len(launches))]
+        clear = np.array([launch.clearance(self.timestep) for launch in padded])
+        speeds = np.array([launch.speed for launch in padded])
+        start = self.place(self.scene.touch_radius + clear, -speeds)
+        return BatchSimulation(self, start, len(launches))
+
+
+class BatchSimulation(Simulation):
+    """Balls under way; state: heights and velocities upwards, shape (2, places)."""
+
+    def __init__(self, world: BatchWorld, state: Floats, launches: int) -> None:
+        self._world, self._state, self._which = world, state, np.arange(launches)
+
+    def advance(self, steps: int) -> Record:
+        """Up to `steps` steps; the force is what each did to the momentum."""
+        world = self._world
+        path = np.concatenate([self._state[None], world.step(steps)], dtype=np.float64)
+        self._state = path[-1]
+        z, v = path[:, :, self._which].transpose(1, 2, 0)
+        fall = world.gravity * world.timestep
+        speeds = np.abs(v[:, :-1]) + np.abs(v[:, 1:]) + fall
+        force = momentum_force(world.mass, world.timestep, np.diff(v) + fall, speeds, world.bits)
+        return Record(world.scene.touch_radius - z[:, :-1], -v[:, :-1], force)
+
+    def keep(self, which: Flags) -> None:
+        """Look at these only: the others go on."""
+        self._which = self._which[which]
+
+
+class BorrowedScenes(SteppedEngine):
+    """An engine that loads the scenes that another one writes for its own settings.
+
+    lender: its name. own: words of the options that the lender does not have.
+    """
+
+    lender: ClassVar[str]
+    own: ClassVar[tuple[str, ...]] = ("law",)
+    oblique: ClassVar[bool] = False
+
+    def lent(self, setting: Setting) -> Setting:
+        """What of a setting the lender reads."""
+        options = {word: value for word, value in setting.options.items() if word not in self.own}
+        return replace(setting, engine=self.lender, options=options)
+
+    def law(self, setting: Setting) -> PythonLaw | None:
+        """What of a setting Python does."""
+        return python_law_of(setting.options["law"]) if "law" in setting.options else None
+
+    def script(self, scene: Scene, setting: Setting) -> str:
+        """The lender's scene."""
+        if scene.form != "plane":
+            got = f"the form {scene.form!r}"
+            raise SettingError(f"{setting.engine} {setting.name!r}", got, "the form 'plane'")
+        return registry.engine(self.lender).script(scene, self.lent(setting))
+
+    def snippet(self, setting: Setting, form: str) -> str:
+        """The lender's."""
+        return registry.engine(self.lender).snippet(self.lent(setting), form)
+
+
+def borrowed(engine: str, lender: str, changes: Mapping[str, Mapping[str, Any]]) -> tuple[Recipe, ...]:
+    """Recipes of another engine as this one's. changes: their names, with the fields that differ."""
+    return tuple(
+        replace(registry.recipe(f"{lender}.{name}"), engine=engine, **{"forms": ("plane",), **change})
+        for name, change in changes.items()
+    )
+
+
+def run_lines(lines: str, names: dict[str, Any]) -> dict[str, Any]:
+    """Run Python lines whose functions keep their source, which compilers of kernels read; the names."""
+    file = f"<hcbench lines {hash(lines)}>"
+    linecache.cache[file] = len(lines), None, lines.splitlines(keepends=True), file
+    exec(compile(lines, file, "exec"), names)
+    return names
