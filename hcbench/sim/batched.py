@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from hcbench.errors import SettingError
+from hcbench.laws.restitution import Restitution
 from hcbench.sim import registry
 from hcbench.sim.engine import Record, Simulation, SteppedEngine, World
 from hcbench.sim.momentum import momentum_force
+from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import PythonLaw, python_law_of
 
 if TYPE_CHECKING:
@@ -34,6 +36,13 @@ def require_motion(scene: Scene, timestep: float, fastest: float, bits: int) -> 
         got = f"{timestep:g} s in float{bits}: at {fastest:.3g} m/s the ball moves {fastest * timestep:.1g} m"
         expected = f"{_FEWEST * place:.1g} m or more, as positions have steps of {place:.1g} m"
         raise SettingError("timestep", got, expected, f"Use {_FEWEST * place / fastest:.1g} s or more")
+
+
+def reading_of(law: PythonLaw | None, exact_flight: bool) -> SpeedReading:
+    """Which speeds e is the ratio of: with e(v) that of the step's start, else those at the touch plane."""
+    if isinstance(law, Restitution):
+        return SpeedReading.STEP_START
+    return SpeedReading.TOUCH_PLANE_EXACT_FLIGHT if exact_flight else SpeedReading.TOUCH_PLANE
 
 
 class BatchWorld(World):

@@ -3,10 +3,7 @@
 Options of a setting: those of MuJoCo, and
     precision: "float32", JAX's own, or "float64", by jax_enable_x64, which is one for a whole process.
     law: {"kind": "restitution", ...} for e(v) set in each step, or {"kind": "force", ...} in place of the
-        contact, as `hcbench.laws.contact_law.law_of` reads them.
-
-What MJX does otherwise than MuJoCo without a word is refused by name.
-"""
+        contact, as `hcbench.laws.contact_law.law_of` reads them."""
 
 from __future__ import annotations
 
@@ -20,8 +17,7 @@ from hcbench._text import shortest
 from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim.backend import Backend
-from hcbench.sim.batched import BatchWorld, BorrowedScenes, require_motion
-from hcbench.sim.read_impact import SpeedReading
+from hcbench.sim.batched import BatchWorld, BorrowedScenes, reading_of, require_motion
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -51,8 +47,7 @@ class MjxEngine(BorrowedScenes):
 
     def lent(self, setting: Setting) -> Setting:
         """What of a setting MuJoCo reads; e(v) needs a pair whose solref a step can set."""
-        law = self.law(setting)
-        lent = super().lent(setting)
+        law, lent = self.law(setting), super().lent(setting)
         if law is None or isinstance(law, HuntCrossley):
             return lent
         d = 0.9999 if _bits(setting) == 64 else IMPEDANCE
@@ -81,10 +76,7 @@ class MjxEngine(BorrowedScenes):
             raise SettingError(f"mjx {setting.name!r}", f"{error}", "what MJX has of MuJoCo") from None
         compiled = _compiled(_step_text(law) or "step = mjx.step", scene.touch_radius, bits)
         world = MjxWorld(scene, setting.timestep, bits, on_device, mjx.make_data(on_device), *compiled)
-        if law is not None and not isinstance(law, HuntCrossley):
-            world.speed_reading = SpeedReading.STEP_START
-        elif model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-            world.speed_reading = SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
+        world.speed_reading = reading_of(law, model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4)
         return world
 
 

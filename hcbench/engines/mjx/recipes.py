@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hcbench.engines.mjx.engine import IMPEDANCE
 from hcbench.sim import registry
 from hcbench.sim.batched import borrowed
 from hcbench.tune.law_recipes import python_law_recipes
 from hcbench.tune.recipe import Integrators
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from hcbench.tune.target import Target
+from hcbench.tune.target import Target
 
 _STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MJX does not have it")
 _SCATTER = 4e-3  # of e: a float32 position at R has steps of 4 nm, and 1e-5 s moves it by 250 and more
@@ -21,7 +17,7 @@ _FLOAT = "float32: e scatters by .004 at 1e-5 s and 1e-6 s; put the contact near
 _PUSHES = "`two-pair` and `staggered` are refused: MJX drops a pair's adhesion without a word."
 
 
-def impulse(target: Target, integrator: str = "Euler") -> Mapping[str, Any]:
+def impulse(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     """MuJoCo's, with an impedance whose rest float32 can tell."""
     options = registry.recipe("mujoco.impulse").function(target, integrator)
     rows = [{**row, "solimp": [IMPEDANCE, IMPEDANCE, *row["solimp"][2:]]} for row in options["rows"]]
@@ -38,7 +34,6 @@ _NATIVE = borrowed(
             "notes": (
                 "solimp .9, not .9999: of 1 - d float32 keeps too little, and e is off by .0024.",
                 "Under gravity its step carries .9 of the weight only: e is off by .1 g h / v more.",
-                "D = (1 + e)/h is of this step only. The force is one impulse.",
             ),
             "integrators": Integrators(("Euler", "implicitfast"), "the bounce needs one force a step"),
             "within": 3e-6,

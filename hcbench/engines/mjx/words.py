@@ -9,8 +9,6 @@ _TRAPS = ("MJX drops a pair's adhesion; in float32 it wants solimp .9 where MuJo
 
 def words(contact: OneContact) -> Words:
     """Its solref for a bounce in one step."""
-    if contact.restitution is None or contact.timestep is None:
-        return Words(traps=_TRAPS)
-    solref = (0.0, -(1.0 + contact.restitution) / contact.timestep)
-    note = "bounces in one step; solimp .9 .9 .001 in float32"
-    return Words((SystemValue("MJX", "solref", solref, "", note),), traps=_TRAPS)
+    e, h, note = contact.restitution, contact.timestep, "bounces in one step; solimp .9 .9 .001 in float32"
+    rows = (SystemValue("MJX", "solref", (0.0, -(1.0 + e) / h), "", note),) if e and h else ()
+    return Words(rows, traps=_TRAPS)

@@ -21,8 +21,7 @@ from hcbench._text import shortest
 from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim.backend import Backend
-from hcbench.sim.batched import BatchWorld, BorrowedScenes, require_motion, run_lines
-from hcbench.sim.read_impact import SpeedReading
+from hcbench.sim.batched import BatchWorld, BorrowedScenes, reading_of, require_motion, run_lines
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -87,10 +86,7 @@ class MujocoWarpEngine(BorrowedScenes):
         known = {"wp": warp, "mjw": mujoco_warp, "model": on_device, "R": scene.touch_radius, "np": np}
         lines = run_lines(_law_lines(law), known)
         world = WarpWorld(scene, setting.timestep, mujoco, model, lines)
-        if law is not None and not isinstance(law, HuntCrossley):
-            world.speed_reading = SpeedReading.STEP_START
-        elif model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-            world.speed_reading = SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
+        world.speed_reading = reading_of(law, model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4)
         return world
 
 

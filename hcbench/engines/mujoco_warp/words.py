@@ -9,8 +9,6 @@ _TRAPS = ("MuJoCo Warp keeps one of several pairs of the same two geoms; solimp 
 
 def words(contact: OneContact) -> Words:
     """Its solref for a bounce in one step."""
-    if contact.restitution is None or contact.timestep is None:
-        return Words(traps=_TRAPS)
-    solref = (0.0, -(1.0 + contact.restitution) / contact.timestep)
-    note = "bounces in one step; solimp .9999 .9999 .001"
-    return Words((SystemValue("MuJoCo Warp", "solref", solref, "", note),), traps=_TRAPS)
+    e, h, note = contact.restitution, contact.timestep, "bounces in one step; solimp .9999 .9999 .001"
+    rows = (SystemValue("MuJoCo Warp", "solref", (0.0, -(1.0 + e) / h), "", note),) if e and h else ()
+    return Words(rows, traps=_TRAPS)
