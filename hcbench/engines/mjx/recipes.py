@@ -38,7 +38,7 @@ _NATIVE = borrowed(
             "integrators": Integrators(("Euler", "implicitfast"), "the bounce needs one force a step"),
             "within": 3e-6,
         },
-        "spring-damper": {"notes": (_FLOAT, _PUSHES), "integrators": _STEPS, "within": _SCATTER},
+        "spring-damper": {"notes": (_FLOAT, _PUSHES), "integrators": _STEPS, "within": 6e-3},
         "staggered-push": {"notes": (_FLOAT, _PUSHES), "integrators": _STEPS, "within": _SCATTER},
     },
 )
