@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import re
 import subprocess
 import sys
 import warnings
@@ -15,7 +16,7 @@ import numpy as np
 import pytest
 
 from hcbench.errors import EngineFailed, EngineMissing, SettingError
-from hcbench.impact import Launch
+from hcbench.impact import Launch, Status
 from hcbench.scene import load_scene
 from hcbench.setting import Setting
 from hcbench.sim import registry
@@ -128,3 +129,30 @@ def test_the_command_line_says_so_in_one_line() -> None:
     (line,) = done.stderr.splitlines()
     assert line.startswith("hcbench: rapier3d 0.3")
     assert line.endswith("was never tried with hcbench; 0.1 ... 0.2 was")
+
+
+@pytest.mark.parametrize("name", SCRIPTED)
+def test_a_package_that_does_not_load_is_one_line(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    engine = installed(name)
+    setting = setting_for(f"{name}.stock", "steel-plane")
+    modules = re.findall(r"^(?:import|from) (\w+)", engine.lines(engine.read(setting), PLANE), re.MULTILINE)
+    for module in {"pydrake.all", *modules} - {"numpy", "logging", "math"}:
+        monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.setattr(type(engine), "own_process", False)
+    with pytest.raises(EngineMissing, match=f"engine '{name}': cannot be imported.*Try: pip"):
+        engine.run(PLANE, setting, [Launch(0.4)])
+
+
+def test_an_engine_that_gives_up_is_a_record_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    engine = installed("rapier")
+    broken = _RESTING.format(lines=engine.lines(engine.table(), PLANE))
+    monkeypatch.setattr(type(engine), "lines", lambda *_: broken)
+    (impact,) = engine.run(PLANE, setting_for("rapier.stock", "steel-plane"), [Launch(0.4)])
+    assert impact.status is Status.DIVERGED
+    assert "the step is too small" in impact.reason
+
+
+_RESTING = """{lines}
+def step():
+    raise RuntimeError("the step is too small")
+"""

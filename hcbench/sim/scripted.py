@@ -22,7 +22,7 @@ import numpy as np
 from pydantic import PlainValidator
 
 from hcbench._text import sanitized, shortest
-from hcbench.errors import SettingError
+from hcbench.errors import EngineMissing, SettingError
 from hcbench.fields import OptionTable, validate
 from hcbench.laws.contact_law import law_of
 from hcbench.laws.force import HuntCrossley
@@ -138,7 +138,11 @@ class ScriptWorld(World):
         self.radius = self.deepest = scene.touch_radius
         self.bits, self.speed_reading = engine.bits, engine.reading(engine.read(setting))
         self.names: dict[str, Any] = {"__name__": f"hcbench_{engine.name}"}
-        exec(compile(script, f"<{engine.name} script>", "exec"), self.names)
+        try:
+            exec(compile(script, f"<{engine.name} script>", "exec"), self.names)
+        except ImportError as error:  # of a package that is there
+            got, todo = f"cannot be imported: {error}", f"Try: {engine.backend.command}"
+            raise EngineMissing(f"engine {engine.name!r}", got, "", todo) from None
 
     def release(self, launches: Sequence[Launch]) -> BallSimulation:
         """The ball of one launch."""
