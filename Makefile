@@ -8,7 +8,7 @@ MODELS := .venv-models
 COMPILE = $(BIN)/uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 \
 	  --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate --quiet
 
-.PHONY: report test test-lowest test-models test-engines bench check format lock clean
+.PHONY: report test docs test-lowest test-models test-engines bench check format lock clean
 
 report: $(INSTALLED)  ## regenerate the default report into reports/steel-1lb/
 	$(BIN)/hcbench report steel-1lb --out reports/steel-1lb
@@ -19,7 +19,7 @@ test: check  ## lint, types, then every test
 test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyproject.toml allows
 	$(LOWEST)/bin/python -m pytest -n 2 --dist loadgroup
 
-test-models: $(MODELS)/.installed  ## 40 models that others wrote, from their packages (docs/models.md)
+test-models: $(MODELS)/.installed  ## 40 models that others wrote, from their packages (docs/explanation/models.md)
 	HCBENCH_MODELS=1 $(MODELS)/bin/python -m pytest -n 2 tests/test_models_from_outside.py
 
 test-engines: $(INSTALLED)  ## engines from the package index, each version in an environment of its own
@@ -30,7 +30,10 @@ bench: $(INSTALLED)  ## every speed claim, side by side with what others do; the
 	  --benchmark-json=benchmarks/last.json
 	$(BIN)/python benchmarks/table.py benchmarks/last.json
 
-check: $(INSTALLED)
+docs: $(INSTALLED)  ## the documentation, into docs/_build/html
+	$(BIN)/python -m sphinx -q -W --keep-going docs docs/_build/html
+
+check: $(INSTALLED) docs
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy

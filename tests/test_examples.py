@@ -1,4 +1,4 @@
-"""The examples, and the numbers of docs/models.md, are what they say."""
+"""The examples, and the numbers of docs/explanation/models.md, are what they say."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hcbench.measure import measure
 
 ROOT = Path(__file__).parent.parent
 OUTSIDE = ROOT / "examples" / "outside"
-DOC = (ROOT / "docs" / "models.md").read_text(encoding="utf-8")
+DOC = (ROOT / "docs" / "explanation" / "models.md").read_text(encoding="utf-8")
 ROWS = [
     [cell.strip() for cell in line.strip("|").split("|")]
     for line in DOC.splitlines()

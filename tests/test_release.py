@@ -122,7 +122,7 @@ def test_the_sdist_has_what_it_takes_to_test_and_to_cite(dist: Path) -> None:
     (sdist,) = dist.glob("*.tar.gz")
     with tarfile.open(sdist) as tar:
         names = {name.partition("/")[2] for name in tar.getnames()}
-    assert {"CITATION.cff", "SECURITY.md", "LICENSE", "CHANGELOG.md", "README.md", "docs/api.md"} <= names
+    assert {"CITATION.cff", "SECURITY.md", "LICENSE", "CHANGELOG.md", "README.md", "docs/index.md"} <= names
     assert {
         "tests/test_release.py",
         "examples/good.xml",

@@ -172,7 +172,7 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
 @_file("--pairs", help="Hold it against measured pairs (v, e): a CSV with units in its header.")
 @_file("--baseline", help="Hold it against what --write-baseline wrote.")
 @_file("--write-baseline", help="Write what was measured, to hold later versions against.")
-@click.option("--max-error", help="Largest |e - wanted| that passes.")
+@click.option("--max-error", help="Largest error of e, up or down, that passes.")
 @_file("--junit", help="Write JUnit XML.")
 @_file("--markdown", help="Write a Markdown summary, as for a CI step.")
 @_file("--png", help="Write the error curve.")

@@ -31,6 +31,6 @@ def __getattr__(name: str) -> NoReturn:
             f"hcbench.contact.pybullet.{name}",
             "gone: the law is a plug-in of Bullet's now, and pybullet.stepSimulation() all there is to call",
             "contact.add(law, ball, plate) once, then pybullet.stepSimulation()",
-            "contact.force(number) is what the touches said; docs/plugins.md has the rest",
+            "contact.force(number) is what the touches said; docs/howto/plugins.md has the rest",
         )
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

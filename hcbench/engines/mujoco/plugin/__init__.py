@@ -6,7 +6,7 @@
     contact.add_to_spec(spec, HuntCrossley(stiffness=3.4e10, alpha=0.315), geoms=("ball", "plate"))
     model = spec.compile()
 
-Or name them in MJCF and call `load()` before it is compiled; docs/plugins.md lists the keys. The force laws
+Or name them in MJCF and call `load()` before it is compiled; docs/howto/plugins.md lists the keys. Force laws
 are for steps that resolve the contact; `Restitution` and `ConstantRestitution` set e in steps of any length.
 """
 
@@ -155,7 +155,7 @@ def add_to_spec(
         if is_force(law):
             _exclude(spec, kind, parts)
     if not hasattr(spec, "activate_plugin"):
-        version, todo = backend().__version__, "Or name the plug-in in MJCF: docs/plugins.md"
+        version, todo = backend().__version__, "Or name the plug-in in MJCF: docs/howto/plugins.md"
         raise EngineMissing(f"mujoco {version}", "its MjSpec takes no plug-ins", "a later version", todo)
     load()
     name = name or f"{plugin} {len(spec.plugins) + 1}"
@@ -228,5 +228,5 @@ def attach(*_: Any, **__: Any) -> NoReturn:
         "attach",
         "gone: the law is a plug-in of the model, which copies, saved models and threads keep",
         'add_to_spec(spec, law, geoms=("ball", "plate")) and model = spec.compile(), with a mujoco.MjSpec',
-        "docs/plugins.md shows it in MJCF",
+        "docs/howto/plugins.md shows it in MJCF",
     )

@@ -1,0 +1,41 @@
+"""How the documentation is built: `make docs`."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from hcbench import __version__
+
+project, author, release = "hcbench", "The hcbench developers", __version__
+copyright = author  # noqa: A001  the name that Sphinx reads
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx_click",
+    "sphinx_copybutton",
+]
+exclude_patterns = ["_build", "conf.py"]
+myst_heading_anchors = 3
+myst_enable_extensions = ["deflist"]
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+html_theme = "furo"
+html_title = f"hcbench {release}"
+html_copy_source = html_show_sourcelink = False
+
+_CODE = re.compile(r"(`[^`\n]+`)")
+
+
+def _plain_text(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Docstrings are plain text with `code`; Sphinx reads markup, in which * and | mean other things."""
+    for i, line in enumerate(lines):
+        parts = _CODE.split(line.strip())
+        parts[::2] = [re.sub(r"([*|_\\])", r"\\\1", text) for text in parts[::2]]
+        parts[1::2] = [f"`{code}`" for code in parts[1::2]]
+        lines[i] = "".join(parts)
+
+
+def setup(app: Any) -> None:
+    """Called by Sphinx."""
+    app.connect("autodoc-process-docstring", _plain_text)
