@@ -5,6 +5,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 LOWEST := .venv-lowest
 MODELS := .venv-models
+ENGINES := .venv-engines
 COMPILE = $(BIN)/uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 \
 	  --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate --quiet
 
@@ -22,8 +23,10 @@ test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyp
 test-models: $(MODELS)/.installed  ## 40 models that others wrote, from their packages (docs/explanation/models.md)
 	HCBENCH_MODELS=1 $(MODELS)/bin/python -m pytest -n 2 tests/test_models_from_outside.py
 
-test-engines: $(INSTALLED)  ## engines from the package index, each version in an environment of its own
-	HCBENCH_ENGINES=1 $(BIN)/python -m pytest -n 2 tests/test_engines_from_index.py
+test-engines: $(INSTALLED)  ## all engines from the package index, each in an environment of its own
+	HCBENCH_DATA=$(abspath $(ENGINES)) $(BIN)/hcbench engines add mujoco@3.3.0 mujoco@3.6.0 \
+	  $$($(BIN)/python -c "from hcbench.sim.install import names; print(*names())")
+	HCBENCH_ENGINES=$(abspath $(ENGINES)) $(BIN)/python -m pytest -n 2 tests/test_engines_from_index.py
 
 bench: $(INSTALLED)  ## every speed claim, side by side with what others do; the table in benchmarks/README.md
 	$(BIN)/python -m pytest benchmarks/bench_reference.py benchmarks/bench_engines.py benchmarks/bench_commands.py \

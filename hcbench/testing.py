@@ -15,7 +15,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from contextlib import closing
 from functools import cache
 from typing import ClassVar
 
@@ -23,7 +22,7 @@ import numpy as np
 import pytest
 
 from hcbench.errors import EngineMissing, SettingError
-from hcbench.impact import Floats, Impact, Launch
+from hcbench.impact import Impact, Launch
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.scene import Scene, load_scene, scene_names
@@ -31,10 +30,10 @@ from hcbench.scoring import loop_area
 from hcbench.setting import Setting
 from hcbench.sim import registry
 from hcbench.sim.engine import SteppedEngine
+from hcbench.sim.inside import reading_of, record_in, run_where
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.tune.recipe import Recipe, Role
 from hcbench.tune.target import Target
-from hcbench.workers import call
 
 SPEEDS, PHASES = (0.05, 0.21, 0.47), tuple((i + 0.5) / 8 for i in range(8))
 LAUNCHES = tuple(Launch(v, p) for v in SPEEDS for p in PHASES)
@@ -174,8 +173,7 @@ class EngineConformance:
         (impact,) = engine.run(heavy, setting, [Launch(0.0, height=height)])
         speed, off = (2 * GRAVITY * height) ** 0.5, 2 * fall
         if isinstance(engine, SteppedEngine):
-            run = call if engine.own_process else lambda f, *args, limit: f(*args)
-            reading = run(reading_of, heavy, setting, limit=60)
+            reading = run_where(engine, reading_of, heavy, setting, BAND[1])
             if reading is SpeedReading.TOUCH_PLANE:  # a body released at rest moves by g h² in its first step
                 speed = math.hypot(speed, fall / 2)
             if "touch plane" in reading:  # where it is enters by v² - 2 g x
@@ -206,34 +204,12 @@ class EngineConformance:
         engine = registry.engine(setting.engine)
         if not isinstance(engine, SteppedEngine):
             pytest.skip("knows no steps")
-        run = call if engine.own_process else lambda f, *args, limit: f(*args)
-        whole, pieces = (run(record_in, recipe, scene, parts, limit=60) for parts in ((24,), (5, 1, 18)))
+        about = (load_scene(scene), setting, LAUNCHES[:2], BAND[1])
+        whole, pieces = (run_where(engine, record_in, *about, parts) for parts in ((24,), (5, 1, 18)))
         assert np.array_equal(whole, pieces, equal_nan=True)
 
 
 def rounding(recipe: str) -> float:
     """Relative error of a speed that an engine's numbers allow for."""
-    bits = registry.engine(recipe.partition(".")[0]).bits
+    bits = registry.engine(recipe.rpartition(".")[0]).bits
     return 16 * float(np.finfo(f"f{bits // 8}").eps)
-
-
-def reading_of(scene: Scene, setting: Setting) -> SpeedReading:
-    """Which speeds an engine's e is the ratio of, under a setting."""
-    engine = registry.engine(setting.engine)
-    assert isinstance(engine, SteppedEngine)
-    with engine.load(scene, setting, BAND[1]) as world:
-        return world.speed_reading
-
-
-def record_in(recipe: str, scene: str, parts: Sequence[int]) -> Floats:
-    """Penetration, rate and force of two launches, advanced in parts of so many steps, shape (3, 2, n)."""
-    setting = setting_for(recipe, scene)
-    engine = registry.engine(setting.engine)
-    assert isinstance(engine, SteppedEngine)
-    chunks = []
-    with engine.load(load_scene(scene), setting, BAND[1]) as world:
-        for group in (LAUNCHES[:2],) if world.places > 1 else (LAUNCHES[:1], LAUNCHES[1:2]):
-            with closing(world.release(group)) as simulation:
-                record = [simulation.advance(steps) for steps in parts]
-            chunks.append(np.concatenate([(r.penetration, r.rate, r.force) for r in record], axis=2))
-    return np.concatenate(chunks, axis=1)

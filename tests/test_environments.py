@@ -61,11 +61,11 @@ def adapter(tmp_path_factory: pytest.TempPathFactory, module_patch: pytest.Monke
 
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory, index: Path) -> Path:
-    """A data folder with toy@1.0, toy@2.0 and a MuJoCo that says it is 9.9."""
+    """A data folder with toy@1.0, toy@2.0 and a MuJoCo that says it is 3.9."""
     folder = tmp_path_factory.mktemp("data")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HCBENCH_DATA", str(folder))
-        assert run(["engines", "add", "toy@1.0", "toy@2.0", "mujoco@9.9"]) == 0
+        assert run(["engines", "add", "toy@1.0", "toy@2.0", "mujoco@3.9"]) == 0
     return folder
 
 
@@ -138,19 +138,19 @@ def test_models_are_measured_checked_and_tuned_there(
         return workers.call(*args, limit=limit, at=at)
 
     monkeypatch.setattr(import_module("hcbench.measure.measure"), "call", call)
-    asked = [str(MODEL), "--pair", "ball,plate", "--engine", "mujoco@9.9", "--speeds", "0.5 m/s"]
+    asked = [str(MODEL), "--pair", "ball,plate", "--engine", "mujoco@3.9", "--speeds", "0.5 m/s"]
     assert run(["measure", *asked]) == 0
     assert run(["check", *asked, "--restitution", "0.9", "--max-error", "0.02"]) == 0
-    assert places == [str(there / "mujoco@9.9" / "bin" / "python")] * 2
-    tuning = ["tune", "mujoco@9.9", "--restitution", "0.8", "--timestep", "1e-3", "--recipe", "impulse"]
+    assert places == [str(there / "mujoco@3.9" / "bin" / "python")] * 2
+    tuning = ["tune", "mujoco@3.9", "--restitution", "0.8", "--timestep", "1e-3", "--recipe", "impulse"]
     capsys.readouterr()
     assert run([*tuning, "--gravity", "0"]) == 0
-    assert "mujoco@9.9 impulse" in capsys.readouterr().out
+    assert "mujoco@3.9 impulse" in capsys.readouterr().out
 
 
 def test_an_object_of_this_process_is_not_measured_in_another(there: Path) -> None:
-    with pytest.raises(UserError, match=r"'mujoco@9\.9' is in an environment of its own"):
-        registry.engine("mujoco@9.9").open(object(), Request())
+    with pytest.raises(UserError, match=r"'mujoco@3\.9' is in an environment of its own"):
+        registry.engine("mujoco@3.9").open(object(), Request())
 
 
 def test_the_list_says_version_python_size_and_place(there: Path, capsys: pytest.CaptureFixture[str]) -> None:

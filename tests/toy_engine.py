@@ -80,7 +80,7 @@ def wheels(folder: Path) -> Path:
     wheel(folder, "toyphysics", "4.0", {}, "cp27-cp27m")
     places = [sysconfig.get_path("purelib"), str(Path(str(np.__file__)).parents[1])]
     for name in SHARED:
-        here = "9.9" if name == "mujoco" else metadata.version(name)
+        here = "3.9" if name == "mujoco" else metadata.version(name)
         wheel(folder, name, here, {f"{name}_here.pth": "".join(f"{place}\n" for place in places)})
     return folder
 

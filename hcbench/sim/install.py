@@ -49,6 +49,11 @@ def add(
     return make.add(base, backend.package, asked, python or sys.executable, _try, progress)
 
 
+def names() -> list[str]:
+    """Engines that have a package to install."""
+    return [name for name in registry.names() if registry.engine(name).backend is not None]
+
+
 def files_of(name: str) -> tuple[int, str]:
     """(bytes, folder) of the package of an engine that is installed beside hcbench; (0, "") for none."""
     backend, size, where = registry.engine(name).backend, 0, ""
