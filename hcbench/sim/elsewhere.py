@@ -39,7 +39,7 @@ for name, file, folders in {modules!r}:
     sys.modules[name] = module_from_spec(spec)
     spec.loader.exec_module(sys.modules[name])
 from hcbench.sim import registry
-registry.adopt({engine!r}, {value!r})
+registry.adopt({values!r})
 """
 
 
@@ -166,21 +166,23 @@ def absent(engine: Engine, name: str) -> Engine:
 
 
 @cache
-def elsewhere(engine: Engine, name: str, environment: Environment, value: str) -> Engine:
-    """The engine in an environment. value: the entry point that its adapter comes by."""
-    there = interpreter(environment, value)
-    return _made(engine, name, _Elsewhere, environment=environment, interpreter=there)
+def elsewhere(engine: Engine, name: str, environment: Environment) -> Engine:
+    """The engine in an environment."""
+    return _made(engine, name, _Elsewhere, environment=environment, interpreter=interpreter(environment))
 
 
-def interpreter(environment: Environment, value: str) -> Interpreter:
-    """What runs worker processes in an environment."""
+def interpreter(environment: Environment) -> Interpreter:
+    """What runs worker processes in an environment: with its engine, and those of hcbench that it may use."""
+    from hcbench.sim import registry
+
+    values = {name: registry.entry_point(name).value for name in registry.names()}
+    tops = {name: value.partition(":")[0].partition(".")[0] for name, value in values.items()}
     modules = []
-    for name in dict.fromkeys(("hcbench", value.partition(":")[0].partition(".")[0])):
-        module = sys.modules[name]
-        modules.append(
-            (name, module.__file__, list(module.__path__) if hasattr(module, "__path__") else None)
-        )
-    setup = _SETUP.format(modules=modules, engine=environment.engine, value=value)
+    for top in dict.fromkeys(("hcbench", tops[environment.engine])):
+        module = sys.modules[top]
+        modules.append((top, module.__file__, list(module.__path__) if hasattr(module, "__path__") else None))
+    known = {n: v for n, v in values.items() if tops[n] in ("hcbench", tops[environment.engine])}
+    setup = _SETUP.format(modules=modules, values=known)
     return Interpreter(environment.name, str(environment.executable), setup)
 
 

@@ -87,7 +87,7 @@ def _requirements(name: str, backend: Backend, version: str) -> list[str]:
 
 def _try(made: Environment) -> None:
     """Let a ball bounce there. Raises CannotRun where that fails."""
-    there = interpreter(made, registry.entry_point(made.engine).value)
+    there = interpreter(made)
     try:
         impact = call(_bounce, made.engine, limit=_TRIAL_S, at=there)
         reason = impact.reason if impact.status is Status.CRASHED else ""

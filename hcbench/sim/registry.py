@@ -19,7 +19,7 @@ from hcbench.sim.elsewhere import absent, elsewhere, renamed
 from hcbench.workers import environment, in_worker
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from hcbench.sim.engine import Engine
     from hcbench.tune.recipe import Recipe
@@ -50,9 +50,9 @@ def engine(name: str) -> Engine:
     found = store.find(base, version)
     if not at:
         there = found is None or version_beside(base)
-        return adapter if there or found is None else elsewhere(adapter, base, found, entry_point(base).value)
+        return adapter if there or found is None else elsewhere(adapter, base, found)
     if found is not None:
-        return elsewhere(adapter, name, found, entry_point(base).value)
+        return elsewhere(adapter, name, found)
     return renamed(adapter, name) if version_beside(base) == version else absent(adapter, name)
 
 
@@ -96,9 +96,13 @@ def entry_point(name: str) -> EntryPoint:
     return _entry_points()[name]
 
 
-def adopt(name: str, value: str) -> None:
-    """Register an engine in a worker of its environment, where no package says that it is there."""
-    _entry_points()[name] = EntryPoint(name, value, GROUP)
+def adopt(values: Mapping[str, str]) -> None:
+    """Register engines in a worker of an environment, where no package says that they are there.
+
+    values: of the entry points, by their names.
+    """
+    for name, value in values.items():
+        _entry_points()[name] = EntryPoint(name, value, GROUP)
 
 
 @cache
