@@ -161,6 +161,16 @@ def test_dart_does_not_bounce_below_a_tenth_of_a_unit_a_second() -> None:
     assert in_metres(2.0, units=100.0) == pytest.approx(0.5, abs=2e-5)  # no faster than 100 cm/s
 
 
+def test_dart_rests_by_its_law_and_goes_on_bouncing_by_one_restitution() -> None:
+    """At e g h/(1 - e), where the threshold lets it; from 20 mm at 1 ms."""
+    pytest.importorskip("dartpy")
+    engine, heavy = registry.engine("dart"), dataclasses.replace(PLANE, gravity=G)
+    for recipe, speed in (("restitution-law", 0.0), ("restitution", 0.9269 * G * 1e-3 / (1 - 0.9269))):
+        setting = registry.recipe(f"dart.{recipe}")(target(ALPHAS[2], 1e-3))
+        path = engine.trajectory(heavy, setting, Launch(0.0, height=0.02), 6.0)
+        assert np.abs(path.rate[-1000:]).max() == pytest.approx(speed, rel=0.1, abs=1e-6)
+
+
 def test_a_band_that_dart_cannot_bounce_is_refused() -> None:
     wide = dataclasses.replace(target(0.0, 1e-3), speed_min=1e-4)
     with pytest.raises(SettingError, match=r"speeds: from 0\.0001 m/s on"):
@@ -196,6 +206,11 @@ def test_exudyns_stock_ball_goes_through_the_plate() -> None:
     (impact,) = fly(registry.recipe("exudyn.stock")(target(ALPHAS[2], 1e-3)), Launch(0.4))
     assert impact.status is Status.DIVERGED
     assert "went through the plate" in impact.reason
+
+
+@pytest.mark.parametrize("alpha", ALPHAS)
+def test_exudyn_softens_what_its_steps_cannot_resolve(alpha: float) -> None:
+    assert off_law("exudyn.contact-law", alpha, 1e-3) < 1e-3
 
 
 # --- Rapier --------------------------------------------------------------------------------------------
