@@ -65,7 +65,7 @@ def euler_force(ode: ContactOde, h: float, x: float, v: float) -> float:
     """F/m for a step of semi-implicit Euler."""
     function = _compile.law_library().hcb_euler_force
     function.restype = c_double
-    return float(function(byref(_in_c(ode)), c_double(h), c_double(x), c_double(v)))
+    return float(function(byref(_in_c(ode)), c_double(h), c_double(x), c_double(v), None))
 
 
 def rk4_stage_forces(ode: ContactOde, h: float, x: float, v: float) -> tuple[float, float, float]:

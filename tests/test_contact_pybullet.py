@@ -137,6 +137,25 @@ def test_force_law_in_the_cup(world: World) -> None:
             assert e == pytest.approx(e_of(speed), abs=2e-6)
 
 
+@pytest.mark.parametrize(("h", "error"), [(1e-6, 1e-9), (1e-5, 4e-7)])
+def test_the_mesh_of_a_cup_is_as_exact_though_bullet_sees_it_once_it_overlaps(
+    world: World, h: float, error: float
+) -> None:
+    world.set(h)
+    ball, plate = (
+        bullet.loadURDF(str(SCENES / "steel-cup" / name), physicsClientId=world.client)
+        for name in ("ball.urdf", "plate.urdf")
+    )
+    still = {"linearDamping": 0, "angularDamping": 0, "mass": MASS}
+    bullet.changeDynamics(ball, -1, **still, physicsClientId=world.client)
+    world.add(LAW, ball, plate)
+    for speed, phase in ((0.0508, 0.3), (0.2, 0.6), (0.508, 0.1)):
+        world.place(ball, (0, 0, 0.0254 + (2 + phase) * h * speed), (0, 0, -speed))
+        for _ in range(int(4.5e-4 / h)):
+            world.step()
+        assert float(world.velocity(ball)[2]) / speed == pytest.approx(e_of(speed), abs=error)
+
+
 def test_an_off_axis_hit_in_the_cup_keeps_its_angular_momentum(world: World) -> None:
     world.set(2e-6)
     ball, plate = world.ball(MASS), world.plate()  # of the plate only its frame is used

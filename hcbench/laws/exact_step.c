@@ -220,10 +220,11 @@ static void neighbours(const hcb_law* law, double h, int smooth, double x, doubl
 }
 
 /* F/m >= 0 over a step of semi-implicit Euler that starts at x and came there at the mean rate v over the step
-   before: the force that carries x exactly onto the motion. */
-double hcb_euler_force(const hcb_law* given, double h, double x, double v) {
+   before: the force that carries x exactly onto the motion. late: NULL but for contacts that are seen only while they
+   overlap; of that rate, what the last step's force came too late for. */
+double hcb_euler_force(const hcb_law* given, double h, double x, double mean, const double* late) {
   hcb_law own = with_step(given, h), *law = &own;
-  double before = x - h * v;
+  double ahead = late ? *late : 0, v = mean + ahead, before = x - h * v;
   if (x <= 0 && before <= 0 && x + h * (v + h * law->b) <= 0) return 0;
   set_touch_speed(law, x, v);
   double rate = h * h * frequency_squared(law, x > before ? x : before);
@@ -248,9 +249,21 @@ double hcb_euler_force(const hcb_law* given, double h, double x, double v) {
     double W = V;
     next = x;
     hcb_advance(law, h, &next, &W);
+    if (late && next <= 0) return fmax(0, (mean - W) / h + 1.5 * law->b); /* seen for the last time */
   }
-  double force = law->b - ((next - before) / h - 2 * v) / h;
+  double force = law->b - ((next - before) / h - 2 * v + ahead) / h;
   return force > 0 ? force : 0;
+}
+
+/* The same where a contact is seen once it overlaps, after a step that should have had its force: onto the motion that
+   began at touch. ahead: out, m/s, for the next step. */
+double hcb_late_force(const hcb_law* given, double h, double x, double v, double* ahead) {
+  hcb_law own = with_step(given, h);
+  double now = x - h * v, next = now, V = v - 0.5 * h * own.b, W = V;
+  hcb_advance(&own, h, &now, &V);
+  hcb_advance(&own, 2 * h, &next, &W);
+  *ahead = (x - now) / h;
+  return fmax(0, own.b - ((next - x) / h - v) / h);
 }
 
 /* The same for the classical Runge-Kutta method, whose v is the rate at the start: F/m >= 0 at the first, the

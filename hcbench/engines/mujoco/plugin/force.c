@@ -144,7 +144,7 @@ static void set_force(const mjModel* m, instance* memory, touch* c, int stage) {
     return;
   }
   if (!stage) {
-    plain = hcb_euler_force(&c->law, h, c->x, c->v);
+    plain = hcb_euler_force(&c->law, h, c->x, c->v, NULL);
   } else {
     double stages[3];
     hcb_rk4_stage_forces(&c->law, h, c->x, c->v, stages);

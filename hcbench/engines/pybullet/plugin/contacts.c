@@ -11,6 +11,9 @@ typedef struct law {
   int shape[2];                       /* SPHERE, PLANE, BOX or CUP where the distance is worked out here, else 0 */
   double radius[2], axis[3], size[2]; /* axis: a plane's normal, a box's half sizes, a cup's centre */
   double force;                       /* normal force of the last step, N */
+  long seen;                          /* the last tick with a contact, of a force law; ... */
+  int is_new, is_one, is_late;        /* ... none in the tick before; one only; first seen when it overlapped */
+  double ahead;                       /* see hcb_late_force */
 } law;
 
 typedef struct contact {

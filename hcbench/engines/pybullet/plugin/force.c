@@ -37,6 +37,9 @@ static int find_touches(world* w, law* l, int count) {
     contact* c = room_for(w, count + 1) + count;
     count += set_contact(w, l, found.points + i, c);
   }
+  l->is_new = l->seen != w->tick - 1; /* Bullet sees some meshes once they overlap */
+  l->is_one = found.count == 1;
+  if (found.count) l->seen = w->tick;
   return count;
 }
 
@@ -82,7 +85,14 @@ static void add_force(world* w, contact* c, const hcb_law* motion) {
     fprintf(stderr, "hcbench: hunt_crossley, law %d: the step of %g s is too coarse for this contact; take a shorter"
             " one, or the law restitution\n", c->of->id, w->h);
   }
-  double force = hcb_euler_force(motion, w->h, x, v) / c->inverse_mass, vector[3];
+  law* l = c->of;
+  int starts = l->is_one && l->is_new && x > 0 && x <= w->h * v;
+  double ahead = l->ahead, force, vector[3];
+  l->ahead = 0;
+  l->is_late = l->is_one && (l->is_new ? starts : l->is_late);
+  force = starts ? hcb_late_force(motion, w->h, x, v, &l->ahead)
+                 : hcb_euler_force(motion, w->h, x, v, l->is_late ? &ahead : NULL);
+  force /= c->inverse_mass;
   if (!(force > 0)) return;
   double drag = drag_of(w, c, slip, force);
   for (int i = 0; i < 3; i++) vector[i] = force * c->frame[0][i] - drag * c->frame[1][i];
