@@ -300,7 +300,7 @@ def test_options_that_are_no_law_are_refused_by_name(options: dict[str, Any], sa
 
 @pytest.mark.parametrize("law", [Flores, HuntCrossley, TouchSpeedLaw, "flores", None])
 def test_what_is_no_law_cannot_be_attached(law: Any) -> None:
-    with pytest.raises(SettingError, match="law"):
+    with pytest.raises(UserError, match="law"):
         ball(1e-5, law)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from hcbench.contact import pybullet as contact
 from hcbench.contact.pybullet import ConstantRestitution, Friction, HuntCrossley, Restitution
-from hcbench.errors import SettingError
+from hcbench.errors import SettingError, UserError
 from hcbench.laws import closed_form
 from hcbench.sim.read_impact import SpeedReading
 
@@ -507,7 +507,7 @@ def test_what_cannot_be_a_pair_is_refused(world: World) -> None:
     ):
         with pytest.raises(SettingError, match=says):
             world.add(LAW, first, second)
-    with pytest.raises(SettingError, match="HuntCrossley"):
+    with pytest.raises(UserError, match="HuntCrossley"):
         world.add(0.3, ball, plate)
     with pytest.raises(SettingError, match="not connected"):
         contact.add(LAW, ball, plate, client=77)

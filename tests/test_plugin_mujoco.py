@@ -35,7 +35,7 @@ from hcbench.cli import run as run_command
 from hcbench.contact import mujoco as contact
 from hcbench.contact.mujoco import ConstantRestitution, Friction, HuntCrossley, Restitution, TouchSpeedLaw
 from hcbench.engines.mujoco.mjcf import model_xml
-from hcbench.errors import CannotRun, SettingError
+from hcbench.errors import CannotRun, SettingError, UserError
 from hcbench.laws import closed_form
 from hcbench.laws.published import LAWS, Flores
 from hcbench.scene import Material, load_scene
@@ -209,14 +209,14 @@ def test_a_law_is_added_to_a_spec_and_stays_in_its_xml() -> None:
         (LAW, {"bodies": ("bowl", "ball")}, "body 'bowl'"),
         (LAW, {"tendon": "cup"}, "tendon 'cup'"),
         (LAW, {}, "one of geoms, bodies and tendon"),
-        (LAW, {"geoms": ("ball",)}, "two names"),
+        (LAW, {"geoms": ("ball",)}, "2 values"),
         (None, {"geoms": ("ball", "plate")}, "HuntCrossley"),
         (Flores, {"geoms": ("ball", "plate")}, "law"),
         (Restitution(0.1), {"geoms": ("ball", "plate"), "friction": Friction(0.1, 0.1)}, "friction"),
     ],
 )
 def test_what_cannot_be_added_is_refused_by_name(law: Any, pair: dict[str, Any], says: str) -> None:
-    with pytest.raises(SettingError, match=says):
+    with pytest.raises(UserError, match=says):
         contact.add_to_spec(spec(), law, **pair)
 
 
