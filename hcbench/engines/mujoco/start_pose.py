@@ -14,7 +14,8 @@ from hcbench.sim.names import suggest_names
 
 _STATE_FIELDS = ("qpos", "ctrl", "act", "mocap_pos", "mocap_quat", "eq_active")
 _IGNORED = ("qvel", "time", "qacc", "qacc_warmstart")  # everything starts at rest
-TURNED, MOVED = math.radians(5.0), 1e-3  # beyond a limit by more: the pose is not one that the model can hold
+# Beyond a limit by more, the pose is not one that the model can hold; models write 5 deg rounded.
+TURNED, MOVED = math.radians(5.01), 1e-3
 
 
 def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, str]:

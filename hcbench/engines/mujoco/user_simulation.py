@@ -17,6 +17,8 @@ from hcbench.impact import TANGENTIAL_ROWS
 from hcbench.sim.engine import Record, Simulation
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from hcbench.engines.mujoco.pair import ContactPair
     from hcbench.engines.mujoco.place import PairAtTouch
     from hcbench.impact import Floats, Launch
@@ -83,6 +85,7 @@ class MujocoUserSimulation(Simulation):
         tells = not self._staged and has_more_than_contacts(model)
         self._causes = SpeedShares(model, place.pair.sides) if tells else None
         self._touch_speed = math.nan
+        self._in_tree = _geoms_of_trees(place.pair)
         self._first_touch: dict[int, int] = {}  # geoms that touched the two, and in which step first
 
     def advance(self, steps: int) -> Record:
@@ -157,7 +160,7 @@ class MujocoUserSimulation(Simulation):
             self._causes.add(seen, self._reader.row(seen))
         self._touched |= force != 0.0
         if seen.ncon > self._reader.count:
-            for geom in _others(seen, self._place.pair):
+            for geom in _others(seen, self._place.pair.sides, self._in_tree):
                 self._first_touch.setdefault(geom, self._steps - 1)
         return step
 
@@ -265,16 +268,18 @@ def _copy_state(model: Any, source: Any, target: Any) -> None:
     mujoco.mj_setState(model, target, state, kind)
 
 
-def _others(data: Any, pair: ContactPair) -> set[int]:
-    """Geoms that touch the moving tree, or the other one's, besides the pair."""
-    model, sides = pair.model, pair.sides
-    roots = {int(model.body_rootid[b]) for b in (pair.first.body, pair.second.body) if b}
-    others = set()
-    for i in range(data.ncon):
-        geoms = [int(g) for g in data.contact.geom[i]]
-        if data.contact.efc_address[i] < 0 or min(geoms) < 0 or sides[geoms[0]] + sides[geoms[1]] == 3:
-            continue
-        in_tree = [int(model.body_rootid[model.geom_bodyid[g]]) in roots for g in geoms]
-        if any(in_tree):
-            others |= {g for g, inside in zip(geoms, in_tree, strict=True) if not inside or all(in_tree)}
-    return others
+def _others(data: Any, sides: NDArray[np.int8], in_tree: NDArray[np.bool_]) -> set[int]:
+    """Geoms that touch the moving tree, or the other one's, besides the pair. in_tree: (ngeom + 1,)."""
+    geoms = data.contact.geom
+    acting = (data.contact.efc_address >= 0) & (geoms.min(axis=1) >= 0)
+    geoms = geoms[acting & (sides[geoms].sum(axis=1) != 3)]
+    inside = in_tree[geoms]
+    theirs = inside.any(axis=1)[:, None] & (~inside | inside.all(axis=1)[:, None])
+    return set(geoms[theirs].tolist())
+
+
+def _geoms_of_trees(pair: ContactPair) -> NDArray[np.bool_]:
+    """(ngeom + 1,): which geoms are of the bodies, robots and all, that the two belong to."""
+    model = pair.model
+    roots = [int(model.body_rootid[body]) for body in (pair.first.body, pair.second.body) if body]
+    return np.append(np.isin(model.body_rootid[model.geom_bodyid], roots), False)
