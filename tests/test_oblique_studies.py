@@ -52,7 +52,7 @@ def test_each_speed_is_launched_at_each_angle_and_phase(results: Results, tmp_pa
     assert len(rows) == 2 * 3 * 2
     assert np.degrees(rows["angle_rad"].unique()) == pytest.approx([0, 45, 85])
     slid = rows["speed_m_per_s"] * np.tan(rows["angle_rad"])
-    assert rows["slip_in_m_per_s"].to_numpy() == pytest.approx(slid.to_numpy(), abs=1e-9)
+    assert rows["slip_in_m_per_s"].to_numpy() == pytest.approx(slid.to_numpy(), rel=1e-9)  # ten digits
     results.write(tmp_path)
     pd.testing.assert_frame_equal(Results.read(tmp_path).impacts, results.impacts, check_dtype=False)
     assert set(results.loops["engine"]) == {"reference", "mujoco"}

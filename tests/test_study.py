@@ -56,6 +56,17 @@ def test_loops_are_kept_where_asked_and_nowhere_else(results: Results) -> None:
     assert set(results.loops["engine"]) >= {"reference", "mujoco"}
 
 
+def test_what_was_measured_is_told_in_ten_digits_and_what_was_asked_in_all(results: Results) -> None:
+    """Another processor's arithmetic differs in the last ones of sixteen."""
+    for table in (results.impacts, results.loops, results.scores):
+        for name in set(table.columns[table.dtypes == float]) - {*RUN_KEY, "speed_m_per_s", "phase"}:
+            values = table[name].to_numpy()
+            assert [float(f"{v:.9e}") for v in values] == pytest.approx(
+                values.tolist(), rel=0, abs=0, nan_ok=True
+            )
+    assert set(results.impacts["alpha_s_per_m"]) == set(study_from(CONTENT).alphas)
+
+
 def test_all_loops_keeps_every_speed_of_the_band_and_scores_as_before(results: Results) -> None:
     everything = run_study(study_from({**CONTENT, "all_loops": True}), jobs=2)
     assert set(everything.loops["speed_m_per_s"]) == set(everything.impacts["speed_m_per_s"])

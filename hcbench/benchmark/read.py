@@ -20,7 +20,7 @@ from hcbench.benchmark.files import open_files
 from hcbench.benchmark.results import LOOP_COLUMNS, REST_COLUMNS, RUN_KEY, Results
 from hcbench.benchmark.store import DESCRIPTION, Store
 from hcbench.errors import UserError
-from hcbench.impact import LOOP_TOLERANCE, Impact, Launch, Loop, Status
+from hcbench.impact import LOOP_TOLERANCE, Floats, Impact, Launch, Loop, Status
 from hcbench.laws.force import HuntCrossley
 
 if TYPE_CHECKING:
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _LAUNCH = ["speed_m_per_s", "phase"]
+_DIGITS, _DECIMALS, _LEAST = 10, 14, 1e-14  # of measured numbers
+# By their exponents, negative ones from the end: the float nearest to each, which no processor may miss.
+_POWERS = np.array([float(f"1e{k}") for k in (*range(_DECIMALS + 1), *range(-30, 0))])
 
 
 def is_sweep(folder: str | Path) -> bool:
@@ -68,11 +71,26 @@ def results_in(store: Store) -> Results:
         study=study,
         settings=about["settings"],
         versions=_versions(about["versions"]),
-        impacts=pd.concat([impacts[key] for key in keys], ignore_index=True),
-        loops=_loop_table(loops),
-        scores=pd.DataFrame(scores, columns=[*RUN_KEY, *scoring.SCORE_FIELDS]),
-        **_drops(store, study),
+        impacts=_rounded(pd.concat([impacts[key] for key in keys], ignore_index=True)),
+        loops=_rounded(_loop_table(loops)),
+        scores=_rounded(pd.DataFrame(scores, columns=[*RUN_KEY, *scoring.SCORE_FIELDS])),
+        **{name: _rounded(table) for name, table in _drops(store, study).items()},
     )
+
+
+def _rounded(table: pd.DataFrame) -> pd.DataFrame:
+    """With what was measured in the digits that are known: later ones are another processor's to choose."""
+    given = {*RUN_KEY, *_LAUNCH, "angle_rad"}
+    measured = {n: c.to_numpy() for n, c in table.items() if n not in given and c.dtype == np.float64}
+    return table.assign(**{str(name): _to_digits(values) for name, values in measured.items()})
+
+
+def _to_digits(values: Floats) -> Floats:
+    known = np.isfinite(values) & (np.abs(values) > _LEAST)
+    size = np.floor(np.log10(np.abs(values), out=np.zeros_like(values), where=known)).astype(int)
+    scale = _POWERS[np.minimum(_DIGITS - 1 - size, _DECIMALS)]
+    small = np.where(np.isfinite(values), 0.0, values)
+    return np.asarray(np.where(known, np.round(values * scale) / scale, small))
 
 
 def _versions(versions: Mapping[str, str]) -> dict[str, str]:

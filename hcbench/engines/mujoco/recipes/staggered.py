@@ -216,15 +216,23 @@ def _rows(band: Band, fit: _Fit) -> list[ConstraintRow]:
     for knot, S in zip(fit.knots, fit.stiffness, strict=True):
         if S > 0.0:
             early = float(band.elastic(knot)) * MIN_IMPEDANCE / S
-            rows.append(ConstraintRow.direct(S, 0.0, SPRING_SOLIMP, onset=float(knot - early)))
+            rows.append(ConstraintRow.direct(_short(S), 0.0, SPRING_SOLIMP, onset=_short(knot - early)))
     fastest = float(band.speeds[-1])
     a, f = band.law.dissipation, float(band.elastic(np.asarray(band.top)))
     for damper, D in zip(fit.dampers, fit.damping, strict=True):
         highest = damper.solimp[1]
         # Twice the largest pull of this row on the way out.
         pull = highest / (1 - highest) * (D / highest * fastest + f * (1 + a * fastest))
-        rows.append(ConstraintRow.direct(0.0, D, damper.solimp, damper.onset, adhesion=2 * band.mass * pull))
+        adhesion = _short(2 * band.mass * pull)
+        rows.append(
+            ConstraintRow.direct(0.0, _short(D), damper.solimp, _short(damper.onset), adhesion=adhesion)
+        )
     return rows
+
+
+def _short(number: float) -> float:
+    """Nine digits: a fit knows no more, and processors differ in the rest."""
+    return float(f"{number:.9g}")
 
 
 def staggered(
