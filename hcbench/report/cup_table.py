@@ -49,9 +49,9 @@ def rows(found: Views, results: Results) -> list[dict[str, Any]]:
 
 
 def _error(rows: pd.DataFrame) -> str:
-    return wording.number(float((rows["restitution"] - rows["restitution_law"]).abs().max()))
+    return wording.error(float((rows["restitution"] - rows["restitution_law"]).abs().max()))
 
 
 def _difference(axis: pd.Series, other: pd.Series) -> str:
     """Of the launches that were made at both places; "–" where there are none."""
-    return wording.number(float((other - axis).dropna().abs().max())) if len(other) else "–"
+    return wording.error(float((other - axis).dropna().abs().max())) if len(other) else "–"

@@ -71,7 +71,7 @@ def _error_cell(view: View, score: Mapping[str, Any] | None) -> Cells:
         return {"text": "–", "grade": "none", "mark": "", "words": "not run"}
     against = grade(view, over_constant(score))
     return {
-        "text": wording.number(score["max_error_law"]),
+        "text": wording.error(score["max_error_law"]),
         "grade": against,
         "mark": _MARKS[against],
         "words": f"{_AGAINST_CONSTANT[against]} the best constant",

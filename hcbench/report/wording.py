@@ -76,6 +76,11 @@ def number(value: float) -> str:
     return f"{value + 0.0:.3g}" if size < 1000 else f"{value:.0f}"
 
 
+def error(value: float) -> str:
+    """`number` of a measured error, never "0": nobody can know that."""
+    return number(max(value, 1e-13))
+
+
 def bound(value: float) -> str:
     """`number` in two digits, rounded up, 10⁻⁷ at the least: what an error is within."""
     if not value > 1e-7:
