@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from hcbench.sim.engine import Flags
     from hcbench.tune.recipe import Recipe
 
+_MOST_STEPS = 64  # between two looks
 _FEWEST = 4.0  # units in the last place of the position that a step at the highest speed must move it by
 
 
@@ -74,6 +75,25 @@ class BatchWorld(World):
         speeds = np.array([launch.speed for launch in padded])
         start = self.place(self.scene.touch_radius + clear, -speeds)
         return BatchSimulation(self, start, len(launches))
+
+
+class ScriptedWorlds(BatchWorld):
+    """As many worlds as a script has; see `hcbench.sim.scripted`. Its heights and velocities are arrays."""
+
+    def __init__(
+        self, scene: Scene, timestep: float, places: int, script: str, reading: SpeedReading
+    ) -> None:
+        super().__init__(scene, timestep)
+        self.places, self.speed_reading = places, reading
+        self._names = run_lines(script, {"__name__": "hcbench_worlds"})
+
+    def place(self, heights: Floats, velocities: Floats) -> Floats:
+        """New states."""
+        return np.array(self._names["place"](heights, velocities))
+
+    def step(self, steps: int) -> Floats:
+        """Up to as many steps as are worth a look."""
+        return np.array([self._names["step"]() for _ in range(min(steps, _MOST_STEPS))])
 
 
 class BatchSimulation(Simulation):

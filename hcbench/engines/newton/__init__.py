@@ -1,0 +1,1 @@
+"""Newton: rigid bodies on GPUs by Warp, in float32."""
