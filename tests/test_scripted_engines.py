@@ -23,6 +23,7 @@ from hcbench.sim import registry
 from hcbench.sim.backend import Backend, UntriedVersionWarning
 from hcbench.sim.scripted import ScriptedEngine
 from hcbench.testing import setting_for
+from hcbench.tune.recipe import Role
 
 PLANE = load_scene("steel-plane")
 SCRIPTED = [name for name in registry.names() if isinstance(registry.engine(name), ScriptedEngine)]
@@ -45,11 +46,14 @@ def test_the_script_prints_the_restitution_that_was_measured(recipe: str) -> Non
     impacts = engine.run(PLANE, setting, [Launch(speed, 0.5) for speed in (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)])
     if max(impact.restitution for impact in impacts) < 1e-6:
         pytest.skip("nothing bounces: the script waits for long")
+    if engine.bits == 32 and registry.recipe(recipe).role is Role.STOCK:
+        pytest.skip("it parts in steps that float32 hardly tells apart")
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the engine's own, such as of a graphics library
         exec(engine.script(PLANE, setting), {"__name__": "__main__"})
-    told = np.array([line.split() for line in printed.getvalue().splitlines()], dtype=float)
+    numbers = [line.split() for line in printed.getvalue().splitlines() if line.startswith("0.")]
+    told = np.array(numbers, dtype=float)  # others are the engine's own, such as of what it compiles
     assert told[:, 0].tolist() == [impact.launch.speed for impact in impacts]
     assert told[:, 1] == pytest.approx(
         [i.restitution for i in impacts], abs=1e-6 if engine.bits == 32 else 1e-9

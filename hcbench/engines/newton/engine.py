@@ -85,20 +85,21 @@ def _parts(options: NewtonOptions) -> tuple[str, str, str]:
     shape = ", ".join(["mu=0.0", "density=0.0", *(f"{k}={shortest(v)}" for k, v in given.items())])
     bounces = options.restitution is not None or isinstance(options.law, Restitution)
     more = ", enable_restitution=True" if bounces else ""
-    hook = _FORCE if isinstance(options.law, HuntCrossley) else _EACH
+    hook = "" if options.law is None else _FORCE if isinstance(options.law, HuntCrossley) else _EACH
     return (
         f"shape = newton.ModelBuilder.ShapeConfig({shape})  # of both",
-        f"solver = newton.solvers.Solver{options.solver}(model{more})",
-        hook if options.law is not None else "",
+        f"solver = newton.solvers.Solver{'SemiImplicit' if hook == _FORCE else options.solver}(model{more})",
+        hook,
     )
 
 
 _LINES = """\
-import newton
 import numpy as np
 import warp as wp
 
 wp.config.quiet = True
+import newton
+
 worlds = 1
 {shape}
 ball, scene = (newton.ModelBuilder(gravity=(0.0, 0.0, -gravity)) for _ in range(2))

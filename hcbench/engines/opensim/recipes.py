@@ -39,7 +39,6 @@ _NATIVE = (
     stock(
         "opensim",
         "OpenSim as it comes: the force's stiffness is 0, and the state turns to NaN without a word.",
-        "Friction and dissipation are 0, the integrator's accuracy is 1e-3.",
         forms=("plane",),
         ends=Status.DIVERGED,
     ),
@@ -52,7 +51,6 @@ _NATIVE = (
             "Its dissipation c is α itself, where Drake's d is 1.5 α.",
             "The step only says how often you look: error control takes smaller ones. e to 5e-9.",
             "Accuracy 1e-5 errs by .0024, 1e-7 by 5e-5, 1e-9 by 3e-7; fixed steps gain energy when coarse.",
-            "The stiffness S comes from K and the sphere's radius: S = 2^1.5 K/((4/3) sqrt(R)).",
             _SHARED,
         ),
         within=1e-8,
