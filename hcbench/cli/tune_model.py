@@ -126,7 +126,7 @@ def _record(tuned: TunedModel) -> dict[str, Any]:
 
 
 def _pair_record(tuned: TunedPair) -> dict[str, Any]:
-    names = ("speed_m_per_s", "wanted", "restitution_min", "restitution_max")
+    names = ("speed_in_m_per_s", "wanted", "restitution_min", "restitution_max")
     return {
         "pair": list(tuned.facts.pair),
         "effective_mass_kg": tuned.facts.effective_mass,
@@ -145,6 +145,7 @@ def _print(tuned: TunedModel) -> None:
         print(f"\n{facts.pair[0]} on {facts.pair[1]}, effective mass {facts.effective_mass:.4g} kg")
         print(f"they meet {facts.meeting}; what moves: {facts.moved}")
         print(f"largest error of e: {pair.max_error:.2g}, in the model with it, held-out speeds, 8 phases")
+        print("at touch:")
         for speed, wanted, low, high in pair.points:
             print(f"  {speed:.3g} m/s: wanted {wanted:.4f}, {low:.4f} ... {high:.4f}")
     print(f"\npaste:\n\n{tuned.paste}\n\nknow:")

@@ -23,7 +23,7 @@ _HELD_OUT_SPEEDS, _HELD_OUT_PHASES = 7, 8
 class TunedPair:
     """How a setting does for one pair.
 
-    points: (launch speed m/s, e wanted, lowest e, highest e) at held-out speeds, 8 phases each.
+    points: (mean speed at touch m/s, e wanted there, lowest e, highest e) at held-out speeds, 8 phases each.
     max_error: the largest |e - wanted| of these; 1 where an impact has no e.
     """
 
@@ -120,7 +120,9 @@ def _tuned_pair(
             launches = dataclasses.replace(request, speeds=(speed,), phases=each).launches()
             impacts = simulate.impacts_in(model, launches)
             found = [i.restitution for i in impacts]
-            points.append((speed, float(wanted.at(speed)), min(found), max(found)))
+            touched = [i.speed_in for i in impacts if math.isfinite(i.speed_in)]
+            v = float(np.mean(touched)) if touched else speed
+            points.append((v, float(wanted.at(v)), min(found), max(found)))
             errors = [abs(i.restitution - float(wanted.at(i.speed_in))) for i in impacts]
             worst = max(worst, *(1.0 if math.isnan(error) else error for error in errors))
         return TunedPair(model.facts(), worst, tuple(points))
