@@ -39,7 +39,11 @@ def matrix(view: FieldView, probes: Mapping[str, Probe | None]) -> list[tuple[st
 
 def _cells(view: FieldView, engine: str, probe: Probe | None) -> list[Feature]:
     base = registry.base_name(engine)
-    module, adapter = registry.submodule(base, "features"), registry.engine(base)
+    adapter = registry.engine(base)
+    # One that flies another's models has its contact, but for what its notes say.
+    module = registry.submodule(base, "features") or registry.submodule(
+        getattr(adapter, "lender", base), "features"
+    )
     said: dict[str, Feature] = {}
     if module is not None and isinstance(module.FEATURES, Features):
         said = {f.name: getattr(module.FEATURES, f.name) for f in fields(Features)}
