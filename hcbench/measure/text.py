@@ -40,23 +40,7 @@ def as_record(measurement: Measurement) -> dict[str, Any]:
         "settings": dict(facts.settings),
         "asked": {"restitution": list(facts.asked), "words": facts.asked_description},
         "wanted": measurement.wanted.description if measurement.wanted else None,
-        "curve": [
-            {
-                "speed_m_per_s": p.speed,
-                "speed_in_m_per_s": p.speed_in,
-                "restitution": p.restitution,
-                "restitution_min": p.lowest,
-                "restitution_max": p.highest,
-                "samples": p.samples,
-                "failed": p.failed,
-            }
-            | (
-                {"angle_rad": p.angle, **dict(zip(ALONG_COLUMNS, p.along, strict=True))}
-                if measurement.request.is_oblique
-                else {}
-            )
-            for p in measurement.curve
-        ],
+        "curve": [_point(p, measurement.request.is_oblique) for p in measurement.curve],
         "phase_spread": measurement.spread,
         "energy_gained": measurement.energy_gained,
         "law": None
@@ -73,6 +57,19 @@ def as_record(measurement: Measurement) -> dict[str, Any]:
         "causes": [dataclasses.asdict(c) for c in measurement.causes],
         "remedy": measurement.remedy,
         "notes": list(facts.notes),
+    }
+
+
+def _point(point: CurvePoint, is_oblique: bool) -> dict[str, Any]:
+    return {
+        "speed_m_per_s": point.speed,
+        "speed_in_m_per_s": point.speed_in,
+        "restitution": point.restitution,
+        "restitution_min": point.lowest,
+        "restitution_max": point.highest,
+        "samples": point.samples,
+        "failed": point.failed,
+        **(_along(point) if is_oblique else {}),
     }
 
 

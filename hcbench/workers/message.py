@@ -14,7 +14,7 @@ _PROTOCOL = 4  # the default of 3.11
 
 
 @dataclass(frozen=True, slots=True)
-class End:
+class CallEnd:
     """What a worker sends after the results of a request."""
 
     error: Exception | None

@@ -21,7 +21,7 @@ from weakref import WeakSet
 
 from hcbench.environments import ADD
 from hcbench.errors import CannotRun, EngineFailed, EngineMissing
-from hcbench.workers.message import End, pickled, portable
+from hcbench.workers.message import CallEnd, pickled, portable
 
 Result = TypeVar("Result")
 
@@ -173,7 +173,7 @@ class Worker:
         """Append what the worker sends to `results`, and return the error that ended it."""
         while self._pipe.poll(limit):
             answer = self._pipe.recv()
-            if isinstance(answer, End):
+            if isinstance(answer, CallEnd):
                 return answer.error
             results.append(answer)
         raise TimeoutError(f"no answer within {limit:g} s")
@@ -232,7 +232,7 @@ def serve(handle: int, environment: str = "") -> NoReturn:
     error: Exception | None = None
     with suppress(EOFError, OSError):  # the parent has gone
         while True:
-            pipe.send_bytes(pickled(End(error)))
+            pipe.send_bytes(pickled(CallEnd(error)))
             request = pipe.recv_bytes()
             try:
                 folder, function, args = pickle.loads(request)
