@@ -65,11 +65,11 @@ def _run(recipe: str, scene: str) -> tuple[Impact, ...] | str:
     """Impacts of LAUNCHES, or why there are none: a recipe refuses the scene, an engine is not there."""
     setting, case = setting_for(recipe, scene), load_scene(scene)
     engine = registry.engine(setting.engine)
-    if case.form not in registry.recipe(recipe).forms:
-        with pytest.raises(SettingError, match=case.form):
-            engine.run(case, setting, LAUNCHES)
-        return "refused for this form of scene, with the reason"
     try:
+        if case.form not in registry.recipe(recipe).forms:
+            with pytest.raises(SettingError, match=case.form):
+                engine.run(case, setting, LAUNCHES)
+            return "refused for this form of scene, with the reason"
         return tuple(engine.run(case, setting, LAUNCHES))
     except EngineMissing as error:
         return str(error)

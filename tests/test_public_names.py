@@ -50,15 +50,6 @@ SPEC = mujoco.MjSpec.from_string(
     """<mujoco><worldbody><geom name="plate" type="plane" size="1 1 1"/><body name="ball"><freejoint/>
     <geom name="ball" size=".1"/></body></worldbody></mujoco>"""
 )
-CLIENT = pybullet.connect(pybullet.DIRECT)
-BALL, PLATE = (
-    pybullet.createMultiBody(
-        mass,
-        pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=0.1, physicsClientId=CLIENT),
-        physicsClientId=CLIENT,
-    )
-    for mass in (1.0, 0.0)
-)
 SCENE = hcbench.load_scene("steel-plane")
 FIELDS = {name: getattr(SCENE, name) for name in inspect.signature(hcbench.Scene).parameters}
 STUDY: dict[str, Any] = {
@@ -105,10 +96,10 @@ RIGHT: dict[str, dict[str, Any]] = {
         "material2": STEEL,
     },
     "hcbench.contact.pybullet.command": {"law": LAW},
-    "hcbench.contact.pybullet.add": {"law": LAW, "first": BALL, "second": PLATE, "client": CLIENT},
-    "hcbench.contact.pybullet.force": {"number": 0, "client": CLIENT},
-    "hcbench.contact.pybullet.remove": {"number": 0, "client": CLIENT},
-    "hcbench.contact.pybullet.load": {"client": CLIENT},
+    "hcbench.contact.pybullet.add": {"law": LAW, "first": 0, "second": 1, "client": None},
+    "hcbench.contact.pybullet.force": {"number": 0, "client": None},
+    "hcbench.contact.pybullet.remove": {"number": 0, "client": None},
+    "hcbench.contact.pybullet.load": {"client": None},
 }
 # Records of results, which only hcbench makes; exceptions; and what is about a model or client of an engine.
 MADE_BY_HCBENCH = {"Impact", "Loop", "Measurement", "Results", "Score", "Status", "HcbenchError", "Launch"}
@@ -129,16 +120,28 @@ def resolve(name: str) -> Callable[..., Any]:
     return found
 
 
-def arguments(name: str) -> dict[str, Any]:
-    return {key: value.copy() if value is SPEC else value for key, value in RIGHT[name].items()}
+@pytest.fixture(scope="module")
+def client() -> Iterator[int]:
+    """A client of PyBullet with a ball, 0, and a plate, 1."""
+    number = pybullet.connect(pybullet.DIRECT)
+    for mass in (1.0, 0.0):
+        shape = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=0.1, physicsClientId=number)
+        pybullet.createMultiBody(mass, shape, physicsClientId=number)
+    yield number
+    pybullet.disconnect(number)
+
+
+def arguments(name: str, client: int) -> dict[str, Any]:
+    given = {key: value.copy() if value is SPEC else value for key, value in RIGHT[name].items()}
+    return given | ({"client": client} if "client" in given else {})
 
 
 @pytest.mark.parametrize(("name", "parameter"), list(calls()))
-def test_a_wrong_argument_is_an_error_of_ours_or_none(name: str, parameter: str) -> None:
+def test_a_wrong_argument_is_an_error_of_ours_or_none(name: str, parameter: str, client: int) -> None:
     """241 of 580 such calls raised TypeError, AttributeError and the like."""
     for value in WRONG:
         try:
-            resolve(name)(**{**arguments(name), parameter: value})
+            resolve(name)(**{**arguments(name, client), parameter: value})
         except HcbenchError as error:
             assert str(error).isprintable()
 
@@ -163,9 +166,11 @@ def test_a_wrong_argument_is_an_error_of_ours_or_none(name: str, parameter: str)
         ("hcbench.score", "mass", -1.0, "^(mass|impacts): "),
     ],
 )
-def test_the_error_names_the_argument(name: str, parameter: str, value: object, message: str) -> None:
+def test_the_error_names_the_argument(
+    name: str, parameter: str, value: object, message: str, client: int
+) -> None:
     with pytest.raises(HcbenchError, match=message):
-        resolve(name)(**{**arguments(name), parameter: value})
+        resolve(name)(**{**arguments(name, client), parameter: value})
 
 
 def test_every_public_name_of_the_package_is_tried_here() -> None:

@@ -20,7 +20,7 @@ def require_launch(launch: Launch, engine: str, oblique: bool) -> None:
     except (TypeError, AttributeError, OverflowError):
         finite = False
     if not finite:
-        raise SettingError("launch", f"{launch!r:.200}", "a Launch of finite numbers")
+        raise SettingError("launch", f"{launch!r:.200}", "finite numbers")
     if height < 0:
         raise SettingError("height", f"{height!r} m", "0 m or more over the plate")
     if launch.speed < 0 or (launch.speed == 0 and not launch.height):

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from hcbench.setting import Setting
     from hcbench.sim.engine import World
 
-_PLACES = 64  # a step of one world costs as much as of all
-
 
 class NewtonOptions(ScriptOptions):
     """A setting's options: none of them means SolverXPBD as it comes, which ignores restitutions.
@@ -45,7 +43,7 @@ class NewtonEngine(ScriptedEngine[NewtonOptions]):
     bits: ClassVar[int] = 32
     own_process: ClassVar[bool] = True
     limit: ClassVar[float] = 600.0  # Warp compiles its kernels when first used
-    together: ClassVar[int] = _PLACES
+    together: ClassVar[int] = 64  # a step of one world costs as much as of all
     table = NewtonOptions
 
     def lines(self, options: NewtonOptions, scene: Scene) -> str:
@@ -75,8 +73,10 @@ class NewtonEngine(ScriptedEngine[NewtonOptions]):
     def load(self, scene: Scene, setting: Setting, fastest: float) -> World:  # type: ignore[override]
         """The worlds of the script. Raises SettingError for a step too short for float32."""
         require_motion(scene, setting.timestep, fastest, self.bits)
-        script = self.script(scene, setting).replace("worlds = 1", f"worlds = {_PLACES}")
-        return ScriptedWorlds(scene, setting.timestep, _PLACES, script, self.reading(self.read(setting)))
+        script = self.script(scene, setting).replace("worlds = 1", f"worlds = {self.together}")
+        return ScriptedWorlds(
+            scene, setting.timestep, self.together, script, self.reading(self.read(setting))
+        )
 
 
 def _parts(options: NewtonOptions) -> tuple[str, str, str]:
@@ -96,10 +96,8 @@ def _parts(options: NewtonOptions) -> tuple[str, str, str]:
 _LINES = """\
 import numpy as np
 import warp as wp
-
 wp.config.quiet = True
 import newton
-
 worlds = 1
 {shape}
 ball, scene = (newton.ModelBuilder(gravity=(0.0, 0.0, -gravity)) for _ in range(2))
@@ -112,7 +110,6 @@ model = scene.finalize()
 {solver}
 collisions = newton.CollisionPipeline(model)
 contacts, control = collisions.contacts(), model.control()
-
 def place(height, velocity):
     global now, after
     now, after = model.state(), model.state()
@@ -121,7 +118,6 @@ def place(height, velocity):
     now.body_q.assign(q)
     now.body_qd.assign(qd)
     return state()
-
 def state():
     z, v = now.body_q.numpy()[:, 2].astype(float), now.body_qd.numpy()[:, 2].astype(float)
     return (z[0], v[0]) if worlds == 1 else (z, v)
@@ -141,7 +137,6 @@ def before_step():  # after clear_forces(); contacts are left out of the step
 """
 _EACH = """
 balls = model.shape_body.numpy() >= 0
-
 def before_step():  # the shapes' restitutions are averaged: the plane has none
     speed = gravity * timestep - now.body_qd.numpy()[:, 2]  # what XPBD turns around
     restitution = np.zeros(len(balls), np.float32)

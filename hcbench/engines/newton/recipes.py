@@ -1,7 +1,5 @@
 """Settings of Newton in closed form, the preferred ones of each role first."""
 
-from __future__ import annotations
-
 import math
 from functools import partial
 from typing import Any

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from hcbench.errors import SceneError
+from hcbench.errors import SceneError, SettingError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,8 +31,10 @@ WRITE = """with open("ball.urdf", "w") as file:
 
 
 def ball_urdf(scene: Scene, links: Sequence[LinkOptions]) -> str:
-    """Of a scene's ball. SceneError where a link starts deeper than the ball is large."""
+    """Of a scene's ball. SettingError in a cup, SceneError for a link deeper than the ball is large."""
     radius = scene.relative_radius
+    if scene.form != "plane":
+        raise SettingError("pybullet option 'links'", f"in the form {scene.form!r}", "the form 'plane'")
     if (deepest := max(link.onset for link in links)) >= radius:
         got = f"a ball of {radius:g} m, which the contact is to enter by {deepest:.2g} m"
         raise SceneError(f"scene {scene.name!r}", got, "a larger ball, or a shorter step")

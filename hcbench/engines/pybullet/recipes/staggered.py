@@ -55,5 +55,6 @@ STAGGERED = Recipe(
     kinds=("law",),
     instead="`spring-damper` or `restitution`",
     forms=("plane",),
+    within=1.6e-3,  # of e at 1e-6 s
     steps_min=FEWEST_STEPS,
 )
