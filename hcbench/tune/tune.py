@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 MAX_ERROR = 0.05  # of e: what "auto" asks of a setting
 _SAME_LOOP = 0.05  # rms of the force over its largest: below it the loop counts as the law's
 _DEEP = 0.02  # of the radius: a deeper contact is called soft
-_CLEARLY = 0.5  # of a constant e's error: what a setting with more to it must stay below
+_CLEARLY = 0.8  # of a constant e's error: what a setting with more to it must stay below
 _BETTER = 0.9  # of the best constant's error: what an e that falls with speed should be below
 
 
@@ -167,7 +167,7 @@ def _advice(
     if evaluation.failed:
         yield f"{evaluation.failed} impacts gave no restitution: {evaluation.reason}"
     if not evaluation.max_error < _BETTER * evaluation.constant_error and evaluation.constant_error > 0:
-        better = _better(target, scene, recipes)
+        better = _better(target, scene, recipes) if recipe.native else ""
         yield f"no better than the best constant e = {evaluation.constant:.6g}{better}"
     if depth > _DEEP * radius:
         share = f"{100 * depth / radius:.2g} % of the radius"
