@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from hcbench.errors import UserError
+from hcbench.impact import Launch
+from hcbench.laws.force import HuntCrossley
 from hcbench.measure import measure
+from hcbench.scene import load_scene
+from hcbench.sim import registry
+from hcbench.tune.target import Target
 from hcbench.workers import call
 
 pytest.importorskip("pybullet")
@@ -57,12 +62,29 @@ def test_an_ordinary_script_is_measured_and_its_causes_are_tried(script: Path, f
     assert all(np.isfinite(c.alone) for c in found.causes)
 
 
+def test_a_script_has_the_first_client_to_itself_after_worlds_of_ours(script: Path) -> None:
+    """In one worker process: a scene's world, the script, and a scene's world again."""
+    target = Target(HuntCrossley(3.4e10, 0.3), 0.45, 1e-3, 0.1, 0.5)
+    setting, scene = registry.recipe("pybullet.restitution")(target), load_scene("steel-plane")
+
+    def e_of_scene() -> float:
+        return registry.engine("pybullet").run(scene, setting, [Launch(0.3)])[0].restitution
+
+    before = e_of_scene()
+    found = measure(f"{script}:plain", "body:2,body:0", speeds=[0.5], phases=1, diagnose=False)
+    assert found.curve[0].samples
+    assert e_of_scene() == before
+
+
 def arm_by_hand(script: str, qpos: list[float], rates: list[float], speed: float, phase: float) -> float:
     """e of the arm's tip on the plane: the loop that a user writes, over the tip's own velocity."""
     import runpy
 
     import pybullet as p
 
+    from hcbench.engines.pybullet.backend import end_client
+
+    end_client()  # the script's is the first
     runpy.run_path(script)["plain"]()
     for joint, (q, rate) in enumerate(zip(qpos, rates, strict=True)):
         p.resetJointState(1, joint, q - rate * (2 + phase) / 240 * speed, rate * speed)

@@ -165,16 +165,14 @@ def test_the_path_of_pybullets_plug_in_is_printed(capsys: pytest.CaptureFixture[
 
 def _run_beside_another_client() -> float:
     """The error of e in a client that is not the process's first; in the worker."""
-    from hcbench.engines.pybullet import world
-    from hcbench.engines.pybullet.backend import BulletClient
+    from hcbench.engines.pybullet.backend import BulletClient, client, end_client
 
     other = BulletClient.direct()
-    world.client.cache_clear()
+    client.cache_clear()
     try:
         return verdict("pybullet.restitution-law", 0.008, 1e-3).max_error
     finally:
-        world.client().disconnect()
-        world.client.cache_clear()
+        end_client()
         other.disconnect()
 
 

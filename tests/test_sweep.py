@@ -151,7 +151,7 @@ def test_pandas_reads_the_folder(undisturbed: dict[str, Path]) -> None:
     assert list(table) == list(ran)
     key = ["engine", "setting", "alpha_s_per_m", "timestep_s", "speed_m_per_s", "phase"]
     one, other = (t.astype({"engine": str, "setting": str}).sort_values(key) for t in (table, ran))
-    assert np.array_equal(one["restitution"], other["restitution"])
+    assert np.allclose(one["restitution"], other["restitution"], rtol=1e-9, atol=0.0), "in ten digits"
     assert len(one) == 2 * 4 * 12 * 4 + 2 * 2 * 4 == len(other), (
         "both α, 12 speeds with the kept ones, 4 phases"
     )
@@ -166,7 +166,7 @@ def test_the_summary_has_a_line_for_each_setting(undisturbed: dict[str, Path]) -
     for name in ("impacts", "parted", "rested", "failed"):
         assert summary[name].tolist() == scores[name].tolist()
     for name in ("max_error_law", "rms_error_law", "max_error_linear"):
-        assert summary[name].to_numpy() == pytest.approx(scores[name].to_numpy(), rel=1e-12, abs=1e-15)
+        assert summary[name].to_numpy() == pytest.approx(scores[name].to_numpy(), rel=1e-9, abs=2e-10)
 
 
 @pytest.mark.parametrize("jobs", [1, 3])

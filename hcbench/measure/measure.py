@@ -198,6 +198,8 @@ def source_of(job: Job) -> tuple[Engine, Any, Callable[[], Any] | None]:
     source, rebuild = job.source, None
     if isinstance(source, str) and (match := _PYTHON.fullmatch(source)):
         rebuild = partial(_call_python, match["file"], match["function"])
+        for engine in _openers():
+            engine.make_room()
         source = rebuild()
     return _engine_for(source, job.engine), source, rebuild
 

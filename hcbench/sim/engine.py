@@ -192,12 +192,10 @@ class Engine(ABC):
         """Whether `source`, a path, several or an object, is a model that `open` takes."""
         return isinstance(source, str | Path) and Path(source).suffix.lower() in self.suffixes
 
-    def open(
-        self,
-        source: Any,
-        request: Request,
-        rebuild: Callable[[], Any] | None = None,
-    ) -> ModelUnderTest:
+    def make_room(self) -> None:  # noqa: B027 - most engines keep nothing
+        """Let go of what this process keeps for the engine, before code of the user's runs in it."""
+
+    def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> ModelUnderTest:
         """A user's own model. rebuild: makes `source` anew, where a function of the user's made it.
 
         Raises UserError with the reason where the pair cannot be measured.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import chdir, contextmanager
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -82,3 +82,16 @@ def is_connected() -> bool:
     """Whether this process has imported pybullet and has a client that calls without one mean."""
     pybullet = sys.modules.get("pybullet")
     return pybullet is not None and bool(pybullet.isConnected())
+
+
+@cache
+def client() -> BulletClient:
+    """One client for the life of this process, or until `end_client`."""
+    return BulletClient.direct()
+
+
+def end_client() -> None:
+    """Disconnect it, where there is one."""
+    if client.cache_info().currsize:
+        client().disconnect()
+        client.cache_clear()

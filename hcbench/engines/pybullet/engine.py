@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from hcbench.engines.pybullet import snippet
-from hcbench.engines.pybullet.backend import BACKEND, is_connected
+from hcbench.engines.pybullet.backend import BACKEND, end_client, is_connected
 from hcbench.engines.pybullet.options import read_options
 from hcbench.engines.pybullet.user_model import LiveWorld
 from hcbench.engines.pybullet.world import PybulletWorld
@@ -83,6 +83,10 @@ class PybulletEngine(SteppedEngine):
         if source is None:  # an ordinary script, whose function returns nothing
             return is_connected()
         return super().accepts(source) or isinstance(source, int | LiveWorld) or hasattr(source, "_client")
+
+    def make_room(self) -> None:
+        """End our client: a script that names none means the first, which must be its own."""
+        end_client()
 
     def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> PybulletModel:
         """A world from files, from a `World`, or from a client."""

@@ -13,14 +13,13 @@ from __future__ import annotations
 
 import math
 import tempfile
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hcbench.engines.pybullet import plugin
-from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient, translated_errors
+from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient, client, translated_errors
 from hcbench.engines.pybullet.model_file import check_ball, check_plate
 from hcbench.engines.pybullet.record import (
     force_from_momentum,
@@ -247,12 +246,6 @@ def _make_ready(bullet: BulletClient, scene: Scene, options: PybulletOptions, ba
     friction = {"lateralFriction": scene.friction} if scene.friction else {}
     for link in range(-1, max(0, len(options.links) - 1)):
         bullet.changeDynamics(ball, link, **{**friction, **options.ball})
-
-
-@cache
-def client() -> BulletClient:
-    """One client for the life of this process."""
-    return BulletClient.direct()
 
 
 def _urdf(scene: Scene, role: str) -> Path:
