@@ -116,10 +116,12 @@ def placed(script: str) -> tuple[list[float], list[float]]:
     """Joint positions at touch and rates for an approach at 1 m/s, as hcbench has them."""
     import runpy
 
+    from hcbench.engines.pybullet.backend import end_client
     from hcbench.engines.pybullet.model_under_test import open_world
     from hcbench.engines.pybullet.place import SwingingLink
     from hcbench.measure.request import make_request
 
+    end_client()
     make = runpy.run_path(script)["plain"]
     make()
     with open_world(None, make_request(TIP, [0.5]), make) as world:
