@@ -204,7 +204,6 @@ def score(impacts: Sequence[Impact], law: HuntCrossley, mass: float) -> Score:
     e = np.array([i.restitution for i in good])
     nominal = np.array([i.launch.speed for i in impacts])
     constant, constant_error = best_constant(law.alpha, nominal)
-    linear_ends = 1 - law.alpha * np.array([nominal.min(), nominal.max()])
     off_law, off_linear = e - closed_form.restitution(law.alpha, speed_in), e - (1 - law.alpha * speed_in)
     loss = 0.5 * mass * speed_in**2 * (1 - e**2)
     law_loss = np.asarray(closed_form.energy_loss(law, mass, speed_in))
@@ -224,7 +223,7 @@ def score(impacts: Sequence[Impact], law: HuntCrossley, mass: float) -> Score:
         rms_error_linear=_rms(off_linear),
         constant_restitution=constant,
         constant_error_law=constant_error,
-        constant_error_linear=float(abs(linear_ends[0] - linear_ends[1]) / 2),
+        constant_error_linear=float(law.alpha * np.ptp(nominal) / 2),
         # Phases of a fall change the speed too: what e, or its error, does not owe to that.
         phase_spread=min(phase_spread(good), phase_spread(good, off_law)),
         alpha_fit=alpha_fit,

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from hcbench._text import shortest
 from hcbench.errors import SettingError
+from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
 from hcbench.sim import registry
 from hcbench.sim.engine import Record, Simulation, SteppedEngine, World
@@ -37,6 +39,19 @@ def require_motion(scene: Scene, timestep: float, fastest: float, bits: int) -> 
         got = f"{timestep:g} s in float{bits}: at {fastest:.3g} m/s the ball moves {fastest * timestep:.1g} m"
         expected = f"{_FEWEST * place:.1g} m or more, as positions have steps of {place:.1g} m"
         raise SettingError("timestep", got, expected, f"Use {_FEWEST * place / fastest:.1g} s or more")
+
+
+def law_text(law: PythonLaw | None, force: str, each: str) -> str:
+    """A law's numbers in an engine's own lines; "" for none.
+
+    force: lines with {k}, {n} and {a}, of eq. (16). each: with two gaps, for α and the reading of e(v).
+    """
+    if law is None:
+        return ""
+    if isinstance(law, HuntCrossley):
+        k, n, a = map(shortest, (law.stiffness, law.exponent, 1.5 * law.alpha))
+        return force.format(k=k, n=n, a=a)
+    return each.format(shortest(law.alpha), law.reading)
 
 
 def reading_of(law: PythonLaw | None, exact_flight: bool) -> SpeedReading:

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from hcbench._text import shortest
 from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim.backend import Backend
-from hcbench.sim.batched import BatchWorld, BorrowedScenes, reading_of, require_motion
+from hcbench.sim.batched import BatchWorld, BorrowedScenes, law_text, reading_of, require_motion
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -154,12 +153,7 @@ def _compiled(step_text: str, radius: float, bits: int) -> tuple[Any, Any]:
 
 def _step_text(law: PythonLaw | None) -> str:
     """The step of one world with a law in it, for jit and vmap; "" for none."""
-    if law is None:
-        return ""
-    if isinstance(law, HuntCrossley):
-        k, n, a = map(shortest, (law.stiffness, law.exponent, 1.5 * law.alpha))
-        return _FORCE.format(k=k, n=n, a=a)
-    return _EACH.format(shortest(law.alpha), law.reading)
+    return law_text(law, _FORCE, _EACH)
 
 
 _FORCE = """\

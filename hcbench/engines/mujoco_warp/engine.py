@@ -17,11 +17,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from hcbench._text import shortest
 from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim.backend import Backend
-from hcbench.sim.batched import BatchWorld, BorrowedScenes, reading_of, require_motion, run_lines
+from hcbench.sim.batched import BatchWorld, BorrowedScenes, law_text, reading_of, require_motion, run_lines
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -143,12 +142,7 @@ class WarpWorld(BatchWorld):
 
 def _law_lines(law: PythonLaw | None) -> str:
     """What puts a law into a model; "" for none."""
-    if law is None:
-        return ""
-    if isinstance(law, HuntCrossley):
-        k, n, a = map(shortest, (law.stiffness, law.exponent, 1.5 * law.alpha))
-        return _FORCE.format(k=k, n=n, a=a)
-    return _EACH.format(shortest(law.alpha), law.reading)
+    return law_text(law, _FORCE, _EACH)
 
 
 _FORCE = """\
