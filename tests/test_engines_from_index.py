@@ -22,7 +22,6 @@ LAW = HuntCrossley(SCENE.stiffness, 0.315, SCENE.exponent)
 TARGET = Target(LAW, SCENE.mass, 1e-3, 0.1, 0.5, gravity=0.0)
 
 if FOLDER:
-    os.environ["HCBENCH_DATA"] = FOLDER
     for _name in install.names():
         if not registry.version_beside(_name):  # else it is one of `make test`
             _title = f"Test{_name.title()}"

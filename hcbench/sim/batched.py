@@ -17,16 +17,18 @@ from hcbench.sim import registry
 from hcbench.sim.engine import Record, Simulation, SteppedEngine, World
 from hcbench.sim.momentum import momentum_force
 from hcbench.sim.read_impact import SpeedReading
-from hcbench.sim.scripted import PythonLaw, python_law_of
+from hcbench.sim.scripted import Options, PythonLaw, ScriptedEngine, python_law_of
+from hcbench.tune.search import map_result
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from hcbench.impact import Floats, Launch
     from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.sim.engine import Flags
     from hcbench.tune.recipe import Recipe
+    from hcbench.tune.target import Target
 
 _MOST_STEPS = 64  # between two looks
 _FEWEST = 4.0  # units in the last place of the position that a step at the highest speed must move it by
@@ -111,6 +113,23 @@ class ScriptedWorlds(BatchWorld):
         return np.array([self._names["step"]() for _ in range(min(steps, _MOST_STEPS))])
 
 
+class ScriptedWorldsEngine(ScriptedEngine[Options]):
+    """An engine whose script, of one world, is run with `together` of them: float32, in its own process."""
+
+    bits: ClassVar[int] = 32
+    own_process: ClassVar[bool] = True
+    limit: ClassVar[float] = 600.0  # kernels are compiled when first used
+    together: ClassVar[int] = 64  # a step of one world costs as much as of all
+
+    def load(self, scene: Scene, setting: Setting, fastest: float) -> World:  # type: ignore[override]
+        """The worlds of the script. Raises SettingError for a step too short for float32."""
+        require_motion(scene, setting.timestep, fastest, self.bits)
+        script = self.script(scene, setting).replace("worlds = 1", f"worlds = {self.together}")
+        return ScriptedWorlds(
+            scene, setting.timestep, self.together, script, self.reading(self.read(setting))
+        )
+
+
 class BatchSimulation(Simulation):
     """Balls under way; state: heights and velocities upwards, shape (2, places)."""
 
@@ -170,6 +189,21 @@ def borrowed(engine: str, lender: str, changes: Mapping[str, Mapping[str, Any]])
         replace(registry.recipe(f"{lender}.{name}"), engine=engine, **{"forms": ("plane",), **change})
         for name, change in changes.items()
     )
+
+
+def changed(
+    recipe: str, change: Callable[[Mapping[str, Any]], Mapping[str, Any]], **more: Any
+) -> Callable[..., Mapping[str, Any]]:
+    """A recipe's function with its options changed, in what an interrupted search hands out too.
+
+    more: what else the function is told.
+    """
+
+    def function(target: Target, integrator: str = "Euler") -> Mapping[str, Any]:
+        with map_result(change):
+            return change(registry.recipe(recipe).function(target, integrator, **more))
+
+    return function
 
 
 def run_lines(lines: str, names: dict[str, Any]) -> dict[str, Any]:

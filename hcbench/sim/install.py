@@ -75,14 +75,18 @@ def _requirements(name: str, backend: Backend, version: str) -> list[str]:
     """What an environment of an engine needs: its package in a version ("": any), and what goes with it."""
     adapter = registry.entry_point(name).dist
     lines, own = list(worker_requirements()), adapter is not None and adapter.name == "hcbench"
+    asked = backend.package  # with the extras of its own that it goes with
     for line in (adapter.requires or ()) if adapter else ():
         needed, _, marker = line.partition(";")
         marker, extra = re.subn(rf"(and\s+)?extra\s*==\s*['\"]{name}['\"]", "", marker)
         package = re.split(r"[^\w.-]", needed.strip(), maxsplit=1)[0]
-        if package in (backend.package, "hcbench") or not (extra or not (own or "extra" in marker)):
+        if package == "hcbench" or not (extra or not (own or "extra" in marker)):
+            continue
+        if package == backend.package:
+            asked = re.split(r"[^\w.\[\],-]", needed.strip(), maxsplit=1)[0]
             continue
         lines.append("; ".join(part for part in (needed.strip(), marker.strip()) if part))
-    return [*lines, f"{backend.package}=={version}" if version else f"{backend.package}>={backend.oldest}"]
+    return [*lines, f"{asked}=={version}" if version else f"{asked}>={backend.oldest}"]
 
 
 def _try(made: Environment) -> None:

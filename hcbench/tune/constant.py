@@ -74,3 +74,24 @@ def spring_damper(restitution: float, duration: float, instead: str) -> tuple[fl
     psi = math.asin(damping_ratio_for(restitution, Ending.FORCE))
     omega = (math.pi - 2 * psi) / duration
     return omega * math.tan(psi), omega
+
+
+def one_way_spring_damper(target: Target, duration: float, instead: str) -> tuple[float, float]:
+    """k, N/m, and c, N s/m, of F = k x + c x' on the way in and k x on the way out, for the best constant e.
+
+    e = exp(-ζ/√(1-ζ²) acos ζ), ζ = c/(2 √(k m)), and it lasts (acos ζ/√(1-ζ²) + π/2)/ω, ω² = k/m: the way in
+    is a damped oscillator's from touch to its first standstill. SettingError for e below e^-1.
+    """
+    from scipy.optimize import brentq  # slow to import
+
+    e, _ = minimax_constant(target)
+
+    def way_in(zeta: float) -> float:
+        return math.acos(zeta) / math.sqrt(1.0 - zeta**2)
+
+    if not math.exp(-0.99) < e <= 1.0:
+        raise SettingError("restitution", f"{e:.4g}", "e within 0.372 ... 1", f"Use `{instead}`")
+    zeta = float(brentq(lambda z: z * way_in(z) + math.log(e), 0.0, 1.0 - 1e-9, xtol=1e-15))
+    omega = (way_in(zeta) + math.pi / 2) / duration
+    k = target.mass * omega**2
+    return k, 2.0 * zeta * math.sqrt(k * target.mass)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from hcbench.engines.mjx.engine import IMPEDANCE
-from hcbench.sim import registry
-from hcbench.sim.batched import borrowed
+from hcbench.sim.batched import borrowed, changed
 from hcbench.tune.law_recipes import python_law_recipes
 from hcbench.tune.recipe import Integrators
-from hcbench.tune.target import Target
 
 _STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MJX does not have it")
 _SCATTER = 4e-3  # of e: a float32 position at R has steps of 4 nm, and 1e-5 s moves it by 250 and more
@@ -17,9 +16,8 @@ _FLOAT = "float32: e scatters by .004 at 1e-5 s and 1e-6 s; put the contact near
 _PUSHES = "`two-pair` and `staggered` are refused: MJX drops a pair's adhesion without a word."
 
 
-def impulse(target: Target, integrator: str = "Euler") -> dict[str, Any]:
-    """MuJoCo's, with an impedance whose rest float32 can tell."""
-    options = registry.recipe("mujoco.impulse").function(target, integrator)
+def _coarser(options: Mapping[str, Any]) -> dict[str, Any]:
+    """With an impedance whose rest float32 can tell."""
     rows = [{**row, "solimp": [IMPEDANCE, IMPEDANCE, *row["solimp"][2:]]} for row in options["rows"]]
     return {**options, "rows": rows}
 
@@ -30,7 +28,7 @@ _NATIVE = borrowed(
     {
         "stock": {"notes": (_FLOAT,)},
         "impulse": {
-            "function": impulse,
+            "function": changed("mujoco.impulse", _coarser),
             "notes": (
                 "solimp .9, not .9999: of 1 - d float32 keeps too little, and e is off by .0024.",
                 "Under gravity its step carries .9 of the weight only: e is off by .1 g h / v more.",

@@ -2,63 +2,68 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from hcbench._text import shortest
 from hcbench.errors import SettingError
-from hcbench.fields import Finite
+from hcbench.fields import Finite, OptionTable
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
+from hcbench.scene import Scene
 from hcbench.sim.backend import Backend
-from hcbench.sim.batched import ScriptedWorlds, require_motion
+from hcbench.sim.batched import ScriptedWorldsEngine
 from hcbench.sim.read_impact import SpeedReading
-from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
+from hcbench.sim.scripted import ScriptOptions
 
-if TYPE_CHECKING:
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
-    from hcbench.sim.engine import World
+
+class PushingRow(OptionTable):
+    """A contact of SolverMuJoCo, as MuJoCo's settings have them."""
+
+    solref: tuple[Finite, Finite]
+    solimp: tuple[Finite, Finite, Finite, Finite, Annotated[Finite, Field(le=100.0)]] = Field(
+        description="5 numbers, the power 100 at most: higher ones underflow in float32"
+    )
+    onset: Finite = 0.0
+    adhesion: Literal[0] = Field(0, description="0 N: Newton's pairs cannot pull; `staggered-push` does not")
 
 
 class NewtonOptions(ScriptOptions):
-    """A setting's options: none of them means SolverXPBD as it comes, which ignores restitutions.
+    """A setting's options: none of them means SolverXPBD as it comes.
 
-    restitution: of both shapes, for XPBD. ke (N/m), kd (N s/m): of both, SemiImplicit's.
+    restitution: of both shapes, for XPBD. ke (N/m), kd (N s/m): of both, SemiImplicit's; MuJoCo makes a
+    solref of them, per unit mass. rows: MuJoCo's contacts, in place of that of the shapes.
     """
 
-    solver: Literal["XPBD", "SemiImplicit"] = "XPBD"
+    solver: Literal["XPBD", "SemiImplicit", "MuJoCo"] = "XPBD"
     restitution: Annotated[Finite | None, Field(ge=0.0, le=1.0)] = None
     ke: Annotated[Finite | None, Field(gt=0.0)] = None
     kd: Annotated[Finite | None, Field(ge=0.0)] = None
+    rows: tuple[PushingRow, ...] = ()
 
 
-class NewtonEngine(ScriptedEngine[NewtonOptions]):
+class NewtonEngine(ScriptedWorldsEngine[NewtonOptions]):
     """Newton 1.8."""
 
     name: ClassVar[str] = "newton"
     title: ClassVar[str] = "Newton"
     backend: ClassVar[Backend] = Backend("newton", "newton", "1.8", "1.8")
-    bits: ClassVar[int] = 32
-    own_process: ClassVar[bool] = True
-    limit: ClassVar[float] = 600.0  # Warp compiles its kernels when first used
-    together: ClassVar[int] = 64  # a step of one world costs as much as of all
     table = NewtonOptions
 
     def lines(self, options: NewtonOptions, scene: Scene) -> str:
         """Shapes, worlds, solver, and what it does before a step."""
-        if isinstance(options.law, Restitution) and options.solver != "XPBD":
-            raise SettingError("newton option 'solver'", "'SemiImplicit' with an e", "'XPBD', which has one")
-        shape, solver, hook = _parts(options)
-        force = isinstance(options.law, HuntCrossley)
+        shape, contact, solver, hook = _parts(options)
+        mujoco = "SolverMuJoCo(" in solver
         return _LINES.format(
             shape=shape,
+            contact=contact or _SHAPES,
             solver=solver,
+            contacts="None" if mujoco or hook == _FORCE else "collisions.contacts()",
+            kind="joint" if mujoco else "body",
+            reset="\n    solver.reset(now)  # else it starts from the last accelerations" if mujoco else "",
             hook=hook,
             call="\n    before_step()" if hook else "",
-            collide="" if force else "\n    collisions.collide(now, contacts)",
-            contacts="None" if force else "contacts",
         )
 
     def paste(self, options: NewtonOptions, timestep: str) -> str:
@@ -67,30 +72,25 @@ class NewtonEngine(ScriptedEngine[NewtonOptions]):
 
     def reading(self, options: NewtonOptions) -> SpeedReading:
         """XPBD turns around v + g h."""
-        smooth = options.solver == "SemiImplicit" or isinstance(options.law, HuntCrossley)
+        smooth = options.solver != "XPBD" or isinstance(options.law, HuntCrossley)
         return SpeedReading.TOUCH_PLANE if smooth else SpeedReading.STEP_END
 
-    def load(self, scene: Scene, setting: Setting, fastest: float) -> World:  # type: ignore[override]
-        """The worlds of the script. Raises SettingError for a step too short for float32."""
-        require_motion(scene, setting.timestep, fastest, self.bits)
-        script = self.script(scene, setting).replace("worlds = 1", f"worlds = {self.together}")
-        return ScriptedWorlds(
-            scene, setting.timestep, self.together, script, self.reading(self.read(setting))
-        )
 
-
-def _parts(options: NewtonOptions) -> tuple[str, str, str]:
-    """Shapes, solver, and the law's function."""
+def _parts(options: NewtonOptions) -> tuple[str, str, str, str]:
+    """Shapes, contact pairs, solver, and the law's function."""
     given = options.model_dump(include={"restitution", "ke", "kd"}, exclude_none=True)
-    shape = ", ".join(["mu=0.0", "density=0.0", *(f"{k}={shortest(v)}" for k, v in given.items())])
     bounces = options.restitution is not None or isinstance(options.law, Restitution)
-    more = ", enable_restitution=True" if bounces else ""
-    hook = "" if options.law is None else _FORCE if isinstance(options.law, HuntCrossley) else _EACH
-    return (
-        f"shape = newton.ModelBuilder.ShapeConfig({shape})  # of both",
-        f"solver = newton.solvers.Solver{'SemiImplicit' if hook == _FORCE else options.solver}(model{more})",
-        hook,
-    )
+    solver = "SemiImplicit" if isinstance(options.law, HuntCrossley) else options.solver
+    for what, has, only in (("an e", bounces, "XPBD"), ("rows", options.rows, "MuJoCo")):
+        if has and solver != only:
+            raise SettingError("newton option 'solver'", f"{solver!r} with {what}", f"{only!r}")
+    mu = {} if solver == "MuJoCo" else {"mu": 0.0}  # with a mu of 0 that one's states are NaN
+    shape = ", ".join(f"{k}={shortest(v)}" for k, v in (mu | {"density": 0.0} | given).items())
+    rows = [", ".join(map(shortest, (*row.solref, *row.solimp, row.onset))) for row in options.rows]
+    pairs = _PAIRS.format("".join(f"\n    ({row})," for row in rows)) if rows else ""
+    more, hook = (", enable_restitution=True", _EACH) if bounces else ("", _FORCE)
+    head = f"shape = newton.ModelBuilder.ShapeConfig({shape})  # of both"
+    return head, pairs, f"solver = newton.solvers.Solver{solver}(model{more})", hook if options.law else ""
 
 
 _LINES = """\
@@ -103,31 +103,43 @@ worlds = 1
 ball, scene = (newton.ModelBuilder(gravity=(0.0, 0.0, -gravity)) for _ in range(2))
 turning = wp.mat33(inertia, 0, 0, 0, inertia, 0, 0, 0, inertia)
 body = ball.add_body(xform=wp.transform((0.0, 0.0, R), wp.quat_identity()), mass=m, inertia=turning)
-ball.add_shape_sphere(body, radius=R, cfg=shape)
-scene.add_ground_plane(cfg=shape)
+{contact}
 scene.replicate(ball, worlds)
 model = scene.finalize()
 {solver}
 collisions = newton.CollisionPipeline(model)
-contacts, control = collisions.contacts(), model.control()
+contacts, control = {contacts}, model.control()  # None: not by these contacts
 def place(height, velocity):
     global now, after
-    now, after = model.state(), model.state()
-    q, qd = now.body_q.numpy(), now.body_qd.numpy()
-    q[:, 2], qd[:, 2] = height, velocity  # of qd the first three are linear
-    now.body_q.assign(q)
-    now.body_qd.assign(qd)
+    now, after = model.state(), model.state(){reset}
+    q, qd = now.{kind}_q.numpy(), now.{kind}_qd.numpy()
+    q.reshape(-1, 7)[:, 2], qd.reshape(-1, 6)[:, 2] = height, velocity  # of qd the first three are linear
+    now.{kind}_q.assign(q)
+    now.{kind}_qd.assign(qd)
     return state()
 def state():
-    z, v = now.body_q.numpy()[:, 2].astype(float), now.body_qd.numpy()[:, 2].astype(float)
+    q, qd = now.{kind}_q.numpy().reshape(-1, 7), now.{kind}_qd.numpy().reshape(-1, 6)
+    z, v = q[:, 2].astype(float), qd[:, 2].astype(float)
     return (z[0], v[0]) if worlds == 1 else (z, v)
 {hook}
 def step():
     global now, after
-    now.clear_forces(){call}{collide}
-    solver.step(now, after, control, {contacts}, timestep)
+    now.clear_forces(){call}
+    if contacts is not None:
+        collisions.collide(now, contacts)
+    solver.step(now, after, control, contacts, timestep)
     now, after = after, now
     return state()"""
+_SHAPES = """\
+ball.add_shape_sphere(body, radius=R, cfg=shape)
+scene.add_ground_plane(cfg=shape)"""
+_PAIRS = """\
+plane = ball.add_ground_plane(cfg=shape)  # in each world, as a pair's shapes are of one
+for row in (  # solref, solimp, depth from which it acts; a sphere each: of pairs of the same two one acts{}
+):
+    sphere = ball.add_shape_sphere(body, radius=R, cfg=shape)
+    values = dict(condim=1, solref=row[:2], solimp=row[2:7], margin=-row[7])
+    newton.solvers.mujoco.add_contact_pair(ball, sphere, plane, **values)"""
 _FORCE = """
 def before_step():  # after clear_forces(); contacts are left out of the step
     z, v = np.atleast_1d(*state())

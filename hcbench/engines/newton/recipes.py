@@ -1,83 +1,64 @@
 """Settings of Newton in closed form, the preferred ones of each role first."""
 
-import math
-from functools import partial
+from collections.abc import Mapping
 from typing import Any
 
-from hcbench.errors import SettingError
-from hcbench.tune.constant import contact_time, minimax_constant
+from hcbench.sim.batched import borrowed, changed
+from hcbench.tune.constant import contact_time, minimax_constant, one_way_spring_damper
 from hcbench.tune.law_recipes import python_law_recipes
-from hcbench.tune.recipe import Recipe, Role, stock
+from hcbench.tune.recipe import Role, on_a_plane, stock
 from hcbench.tune.target import Target
 
-_WITHIN, _SCATTER = 1e-6, 6e-3  # of e by float32: in one step, and in contacts of many
+_SCATTER = 6e-3  # of e by float32, in contacts of many steps
 _STEPS = 40.0  # of a contact at least: its damper is stepped explicitly
 
 
-def restitution(target: Target) -> dict[str, Any]:
-    """XPBD's own restitution: the best constant e of the band."""
+def best_constant(target: Target) -> dict[str, Any]:
+    """XPBD's own restitution."""
     return {"restitution": minimax_constant(target)[0]}
 
 
 def spring_damper(target: Target) -> dict[str, Any]:
-    """F = ke x + kd x' going in, ke x coming out: e = exp(-ζ/√(1-ζ²) acos ζ), ζ = kd/(2 √(ke m)).
-
-    With the law's contact time mid-band, (acos ζ/√(1-ζ²) + π/2)/ω, ω² = ke/m. SettingError for e below e^-1.
-    """
-    from scipy.optimize import brentq
-
-    e, _ = minimax_constant(target)
-
-    def way_in(zeta: float) -> float:
-        return math.acos(zeta) / math.sqrt(1.0 - zeta**2)
-
-    if not math.exp(-0.99) < e <= 1.0:
-        raise SettingError("restitution", f"{e:.4g}", "e within 0.372 ... 1", "Use `restitution`")
-    zeta = float(brentq(lambda z: z * way_in(z) + math.log(e), 0.0, 1.0 - 1e-9, xtol=1e-15))
-    omega = (way_in(zeta) + math.pi / 2) / contact_time(target, _STEPS)
-    ke = target.mass * omega**2
-    return {"solver": "SemiImplicit", "ke": ke, "kd": 2.0 * zeta * math.sqrt(ke * target.mass)}
+    """F = ke x + kd x' going in, ke x coming out, with the law's contact time mid-band."""
+    ke, kd = one_way_spring_damper(target, contact_time(target, _STEPS), "restitution")
+    return {"solver": "SemiImplicit", "ke": ke, "kd": kd}
 
 
-_ON_A_PLANE = partial(Recipe, "newton", forms=("plane",))
+def _without_friction(options: Mapping[str, Any]) -> dict[str, Any]:
+    rows = [{word: row[word] for word in row if "friction" not in word} for row in options["rows"]]
+    return {"solver": "MuJoCo", "rows": rows}
+
+
+_PAIRS = "SolverMuJoCo needs newton[sim]. Each row has a sphere and a pair of its own; pairs cannot pull."
+_LENT = (
+    ("impulse", 1e-6, "D = (1 + e)/h is of this step only. Under gravity e scatters by (1 + e) g h / v."),
+    ("compliant", 1e-2, "For this step and gravity, where e scatters less than that of `impulse`."),
+    ("staggered-push", 4e-3, "float32: e to .002 at 1e-5 s; softened, to 4e-4 at 1e-4 s and 1e-3 s."),
+)
 _NATIVE = (
-    stock(
-        "newton",
-        "Newton as it comes: SolverXPBD ignores every restitution, e of .01 to .03.",
-        forms=("plane",),
+    stock("newton", "Newton as it comes: SolverXPBD ignores restitutions: e of .03.", forms=("plane",)),
+    on_a_plane("newton", "stock-mujoco", Role.STOCK, lambda target: {"solver": "MuJoCo"})(
+        "SolverMuJoCo as it comes: critically damped, e about 0.13, and restitutions are ignored.",
+        "ke and kd become a solref: time constant 2/kd, damping ratio kd/(2 sqrt(ke)), per unit mass.",
+        "Never give both shapes a mu of 0: unlike MuJoCo's, its states turn to NaN.",
     ),
-    _ON_A_PLANE(
-        "restitution",
-        Role.CONSTANT_E,
-        restitution,
+    on_a_plane("newton", "restitution", Role.CONSTANT_E, best_constant, one_step=True, within=1e-6)(
         "SolverXPBD with enable_restitution=True: the best constant e, at any step and phase.",
-        (
-            "The restitutions of both shapes are averaged: e goes on both. MJCF and URDF bring none.",
-            "Under gravity it rebounds with e (v + g h), v of the state before; none below 2 g h.",
-            "The contact force it reports leaves the restitution out: trust none in an impact.",
-        ),
-        one_step=True,
-        within=_WITHIN,
+        "The restitutions of both shapes are averaged: e goes on both. MJCF and URDF bring none.",
+        "Under gravity it rebounds with e (v + g h), v of the state before; none below 2 g h.",
+        "The contact force it reports leaves the restitution out: trust none in an impact.",
     ),
-    _ON_A_PLANE(
-        "spring-damper",
-        Role.CONSTANT_E,
-        spring_damper,
+    on_a_plane("newton", "spring-damper", Role.CONSTANT_E, spring_damper, within=_SCATTER)(
         "SolverSemiImplicit, ke and kd in closed form: the best constant e and the law's contact time.",
-        (
-            "ke and kd are for this mass; both shapes have them, as they are averaged.",
-            "It damps the way in only. e is off by up to .006, of 40 steps a contact and float32.",
-        ),
-        within=_SCATTER,
+        "ke and kd are for this mass; both shapes have them, as they are averaged.",
+        "It damps the way in only. e is off by up to .006, of 40 steps a contact and float32.",
     ),
-)
-RECIPES = (
-    *_NATIVE,
-    *python_law_recipes(
-        "newton",
-        _NATIVE,
-        "Before each step: body_f after clear_forces(), or shape_material_restitution, a value a world.",
-        force=_SCATTER,
-        each_impact=2e-6,
-    ),
-)
+    *borrowed("newton", "mujoco", {
+        name: {
+            "function": changed(f"mujoco.{name}", _without_friction), "notes": (_PAIRS, note),
+            "integrators": None, "within": within,
+        } for name, within, note in _LENT
+    }),
+)  # fmt: skip
+_HOOK = "Before each step: body_f after clear_forces(), or shape_material_restitution, a value a world."
+RECIPES = (*_NATIVE, *python_law_recipes("newton", _NATIVE, _HOOK, force=_SCATTER, each_impact=2e-6))
