@@ -5,10 +5,10 @@ The public names, each imported when first used so that `import hcbench` costs n
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # as type checkers read it; `typing` takes its time, in which Ctrl-C shows a traceback
 if TYPE_CHECKING:
+    from typing import Any
+
     from hcbench.benchmark.results import Results
     from hcbench.benchmark.run import run_study
     from hcbench.benchmark.study import Study, load_study
@@ -72,6 +72,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    from importlib import import_module
+
     if name == "__version__":
         return import_module("importlib.metadata").version("hcbench")
     if name == "measure":  # the package itself, which can be called

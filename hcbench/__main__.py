@@ -1,7 +1,7 @@
 """The command from its first instant on: until its modules are there, a signal ends it at once."""
 
+import _signal as signal  # type: ignore[import-not-found]  # built in: `signal` itself is read for a while
 import os
-import signal
 
 
 def _leave(number: int, frame: object) -> None:

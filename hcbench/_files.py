@@ -26,6 +26,7 @@ MOST_BYTES = 64 << 20  # of a file that is read, unless told
 _KIND = "hcbench files"
 _SCRATCH = (".hcbench-", ".scratch")  # how the names of scratch folders begin and end
 _LEFT_S = 3600.0
+SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # that end a command
 _SUFFIXES = (".html", ".svg", ".png", ".csv", ".json")  # of what is written into folders
 
 
@@ -277,7 +278,7 @@ def deferred_signals() -> Iterator[None]:
     pending: list[int] = []
     handlers: dict[int, Any] = {}
     if threading.current_thread() is threading.main_thread():
-        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        for name in (*SIGNALS, "SIGALRM"):  # the last is one of these that comes again
             number = getattr(signal, name, None)
             if number is not None and callable(signal.getsignal(number)):
                 handlers[number] = signal.signal(number, lambda n, _: pending.append(n))

@@ -8,12 +8,14 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from hcbench.benchmark.files import open_files
 from hcbench.benchmark.store import Store
+from hcbench.cli import _process, run
 
 PROC = Path("/proc")
 pytestmark = pytest.mark.skipif(not (PROC / "self" / "stat").exists(), reason="no /proc to find processes in")
@@ -187,3 +189,52 @@ def test_a_command_ends_in_one_line_from_its_first_instant_on(
     assert time.monotonic() - begin < 1.0 + 0.5 * os.getloadavg()[0]
     assert (process.returncode, out) == (130, "")
     assert err == "hcbench: interrupted; nothing was left half-written\n"
+
+
+@pytest.fixture
+def handlers(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The command's handlers in this process."""
+    names = ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM")
+    before = {name: signal.getsignal(getattr(signal, name)) for name in names}
+    monkeypatch.setattr(_process, "INTERRUPTS", _process._Interrupts())
+    monkeypatch.setattr("hcbench.cli.INTERRUPTS", _process.INTERRUPTS)
+    monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
+    _process.install_signal_handlers()
+    yield
+    for name, handler in before.items():
+        signal.signal(getattr(signal, name), handler)
+
+
+class Deaf:
+    """An interrupt that falls here is ignored by Python."""
+
+    def __del__(self) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.usefixtures("handlers")
+def test_an_interrupt_that_python_ignores_comes_again() -> None:
+    """Once, `measure` went on for a minute: the interrupt fell into the callback of a module's lock."""
+    begin = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        Deaf()
+        time.sleep(10.0)
+    assert time.monotonic() - begin < 5.0
+
+
+@pytest.mark.usefixtures("handlers")
+def test_an_interrupt_of_which_python_makes_another_error_is_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A class that is being made tells RuntimeError, an import KeyError."""
+
+    class Name:
+        def __set_name__(self, owner: type, name: str) -> None:
+            signal.raise_signal(signal.SIGINT)
+
+    def interrupted(*args: object) -> None:
+        type("Owner", (), {"field": Name()})
+
+    monkeypatch.setattr("hcbench.laws.closed_form.restitution", interrupted)
+    assert run(["reference", "--alpha", "0.1", "--speed", "0.1"]) == 130
+    assert capsys.readouterr().err == "hcbench: interrupted; nothing was left half-written\n"

@@ -15,7 +15,13 @@ from contextlib import suppress
 import click
 
 from hcbench._text import sanitized
-from hcbench.cli._process import flush_stdio, install_signal_handlers, translate_errors, wrap_stdio
+from hcbench.cli._process import (
+    INTERRUPTS,
+    flush_stdio,
+    install_signal_handlers,
+    translate_errors,
+    wrap_stdio,
+)
 from hcbench.cli.check import check, measure, pairs
 from hcbench.cli.convert import convert
 from hcbench.cli.engines import engines, plugin
@@ -111,6 +117,9 @@ def _fail_on(error: OSError) -> int:
 
 
 def _fail(code: int, message: str) -> int:
+    if INTERRUPTS.came and code != _INTERRUPTED_CODE:
+        # Python makes a RuntimeError of what is raised while a class is made, a KeyError in an import.
+        code, message = _INTERRUPTED_CODE, _INTERRUPTED
     with suppress(OSError):  # the exit code says it too
         print(f"hcbench: {message}", file=sys.stderr, flush=True)
     return code

@@ -13,10 +13,12 @@ from typing import Any
 
 import click
 
+from hcbench._files import SIGNALS
 from hcbench.errors import OutputError, UserError
 
 _LONGEST_NAME = 255  # bytes, on every common file system
 _REPEAT_S = 1.0  # signals that come within this time count as one
+_AGAIN, _AGAIN_S = getattr(signal, "SIGALRM", None), 0.02
 # Slots that belong to options of another name.
 _OPTIONS = {"restitution": ("--restitution", "--points"), "lowest speed": ("--speeds",)}
 
@@ -76,20 +78,37 @@ def flush_stdio() -> None:
         sys.stdout.flush()
 
 
-def install_signal_handlers() -> None:
-    """TERM and HUP end a command as Ctrl-C does: nothing is left half-written. Ignored ones stay ignored."""
-    last = -_REPEAT_S
+class _Interrupts:
+    """The signals that end a command, as KeyboardInterrupt. came: whether one has."""
 
-    def interrupt(number: int, frame: object) -> None:
-        nonlocal last
-        before, last = last, time.monotonic()
-        if last - before >= _REPEAT_S:  # one press may come as several, while what is running is being ended
+    came: bool = False
+    _last: float = -_REPEAT_S
+
+    def on_signal(self, number: int, frame: object) -> None:
+        before, self._last = self._last, time.monotonic()
+        # One press may come as several, while what is running is being ended.
+        if number == _AGAIN or self._last - before >= _REPEAT_S:
+            self.came = True
             raise KeyboardInterrupt
 
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+    def on_ignored(self, ignored: Any) -> None:
+        """What is raised in callbacks of weak references and in __del__, Python ignores: it comes again."""
+        if _AGAIN is not None and isinstance(ignored.exc_value, KeyboardInterrupt):
+            signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
+        else:
+            sys.__unraisablehook__(ignored)
+
+
+INTERRUPTS = _Interrupts()
+
+
+def install_signal_handlers() -> None:
+    """TERM and HUP end a command as Ctrl-C does: nothing is left half-written. Ignored ones stay ignored."""
+    sys.unraisablehook = INTERRUPTS.on_ignored
+    for name in (*SIGNALS, "SIGALRM"):
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
-            signal.signal(number, interrupt)
+            signal.signal(number, INTERRUPTS.on_signal)
 
 
 def translate_errors(command: click.Command) -> click.Command:
