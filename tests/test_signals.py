@@ -238,3 +238,14 @@ def test_an_interrupt_of_which_python_makes_another_error_is_one(
     monkeypatch.setattr("hcbench.laws.closed_form.restitution", interrupted)
     assert run(["reference", "--alpha", "0.1", "--speed", "0.1"]) == 130
     assert capsys.readouterr().err == "hcbench: interrupted; nothing was left half-written\n"
+
+
+@pytest.mark.usefixtures("handlers")
+def test_an_interrupt_in_an_import_waits_for_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`tune mujoco` went on: MuJoCo's own import made an ImportError of it, and that a missing engine."""
+    text = "import signal\ntry:\n  signal.raise_signal(signal.SIGINT)\nexcept BaseException:\n  lost = True\n"
+    (tmp_path / "swallows.py").write_text(text, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        assert not hasattr(__import__("swallows"), "lost")
+        time.sleep(10.0)

@@ -6,7 +6,9 @@ from typing import Any
 
 import pytest
 
+from hcbench import engine
 from hcbench.cli import run
+from hcbench.errors import UserError
 from hcbench.measure import Wanted, measure
 from hcbench.measure.request import make_request
 from hcbench.tune.model import tune_model
@@ -86,6 +88,28 @@ def test_what_changes_for_the_whole_model_is_named(
     assert 'friction="0.9 0.9 0.01 0.001 0.001"' in record["paste"]
     assert run(["tune", str(tmp_path / "robot.xml"), "--restitution", "0.5"]) == 2
     assert "hcbench pairs" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("nowhere.xml", None, "nowhere.xml is not there"),
+        ("cut.xml", "<mujoco", "a model that MuJoCo compiles"),
+        ("mesh.xml", '<mujoco><asset><mesh file="no.obj"/></asset></mujoco>', "Error opening file"),
+        ("still.xml", '<mujoco><option timestep="0"/></mujoco>', "timestep: .*expected a step of"),
+        ("nan.xml", BALL.format(condim='mass="nan"', other=""), "has a NaN in it"),
+        ("good.mjb", "", "good.mjb"),
+    ],
+)
+def test_a_model_that_is_none_is_the_users_mistake(
+    name: str, text: str | None, message: str, tmp_path: Path
+) -> None:
+    """Exit 3 and the bare ValueError of MuJoCo, once."""
+    if text is not None:
+        (tmp_path / name).write_text(text)
+    request = make_request("ball,floor", [0.1, 1.0])
+    with pytest.raises(UserError, match=message):
+        list(engine("mujoco").model_settings(str(tmp_path / name), [request], Wanted(constant=0.5)))
 
 
 def test_a_bullet_script_gets_its_lines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

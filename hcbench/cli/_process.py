@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import click
@@ -18,7 +19,8 @@ from hcbench.errors import OutputError, UserError
 
 _LONGEST_NAME = 255  # bytes, on every common file system
 _REPEAT_S = 1.0  # signals that come within this time count as one
-_AGAIN, _AGAIN_S = getattr(signal, "SIGALRM", None), 0.02
+_AGAIN, _AGAIN_S = getattr(signal, "SIGALRM", None), 0.02  # None on Windows
+_DEFERRED_S = 0.5  # that an interrupt waits for the end of an import, at most
 # Slots that belong to options of another name.
 _OPTIONS = {"restitution": ("--restitution", "--points"), "lowest speed": ("--speeds",)}
 
@@ -83,12 +85,19 @@ class _Interrupts:
 
     came: bool = False
     _last: float = -_REPEAT_S
+    _begin: float = 0.0
 
-    def on_signal(self, number: int, frame: object) -> None:
-        before, self._last = self._last, time.monotonic()
-        # One press may come as several, while what is running is being ended.
-        if number == _AGAIN or self._last - before >= _REPEAT_S:
-            self.came = True
+    def on_signal(self, number: int, frame: FrameType | None) -> None:
+        """Of an interrupt in an import others make another error, as of an engine that is not there."""
+        now = time.monotonic()
+        if number != _AGAIN:
+            before, self._last = self._last, now
+            if now - before < _REPEAT_S:
+                return  # one press may come as several, while what is running is being ended
+            self.came, self._begin = True, now
+        if _AGAIN is not None and now - self._begin < _DEFERRED_S and _is_importing(frame):
+            signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
+        else:
             raise KeyboardInterrupt
 
     def on_ignored(self, ignored: Any) -> None:
@@ -97,6 +106,12 @@ class _Interrupts:
             signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
         else:
             sys.__unraisablehook__(ignored)
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    while frame is not None and not frame.f_code.co_filename.startswith("<frozen importlib"):
+        frame = frame.f_back
+    return frame is not None
 
 
 INTERRUPTS = _Interrupts()

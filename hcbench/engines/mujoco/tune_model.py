@@ -26,6 +26,7 @@ from hcbench.engines.mujoco.place import PairAtTouch
 from hcbench.engines.mujoco.recipes.compliant_fit import IMPRATIO
 from hcbench.engines.mujoco.rows import MIN_IMPEDANCE, ConstraintRow
 from hcbench.engines.mujoco.tune_rows import Aim, Load, estimated_mobility, max_error, row_choices
+from hcbench.engines.mujoco.user_model import load
 from hcbench.errors import UserError
 from hcbench.impact import Impact
 from hcbench.laws.restitution import RestitutionCurve
@@ -59,6 +60,7 @@ def model_settings(
     source: Any, requests: Sequence[Request], goal: RestitutionCurve
 ) -> Iterator[ModelSetting]:
     """Settings for all pairs at once, the simplest first; the last are mended by how they do in the model."""
+    load(source, requests[0])  # says what is wrong with a model that is
     model, label = _spec(source).compile(), _label(source)
     _require_tunable(model)
     pairs = [_read_pair(model, label, request) for request in requests]
@@ -272,7 +274,8 @@ def _spec(source: Any) -> Any:
             spec.meshdir = str((folder / spec.meshdir).resolve())
             spec.texturedir = str((folder / spec.texturedir).resolve())
         return spec
-    raise UserError("model", f"a {type(source).__name__}", "an MJCF file or an MjSpec, which can be written")
+    got = str(source) if isinstance(source, str | Path) else f"a {type(source).__name__}"
+    raise UserError("model", got, "an MJCF file or an MjSpec, which can be written")
 
 
 def _label(source: Any) -> str:
