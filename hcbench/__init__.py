@@ -75,7 +75,8 @@ def __getattr__(name: str) -> Any:
     from importlib import import_module
 
     if name == "__version__":
-        return import_module("importlib.metadata").version("hcbench")
+        globals()[name] = import_module("importlib.metadata").version("hcbench")
+        return globals()[name]
     if name == "measure":  # the package itself, which can be called
         return import_module("hcbench.measure")
     if name in _HOMES:

@@ -10,6 +10,7 @@ import pytest
 
 from hcbench.benchmark.plan import versions_here
 from hcbench.cli import run
+from hcbench.sim.backend import installed_version
 
 # The case of section 3.1, k = 3.1e7 lbf/in^1.5, m = 1 lb: α s/in, v in/s, e, x_m in, F_max lbf.
 # e from the closed form in 50 digits; depth and force are the true extremes of the loop, which the steps of
@@ -148,6 +149,7 @@ def test_a_missing_engine_names_its_install_command_and_exits_3(
         raise metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(metadata, "version", absent)
+    installed_version.cache_clear()
     versions_here.cache_clear()
     study = STUDY.replace("reference", "mujoco") + 'recipe = "impulse"\ntimesteps = 1e-3\n'
     (tmp_path / "study.toml").write_text(study, encoding="utf-8")

@@ -21,6 +21,7 @@ from hcbench.errors import EngineFailed, EngineMissing, SettingError
 from hcbench.impact import Impact, Launch, Status
 from hcbench.scene import Scene, load_scene
 from hcbench.setting import Setting
+from hcbench.sim.backend import installed_version
 
 ENGINE = MujocoEngine()
 PLANE, CUP = load_scene("steel-plane"), load_scene("steel-cup")
@@ -456,6 +457,7 @@ def test_a_missing_mujoco_is_told_with_the_way_to_get_it(monkeypatch: pytest.Mon
         raise metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(metadata, "version", nothing)
+    installed_version.cache_clear()
     with pytest.raises(EngineMissing, match="pip install mujoco"):
         ENGINE.version()
     monkeypatch.setitem(sys.modules, "mujoco", None)

@@ -23,6 +23,7 @@ from hcbench.impact import Impact, Launch, Status
 from hcbench.scene import Material, Scene
 from hcbench.setting import Setting
 from hcbench.sim import simulate
+from hcbench.sim.backend import installed_version
 from hcbench.workers import call
 
 if TYPE_CHECKING:
@@ -368,6 +369,7 @@ def test_a_missing_pybullet_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) 
 
     assert ENGINE.version() == metadata.version("pybullet")
     monkeypatch.setattr(metadata, "version", nowhere)
+    installed_version.cache_clear()
     simulate._require_installed.cache_clear()
     with pytest.raises(EngineMissing, match=r"pip install 'pybullet>=3\.2\.7'"):
         fly("plane", 1e-3, {}, [Launch(0.2)])

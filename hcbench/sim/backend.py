@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module, metadata
 from typing import Any
 
@@ -42,7 +43,7 @@ class Backend:
         """The installed version; nothing is imported. Raises EngineMissing."""
         for package in filter(None, (self.package, self.instead)):
             with suppress(metadata.PackageNotFoundError):
-                return metadata.version(package)
+                return installed_version(package)
         raise self._missing("not installed", "its wheel")
 
     def module(self, name: str = "") -> Any:
@@ -79,6 +80,12 @@ class Backend:
             raise EngineFailed(
                 f"engine {self.engine!r}", got, "", f"{untried}: install one of those"
             ) from error
+
+
+@cache  # reading it takes milliseconds, and every setting asks for it
+def installed_version(package: str) -> str:
+    """Of a package of this environment. PackageNotFoundError for none."""
+    return metadata.version(package)
 
 
 def _numbers(version: str) -> tuple[int, ...]:

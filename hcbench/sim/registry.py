@@ -47,10 +47,11 @@ def engine(name: str) -> Engine:
     adapter = _engine(base)
     if environment():
         return renamed(adapter, name)
+    if not at and version_beside(base):
+        return adapter
     found = store.find(base, version)
     if not at:
-        there = found is None or version_beside(base)
-        return adapter if there or found is None else elsewhere(adapter, base, found)
+        return adapter if found is None else elsewhere(adapter, base, found)
     if found is not None:
         return elsewhere(adapter, name, found)
     return renamed(adapter, name) if version_beside(base) == version else absent(adapter, name)
