@@ -12,6 +12,8 @@ from hcbench.tune.recipe import Integrators
 
 _STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MJX does not have it")
 _SCATTER = 4e-3  # of e: a float32 position at R has steps of 4 nm, and 1e-5 s moves it by 250 and more
+_ONE_FORCE = Integrators(("Euler", "implicitfast"), "its numbers are of one force a step")
+_SOFT = "For this step and gravity. e scatters with where in a step a touch falls."
 _FLOAT = "float32: e scatters by .004 at 1e-5 s and 1e-6 s; put the contact near the origin, not 1 m up."
 _PUSHES = "`two-pair` and `staggered` are refused: MJX drops a pair's adhesion without a word."
 
@@ -33,10 +35,23 @@ _NATIVE = borrowed(
                 "solimp .9, not .9999: of 1 - d float32 keeps too little, and e is off by .0024.",
                 "Under gravity its step carries .9 of the weight only: e is off by .1 g h / v more.",
             ),
-            "integrators": Integrators(("Euler", "implicitfast"), "the bounce needs one force a step"),
+            "integrators": _ONE_FORCE,
             "within": 3e-6,
         },
         "spring-damper": {"notes": (_FLOAT, _PUSHES), "integrators": _STEPS, "within": 6e-3},
+        "compliant": {"notes": (_SOFT, _FLOAT), "integrators": _ONE_FORCE, "within": 0.01},
+        "compliant-pairs": {
+            "function": changed("mujoco.compliant-pairs", dict, adhesive=False),
+            "summary": "Two pairs of the same two geoms that only push: e falls with speed nearly as wanted.",
+            "notes": (_SOFT, _PUSHES),
+            "integrators": _ONE_FORCE,
+        },
+        "soft": {
+            "function": changed("mujoco.soft", lambda options: {**options, "precision": "float64"}),
+            "notes": ("float64 only: in float32 its power underflows, and nothing bounces.",),
+            "integrators": _STEPS,
+            "within": 0.01,
+        },
         "staggered-push": {"notes": (_FLOAT, _PUSHES), "integrators": _STEPS, "within": _SCATTER},
     },
 )

@@ -35,8 +35,13 @@ def compliant(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     return compliant_options([row], target, integrator)
 
 
-def compliant_pairs(target: Target, integrator: str = "Euler") -> dict[str, Any]:
-    """Two rows with an e that falls with speed; SettingError for a target without loss or without bounce."""
+def compliant_pairs(
+    target: Target, integrator: str = "Euler", adhesive: bool | None = None
+) -> dict[str, Any]:
+    """Two rows with an e that falls with speed; SettingError for a target without loss or without bounce.
+
+    adhesive: whether the damper may pull; None for what the MuJoCo that is there can do.
+    """
     if not 0 < (lowest := float(target.restitution(target.speed_max))) < 1:
         got = f"{lowest:.4g} at {target.speed_max:.4g} m/s"
         raise SettingError("restitution", got, "a bounce with a loss, 0 < e < 1", "Use `compliant`")
@@ -47,7 +52,7 @@ def compliant_pairs(target: Target, integrator: str = "Euler") -> dict[str, Any]
             target.timestep,
             target.gravity,
             target.corners,
-            has_feature(backend(), "adhesion"),
+            has_feature(backend(), "adhesion") if adhesive is None else adhesive,
         )
     return compliant_options(list(rows), target, integrator)
 
