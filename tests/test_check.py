@@ -15,8 +15,9 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from hcbench.check import CheckSpec, Outputs, Report, Verdict, check, plan, run_check
-from hcbench.check.baseline import read_baseline
+from hcbench.check.baseline import Baseline, read_baseline
 from hcbench.check.measured_pairs import read_pairs
+from hcbench.check.table import checks_of
 from hcbench.check.text import as_junit, as_markdown, as_record_of, as_text
 from hcbench.cli import run
 from hcbench.errors import OutputError, UserError
@@ -140,6 +141,8 @@ def test_a_baseline_that_is_not_one_is_refused(tmp_path: Path, change: dict[str,
         {"height_m": 1e308},
         {"speed_m_per_s": True},
         {"speed_m_per_s": 0.1, "phase": 0.5},
+        {"speed_m_per_s": 1e308},
+        {"slip_m_per_s": [0.1, 0.1]},
     ],
 )
 def test_a_damaged_baseline_is_refused(tmp_path: Path, damage: dict[str, Any]) -> None:
@@ -150,6 +153,48 @@ def test_a_damaged_baseline_is_refused(tmp_path: Path, damage: dict[str, Any]) -
     file.write_text(json.dumps({"schema": 1, "kind": "hcbench baseline", "checks": {"good.xml": entry}}))
     with pytest.raises(UserError, match="damaged"):
         plan(ask(baseline=file))
+
+
+@pytest.mark.parametrize(
+    "changed", [{"height_m": 0.1}, {"spin_rad_per_s": [0, 1, 0]}, {"slip_m_per_s": [0, 1]}]
+)
+def test_launches_of_a_baseline_that_would_not_be_made_are_damage(changed: dict[str, Any]) -> None:
+    """They were held against nothing, and the check passed."""
+    impact = {"phase": 0.5, "height_m": None, "status": "parted", "restitution": 0.9}
+    impacts = [{**impact, "speed_m_per_s": 0.1}, {**impact, "speed_m_per_s": 0.5, **changed}]
+    with pytest.raises(ValueError, match="all of one request"):
+        Baseline(engine="mujoco", version="3", timestep_s=2e-3, impacts=impacts)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("asked", "is_written"),
+    [
+        ({}, True),
+        ({"speeds": SPEEDS}, True),
+        ({"speeds": "0.1, 0.6 m/s"}, False),
+        ({"speeds": 0.1}, False),
+        ({"phases": 1}, True),
+        ({"phases": 4}, False),
+        ({"height": "1 cm"}, False),
+        ({"angle": "30 deg"}, False),
+        ({"spin": "1 rad/s"}, False),
+    ],
+)
+def test_launches_beside_a_baseline_are_those_that_it_has(
+    tmp_path: Path, asked: dict[str, Any], is_written: bool
+) -> None:
+    """Others were ignored."""
+    impact = {"phase": 0.5, "height_m": None, "status": "parted", "restitution": 0.9}
+    impacts = [{**impact, "speed_m_per_s": speed} for speed in (0.1, 0.5)]
+    entry = {"engine": "mujoco", "version": "3", "timestep_s": 0.002, "impacts": impacts}
+    file = tmp_path / "baseline.json"
+    file.write_text(json.dumps({"schema": 1, "kind": "hcbench baseline", "checks": {"good.xml": entry}}))
+    spec = CheckSpec(model=GOOD, pair="ball,plate", baseline=file, **asked)
+    if is_written:
+        assert [launch.speed for launch in plan(spec).request.launches()] == [0.1, 0.5]
+        return
+    with pytest.raises(UserError, match=f"{next(iter(asked))}: other launches than the baseline's"):
+        plan(spec)
 
 
 def test_a_baseline_of_another_engine_is_refused(tmp_path: Path) -> None:
@@ -248,6 +293,8 @@ def test_pairs_from_no_file_or_no_text(tmp_path: Path) -> None:
         ({"restitution": 0.9, "limit": 0}, "above 0"),
         ({"restitution": 0.9, "height": 1e20}, "up to 10000 m"),
         ({"restitution": 0.9, "speeds": "0 m/s"}, "above 0"),
+        ({"restitution": 0.9, "reading": "linear"}, "target: 'linear', a reading of α"),
+        ({"restitution": 0.9, "along": "0, 1, 0"}, "nothing oblique"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_before_anything_runs(more: dict[str, Any], words: str) -> None:
@@ -284,6 +331,18 @@ def test_a_pyproject_lists_checks(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         check(CheckSpec(model=()))
 
 
+def test_a_table_says_for_all_checks_what_they_do_not_say_themselves(tmp_path: Path) -> None:
+    """`actuators = false` for all was ignored."""
+    entries = "".join(
+        f"[[check]]\nname = '{n}'\nmodel = 'x'\n{more}\n"
+        for n, more in [("a", ""), ("b", "actuators = true"), ("c", "speeds = 0.2")]
+    )
+    (tmp_path / "checks.toml").write_text(f"actuators = false\nspeeds = 0.1\n{entries}")
+    requests = [check.request for check in checks_of(tmp_path / "checks.toml")]
+    assert [request.actuators for request in requests] == [False, True, False]
+    assert [request.speeds for request in requests] == [(0.1,), (0.1,), (0.2,)]
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -295,6 +354,8 @@ def test_a_pyproject_lists_checks(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         ("[[tool.hcbench.check]]\nmodel = 'x'\nmax-error = true\n", "max-error: True; expected a number"),
         ("[[tool.hcbench.check]]\nmodel = 'x'\nspeeds = [0.1, true]\n", "speeds"),
         ("[[tool.hcbench.check]]\nmodel = 'x'\nphases = true\n", "phases"),
+        ("[[tool.hcbench.check]]\nmodel = 'x'\nactuators = 1\n", "actuators: 1"),
+        ("[[tool.hcbench.check]]\nmodel = []\n", "model: none given"),
         ("[tool.hcbench]\nlimit = false\n[[tool.hcbench.check]]\nmodel = 'x'\n", "limit"),
         ("not toml", "not TOML"),
         ("[[tool.hcbench.check]]\nmodel='a'\n[[tool.hcbench.check]]\nmodel='a'\n", "two checks"),
@@ -388,7 +449,7 @@ def test_all_forms_say_the_same(tmp_path: Path) -> None:
     assert record["exit_code"] == 1
     assert record["checks"][0]["message"] == message
     assert record["checks"][0]["measurement"]["causes"][0]["code"] == "solimp-mixing"
-    assert read_baseline(tmp_path / "b.json", "broken.xml").speeds == (0.1, 0.5)
+    assert read_baseline(tmp_path / "b.json", "broken.xml").request().speeds == (0.1, 0.5)
 
 
 def test_nothing_is_written_of_what_was_not_measured(tmp_path: Path) -> None:
@@ -608,3 +669,10 @@ def test_json_on_the_command_line_is_json(capsys: pytest.CaptureFixture[str]) ->
     assert json.loads(capsys.readouterr().out)["kind"] == "hcbench measurement"
     assert run(["check", BROKEN, "--pair", "ball,plate", "--restitution", "0.9", "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["exit_code"] == 1
+
+
+def test_a_study_has_no_baseline_to_write(tmp_path: Path) -> None:
+    """It ran, and then said that nothing was measured."""
+    (tmp_path / "study.toml").write_text('scene = "steel-plane"\n')
+    with pytest.raises(UserError, match=r"write-baseline: given beside .*study.toml, a study"):
+        check(CheckSpec(model=str(tmp_path / "study.toml")), Outputs(baseline=tmp_path / "b.json"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -22,6 +23,8 @@ from hcbench.errors import UserError
 from hcbench.impact import Launch, Status
 from hcbench.measure.measurement import Measurement
 from hcbench.measure.request import MAX_HEIGHT
+from hcbench.sim.model_under_test import Request
+from hcbench.units import LARGEST, SMALLEST
 
 SCHEMA = 1
 KIND = "hcbench baseline"
@@ -33,7 +36,7 @@ class BaselineImpact(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    speed_m_per_s: _Number = Field(gt=0)
+    speed_m_per_s: _Number = Field(ge=SMALLEST, le=LARGEST)
     phase: _Number = Field(ge=0, lt=1)
     height_m: Annotated[_Number, Field(gt=0, le=MAX_HEIGHT)] | None
     slip_m_per_s: tuple[_Number, _Number] = (0.0, 0.0)
@@ -61,31 +64,34 @@ class Baseline(BaseModel):
 
     engine: str
     version: str
-    timestep_s: _Number = Field(gt=0)
+    timestep_s: _Number = Field(ge=SMALLEST, le=LARGEST)
     impacts: tuple[BaselineImpact, ...] = Field(min_length=1)
 
     @model_validator(mode="after")
     def _require_something_measured(self) -> Self:
-        if len(self.by_launch) < len(self.impacts) or len({impact.height_m for impact in self.impacts}) > 1:
-            raise ValueError("each launch once, all from one height")
+        first = self.impacts[0]
+        sent = [
+            Launch.at_angle(i.launch.angle, i.launch.speed, i.phase, first.height_m, first.spin_rad_per_s)
+            for i in self.impacts
+        ]
+        if len(set(sent)) < len(sent) or sent != [impact.launch for impact in self.impacts]:
+            raise ValueError("each launch once, and all of one request")
         if all(math.isnan(impact.restitution) for impact in self.impacts):
             raise ValueError("at least one restitution")
         return self
 
-    @property
-    def speeds(self) -> tuple[float, ...]:
-        """Launch speeds, m/s, in order."""
-        return tuple(dict.fromkeys(impact.speed_m_per_s for impact in self.impacts))
-
-    @property
-    def angles(self) -> tuple[float, ...]:
-        """From the normal, rad, in order."""
-        return tuple(dict.fromkeys(impact.launch.angle for impact in self.impacts))
-
-    @property
-    def phases(self) -> list[float]:
-        """Phases of the launches, in order."""
-        return list(dict.fromkeys(impact.phase for impact in self.impacts))
+    def request(self, base: Request | None = None) -> Request:
+        """`base` with the launches that were made, and others at the phases that only some speeds had."""
+        first = self.impacts[0]
+        return replace(
+            base or Request(),
+            speeds=tuple(dict.fromkeys(impact.speed_m_per_s for impact in self.impacts)),
+            phases=tuple(dict.fromkeys(impact.phase for impact in self.impacts)),
+            angles=tuple(dict.fromkeys(impact.launch.angle for impact in self.impacts)),
+            height=first.height_m,
+            spin=first.spin_rad_per_s,
+            adapt_phases=False,
+        )
 
     @property
     def by_launch(self) -> dict[Launch, BaselineImpact]:

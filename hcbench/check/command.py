@@ -50,12 +50,12 @@ def check(
     _require_writable(outputs)
     if outputs.baseline is not None and spec.baseline is not None:
         raise UserError("baseline", "--baseline and --write-baseline", "one of the two")
-    report = _run(spec, jobs, progress)
+    report = _run(spec, outputs, jobs, progress)
     _write(report, outputs)
     return report
 
 
-def _run(spec: CheckSpec, jobs: int, progress: Progress) -> Report:
+def _run(spec: CheckSpec, outputs: Outputs, jobs: int, progress: Progress) -> Report:
     models = spec.models or (DEFAULT_FILE,)
     source = Path(models[0])
     is_toml = source.suffix.lower() == ".toml"
@@ -65,6 +65,8 @@ def _run(spec: CheckSpec, jobs: int, progress: Progress) -> Report:
         if find_table(source) is not None or source.name == DEFAULT_FILE:
             return run_checks(_listed(source, spec), progress)
     if len(models) == 1 and (is_toml or source.is_dir()):
+        if outputs.baseline is not None:
+            raise UserError("write-baseline", f"given beside {source}, a study", "a model to check")
         return _check_study(source, spec, jobs, progress)
     return run_checks([plan(spec)], progress)
 

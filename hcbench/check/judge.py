@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import TYPE_CHECKING, Any, cast
 
@@ -56,19 +55,8 @@ def run_check(check: Check) -> Outcome:
 
 
 def _measure(check: Check) -> Measurement:
-    request, baseline = check.request, check.baseline
-    if baseline is not None:
-        first = baseline.impacts[0]
-        request = dataclasses.replace(
-            request,
-            speeds=baseline.speeds,
-            angles=baseline.angles,
-            spin=first.spin_rad_per_s,
-            height=first.height_m,
-            adapt_phases=False,
-        )
     tolerance = TOLERANCE if check.wanted is None else min(check.max_error, TOLERANCE)
-    job = Job(check.source, check.engine, request, check.wanted, tolerance, diagnose=True)
+    job = Job(check.source, check.engine, check.request, check.wanted, tolerance, diagnose=True)
     return measure_job(job, check.limit)
 
 

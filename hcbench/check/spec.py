@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, cast
 
-from pydantic import BeforeValidator, ConfigDict
+from pydantic import BeforeValidator, ConfigDict, StrictBool
 
 from hcbench import units
 from hcbench._text import sanitized
@@ -37,6 +37,8 @@ def _no_truth_value(value: Any) -> Any:
     return value
 
 
+# What a baseline says of launches: fields of a check, and of a request.
+_LAUNCHES = {"speeds": "speeds", "phases": "phases", "height": "height", "angle": "angles", "spin": "spin"}
 _Plain = BeforeValidator(_no_truth_value)
 Quantity = Annotated[float | str, _Plain]  # in SI, or text with a unit
 Quantities = Annotated[float | str | list[float | str], _Plain]
@@ -59,7 +61,7 @@ class SharedSpec(FileTable):
     qpos: str | None = None
     state: Path | None = None
     coming_from: str | None = None  # "from" in files
-    actuators: bool = True
+    actuators: StrictBool = True
     angle: Quantities | None = None
     along: Quantities | None = None
     spin: Quantities | None = None
@@ -121,24 +123,23 @@ class Check:
 
 def plan(spec: CheckSpec) -> Check:
     """Look at names, units and files before anything runs. Raises UserError, and its kinds."""
+    if spec.reading != "law" and spec.alpha is None:
+        raise UserError("target", f"{spec.reading!r}, a reading of α", "an α beside it")
     name = sanitized(spec.name if spec.name is not None else " + ".join(Path(m).name for m in spec.models))
     against = [k for k in ("alpha", "restitution", "pairs", "baseline") if getattr(spec, k) is not None]
     if len(against) > 1:
         raise UserError(name, f"{' and '.join(against)} are given", "one thing to hold the model against")
     wanted = _wanted(spec)
-    baseline = None if spec.baseline is None else read_baseline(spec.baseline, name)
-    speeds, phases = spec.speeds, spec.phases
+    speeds = spec.speeds
     if isinstance(wanted, MeasuredRestitution):
         if speeds is None:
             speeds = wanted.speeds.tolist()
         else:
             _require_inside(units.parse_values(speeds, "speed", "speeds"), wanted)
-    if baseline is not None:
-        phases = baseline.phases
     request = make_request(
         spec.pair,
         speeds,
-        phases,
+        spec.phases,
         spec.timestep,
         spec.gravity,
         spec.key,
@@ -151,9 +152,22 @@ def plan(spec: CheckSpec) -> Check:
         along=spec.along,
         spin=spec.spin,
     )
+    baseline = None if spec.baseline is None else read_baseline(spec.baseline, name)
+    if baseline is not None:
+        request = _as_written(baseline, request, spec)
     source = spec.models[0] if len(spec.models) == 1 else spec.models
     max_error = read_max_error(spec.max_error, MAX_ERROR if baseline is None else MAX_DRIFT)
     return Check(name, source, request, wanted, baseline, max_error, spec.engine, read_limit(spec.limit))
+
+
+def _as_written(baseline: Baseline, request: Request, spec: CheckSpec) -> Request:
+    """The request with the launches of a baseline. Raises UserError where others were asked for."""
+    written = baseline.request(request)
+    for name, field in _LAUNCHES.items():
+        asked, has = getattr(request, field), getattr(written, field)
+        if getattr(spec, name) is not None and asked != has:
+            raise UserError(name, f"other launches than the baseline's, which has {has}", "those, or none")
+    return written
 
 
 def read_max_error(value: Quantity | None, default: float = MAX_ERROR) -> float:

@@ -22,7 +22,11 @@ _REPEAT_S = 1.0  # signals that come within this time count as one
 _AGAIN, _AGAIN_S = getattr(signal, "SIGALRM", None), 0.02  # None on Windows
 _DEFERRED_S = 0.5  # that an interrupt waits for the end of an import, at most
 # Slots that belong to options of another name.
-_OPTIONS = {"restitution": ("--restitution", "--points"), "lowest speed": ("--speeds",)}
+_OPTIONS = {
+    "restitution": ("--restitution", "--points"),
+    "lowest speed": ("--speeds",),
+    "coming-from": ("--from",),
+}
 
 
 class _Stream(io.TextIOWrapper):

@@ -52,12 +52,16 @@ def _model_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
-def _spec(models: tuple[str, ...], python: str | None, options: dict[str, object]) -> CheckSpec:
+def _spec(
+    models: tuple[str, ...], python: str | None, options: dict[str, object], required: bool = False
+) -> CheckSpec:
     """What was asked for, with the names of options as those of the fields."""
     from hcbench.check.spec import CheckSpec
 
     if python is not None and models:
         raise UserError("--python", f"given beside {' '.join(models)}", "one of the two")
+    if python is None and not models and required:
+        raise UserError("model", "none given", "a file, two URDF files, or --python FILE:FUNCTION")
     return CheckSpec.model_validate({"model": models if python is None else (python,), **options})
 
 
@@ -87,10 +91,7 @@ def measure(
     from hcbench.measure.measurement import TOLERANCE
     from hcbench.measure.text import as_record, as_text
 
-    spec = _spec(models, python, options)
-    if not spec.models:
-        raise UserError("model", "none given", "a file, two URDF files, or --python FILE:FUNCTION")
-    asked = plan(spec)
+    asked = plan(_spec(models, python, options, required=True))
     job = Job(asked.source, asked.engine, asked.request, asked.wanted, TOLERANCE, diagnose=True)
     if each:
         _measure_each(job, asked.limit, as_json)
@@ -152,10 +153,7 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
     from hcbench.measure.measurement import TOLERANCE
     from hcbench.sim.candidate_pairs import as_records, as_table
 
-    spec = _spec(models, python, options)
-    if not spec.models:
-        raise UserError("model", "none given", "a file, two URDF files, or --python FILE:FUNCTION")
-    asked = plan(spec)
+    asked = plan(_spec(models, python, options, required=True))
     found = list_pairs(Job(asked.source, asked.engine, asked.request, None, TOLERANCE, False), asked.limit)
     if as_json:
         print_json(as_records(found))

@@ -69,6 +69,8 @@ def make_request(
     values = DEFAULT_SPEEDS if speeds is None else units.parse_values(speeds, "speed", "speeds", above=0)
     if len(set(values)) != len(values):
         raise QuantityError("speeds", f"{speeds!r} has a speed twice", "each speed once")
+    if along is not None and angle is None and spin is None:
+        raise QuantityError("along", f"{along!r}, and nothing oblique", "an angle or a spin beside it")
     if height is not None and angle is not None:
         todo = "It is the angle at touch, of launches; spin goes with a height"
         raise UserError("angle", "given beside height", "one of the two", todo)
