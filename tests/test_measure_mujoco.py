@@ -408,7 +408,7 @@ def test_a_file_that_is_not_there() -> None:
         ({"gravity": "-1"}, "gravity: -1 m/s.2; expected 0 or more"),
         ({"timestep": 0}, "above 0"),
         ({"key": "nope"}, "qpos0"),
-        ({"engine": "physx"}, "mujoco or pybullet"),
+        ({"engine": "physx"}, "one of: .*mjx, mujoco, mujoco-warp, pybullet"),
         ({"wanted": 1.5}, "0 ... 1"),
     ],
 )

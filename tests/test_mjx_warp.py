@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import xml.etree.ElementTree as ET
+from typing import Any
 
 import numpy as np
 import pytest
+from test_lent_models import HOPPER
 
-from hcbench import units
-from hcbench.errors import EngineMissing, SettingError
+from hcbench import Measurement, units
+from hcbench.errors import EngineMissing, SceneError, SettingError
 from hcbench.impact import Floats, Launch
 from hcbench.laws.force import HuntCrossley
+from hcbench.measure.measure import measure
 from hcbench.scene import Scene, load_scene
 from hcbench.setting import Setting
 from hcbench.sim import registry
@@ -77,7 +80,7 @@ def test_the_law_is_followed_as_far_as_float32_lets_it(recipe: str, timestep: fl
 
 @pytest.mark.parametrize("recipe", ["two-pair", "staggered"])
 def test_mjx_refuses_pairs_that_pull(recipe: str) -> None:
-    with pytest.raises(SettingError, match=r"adhesion, which MJX drops.*`staggered-push`"):
+    with pytest.raises(SettingError, match=r"MJX drops a pair's adhesion.*`staggered-push`"):
         restitutions(lent(recipe, "mjx", 1e-3))
 
 
@@ -95,7 +98,7 @@ def test_mjx_refuses_an_impedance_that_float32_does_not_keep_and_takes_it_in_flo
 @pytest.mark.parametrize("engine", ["mjx", "mujoco-warp"])
 def test_a_power_that_underflows_in_float32_is_refused(engine: str) -> None:
     row = {"solref": [-1e8, -100.0], "solimp": [1e-4, 0.9999, 1e-4, 0.5, 1017.0]}
-    with pytest.raises(SettingError, match="power 1017, which underflows in float32"):
+    with pytest.raises(SettingError, match="power 1017 underflows in float32"):
         restitutions(Setting(engine, "mine", 1e-5, {"rows": [row]}))
 
 
@@ -144,3 +147,58 @@ def test_contacts_of_a_few_steps_bounce_under_gravity_as_in_mujoco(
     setting = Setting("mujoco", "c", 1e-3, mujocos.function(made_for, "Euler", **more))
     impacts = registry.engine("mujoco").run(HEAVY, setting, LAUNCHES)
     assert e == pytest.approx([impact.restitution for impact in impacts], abs=2e-4)
+
+
+def measured(model: str, pair: str, engine: str, **asked: Any) -> Measurement:
+    """A user's model; a skip where the engine is not installed."""
+    try:
+        return measure(
+            model, pair, engine=engine, **{"speeds": [0.07, 0.41, 1.3], "phases": [0.2, 0.8], **asked}
+        )
+    except EngineMissing as error:
+        pytest.skip(str(error))
+
+
+def scene_xml(engine: str, recipe: str, timestep: float = 1e-3) -> str:
+    """What tune writes for an engine."""
+    setting = registry.recipe(f"{engine}.{recipe}")(
+        dataclasses.replace(target(timestep), gravity=HEAVY.gravity)
+    )
+    return registry.engine(engine).script(HEAVY, setting)
+
+
+@pytest.mark.parametrize("engine", ["mjx", "mujoco-warp"])
+@pytest.mark.parametrize("model", ["compliant", "staggered-push", "robot"])
+def test_a_users_model_bounces_as_in_mujoco_as_far_as_float32_lets_it(model: str, engine: str) -> None:
+    xml, pair = (HOPPER, "foot,floor") if model == "robot" else (scene_xml("mujoco", model), "ball,plate")
+    theirs = measured(xml, pair, engine)
+    assert (theirs.facts.engine, theirs.facts.version) == (engine, registry.engine(engine).version())
+    own = measured(xml, pair, "mujoco")
+    for one, other in zip(theirs.impacts, own.impacts, strict=True):
+        assert one.restitution == pytest.approx(other.restitution, abs=5e-4)
+        assert one.samples == other.samples
+        assert one.force_max == pytest.approx(other.force_max, rel=2e-3)
+    assert [cause.code for cause in theirs.causes] == [cause.code for cause in own.causes]
+
+
+@pytest.mark.parametrize(
+    ("engine", "recipe", "code", "words"),
+    [
+        ("mjx", "two-pair", "adhesion-dropped", "MJX drops a pair's adhesion"),
+        ("mjx", "impulse", "impedance-rounding", "float32 keeps too little"),
+        ("mujoco-warp", "two-pair", "pairs-dropped", "keeps one of several pairs"),
+    ],
+)
+def test_what_a_users_model_loses_is_named(engine: str, recipe: str, code: str, words: str) -> None:
+    found = measured(scene_xml("mujoco", recipe), "ball,plate", engine)
+    (cause,) = [cause for cause in found.causes if cause.code == code]
+    assert words in cause.title
+    unlike = [cause.code for cause in found.causes if cause.code == "unlike-mujoco"]
+    assert unlike == ([] if recipe == "impulse" else ["unlike-mujoco"])
+
+
+@pytest.mark.parametrize("engine", ["mjx", "mujoco-warp"])
+def test_what_an_engine_does_not_have_is_said_in_one_line(engine: str) -> None:
+    xml = HOPPER.replace('timestep=".001"', 'integrator="implicit"')
+    with pytest.raises(SceneError, match=r"model: .*IMPLICIT.*; expected what .* has of MuJoCo"):
+        measured(xml, "foot,floor", engine)

@@ -76,7 +76,7 @@ def _listed(path: Path, spec: CheckSpec) -> list[Check]:
     _require_only(
         spec, {"baseline", "max_error", "limit"}, f"given beside {path}", "it in the file, for each check"
     )
-    changes: dict[str, float] = {}
+    changes: dict[str, float | None] = {}
     if spec.max_error is not None:
         changes["max_error"] = read_max_error(spec.max_error)
     if spec.limit is not None:

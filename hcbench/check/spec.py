@@ -21,7 +21,7 @@ from hcbench.laws.restitution import (
     Restitution,
     RestitutionCurve,
 )
-from hcbench.measure.measure import LIMIT_S, LONGEST_LIMIT_S
+from hcbench.measure.measure import LONGEST_LIMIT_S
 from hcbench.measure.request import make_request
 from hcbench.sim.model_under_test import Request
 
@@ -96,7 +96,8 @@ class Check:
     """One model held against one thing: `wanted` or `baseline`; neither: only measured, for a new baseline.
 
     source: as in `measure`.
-    max_error: largest |e - wanted| allowed at any speed and phase. limit: s, after which it counts as hung.
+    max_error: largest |e - wanted| allowed at any speed and phase. limit: s, after which it counts as hung;
+    None: as `measure` has it.
     """
 
     name: str
@@ -106,7 +107,7 @@ class Check:
     baseline: Baseline | None
     max_error: float
     engine: str | None
-    limit: float
+    limit: float | None
 
     @property
     def against(self) -> str:
@@ -180,10 +181,10 @@ def read_max_error(value: Quantity | None, default: float = MAX_ERROR) -> float:
     return max_error
 
 
-def read_limit(value: Quantity | None) -> float:
-    """The time after which a model counts as hung, s. Raises QuantityError."""
+def read_limit(value: Quantity | None) -> float | None:
+    """The time after which a model counts as hung, s; None where nobody says. Raises QuantityError."""
     if value is None:
-        return LIMIT_S
+        return None
     limit = units.parse(value, "timestep", "limit")
     if not 0 < limit <= LONGEST_LIMIT_S:
         raise QuantityError("limit", f"{limit:g} s", f"above 0 s, up to {LONGEST_LIMIT_S:g} s")

@@ -44,7 +44,9 @@ def _model_options(command: Callable[..., Any]) -> Callable[..., Any]:
             click.option("--angle", help="From the normal, such as '0, 45, 80 deg': launch obliquely."),
             click.option("--along", help="Direction of oblique launches: '0, 1, 0'."),
             click.option("--spin", help="Such as '40 rad/s', rolling on; three: along, across, normal."),
-            click.option("--engine", metavar="NAME", help="For files of both kinds."),
+            click.option(
+                "--engine", metavar="NAME", help="Which flies it.  [default: the first that opens it]"
+            ),
             click.option("--limit", help="Time after which a model counts as hung, such as '60 s'."),
         )
     ):
@@ -107,7 +109,7 @@ def measure(
         print(as_text(measurement))
 
 
-def _measure_each(job: Job, limit: float, as_json: bool) -> None:
+def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
     """Every pair that touches at the start; what cannot be measured is told and passed over."""
     from hcbench.measure.measure import list_pairs, measure_job
     from hcbench.measure.text import as_record, as_text

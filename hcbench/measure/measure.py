@@ -31,7 +31,7 @@ from hcbench.workers import WorkerDied, call
 Answer = TypeVar("Answer")
 
 LONGEST_LIMIT_S = 1e6
-LIMIT_S = 60.0  # for one model, which takes a second or two on an idle machine
+LIMIT_S = 60.0  # at least, for one model, which takes a second or two on an idle machine
 LEAST_MEMORY = 4 << 30  # bytes that any model may take
 MEMORY_SHARE = 0.8  # of the machine's memory, which a model may take if that is more
 
@@ -59,7 +59,7 @@ def measure(
     wanted: RestitutionCurve | float | None = None,
     tolerance: float = TOLERANCE,
     diagnose: bool = True,
-    limit: float = LIMIT_S,
+    limit: float | None = None,
     **asked: Unpack[RequestOptions],
 ) -> Measurement:
     """Measure the bounce of a pair of the user's own model.
@@ -71,34 +71,39 @@ def measure(
     pair: names of two bodies or geoms (URDF: links or files), the moving one first; "a,b" or ("a", "b").
     engine: the name of one; None: the first that opens such a model.
     wanted: e to compare with. tolerance: |e - wanted| from which causes are looked for, if `diagnose`.
-    limit: s, after which a model in a file counts as hung.
+    limit: s, after which a model in a file counts as hung; None: 60 s, or what the engine takes to compile.
     asked: speeds, pose and all else of the launches, as `RequestOptions` has them.
     Raises UserError (and its kinds) with the reason for what cannot be measured, EngineFailed for an engine
     that crashed or hung on it.
     """
     require("tolerance", tolerance, 0 <= tolerance <= 1, "0 ... 1, a difference in e")
-    require("limit", limit, 0 < limit <= LONGEST_LIMIT_S, f"above 0 s, up to {LONGEST_LIMIT_S:g} s")
+    if limit is not None:
+        require("limit", limit, 0 < limit <= LONGEST_LIMIT_S, f"above 0 s, up to {LONGEST_LIMIT_S:g} s")
     goal = ConstantRestitution(wanted) if isinstance(wanted, int | float) else wanted
     return measure_job(Job(model, engine, make_request(pair, **asked), goal, tolerance, diagnose), limit)
 
 
-def measure_job(job: Job, limit: float = LIMIT_S) -> Measurement:
+def measure_job(job: Job, limit: float | None = None) -> Measurement:
     """Measure one pair."""
     return run_job(_measured, job, limit)
 
 
-def list_pairs(job: Job, limit: float = LIMIT_S) -> list[CandidatePair]:
+def list_pairs(job: Job, limit: float | None = None) -> list[CandidatePair]:
     """Which parts of the model can meet; those that touch at the start first."""
     return run_job(_listed, job, limit)
 
 
-def run_job(work: Callable[[Job], Answer], job: Job, limit: float) -> Answer:
-    """What `work(job)` returns: of files, in a worker that may crash, hang or need too much; else here."""
+def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Answer:
+    """What `work(job)` returns: of files, in a worker that may crash, hang or need too much; else here.
+
+    limit: s, after which it counts as hung; None: LIMIT_S, or the engine's own where that is longer.
+    """
     source = _as_files(job.source)
     if source is None:
         return work(job)
     engine = None if job.engine is None and _is_python(source) else _engine_for(source, job.engine)
     name, where = (job.engine, None) if engine is None else (engine.name, engine.interpreter)
+    limit = max(LIMIT_S, getattr(engine, "limit", 0.0)) if limit is None else limit
     try:
         job = dataclasses.replace(job, source=source, engine=name)
         answer: Answer = call(_in_worker, work, job, limit=limit, at=where)
@@ -211,7 +216,7 @@ def _engine_for(source: Any, name: str | None) -> Engine:
         base = registry.base_name(name)
         if base in [registry.base_name(engine.name) for engine in engines]:
             return registry.engine(name)
-        raise UserError("engine", repr(name), " or ".join(engine.name for engine in engines))
+        raise UserError("engine", repr(name), f"one of: {', '.join(engine.name for engine in engines)}")
     for engine in engines:
         if engine.accepts(source):
             return engine

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from hcbench.impact import Impact
+from hcbench.impact import Impact, Launch
 from hcbench.measure.causes import FEW_STEPS
 from hcbench.sim import simulate
 from hcbench.sim.model_under_test import ModelUnderTest, Request
@@ -30,30 +30,29 @@ def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
     if not request.adapt_phases:
         return simulate.impacts_in(model, request.launches())
     sent = itertools.product(request.speeds, request.angles)
-    return [impact for v, a in sent for impact in _sent(model, replace(request, speeds=(v,), angles=(a,)))]
+    wanted = [replace(request, speeds=(v,), angles=(a,)).launches() for v, a in sent]
+    # All speeds together in each round, for engines that take as long for many as for one.
+    groups = [[impact] for impact in simulate.impacts_in(model, [launches[0] for launches in wanted])]
+    short = [i for i, (impact,) in enumerate(groups) if impact.samples < LONG_CONTACT]
+    new = {i: wanted[i][1:] for i in short}
+    while new:
+        found = iter(simulate.impacts_in(model, list(itertools.chain.from_iterable(new.values()))))
+        for i, launches in new.items():
+            groups[i] = sorted(
+                [*groups[i], *itertools.islice(found, len(launches))], key=lambda impact: impact.launch.phase
+            )
+        new = {i: launches for i in new if (launches := _between(groups[i]))}
+    return list(itertools.chain.from_iterable(groups))
 
 
-def _sent(model: ModelUnderTest, request: Request) -> list[Impact]:
-    """Of a request of one speed and angle."""
-    first, *others = request.launches()
-    impacts = simulate.impacts_in(model, [first])
-    if impacts[0].samples >= LONG_CONTACT:
-        return impacts
-    impacts += simulate.impacts_in(model, others)
-    while min(i.samples for i in impacts) <= FEW_STEPS and (new := _between(impacts)):
-        launches = [replace(first, phase=phase) for phase in new[: _PHASES_MAX - len(impacts)]]
-        impacts = sorted(
-            impacts + simulate.impacts_in(model, launches), key=lambda impact: impact.launch.phase
-        )
-    return impacts
-
-
-def _between(impacts: Sequence[Impact]) -> list[float]:
-    """Phases half-way between neighbours whose e differ, the most different first; none once all is known.
+def _between(impacts: Sequence[Impact]) -> list[Launch]:
+    """Launches at phases half-way between neighbours whose e differ, the most different first; none once all
+    is known, or where many steps decide. impacts: in the order of their phases.
 
     The step after the last phase is that of the first again.
     """
-    if len(impacts) >= _PHASES_MAX:
+    room = _PHASES_MAX - len(impacts)
+    if room <= 0 or min(impact.samples for impact in impacts) > FEW_STEPS:
         return []
     e = np.array([impact.restitution for impact in impacts])
     scatter = float(np.nanmax(e) - np.nanmin(e)) if np.isfinite(e).any() else 0.0
@@ -63,4 +62,5 @@ def _between(impacts: Sequence[Impact]) -> list[float]:
         step = abs(one - two)
         if step > max(_SAME_E, _SAME_SHARE * scatter) and b - a > _NARROWEST:
             gaps.append((step, (a + b) / 2 % 1.0))
-    return [phase for _, phase in sorted(gaps, key=lambda gap: (-gap[0], gap[1]))]
+    phases = [phase for _, phase in sorted(gaps, key=lambda gap: (-gap[0], gap[1]))]
+    return [replace(impacts[0].launch, phase=phase) for phase in phases[:room]]

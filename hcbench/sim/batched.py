@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import linecache
 from abc import abstractmethod
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -13,22 +12,18 @@ from hcbench._text import shortest
 from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
-from hcbench.sim import registry
-from hcbench.sim.engine import Record, Simulation, SteppedEngine, World
+from hcbench.sim.engine import Record, Simulation, World
 from hcbench.sim.momentum import momentum_force
 from hcbench.sim.read_impact import SpeedReading
-from hcbench.sim.scripted import Options, PythonLaw, ScriptedEngine, python_law_of
-from hcbench.tune.search import map_result
+from hcbench.sim.scripted import Options, PythonLaw, ScriptedEngine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Sequence
 
     from hcbench.impact import Floats, Launch
     from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.sim.engine import Flags
-    from hcbench.tune.recipe import Recipe
-    from hcbench.tune.target import Target
 
 _MOST_STEPS = 64  # between two looks
 _FEWEST = 4.0  # units in the last place of the position that a step at the highest speed must move it by
@@ -36,7 +31,17 @@ _FEWEST = 4.0  # units in the last place of the position that a step at the high
 
 def require_motion(scene: Scene, timestep: float, fastest: float, bits: int) -> None:
     """Raises SettingError for a step so short that the ball, in numbers of so many bits, does not move."""
-    place = float(np.spacing(scene.touch_radius, dtype=f"f{bits // 8}"))
+    require_motion_at(scene.touch_radius, timestep, fastest, bits)
+
+
+def unit_in_last_place(coordinate: float, bits: int) -> float:
+    """The distance, m, between a coordinate and the next that numbers of so many bits have."""
+    return float(np.spacing(abs(coordinate), dtype=f"f{bits // 8}"))
+
+
+def require_motion_at(coordinate: float, timestep: float, fastest: float, bits: int) -> None:
+    """The same for a body whose largest coordinate where it touches is this, m."""
+    place = unit_in_last_place(coordinate, bits)
     if fastest * timestep < _FEWEST * place:
         got = f"{timestep:g} s in float{bits}: at {fastest:.3g} m/s the ball moves {fastest * timestep:.1g} m"
         expected = f"{_FEWEST * place:.1g} m or more, as positions have steps of {place:.1g} m"
@@ -150,60 +155,6 @@ class BatchSimulation(Simulation):
     def keep(self, which: Flags) -> None:
         """Look at these only: the others go on."""
         self._which = self._which[which]
-
-
-class BorrowedScenes(SteppedEngine):
-    """An engine that loads the scenes that another one writes for its own settings.
-
-    lender: its name. own: words of the options that the lender does not have.
-    """
-
-    lender: ClassVar[str]
-    own: ClassVar[tuple[str, ...]] = ("law",)
-    oblique: ClassVar[bool] = False
-
-    def lent(self, setting: Setting) -> Setting:
-        """What of a setting the lender reads."""
-        options = {word: value for word, value in setting.options.items() if word not in self.own}
-        return replace(setting, engine=self.lender, options=options)
-
-    def law(self, setting: Setting) -> PythonLaw | None:
-        """What of a setting Python does."""
-        return python_law_of(setting.options["law"]) if "law" in setting.options else None
-
-    def script(self, scene: Scene, setting: Setting) -> str:
-        """The lender's scene."""
-        if scene.form != "plane":
-            got = f"the form {scene.form!r}"
-            raise SettingError(f"{setting.engine} {setting.name!r}", got, "the form 'plane'")
-        return registry.engine(self.lender).script(scene, self.lent(setting))
-
-    def snippet(self, setting: Setting, form: str) -> str:
-        """The lender's."""
-        return registry.engine(self.lender).snippet(self.lent(setting), form)
-
-
-def borrowed(engine: str, lender: str, changes: Mapping[str, Mapping[str, Any]]) -> tuple[Recipe, ...]:
-    """Recipes of another engine as this one's. changes: their names, with the fields that differ."""
-    return tuple(
-        replace(registry.recipe(f"{lender}.{name}"), engine=engine, **{"forms": ("plane",), **change})
-        for name, change in changes.items()
-    )
-
-
-def changed(
-    recipe: str, change: Callable[[Mapping[str, Any]], Mapping[str, Any]], **more: Any
-) -> Callable[..., Mapping[str, Any]]:
-    """A recipe's function with its options changed, in what an interrupted search hands out too.
-
-    more: what else the function is told.
-    """
-
-    def function(target: Target, integrator: str = "Euler") -> Mapping[str, Any]:
-        with map_result(change):
-            return change(registry.recipe(recipe).function(target, integrator, **more))
-
-    return function
 
 
 def run_lines(lines: str, names: dict[str, Any]) -> dict[str, Any]:

@@ -7,11 +7,15 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from hcbench.errors import EngineFailed
 from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.engine import World
+
+if TYPE_CHECKING:
+    from hcbench.sim.borrowed import BorrowingEngine
 
 DEFAULT_SPEEDS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0)
 DEFAULT_PHASES = 4
@@ -163,6 +167,10 @@ class ModelUnderTest(World):
     @abstractmethod
     def fixed(self, suspects: Sequence[Suspect]) -> ModelUnderTest:
         """The same pair with the fixes of `suspects` made, in a copy of the model."""
+
+    def stepped_by(self, engine: BorrowingEngine) -> ModelUnderTest:
+        """The same pair, read as here and stepped by an engine that borrows models from this one."""
+        raise EngineFailed(engine.name, f"borrows a {type(self).__name__}", "one of its lender's models")
 
     @property
     def step_cost(self) -> float:

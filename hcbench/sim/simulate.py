@@ -94,7 +94,8 @@ def run_launches(
 ) -> Iterator[list[Impact]]:
     """Impacts of launches that are sorted by how long they take, in groups of the world's `places`.
 
-    places: at most so many together, 0 for as many as the world carries. expected: steps of the first.
+    places: at most so many together, 0 for as many as the world carries. expected: steps of the first, after
+    which each group tells the next; 0 where they have nothing in common.
     Raises SettingError for a launch that cannot arrive.
     """
     for launch in launches:
@@ -106,7 +107,8 @@ def run_launches(
 
     def run(group: Sequence[Launch]) -> list[Impact]:
         nonlocal steps
-        group_impacts, steps = _run_group(world, group, steps)
+        group_impacts, taken = _run_group(world, group, steps)
+        steps = taken if expected else 0
         return group_impacts
 
     parts = [launches[i : i + size] for i in range(0, len(launches), size)]

@@ -1,22 +1,26 @@
-"""MJX behind the contract of an engine: it flies the MJCF that `hcbench tune mujoco` writes, by vmap.
+"""MJX behind the contract of an engine: it flies MJCF, written by `hcbench tune mujoco` or a user's, by vmap.
 
 Options of a setting: those of MuJoCo, and
     precision: "float32", JAX's own, or "float64", by jax_enable_x64, which is one for a whole process.
     law: {"kind": "restitution", ...} for e(v) set in each step, or {"kind": "force", ...} in place of the
-        contact, as `hcbench.laws.contact_law.law_of` reads them."""
+        contact, as `hcbench.laws.contact_law.law_of` reads them.
+
+A user's model is flown in JAX's own precision, or that of the environment variable JAX_ENABLE_X64.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from hcbench.errors import SettingError
+from hcbench.errors import SceneError, SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim.backend import Backend
-from hcbench.sim.batched import BatchWorld, BorrowedScenes, law_text, reading_of, require_motion
+from hcbench.sim.batched import law_text, reading_of, require_motion
+from hcbench.sim.borrowed import BorrowingEngine, Copies, CopiesWorld
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -26,12 +30,12 @@ if TYPE_CHECKING:
 
 _PLACES = 32
 _BUFFER = 512  # steps that are recorded before they are looked at
-_HIGHEST_POWER = 100.0  # of a solimp in float32, which ends at 2^-149
-IMPEDANCE, _HIGHEST = 0.9, 0.99  # of a bounce in one step: float32 tells 1 - d to 2e-6, to 1e-5
+IMPEDANCE = 0.9  # of a bounce in one step: float32 tells 1 - d to 2e-6
+_HELD = ("ctrl", "act", "mocap_pos", "mocap_quat", "eq_active")  # of a state, as the user has set it
 _BITS = {"float32": 32, "float64": 64}
 
 
-class MjxEngine(BorrowedScenes):
+class MjxEngine(BorrowingEngine):
     """MuJoCo in JAX, 3.17."""
 
     name: ClassVar[str] = "mjx"
@@ -41,8 +45,11 @@ class MjxEngine(BorrowedScenes):
     own_process: ClassVar[bool] = True
     limit: ClassVar[float] = 600.0  # JAX compiles for up to minutes
     together: ClassVar[int] = _PLACES
+    suffixes: ClassVar[tuple[str, ...]] = (".xml", ".mjcf", ".mjb")
     lender: ClassVar[str] = "mujoco"
     own: ClassVar[tuple[str, ...]] = ("law", "precision")
+    lacks: ClassVar[frozenset[str]] = frozenset({"adhesion", "impedance in float32"})
+    exact: ClassVar[str] = "JAX_ENABLE_X64=1 (a setting: precision = 'float64')"
 
     def lent(self, setting: Setting) -> Setting:
         """What of a setting MuJoCo reads; e(v) needs a pair whose solref a step can set."""
@@ -57,26 +64,44 @@ class MjxEngine(BorrowedScenes):
         """MJCF, or the law's step."""
         return _step_text(self.law(setting)) or super().snippet(setting, form)
 
-    def load(self, scene: Scene, setting: Setting, fastest: float) -> MjxWorld:
+    def load(self, scene: Scene, setting: Setting, fastest: float) -> CopiesWorld:
         """A scene under a setting. Raises SettingError for what MJX would do otherwise than MuJoCo."""
         bits = _bits(setting)
         require_motion(scene, setting.timestep, fastest, bits)
         xml, law = self.script(scene, setting), self.law(setting)
-        jax, mujoco, mjx = (self.backend.module(name) for name in ("jax", "mujoco", "mujoco.mjx"))
-        jax.config.update("jax_enable_x64", bits == 64)
+        mujoco = self.backend.module("mujoco")
         model = mujoco.MjModel.from_xml_string(xml)
         if isinstance(law, HuntCrossley):
             model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         elif law is None:
-            require_same(model, f"mjx {setting.name!r}", bits)
+            self.require_same(model, setting, bits)
+        rest = mujoco.MjData(model)
+        copies = self._copies(model, rest, bits, _step_text(law), scene.touch_radius)
+        reading = reading_of(law, model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4)
+        return CopiesWorld(scene, setting.timestep, copies, np.append(rest.qpos, rest.qvel), reading)
+
+    def copies(self, model: Any, start: Any) -> MjxCopies:
+        """Copies of a user's model. Raises SceneError for what MJX does not have of MuJoCo."""
+        if model.nplugin:
+            got = "a plug-in, which MJX leaves out without a word"
+            raise SceneError("model", got, "a model without", "`hcbench tune mjx` puts a law into its step")
+        return self._copies(model, start, 64 if self._started_in_64_bits() else 32)
+
+    @cache  # noqa: B019 - one adapter a process
+    def _started_in_64_bits(self) -> bool:
+        return bool(self.backend.module("jax").config.jax_enable_x64)
+
+    def _copies(self, model: Any, start: Any, bits: int, step: str = "", radius: float = 0.0) -> MjxCopies:
+        self._started_in_64_bits()  # before a setting says otherwise
+        jax, mjx = self.backend.module("jax"), self.backend.module("mujoco.mjx")
+        jax.config.update("jax_enable_x64", bits == 64)
         try:
             on_device = mjx.put_model(model)
         except NotImplementedError as error:
-            raise SettingError(f"mjx {setting.name!r}", f"{error}", "what MJX has of MuJoCo") from None
-        compiled = _compiled(_step_text(law) or "step = mjx.step", scene.touch_radius, bits)
-        world = MjxWorld(scene, setting.timestep, bits, on_device, mjx.make_data(on_device), *compiled)
-        world.speed_reading = reading_of(law, model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4)
-        return world
+            raise SceneError("model", f"MJX: {error}", "what MJX has of MuJoCo") from None
+        empty = mjx.make_data(on_device)  # put_data has other types in 64 bits
+        empty = empty.replace(**{name: jax.numpy.asarray(getattr(start, name)) for name in _HELD})
+        return MjxCopies(on_device, empty, bits, *_compiled(step or "step = mjx.step", radius, bits))
 
 
 def _bits(setting: Setting) -> int:
@@ -86,39 +111,19 @@ def _bits(setting: Setting) -> int:
     return _BITS[precision]
 
 
-def require_same(model: Any, slot: str, bits: int) -> None:
-    """Raises SettingError for a model whose contact MJX, or float32, turns into another one."""
-    if getattr(model, "pair_adhesion", np.zeros(1)).any():
-        got = "pairs with adhesion, which MJX drops without a word: their dampers cannot pull"
-        raise SettingError(slot, got, "pairs that only push", "Use `staggered-push`")
-    if bits == 64:
-        return
-    solimp = np.concatenate([model.pair_solimp, model.geom_solimp])
-    if (power := float(solimp[:, 4].max())) > _HIGHEST_POWER:
-        got = f"solimp of power {power:.4g}, which underflows in float32: no bounce"
-        raise SettingError(slot, got, f"a power up to {_HIGHEST_POWER:g}", "Or precision = 'float64'")
-    one_step = (model.pair_solref[:, 0] == 0) & (-model.pair_solref[:, 1] * model.opt.timestep > 1)
-    if (one_step & (model.pair_solimp[:, :2].max(axis=1) > _HIGHEST)).any():
-        got = "a bounce in one step with an impedance of which float32 keeps too little: e off by .0024"
-        raise SettingError(slot, got, f"solimp up to {_HIGHEST:g}", "Use MJX's `impulse`, or 'float64'")
-
-
-class MjxWorld(BatchWorld):
-    """`places` worlds in one vmap."""
+class MjxCopies(Copies):
+    """Copies of a model in one vmap."""
 
     places = _PLACES
 
-    def __init__(
-        self, scene: Scene, timestep: float, bits: int, model: Any, empty: Any, place: Any, run: Any
-    ) -> None:
-        super().__init__(scene, timestep)
+    def __init__(self, model: Any, empty: Any, bits: int, place: Any, run: Any) -> None:
         self.bits, self._model, self._empty, self._place, self._run = bits, model, empty, place, run
 
-    def place(self, heights: Floats, velocities: Floats) -> Floats:
+    def place(self, states: Floats) -> Floats:
         """New data."""
-        z, v = (np.asarray(a, f"f{self.bits // 8}") for a in (heights, velocities))
-        self._data = self._place(self._empty, z, v)
-        return np.stack([z, v]).astype(np.float64)
+        rounded = states.astype(f"f{self.bits // 8}")
+        self._data = self._place(self._empty, rounded)
+        return rounded.astype(np.float64)
 
     def step(self, steps: int) -> Floats:
         """Up to as many steps as the buffer takes."""
@@ -129,7 +134,7 @@ class MjxWorld(BatchWorld):
 
 @lru_cache(maxsize=16)
 def _compiled(step_text: str, radius: float, bits: int) -> tuple[Any, Any]:
-    """For each law and precision: what places the balls, and what takes so many steps and records them."""
+    """For each law and precision: what places copies, and what takes so many steps and records them."""
     import jax
     import jax.numpy as jnp
     from mujoco import mjx
@@ -141,14 +146,15 @@ def _compiled(step_text: str, radius: float, bits: int) -> tuple[Any, Any]:
     def run(model: Any, data: Any, steps: int) -> Any:
         def one(i: Any, carry: Any) -> Any:
             data = step(model, carry[0])
-            return data, carry[1].at[i].set(jnp.stack([data.qpos[:, 2], data.qvel[:, 2]]))
+            return data, carry[1].at[i].set(jnp.concatenate([data.qpos, data.qvel], axis=1))
 
-        return jax.lax.fori_loop(0, steps, one, (data, jnp.zeros((_BUFFER, 2, _PLACES), data.qpos.dtype)))
+        path = jnp.zeros((_BUFFER, _PLACES, model.nq + model.nv), data.qpos.dtype)
+        return jax.lax.fori_loop(0, steps, one, (data, path))
 
-    def place(empty: Any, z: Any, v: Any) -> Any:
-        return empty.replace(qpos=empty.qpos.at[2].set(z), qvel=empty.qvel.at[2].set(v))
+    def place(empty: Any, state: Any) -> Any:
+        return empty.replace(qpos=state[: empty.qpos.size], qvel=state[empty.qpos.size :])
 
-    return jax.jit(jax.vmap(place, in_axes=(None, 0, 0))), jax.jit(run)
+    return jax.jit(jax.vmap(place, in_axes=(None, 0))), jax.jit(run)
 
 
 def _step_text(law: PythonLaw | None) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from hcbench.engines.mjx.engine import IMPEDANCE
-from hcbench.sim.batched import borrowed, changed
+from hcbench.sim.borrowed import borrowed, changed
 from hcbench.tune.law_recipes import python_law_recipes
 from hcbench.tune.recipe import Integrators
 

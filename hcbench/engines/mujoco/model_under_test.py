@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.causes import find_suspects
@@ -19,6 +19,12 @@ from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measure.causes import other_contacts
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
+
+if TYPE_CHECKING:
+    from hcbench.engines.mujoco.lent_model import LentModel
+    from hcbench.sim.borrowed import BorrowingEngine
+
+Flight = TypeVar("Flight", bound=MujocoUserSimulation)
 
 
 class MujocoModel(ModelUnderTest):
@@ -45,7 +51,11 @@ class MujocoModel(ModelUnderTest):
     def release(self, launches: Sequence[Launch]) -> MujocoUserSimulation:
         """The launch under way from its starting point."""
         (launch,) = launches
-        return MujocoUserSimulation(
+        return self.released(launch, MujocoUserSimulation)
+
+    def released(self, launch: Launch, kind: type[Flight]) -> Flight:
+        """A launch under way, in a simulation of this kind."""
+        return kind(
             self.model,
             self.start,
             self.place,
@@ -55,6 +65,12 @@ class MujocoModel(ModelUnderTest):
             self.request.along,
             self.gravity,
         )
+
+    def stepped_by(self, engine: BorrowingEngine) -> LentModel:
+        """The same pair, stepped by an engine that borrows MuJoCo's models."""
+        from hcbench.engines.mujoco.lent_model import LentModel
+
+        return LentModel(self, engine)
 
     @property
     def step_cost(self) -> float:

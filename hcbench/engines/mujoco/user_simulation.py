@@ -76,11 +76,12 @@ class MujocoUserSimulation(Simulation):
         self._staged = int(model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4)
         self._seen = mujoco.MjData(model) if self._staged else self._data
         self._free: Any = mujoco.MjData(model) if self._staged else None
-        self._reader = _Reader(model, place, _with_kinematics(self._data, model), self._along)
+        self._reader = _Reader(model, place, with_kinematics(self._data, model), self._along)
         self._x, self._rate, self._touched, self._steps = -clearance, launch.speed, False, 0
         self._last: _Step | None = None  # RK4 only: waits for the one after it
         plugged = restitution_law(model, place.contact.rows[0][2]) is not None
         self._beside = WithoutContact(model) if plugged else None
+        self._noise = _STAGE_NOISE
         self._others, self._shares = others, shares
         tells = not self._staged and has_more_than_contacts(model)
         self._causes = SpeedShares(model, place.pair.sides) if tells else None
@@ -133,16 +134,14 @@ class MujocoUserSimulation(Simulation):
         before, then = data.qvel.copy(), data.time
         if self._beside is not None:
             _copy_state(model, data, self._beside.data)
-        mujoco.mj_step(model, data)
+        self._take_step(data)
         self._steps += 1
         if data.time <= then:
             unknown = None if self._along is None else np.full(TANGENTIAL_ROWS, math.nan)
             return _Step(math.nan, math.nan, math.nan, math.nan, unknown)
         depth, force, rate = self._reader.read(seen, before)
-        if self._beside is not None and depth is not None:
-            force = self._beside.force(self._reader.row(seen), data.qvel, self._place.effective_mass)
         if depth is not None:
-            self._x = depth
+            force, self._x = self._force(force, seen), depth
         elif self._steps > 1:
             # As the integrator has moved it: by the new velocity, under RK4 by the mean.
             self._x += self._h * (0.5 * (self._rate + rate) if self._staged else rate)
@@ -164,6 +163,16 @@ class MujocoUserSimulation(Simulation):
                 self._first_touch.setdefault(geom, self._steps - 1)
         return step
 
+    def _take_step(self, data: Any) -> None:
+        """Move `data` on by a step, with the constraints and forces of the state before it left in it."""
+        self._mujoco.mj_step(self._model, data)
+
+    def _force(self, solved: float, seen: Any) -> float:
+        """The pair's force in the step just taken, N. solved: by MuJoCo's solver. seen: the state before."""
+        if self._beside is None:
+            return solved
+        return self._beside.force(self._reader.row(seen), self._data.qvel, self._place.effective_mass)
+
     def _rate_without_contact(self) -> float:
         """The approach rate after the step from the state in `_seen`, had no contact acted in it."""
         model, data = self._model, self._free
@@ -173,7 +182,7 @@ class MujocoUserSimulation(Simulation):
         self._mujoco.mj_step(model, data)
         model.opt.disableflags = flags
         reader = self._reader
-        point = reader.contact_point(_with_kinematics(data, model))
+        point = reader.contact_point(with_kinematics(data, model))
         return float(self._place.pair.approach_row(data, point, reader.normal) @ data.qvel)
 
     def _with_hidden_force(self, step: _Step, after: _Step) -> _Step:
@@ -181,7 +190,7 @@ class MujocoUserSimulation(Simulation):
         if step.force != 0.0 or math.isnan(step.free):
             return step
         mean = (step.free - after.rate) / self._h
-        noise = _STAGE_NOISE * max(abs(step.rate), abs(after.rate)) / self._h
+        noise = self._noise * max(abs(step.rate), abs(after.rate)) / self._h
         if not abs(mean) > noise:
             return step
         self._touched = True
@@ -252,7 +261,7 @@ class _Reader:
         return 0.5 * float(velocity[address] + velocity[address + 1])
 
 
-def _with_kinematics(data: Any, model: Any) -> Any:
+def with_kinematics(data: Any, model: Any) -> Any:
     """`data` with its kinematics computed at its state."""
     mujoco = backend()
     mujoco.mj_kinematics(model, data)

@@ -1,4 +1,4 @@
-"""MuJoCo Warp behind the contract of an engine: it flies the MJCF that `hcbench tune mujoco` writes.
+"""MuJoCo Warp behind the contract of an engine: it flies MJCF, of `hcbench tune mujoco` or a user's.
 
 Options of a setting: those of MuJoCo, and
     law: {"kind": "restitution", ...} for e(v) set in each step, or {"kind": "force", ...} in place of the
@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from hcbench.errors import SettingError
+from hcbench.errors import EngineFailed, SceneError
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim.backend import Backend
-from hcbench.sim.batched import BatchWorld, BorrowedScenes, law_text, reading_of, require_motion, run_lines
+from hcbench.sim.batched import law_text, reading_of, require_motion, run_lines
+from hcbench.sim.borrowed import BorrowingEngine, Copies, CopiesWorld
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -30,10 +31,10 @@ if TYPE_CHECKING:
 
 _PLACES = 128  # a step of one world costs as much as of all
 _MOST_STEPS = 64  # between two looks
-_HIGHEST_POWER = 100.0  # of a solimp in float32, which ends at 2^-149
+_MOST_CONTACTS = 256  # of a world, and constraints of a user's model; Warp's own is 48
 
 
-class MujocoWarpEngine(BorrowedScenes):
+class MujocoWarpEngine(BorrowingEngine):
     """MuJoCo in Warp, 4.0."""
 
     name: ClassVar[str] = "mujoco-warp"
@@ -43,7 +44,9 @@ class MujocoWarpEngine(BorrowedScenes):
     own_process: ClassVar[bool] = True
     limit: ClassVar[float] = 600.0  # Warp compiles some 40 kernels when first used
     together: ClassVar[int] = _PLACES
+    suffixes: ClassVar[tuple[str, ...]] = (".xml", ".mjcf", ".mjb")
     lender: ClassVar[str] = "mujoco"
+    lacks: ClassVar[frozenset[str]] = frozenset({"several pairs"})
 
     def lent(self, setting: Setting) -> Setting:
         """What of a setting MuJoCo reads; e(v) needs a pair whose solref a step can set."""
@@ -64,29 +67,36 @@ class MujocoWarpEngine(BorrowedScenes):
             text += "\n<!-- each pair wants a massless copy of the ball's geom of its own as geom1 -->"
         return text
 
-    def load(self, scene: Scene, setting: Setting, fastest: float) -> WarpWorld:
+    def load(self, scene: Scene, setting: Setting, fastest: float) -> CopiesWorld:
         """A scene under a setting. Raises SettingError for what float32 turns into something else."""
         require_motion(scene, setting.timestep, fastest, self.bits)
         xml, law = self.script(scene, setting), self.law(setting)
-        names = "mujoco", "warp", "mujoco_warp"
-        mujoco, warp, mujoco_warp = (self.backend.module(name) for name in names)
-        warp.config.quiet = True
-        model, slot = mujoco.MjModel.from_xml_string(xml), f"mujoco-warp {setting.name!r}"
-        power = float(np.concatenate([model.pair_solimp, model.geom_solimp])[:, 4].max())
-        if power > _HIGHEST_POWER:
-            got = f"solimp of power {power:.4g}, which underflows in float32: no bounce"
-            raise SettingError(slot, got, f"a power up to {_HIGHEST_POWER:g}", "Use `two-pair`")
+        mujoco = self.backend.module("mujoco")
+        model = mujoco.MjModel.from_xml_string(xml)
+        self.require_same(model, setting, self.bits)
         if isinstance(law, HuntCrossley):
             model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        rest, most = mujoco.MjData(model), int(model.npair) + 4
+        copies = self._copies(model, rest, most, {"R": scene.touch_radius}, _law_lines(law))
+        reading = reading_of(law, model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4)
+        return CopiesWorld(scene, setting.timestep, copies, np.append(rest.qpos, rest.qvel), reading)
+
+    def copies(self, model: Any, start: Any) -> WarpCopies:
+        """Copies of a user's model. Raises SceneError for what Warp does not have of MuJoCo."""
+        return self._copies(model, start, _MOST_CONTACTS, {})
+
+    def _copies(
+        self, model: Any, start: Any, most: int, names: dict[str, Any], lines: str = ""
+    ) -> WarpCopies:
+        """most: contacts of a copy, and rows. lines: what puts a law in, which finds `names`."""
+        warp, mujoco_warp = self.backend.module("warp"), self.backend.module("mujoco_warp")
+        warp.config.quiet = True
         try:
             on_device = mujoco_warp.put_model(model)
-        except NotImplementedError as error:
-            raise SettingError(slot, f"{error}", "what MuJoCo Warp has of MuJoCo") from None
-        known = {"wp": warp, "mjw": mujoco_warp, "model": on_device, "R": scene.touch_radius, "np": np}
-        lines = run_lines(_law_lines(law), known)
-        world = WarpWorld(scene, setting.timestep, mujoco, model, lines)
-        world.speed_reading = reading_of(law, model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4)
-        return world
+        except (NotImplementedError, ValueError) as error:
+            raise SceneError("model", f"MuJoCo Warp: {error}", "what it has of MuJoCo") from None
+        known = {"wp": warp, "mjw": mujoco_warp, "model": on_device, "np": np, **names}
+        return WarpCopies(model, start, most, run_lines(lines, known))
 
 
 def with_a_geom_each(xml: str) -> str:
@@ -103,28 +113,22 @@ def with_a_geom_each(xml: str) -> str:
     return ET.tostring(root, encoding="unicode")
 
 
-class WarpWorld(BatchWorld):
-    """`places` worlds on one device."""
+class WarpCopies(Copies):
+    """Copies of a model on one device."""
 
-    places = _PLACES
+    places, bits = _PLACES, 32
 
-    def __init__(self, scene: Scene, timestep: float, mujoco: Any, model: Any, names: dict[str, Any]) -> None:
-        super().__init__(scene, timestep)
-        self._mujoco, self._model, self._names = mujoco, model, names
+    def __init__(self, model: Any, start: Any, most: int, names: dict[str, Any]) -> None:
+        self._model, self._start, self._most, self._names = model, start, most, names
         self._step, self._before = names["mjw"].step, names.get("before_step", lambda data: None)
 
-    def place(self, heights: Floats, velocities: Floats) -> Floats:
+    def place(self, states: Floats) -> Floats:
         """New data."""
-        most = int(self._model.npair) + 4  # contacts of a world, and rows
-        empty = self._mujoco.MjData(self._model)
         self._data = self._names["mjw"].put_data(
-            self._model, empty, nworld=self.places, nconmax=most, njmax=most
+            self._model, self._start, nworld=self.places, nconmax=self._most, njmax=self._most
         )
-        qpos = np.tile(empty.qpos, (self.places, 1))
-        qvel = np.zeros((self.places, self._model.nv))
-        qpos[:, 2], qvel[:, 2] = heights, velocities
-        self._data.qpos.assign(qpos.astype(np.float32))
-        self._data.qvel.assign(qvel.astype(np.float32))
+        self._data.qpos.assign(states[:, : self._model.nq].astype(np.float32))
+        self._data.qvel.assign(states[:, self._model.nq :].astype(np.float32))
         return self._state()
 
     def step(self, steps: int) -> Floats:
@@ -134,10 +138,13 @@ class WarpWorld(BatchWorld):
             self._before(self._data)
             self._step(self._names["model"], self._data)
             path.append(self._state())
+        if self._data.overflow.numpy().any():
+            got = f"a copy has more than {self._most} contacts or constraints"
+            raise EngineFailed("mujoco-warp", got, "fewer", "Measure a model of the two alone")
         return np.array(path)
 
     def _state(self) -> Floats:
-        return np.array([self._data.qpos.numpy()[:, 2], self._data.qvel.numpy()[:, 2]], np.float64)
+        return np.hstack([self._data.qpos.numpy(), self._data.qvel.numpy()]).astype(np.float64)
 
 
 def _law_lines(law: PythonLaw | None) -> str:

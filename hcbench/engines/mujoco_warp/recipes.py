@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from hcbench.sim.batched import borrowed, changed
+from hcbench.sim.borrowed import borrowed, changed
 from hcbench.tune.law_recipes import python_law_recipes
 from hcbench.tune.recipe import Integrators
 from hcbench.tune.target import Target

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from hcbench.sim.batched import borrowed, changed
+from hcbench.sim.borrowed import borrowed, changed
 from hcbench.tune.constant import contact_time, minimax_constant, one_way_spring_damper
 from hcbench.tune.law_recipes import python_law_recipes
 from hcbench.tune.recipe import Role, on_a_plane, stock
