@@ -97,52 +97,51 @@ def impacts_of(
     the run of steps in which the force acts. Speeds are read, as `reading` says, off the last state that no
     contact force has touched and the first after the force has ceased for good.
     """
-    first, stops, deepest, hardest = _contact(states, counts.astype(np.int32))
+    first, stops, deepest, hardest = _contact(states, counts)
     h = float(time[1] - time[0]) if len(time) > 1 else 0.0
     each, after = np.arange(len(counts)), np.minimum(stops, counts - 1)
     came, left = (tuple(states[:2, each, step]) for step in (first, after))
     v_in, v_out = reading.speeds(came, left, gravity * h, gravity)
     pushed = ~(came[1] > 0.0) | ((ends == End.PARTED) & (left[1] > 0.0))
-    time, impacts = time - time[:1], []
-    for i, (launch, start, stop, n, end) in enumerate(
-        zip(launches, first.tolist(), stops.tolist(), counts.tolist(), ends.tolist(), strict=True)
-    ):
-        acted, rested, failed = stop - start, end == End.RESTED, _FAILED.get(end)
+    v_out[ends == End.RESTED] = 0.0
+    time, impacts = time - time[:1], list[Impact]()
+    parted, unfinished, rested = Status.PARTED, int(End.UNFINISHED), int(End.RESTED)
+    columns = (first, stops, counts, ends, pushed, v_in, v_out, deepest, hardest)
+    rows = zip(launches, *states, *(column.tolist() for column in columns), strict=True)
+    for launch, x, v, f, start, stop, n, end, was_pushed, speed_in, speed_out, depth, force in rows:
+        acted, failed = stop - start, _FAILED.get(end)
         if failed is not None:
             impacts.append(Impact(launch, failed[0], failed[1].format(time[n - 1], diverged)))
-        elif pushed[i]:
+        elif was_pushed:
             impacts.append(Impact(launch, Status.DIVERGED, _PUSHED, samples=acted))
-        elif end == End.UNFINISHED:
+        elif end == unfinished:
             reason = f"still in contact, and not at rest, after {n - start} steps ({h * (n - start):.3g} s)"
             impacts.append(Impact(launch, Status.UNFINISHED, reason, samples=acted))
         else:
-            impact = Impact(
-                launch,
-                Status.RESTED if rested else Status.PARTED,
-                reason=f"still in contact {time[n - 1] - time[start]:.3g} s after touch" if rested else "",
-                speed_in=float(v_in[i]),
-                speed_out=0.0 if rested else float(v_out[i]),
-                duration=h * acted,
-                penetration_max=deepest[i],
-                force_max=hardest[i],
-                samples=acted,
-                loop=Loop(time[:acted], *states[:, i, start:stop]),
-            )
-            impacts.append(impact)
+            status, reason = parted, ""
+            if end == rested:
+                status, reason = (
+                    Status.RESTED,
+                    f"still in contact {time[n - 1] - time[start]:.3g} s after touch",
+                )
+            loop = Loop(time[:acted], x[start:stop], v[start:stop], f[start:stop])
+            measured = (speed_in, speed_out, h * acted, depth, force, acted)
+            impacts.append(Impact(launch, status, reason, *measured, loop))
     return impacts
 
 
 def _contact(
-    states: Floats, counts: NDArray[np.int32]
-) -> tuple[NDArray[np.int32], NDArray[np.int32], list[float], list[float]]:
+    states: Floats, counts: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
     """First step in which the force acts, one after the last, greatest penetration and force; (b,) each."""
     x, _, f = states
-    step = np.arange(x.shape[1], dtype=np.int32)
+    n = x.shape[1]
     with np.errstate(all="ignore"):
-        acting = (f != 0.0) & (step < counts[:, None])
-        first = acting.argmax(axis=1).astype(np.int32)
-        stops = x.shape[1] - acting[:, ::-1].argmax(axis=1).astype(np.int32)
-        inside = (step >= first[:, None]) & (step < stops[:, None])
-        deepest = np.where(inside, x, -np.inf).max(axis=1).tolist()
-        hardest = np.where(inside, f, -np.inf).max(axis=1).tolist()
-    return first, stops, deepest, hardest
+        acting = f != 0.0
+        acting &= np.arange(n) < counts[:, None]
+    first, stops = acting.argmax(axis=1), n - acting[:, ::-1].argmax(axis=1)
+    # Between the two of each launch, and from there to the next one's.
+    bounds = (np.stack([first, stops], axis=1) + n * np.arange(len(x))[:, None]).ravel()
+    bounds = bounds[bounds < x.size]
+    greatest = (np.maximum.reduceat(part, bounds)[::2] for part in (x.ravel(), f.ravel()))
+    return first, stops, *greatest

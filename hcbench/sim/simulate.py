@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from hcbench.sim.engine import Simulation, SteppedEngine, World
 
 _CHUNK_MIN, _CHUNK_SHARE = 8, 8  # steps in a chunk: at least, and as a share of those taken already
+_GUESS_SHARE = 2 / 3  # of the steps that a guess expects: then it is seen how soon the bodies part
 _SLOWEST = 1e-3  # m/s: for a body let down on the plate, a step is judged at this speed
 
 
@@ -103,12 +104,12 @@ def run_launches(
             raise SettingError("speed", "0 m/s without gravity", "a speed above 0, or gravity to fall by")
     groups = max(1, math.ceil(len(launches) / (places or world.places)))
     size = max(1, math.ceil(len(launches) / groups))
-    steps = expected
+    first, whole = round(_GUESS_SHARE * expected), expected
 
     def run(group: Sequence[Launch]) -> list[Impact]:
-        nonlocal steps
-        group_impacts, taken = _run_group(world, group, steps)
-        steps = taken if expected else 0
+        nonlocal first, whole
+        group_impacts, taken = _run_group(world, group, first, whole)
+        first = whole = taken if expected else 0
         return group_impacts
 
     parts = [launches[i : i + size] for i in range(0, len(launches), size)]
@@ -119,56 +120,79 @@ def run_launches(
         yield from pool.map(run, parts)
 
 
-def _run_group(world: World, launches: Sequence[Launch], expected: int) -> tuple[list[Impact], int]:
-    """The impacts of launches that are simulated side by side, and how many steps that took."""
+def _run_group(
+    world: World, launches: Sequence[Launch], first: int, expected: int
+) -> tuple[list[Impact], int]:
+    """The impacts of launches that are simulated side by side, and how many steps that took.
+
+    first, expected: steps to take before anything is looked at, and probably in all; 0 where nobody knows.
+    """
     try:
         with closing(world.release(launches)) as simulation:
-            return _until_ended(world, simulation, launches, expected)
+            return _until_ended(world, simulation, launches, first, expected)
     except CannotShareError:
         assert len(launches) > 1, "a launch that is simulated alone shares with none"
-        return [_run_group(world, [launch], expected)[0][0] for launch in launches], expected
+        return [_run_group(world, [launch], first, expected)[0][0] for launch in launches], expected
 
 
 def _until_ended(
-    world: World, simulation: Simulation, launches: Sequence[Launch], expected: int
+    world: World, simulation: Simulation, launches: Sequence[Launch], first: int, expected: int
 ) -> tuple[list[Impact], int]:
     rule = StopRule.for_launches(launches, world.timestep, world.gravity, world.deepest)
     left, longest = np.arange(len(launches)), 0
     history: list[Floats] = []  # of shape (3 or 11, b, n) each
     ended_impacts: dict[int, Impact] = {}
+    steps = first
     while left.size:
-        # Nobody knows how long a contact lasts that is longer than expected: a share of what was.
-        steps = rule.steps // _CHUNK_SHARE if rule.steps else expected
         chunk = simulation.advance(max(_CHUNK_MIN, steps)).rows()
         history.append(chunk)
         counts, ends = rule.add(*chunk[:3])
         ended = counts > 0
+        # Nobody knows how long a contact lasts that is longer than expected: a share of what was.
+        most = max(expected - rule.steps, rule.steps // _CHUNK_SHARE)
+        steps = int(min(most, _steps_to_part(chunk[:2, ~ended, -1], world.timestep)))
         if not ended.any():
             continue
-        longest = int(counts.max())
-        rows = np.concatenate([part[:, ended] for part in history], axis=2)[:, :, :longest]
-        time = np.arange(longest, dtype=np.float64) * world.timestep
-        which = left[ended].tolist()
+        longest, all_ended = int(counts.max()), bool(ended.all())
+        if not all_ended:
+            rows = np.concatenate([part[:, ended] for part in history], axis=2)
+        else:
+            rows = history[0] if len(history) == 1 else np.concatenate(history, axis=2)
+        which, counts, ends = left[ended].tolist(), counts[ended], ends[ended]
         read = impacts_of(
             [launches[i] for i in which],
-            time,
+            np.arange(rows.shape[2], dtype=np.float64) * world.timestep,
             rows[:3],
-            counts[ended],
-            ends[ended],
+            counts,
+            ends,
             world.gravity,
             world.speed_reading,
             world.diverged,
         )
-        for k, (i, impact, count) in enumerate(zip(which, read, counts[ended].tolist(), strict=True)):
-            along = rows[:, k, :count]
-            whole = with_tangential(impact, along, world.timestep, world.mass) if len(rows) > 3 else impact
-            ended_impacts[i] = _explained(whole, simulation.remark(count))
+        if len(rows) > 3:
+            whole = zip(read, rows.swapaxes(0, 1), counts.tolist(), strict=True)
+            read = [with_tangential(i, r[:, :n], world.timestep, world.mass) for i, r, n in whole]
+        for i, impact, count in zip(which, read, counts.tolist(), strict=True):
+            ended_impacts[i] = impact if impact.is_measured else _explained(impact, simulation.remark(count))
+        if all_ended:
+            break
         going = ~ended
         left, history = left[going], [part[:, going] for part in history]
-        if left.size:
-            rule.keep(going)
-            simulation.keep(going)
+        rule.keep(going)
+        simulation.keep(going)
     return [ended_impacts[i] for i in range(len(launches))], longest
+
+
+def _steps_to_part(last: Floats, timestep: float) -> float:
+    """At most so many steps until bodies part that are on their way out, as a contact speeds them up on it.
+
+    last: penetration and rate, shape (2, b). Infinite where one is not on its way out.
+    """
+    x, v = last
+    if not ((x > 0.0) & (v < 0.0)).all():
+        return math.inf
+    with np.errstate(over="ignore"):
+        return float((x / -v).max(initial=0.0)) / timestep + 2.0
 
 
 def _explained(impact: Impact, remark: str) -> Impact:

@@ -107,12 +107,17 @@ class StopRule:
         """
         step = np.arange(self.steps, self.steps + x.shape[1])
         acting = f != 0.0
-        new = acting.any(axis=1) & (self.touch > step[-1])
-        self.touch[new] = self.steps + acting[new].argmax(axis=1)
+        waiting = self.touch > step[-1]
+        if waiting.any():
+            new = waiting & acting.any(axis=1)
+            self.touch[new] = self.steps + acting[new].argmax(axis=1)
         after = step >= self.touch[:, None]
+        parted = x <= 0.0
+        for needed in (v < 0.0, after, ~acting):
+            parted &= needed
         checks = [
             (End.NOT_FINITE, not_finite(x, v, f)),
-            (End.PARTED, after & (x <= 0.0) & (v < 0.0) & ~acting),
+            (End.PARTED, parted),
             (End.RESTED, self._rested(after, x, v, acting, step)),
         ]
         if self.deepest < math.inf:
@@ -123,36 +128,36 @@ class StopRule:
         if step[-1] - self.touch.min() >= self.contact_steps:
             checks.append((End.UNFINISHED, step - self.touch[:, None] >= self.contact_steps))
         self.steps += x.shape[1]
+        checks = [(end, flag) for end, flag in checks if flag.any()]
         over = np.zeros(x.shape, bool)
         for _, flag in checks:
             over |= flag
-        first, ended = over.argmax(axis=1), over.any(axis=1)
-        why, each = np.zeros(len(x), np.int64), np.arange(len(x))
+        each, first = np.arange(len(x)), over.argmax(axis=1)
+        why, ended = np.zeros(len(x), np.int64), over[each, first]
         for end, flag in reversed(checks):
-            if flag.any():
-                why[ended & np.broadcast_to(flag, x.shape)[each, first]] = end
+            why[ended & np.broadcast_to(flag, x.shape)[each, first]] = end
         return np.where(ended, step[0] + first + 1, 0), why
 
     def _rested(self, after: Flags, x: Floats, v: Floats, acting: Flags, step: Whole) -> Flags:
-        slow, speed = self.rest_speed[:, None], np.abs(v)
-        if self.fall == 0.0 and not (speed <= IDLE_SHARE / REST_SHARE * slow).any():  # nearly always
-            self.last_moving[:] = self.last_driven[:] = step[-1]
-            return np.zeros((), bool)
-        still = after & (speed <= slow)
-        lasted, self.last_moving = _slow_for(still, self.last_moving, step)
-        rested: Flags = lasted >= REST_STEPS
-        half = (step - np.minimum(self.touch[:, None], step)) // 2
-        idle = after & ~acting & (speed <= IDLE_SHARE / REST_SHARE * slow)
-        lasted, self.last_driven = _slow_for(idle, self.last_driven, step)
-        rested |= lasted >= np.maximum(IDLE_STEPS, half)
+        speed = np.abs(v)
+        idle = speed <= IDLE_SHARE / REST_SHARE * self.rest_speed[:, None]
+        idle &= after
+        still = idle & (speed <= self.rest_speed[:, None])
+        slow = [("last_moving", still, REST_STEPS), ("last_driven", idle & ~acting, IDLE_STEPS)]
         if self.fall > 0.0:
-            falling = after & (speed <= FALL_STEPS * self.fall)
-            lasted, self.last_faster = _slow_for(falling, self.last_faster, step)
-            rested |= lasted >= np.maximum(FALLING_STEPS, half)
+            slow.append(("last_faster", after & (speed <= FALL_STEPS * self.fall), FALLING_STEPS))
             in_place = after & (x == np.concatenate([self.last_x[:, None], x[:, :-1]], axis=1))
-            lasted, self.last_moved = _slow_for(in_place, self.last_moved, step)
+            slow.append(("last_moved", in_place, IDLE_STEPS))
             self.last_x = x[:, -1].copy()
-            rested |= lasted >= np.maximum(IDLE_STEPS, half)
+        rested: Flags = np.zeros((), bool)
+        for name, flag, least in slow:
+            if not flag.any():  # nearly always
+                getattr(self, name)[:] = step[-1]
+                continue
+            moving = np.maximum.accumulate(np.where(flag, getattr(self, name)[:, None], step), axis=1)
+            setattr(self, name, moving[:, -1])
+            half = 0 if flag is still else (step - np.minimum(self.touch[:, None], step)) // 2
+            rested = rested | (step - moving >= np.maximum(least, half))
         return rested
 
     def keep(self, which: Flags) -> None:
@@ -160,11 +165,3 @@ class StopRule:
         for field in fields(self):
             if isinstance(value := getattr(self, field.name), np.ndarray):
                 setattr(self, field.name, value[which])
-
-
-def _slow_for(slow: Flags, last: Whole, step: Whole) -> tuple[Whole, Whole]:
-    """For how many steps it has been slow, shape (b, n), and the last step that was not; last: until now."""
-    if not slow.any():
-        return np.zeros(slow.shape, np.int64), np.full(len(last), step[-1])
-    moving = np.maximum.accumulate(np.where(slow, last[:, None], step), axis=1)
-    return step - moving, moving[:, -1]

@@ -114,10 +114,19 @@ class _Paths:
     def state(self, kind: int, i: int) -> Floats:
         """Shape (b, n + 1). kind, i: 0 and 0 ... 6 for positions, 1 and 0 ... 5 for velocities."""
         values = np.empty((len(self.start), self.path.shape[1] + 1))
-        values[:, 0] = self.start[:, self.batch.at[kind] + i]
-        after = self.batch.columns(self.path, (kind, i), len(values))
-        values[:, 1:] = values[:, :1] if after is None else after
+        values[:, :-1], values[:, -1] = self.before(kind, i)
         return values
+
+    def before(self, kind: int, i: int) -> tuple[Floats, Floats]:
+        """Before each step, shape (b, n), and after the last one, (b,); arguments as for `state`."""
+        start, after = (
+            self.start[:, self.batch.at[kind] + i],
+            self.batch.columns(self.path, (kind, i), len(self.start)),
+        )
+        values = np.empty((len(start), self.path.shape[1]))
+        values[:, 0] = start
+        values[:, 1:] = start[:, None] if after is None else after[:, :-1]
+        return values, start if after is None else after[:, -1]
 
     def vector(self, kind: int, i: int, count: int = 3) -> Floats:
         """Several components of a state from `i` on, shape (b, n + 1, count)."""
@@ -132,14 +141,16 @@ class _Paths:
 
 def _on_plane(model: SceneModel, paths: _Paths) -> Floats:
     """Penetration is how far the centre is below where it touches."""
-    z, vz = paths.state(0, 2), paths.state(1, 2)
-    seen = np.empty((3, len(z), z.shape[1] - 1))
-    np.subtract(model.origin[model.at[0] + 2], z[:, :-1], out=seen[0])
-    np.negative(vz[:, :-1], out=seen[1])
-    gained = np.diff(vz, axis=1)
+    (z, _), (vz, last) = paths.before(0, 2), paths.before(1, 2)
+    seen = np.empty((3, *z.shape))
+    np.subtract(model.origin[model.at[0] + 2], z, out=seen[0])
+    np.negative(vz, out=seen[1])
+    gained = np.empty_like(vz)
+    np.subtract(vz.ravel()[1:], vz.ravel()[:-1], out=gained.ravel()[:-1])  # rows apart are slower by far
+    gained[:, -1] = last - vz[:, -1]
     if fall := model.scene.gravity * model.timestep:
         gained += fall
-    seen[2] = _force(model, gained, np.abs(vz), paths.acceleration(2) if model.sensed else None)
+    seen[2] = _force(model, gained, (vz, last), paths.acceleration(2) if model.sensed else None)
     return seen
 
 
@@ -176,21 +187,30 @@ def _in_cup(model: SceneModel, paths: _Paths, clearance: float) -> Floats:
     fall = model.scene.gravity * model.timestep * up
     gained = -along([np.diff(v, axis=1) + fall[i] for i, v in enumerate(speeds)])
     sensed = -along([paths.acceleration(i) for i in range(3)]) if model.sensed else None
-    force = _force(model, gained, np.abs(speeds[0]) + np.abs(speeds[1]) + np.abs(speeds[2]), sensed)
+    speed = np.abs(speeds[0]) + np.abs(speeds[1]) + np.abs(speeds[2])
+    force = _force(model, gained, (speed[:, :-1], speed[:, -1]), sensed)
     return np.stack([distance - clearance, along([v[:, :-1] for v in speeds]), force])
 
 
-def _force(model: SceneModel, gained: Floats, speed: Floats, sensed: Floats | None) -> Floats:
+def _force(model: SceneModel, gained: Floats, speed: tuple[Floats, Floats], sensed: Floats | None) -> Floats:
     """Normal force of each step, N, shape (b, n); exactly 0 where the contact did not act.
 
-    gained: what the contact adds to the velocity that parts the bodies, m/s, (b, n). speed: sum of the
-    velocity's absolute components, (b, n + 1). sensed: by contact at the step's start, m/s².
+    gained: what the contact adds to the velocity that parts the bodies, m/s, (b, n), to be overwritten.
+    speed: the velocity, or the sum of its absolute components, before each step, (b, n), and after the last
+    one, (b,). sensed: by contact at the step's start, m/s².
     """
     h, g = model.timestep, model.scene.gravity
-    noise = speed[:, :-1] + speed[:, 1:] + g * h
+    before, last = speed[0].ravel(), speed[1]
+    fastest = max(-before.min(), before.max(), np.abs(last).max())
+    # Rounding is worked out where it can matter.
+    near = np.flatnonzero(np.abs(gained) <= (fastest + fastest + g * h) * _ROUND_OFF)
+    ball, step = np.divmod(near, gained.shape[1])
+    after = np.where(step + 1 < gained.shape[1], before[near + 1 - before.size], last[ball])
+    noise = np.abs(before[near]) + np.abs(after) + g * h
     noise *= _ROUND_OFF
-    slowing = gained / h
-    slowing[np.abs(gained) <= noise] = 0.0
+    slowing = gained.ravel()
+    slowing[near[np.abs(slowing[near]) <= noise]] = 0.0
+    slowing = np.divide(gained, h, out=gained)
     if sensed is not None:
         # A step that touches or parts on its way has no force yet, or no more, where it starts.
         slowing = np.where((slowing != 0.0) & (np.abs(sensed) > _ROUND_OFF * g), sensed, slowing)

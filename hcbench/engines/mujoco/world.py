@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 import math
 import os
+from collections import Counter
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -45,6 +46,7 @@ class BatchPool:
     """A model, its batched versions, and their free workspaces.
 
     max_batch: the most balls that are worth putting into one model. threads: models that are stepped at once.
+    unbatched: ball-steps until now that a model of so many balls would have had.
     """
 
     model: SceneModel
@@ -52,6 +54,7 @@ class BatchPool:
     threads: int
     sliding: bool
     batches: dict[int, BatchedModel] = field(default_factory=dict)
+    unbatched: Counter[int] = field(default_factory=Counter)
     free_workspaces: dict[int, list[Workspace]] = field(default_factory=dict)
 
     @classmethod
@@ -90,9 +93,12 @@ class BatchPool:
         yield workspace
         free.append(workspace)
 
-    def is_worth_batching(self, balls: int, steps: int) -> bool:
-        """Whether so many steps of so many balls are worth compiling a model for them."""
-        return self.max_batch > 1 and balls * steps * _SAVED_S > _COMPILE_S
+    def is_worth_batching(self, size: int, ball_steps: int) -> bool:
+        """Whether so many steps, with those before them, are worth compiling a model of `size` balls for."""
+        if self.max_batch == 1 or size == 1:
+            return False
+        self.unbatched[size] += ball_steps
+        return self.unbatched[size] * _SAVED_S > _COMPILE_S
 
     def size_for(self, balls: int, now: int, steps: int) -> int:
         """How many balls a model should have for `balls` launches and about `steps` more steps.
@@ -101,15 +107,15 @@ class BatchPool:
         """
         # Several models are stepped at once.
         share = min(self.max_batch, max(math.ceil(balls / self.threads), min(balls, _BALLS_OF_MANY_ROWS)))
-        worth = balls > 1 and self.is_worth_batching(share if now else balls, steps)
         if now == 0:
-            if worth:
+            if self.is_worth_batching(share, balls * steps):
                 return share
             return min((size for size in list(self.batches) if size >= share), default=1)
         if now > 1 and share <= now // 8:
             return 1
-        if worth and (now == 1 < share or share <= now // 2):
-            return min(1 << (share - 1).bit_length(), self.max_batch)
+        fitting = min(1 << (share - 1).bit_length(), self.max_batch)
+        if (now == 1 < share or share <= now // 2) and self.is_worth_batching(fitting, balls * steps):
+            return fitting
         return now
 
 
