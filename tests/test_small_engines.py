@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from typing import Any
 
@@ -232,3 +233,13 @@ def test_rapier_turns_round_the_speed_of_the_steps_start(gravity: float) -> None
     heavy = dataclasses.replace(PLANE, gravity=gravity)
     (impact,) = fly(Setting("rapier", "mine", step, {"restitution": e}), Launch(0.5), scene=heavy)
     assert impact.restitution == pytest.approx(e, abs=2e-7)
+
+
+@pytest.mark.parametrize("step", [1e-3, 1 / 240, 1 / 60])
+def test_a_ball_that_leaves_rapier_slower_than_1_3_g_h_stays(step: float) -> None:
+    heavy, phases = dataclasses.replace(PLANE, gravity=G), (0.2, 0.5, 0.8)
+    for e, share in itertools.product((0.9, 0.5), (0.5, 0.8, 1.1, 1.2, 1.3, 1.5, 2.0)):
+        speed = share * G * step / e  # that of the step's start, which it touches in
+        launches = [Launch(speed, phase, height=phase * step * speed) for phase in phases]
+        for impact in fly(Setting("rapier", "mine", step, {"restitution": e}), *launches, scene=heavy):
+            assert impact.status is (Status.PARTED if share >= 1.3 else Status.RESTED)

@@ -25,6 +25,8 @@ _NATIVE = (
         "Rapier's restitution: the best constant e, at any step and phase, to 32-bit rounding.",
         "Stock averages the restitutions of both colliders: set the same on both.",
         "It has no threshold, and under gravity turns round the speed of the step's start.",
+        "Under gravity a ball that rebounds slower than 1.3 g h (5 cm/s at 1/240 s) is back within two steps"
+        " and stays: it counts as at rest, with e 0.",
         "Its numbers have 32 bits: a ball that moves under half an ulp of its height a step stands still.",
         "The force is one impulse of m (1 + e) v / h: forces and contact times mean nothing.",
     ),
