@@ -150,7 +150,7 @@ class ModelBounce:
         if max_error is not None:
             options["max_error"] = max_error
         phases = options.get("phases")
-        if isinstance(phases, str) and phases.strip().isdigit():  # from the ini file
+        if isinstance(phases, str) and phases.strip().isdecimal():  # from the ini file
             options["phases"] = int(phases)
         try:
             spec = validate(CheckSpec, options, UserError, "restitution: {}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -575,3 +576,47 @@ def test_a_quantity_may_have_an_uncertainty(text: str) -> None:
 def test_a_wrong_uncertainty_is_refused(text: str) -> None:
     with pytest.raises(UserError):
         parse_uncertain(text, "alpha")
+
+
+# --- what nobody measures ---
+
+TIMES = "time [s]\n0\n0.286\n0.488\n0.643\n0.77\n"
+FALLS = "height [cm]\n" + "".join(f"{30 * 0.7**i:.6g}e{{power}}\n" for i in range(9))
+LOOP = "penetration [um],rate [m/s],force [N]\n" + "".join(
+    f"{10 * math.sin(0.05 * i):.6g},{0.5 * math.cos(0.05 * i):.6g},{{force}}\n" for i in range(1, 60)
+)
+PAIRS = "speed [m/s],restitution\n" + "".join(f"{0.1 + 1e-3 * i:.4f},0.9\n" for i in range(501))
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        (TIMES, ("--gravity", "1e29"), "--gravity: 1e\\+29; expected above 0: 1e-09 ... 1e\\+09 in SI"),
+        (TIMES, ("--contact-time", "3"), "--contact-time: 3 s, and two touches 0.127 s apart"),
+        (TIMES, ("--touches", "²:³"), "--touches: '²:³'; expected the first and the last"),
+        (FALLS.format(power=149), (), "line 2: 30e149 under 'height'; expected 0, or 1e-12"),
+        (TIMES.replace("\n0.", "\n0.0000000000000"), (), "line 3: .* under 'time'; expected 0, or 1e-12"),
+        (LOOP.format(force=0), (), "numbers that cannot be computed with"),
+        (PAIRS, (), "501 impacts; expected up to 500"),
+        (FALLS.format(power=0) + "".join(f"{0.7**i}\n" for i in range(1, 60)), (), "up to 60 touches"),
+    ],
+)
+def test_numbers_that_nobody_measures_are_refused_by_name(
+    text: str, options: tuple[str, ...], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Tracebacks of NumPy and SciPy, or computations without an end."""
+    (tmp_path / "a.csv").write_text(text)
+    assert run(["fit", str(tmp_path / "a.csv"), *options]) == 2
+    caught = capsys.readouterr()
+    assert re.search(message, caught.err), caught.err
+    assert len(caught.err.splitlines()) == 1
+    assert caught.out == ""
+
+
+def test_forces_that_are_no_contact_are_no_law(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One and the same force at each depth is an exponent of 0, which no law has: no line to type next."""
+    (tmp_path / "a.csv").write_text(LOOP.format(force=1000))
+    assert run(["fit", str(tmp_path / "a.csv")]) == 0
+    out = capsys.readouterr().out
+    assert "not eq. (16)" in out
+    assert "next:" not in out

@@ -117,7 +117,7 @@ def _touches(text: str | None) -> range | None:
     if text is None:
         return None
     first, colon, last = text.partition(":")
-    if not (colon and first.strip().isdigit() and last.strip().isdigit() and 0 < int(first) < int(last)):
+    if not (colon and first.strip().isdecimal() and last.strip().isdecimal() and 0 < int(first) < int(last)):
         raise UserError("--touches", repr(text), "the first and the last to take, such as 2:14")
     return range(int(first), int(last) + 1)
 

@@ -47,7 +47,8 @@ class ForceFit:
     @property
     def is_law(self) -> bool:
         """Whether the force goes as eq. (16) has it."""
-        return self.misfit < _OFF_LAW
+        is_law = 1.0 <= self.exponent <= 10.0 and self.alpha_interval[1] > 0.0
+        return is_law and self.misfit < _OFF_LAW
 
     @property
     def alpha_uncertainty(self) -> float:
@@ -229,7 +230,7 @@ def as_text(found: ForceFit, describe: Callable[[float, float], str], engine: st
         lines.append("law       not eq. (16): the force goes otherwise, and α says little")
         return "\n".join(lines) + "\n"
     stiffness = f'--stiffness "{k:.5g}" --exponent {n:.5g}'
-    tuned = f'--alpha "{describe(found.alpha, sd[2])} s/m" {stiffness}'
+    tuned = f'--alpha "{describe(max(found.alpha, 0.0), sd[2])} s/m" {stiffness}'
     return (
         "\n".join([*lines, "", "next:", f"  hcbench tune {engine} {tuned} --timestep 1e-5 --match both"])
         + "\n"

@@ -135,6 +135,8 @@ def refined(coarse: NoiseLikelihood, delta: Floats, sets: Sequence[Dataset]) -> 
 
 def _zoomed(grid: Floats, log_weight: Floats) -> Floats:
     likely = np.flatnonzero(log_weight > log_weight.max() - _NEGLIGIBLE)
+    if not likely.size:
+        raise FloatingPointError("no noise is likely")
     low, high = max(likely[0] - 1, 0), min(likely[-1] + 1, len(grid) - 1)
     return np.linspace(grid[low], grid[high], _FINE)
 

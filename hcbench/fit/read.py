@@ -14,7 +14,7 @@ from hcbench.fit.exports import phyphox_times, tracker_table
 from hcbench.fit.force import fit_loop, fit_pulse
 from hcbench.fit.pairs import SpeedPairs
 from hcbench.fit.sound import find_touches, is_wav, read_recording
-from hcbench.fit.table import read_lines, read_table
+from hcbench.fit.table import computed, read_lines, read_table
 from hcbench.fit.track import track_of
 
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ _KINDS: dict[frozenset[str], str] = {
 KINDS = ("sound", *dict.fromkeys(_KINDS.values()))
 _EXPECTED = "columns such as time [s], height [cm], speed [m/s],restitution or v_in [m/s],v_out [m/s]"
 _MOST_TOUCHES = 60
+_MOST_PAIRS = 500  # a dozen seconds; they are as many unknowns
 _LEAST_SAMPLES = 12
 
 
@@ -143,7 +144,8 @@ def read_dataset(
     if kind is not None and not needed <= named:
         missing = ", ".join(sorted(needed - named))
         raise UserError(columns.table.name, f"no column {missing}", f"what --as {kind} needs")
-    return _READERS[found](columns, setup)
+    with computed(columns.table.name):
+        return _READERS[found](columns, setup)
 
 
 def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> ForceFit | None:
@@ -158,12 +160,14 @@ def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> 
         return None
     if kind != "force" and {"penetration", "rate"} <= columns.places.keys():
         x, v, force = (columns.get(role) for role in ("penetration", "rate", "force"))
-        return fit_loop(columns.table.name, x, v, force, setup.exponent)
+        with computed(columns.table.name):
+            return fit_loop(columns.table.name, x, v, force, setup.exponent)
     if "time" not in columns.places:
         raise UserError(columns.table.name, "force without time, or penetration and rate", _EXPECTED)
     time = columns.get("time")
     columns.require("time", np.concatenate([[True], np.diff(time) > 0]), "times that rise")
-    return fit_pulse(columns.table.name, setup, time, columns.get("force"))
+    with computed(columns.table.name):
+        return fit_pulse(columns.table.name, setup, time, columns.get("force"))
 
 
 def _sound(path: Path, setup: MeasurementSetup, touches: range | None) -> Dataset:
@@ -190,12 +194,17 @@ def _touch_times(name: str, setup: MeasurementSetup, times: Floats) -> Dataset:
     least = 3 if setup.height is not None else 4
     if len(times) < least:
         raise too_few_touches(name, len(times), least)
-    if len(times) > _MOST_TOUCHES:
-        got = f"{len(times)} times"
-        raise UserError(
-            name, got, f"up to {_MOST_TOUCHES} touches of one ball", "Leave out the rattle at the end"
-        )
+    _require_few(name, len(times), "times")
+    if setup.contact_time.value >= np.diff(times).min():
+        got = f"{setup.contact_time.value:g} s, and two touches {np.diff(times).min():.3g} s apart"
+        raise UserError("contact-time", got, "less than from one touch to the next")
     return TouchTimes(name, setup, times)
+
+
+def _require_few(name: str, count: int, what: str) -> None:
+    if count > _MOST_TOUCHES:
+        got, todo = f"{count} {what}", "Leave out the rattle at the end"
+        raise UserError(name, got, f"up to {_MOST_TOUCHES} touches of one ball", todo)
 
 
 def too_few_touches(name: str, count: int, least: int) -> UserError:
@@ -213,6 +222,7 @@ def _heights(columns: Columns, setup: MeasurementSetup) -> Dataset:
     columns.require(
         "height", np.concatenate([[True], np.diff(columns.get("height")) < 0]), "heights that fall"
     )
+    _require_few(columns.table.name, len(heights), "heights")
     given = columns.uncertainty("height")
     least = 2 if setup.height is not None else 3
     if len(heights) < least:
@@ -243,6 +253,9 @@ def _speeds(columns: Columns, setup: MeasurementSetup) -> Dataset:
 
 
 def _checked_pairs(pairs: SpeedPairs) -> SpeedPairs:
+    if len(pairs.speed) > _MOST_PAIRS:
+        got = f"{len(pairs.speed)} impacts"
+        raise UserError(pairs.name, got, f"up to {_MOST_PAIRS}", "Average those of nearly one speed")
     if len(pairs.speed) < 3:
         got = f"{len(pairs.speed)} impacts"
         raise UserError(pairs.name, got, "3 or more", "Fewer say nothing of how far to trust them")

@@ -13,6 +13,7 @@ from hcbench.fit.budget import Budget, error_budget
 from hcbench.fit.candidates import LAWS
 from hcbench.fit.estimate import fit_law
 from hcbench.fit.flags import Flag, flagged_touches
+from hcbench.fit.table import computed
 from hcbench.fit.track import scale_warnings
 
 if TYPE_CHECKING:
@@ -100,6 +101,11 @@ def fit(sets: Sequence[Dataset], law: str = "auto") -> FitResult:
 
     law: a name in LAWS, or "auto" to try all. Raises UserError where the data cannot be right.
     """
+    with computed(sets[0].name):
+        return _fit(sets, law)
+
+
+def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     speeds = np.concatenate([s.pairs()[0] for s in sets])
     reference = float(np.exp(np.log(speeds).mean()))
     fits = [fit_law(each, sets, reference) for each in LAWS.values()]

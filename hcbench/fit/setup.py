@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 # Over the Earth g is 9.764 ... 9.834 m/s²: as a standard deviation, (9.834 - 9.764)/(2 sqrt 3).
 GRAVITY_UNCERTAINTY = 0.02
 HEIGHT_UNCERTAINTY = 1e-3  # m
+_SMALLEST, _LARGEST = 1e-9, 1e9  # of what anybody measures of bounces
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +54,9 @@ class MeasurementSetup:
     def __post_init__(self) -> None:
         for slot in ("gravity", "height", "mass", "diameter", "drag_coefficient", "speed"):
             known = getattr(self, slot)
-            if known is not None and not known.value > 0:
-                raise UserError(slot.replace("_", "-"), f"{known.value:g}", "a value above 0")
+            if known is not None and not _SMALLEST <= known.value <= _LARGEST:
+                expected = f"above 0: {_SMALLEST:g} ... {_LARGEST:g} in SI units"
+                raise UserError(slot.replace("_", "-"), f"{known.value:g}", expected)
         if self.contact_time.value < 0:
             raise UserError("contact-time", f"{self.contact_time.value:g} s", "0 s or more")
         if self.diameter is not None and self.mass is None:

@@ -6,6 +6,7 @@ import csv
 import io
 import math
 import re
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,11 +18,13 @@ from hcbench._text import sanitized
 from hcbench.errors import QuantityError, UserError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from hcbench.impact import Floats
 
 _LARGEST = 16 << 20  # bytes
+_SMALLEST = 1e-12  # of what anybody measures of bounces, SI; its inverse is the largest
 _NAMED = re.compile(
     r"\s*(?P<name>[^\[\]{}]*?)\s*"
     r"(?:\[\s*(?P<square>[^\]]*?)\s*\]|\(\s*(?P<round>[^()]*?)\s*\)|\{\s*(?P<curly>[^{}]*?)\s*\})\s*"
@@ -61,7 +64,24 @@ class Table:
             if not math.isfinite(values[i]):
                 where = f"{self.name}, line {line}"
                 raise UserError(where, f"{sanitized(cell.strip())!r} under {sanitized(name)!r}", "a number")
+            if values[i] and not _SMALLEST <= abs(values[i] * scale) <= 1.0 / _SMALLEST:
+                where, got = (
+                    f"{self.name}, line {line}",
+                    f"{sanitized(cell.strip())} under {sanitized(name)!r}",
+                )
+                raise UserError(where, got, f"0, or {_SMALLEST:g} ... {1 / _SMALLEST:g} in SI units")
         return values * scale
+
+
+@contextmanager
+def computed(name: str) -> Iterator[None]:
+    """Numbers that no computation carries are the file's mistake. name: what the error calls the file."""
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    except (ArithmeticError, ValueError) as error:  # NumPy's LinAlgError is a ValueError
+        got = f"numbers that cannot be computed with: {error}"
+        raise UserError(name, got, "bounces of one ball on one plate", "Look at the units") from error
 
 
 def unit_scale(file: str, name: str, unit: str, quantity: str) -> float:
