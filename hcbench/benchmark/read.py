@@ -7,6 +7,8 @@ import io
 import json
 import os
 import platform
+from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,16 +21,18 @@ from hcbench.benchmark.bounce_sequence import RESTS
 from hcbench.benchmark.files import open_files
 from hcbench.benchmark.results import LOOP_COLUMNS, REST_COLUMNS, RUN_KEY, Results
 from hcbench.benchmark.store import DESCRIPTION, Store
+from hcbench.benchmark.tables import metadata_of
 from hcbench.errors import UserError
 from hcbench.impact import LOOP_TOLERANCE, Floats, Impact, Launch, Loop, Status
 from hcbench.laws.force import HuntCrossley
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     import pandas as pd
 
 _LAUNCH = ["speed_m_per_s", "phase"]
+_SETTING = [name for name in RUN_KEY if name != "alpha_s_per_m"]
 _DIGITS, _DECIMALS, _LEAST = 10, 14, 1e-14  # of measured numbers
 # By their exponents, negative ones from the end: the float nearest to each, which no processor may miss.
 _POWERS = np.array([float(f"1e{k}") for k in (*range(_DECIMALS + 1), *range(-30, 0))])
@@ -39,43 +43,84 @@ def is_sweep(folder: str | Path) -> bool:
     return (Path(folder) / DESCRIPTION).is_file()
 
 
-def read(folder: str | Path) -> Results:
+def read(folder: str | Path, mapper: Callable[..., Iterable[Any]] = map) -> Results:
     """The results of a finished sweep: for studies of a size that a page can show.
 
+    mapper: as of `results_in`.
     Raises UserError for a folder that holds no sweep, one that is not finished, or a part that is damaged.
     """
-    return results_in(Store(open_files(os.fspath(folder))))
+    return results_in(Store(open_files(os.fspath(folder))), mapper)
 
 
-def results_in(store: Store) -> Results:
-    """All that is in a store, in memory. Raises as `read`."""
+def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Results:
+    """All that is in a store, in memory. Raises as `read`.
+
+    mapper: scores settings, as `map` does; that of a pool scores them side by side.
+    """
     import pandas as pd  # here, as a sweep itself needs none of it
 
     about = store.description()
     if about is None:
         raise UserError("folder", f"{store.where} holds no sweep", "what `hcbench sweep` wrote")
-    tables, study = list(store.tables(about["parts"])), about["study"]
-    impacts = _by_key(rows for rows, _ in tables)
-    samples = _by_key(loops for _, loops in tables if loops)
-    keys = list(dict.fromkeys(tuple(setting[name] for name in RUN_KEY) for setting in about["settings"]))
-    loops, scores = [], []
-    for key in keys:
-        by_launch = samples[key].groupby(_LAUNCH) if key in samples else ()
-        kept = {launch: _loop(table) for launch, table in by_launch}
-        scored = {launch: loop for launch, loop in kept.items() if launch[0] in study["loop_speeds"]}
-        of_key = _impacts(impacts[key], scored)
-        law = HuntCrossley(study["stiffness"], key[RUN_KEY.index("alpha_s_per_m")], study["exponent"])
-        scores.append((*key, *dataclasses.astuple(scoring.score(of_key, law, study["mass_kg"]))))
-        loops += [((*key, *launch), loop.simplified(LOOP_TOLERANCE)) for launch, loop in kept.items()]
+    study, shards = about["study"], dict[tuple[Any, ...], list[tuple[bytes, bytes]]]()
+    for impacts, loops in store.tables(about["parts"]):
+        key = next(iter(metadata_of(impacts)[1]))
+        shards.setdefault(tuple(key[name] for name in _SETTING), []).append((impacts, loops))
+    truth = _Truth(study["stiffness"], study["exponent"], study["mass_kg"], tuple(study["loop_speeds"]))
+    scored = {one.key: one for some in mapper(partial(_score, truth), shards.values()) for one in some}
+    keys = dict.fromkeys(tuple(setting[name] for name in RUN_KEY) for setting in about["settings"])
+    found = [scored[key] for key in keys]
     return Results(
         study=study,
         settings=about["settings"],
         versions=_versions(about["versions"]),
-        impacts=_rounded(pd.concat([impacts[key] for key in keys], ignore_index=True)),
-        loops=_rounded(_loop_table(loops)),
-        scores=_rounded(pd.DataFrame(scores, columns=[*RUN_KEY, *scoring.SCORE_FIELDS])),
+        impacts=_rounded(pd.concat([one.impacts for one in found], ignore_index=True)),
+        loops=_rounded(
+            _loop_table([((*one.key, *launch), loop) for one in found for launch, loop in one.loops])
+        ),
+        scores=_rounded(
+            pd.DataFrame([one.score for one in found], columns=[*RUN_KEY, *scoring.SCORE_FIELDS])
+        ),
         **{name: _rounded(table) for name, table in _drops(store, study).items()},
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Truth:
+    """What impacts are scored against: the law but for its α; the effective mass, kg.
+
+    loop_speeds: of the loops that are scored, m/s.
+    """
+
+    stiffness: float
+    exponent: float
+    mass: float
+    loop_speeds: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Scored:
+    """A setting at one α and step: its impacts, its row of the scores, its kept loops by speed and phase."""
+
+    key: tuple[Any, ...]
+    impacts: pd.DataFrame
+    score: tuple[Any, ...]
+    loops: Sequence[tuple[Any, Loop]]
+
+
+def _score(truth: _Truth, shards: Sequence[tuple[bytes, bytes]]) -> list[_Scored]:
+    """Of all shards of one setting and step, for each α."""
+    samples = _by_key(loops for _, loops in shards if loops)
+    found = []
+    for key, impacts in _by_key(rows for rows, _ in shards).items():
+        by_launch = samples[key].groupby(_LAUNCH) if key in samples else ()
+        kept = {launch: _loop(table) for launch, table in by_launch}
+        compared = {launch: loop for launch, loop in kept.items() if launch[0] in truth.loop_speeds}
+        law = HuntCrossley(truth.stiffness, key[RUN_KEY.index("alpha_s_per_m")], truth.exponent)
+        score = dataclasses.astuple(scoring.score(_impacts(impacts, compared), law, truth.mass))
+        loops = [(launch, loop.simplified(LOOP_TOLERANCE)) for launch, loop in kept.items()]
+        found.append(_Scored(key, impacts, (*key, *score), loops))
+    return found
 
 
 def _rounded(table: pd.DataFrame) -> pd.DataFrame:
@@ -121,7 +166,9 @@ def _frame(files: Iterable[bytes]) -> pd.DataFrame:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    table = pa.concat_tables([pq.read_table(io.BytesIO(content)) for content in files]).to_pandas()
+    table = pa.concat_tables(
+        [pq.ParquetFile(pa.BufferReader(content)).read(use_threads=False) for content in files]
+    ).to_pandas()
     texts = {name: str for name in table if isinstance(table[name].dtype, pd.CategoricalDtype)}
     frame: pd.DataFrame = table.astype(texts)
     return frame

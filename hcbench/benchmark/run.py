@@ -83,7 +83,7 @@ def run_in_pool(
     workers = Workers(pool.threads, lambda: pool.jobs, pool.map)
     store = Store(files_in_memory())
     _run(make_plan(study, pool.map), store, workers, False, report, Timeouts())
-    return results_in(store)
+    return results_in(store, pool.map)
 
 
 def sweep(

@@ -38,7 +38,7 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
     if is_sweep(study):
         folder = out or Path("reports") / Path(study).resolve().name
         with WorkerPool(jobs) as pool:
-            build(read(study), folder, pool)
+            build(read(study, pool.map), folder, pool)
         print(folder / "index.html")
         return
     path = find_study(study)

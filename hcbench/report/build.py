@@ -18,6 +18,7 @@ from hcbench.report.wording import NBSP
 from hcbench.scoring import CLAIMS, RESOLVED
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
     from hcbench.benchmark.results import Results
@@ -37,16 +38,16 @@ def build(results: Results, folder: Path, pool: WorkerPool | None = None) -> Pat
         return page.build(results, folder, pool)
     found = views(results)
     with atomic_folder(folder, PAGE) as scratch:
-        results.write(scratch)
         (scratch / "figures").mkdir()
         save = partial(draw, folder=scratch / "figures")
-        figures = list(map(save, drawings(found))) if pool is None else pool.map(save, drawings(found))
+        figures = (map if pool is None else pool.imap)(save, drawings(found))
+        results.write(scratch)  # while they are drawn
         write_text(scratch / PAGE, page_text(found, results, figures))
     return folder / PAGE
 
 
-def page_text(found: Views, results: Results, figures: list[dict[str, Any]]) -> str:
-    """The page. figures: what `draw` returned of each of `drawings`."""
+def page_text(found: Views, results: Results, figures: Iterable[dict[str, Any]]) -> str:
+    """The page. figures: what `draw` returns of each of `drawings`, asked for last."""
     view, free = found.main, found.free or found.main
     height, cup = view.study.get("train_height"), cup_table.rows(found, results)
     settings = tables.settings(found)

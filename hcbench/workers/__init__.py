@@ -136,8 +136,15 @@ class WorkerPool:
 
     def map(self, function: Callable[[Job], Result], jobs: Iterable[Job]) -> list[Result]:
         """[function(job), ...], each run in a worker process. CannotRun where one died."""
+        return list(self.imap(function, jobs))
+
+    def imap(self, function: Callable[[Job], Result], jobs: Iterable[Job]) -> Iterator[Result]:
+        """As `map`, begun at once; each result is waited for where it is asked for."""
+        return self._results(self.threads.map(partial(call, function, limit=None), jobs))
+
+    def _results(self, results: Iterator[Result]) -> Iterator[Result]:
         try:
-            return list(self.threads.map(partial(call, function, limit=None), jobs))
+            yield from results
         except WorkerDied as death:
             reason = f"a process died: {death.got}"
             raise CannotRun("worker", reason, "it to end by itself", "Is there memory enough?") from None
