@@ -119,6 +119,16 @@ def test_a_quick_study_is_a_smaller_one(study: Study) -> None:
     assert quick.phases < full.phases
     assert {run.engine for run in quick.runs} == {run.engine for run in full.runs}
     assert not {run.recipe for run in quick.runs} & {"soft", "two-pair"}
+    assert {run.alphas for run in quick.runs} == {quick.alphas} == {(full.main_alpha,)}
+    assert "5 of 20 speeds, 4 of 8 phases, 1 of 4 α" in quick.left_out
+    assert quick.described()["left_out"] == quick.left_out
+    assert "left_out" not in full.described()
+
+
+def test_a_study_of_which_a_preview_would_be_empty_says_so() -> None:
+    oblique = study_from({**CONTENT, "angles": "30 deg", "gravity": 9.81, "friction": 0.5})
+    with pytest.raises(StudyError, match="quick: every run is oblique"):
+        oblique.quick()
 
 
 @pytest.mark.parametrize("key", ["scene", "alphas", "speeds", "run"])

@@ -83,7 +83,8 @@ class Study:
     α or one speed show. train_height, m: settings that run under gravity are dropped from there and followed
     bounce after bounce until they rest; those at the step train_step, s, too, without having to. page: what
     is written of it; "field": every engine that is there, beside each other. missing: those that are not.
-    speed_unit: that its speeds are shown in, "in/s" or "m/s", as they were written.
+    speed_unit: that its speeds are shown in, "in/s" or "m/s", as they were written. left_out: of a preview,
+    what of its study it has and what not, in words.
     """
 
     title: str
@@ -101,6 +102,7 @@ class Study:
     missing: tuple[str, ...] = ()
     all_loops: bool = False
     speed_unit: str = "in/s"
+    left_out: str = ""
 
     @property
     def is_oblique(self) -> bool:
@@ -109,8 +111,9 @@ class Study:
 
     def described(self) -> dict[str, Any]:
         """As JSON, defaults filled in."""
-        left_out = {"scene", "runs", *(("page", "missing") if self.page == "report" else ())}
-        names = [f.name for f in dataclasses.fields(self) if f.name not in left_out]
+        skipped = {"scene", "runs", *(("page", "missing") if self.page == "report" else ())}
+        skipped |= set() if self.left_out else {"left_out"}
+        names = [f.name for f in dataclasses.fields(self) if f.name not in skipped]
         values = {name: getattr(self, name) for name in names}
         scene = self.scene
         return {
@@ -135,30 +138,10 @@ class Study:
         return dataclasses.replace(self, runs=runs, missing=tuple(missing))
 
     def quick(self) -> Study:
-        """A preview of itself: every fourth speed, every second height and step, half the phases.
+        """A preview of itself, which takes a fraction of its time. left_out says what it is without."""
+        from hcbench.benchmark.preview import preview
 
-        Left out are oblique launches, those off the axis, and launches for fewer α than the study's.
-        """
-        speeds = self.speeds[3::4] or self.speeds
-        runs = tuple(
-            dataclasses.replace(run, speeds=run.speeds[1::2] or run.speeds)
-            if run.dropped
-            else dataclasses.replace(
-                run,
-                speeds=speeds if run.speeds == self.speeds else run.speeds,
-                timesteps=run.timesteps[::2],
-            )
-            for run in self.runs
-            if not (run.is_oblique or run.scene.off_axis)
-            and (run.dropped or run.speeds != self.speeds or set(run.alphas) == set(self.alphas))
-        )
-        return dataclasses.replace(
-            self,
-            speeds=speeds,
-            phases=max(1, self.phases // 2),
-            runs=runs,
-            title=f"{self.title} (quick)",
-        )
+        return preview(self)
 
 
 class _SentTable(FileTable):

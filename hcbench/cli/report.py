@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("study", default="steel-1lb", type=PathType())
 @click.option("--out", type=PathType(path_type=Path), help="Folder to write to.  [default: reports/NAME]")
-@click.option("--quick", is_flag=True, help="Fewer speeds, phases and steps: a preview.")
+@click.option("--quick", is_flag=True, help="One α, fewer speeds, phases and steps: a preview.")
 @jobs_option
 def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
     """Run a study and write its page.

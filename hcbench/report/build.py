@@ -39,7 +39,7 @@ def build(results: Results, folder: Path, pool: WorkerPool | None = None) -> Pat
     found = views(results)
     with atomic_folder(folder, PAGE) as scratch:
         (scratch / "figures").mkdir()
-        save = partial(draw, folder=scratch / "figures")
+        save = partial(draw, folder=scratch / "figures", png=not results.study.get("left_out"))
         figures = (map if pool is None else pool.imap)(save, drawings(found))
         results.write(scratch)  # while they are drawn
         write_text(scratch / PAGE, page_text(found, results, figures))

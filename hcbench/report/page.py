@@ -50,7 +50,7 @@ class Drawing:
     why: str = ""
 
 
-def draw(drawing: Drawing, folder: Path | None = None) -> dict[str, Any]:
+def draw(drawing: Drawing, folder: Path | None = None, png: bool = True) -> dict[str, Any]:
     """Draw a figure, save it in a folder, if any, as SVG and PNG, and return what a template needs of it."""
     record: dict[str, Any] = {"name": drawing.name, "alt": drawing.alt, "why": drawing.why, "source": ""}
     if drawing.draw is None:
@@ -61,7 +61,8 @@ def draw(drawing: Drawing, folder: Path | None = None) -> dict[str, Any]:
         svg = svg_bytes(figure)
         if folder is not None:
             write_bytes(folder / f"{drawing.name}.svg", svg)
-            write_bytes(folder / f"{drawing.name}.png", png_bytes(figure))
+            if png:
+                write_bytes(folder / f"{drawing.name}.png", png_bytes(figure))
     width, height = (round(96 * inches) for inches in figure.get_size_inches())
     return {**record, "measured": measured, "source": _data_url(svg), "width": width, "height": height}
 

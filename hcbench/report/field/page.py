@@ -48,7 +48,7 @@ def build(results: Results, folder: Path, pool: WorkerPool | None = None) -> Pat
     with atomic_folder(folder, PAGE) as scratch:
         results.write(scratch)
         (scratch / "figures").mkdir()
-        save = partial(draw, folder=scratch / "figures")
+        save = partial(draw, folder=scratch / "figures", png=not results.study.get("left_out"))
         figures = list(map(save, drawings(view))) if pool is None else pool.map(save, drawings(view))
         probes = {case.engine: found for case, found in _probes(view)}
         write_text(scratch / COST, _costs(view, probes))
