@@ -12,6 +12,8 @@ import pytest
 from hcbench.engines.mujoco.rows import SoftConstraint
 from hcbench.errors import SceneError, UserError
 from hcbench.impact import Impact, Status
+from hcbench.laws import kelvin_voigt
+from hcbench.laws.kelvin_voigt import Ending
 from hcbench.measure import Measurement, measure
 from hcbench.measure.text import as_text
 from hcbench.report.measurement_page import measurement_page
@@ -155,6 +157,14 @@ def test_two_moving_bodies_meet_with_their_reduced_mass() -> None:
     assert found.facts.normal == pytest.approx(tuple(line), abs=1e-9)
     promised = SoftConstraint((-40000, -12), (0.9999, 0.9999, 0.001, 0.5, 2.0), 1e-5).restitution(0.5)
     assert only(found).restitution == pytest.approx(promised, abs=2e-4)
+
+
+@pytest.mark.parametrize("zeta", [0.01, 0.2, 0.9, 1.5, 30.0])
+def test_a_contact_of_constant_impedance_is_a_spring_and_damper_that_cannot_pull(zeta: float) -> None:
+    stiffness, impedance = 4e4, 0.83
+    solref = (-stiffness * impedance, -2 * zeta * impedance * np.sqrt(stiffness / impedance))
+    found = SoftConstraint(solref, (impedance, impedance, 0.001, 0.5, 2.0), 1e-5).restitution(0.7)
+    assert found == pytest.approx(float(kelvin_voigt.restitution(zeta, Ending.FORCE)), abs=1e-8)
 
 
 ARM = f"""<mujoco><default><geom {SPRING}/></default><option timestep="5e-4" gravity="0 0 -9.81"/><worldbody>

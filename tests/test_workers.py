@@ -95,6 +95,17 @@ def lost(item: int, reason: str) -> float | str:
     return f"{item}: {reason}"
 
 
+called_first = list[int]()
+
+
+def remember(n: int) -> None:
+    called_first.append(n)
+
+
+def what_was_called_first(_: int) -> list[int]:
+    return called_first
+
+
 def inside_a_pool() -> tuple[bool, int, int]:
     return in_worker(), os.getpid(), call(process_id, limit=60)
 
@@ -175,6 +186,15 @@ def test_a_pool_has_as_many_processes_as_jobs_and_keeps_the_order() -> None:
 
 def die(_: int) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_pool_that_is_begun_calls_what_it_is_told_before_any_job() -> None:
+    with WorkerPool(2) as pool:
+        pool.begin(__name__, "remember", 7)
+        assert pool.map(what_was_called_first, [0, 0]) == [[7], [7]]
+    with WorkerPool(1) as pool:
+        pool.begin(__name__, "break_down")
+        assert pool.map(square, [3]) == [9]
 
 
 def test_a_pool_that_loses_a_process_says_so_in_one_line() -> None:

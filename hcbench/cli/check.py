@@ -58,6 +58,7 @@ def _spec(
     models: tuple[str, ...], python: str | None, options: dict[str, object], required: bool = False
 ) -> CheckSpec:
     """What was asked for, with the names of options as those of the fields."""
+    _begin(models, options["engine"])
     from hcbench.check.spec import CheckSpec
 
     if python is not None and models:
@@ -65,6 +66,15 @@ def _spec(
     if python is None and not models and required:
         raise UserError("model", "none given", "a file, two URDF files, or --python FILE:FUNCTION")
     return CheckSpec.model_validate({"model": models if python is None else (python,), **options})
+
+
+def _begin(models: tuple[str, ...], engine: object) -> None:
+    """Let a worker process import an engine while this one imports what it needs itself."""
+    first = Path(models[0] if models else "")
+    if first.is_file() and first.suffix.lower() != ".toml" and "@" not in str(engine):
+        from hcbench.workers import begin
+
+        begin("hcbench.measure.measure", "prepare", models, engine)
 
 
 @click.command()

@@ -117,6 +117,14 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
         ) from None
 
 
+def prepare(models: Sequence[str], engine: str | None) -> None:
+    """Import what measuring these files takes: in a worker process, while its parent reads what is asked."""
+    found = _engine_for(models[0] if len(models) == 1 else tuple(models), engine)
+    found.module("model_under_test")
+    if found.backend is not None:
+        found.backend.module()
+
+
 def _as_files(model: Any) -> str | tuple[str, ...] | None:
     """What crosses to the worker: paths or text; None for an object of an engine."""
     if isinstance(model, str | Path):
@@ -211,26 +219,28 @@ def source_of(job: Job) -> tuple[Engine, Any, Callable[[], Any] | None]:
 
 def _engine_for(source: Any, name: str | None) -> Engine:
     """The engine of that name, or the first that opens such a model."""
-    engines = _openers()
     if name is not None:
-        base = registry.base_name(name)
-        if base in [registry.base_name(engine.name) for engine in engines]:
-            return registry.engine(name)
-        raise UserError("engine", repr(name), f"one of: {', '.join(engine.name for engine in engines)}")
-    for engine in engines:
+        if registry.base_name(name) in registry.names() and _opens(found := registry.engine(name)):
+            return found
+        raise UserError("engine", repr(name), f"one of: {', '.join(engine.name for engine in _openers())}")
+    for engine in _openers():
         if engine.accepts(source):
             return engine
     if isinstance(source, str | Path):
-        files = ", ".join(suffix for engine in engines for suffix in engine.suffixes)
+        files = ", ".join(suffix for engine in _openers() for suffix in engine.suffixes)
         reason = "is not the name of a model file" if Path(source).exists() else "is not there"
         raise SceneError("model", f"{source} {reason}", f"a model file: {files}")
     got = "a function that returned None" if source is None else f"a {type(source).__name__}"
     raise UserError("model", got, f"a path, {_objects()}")
 
 
-def _openers() -> list[Engine]:
-    """The engines that open models of users."""
-    return [engine for engine in map(registry.engine, registry.names()) if engine.suffixes or engine.opens]
+def _openers() -> Iterator[Engine]:
+    """The engines that open models of users, each imported when it is its turn."""
+    return filter(_opens, map(registry.engine, registry.names()))
+
+
+def _opens(engine: Engine) -> bool:
+    return bool(engine.suffixes or engine.opens)
 
 
 def _objects() -> str:

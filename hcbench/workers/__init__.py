@@ -30,6 +30,7 @@ __all__ = [
     "Interpreter",
     "WorkerDied",
     "WorkerPool",
+    "begin",
     "call",
     "environment",
     "in_worker",
@@ -56,6 +57,15 @@ def call(
     result: Result
     (result,) = worker_of_thread().at(at).run(_yield_result, (function, *args), limit)
     return result
+
+
+def begin(module: str, function: str, *args: Any) -> None:
+    """Start the worker process that `call` will use, and let it call a function of a module first.
+
+    For what takes a worker a while, such as to import an engine, and this process has other work meanwhile.
+    """
+    if not in_worker():
+        worker_of_thread().begin(module, function, *args)
 
 
 def _is_here(at: Interpreter | None) -> bool:
@@ -133,6 +143,11 @@ class WorkerPool:
         for worker in self._workers:
             worker.close()
         self.threads.shutdown()
+
+    def begin(self, module: str, function: str, *args: Any) -> None:
+        """Start all processes, and let each call a function of a module first, as `begin` does."""
+        for worker in () if in_worker() else self._workers:
+            worker.begin(module, function, *args)
 
     def map(self, function: Callable[[Job], Result], jobs: Iterable[Job]) -> list[Result]:
         """[function(job), ...], each run in a worker process. CannotRun where one died."""

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -111,7 +112,7 @@ class Worker:
         """Begin anew: in the child of a fork, the process is its parent's."""
         if self._process is not None:
             self._process.returncode = 0  # nothing to wait for here
-        self._process = None
+        self._process, self._is_up = None, False
         self._lock, self._closed = threading.Lock(), False
 
     def at(self, interpreter: Interpreter | None) -> Worker:
@@ -131,6 +132,9 @@ class Worker:
             try:
                 if self._process is None or self._process.poll() is not None:
                     self._start()
+                if not self._is_up:
+                    self._receive([], _START_S)
+                    self._is_up = True
                 self._pipe.send_bytes(pickled((_working_directory(), function, args)))
                 error = self._receive(results, limit)
             except (EOFError, OSError) as error:
@@ -145,7 +149,16 @@ class Worker:
             raise error
         return results
 
-    def _start(self) -> None:
+    def begin(self, module: str, function: str, *args: Any) -> None:
+        """Start the process, unless there is one, and let it call a function of a module first.
+
+        Nothing is waited for, and what the function raises is dropped.
+        """
+        with self._lock:
+            if self._process is None and not self._closed:
+                self._start((module, function, args))
+
+    def _start(self, first: tuple[str, str, tuple[Any, ...]] | None = None) -> None:
         self._kill()
         self._pipe, end = Pipe()
         path = [str(entry) for entry in sys.path]
@@ -156,7 +169,7 @@ class Worker:
             name = self._interpreter.name
             if not Path(command[0]).exists():
                 raise EngineMissing(f"engine {name!r}", "its environment is gone", "", f"Try: {ADD} {name}")
-        code = f"{setup}\nfrom {__name__} import serve\nserve({end.fileno()}, {name!r})"
+        code = f"{setup}\nfrom {__name__} import serve\nserve({end.fileno()}, {name!r}, {first!r})"
         with end:
             self._process = subprocess.Popen(
                 [*command, "-c", code],
@@ -167,7 +180,6 @@ class Worker:
             )
         if self._closed:  # by another thread
             raise CannotRun("worker", "is no longer needed", "")
-        self._receive([], _START_S)
 
     def _receive(self, results: list[Any], limit: float | None) -> Exception | None:
         """Append what the worker sends to `results`, and return the error that ended it."""
@@ -203,7 +215,7 @@ class Worker:
         self._kill()
 
     def _kill(self) -> None:
-        process, self._process = self._process, None
+        process, self._process, self._is_up = self._process, None, False
         if process is not None:
             process.kill()
             process.wait()
@@ -225,14 +237,23 @@ def _working_directory() -> str:
         return os.path.sep  # deleted under us
 
 
-def serve(handle: int, environment: str = "") -> NoReturn:
-    """The main loop of a worker process: answers requests on a pipe until it closes."""
+def serve(
+    handle: int, environment: str = "", first: tuple[str, str, tuple[Any, ...]] | None = None
+) -> NoReturn:
+    """The main loop of a worker process: answers requests on a pipe until it closes.
+
+    first: a module, a function of it and arguments, called before any request; what it raises is dropped.
+    """
     mark_as_worker(environment)
     pipe = type(Pipe()[0])(handle)
     error: Exception | None = None
     with suppress(EOFError, OSError):  # the parent has gone
         while True:
             pipe.send_bytes(pickled(CallEnd(error)))
+            if first is not None:
+                (module, function, args), first = first, None
+                with suppress(Exception):
+                    getattr(import_module(module), function)(*args)
             request = pipe.recv_bytes()
             try:
                 folder, function, args = pickle.loads(request)

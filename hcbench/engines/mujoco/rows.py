@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.mujoco.continuous_contact import parting_speed
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -226,33 +228,14 @@ class SoftConstraint:
         k, b = self.stiffness_damping()
         if k <= 0:
             return 0.0
-        from scipy.integrate import solve_ivp  # slow to import, and only measuring such a contact needs it
 
         def push(x: float, v: float) -> float:
             d = self.impedance(x)
             return d * (k * d * x + b * v)
 
-        def motion(_: float, state: Floats) -> list[float]:
-            x, v = state.tolist()
-            return [v, -max(0.0, push(x, v))]
-
-        def separation_event(_: float, state: Floats) -> float:
-            x, v = state.tolist()
-            return push(x, v) if v < 0 else 1.0
-
-        separation_event.terminal = True  # type: ignore[attr-defined]
         lowest = max(1e-6, min(self.impedance(0.0), self.impedance(math.inf)))
-        solution = solve_ivp(
-            motion,
-            (0.0, _LONGEST * (1 / (math.sqrt(k) * lowest) + b / k)),
-            np.array([0.0, speed]),
-            method="LSODA",
-            events=separation_event,
-            rtol=1e-8,
-            atol=1e-12 * speed,
-        )
-        parted = solution.t_events is not None and solution.t_events[0].size > 0
-        return float(max(0.0, -solution.y[1, -1]) / speed) if parted else 0.0
+        longest = _LONGEST * (1 / (math.sqrt(k) * lowest) + b / k)
+        return max(0.0, parting_speed(push, speed, 1e-3 / (math.sqrt(k) + b), longest)) / speed
 
     def curve(self, speeds: Sequence[float]) -> tuple[float, ...]:
         """e at each of `speeds` (m/s)."""
