@@ -15,10 +15,10 @@ report: $(INSTALLED)  ## regenerate the default report into reports/steel-1lb/
 	$(BIN)/hcbench report steel-1lb --out reports/steel-1lb
 
 test: check  ## lint, types, then every test
-	$(BIN)/python -m pytest -n 2 --dist loadgroup
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyproject.toml allows
-	$(LOWEST)/bin/python -m pytest -n 2 --dist loadgroup
+	$(LOWEST)/bin/python -m pytest -n 2 --dist worksteal
 
 test-models: $(MODELS)/.installed  ## 40 models that others wrote, from their packages (docs/explanation/models.md)
 	HCBENCH_MODELS=1 $(MODELS)/bin/python -m pytest -n 2 tests/test_models_from_outside.py
