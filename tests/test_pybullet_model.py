@@ -13,6 +13,8 @@ from hcbench.contact import pybullet as contact
 from hcbench.errors import SettingError
 from hcbench.measure import measure
 from hcbench.measure.pybullet import World
+from hcbench.measure.request import make_request
+from hcbench.sim import registry
 
 bullet = pytest.importorskip("pybullet", reason="no PyBullet for this Python")
 
@@ -173,7 +175,8 @@ def test_effective_mass_is_force_over_acceleration(scene: Scene) -> None:
     law = contact.add(contact.ConstantRestitution(0.3), *pair, client=scene.client, friction=0.0)
     felt = scene.felt_by(law)
     world = World(scene.client, pair[0], scene.plate)
-    facts = measure(world, speeds=[0.5], phases=[0.5], diagnose=False).facts
+    with registry.engine("pybullet").open(world, make_request(speeds=[0.5], phases=[0.5])) as model:
+        facts = model.facts()
     expected = scene.force_over_acceleration()
     assert felt == pytest.approx(expected, rel=1e-6)
     assert facts.effective_mass == pytest.approx(expected, rel=1e-6)

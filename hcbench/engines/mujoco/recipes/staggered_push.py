@@ -1,6 +1,7 @@
 """MuJoCo: eq. (16) with rows that only push, for true cups (tendon limits) and for MuJoCo before 3.11."""
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,7 @@ _BEST = 2  # of the guesses, which are fitted to all speeds
 _WORST = 25.0  # units of misfit: beyond it the law is not there
 
 
+@lru_cache(maxsize=16)  # engines that fly these rows ask for the same ones
 def staggered_push(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     """Eq. (16) by rows that never pull: springs from the shallowest on, then dampers.
 
