@@ -18,7 +18,6 @@ from hcbench.measure.diagnose import diagnose, goal_of
 from hcbench.measure.request import make_request
 from hcbench.sim import registry, simulate
 from hcbench.sim.borrowed import BorrowingEngine, Copies
-from hcbench.sim.engine import World
 from hcbench.sim.model_under_test import ModelUnderTest
 
 SPEEDS = [0.07, 0.33, 0.9]
@@ -83,10 +82,10 @@ class ItselfEngine(BorrowingEngine):
     def version(self) -> str:
         return "1.0"
 
-    def load(self, *_: Any) -> World:
-        raise NotImplementedError
+    def law_lines(self, law: Any) -> str:
+        return ""
 
-    def copies(self, model: Any, start: Any) -> Copies:
+    def copies(self, model: Any, start: Any, *_: Any) -> Copies:
         if "adhesion" in self.lacks:
             model = mujoco.MjModel.from_xml_string(ball("Euler", SPRING))
         return MujocoCopies(model, start, self.own_bits)

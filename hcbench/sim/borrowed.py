@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from hcbench.errors import SettingError
+from hcbench.laws.force import HuntCrossley
+from hcbench.laws.restitution import Restitution
 from hcbench.sim import registry
-from hcbench.sim.batched import BatchWorld
+from hcbench.sim.batched import BatchWorld, reading_of, require_motion
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.scripted import PythonLaw, python_law_of
 from hcbench.tune.search import map_result
@@ -89,10 +91,39 @@ class BorrowingEngine(SteppedEngine):
     oblique: ClassVar[bool] = False
 
     @abstractmethod
-    def copies(self, model: Any, start: Any) -> Copies:
-        """Copies of a user's model that the lender compiled. start: the lender's own state, of all that does
-        not move by itself. Raises SceneError for what the engine does not have.
+    def copies(self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0) -> Copies:
+        """Copies of a model that the lender compiled. Raises SceneError for what the engine does not have.
+
+        start: the lender's own state, of all that does not move by itself. bits: of the numbers; 0 for those
+        that its users get who set nothing. law: `law_lines`, of a ball of this radius, m, above z = 0.
         """
+
+    @abstractmethod
+    def law_lines(self, law: PythonLaw | None) -> str:
+        """Lines in the engine's own words that put a law into its steps; "" for none."""
+
+    def bits_of(self, setting: Setting) -> int:
+        """Of the numbers under a setting. Raises SettingError."""
+        return self.bits
+
+    def impedance(self, setting: Setting) -> float:
+        """Of a bounce in one step: the largest that its numbers keep."""
+        return 0.9999
+
+    def load(self, scene: Scene, setting: Setting, fastest: float) -> CopiesWorld:
+        """A scene under a setting. Raises SettingError for what it would do otherwise than the lender."""
+        bits, law = self.bits_of(setting), self.law(setting)
+        require_motion(scene, setting.timestep, fastest, bits)
+        lent = registry.submodule(self.lender, "lent")
+        loaded = lent.load_scene(self.script(scene, setting), contact=not isinstance(law, HuntCrossley))
+        for found in lent.differences(loaded.model, self, bits):
+            slot, got = (
+                f"{setting.engine} {setting.name!r}",
+                f"{found.title.removesuffix('.')} ({found.evidence})",
+            )
+            raise SettingError(slot, got, "", found.fix)
+        copies = self.copies(loaded.model, loaded.start, bits, self.law_lines(law), scene.touch_radius)
+        return CopiesWorld(scene, setting.timestep, copies, loaded.rest, reading_of(law, loaded.exact_flight))
 
     def accepts(self, source: Any) -> bool:
         """Nothing: who names no engine is given the lender."""
@@ -108,15 +139,12 @@ class BorrowingEngine(SteppedEngine):
         """The lender's."""
         return registry.engine(self.lender).pairs(source, request, rebuild)
 
-    def require_same(self, model: Any, setting: Setting, bits: int) -> None:
-        """Raises SettingError for a contact in a scene that this engine, or its numbers, make another of."""
-        for found in registry.submodule(self.lender, "lent").differences(model, self, bits):
-            slot = f"{setting.engine} {setting.name!r}"
-            raise SettingError(slot, f"{found.title.removesuffix('.')} ({found.evidence})", "", found.fix)
-
     def lent(self, setting: Setting) -> Setting:
-        """What of a setting the lender reads."""
+        """What of a setting the lender reads; e(v) needs a contact whose solref a step can set."""
         options = {word: value for word, value in setting.options.items() if word not in self.own}
+        if isinstance(self.law(setting), Restitution):
+            d = self.impedance(setting)
+            options["rows"] = [{"solref": [0.0, -1.0 / setting.timestep], "solimp": [d, d, 0.001, 0.5, 2.0]}]
         return replace(setting, engine=self.lender, options=options)
 
     def law(self, setting: Setting) -> PythonLaw | None:
@@ -131,8 +159,9 @@ class BorrowingEngine(SteppedEngine):
         return registry.engine(self.lender).script(scene, self.lent(setting))
 
     def snippet(self, setting: Setting, form: str) -> str:
-        """The lender's."""
-        return registry.engine(self.lender).snippet(self.lent(setting), form)
+        """The law's lines, or the lender's."""
+        lines = self.law_lines(self.law(setting))
+        return lines or registry.engine(self.lender).snippet(self.lent(setting), form)
 
 
 def borrowed(engine: str, lender: str, changes: Mapping[str, Mapping[str, Any]]) -> tuple[Recipe, ...]:

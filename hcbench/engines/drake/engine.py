@@ -5,7 +5,7 @@ A discrete plant steps by the setting's step; a continuous one is only looked at
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -17,6 +17,12 @@ from hcbench.sim.backend import Backend
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
 from hcbench.tune.snippet import arguments
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hcbench.sim.candidate_pairs import CandidatePair
+    from hcbench.sim.model_under_test import ModelUnderTest, Request
 
 Positive = Annotated[Finite | None, Field(ge=0.0)]
 
@@ -42,8 +48,28 @@ class DrakeEngine(ScriptedEngine[DrakeOptions]):
     name: ClassVar[str] = "drake"
     title: ClassVar[str] = "Drake"
     backend: ClassVar[Backend] = Backend("drake", "drake", "1.51", "1.51")
+    limit: ClassVar[float] = 300.0  # Python reads a user's model after each step
+    suffixes: ClassVar[tuple[str, ...]] = (".urdf", ".sdf", ".xml", ".mjcf")
     laws = (HuntCrossley,)
     table = DrakeOptions
+
+    def accepts(self, source: Any) -> bool:
+        """Nothing: who names no engine is given one that takes all of such a file."""
+        return False
+
+    def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> ModelUnderTest:
+        """A model from URDF, SDF or MJCF files, in a discrete plant with nothing else set."""
+        from hcbench.engines.drake.model_under_test import DrakeModel
+
+        return DrakeModel(self.backend.module("pydrake.all"), self.version(), source, request, {})
+
+    def pairs(
+        self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
+    ) -> list[CandidatePair]:
+        """Pairs of shapes that Drake collides."""
+        from hcbench.engines.drake.list_pairs import list_pairs
+
+        return list_pairs(self.backend.module("pydrake.all"), source, request)
 
     def lines(self, options: DrakeOptions, scene: Scene) -> str:
         """Plant, contact or law, and Simulator."""

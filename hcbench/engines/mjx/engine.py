@@ -10,21 +10,18 @@ A user's model is flown in JAX's own precision, or that of the environment varia
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from hcbench.errors import SceneError, SettingError
-from hcbench.laws.force import HuntCrossley
 from hcbench.sim.backend import Backend
-from hcbench.sim.batched import law_text, reading_of, require_motion
-from hcbench.sim.borrowed import BorrowingEngine, Copies, CopiesWorld
+from hcbench.sim.batched import law_text
+from hcbench.sim.borrowed import BorrowingEngine, Copies
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
-    from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.sim.scripted import PythonLaw
 
@@ -51,48 +48,28 @@ class MjxEngine(BorrowingEngine):
     lacks: ClassVar[frozenset[str]] = frozenset({"adhesion", "impedance in float32"})
     exact: ClassVar[str] = "JAX_ENABLE_X64=1 (a setting: precision = 'float64')"
 
-    def lent(self, setting: Setting) -> Setting:
-        """What of a setting MuJoCo reads; e(v) needs a pair whose solref a step can set."""
-        law, lent = self.law(setting), super().lent(setting)
-        if law is None or isinstance(law, HuntCrossley):
-            return lent
-        d = 0.9999 if _bits(setting) == 64 else IMPEDANCE
-        row = {"solref": [0.0, -1.0 / setting.timestep], "solimp": [d, d, 0.001, 0.5, 2.0]}
-        return replace(lent, options={**lent.options, "rows": [row]})
+    def bits_of(self, setting: Setting) -> int:
+        """Of its precision."""
+        precision = setting.options.get("precision", "float32")
+        if precision not in _BITS:
+            raise SettingError("mjx option 'precision'", repr(precision), "'float32' or 'float64'")
+        return _BITS[precision]
 
-    def snippet(self, setting: Setting, form: str) -> str:
-        """MJCF, or the law's step."""
-        return _step_text(self.law(setting)) or super().snippet(setting, form)
+    def impedance(self, setting: Setting) -> float:
+        """Of 1 - d float32 keeps too little for more."""
+        return 0.9999 if self.bits_of(setting) == 64 else IMPEDANCE
 
-    def load(self, scene: Scene, setting: Setting, fastest: float) -> CopiesWorld:
-        """A scene under a setting. Raises SettingError for what MJX would do otherwise than MuJoCo."""
-        bits = _bits(setting)
-        require_motion(scene, setting.timestep, fastest, bits)
-        xml, law = self.script(scene, setting), self.law(setting)
-        mujoco = self.backend.module("mujoco")
-        model = mujoco.MjModel.from_xml_string(xml)
-        if isinstance(law, HuntCrossley):
-            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-        elif law is None:
-            self.require_same(model, setting, bits)
-        rest = mujoco.MjData(model)
-        copies = self._copies(model, rest, bits, _step_text(law), scene.touch_radius)
-        reading = reading_of(law, model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4)
-        return CopiesWorld(scene, setting.timestep, copies, np.append(rest.qpos, rest.qvel), reading)
+    def law_lines(self, law: PythonLaw | None) -> str:
+        """The step of one world with a law in it, for jit and vmap."""
+        return law_text(law, _FORCE, _EACH)
 
-    def copies(self, model: Any, start: Any) -> MjxCopies:
-        """Copies of a user's model. Raises SceneError for what MJX does not have of MuJoCo."""
+    def copies(self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0) -> MjxCopies:
+        """In one vmap."""
         if model.nplugin:
             got = "a plug-in, which MJX leaves out without a word"
             raise SceneError("model", got, "a model without", "`hcbench tune mjx` puts a law into its step")
-        return self._copies(model, start, 64 if self._started_in_64_bits() else 32)
-
-    @cache  # noqa: B019 - one adapter a process
-    def _started_in_64_bits(self) -> bool:
-        return bool(self.backend.module("jax").config.jax_enable_x64)
-
-    def _copies(self, model: Any, start: Any, bits: int, step: str = "", radius: float = 0.0) -> MjxCopies:
-        self._started_in_64_bits()  # before a setting says otherwise
+        exact = self._starts_in_64_bits()  # before a setting says otherwise
+        bits = bits or (64 if exact else 32)
         jax, mjx = self.backend.module("jax"), self.backend.module("mujoco.mjx")
         jax.config.update("jax_enable_x64", bits == 64)
         try:
@@ -101,14 +78,11 @@ class MjxEngine(BorrowingEngine):
             raise SceneError("model", f"MJX: {error}", "what MJX has of MuJoCo") from None
         empty = mjx.make_data(on_device)  # put_data has other types in 64 bits
         empty = empty.replace(**{name: jax.numpy.asarray(getattr(start, name)) for name in _HELD})
-        return MjxCopies(on_device, empty, bits, *_compiled(step or "step = mjx.step", radius, bits))
+        return MjxCopies(on_device, empty, bits, *_compiled(law or "step = mjx.step", radius, bits))
 
-
-def _bits(setting: Setting) -> int:
-    precision = setting.options.get("precision", "float32")
-    if precision not in _BITS:
-        raise SettingError("mjx option 'precision'", repr(precision), "'float32' or 'float64'")
-    return _BITS[precision]
+    @cache  # noqa: B019 - one adapter a process
+    def _starts_in_64_bits(self) -> bool:
+        return bool(self.backend.module("jax").config.jax_enable_x64)
 
 
 class MjxCopies(Copies):
@@ -155,11 +129,6 @@ def _compiled(step_text: str, radius: float, bits: int) -> tuple[Any, Any]:
         return empty.replace(qpos=state[: empty.qpos.size], qvel=state[empty.qpos.size :])
 
     return jax.jit(jax.vmap(place, in_axes=(None, 0))), jax.jit(run)
-
-
-def _step_text(law: PythonLaw | None) -> str:
-    """The step of one world with a law in it, for jit and vmap; "" for none."""
-    return law_text(law, _FORCE, _EACH)
 
 
 _FORCE = """\

@@ -1,19 +1,22 @@
-"""What engines that step MuJoCo's models do otherwise than MuJoCo itself, by name."""
+"""MuJoCo's models in engines that step them: scenes, and what they do otherwise than MuJoCo, by name."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.causes import fixes
-from hcbench.engines.mujoco.model import geom_name
+from hcbench.engines.mujoco.model import geom_name, speed_reading
 from hcbench.sim.model_under_test import Suspect
+from hcbench.sim.read_impact import SpeedReading
 
 if TYPE_CHECKING:
+    from hcbench.impact import Floats
     from hcbench.sim.borrowed import BorrowingEngine
 
     Rows = Sequence[tuple[Sequence[float], Sequence[float]]]
@@ -21,6 +24,28 @@ if TYPE_CHECKING:
 ADHESION, PAIRS, IMPEDANCE = "adhesion", "several pairs", "impedance in float32"  # in an engine's `lacks`
 _HIGHEST_POWER = 100.0  # of a solimp in float32, which ends at 2^-149
 _KEPT, _HIGHEST = 0.9, 0.99  # impedances of which float32 tells 1 - d to 2e-6, to 1e-5
+
+
+class LentScene(NamedTuple):
+    """A compiled scene, MuJoCo's state of it at rest, also as positions and velocities, shape (13,); whether
+    its steps are exact in free flight.
+    """
+
+    model: Any
+    start: Any
+    rest: Floats
+    exact_flight: bool
+
+
+def load_scene(xml: str, contact: bool) -> LentScene:
+    """A scene of a ball with a free joint. contact: whether bodies touch."""
+    mujoco = backend()
+    model = mujoco.MjModel.from_xml_string(xml)
+    if not contact:
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    start = mujoco.MjData(model)
+    exact = speed_reading(model) is SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
+    return LentScene(model, start, np.append(start.qpos, start.qvel), exact)
 
 
 def differences(

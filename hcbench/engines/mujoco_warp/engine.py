@@ -12,16 +12,14 @@ from __future__ import annotations
 
 import copy
 import xml.etree.ElementTree as ET
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from hcbench.errors import EngineFailed, SceneError
-from hcbench.laws.force import HuntCrossley
 from hcbench.sim.backend import Backend
-from hcbench.sim.batched import law_text, reading_of, require_motion, run_lines
-from hcbench.sim.borrowed import BorrowingEngine, Copies, CopiesWorld
+from hcbench.sim.batched import law_text, run_lines
+from hcbench.sim.borrowed import BorrowingEngine, Copies
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -48,55 +46,32 @@ class MujocoWarpEngine(BorrowingEngine):
     lender: ClassVar[str] = "mujoco"
     lacks: ClassVar[frozenset[str]] = frozenset({"several pairs"})
 
-    def lent(self, setting: Setting) -> Setting:
-        """What of a setting MuJoCo reads; e(v) needs a pair whose solref a step can set."""
-        law, lent = self.law(setting), super().lent(setting)
-        if law is None or isinstance(law, HuntCrossley):
-            return lent
-        row = {"solref": [0.0, -1.0 / setting.timestep], "solimp": [0.9999, 0.9999, 0.001, 0.5, 2.0]}
-        return replace(lent, options={**lent.options, "rows": [row]})
-
     def script(self, scene: Scene, setting: Setting) -> str:
         """MuJoCo's scene, with a geom for each pair."""
         return with_a_geom_each(super().script(scene, setting))
 
     def snippet(self, setting: Setting, form: str) -> str:
         """MJCF, or the law's lines."""
-        text = _law_lines(self.law(setting)) or super().snippet(setting, form)
+        text = super().snippet(setting, form)
         if text.count("<pair ") > 1:
             text += "\n<!-- each pair wants a massless copy of the ball's geom of its own as geom1 -->"
         return text
 
-    def load(self, scene: Scene, setting: Setting, fastest: float) -> CopiesWorld:
-        """A scene under a setting. Raises SettingError for what float32 turns into something else."""
-        require_motion(scene, setting.timestep, fastest, self.bits)
-        xml, law = self.script(scene, setting), self.law(setting)
-        mujoco = self.backend.module("mujoco")
-        model = mujoco.MjModel.from_xml_string(xml)
-        self.require_same(model, setting, self.bits)
-        if isinstance(law, HuntCrossley):
-            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-        rest, most = mujoco.MjData(model), int(model.npair) + 4
-        copies = self._copies(model, rest, most, {"R": scene.touch_radius}, _law_lines(law))
-        reading = reading_of(law, model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4)
-        return CopiesWorld(scene, setting.timestep, copies, np.append(rest.qpos, rest.qvel), reading)
+    def law_lines(self, law: PythonLaw | None) -> str:
+        """What puts a law into a model."""
+        return law_text(law, _FORCE, _EACH)
 
-    def copies(self, model: Any, start: Any) -> WarpCopies:
-        """Copies of a user's model. Raises SceneError for what Warp does not have of MuJoCo."""
-        return self._copies(model, start, _MOST_CONTACTS, {})
-
-    def _copies(
-        self, model: Any, start: Any, most: int, names: dict[str, Any], lines: str = ""
-    ) -> WarpCopies:
-        """most: contacts of a copy, and rows. lines: what puts a law in, which finds `names`."""
+    def copies(self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0) -> WarpCopies:
+        """On one device."""
         warp, mujoco_warp = self.backend.module("warp"), self.backend.module("mujoco_warp")
         warp.config.quiet = True
         try:
             on_device = mujoco_warp.put_model(model)
         except (NotImplementedError, ValueError) as error:
             raise SceneError("model", f"MuJoCo Warp: {error}", "what it has of MuJoCo") from None
-        known = {"wp": warp, "mjw": mujoco_warp, "model": on_device, "np": np, **names}
-        return WarpCopies(model, start, most, run_lines(lines, known))
+        known = {"wp": warp, "mjw": mujoco_warp, "model": on_device, "R": radius, "np": np}
+        most = int(model.npair) + 4 if radius else _MOST_CONTACTS  # a ball on a plane, or anything
+        return WarpCopies(model, start, most, run_lines(law, known))
 
 
 def with_a_geom_each(xml: str) -> str:
@@ -145,11 +120,6 @@ class WarpCopies(Copies):
 
     def _state(self) -> Floats:
         return np.hstack([self._data.qpos.numpy(), self._data.qvel.numpy()]).astype(np.float64)
-
-
-def _law_lines(law: PythonLaw | None) -> str:
-    """What puts a law into a model; "" for none."""
-    return law_text(law, _FORCE, _EACH)
 
 
 _FORCE = """\

@@ -1,0 +1,207 @@
+"""A user's URDF, SDF or MJCF in a Drake plant: its parts by name, and where two of them are nearest."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from hcbench.errors import SceneError, UserError
+from hcbench.sim.names import find_part
+
+if TYPE_CHECKING:
+    from hcbench.impact import Floats
+    from hcbench.sim.model_under_test import Request
+
+SUFFIXES = (".urdf", ".sdf", ".xml", ".mjcf")
+# What a geometry has that says nothing, as Drake's documentation of MultibodyPlant has it.
+STIFFNESS, DISSIPATION = "point_contact_stiffness", "hunt_crossley_dissipation"
+_DEFAULTS = {STIFFNESS: 1e6, DISSIPATION: 50.0}
+_ALONG = 1e-9  # of a direction's component: below it a face or an edge is what is farthest along
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What a name means. body: Drake's. geometries: ids of those of its shapes that count."""
+
+    name: str
+    body: Any
+    geometries: tuple[Any, ...]
+
+
+class Gap(NamedTuple):
+    """Where two shapes are nearest: signed distance, m; normal from the first to the second; midpoint."""
+
+    distance: float
+    normal: Floats
+    point: Floats
+    geometries: tuple[Any, Any]
+
+
+class LoadedPlant:
+    """Models from files in a discrete plant with nothing else set.
+
+    ignored: what Drake said that it leaves out. Raises SceneError for what Drake does not load.
+    """
+
+    def __init__(self, drake: Any, source: Any, request: Request, changes: Mapping[str, Any]) -> None:
+        paths = [Path(path) for path in (source if isinstance(source, list | tuple) else [source])]
+        self.drake, self.label = drake, " + ".join(path.name for path in paths)
+        step = changes.get("timestep") or request.timestep
+        config = drake.MultibodyPlantConfig(**({} if step is None else {"time_step": step}))
+        self.config, builder = config, drake.DiagramBuilder()
+        with _said() as self.ignored:
+            self.plant, scene_graph = drake.AddMultibodyPlant(config, builder)
+            for path in paths:
+                self._add(path)
+            self._set_dissipation(scene_graph, changes.get("dissipation"))
+            if request.gravity is not None:
+                self.plant.mutable_gravity_field().set_gravity_vector(request.gravity)
+            self.plant.Finalize()
+            self.inspector, self.diagram = scene_graph.model_inspector(), builder.Build()
+        self._geometries = self.inspector.GetAllGeometryIds(drake.Role.kProximity)
+        self.collide = {frozenset(both) for both in self.inspector.GetCollisionCandidates()}
+
+    def _add(self, path: Path) -> None:
+        if not path.is_file():
+            what = "is a folder" if path.is_dir() else "is not there"
+            raise SceneError("model", f"{path} {what}", f"a model file: {', '.join(SUFFIXES)}")
+        try:
+            self.drake.Parser(self.plant).AddModels(str(path))
+        except RuntimeError as error:
+            words = str(error).partition("error: ")[2] or str(error)
+            raise SceneError("model", f"{path.name}: {words}", "a model that Drake loads") from None
+
+    def _set_dissipation(self, scene_graph: Any, dissipation: float | None) -> None:
+        if dissipation is None:
+            return
+        inspector, source = scene_graph.model_inspector(), self.plant.get_source_id()
+        for geometry in inspector.GetAllGeometryIds(self.drake.Role.kProximity):
+            properties = self.drake.ProximityProperties(inspector.GetProximityProperties(geometry))
+            properties.UpdateProperty("material", DISSIPATION, dissipation)
+            scene_graph.AssignRole(source, geometry, properties, self.drake.RoleAssign.kReplace)
+
+    def says(self, geometry: Any, name: str) -> bool:
+        """Whether a shape's file says this of its contact."""
+        return bool(self.inspector.GetProximityProperties(geometry).HasProperty("material", name))
+
+    def property(self, geometry: Any, name: str) -> float:
+        """Of a shape's contact: of its file, or Drake's own."""
+        found = self.inspector.GetProximityProperties(geometry)
+        return float(found.GetProperty("material", name) if self.says(geometry, name) else _DEFAULTS[name])
+
+    def is_hydroelastic(self, geometry: Any) -> bool:
+        """Whether a file asks for pressure fields there."""
+        found = self.inspector.GetProximityProperties(geometry)
+        return bool(found.HasProperty("hydroelastic", "compliance_type"))
+
+    def body_of(self, geometry: Any) -> Any:
+        """The body that has a shape."""
+        return self.plant.GetBodyFromFrameId(self.inspector.GetFrameId(geometry))
+
+    def part(self, name: str) -> Part:
+        """What a name means: a body first, then a shape. UserError for neither, or a body without shapes."""
+        bodies = [
+            self.plant.get_body(i) for i in self.plant.GetBodyIndices(self.drake.default_model_instance())
+        ]
+        bodies += [self.plant.world_body(), *map(self.body_of, self._geometries)]
+        parts = [("body", body.name(), body) for body in dict.fromkeys(bodies) if self._shapes(body)]
+        parts += [("geom", self.short(g), g) for g in self._geometries]
+        kind, found = find_part(parts, name)
+        if kind == "geom":
+            return Part(name, self.body_of(found), (found,))
+        return Part(name, found, tuple(self._shapes(found)))
+
+    def _shapes(self, body: Any) -> list[Any]:
+        return [g for g in self._geometries if self.body_of(g).index() == body.index()]
+
+    def short(self, geometry: Any) -> str:
+        """A shape's name without its model's."""
+        return str(self.inspector.GetName(geometry).rpartition("::")[2])
+
+    def nearest(self, context: Any, first: Part, second: Part) -> Gap:
+        """Where two parts are nearest. UserError where Drake makes no contact of them."""
+        pairs = [(a, b) for a in first.geometries for b in second.geometries]
+        meet = [both for both in pairs if frozenset(both) in self.collide]
+        if not meet:
+            got = f"{first.name!r} and {second.name!r} never touch: Drake filters their collisions"
+            raise UserError("pair", got, "two parts of different bodies, not joined by a joint")
+        query = self.plant.get_geometry_query_input_port().Eval(context)
+        return min((self._gap(query, *both) for both in meet), key=lambda gap: gap.distance)
+
+    def _gap(self, query: Any, a: Any, b: Any) -> Gap:
+        shapes = [self.inspector.GetShape(g) for g in (a, b)]
+        half_spaces = [isinstance(shape, self.drake.HalfSpace) for shape in shapes]
+        if any(half_spaces):  # Drake knows the distance of spheres only from those
+            plane, other, sign = (b, a, 1.0) if half_spaces[1] else (a, b, -1.0)
+            ground, pose = query.GetPoseInWorld(plane), query.GetPoseInWorld(other)
+            up = ground.rotation().matrix()[:, 2]
+            turned = pose.rotation().matrix()
+            shape = shapes[0] if half_spaces[1] else shapes[1]
+            deepest = pose.translation() + turned @ self._farthest(shape, turned.T @ -up)
+            distance = float(up @ (deepest - ground.translation()))
+            return Gap(distance, -sign * up, deepest - 0.5 * distance * up, (a, b))
+        try:
+            near = query.ComputeSignedDistancePairClosestPoints(a, b)
+        except RuntimeError as error:
+            raise UserError("pair", str(error), "two shapes whose distance Drake knows") from None
+        poses = [query.GetPoseInWorld(g) for g in (near.id_A, near.id_B)]
+        ends = [pose.multiply(point) for pose, point in zip(poses, (near.p_ACa, near.p_BCb), strict=True)]
+        normal = near.nhat_BA_W if near.id_A == b else -near.nhat_BA_W
+        return Gap(float(near.distance), np.asarray(normal), (ends[0] + ends[1]) / 2, (a, b))
+
+    def _farthest(self, shape: Any, along: Floats) -> Floats:
+        """The point of a shape that is farthest along a unit vector, in its frame; of a face the middle."""
+        drake, side = self.drake, np.where(np.abs(along) < _ALONG, 0.0, np.sign(along))
+        if isinstance(shape, drake.Sphere):
+            return np.asarray(shape.radius() * along)
+        if isinstance(shape, drake.Box):
+            return np.asarray(0.5 * shape.size() * side)
+        if isinstance(shape, drake.Ellipsoid):
+            axes = np.array([shape.a(), shape.b(), shape.c()])
+            return np.asarray(axes**2 * along / np.linalg.norm(axes * along))
+        if isinstance(shape, drake.Capsule | drake.Cylinder):
+            round_ = along if isinstance(shape, drake.Capsule) else _unit(np.array([*along[:2], 0.0]))
+            return np.asarray(shape.radius() * round_ + [0.0, 0.0, 0.5 * shape.length() * side[2]])
+        got = f"a {type(shape).__name__} on a HalfSpace, whose distance Drake does not know"
+        raise UserError("pair", got, "a sphere, box, cylinder, capsule or ellipsoid on it")
+
+
+def _unit(vector: Floats) -> Floats:
+    length = float(np.linalg.norm(vector))
+    return vector / length if length > _ALONG else 0.0 * vector
+
+
+@contextmanager
+def _said() -> Iterator[list[str]]:
+    """Collect what Drake's parser warns of, which it would log."""
+    lines: list[str] = []
+    handler, log = logging.Handler(), logging.getLogger("drake")
+    handler.emit = lambda record: lines.append(record.getMessage())  # type: ignore[method-assign]
+    before = log.propagate
+    log.addHandler(handler)
+    log.propagate = False
+    try:
+        yield lines
+    finally:
+        log.removeHandler(handler)
+        log.propagate = before
+
+
+_ATTRIBUTE = re.compile(r"The attribute '(\w+)' found in an? '(\w+)'.*")
+_TAG = re.compile(r"The tag '(\w+)' found.*")
+_LOOKS = ("visual", "light", "asset", "statistic")  # nothing to do with contact
+
+
+def ignored_in_words(lines: Sequence[str]) -> str:
+    """What Drake leaves out of a model's contact and motion, in one sentence; "" for nothing."""
+    said = [line.partition("warning: ")[2].rstrip(".") for line in lines if "warning: " in line]
+    words = [_TAG.sub(r"<\1>", _ATTRIBUTE.sub(r"<\2> \1", line)) for line in said]
+    words = [word for word in dict.fromkeys(words) if word.strip("<>") not in _LOOKS]
+    return f"Drake leaves out: {'; '.join(words)}." if words else ""
