@@ -125,6 +125,8 @@ class Launch:
 
     def touch_speed(self, timestep: float, gravity: float) -> float:
         """Approach speed at touch, m/s: sqrt(v² + 2 g clearance). gravity: into the plate, m/s²."""
+        if gravity == 0.0:
+            return abs(self.speed)
         return math.sqrt(max(0.0, self.speed**2 + 2.0 * gravity * self.clearance(timestep)))
 
     def flight_time(self, timestep: float, gravity: float) -> float:

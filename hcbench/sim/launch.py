@@ -15,8 +15,7 @@ def require_launch(launch: Launch, engine: str, oblique: bool) -> None:
     """Raises SettingError for a launch without meaning; oblique: whether the engine sends bodies so too."""
     try:
         height = launch.height or 0.0
-        numbers = launch.speed + launch.phase + height + sum(launch.slip) + sum(launch.spin)
-        finite = math.isfinite(numbers)
+        finite = math.isfinite(sum((launch.speed, launch.phase, height, *launch.slip, *launch.spin)))
     except (TypeError, AttributeError, OverflowError):
         finite = False
     if not finite:
@@ -25,5 +24,5 @@ def require_launch(launch: Launch, engine: str, oblique: bool) -> None:
         raise SettingError("height", f"{height!r} m", "0 m or more over the plate")
     if launch.speed < 0 or (launch.speed == 0 and not launch.height):
         raise SettingError("speed", f"{launch.speed!r} m/s", "a speed above 0, or a height to fall from")
-    if launch.is_oblique and not oblique:
+    if not oblique and launch.is_oblique:
         raise SettingError("launch", f"oblique, in {engine!r}", "one along the normal, without spin")

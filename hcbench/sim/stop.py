@@ -37,6 +37,8 @@ FALL_STEPS, FALLING_STEPS = 1.5, 128
 # it lies within an overlap that the engine lets pass, such as Bullet's contactSlop.
 IDLE_SHARE, IDLE_STEPS = 1e-3, 128
 
+_NEVER = 1 << 62  # beyond every step
+
 
 class End(IntEnum):
     """Why a launch is over, the weightiest first where two reasons meet in one step."""
@@ -85,7 +87,7 @@ class StopRule:
         flight_steps = np.minimum(np.ceil(FLIGHT_SLACK * flights) + FLIGHT_SLACK_STEPS, FLIGHT_STEPS_MAX)
         speeds = np.array([launch.touch_speed(timestep, gravity) for launch in launches])
         contact = max(CONTACT_STEPS_MIN, min(math.ceil(CONTACT_S / timestep), CONTACT_STEPS_MAX))
-        never, moving = np.full(len(launches), np.iinfo(np.int64).max), np.full(len(launches), -1)
+        never, moving = np.full(len(launches), _NEVER), np.full(len(launches), -1)
         return cls(
             flight_steps=flight_steps.astype(np.int64),
             contact_steps=contact,
@@ -100,68 +102,80 @@ class StopRule:
             last_x=np.full(len(launches), np.nan),
         )
 
-    def add(self, x: Floats, v: Floats, f: Floats) -> tuple[Whole, NDArray[np.int64]]:
+    def add(self, x: Floats, v: Floats, f: Floats) -> tuple[Whole, Whole]:
         """Look at one more chunk of penetration, rate and force, shape (b, n).
 
         How many of all steps belong to each launch, 0 where it has not ended, and why it has (`End`).
         """
-        step = np.arange(self.steps, self.steps + x.shape[1])
-        acting = f != 0.0
-        waiting = self.touch > step[-1]
-        if waiting.any():
-            new = waiting & acting.any(axis=1)
-            self.touch[new] = self.steps + acting[new].argmax(axis=1)
-        after = step >= self.touch[:, None]
-        parted = x <= 0.0
-        for needed in (v < 0.0, after, ~acting):
-            parted &= needed
-        checks = [
-            (End.NOT_FINITE, not_finite(x, v, f)),
-            (End.PARTED, parted),
-            (End.RESTED, self._rested(after, x, v, acting, step)),
-        ]
-        if self.deepest < math.inf:
-            checks.insert(1, (End.TOO_DEEP, x > self.deepest))
-        if not after[:, 0].all():
-            checks.append((End.TURNED_BACK, ~after & (v < 0.0)))
-            checks.append((End.NEVER_TOUCHED, ~after & (step >= self.flight_steps[:, None] - 1)))
-        if step[-1] - self.touch.min() >= self.contact_steps:
-            checks.append((End.UNFINISHED, step - self.touch[:, None] >= self.contact_steps))
-        self.steps += x.shape[1]
-        checks = [(end, flag) for end, flag in checks if flag.any()]
-        over = np.zeros(x.shape, bool)
-        for _, flag in checks:
-            over |= flag
-        each, first = np.arange(len(x)), over.argmax(axis=1)
-        why, ended = np.zeros(len(x), np.int64), over[each, first]
-        for end, flag in reversed(checks):
-            why[ended & np.broadcast_to(flag, x.shape)[each, first]] = end
-        return np.where(ended, step[0] + first + 1, 0), why
+        start, end = self.steps, self.steps + x.shape[1]
+        acting, leaving = f != 0.0, v < 0.0
+        self.touch = np.minimum(self.touch, _first(acting, start))
+        turned, waited = _first(leaving, start), np.maximum(self.flight_steps - 1, start)
+        over = np.maximum(self.touch + self.contact_steps, start)
+        untouched = turned < self.touch
+        parted = leaving & ~acting
+        parted &= x <= 0.0
+        bad, never = not_finite(x, v, f), np.full(len(x), _NEVER)
+        whens = {
+            End.NOT_FINITE: _first(bad, start) if bad.any() else never,
+            End.TOO_DEEP: _first(x > self.deepest, start) if self.deepest < math.inf else never,
+            End.PARTED: np.where(untouched, _NEVER, _first(parted, start)),
+            End.RESTED: self._rested(x, v, acting),
+            End.TURNED_BACK: np.where(untouched, turned, _NEVER),
+            End.NEVER_TOUCHED: np.where(waited < np.minimum(self.touch, end), waited, _NEVER),
+            End.UNFINISHED: np.where(over < end, over, _NEVER),
+        }
+        self.steps = end
+        steps = np.stack(list(whens.values()))
+        first = steps.min(axis=0)
+        ended = first < _NEVER
+        why = np.array([*whens])[steps.argmin(axis=0)]  # the weightiest comes first
+        return np.where(ended, first + 1, 0), np.where(ended, why, End.GOING)
 
-    def _rested(self, after: Flags, x: Floats, v: Floats, acting: Flags, step: Whole) -> Flags:
-        speed = np.abs(v)
-        idle = speed <= IDLE_SHARE / REST_SHARE * self.rest_speed[:, None]
-        idle &= after
-        still = idle & (speed <= self.rest_speed[:, None])
-        slow = [("last_moving", still, REST_STEPS), ("last_driven", idle & ~acting, IDLE_STEPS)]
-        if self.fall > 0.0:
-            slow.append(("last_faster", after & (speed <= FALL_STEPS * self.fall), FALLING_STEPS))
-            in_place = after & (x == np.concatenate([self.last_x[:, None], x[:, :-1]], axis=1))
-            slow.append(("last_moved", in_place, IDLE_STEPS))
+    def _rested(self, x: Floats, v: Floats, acting: Flags) -> Whole:
+        """The first step at rest of each launch."""
+        at_rest, speed = np.full(len(x), _NEVER), np.abs(v)
+        idle_speed, fall = IDLE_SHARE / REST_SHARE * self.rest_speed, FALL_STEPS * self.fall
+        some = (speed <= np.maximum(idle_speed, fall)[:, None]).any(axis=1)
+        before = np.concatenate([self.last_x[:, None], x[:, :-1]], axis=1) if fall > 0.0 else x
+        if fall > 0.0:
+            some |= (x == before).any(axis=1)
             self.last_x = x[:, -1].copy()
-        rested: Flags = np.zeros((), bool)
-        for name, flag, least in slow:
+        last = self.steps + x.shape[1] - 1
+        for since in (self.last_moving, self.last_driven, self.last_faster, self.last_moved):
+            since[~some] = last
+        if not some.any():
+            return at_rest
+        step, touch = np.arange(self.steps, last + 1), self.touch[some, None]
+        after, speed = step >= touch, speed[some]
+        idle = after & ~acting[some] & (speed <= idle_speed[some, None])
+        slow = [
+            (self.last_moving, after & (speed <= self.rest_speed[some, None]), REST_STEPS),
+            (self.last_driven, idle, IDLE_STEPS),
+        ]
+        if fall > 0.0:
+            slow.append((self.last_faster, after & (speed <= fall), FALLING_STEPS))
+            slow.append((self.last_moved, after & (x[some] == before[some]), IDLE_STEPS))
+        rested = np.zeros(after.shape, bool)
+        for since, flag, least in slow:
             if not flag.any():  # nearly always
-                getattr(self, name)[:] = step[-1]
+                since[some] = last
                 continue
-            moving = np.maximum.accumulate(np.where(flag, getattr(self, name)[:, None], step), axis=1)
-            setattr(self, name, moving[:, -1])
-            half = 0 if flag is still else (step - np.minimum(self.touch[:, None], step)) // 2
-            rested = rested | (step - moving >= np.maximum(least, half))
-        return rested
+            moving = np.maximum.accumulate(np.where(flag, since[some, None], step), axis=1)
+            since[some] = moving[:, -1]
+            half = 0 if since is self.last_moving else (step - np.minimum(touch, step)) // 2
+            rested |= step - moving >= np.maximum(least, half)
+        at_rest[some] = _first(rested, self.steps)
+        return at_rest
 
     def keep(self, which: Flags) -> None:
         """Watch only these from now on."""
         for field in fields(self):
             if isinstance(value := getattr(self, field.name), np.ndarray):
                 setattr(self, field.name, value[which])
+
+
+def _first(flag: Flags, start: int) -> Whole:
+    """The first step of each launch in which a flag is set, shape (b, n) from `start` on; else `_NEVER`."""
+    at = flag.argmax(axis=1)
+    return np.where(flag[np.arange(len(flag)), at], start + at, _NEVER)

@@ -40,8 +40,9 @@ def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
     away = np.array(model.scene.normal)
     states[:, position : position + 3] += model.scene.touch_offset + np.outer(gaps, away)
     states[:, velocity : velocity + 3] = np.outer([-launch.speed for launch in launches], away)
-    states[:, velocity : velocity + 2] += [launch.slip for launch in launches]
-    states[:, velocity + 3 : velocity + 6] = [launch.spin for launch in launches]
+    if any(launch.is_oblique for launch in launches):
+        states[:, velocity : velocity + 2] += [launch.slip for launch in launches]
+        states[:, velocity + 3 : velocity + 6] = [launch.spin for launch in launches]
     return states
 
 
@@ -78,14 +79,17 @@ def record(
     """
     batch, packed = workspace.batch, workspace.batch.pack(states)
     count = max(1, min(most, workspace.buffer.size // packed.size))
-    shape = (len(packed), count, packed.shape[1])
-    path, sensed = model.mujoco.rollout.rollout(
-        batch.model,
+    path = workspace.buffer[: packed.size * count].reshape(len(packed), count, -1)
+    sensed = np.empty((len(packed), count, batch.model.nsensordata))
+    model.mujoco.rollout.rollout(
+        [batch.model] * len(packed),
         workspace.data[: len(packed)],
         packed,
+        skip_checks=True,  # which take as long as two steps
         nstep=count,
-        initial_warmstart=warm,
-        state=workspace.buffer[: packed.size * count].reshape(shape),
+        initial_warmstart=None if warm is None else warm[None],
+        state=path,
+        sensordata=sensed,
     )
     # MuJoCo meets what is not finite by starting the model over, and rollout by standing still.
     stopped = np.diff(path[:, :, 0], prepend=packed[:, :1]) <= 0.0
