@@ -325,6 +325,26 @@ def test_positions_worked_out_are_the_ones_that_bullet_has(scene: Scene) -> None
         assert np.array_equal(loop.rate, asked.rate[seen])
 
 
+def _recorded_and_asked(scene: Scene, setting: Setting, launches: Sequence[Launch]) -> Any:
+    """Impacts that the plug-in recorded, and that Python's functions were asked for, together and alone."""
+    with PybulletWorld(scene, setting.timestep, pybullet_options(setting.options), 1.0) as balls:
+        recorded = [simulate.impacts_in(balls, some) for some in (launches, launches[:1])]
+        assert balls.recorder is not None
+        balls.recorder = None  # as without a compiler
+        return recorded, [simulate.impacts_in(balls, some) for some in (launches, launches[:1])]
+
+
+@SCENES
+@pytest.mark.parametrize(("recipe", "timestep"), [*BULLET, ("restitution-law", 1e-3)])
+def test_bullet_recorded_is_bullet_asked(scene: Scene, recipe: str, timestep: float) -> None:
+    setting = made(f"pybullet.{recipe}", scene, timestep)
+    ball = {**setting.options.get("ball", {}), "linearDamping": 0.0}  # or forces are asked for
+    setting = dataclasses.replace(setting, options={**setting.options, "ball": ball})
+    recorded, asked = call(_recorded_and_asked, scene, setting, at_random(9), limit=60)
+    for ours, theirs in zip(recorded, asked, strict=True):
+        assert same(ours, theirs)
+
+
 def _told_and_worked_out(scene: Scene, setting: Setting, launches: Sequence[Launch]) -> tuple[Any, Any]:
     """Forces of each ball at each step, (n, b): by Bullet's contact points, and from the balls' momentum."""
     options = pybullet_options(setting.options)

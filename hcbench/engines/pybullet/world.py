@@ -52,7 +52,7 @@ class PybulletWorld(World):
     """Balls and a plate in this process's client, as a scene and options have them.
 
     balls: ids of the bodies. reports_force: whether `step` returns the normal force on each ball, N; if not,
-    nothing but gravity and the contact changes a ball's velocity.
+    nothing but gravity and the contact changes a ball's velocity. recorder: takes steps then, if compiled.
     """
 
     def __init__(self, scene: Scene, timestep: float, options: PybulletOptions, fastest: float) -> None:
@@ -66,6 +66,7 @@ class PybulletWorld(World):
         self.places = 1 if options.links else _BALLS_IN_WORLD
         self.reports_force = options.ball.get("linearDamping") != 0.0
         self.bullet = client()
+        self.recorder = None if self.reports_force else plugin.recorder(self.bullet)
         with translated_errors(self.bullet):
             ball, self.plate = _set_up(self.bullet, scene, timestep, options)
             self.balls, self._fastest = [ball], fastest
@@ -167,7 +168,7 @@ class PybulletSimulation(Simulation):
         """`steps` steps of all balls. Raises CannotShareError where one is not where its velocity took it."""
         world = self._world
         with translated_errors(world.bullet):
-            forces, motions, positions = self._step(steps)
+            forces, positions, motions = self._step(steps)
         motion = np.concatenate([self._motion[None], np.reshape(motions, (steps, -1, 2, 3))])
         v = motion[:, :, 0]
         if self._reads_position:
@@ -182,8 +183,9 @@ class PybulletSimulation(Simulation):
             force = force_from_momentum(world.scene, world.timestep, v, deeper)
         if not (self._reads_position or np.array_equal(self._positions(), p[-1])):
             raise CannotShareError
-        along_plate = tangential_rows(world.scene, world.timestep, motion, deeper)
-        return Record(x.T, rate.T, force.T, along_plate if self._oblique else None)
+        oblique = self._oblique
+        along_plate = tangential_rows(world.scene, world.timestep, motion, deeper) if oblique else None
+        return Record(x.T, rate.T, force.T, along_plate)
 
     def keep(self, which: Flags) -> None:
         """Record only these from now on."""
@@ -199,11 +201,14 @@ class PybulletSimulation(Simulation):
         motion = self._world.bullet.getBaseVelocity
         return np.array([motion(self._world.balls[i]) for i in self._which])
 
-    def _step(self, steps: int) -> tuple[list[Any], list[float], list[float]]:
-        """Forces that each step reported, velocity and spin after it, and positions where they are read."""
-        step, bullet = self._world.step, self._world.bullet
-        place, motion = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity
+    def _step(self, steps: int) -> tuple[list[Any], Any, Any]:
+        """Forces that each step reported, positions where they are read, velocity and spin, all after it."""
+        step, bullet, recorder = self._world.step, self._world.bullet, self._world.recorder
         balls = [self._world.balls[i] for i in self._which]
+        if recorder is not None:
+            seen = recorder.record(balls, steps)
+            return [], seen[:, :, 0], seen[:, :, 1:]
+        place, motion = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity
         forces: list[Any] = []
         motions: list[float] = []
         positions: list[float] = []
@@ -215,7 +220,7 @@ class PybulletSimulation(Simulation):
                 motions += spin
                 if self._reads_position:
                     positions += place(ball)[0]
-        return forces, motions, positions
+        return forces, positions, motions
 
 
 def _set_up(bullet: BulletClient, scene: Scene, timestep: float, options: PybulletOptions) -> tuple[int, int]:

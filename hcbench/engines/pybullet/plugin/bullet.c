@@ -115,7 +115,7 @@ typedef struct {
   X(void*, b3InitClosestDistanceQuery, (void*)) X(void, b3SetClosestDistanceFilterBodyA, (void*, int)) \
   X(void, b3SetClosestDistanceFilterBodyB, (void*, int)) X(void, b3SetClosestDistanceFilterLinkA, (void*, int)) \
   X(void, b3SetClosestDistanceFilterLinkB, (void*, int)) X(void, b3SetClosestDistanceThreshold, (void*, double)) \
-  X(void*, b3ApplyExternalForceCommandInit, (void*)) \
+  X(void*, b3InitStepSimulationCommand, (void*)) X(void*, b3ApplyExternalForceCommandInit, (void*)) \
   X(void, b3ApplyExternalForce, (void*, int, int, const double*, const double*, int))
 
 #define DECLARE(type, name, arguments) static type(*name) arguments;

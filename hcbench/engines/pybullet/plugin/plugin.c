@@ -157,14 +157,30 @@ void exitPlugin(b3Context* context) {
   context->user = NULL;
 }
 
-/* Returns a law's number, 0, or -1; `force` and `message` bring data along. */
+/* Steps, and position, velocity and angular velocity of each body after each of them, one after the other; 0 if a body
+   is gone. To be called between commands, with what the command `world` tells. */
+int hcbench_record(world* w, int steps, const int* ids, int count, double* out) {
+  body b = {0};
+  for (int i = 0; i < steps; i++) {
+    send(w, b3InitStepSimulationCommand(w->client));
+    for (int k = 0; k < count; k++, out += 9) {
+      b.id = ids[k];
+      if (!request_state(w, &b)) return 0;
+      memcpy(out, w->state->q, 3 * sizeof(double));
+      memcpy(out + 3, w->state->qdot, 6 * sizeof(double));
+    }
+  }
+  return 1;
+}
+
+/* Returns a law's number, 0, or -1; `force`, `message` and `world` bring data along. */
 int executePluginCommand(b3Context* context, const b3Arguments* given) {
-  static const char* const known[] = {"hunt_crossley", "restitution", "remove", "force", "message"};
+  static const char* const known[] = {"hunt_crossley", "restitution", "remove", "force", "message", "world"};
   world* w = context->user;
   static _Thread_local b3Data data;
   size_t length = strcspn(given->text, " ");
   int which = 0;
-  while (which < 5 && (strlen(known[which]) != length || strncmp(known[which], given->text, length))) which++;
+  while (which < 6 && (strlen(known[which]) != length || strncmp(known[which], given->text, length))) which++;
   if (which < 2) return add_law(w, given, which == 0);
   if (which == 4) {
     data = (b3Data){1, strlen(w->message) + 1, w->message};
@@ -172,6 +188,11 @@ int executePluginCommand(b3Context* context, const b3Arguments* given) {
     return 0;
   }
   if (which == 5) {
+    data = (b3Data){0, sizeof(world*), (const char*)&context->user};
+    context->data = &data;
+    return 0;
+  }
+  if (which == 6) {
     const char* all = "hunt_crossley, restitution, remove, force, message";
     return fail(w, "no command \"%.*s\", only: %s", (int)length, given->text, all) - 1;
   }
