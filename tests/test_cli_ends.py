@@ -315,6 +315,7 @@ def test_a_failed_filling_removes_nothing(tmp_path: Path) -> None:
 TUNE = ["tune", "mujoco", "--timestep", "1e-3"]
 MEASURE = ["measure", str(Path(__file__).parents[1] / "examples" / "good.xml"), "--pair", "ball,plate"]
 CHECK = ["check", *MEASURE[1:]]
+TUNED = ["tune", *MEASURE[1:], "--alpha=0.3"]
 
 
 @pytest.mark.parametrize(
@@ -334,6 +335,15 @@ CHECK = ["check", *MEASURE[1:]]
         ([*TUNE, "--alpha=.1", "--recipe=magic"], "--recipe: 'magic' for 'mujoco'; expected one of: auto"),
         ([*TUNE, "--alpha=.1", "--integrator=magic"], "--integrator: 'magic' with 'impulse'"),
         ([*TUNE, "--alpha=.1", "--scene=nowhere"], "--scene: 'nowhere' was not found"),
+        ([*TUNE, "--alpha=.1", "--pair=a,b"], "--pair: given beside the engine 'mujoco'"),
+        ([*TUNE, "--alpha=.1", "--from=above"], "--from: given beside the engine 'mujoco'"),
+        ([*TUNE, "--alpha=.1", "--write-model=a.xml"], "--write-model: given beside the engine 'mujoco'"),
+        ([*TUNED, "--scene=steel-cup"], "--scene: given beside the model"),
+        ([*TUNED, "--recipe=impulse"], "--recipe: given beside the model"),
+        ([*TUNED, "--friction=0"], "--friction: given beside the model"),
+        ([*TUNED, "--write-scene=a.xml"], "--write-scene: given beside the model"),
+        ([*TUNED, "--max-error=7"], "--max-error: 7; expected 0 ... 1"),
+        ([*TUNED, "--pair=plate,ball"], "--pair: ball,plate and plate,ball; expected each pair once"),
         ([*MEASURE, "--alpha=-1"], "--alpha: -1.0 s/m; expected 0 s/m or more"),
         ([*MEASURE, "--restitution=-1"], "--restitution: -1.0; expected 0 ... 1"),
         ([*MEASURE, "--speeds=-1"], "--speeds: -1 m/s; expected a value above 0"),

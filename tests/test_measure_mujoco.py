@@ -321,6 +321,14 @@ def test_a_ball_that_stays_is_rested_and_has_e_zero() -> None:
     assert found.curve[0].restitution == 0.0
 
 
+@pytest.mark.parametrize("speed", [1e9, 1e11])
+def test_a_speed_that_mujoco_resets_at_once_has_no_e(speed: float) -> None:
+    """At 1e11 m/s, which it resets before the first step, e came out as 0.9, at the speed of the fall."""
+    model = mujoco.MjModel.from_xml_string(world(geom=IMPULSE, option='gravity="0 0 -9.81"'))
+    impacts = measure(model, "sphere,plate", speeds=speed, phases=2, diagnose=False).impacts
+    assert {impact.status for impact in impacts} == {Status.DIVERGED}
+
+
 def test_a_state_that_mujoco_resets_is_diverged_and_no_file_is_left(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -112,8 +112,6 @@ def tune(
     from hcbench.tune import tune as tuning
     from hcbench.tune.search import SearchInterrupted
 
-    if max_error is not None and not 0 <= max_error <= 1:
-        raise UserError("--max-error", f"{max_error:g}", "0 ... 1, a difference in e")
     scene, target = _scene_and_target(options)
     try:
         with progress("tuning") as report:

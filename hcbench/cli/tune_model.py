@@ -21,6 +21,19 @@ _SPEEDS = (0.1, 2.0)  # m/s, the band where none is given
 
 
 _REQUEST = ("key", "qpos", "state", "coming_from", "actuators")
+_OF_MODELS = {*_REQUEST, "pair", "write_model"}
+_OF_ENGINES = {
+    "match",
+    "recipe",
+    "integrator",
+    "scene",
+    "mass",
+    "stiffness",
+    "exponent",
+    "friction",
+    "corners",
+    "write_scene",
+}
 
 
 def tunes_models(command: Callable[..., None]) -> Callable[..., None]:
@@ -30,9 +43,13 @@ def tunes_models(command: Callable[..., None]) -> Callable[..., None]:
     @wraps(command)
     def tune(pair: tuple[str, ...], write_model: Path | None, **options: Any) -> None:
         request = {name: options.pop(name) for name in _REQUEST}
+        if options["max_error"] is not None and not 0 <= options["max_error"] <= 1:
+            raise UserError("--max-error", f"{options['max_error']:g}", "0 ... 1, a difference in e")
         if is_model(options["engine"]):
+            _require_no(_OF_ENGINES, f"given beside the model {options['engine']}", "an engine's name")
             tune_and_print(pair, write_model, request, options)
             return
+        _require_no(_OF_MODELS, f"given beside the engine {options['engine']!r}", "a model's file")
         if options["timestep"] is None:
             raise UserError("--timestep", "missing", "the engine's step, such as '1 ms'")
         command(**options)
@@ -52,6 +69,15 @@ def tunes_models(command: Callable[..., None]) -> Callable[..., None]:
     ):
         tune = option(tune)
     return tune
+
+
+def _require_no(names: set[str], got: str, expected: str) -> None:
+    """Raises UserError for an option on the command line that would be ignored."""
+    context = click.get_current_context()
+    for option in context.command.params:
+        given = context.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE
+        if given and option.name in names:
+            raise UserError(option.opts[0], got, f"it beside {expected}")
 
 
 def is_model(name: str) -> bool:
@@ -81,19 +107,22 @@ def tune_and_print(
     alpha = None if options["alpha"] is None else options["alpha"][0]
     wanted = Wanted(alpha, options["restitution"], points, options["reading"])
     given = click.get_current_context().get_parameter_source("gravity") is ParameterSource.COMMANDLINE
-    speeds = options["speeds"]
-    if speeds is None:
-        speeds = [v for v, _ in points] if len(points) > 1 else list(_SPEEDS)
+    if options["speeds"] is not None:
+        speeds = options["speeds"].tolist()
+    else:
+        speeds = [v for v, _ in points] if len(points) > 1 else _SPEEDS
     requests = [
         make_request(
             pair,
-            list(speeds),
+            sorted({min(speeds), max(speeds)}),
             timestep=options["timestep"],
             gravity=options["gravity"] if given else None,
             **where,
         )
         for pair in pairs
     ]
+    if len({frozenset(request.pair or ()) for request in requests}) < len(requests):
+        raise UserError("--pair", " and ".join(pairs), "each pair once")
     tuned = tune_model(source, requests, wanted, max_error=MAX_ERROR if max_error is None else max_error)
     if write_model is not None:
         if not tuned.written:

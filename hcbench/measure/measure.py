@@ -227,7 +227,7 @@ def _engine_for(source: Any, name: str | None) -> Engine:
         if engine.accepts(source):
             return engine
     if isinstance(source, str | Path):
-        files = ", ".join(suffix for engine in _openers() for suffix in engine.suffixes)
+        files = ", ".join(dict.fromkeys(suffix for engine in _openers() for suffix in engine.suffixes))
         reason = "is not the name of a model file" if Path(source).exists() else "is not there"
         raise SceneError("model", f"{source} {reason}", f"a model file: {files}")
     got = "a function that returned None" if source is None else f"a {type(source).__name__}"
