@@ -197,6 +197,8 @@ def test_what_is_missing_is_said_with_the_command_that_adds_it(
         (["toy@4.0"], 2, "no wheel of it"),
         (["toy@"], 2, "a version after the @"),
         (["toy", "--python", "3.99"], 2, "'3.99' is not on this machine; expected one of: 3."),
+        (["toy", "--python", "2.7"], 2, "'2.7' is not on this machine"),
+        (["toy", "--python", ""], 2, "python: ''; expected a version or a path"),
         (["reference"], 2, "This one needs none"),
     ],
 )
@@ -206,6 +208,38 @@ def test_what_cannot_be_added_leaves_nothing(
     assert run(["engines", "add", *arguments]) == code
     assert said in one_line(capsys)
     assert not empty.exists() or not list(empty.iterdir())
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"size_bytes": "x"},
+        {"size_bytes": None},
+        {"requirements": 7},
+        {"schema": 2},
+        {"python": "3\x1b[31m"},
+        [],
+    ],
+)
+def test_a_damaged_environment_is_none(
+    empty: Path, capsys: pytest.CaptureFixture[str], damage: dict[str, Any] | list[Any]
+) -> None:
+    """`engines list` ended in a TypeError, or coloured the terminal."""
+    folder = empty / "toy@1.0"
+    folder.mkdir(parents=True)
+    record = {
+        "schema": 1,
+        "engine": "toy",
+        "version": "1.0",
+        "python": "3.11",
+        "size_bytes": 1,
+        "requirements": [],
+    }
+    content = record | damage if isinstance(damage, dict) else damage
+    (folder / store.RECORD).write_text(json.dumps(content), encoding="utf-8")
+    assert run(["engines", "list"]) == 0
+    assert "toy@1.0" not in capsys.readouterr().out
+    assert store.environments() == []
 
 
 def test_without_a_network_one_line_says_so(

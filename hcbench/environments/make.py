@@ -73,7 +73,9 @@ def _make(folder: Path, python: str) -> None:
     done = _run_uv(["venv", "--relocatable", "--python", python, str(folder)], folder.parent)
     if done.returncode:
         text = _one_line(done.stderr)
-        if re.search(r"(?i)no interpreter found|not found|could not find|failed to inspect", text):
+        if re.search(
+            r"(?i)no interpreter found|not found|could not find|failed to inspect|invalid version", text
+        ):
             there = ", ".join(interpreters()) or "none"
             raise UserError("python", f"{python!r} is not on this machine", f"one of: {there}, or a path")
         raise _explained(text, f"an environment with Python {python}", folder.parent)

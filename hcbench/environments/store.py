@@ -96,8 +96,9 @@ def _read(folder: Path) -> Environment:
     if record["schema"] != _SCHEMA:
         raise ValueError("of another hcbench")
     engine, version, python = (str(record[key]) for key in ("engine", "version", "python"))
-    found = Environment(engine, version, python, record["size_bytes"], tuple(record["requirements"]), folder)
-    if folder.name != found.name:
+    size, requirements = int(record["size_bytes"]), tuple(map(str, record["requirements"]))
+    found = Environment(engine, version, python, size, requirements, folder)
+    if folder.name != found.name or not f"{found.name}{python}".isprintable():
         raise ValueError("not in its place")
     return found
 

@@ -42,6 +42,8 @@ def add(
     backend = _backend(base)
     if at and not _VERSION.fullmatch(version):
         raise UserError("engine", repr(name), f"a version after the @, such as {base}@1.2")
+    if python == "":
+        raise UserError("python", "''", "a version or a path", "Leave the option out for this one")
     asked = _requirements(base, backend, version)
     found = store.find(base, version) if at else None
     if found and set(asked) <= set(found.requirements) and python in (None, found.python):

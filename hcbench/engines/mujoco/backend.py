@@ -62,3 +62,15 @@ def captured_warnings() -> Iterator[list[str]]:
         raise EngineFailed("mujoco", " ".join(str(error).split()), "") from error
     finally:
         mujoco.set_mju_user_warning(before)
+
+
+def forget_resets(data: Any) -> None:
+    """Begin to count anew what `resets` tells."""
+    for warning in data.warning:
+        warning.number = 0
+
+
+def resets(data: Any) -> bool:
+    """Whether MuJoCo reset the state, as bad; in a first step the time does not show it."""
+    bad = backend().mjtWarning
+    return any(w.number for w in data.warning[int(bad.mjWARN_BADQPOS) : int(bad.mjWARN_BADQACC) + 1])

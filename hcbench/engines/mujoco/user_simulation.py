@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hcbench.engines.mujoco.along_plate import MujocoAlongPlate
-from hcbench.engines.mujoco.backend import backend, captured_warnings
+from hcbench.engines.mujoco.backend import backend, captured_warnings, forget_resets, resets
 from hcbench.engines.mujoco.model import geom_name
 from hcbench.engines.mujoco.plugged import WithoutContact, restitution_law
 from hcbench.engines.mujoco.shares import NAMES, SpeedShares, has_more_than_contacts, strange_share
@@ -69,8 +69,7 @@ class MujocoUserSimulation(Simulation):
         mujoco.mj_integratePos(model, self._data.qpos, place.direction, -clearance)
         self._data.qvel[:] = launch.speed * place.direction
         self._data.time = 0.0
-        for warning in self._data.warning:  # of what was done with the data before
-            warning.number = 0
+        forget_resets(self._data)
         self._along = MujocoAlongPlate(place, launch, along) if launch.is_oblique else None
         if self._along is not None:
             self._along.send(self._data, launch.flight_time(self._h, gravity))
@@ -128,12 +127,6 @@ class MujocoUserSimulation(Simulation):
             if not self._shares or strange_share(shares) > strange_share(self._shares):
                 self._shares |= shares
 
-    def _began_anew(self) -> bool:
-        """Whether MuJoCo reset the state in the first step, after which the time is as without."""
-        bad = self._mujoco.mjtWarning
-        found = self._data.warning[int(bad.mjWARN_BADQPOS) : int(bad.mjWARN_BADQACC) + 1]
-        return any(warning.number for warning in found)
-
     def _step(self) -> _Step:
         mujoco, model, data, seen = self._mujoco, self._model, self._data, self._seen
         if self._staged:
@@ -144,7 +137,7 @@ class MujocoUserSimulation(Simulation):
             _copy_state(model, data, self._beside.data)
         self._take_step(data)
         self._steps += 1
-        if data.time <= then or (self._steps == 1 and self._began_anew()):
+        if data.time <= then or (self._steps == 1 and resets(data)):
             unknown = None if self._along is None else np.full(TANGENTIAL_ROWS, math.nan)
             return _Step(math.nan, math.nan, math.nan, math.nan, unknown)
         depth, force, rate = self._reader.read(seen, before)
