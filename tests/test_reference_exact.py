@@ -14,6 +14,7 @@ from scipy.special import lambertw
 
 from hcbench.errors import UserError
 from hcbench.laws import _phase_path, _restitution_series, closed_form
+from hcbench.laws._gauss_jacobi import gauss_jacobi
 from hcbench.laws.force import HuntCrossley
 
 INCH, POUND, LBF = 0.0254, 0.45359237, 4.4482216152605
@@ -74,6 +75,16 @@ def true_extremes(law: HuntCrossley, mass: float, speed: float) -> tuple[float, 
         peak = mpmath.findroot(log_force_slope, (speed / 1000, speed / 2), solver="anderson")
         force = k * _true_depth(law, mass, speed, peak) ** n * (1 + a * peak)
         return float(mpmath.re(_true_depth(law, mass, speed, mpmath.mpf(0)))), float(mpmath.re(force))
+
+
+@pytest.mark.parametrize(
+    ("count", "a", "b"), [(32, -0.6, -0.6), (448, -0.6, -0.6), (10, 0.0, -0.2), (1, 0.5, 0.0)]
+)
+def test_a_quadrature_has_the_moments_of_its_weight(count: int, a: float, b: float) -> None:
+    nodes, weights = gauss_jacobi(count, a, b)
+    for k in range(min(2 * count, 12)):
+        exact = float(mpmath.mpf(2) ** (a + b + 1) * mpmath.beta(a + 1, b + k + 1))
+        assert weights @ ((1 + nodes) / 2) ** k == pytest.approx(exact, rel=1e-12)
 
 
 def true_duration(law: HuntCrossley, mass: float, speed: float) -> float:

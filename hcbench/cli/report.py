@@ -29,25 +29,27 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
     """
     from hcbench._files import atomic_folder
     from hcbench.benchmark.read import is_sweep, read
-    from hcbench.benchmark.run import run_in_pool
     from hcbench.benchmark.study import find_study, load_study, name_of
-    from hcbench.report.build import build
-    from hcbench.report.page import PAGE
     from hcbench.workers import WorkerPool
 
-    if is_sweep(study):
-        folder = out or Path("reports") / Path(study).resolve().name
-        with WorkerPool(jobs) as pool:
+    swept = is_sweep(study)
+    path = Path(study).resolve() if swept else find_study(study)
+    folder = out or Path("reports") / (path.name if swept else name_of(path))
+    with WorkerPool(jobs) as pool:
+        # While this process imports what draws the page.
+        pool.begin("importlib", "import_module", "hcbench.benchmark.shard")
+        from hcbench.benchmark.run import run_in_pool
+        from hcbench.report.build import build
+        from hcbench.report.page import PAGE
+
+        if swept:
             build(read(study, pool.map), folder, pool)
-        print(folder / "index.html")
-        return
-    path = find_study(study)
-    plan = load_study(path).quick() if quick else load_study(path)
-    folder = out or Path("reports") / name_of(path)
-    with atomic_folder(folder, PAGE) as scratch, WorkerPool(jobs) as pool:
-        with progress("impacts") as tick:
-            results = run_in_pool(pool, plan, tick)
-        build(results, scratch, pool)
+        else:
+            plan = load_study(path).quick() if quick else load_study(path)
+            with atomic_folder(folder, PAGE) as scratch:
+                with progress("impacts") as tick:
+                    results = run_in_pool(pool, plan, tick)
+                build(results, scratch, pool)
     print(folder / "index.html")
 
 

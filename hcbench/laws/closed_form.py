@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from hcbench.errors import UserError
 from hcbench.impact import Floats, Loop
+from hcbench.laws._gauss_jacobi import gauss_jacobi
 from hcbench.laws._phase_path import g_ratio, largest_force_rate, rate_ratio
 from hcbench.laws._restitution_series import inverse_restitution, one_minus_restitution, restitution_of
 from hcbench.laws.force import HuntCrossley
@@ -139,7 +140,7 @@ def duration(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
     # q/y is smooth at the scale of the nearest branch points |q| = sqrt(4π): wider impacts need more nodes.
     count = 32 * (1 + int(width.max(initial=0.0) / 4.0))
     end = -law.exponent / (law.exponent + 1.0)
-    cosine, weight = _jacobi(count, end, end)
+    cosine, weight = gauss_jacobi(count, end, end)
     total = (weight / rate_ratio(width[..., None] * cosine)).sum(axis=-1)
     return np.asarray(_time_scale(law, mass, v) * total)
 
@@ -160,14 +161,6 @@ def _time_scale(law: HuntCrossley, mass: float, speed: Floats) -> Floats:
     """T0 = 2 x_m / ((n + 1) v_i sqrt(G)), s."""
     root = np.sqrt(g_ratio(np.asarray(law.dissipation * speed)))
     return np.asarray(2.0 * penetration_max(law, mass, speed) / ((law.exponent + 1.0) * speed * root))
-
-
-@lru_cache(maxsize=64)
-def _jacobi(count: int, a: float, b: float) -> tuple[Floats, Floats]:
-    from scipy.special import roots_jacobi
-
-    nodes, weights = roots_jacobi(count, a, b)
-    return np.asarray(nodes), np.asarray(weights)
 
 
 def loop(law: HuntCrossley, mass: float, speed: float, count: int = 401) -> Loop:
@@ -201,10 +194,10 @@ def _elapsed(law: HuntCrossley, speed: float, count: int) -> Floats:
     finer = -int(-(16.0 + 8.0 * width) // (count - 1))
     edges = np.linspace(0.0, np.pi, finer * (count - 1) + 1)
     half = edges[1] / 2.0
-    nodes, weights = _jacobi(_PANEL_NODES, 0.0, 0.0)
+    nodes, weights = gauss_jacobi(_PANEL_NODES, 0.0, 0.0)
     theta = edges[:-1, None] + half * (1.0 + nodes)
     panels = (half * weights * np.sin(theta) ** -p / rate_ratio(width * np.cos(theta))).sum(axis=1)
-    nodes, weights = _jacobi(_PANEL_NODES, 0.0, -p)
+    nodes, weights = gauss_jacobi(_PANEL_NODES, 0.0, -p)
     theta = half * (1.0 + nodes)
     regular = half ** (1.0 - p) * weights * (theta / np.sin(theta)) ** p
     for panel, sign in ((0, 1.0), (-1, -1.0)):
