@@ -173,7 +173,7 @@ def _until_ended(
             whole = zip(read, rows.swapaxes(0, 1), counts.tolist(), strict=True)
             read = [with_tangential(i, r[:, :n], world.timestep, world.mass) for i, r, n in whole]
         for i, impact, count in zip(which, read, counts.tolist(), strict=True):
-            ended_impacts[i] = impact if impact.is_measured else _explained(impact, simulation.remark(count))
+            ended_impacts[i] = _explained(impact, simulation.remark(count))
         if all_ended:
             break
         going = ~ended
