@@ -183,6 +183,20 @@ def test_a_contact_that_becomes_another_is_named(pairs: str, lacks: str, bits: i
     )
 
 
+@pytest.mark.adhesion
+def test_an_adhesion_that_float32_forgets_a_force_beside_is_held_to_its_size() -> None:
+    pulls = PAIR.format('solref="-90000 -20" adhesion="{}"')
+    for adhesion, codes in (("1e4", []), ("1e6", ["adhesion-rounding"])):
+        _, lent = both(ball(pairs=pulls.format(adhesion)), "ball,plate", ItselfEngine(32))
+        found = [s for s in lent.suspects(impacts(lent), None) if s.code.startswith("adhesion")]
+        assert [suspect.code for suspect in found] == codes
+    model = mujoco.MjModel.from_xml_string(ball(pairs=pulls.format("1e6")))
+    assert found[0].apply is not None
+    found[0].apply(model)
+    force = max(impact.force_max for impact in impacts(lent))
+    assert model.pair_adhesion[0] == pytest.approx(2 * force, rel=0.06)
+
+
 def test_the_fix_for_an_impedance_is_one_that_float32_keeps() -> None:
     model = mujoco.MjModel.from_xml_string(ball(pairs=STIFF))
     lacks = frozenset({"impedance in float32"})

@@ -11,18 +11,19 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.causes import fixes
-from hcbench.engines.mujoco.model import geom_name, speed_reading
+from hcbench.engines.mujoco.model import explicit_pairs, geom_name, speed_reading
 from hcbench.sim.model_under_test import Suspect
 from hcbench.sim.read_impact import SpeedReading
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
+    from hcbench.impact import Floats, Impact
     from hcbench.sim.borrowed import BorrowingEngine
 
     Rows = Sequence[tuple[Sequence[float], Sequence[float]]]
 
 ADHESION, PAIRS, IMPEDANCE = "adhesion", "several pairs", "impedance in float32"  # in an engine's `lacks`
 _HIGHEST_POWER = 100.0  # of a solimp in float32, which ends at 2^-149
+_ADHESION = 1000.0  # times a contact's force: MuJoCo Warp's e is off by 1e-4 there, by .06 at 50 000
 _KEPT, _HIGHEST = 0.9, 0.99  # impedances of which float32 tells 1 - d to 2e-6, to 1e-5
 
 
@@ -80,6 +81,30 @@ def _adhesion(model: Any, engine: BorrowingEngine, pairs: Any) -> Iterator[Suspe
             f"Use `staggered-push`, whose pairs only push: `hcbench tune {engine.name}`",
             always_reported=True,
         )
+
+
+def rounded_adhesion(
+    model: Any, engine: BorrowingEngine, bits: int, geoms: Sequence[int], impacts: Sequence[Impact]
+) -> Iterator[Suspect]:
+    """A pair's adhesion beside which float32 has too few digits for the contact's force."""
+    pairs = explicit_pairs(model, geoms) if ADHESION not in engine.lacks and bits == 32 else []
+    highest = float(max(getattr(model, "pair_adhesion", np.zeros(model.npair))[pairs], default=0.0))
+    forces = [impact.force_max for impact in impacts if impact.force_max > 0.0]
+    if not forces or highest < _ADHESION * min(forces):
+        return
+    enough = float(f"{2.0 * max(forces):.2g}")
+    yield Suspect(
+        "adhesion-rounding",
+        "Beside a large adhesion float32 keeps too little of the contact's force: e is off by .001 and more.",
+        f"adhesion {highest:.4g} N beside forces from {min(forces):.3g} N in {engine.title}",
+        _or_exact(f'adhesion="{enough:g}"', engine),
+        partial(_hold_adhesion, pairs=pairs, enough=enough),
+        always_reported=True,
+    )
+
+
+def _hold_adhesion(model: Any, pairs: Sequence[int], enough: float) -> None:
+    model.pair_adhesion[pairs] = np.minimum(model.pair_adhesion[pairs], enough)
 
 
 def _several(model: Any, engine: BorrowingEngine, pairs: Any) -> Iterator[Suspect]:

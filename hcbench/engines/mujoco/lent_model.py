@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.engines.mujoco.lent import differences
+from hcbench.engines.mujoco.lent import differences, rounded_adhesion
 from hcbench.engines.mujoco.user_simulation import MujocoUserSimulation, with_kinematics
 from hcbench.impact import Impact, Launch
 from hcbench.measure.measurement import TOLERANCE
@@ -77,6 +77,7 @@ class LentModel(ModelUnderTest):
         rows = [(solref, solimp) for solref, solimp, _ in self._own.place.contact.rows]
         geoms = [geom for _, _, both in self._own.place.contact.rows for geom in both]
         named = differences(self._own.model, self._engine, self._copies.bits, geoms, rows)
+        named += rounded_adhesion(self._own.model, self._engine, self._copies.bits, geoms, impacts)
         return [*named, *self._too_fine(impacts), *self._unlike_lender(impacts), *own]
 
     def _too_fine(self, impacts: Sequence[Impact]) -> Iterator[Suspect]:
