@@ -15,10 +15,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from hcbench._files import user_folder
 from hcbench.errors import SceneError, SettingError
 from hcbench.sim.backend import Backend
 from hcbench.sim.batched import law_text
 from hcbench.sim.borrowed import BorrowingEngine, Copies
+from hcbench.workers import in_worker
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -72,6 +74,8 @@ class MjxEngine(BorrowingEngine):
         bits = bits or (64 if exact else 32)
         jax, mjx = self.backend.module("jax"), self.backend.module("mujoco.mjx")
         jax.config.update("jax_enable_x64", bits == 64)
+        if in_worker() and not jax.config.jax_compilation_cache_dir:  # else the user's process, or choice
+            jax.config.update("jax_compilation_cache_dir", str(user_folder("cache") / "jax"))
         try:
             on_device = mjx.put_model(model)
         except NotImplementedError as error:
