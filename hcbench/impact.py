@@ -7,13 +7,16 @@ normal force F > 0 pushes the bodies apart. SI units.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, fields, make_dataclass, replace
 from enum import StrEnum
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Made = TypeVar("Made")
 
 
 _ANGLE_DIGITS = 12  # of an angle in rad: what speeds and slips tell of it
@@ -253,6 +256,21 @@ class Impact:
         if self.tangential is not None:
             return self.tangential.energy_lost
         return np.nan if self.launch.is_oblique else 1.0 - self.restitution**2
+
+
+def maker(kind: type[Made]) -> Callable[..., Made]:
+    """A function that makes objects of a frozen dataclass with slots from all of its fields, in order, in a
+    third of the time: the class itself sets each by its name, around the lock that keeps others from it.
+    """
+    names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
+    unlocked: Any = make_dataclass(kind.__name__, names, slots=True)
+
+    def make(*values: Any) -> Made:
+        made = unlocked(*values)
+        made.__class__ = kind
+        return made  # type: ignore[no-any-return]
+
+    return make
 
 
 def not_finite(x: Floats, v: Floats, f: Floats) -> NDArray[np.bool_]:

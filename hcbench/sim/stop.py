@@ -136,28 +136,33 @@ class StopRule:
         """The first step at rest of each launch."""
         at_rest, speed = np.full(len(x), _NEVER), np.abs(v)
         idle_speed, fall = IDLE_SHARE / REST_SHARE * self.rest_speed, FALL_STEPS * self.fall
-        some = (speed <= np.maximum(idle_speed, fall)[:, None]).any(axis=1)
+        slow = speed <= np.maximum(idle_speed, fall)[:, None]
         before = np.concatenate([self.last_x[:, None], x[:, :-1]], axis=1) if fall > 0.0 else x
         if fall > 0.0:
-            some |= (x == before).any(axis=1)
+            slow |= x == before
             self.last_x = x[:, -1].copy()
+        sinces = [self.last_moving, self.last_driven]
+        sinces += [self.last_faster, self.last_moved] if fall > 0.0 else []
+        # The few slow steps of each turn are no rest.
+        some = (np.minimum.reduce(sinces) < self.steps - 1) | slow[:, -1]
+        some |= np.count_nonzero(slow, axis=1) >= REST_STEPS
         last = self.steps + x.shape[1] - 1
-        for since in (self.last_moving, self.last_driven, self.last_faster, self.last_moved):
+        for since in sinces:
             since[~some] = last
         if not some.any():
             return at_rest
         step, touch = np.arange(self.steps, last + 1), self.touch[some, None]
         after, speed = step >= touch, speed[some]
         idle = after & ~acting[some] & (speed <= idle_speed[some, None])
-        slow = [
+        ways = [
             (self.last_moving, after & (speed <= self.rest_speed[some, None]), REST_STEPS),
             (self.last_driven, idle, IDLE_STEPS),
         ]
         if fall > 0.0:
-            slow.append((self.last_faster, after & (speed <= fall), FALLING_STEPS))
-            slow.append((self.last_moved, after & (x[some] == before[some]), IDLE_STEPS))
+            ways.append((self.last_faster, after & (speed <= fall), FALLING_STEPS))
+            ways.append((self.last_moved, after & (x[some] == before[some]), IDLE_STEPS))
         rested = np.zeros(after.shape, bool)
-        for since, flag, least in slow:
+        for since, flag, least in ways:
             if not flag.any():  # nearly always
                 since[some] = last
                 continue
