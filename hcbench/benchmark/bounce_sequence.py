@@ -6,20 +6,20 @@ import dataclasses
 import json
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hcbench.benchmark.results import TRAIN_COLUMNS, run_key
 from hcbench.benchmark.tables import parquet
 from hcbench.impact import Launch
-from hcbench.laws import ode
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim import registry
 from hcbench.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from hcbench.benchmark.plan import Inputs, Plan
     from hcbench.impact import Trajectory
@@ -103,6 +103,8 @@ class Dropped:
 
 def law_heights(law: HuntCrossley, mass: float, height: float, count: int = BOUNCES) -> list[float]:
     """Heights (m) after each of `count` bounces of a drop from `height` (m), by (16) under gravity."""
+    from hcbench.laws import ode  # here, as SciPy's integrators are slow to import
+
     heights = []
     for _ in range(count):
         speed = math.sqrt(2 * STANDARD_GRAVITY * height)
@@ -112,13 +114,13 @@ def law_heights(law: HuntCrossley, mass: float, height: float, count: int = BOUN
     return heights
 
 
-def plan_drops(plan: Plan) -> list[Drop]:
-    """A drop of each setting that the study drops, for its main α."""
+def plan_drops(plan: Plan, mapper: Callable[..., Iterable[Any]] = map) -> list[Drop]:
+    """A drop of each setting that the study drops, for its main α. mapper: as of `make_plan`."""
     study, height = plan.study, plan.study.train_height
     if height is None:
         return []
     law = HuntCrossley(study.scene.stiffness, study.main_alpha, study.scene.exponent)
-    heights = tuple(law_heights(law, study.scene.mass, height))
+    heights = tuple(*mapper(partial(law_heights, law, study.scene.mass), [height]))
     falls = [math.sqrt(2 * h / STANDARD_GRAVITY) for h in (height, *heights)]
     bouncing = _SLACK * (falls[0] + 2 * sum(falls[1:]))
     drops = {}

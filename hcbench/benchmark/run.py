@@ -154,7 +154,7 @@ def _run(
     written = write_summary()
     report_progress(now)
     if plan.study.train_height is not None and store.bounces() is None:
-        drops = plan_drops(plan)
+        drops = plan_drops(plan, workers.mapper)
         order = {id(drop): i for i, drop in enumerate(drops)}
         seen = {order[id(drop)]: end for drop, end in _imap_unordered(workers, run_bounces, drops, timeouts)}
         ends = [seen[i] for i in range(len(drops))]

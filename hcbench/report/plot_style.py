@@ -18,7 +18,6 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
-from scipy.optimize import isotonic_regression
 
 from hcbench.impact import Floats
 from hcbench.report.wording import power_of_ten
@@ -193,6 +192,8 @@ def declutter(positions: Sequence[float] | Floats, gap: float, low: float, high:
 
     The gap gives way where there are more labels than room.
     """
+    from scipy.optimize import isotonic_regression  # slow to import, and needed in worker processes alone
+
     count = len(positions)
     gap = min(gap, (high - low) / max(count - 1, 1))
     order = np.argsort(positions, kind="stable")
