@@ -44,17 +44,19 @@ def made(recipe: str) -> Setting:
     return setting
 
 
-@pytest.mark.parametrize("recipe", ["spring-damper", "staggered"])
-def test_mujoco_over_a_users_loop(beside: Any, recipe: str) -> None:
-    setting, eighty, many, engine = made(f"mujoco.{recipe}"), launches(80), launches(640), MujocoEngine()
+@pytest.mark.parametrize(
+    ("recipe", "count", "must", "aim"),
+    [("spring-damper", 80, "15", "18"), ("spring-damper", 640, "19", "22"), ("staggered", 80, "", "")],
+)
+def test_mujoco_over_a_users_loop(beside: Any, recipe: str, count: int, must: str, aim: str) -> None:
+    setting, eighty, many, engine = made(f"mujoco.{recipe}"), launches(80), launches(count), MujocoEngine()
     xml = model_xml(SCENE, setting)
-    enough = round(
-        1.5 * float(closed_form.duration(HuntCrossley(SCENE.stiffness, 0.0), SCENE.mass, 1 * INCH)) / STEP
-    )
+    hertz = float(closed_form.duration(HuntCrossley(SCENE.stiffness, 0.0), SCENE.mass, 1 * INCH))
+    enough, turns = round(1.5 * hertz / STEP), 800 // count
 
-    def ten_times() -> None:
-        for _ in range(10):
-            engine.run(SCENE, setting, eighty)
+    def in_turns() -> None:  # as long as the others take
+        for _ in range(turns):
+            engine.run(SCENE, setting, many)
 
     loops = {
         "a user's loop, until the ball has left": lambda: in_mujoco(xml, eighty, STEP),
@@ -62,16 +64,12 @@ def test_mujoco_over_a_users_loop(beside: Any, recipe: str) -> None:
         "mj_step in Python, nothing read but when it has left": lambda: in_mujoco_barely(xml, eighty, STEP),
     }
     beside(
-        f"MuJoCo, {recipe}, 80 launches at 1 µs, all cores",
-        {
-            **loops,
-            "hcbench, 640 launches at once": lambda: engine.run(SCENE, setting, many),
-            "hcbench": ten_times,  # as long as the others take
-        },
-        per={**dict.fromkeys(loops, 80), "hcbench, 640 launches at once": 640, "hcbench": 800},
+        f"MuJoCo, {recipe}, {count} launches at 1 µs, all cores",
+        {**loops, "hcbench": in_turns},
+        per={**dict.fromkeys(loops, 80), "hcbench": turns * count},
         rounds=5,
-        must="15, 640: 19" if recipe == "spring-damper" else "",
-        aim="18, 640: 22" if recipe == "spring-damper" else "",
+        must=must,
+        aim=aim,
     )
 
 

@@ -1,6 +1,6 @@
 """Penetration, rate and force of balls in PyBullet, from their positions and velocities.
 
-Only each ball's velocity is read in a step, as a query costs as much as a step. Positions
+Of several balls only the velocity is needed, as a query from Python costs as much as a step. Positions
 follow exactly, as Bullet moves a body by its new velocity times the step. Forces are what they do to the
 momentum, equal to Bullet's to rounding, where nothing else slows a ball; else they are read from Bullet.
 """

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,7 +53,7 @@ class PybulletWorld(World):
     """Balls and a plate in this process's client, as a scene and options have them.
 
     balls: ids of the bodies. reports_force: whether `step` returns the normal force on each ball, N; if not,
-    nothing but gravity and the contact changes a ball's velocity. recorder: takes steps then, if compiled.
+    nothing but gravity and the contact changes a ball's velocity.
     """
 
     def __init__(self, scene: Scene, timestep: float, options: PybulletOptions, fastest: float) -> None:
@@ -66,7 +67,6 @@ class PybulletWorld(World):
         self.places = 1 if options.links else _BALLS_IN_WORLD
         self.reports_force = options.ball.get("linearDamping") != 0.0
         self.bullet = client()
-        self.recorder = None if self.reports_force else plugin.recorder(self.bullet)
         with translated_errors(self.bullet):
             ball, self.plate = _set_up(self.bullet, scene, timestep, options)
             self.balls, self._fastest = [ball], fastest
@@ -74,12 +74,15 @@ class PybulletWorld(World):
             self._add_law(ball)
             self.step = self._step()
 
+    @cached_property
+    def recorder(self) -> plugin.Recorder | None:
+        """What steps and reads balls where the plug-in is compiled and no force has to be asked for."""
+        return None if self.reports_force else plugin.recorder(self.bullet)
+
     def release(self, launches: Sequence[Launch]) -> PybulletSimulation:
         """A ball where each launch starts and any others far away, with nothing remembered."""
         oblique = any(launch.is_oblique for launch in launches)
-        if (
-            oblique and len(launches) > 1
-        ):  # how often Bullet's solver sweeps over friction depends on all balls
+        if oblique and len(launches) > 1:  # Bullet's sweeps over friction depend on all balls
             raise CannotShareError
         with translated_errors(self.bullet):
             self._add_balls(len(launches) - len(self.balls))
