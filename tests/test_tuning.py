@@ -49,7 +49,6 @@ def test_held_out_launches_span_the_band_and_the_step() -> None:
     ("engine", "timestep", "match", "recipe"),
     [
         ("mujoco", 1e-6, "both", "staggered"),
-        ("pybullet", 1e-6, "both", "staggered"),
         pytest.param("mujoco", 1e-6, "restitution", "two-pair", marks=pytest.mark.adhesion),
         ("mujoco", 1e-3, "restitution", "compliant-pairs"),
         ("pybullet", 1e-3, "restitution", "restitution"),
@@ -62,6 +61,12 @@ def test_auto_takes_the_simplest_that_holds_under_gravity_and_says_why(
     assert tuned.recipe.name == recipe
     assert tuned.rest.rests
     assert "steps" in tuned.why or "no native setting holds within 0.05" in tuned.why
+
+
+def test_bullets_own_contact_is_chosen_for_the_loop_under_gravity() -> None:
+    ((chosen, why),) = candidates("pybullet", target(1e-6, gravity=9.81), SCENE, "both")
+    assert chosen.name == "staggered"
+    assert "steps" in why
 
 
 CHOOSE = """

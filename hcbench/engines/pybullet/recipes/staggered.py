@@ -9,20 +9,19 @@ from hcbench.engines.pybullet.recipes.restitution import BALL, WORLD
 from hcbench.engines.pybullet.recipes.spring_damper import RIGID
 from hcbench.engines.pybullet.recipes.staggered_fit import Contacts, fit_contacts
 from hcbench.tune.recipe import Recipe, Role
-from hcbench.tune.softening import FEWEST_STEPS, resolvable_law, steps_per_contact
+from hcbench.tune.softening import FEWEST_STEPS, resolvable_law
 
 if TYPE_CHECKING:
     from hcbench.tune.target import Target
 
-_LINKS, _LINKS_OF_FEW_STEPS, _FEW_STEPS = 12, 20, 60.0
+_LINKS = 12
 
 
 def staggered(target: Target) -> dict[str, Any]:
     """Links of the ball that start to touch at staggered depths, each with a spring and a damper."""
-    few = steps_per_contact(target) < _FEW_STEPS
     make = partial(_options, target.timestep)
     law = resolvable_law(target)
-    return make(fit_contacts(target, law, _LINKS_OF_FEW_STEPS if few else _LINKS, make))
+    return make(fit_contacts(target, law, _LINKS, make))
 
 
 def _options(timestep: float, contacts: Contacts) -> dict[str, Any]:

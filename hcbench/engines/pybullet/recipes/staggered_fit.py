@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares, nnls
 
 from hcbench.laws import closed_form
+from hcbench.tune.constant import minimax_constant
 from hcbench.tune.search import Search, map_result
 
 if TYPE_CHECKING:
@@ -24,19 +25,25 @@ if TYPE_CHECKING:
     from hcbench.laws.force import HuntCrossley
     from hcbench.tune.target import Target
 
-_FIRST = 0.03  # the second start, over the largest penetration
+# The second start: over the largest penetration, and at least over a step's longest way; the best of several.
+_FIRST, _FIRST_STEP, _FIRST_TRIED = 0.03, 0.43, (1.0, 1.16)
 _STEPS_MOST = 250.0  # of the shortest contact: finer ones are fitted at so many
-_LAUNCHES, _PHASES_MOST = 160.0, 8
-_SPEEDS, _LOOPS, _POINTS = 18, 10, 24
-_RESTITUTION_SCALE, _FORCE_SCALE = 1e-4, 4e-3  # one unit of misfit: of e; of a loop's force, over its largest
-_EVALUATIONS = 40
-_NUDGE = 1e-6  # relative, of a parameter, for derivatives
+_LAUNCHES, _PHASES_LEAST, _PHASES_MOST = 320.0, 3, 16
+_SPEEDS, _OTHER_SPEEDS, _LOOPS, _POINTS = 40, 97, 12, 24
+# One unit of misfit in e: as a share of what one e for all speeds is off by, and at least. In a loop's force
+# over its largest: so many times as much.
+_SHARE, _LEAST, _FORCE_SHARE = 0.015, 1e-5, 13.0
+_POWERS, _EVALUATIONS = (1, 2), 30  # of the misfit in e, one after another: a higher one minds the worst
+# Relative, of a parameter, for derivatives: wide, as e jumps where a contact starts a step earlier.
+_NUDGE = 1e-2
+_FAINTEST = 0.1  # of the median: k and c of a start, as no search revives a contact that does nothing
+_BLOCK = 60  # launches at a time: more do not fit into a cache
 _ACTIVE_ROUNDS = 3  # until it is known which contacts push; more change nothing
 
 
 @dataclass(frozen=True, slots=True)
 class Contacts:
-    """Contacts from depths `onset` (m) on with k (N/m) and c (N s/m) of the law; shape (n,) or (b, n)."""
+    """Contacts from depths `onset` (m) on with k (N/m) and c (N s/m) of the law; shapes (n,) or (b, n)."""
 
     onset: Floats
     stiffness: Floats
@@ -58,28 +65,37 @@ class Impacts:
     steps: int
 
     @classmethod
-    def of(cls, target: Target, law: HuntCrossley) -> Impacts:
-        """Those that a fit looks at, over the target's band of speeds."""
+    def of(cls, target: Target, law: HuntCrossley, speeds: int, denser: float = 1.0) -> Impacts:
+        """Those that a fit looks at, at so many speeds over the target's band; phases may lie denser."""
         shortest, longest = (
             float(closed_form.duration(law, target.mass, v)) for v in (target.speed_max, target.speed_min)
         )
         h = max(target.timestep, shortest / _STEPS_MOST)
-        phases = int(np.clip(round(_LAUNCHES * h / shortest), 2, _PHASES_MOST))
-        share = np.linspace(0.0, 1.0, _SPEEDS) ** 1.5  # slow impacts are the hard ones
-        speeds = target.speed_min + (target.speed_max - target.speed_min) * share
-        grid = np.meshgrid(speeds, (np.arange(phases) + 0.5) / phases, indexing="ij")
+        phases = int(denser * np.clip(round(_LAUNCHES * h / shortest), _PHASES_LEAST, _PHASES_MOST))
+        share = np.linspace(0.0, 1.0, speeds) ** 1.2  # slow impacts are the hard ones
+        at = target.speed_min + (target.speed_max - target.speed_min) * share
+        grid = np.meshgrid(at, (np.arange(phases) + 0.5) / phases, indexing="ij")
         speed, phase = (axis.ravel() for axis in grid)
         return cls(speed, phase, target.mass, h, target.gravity, int(1.25 * longest / h) + 6)
 
     def restitution(self, contacts: Contacts) -> Floats:
         """e as Bullet delivers it, shape (b, n), of contacts of shape (b, rows)."""
+        blocks = -(-len(self.speeds) // _BLOCK)
+        split = (np.array_split(of, blocks) for of in (self.speeds, self.phases))
+        parts = [replace(self, speeds=v, phases=phase) for v, phase in zip(*split, strict=True)]
+        return np.concatenate([part._restitution(contacts) for part in parts], axis=1)
+
+    def _restitution(self, contacts: Contacts) -> Floats:
         h, fall = self.h, self.h * self.g
-        k, c = ((h / self.mass) * of[:, None] for of in (contacts.stiffness, contacts.damping))
-        x = np.tile(-self.phases * h * self.speeds, (len(k), 1))
-        v = np.tile(self.speeds - self.phases * fall, (len(k), 1))
+        onset, stiffness, damping = (
+            of.T[..., None] for of in (contacts.onset, contacts.stiffness, contacts.damping)
+        )
+        k, c = (h / self.mass) * stiffness, (h / self.mass) * damping  # (rows, b, 1)
+        x = np.tile(-self.phases * h * self.speeds, (k.shape[1], 1))
+        v = np.tile(self.speeds - self.phases * fall, (k.shape[1], 1))
         before = (v + fall / 2) ** 2 - 2 * self.g * x
         for _ in range(self.steps):
-            depth = x[..., None] - contacts.onset
+            depth = x - onset
             spring, damper = k * np.maximum(depth, 0.0), np.where(depth > 0, c, 0.0)
             parted = (x <= 0) & (v < 0)
             v = np.where(parted, v, _rate_after(v + fall, spring, damper))
@@ -91,17 +107,22 @@ class Impacts:
 
 
 def _rate_after(free: Floats, spring: Floats, damper: Floats) -> Floats:
-    """v = free - sum of max(0, spring + damper v), shape (b, n); spring, damper: (b, n, rows)."""
-    v = (free - spring.sum(-1)) / (1 + damper.sum(-1))
+    """v = free - sum of max(0, spring + damper v), shape (b, n); spring, damper: (rows, b, n)."""
+    v = (free - spring.sum(0)) / (1 + damper.sum(0))
     for _ in range(_ACTIVE_ROUNDS):
-        pushes = spring + damper * v[..., None] > 0
-        v = (free - (spring * pushes).sum(-1)) / (1 + (damper * pushes).sum(-1))
+        before, pushes = v, spring + damper * v > 0
+        v = (free - (spring * pushes).sum(0)) / (1 + (damper * pushes).sum(0))
+        if np.array_equal(v, before):
+            break
     return np.asarray(v)
 
 
 @dataclass(frozen=True, slots=True)
 class _Loops:
-    """The law's own loops, (n,), SI. v: rate at a step's end. scale: from a force to units of misfit."""
+    """The law's own loops, (n,), SI. v: rate at a step's end. scale: of a force, to a share.
+
+    The squares of all shares add up to the mean over the loops of the squared distance (rms).
+    """
 
     x: Floats
     v: Floats
@@ -115,7 +136,7 @@ class _Loops:
         for speed in speeds.tolist():
             x = float(closed_form.penetration_max(law, mass, speed)) * np.sin(angle)
             largest = float(closed_form.force_max(law, mass, speed))
-            scale = np.sqrt(np.cos(angle) * np.pi / 4 / _POINTS / len(speeds)) / largest / _FORCE_SCALE
+            scale = np.sqrt(np.cos(angle) * np.pi / 4 / _POINTS / len(speeds)) / largest
             for branch in ("approach", "rebound"):
                 v = closed_form.rate_at(law, mass, speed, x, branch)
                 force = law.force(x, v)
@@ -124,12 +145,12 @@ class _Loops:
 
     def misfit(self, contacts: Contacts) -> Floats:
         """Shape (b, n), of contacts of shape (b, rows)."""
-        depth = self.x[:, None] - contacts.onset
+        depth = self.x[:, None] - contacts.onset[:, None]
         each = contacts.stiffness[:, None] * depth + contacts.damping[:, None] * self.v[:, None]
         return np.asarray((np.where(depth > 0, np.maximum(0.0, each), 0.0).sum(-1) - self.force) * self.scale)
 
-    def first_guess(self, onset: Floats) -> Contacts:
-        """A linear fit, again and again without the contacts that would pull."""
+    def first_guess(self, onset: Floats, step: float) -> Contacts:
+        """A linear fit, again and again without the contacts that would pull; none is 0. step: s."""
         depth = np.maximum(0.0, self.x[:, None] - onset)
         rate = np.where(depth > 0, self.v[:, None], 0.0)
         pushes = depth > 0
@@ -137,9 +158,73 @@ class _Loops:
             columns = np.concatenate([depth * pushes, rate * pushes], axis=1) * self.scale[:, None]
             unit = np.linalg.norm(columns, axis=0) + 1e-300
             found = nnls(columns / unit, self.force * self.scale, maxiter=10_000)[0] / unit
-            k, c = found[: len(onset)], found[len(onset) :]
+            k, c = np.split(found, 2)
             pushes = (depth > 0) & (k * depth + c * rate > 0)
-        return Contacts(onset, k, c)
+        least = _FAINTEST * np.median(c)
+        k = np.maximum(k, max(_FAINTEST * np.median(k), 1e-3 * k.max()))
+        return Contacts(onset, k, np.maximum(c, np.maximum(least, 1e-3 * step * k)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Misfit:
+    """What contacts are off by, in units of `unit`, of e: in e at launches, (n,), and in force over loops.
+
+    Parameters are the logarithms of stiffnesses, dampings and distances between starts: 3 rows - 1.
+    """
+
+    launches: Impacts
+    wanted: Floats
+    loops: _Loops
+    unit: float
+
+    @staticmethod
+    def contacts(parameters: Floats) -> Contacts:
+        """Of parameters (b, 3 rows - 1)."""
+        rows = (parameters.shape[-1] + 1) // 3
+        k, c, apart = np.split(np.exp(parameters), [rows, 2 * rows], axis=-1)
+        return Contacts(np.cumsum(np.concatenate([0.0 * k[..., :1], apart], axis=-1), axis=-1), k, c)
+
+    @staticmethod
+    def parameters(contacts: Contacts) -> Floats:
+        """Of contacts (rows,)."""
+        return np.asarray(
+            np.log(np.concatenate([contacts.stiffness, contacts.damping, np.diff(contacts.onset)]))
+        )
+
+    def residuals(self, parameters: Floats, power: int) -> Floats:
+        """Shape (b, residuals), those of e to a power: sums of squares mind the worst more then."""
+        made = self.contacts(parameters)
+        off = (self.launches.restitution(made) - self.wanted) / self.unit
+        each = np.sign(off) * np.abs(off) ** power / np.sqrt(off.shape[1])
+        return np.concatenate([each, self.loops.misfit(made) / (_FORCE_SHARE * self.unit)], axis=1)
+
+    def jacobian(self, parameters: Floats, power: int) -> Floats:
+        """Of `residuals` at one point: (residuals, parameters)."""
+        nudges = _NUDGE * np.eye(len(parameters))
+        up, down = (self.residuals(parameters + sign * nudges, power) for sign in (1, -1))
+        return np.asarray((up - down).T / (2 * _NUDGE))
+
+    def fitted(self, parameters: Floats, record: Callable[[Floats, Floats], None]) -> Floats:
+        """Better ones by least squares; `record` is shown parameters, (1, n), and the largest error of e."""
+
+        def residuals(parameters: Floats, power: int) -> Floats:
+            found = self.residuals(parameters[None], power)
+            worst = np.abs(found[:, : self.wanted.size]).max(axis=1) * np.sqrt(self.wanted.size)
+            record(parameters[None], self.unit * worst ** (1 / power))
+            return np.asarray(found[0])
+
+        for power in _POWERS:
+            fit = least_squares(
+                residuals,
+                parameters,
+                self.jacobian,
+                xtol=1e-5,
+                ftol=1e-4,
+                max_nfev=_EVALUATIONS,
+                args=(power,),
+            )
+            parameters = fit.x
+        return parameters
 
 
 def fit_contacts(
@@ -149,38 +234,20 @@ def fit_contacts(
 
     result: what an interrupt of the search hands out, of the best contacts until then.
     """
-    launches = Impacts.of(target, law)
+    launches, others = Impacts.of(target, law, _SPEEDS), Impacts.of(target, law, _OTHER_SPEEDS, 3.0)
     loops = _Loops.of(law, target.mass, np.geomspace(target.speed_min, target.speed_max, _LOOPS), launches.h)
     wanted = closed_form.restitution(law.alpha, launches.speeds)
+    misfit = _Misfit(launches, wanted, loops, max(_SHARE * minimax_constant(target)[1], _LEAST))
     top = float(closed_form.penetration_max(replace(law, alpha=0.0), target.mass, target.speed_max))
-    onset = np.concatenate([[0.0], np.geomspace(_FIRST * top, top, count)[:-1]])
-    search = Search(_EVALUATIONS)
-
-    def contacts(parameters: Floats) -> Contacts:
-        return Contacts(onset, *np.split(np.exp(parameters), 2, axis=-1))
-
-    def misfits(parameters: Floats) -> Floats:
-        """Shape (b, misfits), of parameters (b, 2 count)."""
-        off = launches.restitution(contacts(parameters)) - wanted
-        share = _RESTITUTION_SCALE * np.sqrt(wanted.size)
-        return np.concatenate([off / share, loops.misfit(contacts(parameters))], axis=1)
-
-    def misfit(parameters: Floats) -> Floats:
-        found = misfits(parameters[None])
-        search.record(parameters[None], np.abs(found[:, : wanted.size]).max(axis=1))
-        return np.asarray(found[0])
-
-    def jacobian(parameters: Floats) -> Floats:
-        nudged = misfits(parameters + _NUDGE * np.eye(len(parameters) + 1, len(parameters), -1))
-        return np.asarray((nudged[1:] - nudged[0]).T / _NUDGE)
-
-    guess = loops.first_guess(onset)
-    k = np.maximum(guess.stiffness, 1e-3 * guess.stiffness.max())
-    least = np.maximum(
-        1e-2 * np.median(guess.damping), 1e-3 * launches.h * k
-    )  # a damper of 0 has no logarithm
-    start = np.log(np.concatenate([k, np.maximum(guess.damping, least)]))
-    with map_result(lambda best: result(contacts(best))), search.return_best_on_interrupt():
-        fit = least_squares(misfit, start, jacobian, xtol=1e-6, ftol=1e-6, max_nfev=_EVALUATIONS)
-    search.add(_EVALUATIONS)
-    return contacts(fit.x)
+    first = min(max(_FIRST * top, _FIRST_STEP * launches.h * target.speed_max), 0.5 * top)
+    search = Search(len(_FIRST_TRIED) * len(_POWERS) * _EVALUATIONS)
+    found = []
+    with map_result(lambda best: result(misfit.contacts(best))), search.return_best_on_interrupt():
+        for tried in _FIRST_TRIED:
+            onset = np.concatenate([[0.0], np.geomspace(tried * first, top, count)[:-1]])
+            start = misfit.parameters(loops.first_guess(onset, launches.h))
+            found.append(misfit.fitted(start, search.record))
+    its = closed_form.restitution(law.alpha, others.speeds)
+    off = others.restitution(misfit.contacts(np.array(found))) - its
+    search.add(len(_FIRST_TRIED) * len(_POWERS) * _EVALUATIONS)
+    return misfit.contacts(found[int(np.abs(off).max(axis=1).argmin())])
