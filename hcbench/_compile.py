@@ -125,6 +125,19 @@ def build(
     return target
 
 
+def loaded(source: str) -> Path | None:
+    """The library made of `source` that this process has loaded, whoever compiled it; None without one."""
+    path, mode = _HERE / source, getattr(os, "RTLD_NOLOAD", 0)  # 0 where nothing can be asked for so
+    libraries = user_folder("cache").glob(f"{path.parent.parent.name}-{path.stem}-*.so")
+    for library in libraries if mode else ():
+        try:
+            ctypes.CDLL(str(library), mode=mode)
+        except OSError:
+            continue
+        return library
+    return None
+
+
 @functools.cache
 def law_library() -> ctypes.CDLL:
     """The laws alone, no engine."""

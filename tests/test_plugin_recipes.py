@@ -112,6 +112,62 @@ def test_measure_reads_the_e_of_a_users_model_with_the_plug_in(integrator: str, 
     assert not found.causes
 
 
+def test_measure_refuses_a_models_force_law_by_name() -> None:
+    law = 'key="stiffness" value="3.4e10"/><config key="alpha" value="0.315"'
+    text = MODEL.format(integrator="Euler", gravity=0).replace("hcbench.restitution", "hcbench.hunt_crossley")
+    text = text.replace('key="alpha" value="0.315"', law)
+    text = text.replace("</mujoco>", '<contact><exclude body1="world" body2="ball"/></contact></mujoco>')
+    with pytest.raises(UserError, match=r"hcbench\.hunt_crossley"):
+        measure(text, "ball,plate")
+
+
+def _measured_with_a_law(law: str, timestep: float, gravity: float) -> tuple[str, list[str], list[Any]]:
+    """A live client whose pair the plug-in moves; in the worker."""
+    import pybullet as p
+
+    from hcbench.engines.pybullet import plugin
+
+    c = p.connect(p.DIRECT)
+    p.setPhysicsEngineParameter(fixedTimeStep=timestep, contactBreakingThreshold=0.02, physicsClientId=c)
+    p.setGravity(0, 0, -gravity, physicsClientId=c)
+    sphere = p.createCollisionShape(p.GEOM_SPHERE, radius=0.0254, physicsClientId=c)
+    plane = p.createCollisionShape(p.GEOM_PLANE, physicsClientId=c)
+    ball = p.createMultiBody(0.45, sphere, basePosition=[0, 0, 0.03], physicsClientId=c)
+    plate = p.createMultiBody(0, plane, physicsClientId=c)
+    p.changeDynamics(ball, -1, linearDamping=0, angularDamping=0, physicsClientId=c)
+    p.executePluginCommand(plugin.load(c), law, [plate, -1, ball, -1], physicsClientId=c)
+    try:
+        found = measure(c, speeds=[0.1, 0.37, 1.1], phases=4)
+        with pytest.raises(UserError, match="along the normal"):
+            measure(c, speeds=[0.1], angle=0.5)
+    finally:
+        p.disconnect(c)
+    bounces = [(i.speed_in, i.restitution, i.force_max) for i in found.impacts]
+    return found.facts.asked_description, [cause.code for cause in found.causes], bounces
+
+
+@pytest.mark.parametrize(
+    ("law", "timestep", "gravity", "error"),
+    [
+        ("restitution alpha=0.315", 1e-3, 9.81, 1e-12),
+        ("restitution alpha=0.315", 1 / 240, 9.81, 1e-12),
+        ("hunt_crossley stiffness=3.4e10 alpha=0.315", 1e-6, 0.0, 1e-7),
+    ],
+)
+def test_measure_reads_the_e_of_a_live_client_with_the_plug_in(
+    law: str, timestep: float, gravity: float, error: float
+) -> None:
+    said, causes, bounces = call(_measured_with_a_law, law, timestep, gravity, limit=60)
+    assert law in said
+    assert not causes
+    assert len(bounces) >= 3 * 4
+    steel = HuntCrossley(3.4e10, 0.315)
+    for speed, e, force in bounces:
+        assert e == pytest.approx(closed_form.restitution(0.315, speed), abs=error)
+        if gravity == 0:
+            assert force == pytest.approx(float(closed_form.force_max(steel, 0.45, speed)), rel=1e-3)
+
+
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
 def test_a_step_that_does_not_resolve_the_contact_is_refused_before_anything_runs(engine: str) -> None:
     with pytest.raises(SettingError, match="restitution-law"):

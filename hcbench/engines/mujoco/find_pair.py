@@ -16,6 +16,7 @@ from hcbench.engines.mujoco.model import (
     joint_name,
 )
 from hcbench.engines.mujoco.pair import ContactPair, NamedGeoms
+from hcbench.engines.mujoco.plugged import has_force_law
 from hcbench.errors import UserError
 from hcbench.sim.candidate_pairs import choice_error
 from hcbench.sim.model_under_test import Request
@@ -159,6 +160,10 @@ def no_contact_error(pair: ContactPair) -> UserError:
     kinds = [mujoco.mjtGeom(int(model.geom_type[g])).name.removeprefix("mjGEOM_").lower() for g in geoms]
     masks = [f"{geom_name(model, g)} has {model.geom_contype[g]}/{model.geom_conaffinity[g]}" for g in geoms]
     off = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    if has_force_law(model, geoms):
+        got = f"{pair.first.name!r} and {pair.second.name!r} meet by the plug-in hcbench.hunt_crossley"
+        todo = "Its e is the law's: docs/howto/plugins.md says up to which step"
+        return UserError("pair", got, "MuJoCo's own contact, or the plug-in hcbench.restitution", todo)
     reason = "disabled" if model.opt.disableflags & off else collision_filter(model, *geoms)
     got, *expected = {
         "disabled": ("contacts are disabled", 'no <flag contact="disable"/>'),

@@ -18,23 +18,40 @@ if TYPE_CHECKING:
 
 # The keys of an instance's config in the plug-in's order: MuJoCo keeps their values alone.
 _KEYS = ("geom1", "geom2", "body1", "body2", "tendon", "alpha", "reading", "restitution")
+_FORCE_KEYS = (
+    *(*_KEYS[:5], "stiffness", "exponent", "alpha", "law", "restitution", "friction"),
+    *("dynamic_friction", "slip_speed"),
+)
 _ROUND_OFF = 64 * np.finfo(float).eps
 
 
 def restitution_law(model: Any, geoms: Sequence[int]) -> RestitutionCurve | None:
     """What the plug-in makes of a contact of two geoms; None where it has none of them."""
+    config = _config(model, geoms, _KEYS)
+    if config is None:
+        return None
+    if config["alpha"]:
+        is_linear = config["reading"] == "linear"
+        return Restitution(_number(model, config["alpha"]), "linear" if is_linear else "law")
+    return ConstantRestitution(_number(model, config["restitution"]))
+
+
+def has_force_law(model: Any, geoms: Sequence[int]) -> bool:
+    """Whether the plug-in hcbench.hunt_crossley acts between two geoms, or their bodies."""
+    return _config(model, geoms, _FORCE_KEYS) is not None
+
+
+def _config(model: Any, geoms: Sequence[int], keys: Sequence[str]) -> dict[str, str] | None:
+    """Of the plug-in with these keys, for two geoms or their bodies; None without one."""
     ends = [*model.plugin_attradr.tolist(), model.npluginattr][1:]
     for start, end in zip(model.plugin_attradr.tolist(), ends, strict=True):
         values = bytes(model.plugin_attr[start:end].astype(np.uint8)).decode().split("\0")[:-1]
-        if len(values) != len(_KEYS):  # another plug-in
+        if len(values) != len(keys):  # another plug-in
             continue
-        config = dict(zip(_KEYS, values, strict=True))
+        config = dict(zip(keys, values, strict=True))
         for kind, ids in (("geom", geoms), ("body", model.geom_bodyid[list(geoms)].tolist())):
             if {config[f"{kind}1"], config[f"{kind}2"]} == {getattr(model, kind)(i).name for i in ids}:
-                if config["alpha"]:
-                    is_linear = config["reading"] == "linear"
-                    return Restitution(_number(model, config["alpha"]), "linear" if is_linear else "law")
-                return ConstantRestitution(_number(model, config["restitution"]))
+                return config
     return None
 
 

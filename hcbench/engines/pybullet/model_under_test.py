@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from hcbench.engines.pybullet import plugin
 from hcbench.engines.pybullet.along_plate import pair_friction
 from hcbench.engines.pybullet.aside import release_aside, run_aside
 from hcbench.engines.pybullet.backend import BACKEND
@@ -70,6 +71,8 @@ class PybulletModel(ModelUnderTest):
                 if fix.apply is not None:
                     fix.apply(self.bullet)
             self.place = run_aside(self.bullet, lambda: place(world, first, second, request.coming_from))
+            sides = ((part.body, part.link) for part in (self.place.first, self.place.second))
+            self.law = None if world.files else plugin.find(*sides, client=self.bullet.client)
             parameters = self.bullet.getPhysicsEngineParameters()
             self.timestep, self.mass = float(parameters["fixedTimeStep"]), self.place.effective_mass
             along = float((np.array(self._gravity()) * self.place.normal).sum())
@@ -107,7 +110,8 @@ class PybulletModel(ModelUnderTest):
     def _reading(self) -> SpeedReading:
         infos = [self.bullet.getDynamicsInfo(s.body, s.link) for s in (self.place.first, self.place.second)]
         told = [info for info in infos if info[BODY_TYPE] != MAXIMAL_COORDINATES]  # as of `restitutions`
-        return speed_reading(any(info[STIFFNESS] > 0 for info in told), rigid=not told)
+        at_plane = self.law is not None or any(info[STIFFNESS] > 0 for info in told)
+        return speed_reading(at_plane, rigid=not told)
 
     def _falls_alone(self) -> bool:
         """Whether gravity makes the two approach: not when both fall."""
@@ -117,9 +121,13 @@ class PybulletModel(ModelUnderTest):
     def release(self, launches: Sequence[Launch]) -> Simulation:
         """The launch under way from its starting point, in a world that knows of no other launch."""
         (launch,) = launches
+        law, along = None if self.law is None else self.law[0], self.request.along
+        if law is not None and launch.is_oblique:
+            got = f"oblique, of a pair with the plug-in's law {law}, whose friction PyBullet does not tell"
+            raise UserError("launch", got, "launches along the normal")
         return release_aside(
             self.bullet,
-            lambda: LaunchInUserWorld(self.bullet, self.place, launch, self.gravity, self.request.along),
+            lambda: LaunchInUserWorld(self.bullet, self.place, launch, self.gravity, along, law),
         )
 
     @property
@@ -131,6 +139,11 @@ class PybulletModel(ModelUnderTest):
         """What the world says of itself and of the pair."""
         first, second = restitutions(self.bullet, self.place)
         is_known = not math.isnan(first * second)
+        asked = (first * second,) * len(self.request.speeds) if is_known else ()
+        words = f"restitution {first:g} x {second:g}" if is_known else _UNKNOWN_RESTITUTIONS
+        if self.law is not None:
+            curve, words = plugin.restitution_of(self.law[1]), f"plug-in hcbench: {self.law[1]}"
+            asked = () if curve is None else tuple(float(curve.at(v)) for v in self.request.speeds)
         parameters = self.bullet.getPhysicsEngineParameters()
         notes = [self.place.remark] if self.place.remark else []
         if self.place.overlap > 0:
@@ -150,15 +163,17 @@ class PybulletModel(ModelUnderTest):
                 "numSubSteps": int(parameters["numSubSteps"]),
                 "numSolverIterations": int(parameters["numSolverIterations"]),
             },
-            asked=(first * second,) * len(self.request.speeds) if is_known else (),
-            asked_description=f"restitution {first:g} x {second:g}" if is_known else _UNKNOWN_RESTITUTIONS,
+            asked=asked,
+            asked_description=words,
             notes=tuple(notes),
             friction=pair_friction(self.bullet, self.place),
             point=tuple(float(x) for x in self.place.point),  # type: ignore[arg-type]
         )
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """What may keep this pair from bouncing as asked."""
+        """What may keep this pair from bouncing as asked; nothing is known of a plug-in's law."""
+        if self.law is not None:
+            return []
         context = BulletContext(
             self.bullet, self.place, impacts, wanted, self.timestep, self._gravity(), self.world.unread
         )

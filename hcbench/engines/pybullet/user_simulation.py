@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.pybullet import plugin
 from hcbench.engines.pybullet.along_plate import BulletAlongPlate, surface_point
 from hcbench.engines.pybullet.model import BulletBody
 from hcbench.engines.pybullet.vectors import dot
@@ -27,13 +28,15 @@ if TYPE_CHECKING:
     from hcbench.sim.model_under_test import Vector
 
 _STALE = 0.05  # of a reported force: less change of momentum than this, and it was not applied
+_SEEN = 1.0  # m: how far apart the two may be and their distance be asked for
 _HIDDEN = 1e-6  # of the speed: a change in a step of substeps that only a contact explains
 
 
 class LaunchInUserWorld(Simulation):
     """One launch in the user's world as it is; nothing puts it back.
 
-    gravity: as a `World` has it, m/s². along: the way that oblique launches take.
+    gravity: as a `World` has it, m/s². along: the way that oblique launches take. law: number of the
+    plug-in's law between the two, whose force is none of Bullet's contact.
     """
 
     def __init__(
@@ -43,8 +46,9 @@ class LaunchInUserWorld(Simulation):
         launch: Launch,
         gravity: float,
         along: Vector | None = None,
+        law: int | None = None,
     ) -> None:
-        self.bullet, self.place, self.gravity = bullet, place, gravity
+        self.bullet, self.place, self.gravity, self.law = bullet, place, gravity, law
         parameters = bullet.getPhysicsEngineParameters()
         self.timestep = float(parameters["fixedTimeStep"])
         self.substeps = int(parameters["numSubSteps"]) > 1
@@ -74,11 +78,16 @@ class LaunchInUserWorld(Simulation):
 
     def _step(self) -> tuple[float, ...]:
         along = None if self._along is None else self._along.motion(self._contact_point(), self._before)
+        if self.law is not None:
+            self._x, self._point = self._gap()
         self.bullet.stepSimulation()
         contact, force = self._read(), 0.0
         if contact is not None and self._along is not None and along is not None:
             along[FRICTION] = self._along.friction(self._contacts(), along[SLIP])
-        if contact is not None:
+        if self.law is not None:
+            native = 0.0 if contact is None else contact[1]
+            force = native + plugin.force(self.law, client=self.bullet.client)
+        elif contact is not None:
             self._x, force, self._point = contact
         elif self._touched:
             self._x = min(self._x, 0.0)
@@ -113,6 +122,15 @@ class LaunchInUserWorld(Simulation):
         if self._along is not None:
             point = surface_point(contacts)
         return -min(c[8] for c in contacts), sum(c[9] for c in contacts), point
+
+    def _gap(self) -> tuple[float, Sequence[float]]:
+        """Penetration now and the point, of the shapes themselves: a force law's pair has no contacts."""
+        first, second = self.place.first, self.place.second
+        found = self.bullet.getClosestPoints(first.body, second.body, _SEEN, first.link, second.link)
+        if not found:
+            return self._x, self._point
+        nearest = min(found, key=lambda point: float(point[8]))
+        return -nearest[8], [0.5 * (a + b) for a, b in zip(nearest[5], nearest[6], strict=True)]
 
     def _contacts(self) -> Sequence[Any]:
         first, second = self.place.first, self.place.second

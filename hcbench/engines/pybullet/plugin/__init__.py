@@ -29,7 +29,7 @@ from hcbench.errors import EngineFailed, HcbenchError, SettingError
 from hcbench.impact import Floats
 from hcbench.laws.contact_law import Friction, Law, is_force, require_law, require_resolved
 from hcbench.laws.published import TouchSpeedLaw
-from hcbench.laws.restitution import ConstantRestitution, Restitution
+from hcbench.laws.restitution import ConstantRestitution, Restitution, RestitutionCurve
 from hcbench.sim.names import suggest_names
 
 Side = int | tuple[int, int | str]  # a body, or a body and its link by number or name
@@ -163,6 +163,28 @@ def recorder(bullet: BulletClient) -> Recorder | None:
         return Recorder(bullet)
     except HcbenchError:
         return None
+
+
+def find(first: tuple[int, int], second: tuple[int, int], *, client: int = 0) -> tuple[int, str] | None:
+    """The number of the law between two (body, link) of a client and the command that added it; None where
+    there is none. It loads nothing into a process that has not loaded the plug-in.
+    """
+    path = library() if library.cache_info().currsize else _compile.loaded("engines/pybullet/plugin/plugin.c")
+    if path is None:
+        return None
+    bullet = BulletClient(client)
+    answer = bullet.executePluginCommand(bullet.loadPlugin(str(path)), "find", [*first, *second])
+    return None if isinstance(answer, int) else (int(answer[0]), bytes(answer[2][:-1]).decode())
+
+
+def restitution_of(command: str) -> RestitutionCurve | None:
+    """What a command that adds a law asks for; None of a law later than 1975."""
+    keys = dict(part.split("=", 1) for part in command.split()[1:])
+    if "constant" in keys:
+        return ConstantRestitution(float(keys["constant"]))
+    if "alpha" not in keys:
+        return None
+    return Restitution(float(keys["alpha"]), "linear" if keys.get("reading") == "linear" else "law")
 
 
 def _side(bullet: BulletClient, side: Side) -> tuple[int, int]:

@@ -110,6 +110,7 @@ static int add_law(world* w, const b3Arguments* given_, int is_force) {
   if (!read_pair(w, given_, &l) || !read_options(w, given_->text, is_force ? 'h' : 'r', &o)) return -1;
   if (!(is_force ? read_force : read_restitution)(w, &o, &l) || !read_shapes(w, o.word[IN_CUP], &l)) return -1;
   l.friction = given(&o, FRICTION, -1);
+  snprintf(l.text, sizeof(l.text), "%s", given_->text);
   collide(w, &l, 0);
   w->laws = realloc(w->laws, (w->law_count + 1) * sizeof(law));
   w->laws[w->law_count++] = l;
@@ -117,6 +118,21 @@ static int add_law(world* w, const b3Arguments* given_, int is_force) {
 }
 
 static void drop(world* w, int i) { memmove(w->laws + i, w->laws + i + 1, (--w->law_count - i) * sizeof(law)); }
+
+static int covers(const law* l, int side, int body, int link) {
+  return l->body[side] == body && (l->link[side] == link || l->link[side] == ANY || link == ANY);
+}
+
+/* The place of a pair's law, given as body, link, body, link, in either order; -1 without one. */
+static int place_of(const world* w, const b3Arguments* given) {
+  const int* g = given->value;
+  for (int i = 0; given->ints == 4 && i < w->law_count; i++) {
+    const law* l = w->laws + i;
+    if (covers(l, 0, g[0], g[1]) && covers(l, 1, g[2], g[3])) return i;
+    if (covers(l, 1, g[0], g[1]) && covers(l, 0, g[2], g[3])) return i;
+  }
+  return -1;
+}
 
 static int number_of(world* w, const b3Arguments* given) {
   for (int i = 0; given->ints == 1 && i < w->law_count; i++) {
@@ -173,14 +189,15 @@ int hcbench_record(world* w, int steps, const int* ids, int count, double* out) 
   return 1;
 }
 
-/* Returns a law's number, 0, or -1; `force`, `message` and `world` bring data along. */
+/* Returns a law's number, 0, or -1; `force`, `message`, `world` and `find` bring data along. */
 int executePluginCommand(b3Context* context, const b3Arguments* given) {
-  static const char* const known[] = {"hunt_crossley", "restitution", "remove", "force", "message", "world"};
+  static const char* const known[] = {"hunt_crossley", "restitution", "remove", "force",
+                                      "message",       "world",       "find"};
   world* w = context->user;
   static _Thread_local b3Data data;
   size_t length = strcspn(given->text, " ");
   int which = 0;
-  while (which < 6 && (strlen(known[which]) != length || strncmp(known[which], given->text, length))) which++;
+  while (which < 7 && (strlen(known[which]) != length || strncmp(known[which], given->text, length))) which++;
   if (which < 2) return add_law(w, given, which == 0);
   if (which == 4) {
     data = (b3Data){1, strlen(w->message) + 1, w->message};
@@ -192,12 +209,17 @@ int executePluginCommand(b3Context* context, const b3Arguments* given) {
     context->data = &data;
     return 0;
   }
-  if (which == 6) {
-    const char* all = "hunt_crossley, restitution, remove, force, message";
+  if (which == 7) {
+    const char* all = "hunt_crossley, restitution, remove, force, message, find";
     return fail(w, "no command \"%.*s\", only: %s", (int)length, given->text, all) - 1;
   }
-  int i = number_of(w, given);
+  int i = which == 6 ? place_of(w, given) : number_of(w, given);
   if (i < 0) return -1;
+  if (which == 6) {
+    data = (b3Data){1, strlen(w->laws[i].text) + 1, w->laws[i].text};
+    context->data = &data;
+    return w->laws[i].id;
+  }
   if (which == 2) {
     collide(w, w->laws + i, 1);
     drop(w, i);
