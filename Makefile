@@ -27,7 +27,8 @@ test-engines: $(INSTALLED)  ## all engines from the package index, each in an en
 	HCBENCH_DATA=$(abspath $(ENGINES)) $(BIN)/hcbench engines add mujoco@3.3.0 mujoco@3.6.0 \
 	  $$($(BIN)/python -c "from hcbench.sim.install import names; print(*names())")
 	HCBENCH_ENGINES=$(abspath $(ENGINES)) $(BIN)/python -m pytest -n 2 --dist loadgroup \
-	  tests/test_engines_from_index.py tests/test_mjx_warp.py tests/test_newton.py tests/test_physx_opensim.py
+	  tests/test_engines_from_index.py tests/test_mjx_warp.py tests/test_newton.py tests/test_physx_opensim.py \
+	  tests/test_field.py
 
 bench: $(INSTALLED)  ## every speed claim, side by side with what others do; the table in benchmarks/README.md
 	$(BIN)/python -m pytest benchmarks/bench_reference.py benchmarks/bench_engines.py benchmarks/bench_commands.py \

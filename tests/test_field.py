@@ -2,25 +2,34 @@
 
 from __future__ import annotations
 
+import html
+import itertools
 import re
-from typing import TYPE_CHECKING
+from functools import partial
+from pathlib import Path
 
+import numpy as np
 import pytest
 
+from hcbench import load_scene, scoring, units
+from hcbench.benchmark.results import Results
 from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import find_study, load_study, study_from
-from hcbench.errors import StudyError
+from hcbench.errors import EngineMissing, StudyError
+from hcbench.impact import Launch
+from hcbench.laws.force import HuntCrossley
 from hcbench.report.build import build
+from hcbench.report.field import page
 from hcbench.report.field.headline import headline
 from hcbench.report.field.matrix import COLUMNS, matrix
 from hcbench.report.field.page import COST
 from hcbench.report.field.view import Case, FieldView
 from hcbench.sim import registry
 from hcbench.sim.features import Features
+from hcbench.tune.constant import minimax_constant
+from hcbench.tune.target import Target
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
+COMMITTED = Path(__file__).parent.parent / "reports" / "field"
 RUNS = [
     {"engine": "reference", "recipe": "hunt-crossley", "timesteps": "1e-5 s"},
     {"engine": "mujoco", "recipe": "stock", "timesteps": "1e-3 s"},
@@ -112,3 +121,100 @@ def test_the_study_in_the_wheel_names_engines_that_are_registered() -> None:
     assert {registry.base_name(run.engine) for run in study.runs} <= set(registry.names())
     for run in study.runs:
         assert registry.recipe(f"{run.engine}.{run.recipe}").name == run.recipe
+
+
+@pytest.fixture(scope="module")
+def committed() -> FieldView:
+    return FieldView(Results.read(COMMITTED))
+
+
+def shown(table: str) -> list[list[str]]:
+    """The rows of a table of the committed page, its head left out: texts of cells, with what is below."""
+    rows = re.findall(r"<tr>(.*?)</tr>", table.partition("</thead>")[2], re.DOTALL)
+    cells = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, re.DOTALL) for row in rows]
+    return [[html.unescape(re.sub(r"<[^>]+>", "", cell)).strip() for cell in row] for row in cells]
+
+
+def test_each_cell_of_the_committed_page_is_of_the_committed_run(committed: FieldView) -> None:
+    text = (COMMITTED / "index.html").read_text(encoding="utf-8")
+    tables = [shown(table) for table in re.findall(r"<table.*?</table>", text, re.DOTALL)]
+    entries = (page._best_entry, page._stock_entry)
+    for entry, gravity in itertools.product(entries, committed.gravities):
+        made = page._table(committed, gravity, partial(entry, committed))["rows"]
+        told = [[name, *(f"{cell.text}{cell.setting}" for cell in cells)] for name, cells in made]
+        assert told in tables
+    energy = [
+        [committed.title(e), *(f"{c.text}{c.setting}" for c in page._energy(committed, e))]
+        for e in committed.engines
+    ]
+    assert energy in tables
+    assert [committed.title(e) for e in committed.engines] in [[row[0] for row in rows] for rows in tables]
+
+
+def test_the_committed_run_is_of_the_study_in_the_wheel(committed: FieldView) -> None:
+    study = load_study(find_study("field"))
+    asked = {(run.engine, run.recipe, run.scene.gravity, h) for run in study.runs for h in run.timesteps}
+    assert not committed.study["missing"]
+    assert {tuple(case) for case in committed.scores} == asked
+
+
+ANY, COARSE = (1e-6, 1e-5, 1e-4, 1e-3, 1 / 240, 1 / 60), (1e-4, 1e-3, 1 / 240, 1 / 60)
+# What each engine's best settings came to by hand, without gravity: how far e is off the law, or off the best
+# constant e, at most, at these steps; of two digits or so, which is what they are rounded to.
+BY_HAND = [
+    ("drake", "continuous", "law", 1e-8, ANY),
+    ("opensim", "force", "law", 1e-8, (1e-6, 1e-4, 1e-3)),  # .00001 where a long step overlooks the touch
+    ("exudyn", "contact-law", "law", 2e-5, (1e-6,)),
+    ("exudyn", "restitution", "constant", 2e-5, (1e-6,)),
+    ("dart", "restitution", "constant", 1e-10, ANY),
+    ("dart", "restitution-law", "law", 1e-10, ANY),
+    ("rapier", "restitution", "constant", 3.4e-7, ANY),
+    ("rapier", "restitution-law", "law", 3.4e-7, ANY),
+    ("physx", "restitution", "constant", 1.2e-6, (1e-5, *COARSE)),
+    ("physx", "restitution-law", "law", 1.2e-6, (1e-5, 1e-4, 1e-3)),
+    ("mjx", "impulse", "constant", 2e-6, (1e-4, 1e-3)),
+    ("mjx", "restitution-law", "law", 5e-6, COARSE),
+    ("mujoco-warp", "impulse", "constant", 3.2e-7, COARSE),
+    ("mujoco-warp", "restitution-law", "law", 6.2e-7, COARSE),
+    ("mujoco-warp", "staggered", "law", 2.05e-3, (1e-5,)),
+    ("mujoco-warp", "staggered", "law", 4.9e-4, (1e-4, 1e-3)),
+    ("newton", "restitution", "constant", 1.2e-7, COARSE),
+    ("newton", "restitution-law", "law", 1.2e-7, COARSE),
+    ("newton", "staggered-push", "law", 4.9e-4, (1e-4, 1e-3)),
+    ("pybullet", "staggered", "law", 1.6e-3, (1e-6,)),
+    ("pybullet", "staggered", "law", 6e-3, (1e-5,)),
+]
+
+
+@pytest.mark.parametrize(("engine", "setting", "wanted", "most", "steps"), BY_HAND)
+def test_each_engine_at_its_best_is_as_good_as_by_hand(
+    committed: FieldView, engine: str, setting: str, wanted: str, most: float, steps: tuple[float, ...]
+) -> None:
+    constant = scoring.best_constant(committed.alpha, committed.speeds)[0]
+    for h in steps:
+        rows = committed.impacts[Case(engine, setting, 0.0, h)]
+        e, law = (rows[name].astype(float) for name in ("restitution", "restitution_law"))
+        assert (e - (law if wanted == "law" else constant)).abs().max() <= most, h
+
+
+@pytest.mark.parametrize(
+    ("engine", "setting", "wanted", "most", "steps"),
+    [row for row in BY_HAND if row[0] != "pybullet"],  # whose own tests fly it
+)
+def test_and_bounces_so_where_it_is_installed(
+    engine: str, setting: str, wanted: str, most: float, steps: tuple[float, ...]
+) -> None:
+    """At speeds and phases that no study has."""
+    try:
+        registry.engine(engine).version()
+    except EngineMissing as error:
+        pytest.skip(str(error))
+    scene = load_scene("steel-plane")
+    law = HuntCrossley(scene.stiffness, 0.008 / units.INCH, scene.exponent)
+    target = Target(law, scene.mass, steps[-1], 0.0254, 0.508)
+    made = registry.recipe(f"{engine}.{setting}")(target)
+    launches = [Launch(v, p) for v in (0.0254, 0.033, 0.17, 0.49) for p in (0.21, 0.77)]
+    impacts = registry.engine(engine).run(scene, made, launches)
+    speed, e = np.array([(impact.speed_in, impact.restitution) for impact in impacts]).T
+    asked = target.restitution(speed) if wanted == "law" else minimax_constant(target)[0]
+    assert np.abs(e - asked).max() <= most

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from hcbench.sim.read_impact import SpeedReading
 
 PythonLaw = HuntCrossley | Restitution
+TIGHT = 1e-8  # an accuracy of error control by which e hardly depends on where in a step a touch falls
 
 
 def python_law_of(options: Mapping[str, Any]) -> PythonLaw:
@@ -89,6 +90,12 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
                 f"{self.name} option 'law.kind'", got, f"{expected}, which it has a way in for"
             )
         return options
+
+    def error_controlled(self, setting: Setting) -> bool:
+        """Whether error control, as tight as hcbench's recipes ask for it, takes the steps of a contact: the
+        setting's step says when it is looked at.
+        """
+        return float(getattr(self.read(setting), "accuracy", None) or 1.0) <= TIGHT
 
     @final
     def snippet(self, setting: Setting, form: str) -> str:

@@ -33,7 +33,7 @@ _PAIRS = "SolverMuJoCo needs newton[sim]. Each row has a sphere and a pair of it
 _LENT = (
     ("impulse", 1e-6, "D = (1 + e)/h is of this step only. Under gravity e scatters by (1 + e) g h / v."),
     ("compliant", 1e-2, "For this step and gravity, where e scatters less than that of `impulse`."),
-    ("staggered-push", 4e-3, "float32: e to .002 at 1e-5 s; softened, to 4e-4 at 1e-4 s and 1e-3 s."),
+    ("staggered-push", 4e-3, "float32: e to .003 at 1e-5 s; softened, to 5e-4 at 1e-4 s and 1e-3 s."),
 )
 _NATIVE = (
     stock("newton", "Newton as it comes: SolverXPBD ignores restitutions: e of .03.", forms=("plane",)),
