@@ -17,6 +17,7 @@ import pytest
 
 import hcbench
 from hcbench.errors import HcbenchError
+from hcbench.fit import fit_files
 from hcbench.laws.published import law_named
 from hcbench.measure.request import RequestOptions
 from hcbench.scene import Material
@@ -95,6 +96,14 @@ RIGHT: dict[str, dict[str, Any]] = {
         "material1": STEEL,
         "material2": STEEL,
     },
+    "hcbench.contact.mujoco.OwnSpeedLaw": {
+        "family": law_named("flores"),
+        "stiffness": 1e7,
+        "restitution": 0.9,
+    },
+    "hcbench.fit.setup.Known": {"value": 1.0},
+    "hcbench.fit.setup.MeasurementSetup": {"timing": 1e-3},
+    "hcbench.tune.model.tune_model": {"source": "", "requests": [], "wanted": hcbench.Wanted(0.3)},
     "hcbench.contact.pybullet.command": {"law": LAW},
     "hcbench.contact.pybullet.add": {"law": LAW, "first": 0, "second": 1, "client": None},
     "hcbench.contact.pybullet.force": {"number": 0, "client": None},
@@ -159,7 +168,7 @@ def test_a_wrong_argument_is_an_error_of_ours_or_none(name: str, parameter: str,
         ("hcbench.Target", "law", 0.3, "^law: 0.3; expected a HuntCrossley$"),
         ("hcbench.engine", "name", ["x"], "^name: .*expected text$"),
         ("hcbench.load_study", "path", 7, "^path: 7; expected text or a path$"),
-        ("hcbench.measure", "limit", "60 s", "^limit: '60 s'; expected a number$"),
+        ("hcbench.measure", "limit", "60 s", "^limit: '60 s'; expected a number or None$"),
         ("hcbench.measure", "limit", 1e10, "^limit: "),
         ("hcbench.measure", "tolerance", math.nan, "^tolerance: "),
         ("hcbench.run_study", "study", "study.toml", "^study: 'study.toml'; expected a Study$"),
@@ -171,6 +180,26 @@ def test_the_error_names_the_argument(
 ) -> None:
     with pytest.raises(HcbenchError, match=message):
         resolve(name)(**{**arguments(name, client), parameter: value})
+
+
+@pytest.mark.parametrize("value", WRONG, ids=[str(i) for i in range(len(WRONG))])
+def test_what_is_handed_to_methods_and_to_fits_is_checked_too(value: Any, tmp_path: Path) -> None:
+    setting, reference = hcbench.Setting("reference", "hunt-crossley", 1e-5), hcbench.engine("reference")
+    right: dict[str, Any] = {"scene": SCENE, "setting": setting, "launches": [hcbench.Launch(0.1)]}
+    for slot in right:
+        if slot != "launches" or not isinstance(value, list | tuple) or value:
+            with pytest.raises(HcbenchError, match=slot if slot != "launches" else "^launch"):
+                reference.run(**{**right, slot: value})
+    with pytest.raises(HcbenchError):
+        hcbench.Results.read(value)
+    with pytest.raises(HcbenchError):
+        fit_files(value)
+    (tmp_path / "pairs.csv").write_text("speed [m/s],restitution\n0.1,0.9\n0.2,0.8\n0.3,0.7\n")
+    with pytest.raises(HcbenchError, match=r"^law: "):
+        fit_files(tmp_path / "pairs.csv", law=value)
+    if value is not None:
+        with pytest.raises(HcbenchError, match=r"^setup: "):
+            fit_files(tmp_path / "pairs.csv", setup=value)
 
 
 def test_every_public_name_of_the_package_is_tried_here() -> None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import io
 import json
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hcbench._files import json_text, parse_json, read_text, write_text
@@ -22,7 +23,6 @@ from hcbench.scoring import CLAIMS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
     import pandas as pd
 
@@ -113,8 +113,11 @@ class Results(Shown):
         write_text(folder / "summary.json", json_text(self.summary()))
 
     @classmethod
-    def read(cls, folder: Path) -> Results:
+    def read(cls, folder: str | Path) -> Results:
         """Read what `write` wrote, in this schema or the former one; UserError for another folder."""
+        if not isinstance(folder, str | Path):
+            raise UserError("folder", f"{folder!r:.80}", "a path")
+        folder = Path(folder)
         try:
             summary = parse_json(read_text(folder / "summary.json"))
             schema = summary.get("schema") if isinstance(summary, dict) else None

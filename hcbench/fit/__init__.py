@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hcbench.errors import UserError
+
 if TYPE_CHECKING:
     from hcbench.fit.result import FitResult
     from hcbench.fit.setup import MeasurementSetup
@@ -22,4 +24,9 @@ def fit_files(*files: str | Path, setup: MeasurementSetup | None = None, law: st
     from hcbench.fit.setup import MeasurementSetup
 
     known = MeasurementSetup() if setup is None else setup
+    if not isinstance(known, MeasurementSetup):
+        raise UserError("setup", f"{setup!r:.80}", "a MeasurementSetup")
+    for file in files:
+        if not isinstance(file, str | Path):
+            raise UserError("files", f"{file!r:.80}", "paths")
     return fit([read_dataset(Path(file), known) for file in files], law)

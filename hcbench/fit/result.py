@@ -101,6 +101,10 @@ def fit(sets: Sequence[Dataset], law: str = "auto") -> FitResult:
 
     law: a name in LAWS, or "auto" to try all. Raises UserError where the data cannot be right.
     """
+    if not isinstance(law, str) or law not in ("auto", *LAWS):
+        raise UserError("law", f"{law!r:.80}", f"one of: auto, {', '.join(LAWS)}")
+    if not sets:
+        raise UserError("files", "none given", "a file of measured bounces")
     with computed(sets[0].name):
         return _fit(sets, law)
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from hcbench._arguments import checked_fields
 from hcbench.errors import UserError
 from hcbench.fit.flight import (
     DRAG_COEFFICIENT,
@@ -12,6 +14,7 @@ from hcbench.fit.flight import (
     Ballistics,
     in_air,
 )
+from hcbench.laws.require import require
 from hcbench.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -23,6 +26,7 @@ HEIGHT_UNCERTAINTY = 1e-3  # m
 _SMALLEST, _LARGEST = 1e-9, 1e9  # of what anybody measures of bounces
 
 
+@checked_fields
 @dataclass(frozen=True, slots=True)
 class Known:
     """A number and its standard uncertainty, SI."""
@@ -30,7 +34,12 @@ class Known:
     value: float
     uncertainty: float = 0.0
 
+    def __post_init__(self) -> None:
+        require("value", self.value, math.isfinite(self.value), "a finite number")
+        require("uncertainty", self.uncertainty, 0 <= self.uncertainty < math.inf, "0 or more")
 
+
+@checked_fields
 @dataclass(frozen=True, slots=True)
 class MeasurementSetup:
     """SI. height: of the bottom of the ball above the plate where it was let go; None: unknown.
@@ -57,6 +66,10 @@ class MeasurementSetup:
             if known is not None and not _SMALLEST <= known.value <= _LARGEST:
                 expected = f"above 0: {_SMALLEST:g} ... {_LARGEST:g} in SI units"
                 raise UserError(slot.replace("_", "-"), f"{known.value:g}", expected)
+        if self.timing is not None:
+            require("timing", self.timing, _SMALLEST <= self.timing <= _LARGEST, "seconds above 0")
+        if self.exponent is not None:
+            require("exponent", self.exponent, 1 <= self.exponent <= 10, "n within 1 ... 10")
         if self.contact_time.value < 0:
             raise UserError("contact-time", f"{self.contact_time.value:g} s", "0 s or more")
         if self.diameter is not None and self.mass is None:

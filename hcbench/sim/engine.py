@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 import numpy as np
 
 from hcbench.errors import EngineFailed, SettingError, UserError
-from hcbench.sim.launch import require_launch
+from hcbench.sim.launch import require_launch, require_types
 from hcbench.sim.read_impact import NOT_FINITE, SpeedReading
 
 if TYPE_CHECKING:
@@ -254,6 +254,7 @@ class Engine(ABC):
     @final
     def run(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         """Check the request, run it, and hand back one impact for each launch, in order."""
+        require_types(scene, setting, launches)
         if setting.engine != self.name:
             raise SettingError("setting", f"made for {setting.engine!r}", f"one for {self.name!r}")
         if not setting.timestep > 0:

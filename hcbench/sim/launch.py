@@ -6,9 +6,20 @@ import math
 from typing import TYPE_CHECKING
 
 from hcbench.errors import SettingError
+from hcbench.scene import Scene
+from hcbench.setting import Setting
 
 if TYPE_CHECKING:
     from hcbench.impact import Launch
+
+
+def require_types(scene: object, setting: object, launches: object) -> None:
+    """Raises SettingError for what is of another type than a run takes, by the argument's name."""
+    for slot, value, kind in (("scene", scene, Scene), ("setting", setting, Setting)):
+        if not isinstance(value, kind):
+            raise SettingError(slot, f"{value!r:.80}", f"a {kind.__name__}")
+    if not isinstance(launches, list | tuple):
+        raise SettingError("launches", f"{launches!r:.80}", "a list of Launch")
 
 
 def require_launch(launch: Launch, engine: str, oblique: bool) -> None:

@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from hcbench._arguments import checked
+from hcbench.errors import UserError
+from hcbench.laws.require import require
 from hcbench.laws.restitution import RestitutionCurve
-from hcbench.measure.measure import Job, run_job, source_of
+from hcbench.measure.measure import LONGEST_LIMIT_S, Job, run_job, source_of
 from hcbench.sim import simulate
 from hcbench.sim.model_under_test import Facts, ModelSetting, Request
 from hcbench.tune.tune import MAX_ERROR
@@ -60,6 +63,7 @@ class _TuneJob(Job):
     max_error: float = MAX_ERROR
 
 
+@checked
 def tune_model(
     source: Any,
     requests: Sequence[Request],
@@ -74,6 +78,10 @@ def tune_model(
     requests: one a pair; their speeds span the band. Files are run in a worker. UserError for a pair that
     cannot meet.
     """
+    if len(requests) == 0:
+        raise UserError("requests", "none", "one a pair")
+    require("max_error", max_error, 0 <= max_error <= 1, "0 ... 1, a difference in e")
+    require("limit", limit, 0 < limit <= LONGEST_LIMIT_S, f"above 0 s, up to {LONGEST_LIMIT_S:g} s")
     first, *others = requests
     job = _TuneJob(source, engine, first, wanted, 0.0, False, tuple(others), max_error)
     return run_job(_tuned, job, limit)
