@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from typing import TYPE_CHECKING
 
 import pytest
@@ -18,6 +19,8 @@ collect_ignore = ["outside"]  # run on its own, as its author would
 
 def pytest_configure(config: pytest.Config) -> None:
     # Engines that a user added are none of the tests', but for those of `make test-engines`.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as of a shell's job in the background
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     os.environ["HCBENCH_DATA"] = os.environ.get("HCBENCH_ENGINES") or os.devnull
     config.addinivalue_line("markers", "slow: half a minute; -m 'not slow' leaves it out")
     config.addinivalue_line("markers", "adhesion: needs a contact pair's adhesion, MuJoCo 3.11 or later")
