@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import sysconfig
@@ -34,6 +35,8 @@ COMMANDS = [
     "engines",
     'tune mujoco --alpha "0.008 s/in" --timestep 1e-3 --write-scene tuned.xml',
     'tune pybullet --alpha "0.008 s/in" --timestep 1e-3 --write-scene drop.py',
+    "fit drop.wav",
+    "pairs my.xml",
     "measure my.xml --pair ball,plate",
     "check my.xml --pair ball,plate --restitution 0.9 --max-error 0.02 --junit out.xml --png error.png",
     "check my.xml --pair ball,plate --write-baseline bounce.json",
@@ -90,6 +93,7 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "my").mkdir()
     (folder / "my" / "study.toml").write_text(STUDY, encoding="utf-8")
     (folder / "my.xml").write_bytes((ROOT / "examples" / "good.xml").read_bytes())
+    (folder / "drop.wav").write_bytes((ROOT / "examples" / "recording" / "drop.wav").read_bytes())
     return folder
 
 
@@ -108,6 +112,13 @@ def test_the_wheel_runs_what_the_readme_shows(installed: Path, elsewhere: Path, 
     assert done.returncode == 0, done.stderr
     assert all(line.startswith("warning: ") for line in done.stderr.splitlines())
     assert done.stdout
+
+
+def test_every_command_of_the_readme_is_run_here() -> None:
+    """But `paper`, which takes a minute."""
+    shown = re.findall(r"^hcbench (\w+)", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert shown
+    assert set(shown) - {"paper"} <= {command.split()[0] for command in COMMANDS}
 
 
 def test_it_is_the_wheel_that_ran(installed: Path, elsewhere: Path) -> None:
