@@ -1,15 +1,13 @@
-"""Drake behind the contract of an engine: a ball on a half space, by point contact.
-
-A discrete plant steps by the setting's step; a continuous one is only looked at in such steps.
-"""
+"""Drake behind the contract of an engine: a ball on a half space, by point contact."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from hcbench._text import shortest
+from hcbench.engines.drake.model.opens import OpensFiles
 from hcbench.fields import Finite
 from hcbench.laws.force import HuntCrossley
 from hcbench.scene import Scene
@@ -17,12 +15,6 @@ from hcbench.sim.backend import Backend
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
 from hcbench.tune.snippet import arguments
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from hcbench.sim.candidate_pairs import CandidatePair
-    from hcbench.sim.model_under_test import ModelUnderTest, Request
 
 Positive = Annotated[Finite | None, Field(ge=0.0)]
 
@@ -42,34 +34,14 @@ class DrakeOptions(ScriptOptions):
     relaxation_time: Positive = None
 
 
-class DrakeEngine(ScriptedEngine[DrakeOptions]):
+class DrakeEngine(OpensFiles, ScriptedEngine[DrakeOptions]):
     """Drake's MultibodyPlant behind pydrake."""
 
     name: ClassVar[str] = "drake"
     title: ClassVar[str] = "Drake"
     backend: ClassVar[Backend] = Backend("drake", "drake", "1.51", "1.51")
-    limit: ClassVar[float] = 300.0  # Python reads a user's model after each step
-    suffixes: ClassVar[tuple[str, ...]] = (".urdf", ".sdf", ".xml", ".mjcf")
     laws = (HuntCrossley,)
     table = DrakeOptions
-
-    def accepts(self, source: Any) -> bool:
-        """Nothing: who names no engine is given one that takes all of such a file."""
-        return False
-
-    def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> ModelUnderTest:
-        """A model from URDF, SDF or MJCF files, in a discrete plant with nothing else set."""
-        from hcbench.engines.drake.model_under_test import DrakeModel
-
-        return DrakeModel(self.backend.module("pydrake.all"), self.version(), source, request, {})
-
-    def pairs(
-        self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
-    ) -> list[CandidatePair]:
-        """Pairs of shapes that Drake collides."""
-        from hcbench.engines.drake.list_pairs import list_pairs
-
-        return list_pairs(self.backend.module("pydrake.all"), source, request)
 
     def lines(self, options: DrakeOptions, scene: Scene) -> str:
         """Plant, contact or law, and Simulator."""

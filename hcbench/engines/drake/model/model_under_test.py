@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.engines.drake.place import approach_row, bring_to_touch, move_on, set_pose
-from hcbench.engines.drake.user_model import DISSIPATION, STIFFNESS, LoadedPlant, ignored_in_words
+from hcbench.engines.drake.model.place import approach_row, bring_to_touch, move_on, set_pose
+from hcbench.engines.drake.model.user_model import DISSIPATION, STIFFNESS, LoadedPlant, ignored_in_words
 from hcbench.errors import UserError
 from hcbench.laws.closed_form import alpha_of
 from hcbench.laws.restitution import Restitution

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.engines.drake.place import approach_row, movers, set_pose
-from hcbench.engines.drake.user_model import DISSIPATION, STIFFNESS, LoadedPlant, Part
+from hcbench.engines.drake.model.place import approach_row, movers, set_pose
+from hcbench.engines.drake.model.user_model import DISSIPATION, STIFFNESS, LoadedPlant, Part
 from hcbench.errors import UserError
 from hcbench.sim.candidate_pairs import CandidatePair, in_order
 

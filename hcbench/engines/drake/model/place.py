@@ -13,7 +13,7 @@ from hcbench.sim.names import suggest_names
 from hcbench.sim.touch import LEAST_APPROACH, require_apart
 
 if TYPE_CHECKING:
-    from hcbench.engines.drake.user_model import Gap, LoadedPlant, Part
+    from hcbench.engines.drake.model.user_model import Gap, LoadedPlant, Part
     from hcbench.impact import Floats
     from hcbench.sim.model_under_test import Request
 
