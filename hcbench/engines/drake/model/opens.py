@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from hcbench.sim.backend import Backend
 from hcbench.sim.engine import Engine
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 class OpensFiles(Engine):
     """URDF, SDF and MJCF files that Drake loads."""
 
+    backend: ClassVar[Backend]
     limit: ClassVar[float] = 300.0  # Python reads a user's model after each step
     suffixes: ClassVar[tuple[str, ...]] = (".urdf", ".sdf", ".xml", ".mjcf")
 
