@@ -21,14 +21,14 @@ test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyp
 	$(LOWEST)/bin/python -m pytest -n 2 --dist worksteal
 
 test-models: $(MODELS)/.installed  ## 40 models that others wrote, from their packages (docs/explanation/models.md)
-	HCBENCH_MODELS=1 $(MODELS)/bin/python -m pytest -n 2 tests/test_models_from_outside.py
+	HCBENCH_MODELS=1 $(MODELS)/bin/python -m pytest -n 2 tests/measuring/test_models_from_outside.py
 
 test-engines: $(INSTALLED)  ## all engines from the package index, each in an environment of its own
 	HCBENCH_DATA=$(abspath $(ENGINES)) $(BIN)/hcbench engines add mujoco@3.3.0 mujoco@3.6.0 \
 	  $$($(BIN)/python -c "from hcbench.sim.install import names; print(*names())")
 	HCBENCH_ENGINES=$(abspath $(ENGINES)) $(BIN)/python -m pytest -n 2 --dist loadgroup \
-	  tests/test_engines_from_index.py tests/test_mjx_warp.py tests/test_newton.py tests/test_physx_opensim.py \
-	  tests/test_field.py
+	  tests/sim/test_engines_from_index.py tests/engines/test_mjx_warp.py tests/sim/test_newton.py tests/sim/test_physx_opensim.py \
+	  tests/reporting/test_field.py
 
 bench: $(INSTALLED)  ## every speed claim, side by side with what others do; the table in benchmarks/README.md
 	$(BIN)/python -m pytest benchmarks/bench_reference.py benchmarks/bench_engines.py benchmarks/bench_commands.py \

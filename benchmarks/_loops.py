@@ -16,8 +16,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from hcbench.engines.pybullet.options import read_options
-from hcbench.engines.pybullet.world import PybulletWorld
+from hcbench.engines.pybullet.scene.options import read_options
+from hcbench.engines.pybullet.scene.world import PybulletWorld
 from hcbench.impact import Launch
 from hcbench.scene import Scene
 from hcbench.setting import Setting

@@ -12,20 +12,20 @@ from _loops import bare, in_mujoco, in_mujoco_barely, in_pybullet
 
 from hcbench.benchmark.batch import Batch, run_batch
 from hcbench.contact.mujoco import load as load_plugins
-from hcbench.engines.mujoco import batch
 from hcbench.engines.mujoco import engine as mujoco_engine
 from hcbench.engines.mujoco.engine import MujocoEngine
-from hcbench.engines.mujoco.mjcf import model_xml
-from hcbench.engines.mujoco.options import read_options
-from hcbench.engines.mujoco.scene_model import load
-from hcbench.engines.mujoco.world import BatchPool
+from hcbench.engines.mujoco.scene import batch
+from hcbench.engines.mujoco.scene.mjcf import model_xml
+from hcbench.engines.mujoco.scene.options import read_options
+from hcbench.engines.mujoco.scene.scene_model import load
+from hcbench.engines.mujoco.scene.world import BatchPool
 from hcbench.impact import Launch
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.recipes.target import Target
 from hcbench.scene import load_scene
 from hcbench.setting import Setting
 from hcbench.sim import registry
-from hcbench.tune.target import Target
 from hcbench.workers import WorkerPool, process
 
 SCENE = load_scene("steel-plane")

@@ -18,14 +18,14 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent / "examples" / "recording"))
 import synthesise as synth
 
-from hcbench.fit.candidates import LAWS
-from hcbench.fit.datasets import Dataset, Heights, TouchTimes
-from hcbench.fit.estimate import LawFit, fit_law
-from hcbench.fit.pairs import SpeedPairs
-from hcbench.fit.result import fit
-from hcbench.fit.setup import Known, MeasurementSetup
-from hcbench.fit.sound import Recording, find_touches
-from hcbench.fit.track import track_of
+from hcbench.fitting.candidates import LAWS
+from hcbench.fitting.datasets import Dataset, Heights, TouchTimes
+from hcbench.fitting.estimate import LawFit, fit_law
+from hcbench.fitting.pairs import SpeedPairs
+from hcbench.fitting.result import fit
+from hcbench.fitting.setup import Known, MeasurementSetup
+from hcbench.fitting.sound import Recording, find_touches
+from hcbench.fitting.track import track_of
 
 EXACT = MeasurementSetup(gravity=Known(synth.GRAVITY))
 Make = Callable[[np.random.Generator], Dataset]

@@ -34,10 +34,10 @@ from test_plugin_mujoco import oblique
 from hcbench.contact.mujoco import ConstantRestitution, HuntCrossley, Restitution
 from hcbench.impact import Launch
 from hcbench.laws import closed_form
+from hcbench.recipes.target import Target
 from hcbench.scene import load_scene
 from hcbench.sim import registry
-from hcbench.tune.evaluate import evaluate
-from hcbench.tune.target import Target
+from hcbench.tuning.evaluate import evaluate
 
 INCH = 0.0254
 ALPHAS = (0.002, 0.004, 0.008, 0.016)  # s/in

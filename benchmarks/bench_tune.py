@@ -23,11 +23,11 @@ from _searches import methods, paste, searched
 
 from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
+from hcbench.recipes.constant import minimax_constant
+from hcbench.recipes.target import Target
 from hcbench.scene import load_scene
-from hcbench.tune.constant import minimax_constant
-from hcbench.tune.snippet import snippet
-from hcbench.tune.target import Target
-from hcbench.tune.tune import Tuned, tune
+from hcbench.tuning.snippet import snippet
+from hcbench.tuning.tune import Tuned, tune
 
 SCENE = load_scene("steel-plane")
 ALPHA, BAND, MU, DROP = 0.315, (0.1, 3.0), 0.5, 0.02

@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from hcbench.errors import HcbenchError
     from hcbench.impact import Impact, Launch, Loop, Status
     from hcbench.laws.force import HuntCrossley, KelvinVoigt
-    from hcbench.measure import Measurement, Wanted
+    from hcbench.measuring import Measurement, Wanted
+    from hcbench.recipes.target import Target
     from hcbench.scene import Scene, load_scene
     from hcbench.scoring import Score, score
     from hcbench.setting import Setting
     from hcbench.sim.registry import engine
-    from hcbench.tune.target import Target
 
 _HOMES = {
     "HcbenchError": "errors",
@@ -29,19 +29,19 @@ _HOMES = {
     "KelvinVoigt": "laws.force",
     "Launch": "impact",
     "Loop": "impact",
-    "Measurement": "measure.measurement",
+    "Measurement": "measuring.measurement",
     "Results": "benchmark.results",
     "Scene": "scene",
     "Score": "scoring",
     "Setting": "setting",
     "Status": "impact",
     "Study": "benchmark.study",
-    "Target": "tune.target",
-    "Wanted": "measure.measurement",
+    "Target": "recipes.target",
+    "Wanted": "measuring.measurement",
     "engine": "sim.registry",
     "load_scene": "scene",
     "load_study": "benchmark.study",
-    "measure": "measure",
+    "measure": "measuring.measure",
     "run_study": "benchmark.run",
     "score": "scoring",
 }
@@ -77,8 +77,6 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         globals()[name] = import_module("importlib.metadata").version("hcbench")
         return globals()[name]
-    if name == "measure":  # the package itself, which can be called
-        return import_module("hcbench.measure")
     if name in _HOMES:
         return getattr(import_module(f"hcbench.{_HOMES[name]}"), name)
     raise AttributeError(f"module 'hcbench' has no attribute {name!r}")

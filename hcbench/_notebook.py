@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class Shown:
-    """What `hcbench.report.notebook` can draw. It is found by its name, as figures stand above all results
+    """What `hcbench.reporting.notebook` can draw. It is found by its name, as figures stand above all results
     and nobody should load matplotlib who draws none.
     """
 
@@ -28,4 +28,4 @@ class Shown:
 
 
 def _notebook() -> Any:
-    return import_module("hcbench.report.notebook")
+    return import_module("hcbench.reporting.notebook")

@@ -23,8 +23,8 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from hcbench.check.outcome import Outcome
-    from hcbench.measure.measurement import Measurement
+    from hcbench.checking.outcome import Outcome
+    from hcbench.measuring.measurement import Measurement
 
 _INI = {
     "restitution_max_error": "largest |e - wanted| that restitution tests allow (default 0.02)",
@@ -133,7 +133,7 @@ class ModelBounce:
         __tracebackhide__ = True
         outcome = self._check(max_error, against)
         if outcome.exit_code == 1:
-            from hcbench.check.text import outcome_text
+            from hcbench.checking.text import outcome_text
 
             pytest.fail(f"{outcome.message}\n{outcome_text(outcome)}", pytrace=False)
         if outcome.measurement is None:
@@ -141,7 +141,7 @@ class ModelBounce:
         return outcome.measurement
 
     def _check(self, max_error: float | None, against: Mapping[str, Any]) -> Outcome:
-        from hcbench.check import CheckSpec, plan, run_check
+        from hcbench.checking import CheckSpec, plan, run_check
         from hcbench.errors import HcbenchError, UserError
         from hcbench.fields import validate
 

@@ -25,6 +25,8 @@ from hcbench.errors import EngineMissing, SettingError
 from hcbench.impact import Impact, Launch
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.recipes.recipe import Recipe, Role
+from hcbench.recipes.target import Target
 from hcbench.scene import Scene, load_scene, scene_names
 from hcbench.scoring import loop_area
 from hcbench.setting import Setting
@@ -32,8 +34,6 @@ from hcbench.sim import registry
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.inside import reading_of, record_in, run_where
 from hcbench.sim.read_impact import SpeedReading
-from hcbench.tune.recipe import Recipe, Role
-from hcbench.tune.target import Target
 
 SPEEDS, PHASES = (0.05, 0.21, 0.47), tuple((i + 0.5) / 8 for i in range(8))
 LAUNCHES = tuple(Launch(v, p) for v in SPEEDS for p in PHASES)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pybullet as p
 import pybullet_data
 
-from hcbench.measure.pybullet import World
+from hcbench.engines.pybullet.model.open import LiveWorld as World
 
 DATA = Path(pybullet_data.getDataPath())
 

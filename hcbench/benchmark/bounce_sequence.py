@@ -103,7 +103,7 @@ class Dropped:
 
 def law_heights(law: HuntCrossley, mass: float, height: float, count: int = BOUNCES) -> list[float]:
     """Heights (m) after each of `count` bounces of a drop from `height` (m), by (16) under gravity."""
-    from hcbench.laws import ode  # here, as SciPy's integrators are slow to import
+    from hcbench.laws import ode
 
     heights = []
     for _ in range(count):

@@ -20,17 +20,17 @@ from hcbench.benchmark.results import run_key
 from hcbench.impact import Launch
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.recipes.target import Target
 from hcbench.sim import registry
-from hcbench.tune.target import Target
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from hcbench.benchmark.study import Run, Study
+    from hcbench.recipes.recipe import Recipe
     from hcbench.scene import Scene
     from hcbench.setting import Setting
-    from hcbench.tune.recipe import Recipe
 
 SCHEMA = 1
 _NAMED = re.compile(r'file(?:name)?\s*=\s*"([^"]+)"')  # how MJCF and URDF name meshes and parts

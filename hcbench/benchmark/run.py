@@ -74,7 +74,7 @@ def run_in_pool(
     pool: WorkerPool, study: Study, progress: Callable[[int, int], None] | None = None
 ) -> Results:
     """As `run_study`, by processes that have more to do before or after."""
-    from hcbench.benchmark.read import results_in  # here, as a sweep needs no pandas
+    from hcbench.benchmark.read import results_in
 
     def report(now: Progress) -> None:
         if progress is not None:

@@ -15,8 +15,8 @@ from hcbench.errors import UserError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from hcbench.check.spec import CheckSpec
-    from hcbench.measure.measure import Job
+    from hcbench.checking.spec import CheckSpec
+    from hcbench.measuring.measure import Job
 
 
 def _file(*names: str, help: str) -> Callable[..., Any]:  # noqa: A002 - Click's own word
@@ -59,7 +59,7 @@ def _spec(
 ) -> CheckSpec:
     """What was asked for, with the names of options as those of the fields."""
     _begin(models, options["engine"])
-    from hcbench.check.spec import CheckSpec
+    from hcbench.checking.spec import CheckSpec
 
     if python is not None and models:
         raise UserError("--python", f"given beside {' '.join(models)}", "one of the two")
@@ -74,7 +74,7 @@ def _begin(models: tuple[str, ...], engine: object) -> None:
     if first.is_file() and first.suffix.lower() != ".toml" and "@" not in str(engine):
         from hcbench.workers import begin
 
-        begin("hcbench.measure.measure", "prepare", models, engine)
+        begin("hcbench.measuring.measure", "prepare", models, engine)
 
 
 @click.command()
@@ -98,10 +98,10 @@ def measure(
     Restitution, loops, and why it is not as asked, of the model as you have it.
     """
     from hcbench._files import write_text
-    from hcbench.check.spec import plan
-    from hcbench.measure.measure import Job, measure_job
-    from hcbench.measure.measurement import TOLERANCE
-    from hcbench.measure.text import as_record, as_text
+    from hcbench.checking.spec import plan
+    from hcbench.measuring.measure import Job, measure_job
+    from hcbench.measuring.measurement import TOLERANCE
+    from hcbench.measuring.text import as_record, as_text
 
     asked = plan(_spec(models, python, options, required=True))
     job = Job(asked.source, asked.engine, asked.request, asked.wanted, TOLERANCE, diagnose=True)
@@ -110,7 +110,7 @@ def measure(
         return
     measurement = measure_job(job, asked.limit)
     if page is not None:
-        from hcbench.report.measurement_page import measurement_page
+        from hcbench.reporting.measurement_page import measurement_page
 
         write_text(page, measurement_page(measurement))
     if as_json:
@@ -121,8 +121,8 @@ def measure(
 
 def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
     """Every pair that touches at the start; what cannot be measured is told and passed over."""
-    from hcbench.measure.measure import list_pairs, measure_job
-    from hcbench.measure.text import as_record, as_text
+    from hcbench.measuring.measure import list_pairs, measure_job
+    from hcbench.measuring.text import as_record, as_text
 
     pairs = [pair for pair in list_pairs(job, limit) if pair.touching]
     if not pairs:
@@ -160,9 +160,9 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
 
     With what moves them, effective mass and the contact parameters in force.
     """
-    from hcbench.check.spec import plan
-    from hcbench.measure.measure import Job, list_pairs
-    from hcbench.measure.measurement import TOLERANCE
+    from hcbench.checking.spec import plan
+    from hcbench.measuring.measure import Job, list_pairs
+    from hcbench.measuring.measurement import TOLERANCE
     from hcbench.sim.candidate_pairs import as_records, as_table
 
     asked = plan(_spec(models, python, options, required=True))
@@ -204,8 +204,8 @@ def check(
     MODELS are a model, a study, or a TOML file with a [tool.hcbench] table.
     Exit 0 within limits, 1 a limit passed, 2 a mistake, 3 could not run.
     """
-    from hcbench.check.command import Outputs, check
-    from hcbench.check.text import as_record_of, as_text
+    from hcbench.checking.command import Outputs, check
+    from hcbench.checking.text import as_record_of, as_text
 
     outputs = Outputs(junit, markdown, png, write_baseline)
     with progress("checks") as tick:

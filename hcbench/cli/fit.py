@@ -12,7 +12,7 @@ from hcbench.cli.console import QuantityType, UncertainType, as_json, print_json
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
-    from hcbench.fit.setup import MeasurementSetup
+    from hcbench.fitting.setup import MeasurementSetup
 
     Uncertain = tuple[float, float] | None
 
@@ -78,10 +78,10 @@ def fit(
     penetration [um],rate [m/s],force [N]. Several files of bounces share one α.
     """
     from hcbench._files import write_text
-    from hcbench.fit import force
-    from hcbench.fit.read import KINDS, read_dataset, read_force
-    from hcbench.fit.result import fit as fit_sets
-    from hcbench.fit.text import as_record, as_text, points_text, with_uncertainty
+    from hcbench.fitting import force
+    from hcbench.fitting.read import KINDS, read_dataset, read_force
+    from hcbench.fitting.result import fit as fit_sets
+    from hcbench.fitting.text import as_record, as_text, points_text, with_uncertainty
 
     if not files:
         raise UserError(
@@ -101,7 +101,7 @@ def fit(
         return
     result = fit_sets([read_dataset(path, setup, kind, _touches(touches)) for path in files], law)
     if page is not None:
-        from hcbench.report.fit_page import fit_page
+        from hcbench.reporting.fit_page import fit_page
 
         write_text(page, fit_page(result, _engine()))
     if write_points is not None:
@@ -124,7 +124,7 @@ def _touches(text: str | None) -> range | None:
 
 def _setup(options: _SetupOptions) -> MeasurementSetup:
     from hcbench import units
-    from hcbench.fit.setup import HEIGHT_UNCERTAINTY, Known, MeasurementSetup
+    from hcbench.fitting.setup import HEIGHT_UNCERTAINTY, Known, MeasurementSetup
 
     given: dict[str, Known] = {}
     for name in ("mass", "diameter", "drag_coefficient", "contact_time", "speed"):

@@ -39,8 +39,8 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
         # While this process imports what draws the page.
         pool.begin("importlib", "import_module", "hcbench.benchmark.shard")
         from hcbench.benchmark.run import run_in_pool
-        from hcbench.report.build import build
-        from hcbench.report.page import PAGE
+        from hcbench.reporting.build import build
+        from hcbench.reporting.page import PAGE
 
         if swept:
             build(read(study, pool.map), folder, pool)

@@ -27,13 +27,13 @@ from hcbench.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
+    from hcbench.recipes.search import SearchInterrupted
+    from hcbench.recipes.target import Target
     from hcbench.scene import Scene
     from hcbench.setting import Setting
-    from hcbench.tune.choose import Match
-    from hcbench.tune.evaluate import Evaluation
-    from hcbench.tune.search import SearchInterrupted
-    from hcbench.tune.target import Target
-    from hcbench.tune.tune import Tuned
+    from hcbench.tuning.choose import Match
+    from hcbench.tuning.evaluate import Evaluation
+    from hcbench.tuning.tune import Tuned
 
     Points = tuple[tuple[float, float], ...]
 
@@ -108,9 +108,9 @@ def tune(
 ) -> None:
     """Find settings that bounce like your material."""
     from hcbench._files import write_text
+    from hcbench.recipes.search import SearchInterrupted
     from hcbench.sim import registry
-    from hcbench.tune import tune as tuning
-    from hcbench.tune.search import SearchInterrupted
+    from hcbench.tuning import tune as tuning
 
     scene, target = _scene_and_target(options)
     try:
@@ -136,8 +136,8 @@ def tune(
 def _scene_and_target(options: _TargetOptions) -> tuple[Scene, Target]:
     from hcbench import units
     from hcbench.laws.force import HuntCrossley
+    from hcbench.recipes.target import Target
     from hcbench.scene import load_scene
-    from hcbench.tune.target import Target
 
     scene = load_scene(options["scene"])
     ways = {name: options[name] for name in ("alpha", "restitution", "points")}
@@ -183,7 +183,7 @@ def parse_points(text: str) -> Points:
     with suppress(OSError):  # pairs are no file's name, and may be longer than one can be
         is_file = Path(text).is_file()
     if is_file:
-        from hcbench.check.measured_pairs import read_pairs
+        from hcbench.checking.measured_pairs import read_pairs
 
         return read_pairs(Path(text))
     points = []
@@ -199,7 +199,7 @@ def parse_points(text: str) -> Points:
 
 
 def _snippet(setting: Setting, scene: Scene) -> str:
-    from hcbench.tune.snippet import snippet
+    from hcbench.tuning.snippet import snippet
 
     return snippet(setting, scene.form)
 

@@ -15,7 +15,7 @@ from hcbench.cli.console import print_json
 from hcbench.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
-    from hcbench.tune.model import TunedModel, TunedPair
+    from hcbench.tuning.model import TunedModel, TunedPair
 
 _SPEEDS = (0.1, 2.0)  # m/s, the band where none is given
 
@@ -95,10 +95,10 @@ def tune_and_print(
     """Tune, print the lines and how wrong they are, and write the model with them."""
     from hcbench._files import write_text
     from hcbench.cli.tune import parse_points
-    from hcbench.measure.measurement import Wanted
-    from hcbench.measure.request import make_request
-    from hcbench.tune.model import tune_model
-    from hcbench.tune.tune import MAX_ERROR
+    from hcbench.measuring.measurement import Wanted
+    from hcbench.measuring.request import make_request
+    from hcbench.tuning.model import tune_model
+    from hcbench.tuning.tune import MAX_ERROR
 
     source, max_error = options["engine"], options["max_error"]
     if not pairs:

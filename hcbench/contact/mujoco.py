@@ -12,7 +12,7 @@ from hcbench.engines.mujoco.plugin import (
 )
 from hcbench.laws.contact_law import Friction
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.published import OwnSpeedLaw, TouchSpeedLaw
+from hcbench.laws.published import TouchSpeedLaw
 from hcbench.laws.restitution import ConstantRestitution, Restitution
 
 __all__ = [
@@ -20,7 +20,6 @@ __all__ = [
     "ContactAccuracyWarning",
     "Friction",
     "HuntCrossley",
-    "OwnSpeedLaw",
     "Restitution",
     "TouchSpeedLaw",
     "add_to_spec",

@@ -9,7 +9,7 @@ next to its branch point. So e is evaluated as
 two forms without cancellation, with S a Chebyshev series over 0 <= d <= 1, where most bounces are, and
 another over 0 <= d <= 42. Beyond, e = 1/d to the last digit. The nearest singularities of S in t are at the
 pole d = -5 and where d - ln(1 + d) = ±2πi; the shift 5 keeps both far and the series short.
-tests/test_reference_exact.py makes the coefficients again: sample S at 64 Chebyshev points in 60-digit
+tests/laws/test_closed_form.py makes the coefficients again: sample S at 64 Chebyshev points in 60-digit
 arithmetic, discrete cosine transform, drop what is below 1e-17.
 """
 

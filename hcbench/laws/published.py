@@ -225,6 +225,3 @@ class TouchSpeedLaw:
         """The law of an impact that touches at `speed` m/s: eq. (16) with α = χ/((3/2) v_i)."""
         positive("speed", speed, "m/s")
         return HuntCrossley(self.stiffness, self.chi / (1.5 * speed), self.exponent)
-
-
-OwnSpeedLaw = TouchSpeedLaw  # its earlier name: scripts that use it keep working

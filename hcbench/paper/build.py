@@ -14,8 +14,8 @@ from hcbench.paper.approximations import APPROXIMATIONS
 from hcbench.paper.engines import engines_with_two_blocks
 from hcbench.paper.forced_figures import FULL, QUICK, Effort
 from hcbench.paper.printed_numbers import FACTOR_MASSES, factors, printed_numbers
-from hcbench.report.page import PAGE, Drawing, draw, render
-from hcbench.report.wording import engine_title, listed
+from hcbench.reporting.page import PAGE, Drawing, draw, render
+from hcbench.reporting.wording import engine_title, listed
 from hcbench.sim import registry
 
 ASKED = (0.3, 0.5, 0.7, 0.9)  # restitutions of the table of laws

@@ -16,8 +16,8 @@ from hcbench.paper.engines import EngineTrajectory, engines_with_two_blocks, sim
 from hcbench.paper.vibroimpact.response import kelvin_voigt_blocks, linearized, orbits
 from hcbench.paper.vibroimpact.simulate import simulate
 from hcbench.paper.vibroimpact.system import SimulatedMotion, Sinusoid, VibroImpact
-from hcbench.report.plot_style import BLUE, GREY, ORANGE, legend_below, new_figure, numbered_line
-from hcbench.report.wording import engine_title
+from hcbench.reporting.plot_style import BLUE, GREY, ORANGE, legend_below, new_figure, numbered_line
+from hcbench.reporting.wording import engine_title
 from hcbench.sim import registry
 
 

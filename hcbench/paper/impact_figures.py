@@ -8,7 +8,7 @@ from hcbench.laws import closed_form
 from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.force import HuntCrossley
 from hcbench.paper import approximations, constants
-from hcbench.report.plot_style import (
+from hcbench.reporting.plot_style import (
     BLUE,
     GREEN,
     GREY,

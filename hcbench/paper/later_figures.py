@@ -11,7 +11,7 @@ from hcbench.laws.kelvin_voigt import Ending
 from hcbench.laws.published import LAWS
 from hcbench.paper import constants
 from hcbench.paper.approximations import APPROXIMATIONS
-from hcbench.report.plot_style import (
+from hcbench.reporting.plot_style import (
     BLUE,
     DASHES,
     GREEN,

@@ -9,7 +9,7 @@ from hcbench.laws import closed_form, hertz, ode
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.hertz_elliptic import largest_shear
 from hcbench.paper import constants
-from hcbench.report.wording import four_digits
+from hcbench.reporting.wording import four_digits
 from hcbench.units import INCH, POUND, POUND_FORCE, PSI
 
 Agreement = Literal["agrees", "rounded", "differs"]

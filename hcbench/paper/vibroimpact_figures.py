@@ -11,7 +11,7 @@ from hcbench.paper.impact_figures import name_axes
 from hcbench.paper.vibroimpact.response import linearized
 from hcbench.paper.vibroimpact.simulate import simulate
 from hcbench.paper.vibroimpact.system import SimulatedMotion, Sinusoid, VibroImpact
-from hcbench.report.plot_style import BLUE, GREEN, GREY, INK, ORANGE, new_figure
+from hcbench.reporting.plot_style import BLUE, GREEN, GREY, INK, ORANGE, new_figure
 
 # Sketches in units of their own, k = m = 1, with a loss large enough to be seen.
 ALPHA = 0.35

@@ -40,12 +40,12 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats, Impact, Launch, Trajectory
     from hcbench.laws.conventions import OneContact, Words
     from hcbench.laws.restitution import RestitutionCurve
+    from hcbench.recipes.recipe import Recipe
     from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.sim.backend import Backend
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.model_under_test import ModelSetting, ModelUnderTest, Request
-    from hcbench.tune.recipe import Recipe
     from hcbench.workers import Interpreter
 
     Flags = NDArray[Any]

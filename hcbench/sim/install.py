@@ -11,10 +11,10 @@ from hcbench.environments import make, store
 from hcbench.errors import CannotRun, HcbenchError, UserError
 from hcbench.impact import Launch, Status
 from hcbench.laws.force import HuntCrossley
+from hcbench.recipes.target import Target
 from hcbench.scene import load_scene
 from hcbench.sim import registry
-from hcbench.sim.elsewhere import interpreter, worker_requirements
-from hcbench.tune.target import Target
+from hcbench.sim.remote import interpreter, worker_requirements
 from hcbench.workers import call
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.engine import World
 
 if TYPE_CHECKING:
-    from hcbench.sim.borrowed import BorrowingEngine
+    from hcbench.sim.shared_model import BorrowingEngine
 
 DEFAULT_SPEEDS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0)
 DEFAULT_PHASES = 4

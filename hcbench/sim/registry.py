@@ -15,14 +15,14 @@ from hcbench._arguments import checked
 from hcbench.environments import store
 from hcbench.errors import EngineFailed, EngineMissing, UserError
 from hcbench.sim.backend import UntriedVersionWarning
-from hcbench.sim.elsewhere import absent, elsewhere, renamed
+from hcbench.sim.remote import absent, elsewhere, renamed
 from hcbench.workers import environment, in_worker
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    from hcbench.recipes.recipe import Recipe
     from hcbench.sim.engine import Engine
-    from hcbench.tune.recipe import Recipe
 
 GROUP = "hcbench.engines"
 

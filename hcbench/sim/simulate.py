@@ -18,9 +18,9 @@ from hcbench.errors import SettingError
 from hcbench.impact import Impact, Status, Trajectory
 from hcbench.laws import closed_form
 from hcbench.sim import registry
-from hcbench.sim.elsewhere import STEP_S
 from hcbench.sim.engine import CannotShareError
 from hcbench.sim.read_impact import impacts_of
+from hcbench.sim.remote import STEP_S
 from hcbench.sim.stop import StopRule
 from hcbench.sim.tangential import with_tangential
 from hcbench.workers import call, map_surviving_crashes, redirect_output

@@ -11,18 +11,18 @@ import numpy as np
 
 from hcbench.errors import SceneError, SettingError
 from hcbench.laws.force import HuntCrossley
+from hcbench.recipes.recipe import Recipe, Role
 from hcbench.sim.engine import Record, Simulation, SteppedEngine, World
 from hcbench.sim.read_impact import SpeedReading
-from hcbench.tune.recipe import Recipe, Role
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from hcbench.impact import Floats, Launch
+    from hcbench.recipes.target import Target
     from hcbench.scene import Scene
     from hcbench.setting import Setting
     from hcbench.sim.engine import Flags
-    from hcbench.tune.target import Target
 
     Force = Callable[[Floats, Floats], Floats]
 

@@ -6,10 +6,10 @@ import math
 from typing import Any
 
 from hcbench.errors import SettingError
-from hcbench.tune.constant import minimax_constant
-from hcbench.tune.law_recipes import python_law_recipes
-from hcbench.tune.recipe import Role, on_a_plane, stock
-from hcbench.tune.target import Target
+from hcbench.recipes.constant import minimax_constant
+from hcbench.recipes.law_recipes import python_law_recipes
+from hcbench.recipes.recipe import Role, on_a_plane, stock
+from hcbench.recipes.target import Target
 
 _MIXING = 1e-5  # constraint force mixing, built in: a shape's e gives (1 + e)/(1 + 1e-5) - 1
 _THRESHOLD, _CAP = 0.1, 100.0  # units of length a second: no bounce below in e v, none faster than that

@@ -7,14 +7,14 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from hcbench._text import shortest
-from hcbench.engines.drake.model.opens import OpensFiles
+from hcbench.engines.drake.model.open import OpensFiles
 from hcbench.fields import Finite
 from hcbench.laws.force import HuntCrossley
 from hcbench.scene import Scene
 from hcbench.sim.backend import Backend
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
-from hcbench.tune.snippet import arguments
+from hcbench.tuning.snippet import arguments
 
 Positive = Annotated[Finite | None, Field(ge=0.0)]
 

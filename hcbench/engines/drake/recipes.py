@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from hcbench.tune import constant
-from hcbench.tune.law_recipes import python_law_recipes
-from hcbench.tune.recipe import Role, on_a_plane, stock
-from hcbench.tune.target import Target
+from hcbench.recipes import constant
+from hcbench.recipes.law_recipes import python_law_recipes
+from hcbench.recipes.recipe import Role, on_a_plane, stock
+from hcbench.recipes.target import Target
 
 _DAMPED = 2e-3  # share of e that the discrete plant's own damping may take, where that is not too soft
 _DEEPEST = 1e-3  # m: as deep as the band's highest speed may go for it

@@ -12,7 +12,7 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.sim.backend import Backend
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
-from hcbench.tune.snippet import arguments
+from hcbench.tuning.snippet import arguments
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,11 +10,11 @@ from typing import Any
 
 from hcbench.errors import SettingError
 from hcbench.impact import Status
-from hcbench.tune.constant import minimax_constant
-from hcbench.tune.law_recipes import python_law_recipes
-from hcbench.tune.recipe import Recipe, Role, stock
-from hcbench.tune.softening import resolvable_law
-from hcbench.tune.target import Target
+from hcbench.recipes.constant import minimax_constant
+from hcbench.recipes.law_recipes import python_law_recipes
+from hcbench.recipes.recipe import Recipe, Role, stock
+from hcbench.recipes.softening import resolvable_law
+from hcbench.recipes.target import Target
 
 _SOFTENED_STEPS = 60.0  # in the shortest contact, where the law's own has too few: what e gains is 1e-3 then
 

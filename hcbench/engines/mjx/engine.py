@@ -18,8 +18,8 @@ import numpy as np
 from hcbench._files import user_folder
 from hcbench.errors import SceneError, SettingError
 from hcbench.sim.backend import Backend
-from hcbench.sim.batched import law_text
-from hcbench.sim.borrowed import BorrowingEngine, Copies
+from hcbench.sim.parallel import law_text
+from hcbench.sim.shared_model import BorrowingEngine, Copies
 from hcbench.workers import in_worker
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from hcbench.engines.mjx.engine import IMPEDANCE
-from hcbench.sim.borrowed import borrowed, changed
-from hcbench.tune.law_recipes import python_law_recipes
-from hcbench.tune.recipe import Integrators
+from hcbench.recipes.law_recipes import python_law_recipes
+from hcbench.recipes.recipe import Integrators
+from hcbench.sim.shared_model import borrowed, changed
 
 _STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MJX does not have it")
 _SCATTER = 4e-3  # of e: a float32 position at R has steps of 4 nm, and 1e-5 s moves it by 250 and more

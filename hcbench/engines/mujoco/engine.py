@@ -20,18 +20,18 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from hcbench.engines.mujoco import mjcf
 from hcbench.engines.mujoco.backend import BACKEND
-from hcbench.engines.mujoco.options import Options, read_options
-from hcbench.engines.mujoco.scene_model import load
-from hcbench.engines.mujoco.world import BatchPool, MujocoWorld
+from hcbench.engines.mujoco.scene import mjcf
+from hcbench.engines.mujoco.scene.options import Options, read_options
+from hcbench.engines.mujoco.scene.scene_model import load
+from hcbench.engines.mujoco.scene.world import BatchPool, MujocoWorld
 from hcbench.errors import UserError
 from hcbench.sim.engine import SteppedEngine
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from hcbench.engines.mujoco.model_under_test import MujocoModel
+    from hcbench.engines.mujoco.model.under_test import MujocoModel
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.scene import Scene
     from hcbench.setting import Setting
@@ -54,7 +54,7 @@ class MujocoEngine(SteppedEngine):
         if "law" not in setting.options:
             rows = mjcf.rows_snippet(setting, form) if setting.options.get("rows") else ""
             return rows or setting.options_text
-        from hcbench.engines.mujoco.law_mjcf import law_snippet  # imports SciPy, as the laws do
+        from hcbench.engines.mujoco.plugin.law_mjcf import law_snippet
         from hcbench.laws.contact_law import law_of
 
         return law_snippet(law_of(setting.options["law"]), form)
@@ -76,7 +76,7 @@ class MujocoEngine(SteppedEngine):
         options = read_options(setting.options)
         if options.law is None:
             return MujocoWorld(_pool(scene, setting.timestep, options))
-        from hcbench.engines.mujoco import plugin  # imports SciPy, as the laws do
+        from hcbench.engines.mujoco import plugin
         from hcbench.laws.contact_law import require_resolved
 
         require_resolved(options.law, scene.mass, fastest, setting.timestep)
@@ -95,7 +95,7 @@ class MujocoEngine(SteppedEngine):
             return str(source).lstrip().startswith("<") or super().accepts(source)
         if type(source).__module__.startswith("mujoco."):
             return True
-        from hcbench.engines.mujoco.user_model import live_state
+        from hcbench.engines.mujoco.model.open import live_state
 
         return any(hasattr(source, name) for name in ("unwrapped", "physics", "sim")) and (
             live_state(source) is not None
@@ -108,8 +108,8 @@ class MujocoEngine(SteppedEngine):
         rebuild: Callable[[], Any] | None = None,
     ) -> MujocoModel:
         """A model from a path, an MjModel, an MjSpec, MJCF text, or a state as it stands."""
-        from hcbench.engines.mujoco.model_under_test import MujocoModel
-        from hcbench.engines.mujoco.user_model import load as load_user_model
+        from hcbench.engines.mujoco.model.open import load as load_user_model
+        from hcbench.engines.mujoco.model.under_test import MujocoModel
 
         return MujocoModel(*load_user_model(_one_file(source), request), request)
 
@@ -120,8 +120,8 @@ class MujocoEngine(SteppedEngine):
         rebuild: Callable[[], Any] | None = None,
     ) -> list[CandidatePair]:
         """Pairs of geoms that may collide."""
-        from hcbench.engines.mujoco.list_pairs import list_pairs
-        from hcbench.engines.mujoco.user_model import load as load_user_model
+        from hcbench.engines.mujoco.model.list_pairs import list_pairs
+        from hcbench.engines.mujoco.model.open import load as load_user_model
 
         model, _, state = load_user_model(_one_file(source), request)
         return list_pairs(model, request, state)
@@ -134,7 +134,7 @@ class MujocoEngine(SteppedEngine):
         rebuild: Callable[[], Any] | None = None,
     ) -> Iterable[ModelSetting]:
         """<pair> elements for the pairs."""
-        from hcbench.engines.mujoco.tune_model import model_settings
+        from hcbench.engines.mujoco.model.tune_model import model_settings
 
         return model_settings(_one_file(source), requests, goal)
 

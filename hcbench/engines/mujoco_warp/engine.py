@@ -18,8 +18,8 @@ import numpy as np
 
 from hcbench.errors import EngineFailed, SceneError
 from hcbench.sim.backend import Backend
-from hcbench.sim.batched import law_text, run_lines
-from hcbench.sim.borrowed import BorrowingEngine, Copies
+from hcbench.sim.parallel import law_text, run_lines
+from hcbench.sim.shared_model import BorrowingEngine, Copies
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from hcbench.sim.borrowed import borrowed, changed
-from hcbench.tune.law_recipes import python_law_recipes
-from hcbench.tune.recipe import Integrators
-from hcbench.tune.target import Target
+from hcbench.recipes.law_recipes import python_law_recipes
+from hcbench.recipes.recipe import Integrators
+from hcbench.recipes.target import Target
+from hcbench.sim.shared_model import borrowed, changed
 
 _STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MuJoCo Warp does not have it")
 _SCATTER = 4e-3  # of e: a float32 position at R has steps of 4 nm

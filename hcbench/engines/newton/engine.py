@@ -13,7 +13,7 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
 from hcbench.scene import Scene
 from hcbench.sim.backend import Backend
-from hcbench.sim.batched import ScriptedWorldsEngine
+from hcbench.sim.parallel import ScriptedWorldsEngine
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptOptions
 

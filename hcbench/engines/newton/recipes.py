@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
-from hcbench.sim.borrowed import borrowed, changed
-from hcbench.tune.constant import contact_time, minimax_constant, one_way_spring_damper
-from hcbench.tune.law_recipes import python_law_recipes
-from hcbench.tune.recipe import Role, on_a_plane, stock
-from hcbench.tune.target import Target
+from hcbench.recipes.constant import contact_time, minimax_constant, one_way_spring_damper
+from hcbench.recipes.law_recipes import python_law_recipes
+from hcbench.recipes.recipe import Role, on_a_plane, stock
+from hcbench.recipes.target import Target
+from hcbench.sim.shared_model import borrowed, changed
 
 _SCATTER = 6e-3  # of e by float32, in contacts of many steps
 _STEPS = 40.0  # of a contact at least: its damper is stepped explicitly

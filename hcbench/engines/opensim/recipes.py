@@ -11,9 +11,9 @@ from typing import Any
 
 from hcbench.errors import SettingError
 from hcbench.impact import Status
-from hcbench.tune.law_recipes import python_law_recipes
-from hcbench.tune.recipe import Recipe, Role, stock
-from hcbench.tune.target import Target
+from hcbench.recipes.law_recipes import python_law_recipes
+from hcbench.recipes.recipe import Recipe, Role, stock
+from hcbench.recipes.target import Target
 
 _ACCURACY = 1e-11
 _HERTZ = 1.5

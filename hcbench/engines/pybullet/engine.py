@@ -18,18 +18,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from hcbench.engines.pybullet import snippet
 from hcbench.engines.pybullet.backend import BACKEND, end_client, is_connected
-from hcbench.engines.pybullet.options import read_options
-from hcbench.engines.pybullet.user_model import LiveWorld
-from hcbench.engines.pybullet.world import PybulletWorld
+from hcbench.engines.pybullet.model.open import LiveWorld
+from hcbench.engines.pybullet.scene import snippet
+from hcbench.engines.pybullet.scene.options import read_options
+from hcbench.engines.pybullet.scene.world import PybulletWorld
 from hcbench.errors import UserError
 from hcbench.sim.engine import SteppedEngine
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from hcbench.engines.pybullet.model_under_test import PybulletModel
+    from hcbench.engines.pybullet.model.under_test import PybulletModel
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.scene import Scene
     from hcbench.setting import Setting
@@ -90,7 +90,7 @@ class PybulletEngine(SteppedEngine):
 
     def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> PybulletModel:
         """A world from files, from a `World`, or from a client."""
-        from hcbench.engines.pybullet.model_under_test import open_world
+        from hcbench.engines.pybullet.model.under_test import open_world
 
         return open_world(source, request, rebuild)
 
@@ -98,7 +98,7 @@ class PybulletEngine(SteppedEngine):
         self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
     ) -> list[CandidatePair]:
         """Pairs of links of different bodies."""
-        from hcbench.engines.pybullet.model_under_test import list_pairs_of
+        from hcbench.engines.pybullet.model.under_test import list_pairs_of
 
         return list_pairs_of(source, request, rebuild)
 
@@ -110,6 +110,6 @@ class PybulletEngine(SteppedEngine):
         rebuild: Callable[[], Any] | None = None,
     ) -> Iterable[ModelSetting]:
         """Lines of changeDynamics and setPhysicsEngineParameter for the pair."""
-        from hcbench.engines.pybullet.model_under_test import model_settings
+        from hcbench.engines.pybullet.model.under_test import model_settings
 
         return model_settings(source, requests, goal, rebuild)

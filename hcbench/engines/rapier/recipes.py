@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from hcbench.tune.constant import minimax_constant
-from hcbench.tune.law_recipes import python_law_recipes
-from hcbench.tune.recipe import Role, on_a_plane, stock
-from hcbench.tune.target import Target
+from hcbench.recipes.constant import minimax_constant
+from hcbench.recipes.law_recipes import python_law_recipes
+from hcbench.recipes.recipe import Role, on_a_plane, stock
+from hcbench.recipes.target import Target
 
 
 def restitution(target: Target) -> dict[str, Any]:

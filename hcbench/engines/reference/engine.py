@@ -101,7 +101,7 @@ def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float
     elif gravity == 0.0 and kelvin_voigt.damping_ratio(law, mass) < 1.0:  # type: ignore[arg-type]
         impact = _closed_kelvin_voigt(law, mass, speed, timestep)  # type: ignore[arg-type]
     else:
-        from hcbench.laws import ode  # slow to import: SciPy's integrators
+        from hcbench.laws import ode
 
         impact = ode.impact(law, mass, speed, gravity=gravity, count=2 * _POINTS_MIN - 1)
     if impact.loop is not None:

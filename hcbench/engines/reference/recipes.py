@@ -3,10 +3,10 @@
 import math
 
 from hcbench.laws import closed_form
-from hcbench.tune.constant import minimax_constant
-from hcbench.tune.law_recipes import law_options, published_law_options, published_law_recipes
-from hcbench.tune.recipe import Recipe, Role
-from hcbench.tune.target import Target
+from hcbench.recipes.constant import minimax_constant
+from hcbench.recipes.law_recipes import law_options, published_law_options, published_law_recipes
+from hcbench.recipes.recipe import Recipe, Role
+from hcbench.recipes.target import Target
 
 _SAMPLING = "The step only says how densely the loop is sampled."
 

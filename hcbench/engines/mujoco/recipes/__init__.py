@@ -7,8 +7,8 @@ from hcbench.engines.mujoco.recipes.spring_damper import SPRING_DAMPER
 from hcbench.engines.mujoco.recipes.staggered import STAGGERED
 from hcbench.engines.mujoco.recipes.staggered_push import STAGGERED_PUSH
 from hcbench.engines.mujoco.recipes.two_pair import TWO_PAIR
-from hcbench.tune.law_recipes import plug_in_recipes
-from hcbench.tune.recipe import stock
+from hcbench.recipes.law_recipes import plug_in_recipes
+from hcbench.recipes.recipe import stock
 
 STOCK = stock(
     "mujoco",

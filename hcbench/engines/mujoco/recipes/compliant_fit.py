@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from hcbench.engines.mujoco.recipes.common import SPRING_SOLIMP
-from hcbench.engines.mujoco.rows import MIN_IMPEDANCE, ConstraintRow
+from hcbench.engines.mujoco.scene.rows import MIN_IMPEDANCE, ConstraintRow
 from hcbench.impact import Floats
 from hcbench.laws.restitution import RestitutionCurve
-from hcbench.tune.search import Search, evolve, map_result
+from hcbench.recipes.search import Search, evolve, map_result
 
 IMPRATIO = 1e4  # about the inverse of the spring's impedance
 _WEIGHT = MIN_IMPEDANCE / (1 - MIN_IMPEDANCE)  # of the spring, in MuJoCo's sums

@@ -3,10 +3,10 @@
 from typing import Any
 
 from hcbench.engines.mujoco.recipes.common import rows_options
-from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, STIFF_SOLIMP, ConstraintRow
-from hcbench.tune.constant import minimax_constant
-from hcbench.tune.recipe import Integrators, Recipe, Role
-from hcbench.tune.target import Target
+from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, STIFF_SOLIMP, ConstraintRow
+from hcbench.recipes.constant import minimax_constant
+from hcbench.recipes.recipe import Integrators, Recipe, Role
+from hcbench.recipes.target import Target
 
 
 def impulse(target: Target, integrator: str = "Euler", spring: float = 0.0) -> dict[str, Any]:

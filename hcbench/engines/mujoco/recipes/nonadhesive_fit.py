@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.engines.mujoco.recipes.common import SPRING_SOLIMP, nonnegative_fit
-from hcbench.engines.mujoco.rows import MIN_IMPEDANCE, ConstraintRow, combine, impedance
+from hcbench.engines.mujoco.scene.rows import MIN_IMPEDANCE, ConstraintRow, combine, impedance
 from hcbench.laws import closed_form
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.engines.mujoco.recipes.staggered import Band
-    from hcbench.engines.mujoco.rows import Solimp
+    from hcbench.engines.mujoco.scene.rows import Solimp
     from hcbench.impact import Floats
-    from hcbench.tune.search import Search
+    from hcbench.recipes.search import Search
 
 _FORCE_SCALE, _RESTITUTION_SCALE = 1e-3, 2e-5  # one unit of misfit, relative and absolute
 ITERATIONS = 80

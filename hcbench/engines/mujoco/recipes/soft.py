@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
-from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, impedance
+from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, impedance
 from hcbench.errors import SettingError
 from hcbench.impact import Floats
-from hcbench.tune.recipe import Recipe, Role
-from hcbench.tune.search import Search, map_result
-from hcbench.tune.softening import FEWEST_STEPS
-from hcbench.tune.target import Target
+from hcbench.recipes.recipe import Recipe, Role
+from hcbench.recipes.search import Search, map_result
+from hcbench.recipes.softening import FEWEST_STEPS
+from hcbench.recipes.target import Target
 
 _SPEEDS = 12
 _WIDTH = 1500.0  # steps at the highest speed: fewer and the touch's phase shows in e

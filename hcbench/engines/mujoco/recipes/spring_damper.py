@@ -4,10 +4,10 @@ import math
 from typing import Any
 
 from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, HARDLY_RUBS, SOFTENED, rows_options
-from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, STIFF_SOLIMP, ConstraintRow
-from hcbench.tune import constant
-from hcbench.tune.recipe import Recipe, Role
-from hcbench.tune.target import Target
+from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, STIFF_SOLIMP, ConstraintRow
+from hcbench.recipes import constant
+from hcbench.recipes.recipe import Recipe, Role
+from hcbench.recipes.target import Target
 
 
 def spring_damper(target: Target, integrator: str = "Euler") -> dict[str, Any]:

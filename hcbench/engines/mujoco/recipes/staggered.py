@@ -22,13 +22,13 @@ from hcbench.engines.mujoco.recipes.common import (
     rows_options,
 )
 from hcbench.engines.mujoco.recipes.sensitivity import restitution_sensitivity
-from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, weight
+from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, weight
 from hcbench.errors import SettingError
 from hcbench.impact import Floats
 from hcbench.laws.force import HuntCrossley
-from hcbench.tune.recipe import Recipe, Role
-from hcbench.tune.softening import resolvable_law
-from hcbench.tune.target import Target
+from hcbench.recipes.recipe import Recipe, Role
+from hcbench.recipes.softening import resolvable_law
+from hcbench.recipes.target import Target
 
 _GRID = 1200
 _SPEEDS = 50

@@ -15,13 +15,13 @@ from hcbench.engines.mujoco.recipes.nonadhesive_fit import (
     sample,
 )
 from hcbench.engines.mujoco.recipes.staggered import band_of, knots_of
-from hcbench.engines.mujoco.rows import restitution
+from hcbench.engines.mujoco.scene.rows import restitution
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
-from hcbench.tune.recipe import Recipe, Role
-from hcbench.tune.search import Search
-from hcbench.tune.softening import resolvable_law
-from hcbench.tune.target import Target
+from hcbench.recipes.recipe import Recipe, Role
+from hcbench.recipes.search import Search
+from hcbench.recipes.softening import resolvable_law
+from hcbench.recipes.target import Target
 
 # The best ones of many, tried over n, alpha and bands; dampers are for a band of penetrations of 11 to 1.
 _GUESSES = [

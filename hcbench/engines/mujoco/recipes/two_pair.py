@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, HARDLY_RUBS, SOFTENED, rows_options
-from hcbench.engines.mujoco.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, restitution
+from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, restitution
 from hcbench.errors import SettingError
 from hcbench.impact import Floats
 from hcbench.laws import closed_form
-from hcbench.tune.constant import contact_time
-from hcbench.tune.recipe import Recipe, Role
-from hcbench.tune.search import Search, map_result
-from hcbench.tune.target import Target
+from hcbench.recipes.constant import contact_time
+from hcbench.recipes.recipe import Recipe, Role
+from hcbench.recipes.search import Search, map_result
+from hcbench.recipes.target import Target
 
 _SPEEDS, _PHASES = 12, 2
 _STEPS = 200  # of the model in a contact, where the engine's own are more

@@ -24,7 +24,7 @@ from hcbench import _compile
 from hcbench._arguments import checked
 from hcbench._text import shortest
 from hcbench.engines.pybullet.backend import BulletClient
-from hcbench.engines.pybullet.model import LINK_NAME
+from hcbench.engines.pybullet.model.bodies import LINK_NAME
 from hcbench.errors import EngineFailed, HcbenchError, SettingError
 from hcbench.impact import Floats
 from hcbench.laws.contact_law import Friction, Law, is_force, require_law, require_resolved

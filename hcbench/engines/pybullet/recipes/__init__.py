@@ -3,8 +3,8 @@
 from hcbench.engines.pybullet.recipes.restitution import RESTITUTION
 from hcbench.engines.pybullet.recipes.spring_damper import SPRING_DAMPER
 from hcbench.engines.pybullet.recipes.staggered import STAGGERED
-from hcbench.tune.law_recipes import plug_in_recipes
-from hcbench.tune.recipe import stock
+from hcbench.recipes.law_recipes import plug_in_recipes
+from hcbench.recipes.recipe import stock
 
 STOCK = stock(
     "pybullet",

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from hcbench.tune.constant import minimax_constant
-from hcbench.tune.recipe import Recipe, Role
-from hcbench.tune.target import Target
+from hcbench.recipes.constant import minimax_constant
+from hcbench.recipes.recipe import Recipe, Role
+from hcbench.recipes.target import Target
 
 # What stands between the number and the bounce out of the box: a speed threshold of 0.2 m/s, error reduction
 # and slop that add or eat speed, and damping of free flight.

@@ -3,9 +3,9 @@
 from typing import Any
 
 from hcbench.engines.pybullet.recipes.restitution import BALL, WORLD
-from hcbench.tune import constant
-from hcbench.tune.recipe import Recipe, Role
-from hcbench.tune.target import Target
+from hcbench.recipes import constant
+from hcbench.recipes.recipe import Recipe, Role
+from hcbench.recipes.target import Target
 
 # Bullet puts the springs of the two bodies in series: the plate's must not yield.
 RIGID = 1e30

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 from hcbench.engines.pybullet.recipes.restitution import BALL, WORLD
 from hcbench.engines.pybullet.recipes.spring_damper import RIGID
 from hcbench.engines.pybullet.recipes.staggered_fit import Contacts, fit_contacts
-from hcbench.tune.recipe import Recipe, Role
-from hcbench.tune.softening import FEWEST_STEPS, resolvable_law
+from hcbench.recipes.recipe import Recipe, Role
+from hcbench.recipes.softening import FEWEST_STEPS, resolvable_law
 
 if TYPE_CHECKING:
-    from hcbench.tune.target import Target
+    from hcbench.recipes.target import Target
 
 _LINKS = 12
 

@@ -15,15 +15,15 @@ import numpy as np
 from scipy.optimize import least_squares, nnls
 
 from hcbench.laws import closed_form
-from hcbench.tune.constant import minimax_constant
-from hcbench.tune.search import Search, map_result
+from hcbench.recipes.constant import minimax_constant
+from hcbench.recipes.search import Search, map_result
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from hcbench.impact import Floats
     from hcbench.laws.force import HuntCrossley
-    from hcbench.tune.target import Target
+    from hcbench.recipes.target import Target
 
 # The second start: over the largest penetration, and at least over a step's longest way; the best of several.
 _FIRST, _FIRST_STEP, _FIRST_TRIED = 0.03, 0.43, (1.0, 1.16)

@@ -1,0 +1,162 @@
+"""A baseline: the measured bounce of a model, stored so that later versions can be compared with it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    StrictFloat,
+    ValidationError,
+    model_validator,
+)
+
+from hcbench._files import json_text, parse_json, read_text, write_text
+from hcbench.errors import UserError
+from hcbench.impact import Launch, Status
+from hcbench.measuring.measurement import Measurement
+from hcbench.measuring.request import MAX_HEIGHT
+from hcbench.sim.model_under_test import Request
+from hcbench.units import LARGEST, SMALLEST
+
+SCHEMA = 1
+KIND = "hcbench baseline"
+_Number = Annotated[StrictFloat, Field(allow_inf_nan=False)]
+
+
+class BaselineImpact(BaseModel):
+    """One impact; restitution NaN where there was none, null in the file."""
+
+    model_config = ConfigDict(frozen=True)
+
+    speed_m_per_s: _Number = Field(ge=SMALLEST, le=LARGEST)
+    phase: _Number = Field(ge=0, lt=1)
+    height_m: Annotated[_Number, Field(gt=0, le=MAX_HEIGHT)] | None
+    slip_m_per_s: tuple[_Number, _Number] = (0.0, 0.0)
+    spin_rad_per_s: tuple[_Number, _Number, _Number] = (0.0, 0.0, 0.0)
+    status: Status
+    restitution: Annotated[StrictFloat, BeforeValidator(lambda e: math.nan if e is None else e)]
+
+    @model_validator(mode="after")
+    def _require_restitution(self) -> Self:
+        measured = self.status in (Status.PARTED, Status.RESTED)
+        if not (0 <= self.restitution < math.inf if measured else math.isnan(self.restitution)):
+            raise ValueError("a restitution where one was measured, and only there")
+        return self
+
+    @property
+    def launch(self) -> Launch:
+        """How the body was sent."""
+        return Launch(self.speed_m_per_s, self.phase, self.height_m, self.slip_m_per_s, self.spin_rad_per_s)
+
+
+class Baseline(BaseModel):
+    """One check's measured bounce."""
+
+    model_config = ConfigDict(frozen=True)
+
+    engine: str
+    version: str
+    timestep_s: _Number = Field(ge=SMALLEST, le=LARGEST)
+    impacts: tuple[BaselineImpact, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _require_something_measured(self) -> Self:
+        first = self.impacts[0]
+        sent = [
+            Launch.at_angle(i.launch.angle, i.launch.speed, i.phase, first.height_m, first.spin_rad_per_s)
+            for i in self.impacts
+        ]
+        if len(set(sent)) < len(sent) or sent != [impact.launch for impact in self.impacts]:
+            raise ValueError("each launch once, and all of one request")
+        if all(math.isnan(impact.restitution) for impact in self.impacts):
+            raise ValueError("at least one restitution")
+        return self
+
+    def request(self, base: Request | None = None) -> Request:
+        """`base` with the launches that were made, and others at the phases that only some speeds had."""
+        first = self.impacts[0]
+        return replace(
+            base or Request(),
+            speeds=tuple(dict.fromkeys(impact.speed_m_per_s for impact in self.impacts)),
+            phases=tuple(dict.fromkeys(impact.phase for impact in self.impacts)),
+            angles=tuple(dict.fromkeys(impact.launch.angle for impact in self.impacts)),
+            height=first.height_m,
+            spin=first.spin_rad_per_s,
+            adapt_phases=False,
+        )
+
+    @property
+    def by_launch(self) -> dict[Launch, BaselineImpact]:
+        """The impact of each launch."""
+        return {impact.launch: impact for impact in self.impacts}
+
+
+def write_baseline(path: Path, measured: Mapping[str, Measurement]) -> None:
+    """Write what was measured, by the names of the checks, whole or not at all."""
+    records = {name: _record(measurement) for name, measurement in sorted(measured.items())}
+    write_text(path, json_text({"schema": SCHEMA, "kind": KIND, "checks": records}))
+
+
+def _record(measurement: Measurement) -> dict[str, Any]:
+    facts = measurement.facts
+    impacts = [
+        BaselineImpact(
+            speed_m_per_s=i.launch.speed,
+            phase=i.launch.phase,
+            height_m=i.launch.height,
+            slip_m_per_s=i.launch.slip,
+            spin_rad_per_s=i.launch.spin,
+            status=i.status,
+            restitution=i.restitution,
+        )
+        for i in measurement.impacts
+    ]
+    return Baseline(
+        engine=facts.engine, version=facts.version, timestep_s=facts.timestep, impacts=tuple(impacts)
+    ).model_dump(exclude_defaults=True)
+
+
+def read_baseline(path: Path, name: str) -> Baseline:
+    """The baseline of one check in a file.
+
+    Raises UserError for a file of another kind or schema, for one that was damaged, and for a check that is
+    not in it.
+    """
+    try:
+        content = parse_json(read_text(path))
+    except OSError as error:
+        todo = "Write one with --write-baseline"
+        raise UserError("baseline", f"{path}: {error.strerror}", "a file", todo) from None
+    except ValueError:
+        raise UserError("baseline", f"{path} is not JSON", "what --write-baseline wrote") from None
+    if not isinstance(content, dict) or content.get("kind") != KIND:
+        raise UserError("baseline", f"{path} is no baseline", "what --write-baseline wrote")
+    if content.get("schema") != SCHEMA:
+        raise UserError(
+            "baseline",
+            f"{path} has schema {content.get('schema')!r}",
+            f"schema {SCHEMA}",
+            "Write it again with this version of hcbench",
+        )
+    checks = content.get("checks")
+    checks = checks if isinstance(checks, dict) else {}
+    record = checks.get(name)
+    if record is None and len(checks) == 1:  # one model: its name may have changed
+        (record,) = checks.values()
+    if record is None:
+        names = ", ".join(map(str, checks)) or "none"
+        raise UserError("baseline", f"{path} has nothing on {name!r}", f"one of: {names}")
+    try:
+        return Baseline.model_validate(record)
+    except ValidationError:
+        raise UserError(
+            "baseline", f"{path}: the record of {name!r} is damaged", "what was written"
+        ) from None

@@ -1,0 +1,141 @@
+"""Runs the checks of a model, of a file or of a study, and writes their results to files."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+from hcbench._files import write_bytes, write_text
+from hcbench._text import sanitized
+from hcbench.checking.baseline import write_baseline
+from hcbench.checking.judge import judge_results, run_checks
+from hcbench.checking.outcome import Outcome, Report, Verdict
+from hcbench.checking.spec import Check, CheckSpec, plan, read_limit, read_max_error
+from hcbench.checking.table import checks_of, find_table
+from hcbench.checking.text import as_junit, as_markdown
+from hcbench.errors import OutputError, UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hcbench.laws.restitution import Reading
+
+    Progress = Callable[[int, int], None] | None
+
+DEFAULT_FILE = "pyproject.toml"
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """Where to write what; None: not at all."""
+
+    junit: Path | None = None
+    markdown: Path | None = None
+    png: Path | None = None
+    baseline: Path | None = None
+
+
+def check(
+    spec: CheckSpec, outputs: Outputs | None = None, jobs: int = 1, progress: Progress = None
+) -> Report:
+    """Run the checks that a specification names, and write files of the results.
+
+    spec.model: () for the [tool.hcbench] of ./pyproject.toml; a TOML file with such a table; a study or the
+        folder of its report; else a model.
+    Raises UserError for what cannot be planned, and OutputError for what cannot be written.
+    """
+    outputs = outputs or Outputs()
+    _require_writable(outputs)
+    if outputs.baseline is not None and spec.baseline is not None:
+        raise UserError("baseline", "--baseline and --write-baseline", "one of the two")
+    report = _run(spec, outputs, jobs, progress)
+    _write(report, outputs)
+    return report
+
+
+def _run(spec: CheckSpec, outputs: Outputs, jobs: int, progress: Progress) -> Report:
+    models = spec.models or (DEFAULT_FILE,)
+    source = Path(models[0])
+    is_toml = source.suffix.lower() == ".toml"
+    if len(models) == 1 and is_toml:
+        if not spec.models and not source.is_file():
+            raise UserError("checks", f"no model, and no {DEFAULT_FILE} here", "a model to check")
+        if find_table(source) is not None or source.name == DEFAULT_FILE:
+            return run_checks(_listed(source, spec), progress)
+    if len(models) == 1 and (is_toml or source.is_dir()):
+        if outputs.baseline is not None:
+            raise UserError("write-baseline", f"given beside {source}, a study", "a model to check")
+        return _check_study(source, spec, jobs, progress)
+    return run_checks([plan(spec)], progress)
+
+
+def _listed(path: Path, spec: CheckSpec) -> list[Check]:
+    """The checks of a file; a limit or baseline given beside the file counts for all of them."""
+    _require_only(
+        spec, {"baseline", "max_error", "limit"}, f"given beside {path}", "it in the file, for each check"
+    )
+    changes: dict[str, float | None] = {}
+    if spec.max_error is not None:
+        changes["max_error"] = read_max_error(spec.max_error)
+    if spec.limit is not None:
+        changes["limit"] = read_limit(spec.limit)
+    checks = checks_of(path, spec.baseline)
+    return [dataclasses.replace(check, **changes) for check in checks]  # type: ignore[arg-type]
+
+
+def _check_study(path: Path, spec: CheckSpec, jobs: int, progress: Progress) -> Report:
+    from hcbench.benchmark.results import Results
+    from hcbench.benchmark.run import run_study
+    from hcbench.benchmark.study import find_study, load_study
+
+    got = f"given beside {path}: something else than the study's own"
+    _require_only(spec, {"reading", "max_error"}, got, "the α, speeds and steps of the study itself")
+    limit = read_max_error(spec.max_error)
+    if path.is_dir() and (path / "summary.json").is_file():
+        results = Results.read(path)
+    else:
+        results = run_study(load_study(find_study(str(path))), jobs, progress)
+    return judge_results(results, limit, cast("Reading", spec.reading))
+
+
+def _require_only(spec: CheckSpec, used: set[str], got: str, expected: str) -> None:
+    """Raises UserError for what was given and would be ignored."""
+    for name, value in spec:
+        if name not in used | {"model"} and value != CheckSpec.model_fields[name].default:
+            slot = "target" if name == "reading" else name.replace("_", "-")
+            raise UserError(slot, got, expected)
+
+
+def _require_writable(outputs: Outputs) -> None:
+    """Raises OutputError for a file that could not be written, before anything is measured."""
+    for field in dataclasses.fields(outputs):
+        path: Path | None = getattr(outputs, field.name)
+        if path is not None and (path.is_dir() or not path.parent.is_dir()):
+            what = "is a folder" if path.is_dir() else "is in a folder that is not there"
+            raise OutputError(field.name, f"{sanitized(path)} {what}", "a file in a folder that is")
+
+
+def _write(report: Report, outputs: Outputs) -> None:
+    """Write the files asked for, each whole or not at all.
+
+    A baseline is written only when everything in it was measured; else OutputError says what was not.
+    """
+    if outputs.junit is not None:
+        write_text(outputs.junit, as_junit(report))
+    if outputs.markdown is not None:
+        write_text(outputs.markdown, as_markdown(report))
+    if outputs.png is not None:
+        from hcbench.checking.figure import errors_png
+
+        write_bytes(outputs.png, errors_png(report))
+    if outputs.baseline is not None:
+        missing = [o for o in report.outcomes if o.measurement is None or not o.measurement.measured]
+        if missing or not report.outcomes:
+            first = missing[0] if missing else Outcome("anything", Verdict.MISTAKE, "no check is listed")
+            kind = UserError if first.verdict is Verdict.MISTAKE else OutputError
+            got = f"not written: {sanitized(first.name)} was not measured: {first.message}"
+            raise kind("baseline", got, "every check measured")
+        measured = {o.name: o.measurement for o in report.outcomes if o.measurement is not None}
+        write_baseline(outputs.baseline, measured)

@@ -1,0 +1,189 @@
+"""Runs checks, each in a process that may crash, hang or run out of memory, and judges what they measure."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from hcbench._text import sanitized
+from hcbench.benchmark.results import CONDITIONS, RUN_KEY, Results
+from hcbench.checking.outcome import Outcome, Report, SpeedRow, Verdict, speed_row, worst_of
+from hcbench.errors import HcbenchError, UserError
+from hcbench.impact import Impact, Launch, Status
+from hcbench.laws.restitution import Reading, Restitution
+from hcbench.measuring.measure import Job, measure_job
+from hcbench.measuring.measurement import TOLERANCE, Measurement
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    import pandas as pd
+
+    from hcbench.checking.spec import Check
+
+_HAS_E = (Status.PARTED.value, Status.RESTED.value)
+_NO_END = (Status.CRASHED, Status.UNFINISHED)
+
+
+def run_checks(checks: Sequence[Check], progress: Callable[[int, int], None] | None = None) -> Report:
+    """All of them; whatever one of them does, the others still run.
+
+    progress: called with (done, in all).
+    """
+    outcomes = []
+    for i, check in enumerate(checks, 1):
+        outcomes.append(run_check(check))
+        if progress is not None:
+            progress(i, len(checks))
+    return Report(tuple(outcomes))
+
+
+def run_check(check: Check) -> Outcome:
+    """One check; errors come back as outcomes."""
+    try:
+        return judge(check, _measure(check))
+    except UserError as error:
+        verdict, message = Verdict.MISTAKE, str(error)
+    except HcbenchError as error:
+        verdict, message = Verdict.COULD_NOT_RUN, str(error)
+    except Exception as error:
+        verdict = Verdict.COULD_NOT_RUN
+        message = f"unexpected {type(error).__name__}: {sanitized(error)}"
+    return Outcome(check.name, verdict, message, check.against, check.allowed)
+
+
+def _measure(check: Check) -> Measurement:
+    tolerance = TOLERANCE if check.wanted is None else min(check.max_error, TOLERANCE)
+    job = Job(check.source, check.engine, check.request, check.wanted, tolerance, diagnose=True)
+    return measure_job(job, check.limit)
+
+
+def judge(check: Check, measurement: Measurement) -> Outcome:
+    """Hold a measurement against what the check says. Raises UserError for a baseline of another engine."""
+    wanted = _wanted(check, measurement)
+    rows = []
+    groups: dict[Launch, list[Impact]] = {}
+    for impact in measurement.impacts:
+        groups.setdefault(impact.launch.at_any_phase, []).append(impact)
+    for launch, impacts in groups.items():
+        good = [i for i in impacts if i.is_measured]
+        columns = [(i.speed_in, i.restitution, wanted(i)) for i in good]
+        speed_in, e, e_wanted = np.array(columns, dtype=float).reshape(-1, 3).T
+        angle = launch.angle if measurement.request.is_oblique else None
+        rows.append(speed_row(launch.speed, speed_in, e, e_wanted, len(impacts) - len(good), angle))
+    verdict, message = _verdict(check, measurement, rows)
+    worst = worst_of(rows) or rows[0]
+    return Outcome(
+        check.name, verdict, message, _against(check, rows), check.allowed, tuple(rows), worst, measurement
+    )
+
+
+def _against(check: Check, rows: Sequence[SpeedRow]) -> str:
+    """What it is held against; of an uncertain α, how far that lets e be off."""
+    speeds = np.array([row.speed_in for row in rows if not math.isnan(row.speed_in)])
+    if not isinstance(check.wanted, Restitution) or not check.wanted.uncertainty or not speeds.size:
+        return check.against
+    margin = check.wanted.margin(speeds)
+    tight = ": more than the limit, so a failure may be the measurement's" if margin > check.max_error else ""
+    return f"{check.against}, by which e is known to ± {margin:.2g} (95 %){tight}"
+
+
+def _wanted(check: Check, measurement: Measurement) -> Callable[[Impact], float]:
+    """e wanted of an impact; NaN where it is held against nothing."""
+    curve, baseline, engine = check.wanted, check.baseline, measurement.facts.engine
+    if baseline is None:
+        return lambda impact: math.nan if curve is None else float(curve.at(impact.speed_in))
+    if baseline.engine != engine:
+        raise UserError(
+            "baseline",
+            f"written with {baseline.engine}, and the model runs in {engine}",
+            "the same engine",
+            "Write a baseline of its own for each engine",
+        )
+    before = baseline.by_launch
+    return lambda impact: before[impact.launch].restitution if impact.launch in before else math.nan
+
+
+def _verdict(check: Check, measurement: Measurement, rows: Sequence[SpeedRow]) -> tuple[Verdict, str]:
+    endless = [impact for impact in measurement.failed if impact.status in _NO_END]
+    if endless and not measurement.measured:
+        return Verdict.COULD_NOT_RUN, f"no impact ended: {sanitized(endless[0].reason)}"
+    failed = _newly_failed(check, measurement)
+    if failed:
+        first, share = failed[0], f"{len(failed)} of {len(measurement.impacts)} impacts"
+        where = f"{first.launch.speed:.4g} m/s, phase {first.launch.phase:.3g}"
+        why = f"{first.status.value} at {where}: {sanitized(first.reason)}"
+        return Verdict.FAILED, f"{share} have no restitution: {why}"
+    worst = worst_of(rows)
+    if worst is not None:
+        verdict, message = _within(worst, check.max_error)
+        return verdict, message + (_changes(check, measurement) if verdict is Verdict.FAILED else "")
+    if check.wanted is None and check.baseline is None:
+        return Verdict.MEASURED, f"at {len(rows)} speeds, and held against nothing: no verdict"
+    return Verdict.FAILED, "nothing was measured that could be held against it"
+
+
+def _within(worst: SpeedRow, max_error: float) -> tuple[Verdict, str]:
+    message = f"largest error {worst.error:+.3g} at {worst.place}, limit {max_error:g}"
+    return Verdict.FAILED if abs(worst.error) > max_error else Verdict.PASSED, message
+
+
+def _newly_failed(check: Check, measurement: Measurement) -> list[Impact]:
+    """Impacts that have no e now, unless they ended the same way in the baseline."""
+    before = {} if check.baseline is None else {i.launch: i.status for i in check.baseline.impacts}
+    return [impact for impact in measurement.failed if before.get(impact.launch) != impact.status]
+
+
+def _changes(check: Check, measurement: Measurement) -> str:
+    """What has changed since the baseline, apart from the bounce."""
+    baseline, facts = check.baseline, measurement.facts
+    if baseline is None:
+        return ""
+    changes = []
+    if baseline.version != facts.version:
+        changes.append(f"{facts.engine} was {baseline.version}, is {facts.version}")
+    if baseline.timestep_s != facts.timestep:
+        changes.append(f"the step was {baseline.timestep_s:g} s, is {facts.timestep:g} s")
+    return f" ({'; '.join(changes)})" if changes else ""
+
+
+def judge_results(results: Results, max_error: float, reading: Reading = "law") -> Report:
+    """Hold what a study found to a limit: each setting, α and step against its own law.
+
+    reading: "law" for e of eq. (16), "linear" for 1 - α v.
+    """
+    groups = results.impacts.groupby(RUN_KEY, sort=False)
+    return Report(tuple(_judge_run(key, group, max_error, reading) for key, group in groups))
+
+
+def _conditions(run: Mapping[str, Any]) -> str:
+    """What a setting ran under beside its scene, in words; "" for launches without any of it."""
+    words = ("gravity {:g} m/s^2", "{:g} m off the axis", "friction {:g}")
+    return "".join(
+        f", {text.format(run[key])}" for key, text in zip(CONDITIONS, words, strict=True) if run[key]
+    )
+
+
+def _judge_run(key: Any, impacts: pd.DataFrame, max_error: float, reading: Reading) -> Outcome:
+    run = dict(zip(RUN_KEY, key, strict=True))
+    alpha, where = run["alpha_s_per_m"], _conditions(run)
+    named = f"{run['scene']} {run['engine']} {run['setting']}"
+    name = f"{named} α = {alpha:.4g} s/m, step {run['timestep_s']:g} s{where}"
+    against = Restitution(alpha, reading).description
+    rows = []
+    by = ["speed_m_per_s", *(["angle_rad"] if "angle_rad" in impacts else [])]
+    for place, group in impacts.groupby(by, sort=False):
+        speed, *angle = cast("tuple[float, ...]", place)
+        good = group[group["status"].isin(_HAS_E)]
+        columns = ("speed_in_m_per_s", "restitution", f"restitution_{reading}")
+        speed_in, e, wanted = (good[column].to_numpy(float) for column in columns)
+        rows.append(speed_row(speed, speed_in, e, wanted, len(group) - len(good), *angle))
+    failed, worst = sum(row.failed for row in rows), worst_of(rows)
+    if failed or worst is None:
+        verdict = Verdict.FAILED
+        message = f"{failed} of {len(impacts)} impacts have no restitution"
+    else:
+        verdict, message = _within(worst, max_error)
+    return Outcome(name, verdict, message, against, max_error, tuple(rows), worst)

@@ -1,0 +1,125 @@
+"""Results of checks."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from hcbench.errors import CannotRun, LimitPassed, UserError
+from hcbench.impact import Floats
+from hcbench.measuring.measurement import Measurement
+
+
+class Verdict(StrEnum):
+    """How a check ended."""
+
+    PASSED = "passed"
+    MEASURED = "measured"  # and held against nothing
+    FAILED = "failed"  # a limit was passed
+    MISTAKE = "mistake"  # something to correct in what was asked
+    COULD_NOT_RUN = "could not run"
+
+
+EXIT_CODES = {
+    Verdict.PASSED: 0,
+    Verdict.MEASURED: 0,
+    Verdict.FAILED: LimitPassed.exit_code,
+    Verdict.MISTAKE: UserError.exit_code,
+    Verdict.COULD_NOT_RUN: CannotRun.exit_code,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedRow:
+    """All phases of one launch speed and angle; speeds in m/s, NaN for what there is not.
+
+    restitution: the mean. error: the largest e - wanted, with its sign. failed: impacts without e.
+    angle: from the normal, rad; None where no launch is oblique.
+    """
+
+    speed: float
+    speed_in: float
+    restitution: float
+    lowest: float
+    highest: float
+    wanted: float
+    error: float
+    failed: int
+    angle: float | None = None
+
+    @property
+    def place(self) -> str:
+        """Where on the curve it is, in words."""
+        angle = "" if self.angle is None else f" and {math.degrees(self.angle):.4g} deg"
+        return f"{self.speed_in:.4g} m/s{angle}"
+
+    def record(self) -> dict[str, Any]:
+        """For JSON."""
+        record = asdict(self)
+        return record if self.angle is not None else {k: v for k, v in record.items() if k != "angle"}
+
+
+def speed_row(
+    speed: float, speed_in: Floats, e: Floats, wanted: Floats, failed: int, angle: float | None = None
+) -> SpeedRow:
+    """The row of the impacts at one launch speed and angle. wanted: NaN where one is held against nothing."""
+    if not e.size:
+        return SpeedRow(speed, *(math.nan,) * 6, failed=failed, angle=angle)
+    error = e - wanted
+    worst = int(np.argmax(np.where(np.isnan(error), -1.0, np.abs(error))))
+    return SpeedRow(
+        speed=speed,
+        speed_in=float(speed_in.mean()),
+        restitution=float(e.mean()),
+        lowest=float(e.min()),
+        highest=float(e.max()),
+        wanted=float(wanted[worst]),
+        error=float(error[worst]),
+        failed=failed,
+        angle=angle,
+    )
+
+
+def worst_of(rows: Sequence[SpeedRow]) -> SpeedRow | None:
+    """The row with the largest error; None where no row has one."""
+    return max(
+        (row for row in rows if not math.isnan(row.error)), key=lambda row: abs(row.error), default=None
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The result of one check.
+
+    against: what it was held against, in words. max_error: the limit; NaN where it was held against nothing.
+    message: one line. worst: the row that decides.
+    """
+
+    name: str
+    verdict: Verdict
+    message: str
+    against: str = ""
+    max_error: float = math.nan
+    rows: tuple[SpeedRow, ...] = ()
+    worst: SpeedRow | None = None
+    measurement: Measurement | None = None
+
+    @property
+    def exit_code(self) -> int:
+        """Of this check alone."""
+        return EXIT_CODES[self.verdict]
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """All checks of a run, in the order asked for."""
+
+    outcomes: tuple[Outcome, ...] = ()
+
+    @property
+    def exit_code(self) -> int:
+        """0 all within limits, 1 a limit passed, 2 a mistake, 3 something could not run: the gravest."""
+        return max((outcome.exit_code for outcome in self.outcomes), default=0)

@@ -1,0 +1,143 @@
+"""The results of checks for a terminal, as JSON, as a Markdown summary, and as JUnit XML for CI systems."""
+
+import html
+import math
+import re
+from collections.abc import Sequence
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from hcbench._text import number, sanitized, table, without_empty
+from hcbench.checking.outcome import Outcome, Report, SpeedRow, Verdict
+from hcbench.measuring.text import as_record, cause_lines, headline
+
+SCHEMA = 1
+_MARKS = {
+    Verdict.PASSED: "✅",
+    Verdict.MEASURED: "📏",
+    Verdict.FAILED: "❌",
+    Verdict.MISTAKE: "⚠️",
+    Verdict.COULD_NOT_RUN: "💥",
+}
+_HEADER = ("launched m/s", "deg", "at touch m/s", "e", "lowest", "highest", "wanted", "error")
+
+
+def as_text(report: Report) -> str:
+    """The tables of all checks, then one line each, for a terminal."""
+    parts = [outcome_text(outcome) for outcome in report.outcomes]
+    if len(report.outcomes) > 1:
+        parts.append("\n".join(summary_line(outcome) for outcome in report.outcomes))
+    return "\n\n".join(parts) + "\n"
+
+
+def summary_line(outcome: Outcome) -> str:
+    """`PASSED name: message`."""
+    return f"{outcome.verdict.value.upper()} {sanitized(outcome.name)}: {outcome.message}"
+
+
+def outcome_text(outcome: Outcome) -> str:
+    """One check: what was measured, the curve, the verdict, and the causes where it failed."""
+    lines = []
+    if outcome.measurement is not None:
+        lines += headline(outcome.measurement)
+    if outcome.against:
+        limit = "" if outcome.max_error != outcome.max_error else f", limit {outcome.max_error:g}"
+        lines.append(f"against {outcome.against}{limit}")
+    if outcome.rows:
+        lines += ["", *table(*_table(outcome.rows)), ""]
+    lines.append(summary_line(outcome))
+    if outcome.verdict is Verdict.FAILED and outcome.measurement is not None:
+        lines += cause_lines(outcome.measurement.causes, outcome.measurement.remedy)
+    return "\n".join(lines)
+
+
+def _table(rows: Sequence[SpeedRow]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    return without_empty(_HEADER, [_cells(row) for row in rows], "deg")
+
+
+def _cells(row: SpeedRow) -> tuple[str, ...]:
+    return (
+        f"{row.speed:.4g}",
+        "" if row.angle is None else f"{math.degrees(row.angle):.4g}",
+        number(row.speed_in, ".4g"),
+        number(row.restitution),
+        number(row.lowest),
+        number(row.highest),
+        number(row.wanted),
+        number(row.error, "+z.4f"),
+    )
+
+
+def as_record_of(report: Report) -> dict[str, Any]:
+    """What `--json` prints; NaN where a number does not apply."""
+    return {
+        "schema": SCHEMA,
+        "kind": "hcbench check",
+        "exit_code": report.exit_code,
+        "checks": [_record(outcome) for outcome in report.outcomes],
+    }
+
+
+def _record(outcome: Outcome) -> dict[str, Any]:
+    return {
+        "name": outcome.name,
+        "verdict": outcome.verdict.value,
+        "exit_code": outcome.exit_code,
+        "message": outcome.message,
+        "against": outcome.against,
+        "max_error": outcome.max_error,
+        "worst": None if outcome.worst is None else outcome.worst.record(),
+        "rows": [row.record() for row in outcome.rows],
+        "measurement": None if outcome.measurement is None else as_record(outcome.measurement),
+    }
+
+
+def as_markdown(report: Report) -> str:
+    """A Markdown summary for a CI step. Names come from models: nothing in them is taken as markup."""
+    lines = ["### Restitution", "", "| | check | against | result |", "|---|---|---|---|"]
+    for o in report.outcomes:
+        cells = (_MARKS[o.verdict], f"**{_safe(o.name)}**", _safe(o.against), _safe(o.message))
+        lines.append(f"| {' | '.join(cells)} |")
+    for outcome in report.outcomes:
+        if outcome.verdict in (Verdict.PASSED, Verdict.MEASURED) or outcome.measurement is None:
+            continue
+        lines += ["", f"<details><summary>{_safe(outcome.name)}: the curve and the cause</summary>", ""]
+        header, rows = _table(outcome.rows)
+        lines += [f"| {' | '.join(header)} |", "|" + "---:|" * len(header)]
+        lines += [f"| {' | '.join(cells)} |" for cells in rows]
+        for cause in outcome.measurement.causes:
+            words = f"**{_safe(cause.title)}** Found: {_safe(cause.evidence)}. Fix: {_safe(cause.fix)}"
+            lines += ["", f"- {words}"]
+        lines += ["", _safe(outcome.measurement.remedy), "", "</details>"]
+    return "\n".join(lines) + "\n"
+
+
+def as_junit(report: Report) -> str:
+    """One test suite, a test case a check. Times are left out: the same run gives the same bytes."""
+    outcomes = report.outcomes
+    failures = sum(o.verdict is Verdict.FAILED for o in outcomes)
+    errors = sum(o.verdict in (Verdict.MISTAKE, Verdict.COULD_NOT_RUN) for o in outcomes)
+    counts = {"tests": str(len(outcomes)), "failures": str(failures), "errors": str(errors)}
+    suites = ET.Element("testsuites", counts)
+    suite = ET.SubElement(suites, "testsuite", {"name": "hcbench", **counts})
+    for outcome in outcomes:
+        case = ET.SubElement(
+            suite, "testcase", {"classname": "hcbench.check", "name": sanitized(outcome.name), "time": "0"}
+        )
+        if outcome.verdict is Verdict.FAILED:
+            body = ET.SubElement(case, "failure", {"message": sanitized(outcome.message)})
+        elif outcome.verdict in (Verdict.PASSED, Verdict.MEASURED):
+            body = ET.SubElement(case, "system-out")
+        else:
+            body = ET.SubElement(
+                case, "error", {"message": sanitized(outcome.message), "type": outcome.verdict.value}
+            )
+        body.text = outcome_text(outcome)
+    ET.indent(suites)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(suites, encoding="unicode")}\n'
+
+
+def _safe(text: str) -> str:
+    """Text with everything escaped that Markdown or HTML would interpret."""
+    escaped = html.escape(sanitized(text), quote=True)
+    return re.sub(r"[\\`*_{}\[\]()#+!|~@:]", lambda m: f"&#{ord(m[0])};", escaped)

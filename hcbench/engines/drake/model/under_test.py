@@ -1,0 +1,238 @@
+"""Drake: a file that it loads with a pair in it, in a discrete plant, measured as loaded."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.engines.drake.model.place import approach_row, bring_to_touch, move_on, set_pose
+from hcbench.engines.drake.model.user_model import DISSIPATION, STIFFNESS, LoadedPlant, ignored_in_words
+from hcbench.errors import UserError
+from hcbench.laws.closed_form import alpha_of
+from hcbench.laws.restitution import Restitution
+from hcbench.measuring import causes
+from hcbench.sim.engine import Record, Simulation
+from hcbench.sim.model_under_test import Facts, ModelUnderTest, Suspect
+
+if TYPE_CHECKING:
+    from hcbench.impact import Impact, Launch
+    from hcbench.laws.restitution import RestitutionCurve
+    from hcbench.sim.engine import Flags
+    from hcbench.sim.model_under_test import Request
+
+_NOTABLE = 0.01  # of e: what a step's own damping must take, to be named
+_TAKEN = 0.002  # of e: what it may take with the fix
+_FINEST = 30  # parts of its step that a fix is tried in: each takes as long
+
+
+class DrakeModel(ModelUnderTest):
+    """A plant with a pair in it. changes: what fixes have set.
+
+    Raises UserError or SceneError with the reason where the pair cannot be measured.
+    """
+
+    diverged = "Drake's solver gave up, or the state is not finite"
+
+    def __init__(
+        self, drake: Any, version: str, source: Any, request: Request, changes: Mapping[str, Any]
+    ) -> None:
+        if request.is_oblique or request.coming_from is not None:
+            slot = "angle" if request.is_oblique else "from"
+            raise UserError(slot, "given", "none: a pair in Drake is sent along its normal, the nearest way")
+        self._given = drake, version, source, request
+        self._changes, self.request = dict(changes), request
+        self.loaded = LoadedPlant(drake, source, request, changes)
+        self.root = self.loaded.diagram.CreateDefaultContext()
+        self.context = self.loaded.plant.GetMyMutableContextFromRoot(self.root)
+        set_pose(self.loaded, self.context, request)
+        self.place = bring_to_touch(self.loaded, self.context, request)
+        self.timestep, self.mass = float(self.loaded.config.time_step), self.place.effective_mass
+        self.gravity = self.place.gravity
+        self.others: set[str] = set()
+
+    def release(self, launches: Sequence[Launch]) -> DrakeSimulation:
+        """The launch under way."""
+        (launch,) = launches
+        return DrakeSimulation(self, launch)
+
+    @property
+    def step_cost(self) -> float:
+        """Of a Simulator and what Python reads after each step; grows with the degrees of freedom."""
+        return 20.0 + float(self.loaded.plant.num_velocities())
+
+    def pair_values(self) -> tuple[float, float]:
+        """Stiffness, N/m, and dissipation, s/m, that Drake's point contact makes of the two shapes'."""
+        (k1, d1), (k2, d2) = (
+            [self.loaded.property(shape, name) for name in (STIFFNESS, DISSIPATION)]
+            for shape in self.place.gap.geometries
+        )
+        total = max(k1 + k2, np.finfo(float).tiny)
+        return k1 * k2 / total, (k2 * d1 + k1 * d2) / total
+
+    def _is_point_contact(self) -> bool:
+        return not all(map(self.loaded.is_hydroelastic, self.place.gap.geometries))
+
+    def facts(self) -> Facts:
+        """What the model says of itself and of the pair."""
+        (_, version, _, request), config, place = self._given, self.loaded.config, self.place
+        stiffness, dissipation = self.pair_values()
+        points = self._is_point_contact()
+        notes = [ignored_in_words(self.loaded.ignored)]
+        if place.overlap > 0:
+            notes.append(f"The two overlap by {place.overlap:.3g} m at the start: moved apart to touch.")
+        if self.others:
+            notes.append(f"Other contacts acted during the impact: {', '.join(sorted(self.others))}.")
+        curve = Restitution(dissipation / 1.5)
+        return Facts(
+            engine="drake",
+            version=version,
+            model=self.loaded.label,
+            pair=(place.first.name, place.second.name),
+            moved=place.moved,
+            timestep=self.timestep,
+            gravity=tuple(self.loaded.plant.gravity_field().gravity_vector().tolist()),
+            effective_mass=place.effective_mass,
+            normal=tuple(place.gap.normal.tolist()),
+            settings={
+                "plant": f"discrete, {config.discrete_contact_approximation}, {config.contact_model}",
+                "point_contact_stiffness of the pair (N/m)": stiffness,
+                "hunt_crossley_dissipation of the pair (s/m)": dissipation,
+            },
+            asked=tuple(float(curve.at(v)) for v in request.speeds) if points else (),
+            asked_description=f"dissipation {dissipation:.4g} s/m: eq. (16), d = 1.5 α" if points else "",
+            notes=tuple(filter(None, notes)),
+            point=tuple(place.gap.point.tolist()),
+        )
+
+    def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
+        """What may keep this pair from bouncing as asked."""
+        step = causes.StepFix(self.timestep, "time_step={} of the plant, or --timestep", _set_step)
+        found = (
+            [*self._implicit_step(), *self._dissipation(impacts, wanted)] if self._is_point_contact() else []
+        )
+        found += [*causes.energy_gain(impacts, step), *causes.few_steps(impacts, step, "a softer contact")]
+        return [*found, *causes.other_contacts(sorted(self.others))]
+
+    def _implicit_step(self) -> Iterator[Suspect]:
+        """The discrete plant's implicit step damps by itself."""
+        omega = math.sqrt(self.pair_values()[0] / self.mass)
+        kept = math.exp(-0.5 * math.pi * omega * self.timestep)
+        if 1.0 - kept < _NOTABLE:
+            return
+        step = 2.0 * _TAKEN / (math.pi * omega)
+        yield Suspect(
+            "implicit-step",
+            "A discrete plant damps by its step: e is multiplied by exp(-π ω h/2), ω² = k/m.",
+            f"a factor of {kept:.3g} at {self.timestep:g} s and ω = {omega:.4g} 1/s",
+            f"time_step={step:.3g}, or a softer point_contact_stiffness, or a continuous plant (time_step=0)",
+            partial(_set_step, timestep=step) if step * _FINEST > self.timestep else None,
+            always_reported=True,
+        )
+
+    def _dissipation(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> Iterator[Suspect]:
+        """The dissipation asks for another bounce than is wanted."""
+        speed, dissipation = float(np.median(causes.speeds_of(impacts))), self.pair_values()[1]
+        e, asked = causes.constant_e(impacts, wanted), float(Restitution(dissipation / 1.5).at(speed))
+        stock = not any(self.loaded.says(shape, DISSIPATION) for shape in self.place.gap.geometries)
+        if not stock and (e is None or abs(e - asked) < _NOTABLE):
+            return
+        goal = causes.BOUNCY if e is None else e
+        needed = 1.5 * (wanted.alpha if isinstance(wanted, Restitution) else float(alpha_of(goal, speed)))
+        yield Suspect(
+            "default-dissipation" if stock else "dissipation",
+            "Drake's own dissipation, 50 s/m, lets next to nothing bounce."
+            if stock
+            else "The dissipation asks for another bounce than is wanted.",
+            f"hunt_crossley_dissipation {dissipation:.4g} s/m: e = {asked:.3g} at {speed:.3g} m/s",
+            f'<drake:{DISSIPATION} value="{needed:.4g}"/> in <drake:proximity_properties> of both',
+            partial(_set_dissipation, dissipation=needed),
+            always_reported=stock,
+            assumed_e=goal if wanted is None else None,
+        )
+
+    def fixed(self, suspects: Sequence[Suspect]) -> DrakeModel:
+        """The same pair, loaded anew with some fixes made."""
+        changes = dict(self._changes)
+        for suspect in suspects:
+            if suspect.apply is not None:
+                suspect.apply(changes)
+        return DrakeModel(*self._given, changes)
+
+
+def _set_step(changes: MutableMapping[str, Any], timestep: float) -> None:
+    changes["timestep"] = min(timestep, changes.get("timestep", math.inf))
+
+
+def _set_dissipation(changes: MutableMapping[str, Any], dissipation: float) -> None:
+    changes["dissipation"] = dissipation
+
+
+class DrakeSimulation(Simulation):
+    """One launch of a placed pair."""
+
+    def __init__(self, model: DrakeModel, launch: Launch) -> None:
+        self._model, self._loaded, self._place = model, model.loaded, model.place
+        drake, plant, self._h = model.loaded.drake, model.loaded.plant, model.timestep
+        self._root = model.loaded.diagram.CreateDefaultContext()
+        self._context = plant.GetMyMutableContextFromRoot(self._root)
+        self._simulator = drake.Simulator(model.loaded.diagram, self._root)
+        plant.SetPositions(self._context, self._place.positions)
+        back = -launch.clearance_in_phase(self._h, model.gravity)
+        move_on(self._loaded, self._context, back * self._place.direction)
+        plant.SetVelocities(self._context, launch.speed * self._place.direction)
+        self._simulator.Initialize()
+        self._steps = 0
+
+    def advance(self, steps: int) -> Record:
+        """Steps as a user's Simulator takes them; the last is NaN where Drake gave up."""
+        rows: list[tuple[float, float, float]] = []
+        while len(rows) < steps and (not rows or math.isfinite(rows[-1][1])):
+            rows.append(self._step())
+        return Record(*np.array(rows).T[:, None])
+
+    def keep(self, which: Flags) -> None:
+        """There is one launch only."""
+
+    def _step(self) -> tuple[float, float, float]:
+        """Penetration and rate before a step, and the force in it."""
+        pair, plant = (self._place.first, self._place.second), self._loaded.plant
+        try:
+            gap = self._loaded.nearest(self._context, *pair)
+            row = approach_row(self._loaded, self._context, pair, gap)
+            rate = float(row @ plant.GetVelocities(self._context))
+            self._steps += 1
+            self._simulator.AdvanceTo(self._steps * self._h)
+            force = self._force(gap.normal)
+        except RuntimeError:
+            return math.nan, math.nan, math.nan
+        return -gap.distance, rate, force
+
+    def _force(self, normal: Any) -> float:
+        """Of the step just taken, along the normal, N: the sampled ports are of that step."""
+        results = self._loaded.plant.get_contact_results_output_port().Eval(self._context)
+        total = 0.0
+        for i in range(results.num_point_pair_contacts()):
+            info = results.point_pair_contact_info(i)
+            found = info.point_pair()
+            total += self._of_pair((found.id_B, found.id_A), info.contact_force(), normal)
+        for i in range(results.num_hydroelastic_contacts()):
+            surface = results.hydroelastic_contact_info(i)
+            ids = surface.contact_surface().id_M(), surface.contact_surface().id_N()
+            total += self._of_pair(ids, surface.F_Ac_W().translational(), normal)
+        return total
+
+    def _of_pair(self, shapes: tuple[Any, Any], force: Any, normal: Any) -> float:
+        """What parts the pair; 0 for another contact, which is noted. force: on the first shape, N."""
+        first, second = self._place.first.geometries, self._place.second.geometries
+        if shapes[0] in first and shapes[1] in second:
+            return -float(normal @ force)
+        if shapes[0] in second and shapes[1] in first:
+            return float(normal @ force)
+        if any(shape in (*first, *second) for shape in shapes):
+            others = [shape for shape in shapes if shape not in (*first, *second)]
+            self._model.others |= {self._loaded.short(shape) for shape in others}
+        return 0.0

@@ -1,0 +1,1 @@
+"""MuJoCo: a user's own model, measured and tuned."""

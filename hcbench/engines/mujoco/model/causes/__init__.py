@@ -1,0 +1,36 @@
+"""What may keep a pair in a MuJoCo model from bouncing as asked, with fixes."""
+
+from hcbench.engines.mujoco.model.causes.contact import mixing, refsafe, solimp, solref
+from hcbench.engines.mujoco.model.causes.context import Context
+from hcbench.engines.mujoco.model.causes.friction import sliding_lift
+from hcbench.engines.mujoco.model.causes.limits_and_actuators import drives, limits
+from hcbench.engines.mujoco.model.causes.motion import (
+    gravity,
+    integrator,
+    losses,
+    margin,
+    resolution,
+    solver,
+)
+from hcbench.sim.model_under_test import Suspect
+
+CHECKS = (
+    sliding_lift,
+    mixing,
+    refsafe,
+    solref,
+    integrator,
+    solimp,
+    solver,
+    resolution,
+    gravity,
+    losses,
+    limits,
+    drives,
+    margin,
+)
+
+
+def find_suspects(context: Context) -> list[Suspect]:
+    """Everything that may matter here, likeliest first."""
+    return [suspect for check in CHECKS for suspect in check(context)]

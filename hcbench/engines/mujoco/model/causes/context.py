@@ -1,0 +1,139 @@
+"""What the search for causes looks at: a model, its impacts, and its contact as written and as used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import explicit_pairs, geom_name, integrator_name
+from hcbench.engines.mujoco.model.causes.fixes import numbers
+from hcbench.engines.mujoco.scene.rows import SoftConstraint
+from hcbench.measuring.causes import BOUNCY, constant_e, speeds_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from hcbench.engines.mujoco.model.place import PairAtTouch
+    from hcbench.impact import Floats, Impact
+    from hcbench.laws.restitution import RestitutionCurve
+
+DEFAULT_SOLREF = (0.02, 1.0)
+_DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
+
+
+@dataclass(frozen=True)
+class Context:
+    """A pair in a model, and the impacts to explain. gravity: m/s^2. shares: as `Facts` has them."""
+
+    place: PairAtTouch
+    impacts: Sequence[Impact]
+    wanted: RestitutionCurve | None
+    gravity: tuple[float, ...]
+    shares: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def model(self) -> Any:
+        """The MjModel."""
+        return self.place.pair.model
+
+    @cached_property
+    def written(self) -> SoftConstraint | None:
+        """The contact as its author wrote it; None where different ones add up."""
+        return written_contact(self.place)[0]
+
+    @cached_property
+    def used(self) -> SoftConstraint | None:
+        """The contact as the engine uses it; None where different ones add up."""
+        parameters = {row[:2] for row in self.place.contact.rows}
+        if len(parameters) > 1:
+            return None
+        ((solref, solimp),) = parameters
+        safe = not self.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_REFSAFE
+        shortest = 2 * self.timestep if safe else 0.0
+        return SoftConstraint(solref, solimp, self.timestep, shortest)  # type: ignore[arg-type]
+
+    @property
+    def geoms(self) -> tuple[int, int]:
+        """The first two geoms that touch, the moving one first."""
+        return _in_order(self.place, self.place.contact.rows[0][2])
+
+    @property
+    def all_geoms(self) -> tuple[int, ...]:
+        """All geoms that touch, the moving ones first."""
+        moving, others = zip(*(_in_order(self.place, row[2]) for row in self.place.contact.rows), strict=True)
+        return tuple(dict.fromkeys(moving + others))
+
+    @property
+    def names(self) -> str:
+        """Of all geoms that touch, as a fix names them."""
+        *some, last = (geom_name(self.model, g) for g in self.all_geoms)
+        return f"{', '.join(some)} and {last}"
+
+    @property
+    def integrator(self) -> str:
+        """As XML spells it."""
+        return integrator_name(self.model)
+
+    @property
+    def timestep(self) -> float:
+        """s."""
+        return float(self.model.opt.timestep)
+
+    @property
+    def overridden(self) -> bool:
+        """Whether o_solref and o_solimp replace those of every contact."""
+        return bool(self.model.opt.enableflags & backend().mjtEnableBit.mjENBL_OVERRIDE)
+
+    @property
+    def written_e(self) -> float:
+        """e of the contact as written, at the median speed; NaN without one."""
+        speed = float(np.median(speeds_of(self.impacts)))
+        return self.written.restitution(speed) if self.written is not None else np.nan
+
+    def goal(self) -> float:
+        """The one e that a pasted constant setting should have."""
+        e = constant_e(self.impacts, self.wanted)
+        if e is None:
+            e = self.written_e if self.written_e > 0.5 else BOUNCY
+        return e
+
+
+def written_contact(place: PairAtTouch) -> tuple[SoftConstraint | None, str]:
+    """What the author's solref and solimp ask for, in words too; None where different contacts add up."""
+    rows, model = place.contact.rows, place.pair.model
+    written = {_as_written(model, _in_order(place, geoms)) for _, _, geoms in rows}
+    if len(written) > 1:
+        return None, f"{len(rows)} different contacts add up: the model asks for no one e"
+    ((solref, solimp),) = written
+    contact = SoftConstraint(solref, solimp, float(model.opt.timestep), clamped=False)  # type: ignore[arg-type]
+    default = "default " if same(solref, DEFAULT_SOLREF) else ""
+    return contact, f"{default}solref {numbers(solref)}, solimp {numbers(solimp)}"
+
+
+def _in_order(place: PairAtTouch, geoms: tuple[int, int]) -> tuple[int, int]:
+    """The moving one first."""
+    return geoms if place.pair.sides[geoms[0]] == 1 else (geoms[1], geoms[0])
+
+
+def _as_written(model: Any, geoms: tuple[int, int]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """(solref, solimp) that the author wrote for two geoms: of their <pair>, else of the first of them, or of
+    the second where the first has the default.
+    """
+    source, ids = "pair", explicit_pairs(model, geoms)[:1]
+    if not ids:
+        source, ids = "geom", list(geoms)
+    solrefs, solimps = getattr(model, f"{source}_solref")[ids], getattr(model, f"{source}_solimp")[ids]
+    return _first_set(solrefs, DEFAULT_SOLREF), _first_set(solimps, _DEFAULT_SOLIMP)
+
+
+def _first_set(values: Floats, default: tuple[float, ...]) -> tuple[float, ...]:
+    return next((tuple(value.tolist()) for value in values if not same(value, default)), default)
+
+
+def same(a: Sequence[float] | Floats, b: Sequence[float]) -> bool:
+    """Equal as far as XML goes."""
+    return bool(np.allclose(a, b, rtol=1e-12, atol=0))

@@ -1,0 +1,71 @@
+"""Fixes that the diagnosis suggests: numbers for a user to paste, and changes to a copy of the model."""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from hcbench.engines.mujoco.model.bodies import explicit_pairs, integrator_name
+from hcbench.engines.mujoco.scene.mjcf import numbers_text
+from hcbench.engines.mujoco.scene.rows import STIFF_SOLIMP
+from hcbench.laws.kelvin_voigt import Ending, matched
+
+numbers = partial(numbers_text, number="{:.10g}".format)  # as an XML attribute has them
+_STEPS = 40  # in contact, of a spring and damper
+_LEAST_E = 0.01  # that a spring and damper are made for: e = 0 takes a damping without bounds
+
+
+def solref_of(e: float, timestep: float, integrator: str) -> tuple[float, float]:
+    """solref that has this e at a step (s), with STIFF_SOLIMP: a bounce in one step where the integrator
+    allows it, else a spring and damper.
+    """
+    if integrator in ("RK4", "discrete"):
+        law = matched(min(max(e, _LEAST_E), 1.0), _STEPS * timestep, 1.0, Ending.FORCE)
+        return -law.stiffness, -law.damping
+    return 0.0, -(1.0 + e) / timestep
+
+
+def set_contact(
+    model: Any, geoms: Sequence[int], solref: Sequence[float] | None, solimp: Sequence[float]
+) -> None:
+    """Set the parameters of the contacts among some geoms, where they take them from; None: as is."""
+    pairs = explicit_pairs(model, geoms)
+    source, rows = ("pair", pairs) if pairs else ("geom", list(geoms))
+    if solref is not None:
+        getattr(model, f"{source}_solref")[rows] = solref
+    getattr(model, f"{source}_solimp")[rows] = solimp
+    if not pairs:
+        model.geom_priority[rows] = model.geom_priority[rows].max()
+
+
+def set_restitution(model: Any, geoms: Sequence[int], e: float) -> None:
+    """Give the contact this e, at the step and under the integrator that the model has by then."""
+    set_contact(model, geoms, solref_of(e, float(model.opt.timestep), integrator_name(model)), STIFF_SOLIMP)
+
+
+def set_options(model: Any, **values: Any) -> None:
+    """Set fields of the model's options."""
+    for name, value in values.items():
+        setattr(model.opt, name, value)
+
+
+def disable(model: Any, flag: int) -> None:
+    """Turn off something of the whole model."""
+    model.opt.disableflags |= flag
+
+
+def free_limits(model: Any, joints: Sequence[int], tendons: Sequence[int]) -> None:
+    """Take the limits off some joints and tendons."""
+    model.jnt_limited[list(joints)] = 0
+    model.tendon_limited[list(tendons)] = 0
+
+
+def zero_dofs(model: Any, field: str, dofs: Sequence[int]) -> None:
+    """Take a loss off some degrees of freedom."""
+    getattr(model, field)[list(dofs)] = 0.0
+
+
+def no_margin(model: Any, geoms: Sequence[int]) -> None:
+    """Let contacts act where the surfaces meet."""
+    for field in ("margin", "gap"):
+        getattr(model, f"geom_{field}")[list(geoms)] = 0.0
+        getattr(model, f"pair_{field}")[explicit_pairs(model, geoms)] = 0.0

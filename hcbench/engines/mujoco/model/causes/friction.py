@@ -1,0 +1,58 @@
+"""Causes that show only where a body slides or spins."""
+
+import math
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import explicit_pairs, geom_friction
+from hcbench.engines.mujoco.model.causes import fixes
+from hcbench.engines.mujoco.model.causes.context import Context
+from hcbench.engines.mujoco.scene.mjcf import numbers_text
+from hcbench.engines.mujoco.scene.rows import ConstraintRow
+from hcbench.sim.model_under_test import Suspect
+
+_LIFT = 0.02  # of e, over that of the same contact where nothing slides
+
+
+def sliding_lift(context: Context) -> Iterator[Suspect]:
+    """Friction adds to the bounce: acceleration apart grows by impedance times μ times that of the slip."""
+    contact, friction = context.used, geom_friction(context.model, context.geoms)
+    if contact is None or not friction:
+        return
+    oblique = [i for i in context.impacts if i.tangential is not None]
+    lifts = [(i.restitution - contact.restitution(i.speed_in), i) for i in oblique]
+    lift, worst = max(lifts, key=lambda pair: pair[0], default=(0.0, None))
+    if worst is None or worst.tangential is None or not lift > _LIFT:
+        return
+    row, impratio = _soft_row(context, friction)
+    words = {"solref": row.solref, "solimp": row.solimp, "solreffriction": row.solreffriction}
+    pair = " ".join(f'{key}="{numbers_text(values, "{:.6g}".format)}"' for key, values in words.items())
+    slip = math.hypot(*worst.tangential.slip_in)
+    yield Suspect(
+        "sliding-lift",
+        "Friction throws a sliding body up: MuJoCo's contact turns slip into bounce, as far as it is stiff.",
+        f"e = {worst.restitution:.4g} where it slides at {slip:.3g} m/s, {lift:.3g} more than without slip; "
+        f"impedance {contact.impedance(0.0):.4g}, friction {friction:g}",
+        f'<option cone="elliptic" impratio="{impratio:g}"/> and a <pair> of {context.names}: {pair}',
+        partial(_soften, geoms=context.all_geoms, row=row, impratio=impratio),
+        apply_last=True,
+    )
+
+
+def _soft_row(context: Context, friction: float) -> tuple[ConstraintRow, float]:
+    """A row of a few steps with the e that is wanted, so soft that friction hardly lifts; its impratio."""
+    # Here, as it imports SciPy's searches.
+    from hcbench.engines.mujoco.recipes.compliant_fit import IMPRATIO, whole_step_row
+
+    row = whole_step_row(context.goal(), context.timestep, len(context.place.contact.rows))
+    return row.with_friction(friction, context.timestep, IMPRATIO), IMPRATIO
+
+
+def _soften(model: Any, geoms: tuple[int, ...], row: ConstraintRow, impratio: float) -> None:
+    """Give contacts a row; without a <pair> friction has the same solref."""
+    fixes.set_contact(model, geoms, row.solref, row.solimp)
+    for pair in explicit_pairs(model, geoms):
+        model.pair_solreffriction[pair] = row.solreffriction
+    fixes.set_options(model, cone=int(backend().mjtCone.mjCONE_ELLIPTIC), impratio=impratio)

@@ -1,0 +1,123 @@
+"""Causes in the step, in the integrator, and in what else acts on the body."""
+
+import math
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import body_name
+from hcbench.engines.mujoco.model.causes import fixes
+from hcbench.engines.mujoco.model.causes.context import Context
+from hcbench.impact import Status
+from hcbench.measuring import causes
+from hcbench.sim.model_under_test import Suspect
+
+_SOLVER = {"tolerance": 1e-8, "iterations": 100, "ls_iterations": 50}  # MuJoCo's own
+
+
+def integrator(context: Context) -> Iterator[Suspect]:
+    """Integrators under which a solref in the direct format does something else."""
+    law = context.used
+    if law is None or context.integrator not in ("RK4", "discrete"):
+        return
+    if law.is_impulse or context.integrator == "discrete":
+        what = "A one-step (impulse) solref" if law.is_impulse else "Restitution"
+        yield Suspect(
+            "integrator",
+            f"{what} does not survive the integrator {context.integrator}.",
+            f"integrator {context.integrator}, solref {fixes.numbers(law.solref)}",
+            '<option integrator="implicitfast"/>',
+            partial(fixes.set_options, integrator=int(backend().mjtIntegrator.mjINT_IMPLICITFAST)),
+        )
+
+
+def solver(context: Context) -> Iterator[Suspect]:
+    """A solver that stops before it has found the forces: looser than MuJoCo's own settings."""
+    options = context.model.opt
+    loose = [
+        f"{name} {getattr(options, name):g}, {own:g} unless set"
+        for name, own in _SOLVER.items()
+        if (getattr(options, name) > own if name == "tolerance" else getattr(options, name) < own)
+    ]
+    if loose:
+        words = " ".join(f'{name}="{own:g}"' for name, own in _SOLVER.items())
+        yield Suspect(
+            "solver",
+            "The solver stops before it has found the contact's force.",
+            ", ".join(loose),
+            f"<option {words}/>",
+            partial(fixes.set_options, **_SOLVER),
+        )
+
+
+def resolution(context: Context) -> Iterator[Suspect]:
+    """A step that does not resolve the contact."""
+    law = context.used
+    step = causes.StepFix(context.timestep, '<option timestep="{}"/>', fixes.set_options)
+    stiffness = law.stiffness_damping()[0] if law is not None else 0.0
+    if any(i.status is Status.DIVERGED for i in context.impacts) and stiffness * context.timestep**2 > 1:
+        text, apply = step.to(math.pi / math.sqrt(stiffness) / 40)
+        yield Suspect(
+            "unstable",
+            "The contact is too stiff for the step: the state diverges.",
+            f"stiffness {stiffness:.3g} /s^2 at a step of {context.timestep:g} s",
+            f"{text} or a softer solref",
+            apply,
+            always_reported=True,
+        )
+        return
+    yield from causes.energy_gain(context.impacts, step)
+    if law is None or not law.is_impulse:
+        yield from causes.few_steps(context.impacts, step, "a softer solref")
+
+
+def gravity(context: Context) -> Iterator[Suspect]:
+    """Gravity does more than its part during a step or a contact."""
+    fix = "a stiffer solref and a smaller timestep, so that a contact lasts less than {:.2g} s"
+    apply = partial(fixes.set_options, gravity=0.0)
+    return causes.gravity(context.impacts, context.gravity, context.timestep, fix.format, apply)
+
+
+def losses(context: Context) -> Iterator[Suspect]:
+    """Damping that is not the contact's."""
+    model, dofs = context.model, list(context.place.joint.dofs)
+    joint = body_name(model, context.place.joint.body)
+    for code, field, words in (
+        ("joint-damping", "dof_damping", "damping"),
+        ("joint-friction", "dof_frictionloss", "frictionloss"),
+    ):
+        value = float(np.max(getattr(model, field)[dofs]))
+        if value > 0:
+            yield Suspect(
+                code,
+                f"The joint that carries the moving body has {words} of its own.",
+                f"{words} {value:g} on the joint of {joint!r}",
+                f'{joint}: {words}="0" on the joint',
+                partial(fixes.zero_dofs, field=field, dofs=dofs),
+            )
+    if model.opt.density > 0 or model.opt.viscosity > 0:
+        yield Suspect(
+            "fluid",
+            "The model is filled with a fluid, which drags.",
+            f"density {model.opt.density:g}, viscosity {model.opt.viscosity:g}",
+            '<option density="0" viscosity="0"/>',
+            partial(fixes.set_options, density=0.0, viscosity=0.0),
+        )
+
+
+def margin(context: Context) -> Iterator[Suspect]:
+    """Contacts that act away from the surfaces."""
+    onset = context.place.contact.onset
+    if onset == 0:
+        return
+    where = "before the surfaces meet" if onset > 0 else "only below the surface"
+    yield Suspect(
+        "margin",
+        f"margin and gap make the contact act {where}: the body turns round in the wrong place.",
+        f"the force begins at a distance of {onset:g} m",
+        f'{context.names}: margin="0" gap="0"',
+        partial(fixes.no_margin, geoms=context.all_geoms),
+        always_reported=True,
+    )

@@ -1,0 +1,183 @@
+"""Which parts of a MuJoCo model the names of a pair mean, which joints move them, and why some never meet."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import (
+    body_name,
+    collision_filter,
+    explicit_pairs,
+    geom_name,
+    geoms_of,
+    joint_name,
+)
+from hcbench.engines.mujoco.model.pair import ContactPair, NamedGeoms
+from hcbench.engines.mujoco.model.plugin_contact import has_force_law
+from hcbench.errors import UserError
+from hcbench.sim.candidate_pairs import choice_error
+from hcbench.sim.model_under_test import Request
+from hcbench.sim.names import find_part
+
+
+@dataclass(frozen=True, slots=True)
+class MovingJoint:
+    """What moves a body: degrees of freedom of one body's free or slide joints, or of its whole robot.
+
+    turns: whether hinges or balls are among them; the body then moves as a push at the contact would move it.
+    """
+
+    body: int
+    dofs: tuple[int, ...]
+    description: str
+    turns: bool = False
+
+
+def find_pair(model: Any, request: Request, state: Any = None) -> ContactPair:
+    """The pair that two names mean: bodies first, then geoms, or as "body:NAME" or "geom:NUMBER" says.
+
+    Without names, the only body that moves and the only thing it can meet.
+    """
+    names = request.pair
+    if names is None:
+        names = _only_pair(model, request, state)
+    first, second = (_named_geoms(model, name) for name in names)
+    if set(first.geoms) & set(second.geoms):
+        got = f"{names[0]!r} and {names[1]!r} are the same"
+        raise UserError("pair", got, "two different bodies or geoms")
+    return require_collisions(ContactPair(model, first, second))
+
+
+def _named_geoms(model: Any, name: str) -> NamedGeoms:
+    parts = [("body", body_name(model, b), b) for b in range(model.nbody)]
+    parts += [("geom", geom_name(model, g), g) for g in range(model.ngeom)]
+    parts.sort(key=lambda part: part[0] == "body" and not model.body_geomnum[part[2]])  # else its geom
+    kind, number = find_part(parts, name)
+    if kind == "geom":
+        return NamedGeoms(name, int(model.geom_bodyid[number]), (number,))
+    geoms = geoms_of(model, number) or tuple(
+        geom for geom in range(model.ngeom) if number in _ancestors(model, int(model.geom_bodyid[geom]))
+    )
+    solid = tuple(geom for geom in geoms if _collides(model, geom)) or geoms
+    if not solid:
+        raise UserError("pair", f"body {name!r} has no geoms", "a body that can touch something")
+    return NamedGeoms(name, number, solid)
+
+
+def _collides(model: Any, geom: int) -> bool:
+    in_pair = geom in model.pair_geom1 or geom in model.pair_geom2
+    return bool(model.geom_contype[geom] or model.geom_conaffinity[geom] or in_pair)
+
+
+def _only_pair(model: Any, request: Request, state: Any) -> tuple[str, str]:
+    """The names of the only body that moves and of the only fixed geom."""
+    movers = [b for b in range(1, model.nbody) if geoms_of(model, b) and model.body_weldid[b]]
+    others = [g for g in geoms_of(model, 0) if _collides(model, g)]
+    if len(movers) == 1 and len(others) == 1:
+        return f"body:{movers[0]}", f"geom:{others[0]}"
+    from hcbench.engines.mujoco.model.list_pairs import list_pairs
+
+    raise choice_error(list_pairs(model, request, state))
+
+
+def _translations(model: Any, body: int) -> tuple[int, ...]:
+    """Degrees of freedom of the body's own free or slide joints that translate."""
+    kinds = backend().mjtJoint
+    dofs: list[int] = []
+    for joint in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
+        kind, dof = model.jnt_type[joint], int(model.jnt_dofadr[joint])
+        if kind == kinds.mjJNT_FREE:
+            return (dof, dof + 1, dof + 2)
+        if kind == kinds.mjJNT_SLIDE:
+            dofs.append(dof)
+    return tuple(dofs)
+
+
+def _ancestors(model: Any, body: int) -> Iterator[int]:
+    """The body, what it hangs on, and so on; without the world."""
+    while body > 0:
+        yield body
+        body = int(model.body_parentid[body])
+
+
+def moving_joints(model: Any, body: int) -> list[MovingJoint]:
+    """What could move this body, nearest first."""
+    joints = []
+    for ancestor in _ancestors(model, body):
+        if dofs := _translations(model, ancestor):
+            free = model.jnt_type[model.body_jntadr[ancestor]] == backend().mjtJoint.mjJNT_FREE
+            kind = "free joint" if free else "slide"
+            words = f"body {body_name(model, ancestor)!r} on its {kind}"
+            joints.append(MovingJoint(ancestor, dofs, words))
+    chain = [a for a in _ancestors(model, body) if model.body_jntnum[a]]
+    if any(model.body_dofnum[a] > len(_translations(model, a)) for a in chain):
+        numbers = [model.body_jntadr[a] + j for a in chain for j in range(model.body_jntnum[a])]
+        names = ", ".join(joint_name(model, int(j)) for j in numbers[:6]) + ", ..." * (len(numbers) > 6)
+        tree = np.flatnonzero(model.body_rootid[model.dof_bodyid] == model.body_rootid[body])
+        words = f"body {body_name(model, body)!r} on its joints ({names})"
+        joints.append(MovingJoint(body, tuple(tree.tolist()), words, turns=True))
+    return joints
+
+
+def immobile_error(pair: ContactPair) -> UserError:
+    """Neither of the two can be launched."""
+    states = []
+    for part in (pair.first, pair.second):
+        hinged = any(pair.model.body_jntnum[body] for body in _ancestors(pair.model, part.body))
+        turns = "is on hinges or balls only, which do not bring it nearer"
+        states.append(f"{part.name!r} {turns if hinged else 'does not move'}")
+    return UserError(
+        "pair",
+        " and ".join(states),
+        "one of the two on joints that move it towards the other",
+        "Add <freejoint/> to the body that shall bounce, or start from another --key or --qpos",
+    )
+
+
+def require_collisions(pair: ContactPair) -> ContactPair:
+    """The pair with those geoms only that MuJoCo collides; UserError with what keeps all of them apart."""
+    model = pair.model
+    mine = [(a, b) for a in pair.first.geoms for b in pair.second.geoms]
+    off = backend().mjtDisableBit.mjDSBL_CONTACT | backend().mjtDisableBit.mjDSBL_CONSTRAINT
+    meet = [geoms for geoms in mine if explicit_pairs(model, geoms) or not collision_filter(model, *geoms)]
+    if not meet or model.opt.disableflags & off:
+        fixed = not any(model.body_weldid[part.body] for part in (pair.first, pair.second))
+        raise immobile_error(pair) if fixed else no_contact_error(pair)
+    sides = [
+        NamedGeoms(side.name, side.body, tuple(dict.fromkeys(geoms[i] for geoms in meet)))
+        for i, side in enumerate((pair.first, pair.second))
+    ]
+    return ContactPair(model, *sides)
+
+
+def no_contact_error(pair: ContactPair) -> UserError:
+    """MuJoCo reports no contact between the two, however deep they are in each other."""
+    model, mujoco = pair.model, backend()
+    geoms = pair.first.geoms[0], pair.second.geoms[0]
+    kinds = [mujoco.mjtGeom(int(model.geom_type[g])).name.removeprefix("mjGEOM_").lower() for g in geoms]
+    masks = [f"{geom_name(model, g)} has {model.geom_contype[g]}/{model.geom_conaffinity[g]}" for g in geoms]
+    off = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    if has_force_law(model, geoms):
+        got = f"{pair.first.name!r} and {pair.second.name!r} meet by the plug-in hcbench.hunt_crossley"
+        todo = "Its e is the law's: docs/howto/plugins.md says up to which step"
+        return UserError("pair", got, "MuJoCo's own contact, or the plug-in hcbench.restitution", todo)
+    reason = "disabled" if model.opt.disableflags & off else collision_filter(model, *geoms)
+    got, *expected = {
+        "disabled": ("contacts are disabled", 'no <flag contact="disable"/>'),
+        "exclude": ("<exclude> names their bodies", "no <exclude> for them"),
+        "masks": (
+            f"contype/conaffinity do not match ({', '.join(masks)})",
+            "contype of one to share a bit with conaffinity of the other",
+            'Remove them, or write contype="1" conaffinity="1" on both',
+        ),
+        "welded": ("they are one rigid body", "two bodies that can move apart"),
+        "parent": ("parent and child are filtered", "a <pair> of the two in <contact>"),
+        "": (
+            f"MuJoCo made no contact of a {kinds[0]} inside a {kinds[1]}",
+            "two geoms that it collides, that meet along their common normal",
+        ),
+    }[reason]
+    return UserError("pair", f"{pair.first.name!r} and {pair.second.name!r} never touch: {got}", *expected)

@@ -1,0 +1,125 @@
+"""Lists the pairs of geoms that a MuJoCo model lets collide, and which touch in which pose."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend, captured_warnings
+from hcbench.engines.mujoco.model.bodies import (
+    approach_row,
+    body_name,
+    collision_filter,
+    effective_mass,
+    explicit_pairs,
+    geom_name,
+)
+from hcbench.engines.mujoco.model.find_pair import moving_joints
+from hcbench.engines.mujoco.model.pair import ContactPair, NamedGeoms
+from hcbench.engines.mujoco.model.start_pose import start_pose
+from hcbench.sim.candidate_pairs import CandidatePair, in_order
+from hcbench.sim.model_under_test import Request
+
+_Geoms = tuple[int, ...]  # two, in order
+_HEAVIEST = 1e4  # of the whole model's mass
+_POSES_MAX = 50  # keyframes that are looked at
+
+
+def list_pairs(model: Any, request: Request, state: Any = None) -> list[CandidatePair]:
+    """Every pair that can meet; those that touch at the start first."""
+    mujoco = backend()
+    with captured_warnings():
+        data, _ = start_pose(model, request, state)
+        mujoco.mj_forward(model, data)
+        touching = _touching(model)
+        here = {tuple(sorted(c.geom.tolist())) for c in data.contact if c.dist <= 0.0}
+        return in_order([_described(model, data, a, b, here, touching) for a, b in _collisions(model)])
+
+
+def _collisions(model: Any) -> list[tuple[int, int]]:
+    """Geoms that MuJoCo collides, the one that moves, or moves more freely, first."""
+    kinds, partners = model.geom_contype, model.geom_conaffinity
+    match = (kinds[:, None] & partners[None, :]) | (kinds[None, :] & partners[:, None])
+    near = {tuple(sorted(pair)) for pair in np.argwhere(np.triu(match, 1)).tolist()}
+    meet = {pair for pair in near if not collision_filter(model, *pair)}
+    meet |= {
+        tuple(sorted(pair)) for pair in zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True)
+    }
+    return [(a, b) if _rank(model, a) <= _rank(model, b) else (b, a) for a, b in sorted(meet)]
+
+
+def _rank(model: Any, geom: int) -> tuple[bool, int]:
+    body = int(model.geom_bodyid[geom])
+    return not model.body_weldid[body], int(model.geom_type[geom] == backend().mjtGeom.mjGEOM_PLANE)
+
+
+def _touching(model: Any) -> dict[_Geoms, list[str]]:
+    """Names of the poses in which two geoms touch: qpos0 and keyframes."""
+    found: dict[_Geoms, list[str]] = {}
+    poses = ["qpos0", *(str(i) for i in range(min(model.nkey, _POSES_MAX)))]
+    for key in poses:
+        data, name = start_pose(model, Request(key=key))
+        backend().mj_fwdPosition(model, data)
+        for contact in data.contact:
+            names = found.setdefault(tuple(sorted(contact.geom.tolist())), [])
+            if contact.dist <= 0.0 and name not in names:
+                names.append(name)
+    return found
+
+
+def _described(
+    model: Any, data: Any, a: int, b: int, here: set[_Geoms], touching: dict[_Geoms, list[str]]
+) -> CandidatePair:
+    bodies = int(model.geom_bodyid[a]), int(model.geom_bodyid[b])
+    kinds = [backend().mjtGeom(int(model.geom_type[g])).name.removeprefix("mjGEOM_").lower() for g in (a, b)]
+    names = geom_name(model, a), geom_name(model, b)
+    pair = ContactPair(model, NamedGeoms(names[0], bodies[0], (a,)), NamedGeoms(names[1], bodies[1], (b,)))
+    near, mass = pair.nearest(data), math.nan
+    normal, key = near.normal, tuple(sorted((a, b)))
+    if not normal.any():  # they just touch: either sign will do
+        normals = [c.frame[:3] for c in data.contact if tuple(sorted(c.geom.tolist())) == key]
+        normal = normals[0] if normals else normal
+    if np.isfinite(near.distance) and normal.any():
+        mass = effective_mass(model, data, approach_row(model, data, *bodies, near.point, normal))
+        mass = mass if mass < _HEAVIEST * float(model.body_mass.sum()) else math.nan  # round-off moves it
+    joints = [joint for body in bodies for joint in moving_joints(model, body)]
+    return CandidatePair(
+        bodies=(body_name(model, bodies[0]), body_name(model, bodies[1])),
+        geoms=names,
+        types=(kinds[0], kinds[1]),
+        pair=",".join(_unmistakable(model, g) for g in (a, b)),
+        joint=joints[0].description if joints else "nothing",
+        effective_mass=mass if math.isfinite(mass) else math.nan,
+        distance=float(near.distance) if np.isfinite(near.distance) else math.nan,
+        touching=key in here,
+        touching_in=tuple(touching.get(key, ())),
+        settings=contact_in_force(model, a, b),
+    )
+
+
+def _unmistakable(model: Any, geom: int) -> str:
+    """The geom's name where no body has the same; else with the word."""
+    name = str(geom_name(model, geom))
+    bodies = {body_name(model, body) for body in range(model.nbody)}
+    return f"geom:{name}" if name in bodies or "," in name else name
+
+
+def contact_in_force(model: Any, a: int, b: int) -> dict[str, Any]:
+    """The parameters of two geoms' contact, after MuJoCo's own mixing (modeling, "Contact parameters")."""
+    if pairs := explicit_pairs(model, (a, b)):
+        p = pairs[0]
+        values = [model.pair_solref[p], model.pair_solimp[p], model.pair_friction[p][:3], model.pair_dim[p]]
+    else:
+        one, two = (a, b) if model.geom_priority[a] >= model.geom_priority[b] else (b, a)
+        if model.geom_priority[one] > model.geom_priority[two]:
+            two = one
+        weights = np.maximum(model.geom_solmix[[one, two]], 1e-15)
+        share = float(weights[0] / weights.sum())
+        solrefs, solimps = model.geom_solref[[one, two]], model.geom_solimp[[one, two]]
+        direct = (solrefs[:, 0] <= 0.0).any()
+        solref = solrefs.min(axis=0) if direct else share * solrefs[0] + (1 - share) * solrefs[1]
+        friction = model.geom_friction[[one, two]].max(axis=0)
+        condim = model.geom_condim[[one, two]].max()
+        values = [solref, share * solimps[0] + (1 - share) * solimps[1], friction, condim]
+    solref, solimp, friction, condim = (np.asarray(value).tolist() for value in values)
+    return {"solref": solref, "solimp": solimp, "friction": friction, "condim": condim}

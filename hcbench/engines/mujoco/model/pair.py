@@ -1,0 +1,149 @@
+"""Two parts of a MuJoCo model that shall meet: where they are nearest, and MuJoCo's contact of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import approach_row
+from hcbench.impact import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class NamedGeoms:
+    """What a user's name means: a body, and those of its geoms that count."""
+
+    name: str
+    body: int
+    geoms: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PairContact:
+    """MuJoCo's contact of a pair, averaged over its points; SI.
+
+    normal: from the first part to the second. onset: distance at which its force begins to act.
+    rows: (solref, solimp, geoms) of each point.
+    """
+
+    normal: Floats
+    point: Floats
+    onset: float
+    distance: float
+    rows: tuple[tuple[tuple[float, ...], tuple[float, ...], tuple[int, int]], ...]
+
+
+class Nearest(NamedTuple):
+    """Where two parts are nearest: signed distance (m), unit normal from the first to the second, midpoint,
+    and the geoms. The normal is 0 where the two touch without a direction to tell.
+    """
+
+    distance: float
+    normal: Floats
+    point: Floats
+    geoms: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class ContactPair:
+    """Two parts of a model that shall meet."""
+
+    model: Any
+    first: NamedGeoms
+    second: NamedGeoms
+
+    def swapped(self) -> ContactPair:
+        """The same two in the other order."""
+        return ContactPair(self.model, self.second, self.first)
+
+    @property
+    def geoms(self) -> tuple[int, ...]:
+        """Of both."""
+        return self.first.geoms + self.second.geoms
+
+    @cached_property
+    def sides(self) -> NDArray[np.int8]:
+        """(ngeom + 1,): 1 for geoms of the first, 2 for the second's, else 0; -1 indexes the last, a 0."""
+        sides = np.zeros(self.model.ngeom + 1, dtype=np.int8)
+        sides[list(self.first.geoms)], sides[list(self.second.geoms)] = 1, 2
+        return sides
+
+    @cached_property
+    def size(self) -> float:
+        """Bounding radius of the smallest geom, m."""
+        return min([r for r in self.model.geom_rbound[list(self.geoms)].tolist() if r > 0], default=0.1)
+
+    @cached_property
+    def height_field(self) -> int:
+        """The height field among the two, -1 without one: MuJoCo's own distance to it is not reliable."""
+        kind = int(backend().mjtGeom.mjGEOM_HFIELD)
+        return next((geom for geom in self.geoms if int(self.model.geom_type[geom]) == kind), -1)
+
+    def approach_row(self, data: Any, point: Floats, normal: Floats) -> Floats:
+        """(nv,) J: the approach rate of the two at a point along a normal is J @ qvel."""
+        return approach_row(self.model, data, self.first.body, self.second.body, point, normal)
+
+    def contact(self, data: Any) -> PairContact | None:
+        """The contact in `data`, None where there is none that acts."""
+        contacts, sides = data.contact, self.sides
+        acting = [
+            i
+            for i, (a, b) in enumerate(contacts.geom.tolist())
+            if sides[a] + sides[b] == 3 and not contacts.exclude[i]
+        ]
+        if not acting:
+            return None
+        signs = np.where(sides[contacts.geom[acting, 0]] == 1, 1.0, -1.0)
+        normals = contacts.frame[acting, :3] * signs[:, None]
+        normal = np.mean(normals, axis=0)
+        length = float(np.linalg.norm(normal))
+        rows = zip(contacts.solref[acting], contacts.solimp[acting], contacts.geom[acting], strict=True)
+        return PairContact(
+            normal=normal / length if length > 0 else normals[0],
+            point=np.mean(contacts.pos[acting], axis=0),
+            onset=float(contacts.includemargin[acting].max()),
+            distance=float(contacts.dist[acting].min()),
+            rows=tuple((tuple(a.tolist()), tuple(b.tolist()), tuple(c.tolist())) for a, b, c in rows),
+        )
+
+    def narrowed(self, geoms: tuple[int, int]) -> ContactPair:
+        """The two with those geoms only that move as one with these, the nearest: of a robot, one link."""
+        weld = self.model.body_weldid
+        sides = []
+        for side, geom in zip((self.first, self.second), geoms, strict=True):
+            body = int(self.model.geom_bodyid[geom])
+            rigid = [g for g in side.geoms if weld[self.model.geom_bodyid[g]] == weld[body]]
+            sides.append(NamedGeoms(side.name, body, tuple(rigid)))
+        return ContactPair(self.model, *sides)
+
+    def nearest(self, data: Any) -> Nearest:
+        """Of all their geoms."""
+        if self.height_field >= 0:
+            return self._above_field(data)
+        best = Nearest(np.inf, np.zeros(3), np.zeros(3), (self.first.geoms[0], self.second.geoms[0]))
+        ends, reach = np.zeros(6), 10.0 * float(self.model.stat.extent) + 10.0
+        for a in self.first.geoms:
+            for b in self.second.geoms:
+                distance = backend().mj_geomDistance(self.model, data, a, b, reach, ends)
+                if distance < min(best.distance, reach):
+                    span = (ends[3:] - ends[:3]) * np.sign(distance)
+                    length = float(np.linalg.norm(span))
+                    normal = span / length if length > 1e-12 else np.zeros(3)
+                    best = Nearest(distance, normal, (ends[3:] + ends[:3]) / 2, (a, b))
+        return best
+
+    def _above_field(self, data: Any) -> Nearest:
+        """As `nearest`, roughly: from the other's bounding sphere down to the field's highest point."""
+        field, model = self.height_field, self.model
+        up = data.geom_xmat[field].reshape(3, 3)[:, 2]
+        on_field = field in self.second.geoms
+        other = (self.first if on_field else self.second).geoms[0]
+        centre, top = data.geom_xpos[other], model.hfield_size[model.geom_dataid[field]][2]
+        height = float(up @ (centre - data.geom_xpos[field])) - float(model.geom_rbound[other]) - float(top)
+        geoms = (other, field) if on_field else (field, other)
+        return Nearest(height, -up if on_field else up.copy(), centre.copy(), geoms)

@@ -1,0 +1,267 @@
+"""Brings a pair just to touch, by MuJoCo's own collision functions, and finds how to launch it."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import effective_mass, geom_name, response
+from hcbench.engines.mujoco.model.find_pair import (
+    MovingJoint,
+    immobile_error,
+    moving_joints,
+    no_contact_error,
+)
+from hcbench.engines.mujoco.model.pair import ContactPair, PairContact
+from hcbench.engines.mujoco.model.start_pose import require_joints_within_limits, tether_error
+from hcbench.engines.mujoco.model.touch_search import TouchSearch, swing, swing_to_touch
+from hcbench.errors import UserError
+from hcbench.impact import Floats
+from hcbench.sim.model_under_test import Vector
+from hcbench.sim.touch import LEAST_APPROACH, require_apart, require_reachable
+
+ABOVE: Vector = (0.0, 0.0, 1.0)
+_MISSED = 1e-6  # m: two that are still so far apart at the end of a way have passed each other
+
+
+@dataclass(frozen=True, slots=True)
+class PairAtTouch:
+    """A pair that just touches, the moving one first.
+
+    joint: what moves it. qpos: (nq,), at touch. direction: (nv,), the velocity that approaches at 1 m/s.
+    effective_mass: along the normal, kg. gravity: acceleration of the approach in
+    free flight, by gravity and what the model's springs and actuators add to it, m/s². overlap: how deep
+    the two were in each other at the start, m. remark: how they were brought together, where it was a choice.
+    """
+
+    pair: ContactPair
+    joint: MovingJoint
+    qpos: Floats
+    direction: Floats
+    contact: PairContact
+    effective_mass: float
+    gravity: float
+    overlap: float
+    remark: str = ""
+
+
+def bring_to_touch(pair: ContactPair, data: Any, coming_from: Vector | None = None) -> PairAtTouch:
+    """Bring the two just to touch, by moving the first (or else the second) along their common normal.
+
+    data: at rest in the start configuration. coming_from: where the moving one comes from, a unit vector away
+    from the other; None: the nearest way. Raises UserError with the reason where that cannot be done.
+    """
+    model = pair.model
+    backend().mj_forward(model, data)
+    near = pair.nearest(data)
+    pair = pair.narrowed(near.geoms)
+    require_joints_within_limits(model, data, (pair.first.body, pair.second.body))
+    overlap = 0.0
+    if not np.isfinite(near.distance):
+        names = f"{pair.first.name!r} to {pair.second.name!r}"
+        raise UserError("pair", f"no distance from {names} is known", "two solid geoms")
+    if coming_from is not None:
+        return _from_there(pair, data, coming_from)
+    if pair.height_field < 0:
+        todo = "Move one away, or start from another keyframe or --qpos"
+        require_apart(near.distance, pair.size, pair.first.name, pair.second.name, todo)
+        overlap = max(0.0, -float(near.distance))
+    if not near.normal.any():
+        near = near._replace(normal=_guess_normal(pair, data))
+    row = pair.approach_row(data, near.point, near.normal)
+    errors: list[UserError] = []  # that they pass each other says more than what else is in the way
+    joints = _joints(pair)
+    for ordered, joint in joints:
+        try:
+            found = _along_nearest(ordered, data, joint, row, overlap)
+        except _PassedError as error:
+            errors.insert(0, error)
+        except UserError as error:
+            errors.append(error)
+        else:
+            if found is not None:
+                return found
+    if errors:
+        raise errors[0]
+    if any(not joint.turns for _, joint in joints):
+        got = f"{pair.first.name!r} and {pair.second.name!r} slide past each other: no joint moves one"
+        raise UserError("pair", f"{got} towards the other", "a joint along their common normal")
+    raise immobile_error(pair)
+
+
+class _PassedError(UserError):
+    """The two pass each other."""
+
+
+def _joints(pair: ContactPair) -> list[tuple[ContactPair, MovingJoint]]:
+    """What could move one of the two, with the pair in that order."""
+    return [(p, joint) for p in (pair, pair.swapped()) for joint in moving_joints(p.model, p.first.body)]
+
+
+def _along_nearest(
+    pair: ContactPair, data: Any, joint: MovingJoint, row: Floats, overlap: float
+) -> PairAtTouch | None:
+    """The two brought together the nearest way by one joint; None where it does not move one to the other.
+
+    row: (nv,) of the approach along the line between them.
+    """
+    start = data.qpos.copy()
+    try:
+        move = swing_to_touch(pair, data, joint.dofs, row) if joint.turns else _slide(row, joint)
+        if move is None:
+            return None
+        search = TouchSearch(pair, data, move)
+        contact = search.contact_at_touch()
+        if contact is not None:
+            return _at_touch(pair, data, joint, move, contact, overlap)
+        if len(joint.dofs) == 3 and not joint.turns and search.gap < _MISSED:
+            data.qpos[:] = start
+            remark = "The nearest way ends at an edge, where the engine makes no contact: met from above."
+            return replace(_from_there(pair, data, ABOVE), remark=remark)
+        raise no_contact_error(pair) if search.gap < _MISSED else _passed_error(pair, data, search.gap)
+    finally:
+        data.qpos[:] = start
+        backend().mj_fwdPosition(pair.model, data)
+
+
+def _passed_error(pair: ContactPair, data: Any, gap: float) -> _PassedError:
+    heights = [float(data.geom_xpos[part.geoms[0]][2]) for part in (pair.first, pair.second)]
+    return _PassedError(
+        "pair",
+        f"{pair.first.name!r} passes {pair.second.name!r} {gap:.3g} m away: its joints do not lead there "
+        f"(their middles are at heights of {heights[0]:.3g} and {heights[1]:.3g} m)",
+        "two that meet",
+        "Start from another --key or --qpos, or name the other one first",
+    )
+
+
+def _from_there(pair: ContactPair, data: Any, coming_from: Vector) -> PairAtTouch:
+    """The two brought together from one direction, by a free or slide joint."""
+    model, there = pair.model, np.asarray(coming_from)
+    for ordered, joint in _joints(pair):
+        sign = 1.0 if ordered.first.name == pair.first.name else -1.0
+        normal = -sign * there
+        row = ordered.approach_row(data, data.geom_xpos[ordered.first.geoms[0]], normal)
+        move = None if joint.turns else _slide(row, joint)
+        if move is None:
+            continue
+        start = data.qpos.copy()
+        backend().mj_integratePos(model, data.qpos, move, -_clear_of(ordered, data, normal))
+        contact = TouchSearch(ordered, data, move).contact_at_touch()
+        if contact is None:
+            data.qpos[:] = start
+            backend().mj_fwdPosition(model, data)
+            _move_over(ordered, data, joint, normal)
+            backend().mj_integratePos(model, data.qpos, move, -_clear_of(ordered, data, normal))
+            contact = TouchSearch(ordered, data, move).contact_at_touch()
+        if contact is not None:
+            return _at_touch(ordered, data, joint, move, contact, 0.0)
+        raise UserError(
+            "from",
+            f"{ordered.first.name!r} does not meet {ordered.second.name!r} on a way along {_words(normal)}",
+            "a direction from which they meet",
+        )
+    raise UserError("from", "no free or slide joint moves one of the two along it", "another direction")
+
+
+def _words(vector: Floats) -> str:
+    return " ".join(f"{x + 0.0:.3g}" for x in vector)
+
+
+def _clear_of(pair: ContactPair, data: Any, normal: Floats) -> float:
+    """How far back along the normal the first is clear of the second, m, from where it is."""
+    model, ahead = pair.model, 0.0
+    bound = max(float(model.geom_rbound[g]) for g in pair.first.geoms)
+    for g in pair.second.geoms:
+        reach = float(model.geom_rbound[g]) or 0.0  # a plane has none
+        offset = float(normal @ (data.geom_xpos[pair.first.geoms[0]] - data.geom_xpos[g]))
+        ahead = max(ahead, offset + reach + 2.0 * bound)
+    return ahead + 0.1 * pair.size
+
+
+def _move_over(pair: ContactPair, data: Any, joint: MovingJoint, normal: Floats) -> None:
+    """Move the first sideways, until its middle is on the line through the middle of the second."""
+    model = pair.model
+    middles = [np.mean(data.geom_xpos[list(part.geoms)], axis=0) for part in (pair.first, pair.second)]
+    aside = (middles[1] - middles[0]) - normal * float(normal @ (middles[1] - middles[0]))
+    length = float(np.linalg.norm(aside))
+    if length > 0:
+        row = pair.approach_row(data, middles[0], aside / length)
+        move = _slide(row, joint)
+        if move is not None:
+            backend().mj_integratePos(model, data.qpos, move, length)
+            backend().mj_fwdPosition(model, data)
+
+
+def _guess_normal(pair: ContactPair, data: Any) -> Floats:
+    """For two that just touch at the start: that of MuJoCo's contact, of a plane, or between centres."""
+    contact = pair.contact(data)
+    if contact is not None:
+        return contact.normal
+    for side, sign in ((pair.second, -1.0), (pair.first, 1.0)):
+        if int(pair.model.geom_type[side.geoms[0]]) == int(backend().mjtGeom.mjGEOM_PLANE):
+            return np.asarray(sign * data.geom_xmat[side.geoms[0]].reshape(3, 3)[:, 2])
+    line = data.geom_xpos[pair.second.geoms[0]] - data.geom_xpos[pair.first.geoms[0]]
+    length = float(np.linalg.norm(line))
+    return line / length if length > 0 else np.array([0.0, 0.0, -1.0])
+
+
+def _slide(row: Floats, joint: MovingJoint) -> Floats | None:
+    """The least velocity of a joint that approaches at 1 m/s; None where none does."""
+    along = row[list(joint.dofs)]
+    squared = float(along @ along)
+    if squared < LEAST_APPROACH**2:
+        return None
+    direction = np.zeros_like(row)
+    direction[list(joint.dofs)] = along / squared
+    return direction
+
+
+def _acceleration_in_flight(model: Any, data: Any, row: Floats) -> float:
+    """m/s² along the normal, at rest, by gravity, springs and actuators. Contact is off: it may adhere."""
+    mujoco, flags = backend(), model.opt.disableflags
+    model.opt.disableflags = flags | int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    mujoco.mj_forward(model, data)
+    model.opt.disableflags = flags
+    return float(row @ data.qacc_smooth)
+
+
+def _at_touch(
+    pair: ContactPair, data: Any, joint: MovingJoint, move: Floats, contact: PairContact, overlap: float
+) -> PairAtTouch:
+    """pair: with the moving one first. data: at touch."""
+    model, normal = pair.model, contact.normal
+    row = pair.approach_row(data, contact.point, normal)
+    if float(row @ move) < 0:  # the contact was read with the two the other way round
+        row, normal = -row, -normal
+    direction = swing(model, data, row, joint.dofs) if joint.turns else _slide(row, joint)
+    mass = effective_mass(model, data, row)
+    names = pair.first.name, pair.second.name
+    if direction is None or not np.isfinite(mass):
+        raise UserError("pair", f"{names[0]!r} cannot move along the contact normal", "a joint that lets it")
+    _require_room(pair, data)
+    back = response(model, data, row)
+    if (tethered := tether_error(model, data, back, names)) is not None:
+        raise tethered
+    gravity = _acceleration_in_flight(model, data, row)
+    contact = replace(contact, normal=normal)
+    return PairAtTouch(pair, joint, data.qpos.copy(), direction, contact, mass, gravity, overlap)
+
+
+def _require_room(pair: ContactPair, data: Any) -> None:
+    """Refuse a touch at which other parts of what moves would be deep in something."""
+    model, sides, names = pair.model, pair.sides, (pair.first.name, pair.second.name)
+    root = model.body_rootid[pair.first.body]
+    for contact in data.contact:
+        geoms = contact.geom.tolist()
+        if min(geoms) < 0 or contact.exclude or sides[geoms].sum() == 3:
+            continue
+        # The one that moves with the pair first.
+        geoms.sort(key=lambda geom: model.body_rootid[model.geom_bodyid[geom]] != root)
+        moves = [model.body_rootid[model.geom_bodyid[geom]] == root for geom in geoms]
+        if moves == [True, False]:
+            size = min(r for r in (*model.geom_rbound[geoms], np.inf) if r > 0)
+            part, third = (repr(geom_name(model, geom)) for geom in geoms)
+            todo = ", or start from a keyframe or --qpos in which these do"
+            require_reachable(-contact.dist, size, names, (part, third), todo)

@@ -1,0 +1,203 @@
+"""A user's MuJoCo model that another engine steps: prepared and read as MuJoCo's own."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import math
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation, with_kinematics
+from hcbench.engines.mujoco.scene.shared_scene import differences, rounded_adhesion
+from hcbench.impact import Impact, Launch
+from hcbench.measuring.measurement import TOLERANCE
+from hcbench.sim import simulate
+from hcbench.sim.engine import Record, Simulation
+from hcbench.sim.model_under_test import Facts, ModelUnderTest, Suspect
+from hcbench.sim.parallel import require_motion_at, unit_in_last_place
+from hcbench.sim.read_impact import NOT_FINITE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from hcbench.engines.mujoco.model.under_test import MujocoModel
+    from hcbench.impact import Floats
+    from hcbench.laws.restitution import RestitutionCurve
+    from hcbench.sim.engine import Flags
+    from hcbench.sim.shared_model import BorrowingEngine, Copies
+
+_SMOOTH = 100.0  # units in the last place that a step moves the bodies by, from which e does not scatter
+_ROUND_OFF = 64  # units in the last place of a velocity: a smaller change is no force
+
+
+class LentModel(ModelUnderTest):
+    """A MuJoCo model in the copies of an engine that borrows it.
+
+    as_given: without fixes. Raises SceneError for what the engine does not have, SettingError for a step too
+    short for its numbers.
+    """
+
+    diverged = NOT_FINITE
+
+    def __init__(self, own: MujocoModel, engine: BorrowingEngine, as_given: bool = True) -> None:
+        self._own, self._engine, self._as_given = own, engine, as_given
+        self._copies = engine.copies(own.model, own.start)
+        self.places, self.timestep, self.mass = self._copies.places, own.timestep, own.mass
+        self.gravity, self.speed_reading = own.gravity, own.speed_reading
+        at_touch = copy.copy(own.start)
+        at_touch.qpos[:] = own.place.qpos
+        middles = with_kinematics(at_touch, own.model).geom_xpos[list(own.place.pair.geoms)]
+        self._reach = float(np.abs([*middles, own.place.contact.point]).max())
+        require_motion_at(self._reach, self.timestep, max(own.request.speeds), self._copies.bits)
+
+    def release(self, launches: Sequence[Launch]) -> LentSimulation:
+        """A copy for each launch."""
+        return LentSimulation(self._copies, [self._own.released(launch, LentFlight) for launch in launches])
+
+    @property
+    def step_cost(self) -> float:
+        """MuJoCo's, as the copies share a step."""
+        return self._own.step_cost
+
+    def facts(self) -> Facts:
+        """MuJoCo's, under the name of who steps."""
+        own = self._own.facts()
+        settings = {**own.settings, "numbers": f"float{self._copies.bits}"}
+        version = self._engine.version()
+        return dataclasses.replace(own, engine=self._engine.name, version=version, settings=settings)
+
+    def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
+        """What the engine does otherwise than MuJoCo, and then what MuJoCo itself does."""
+        own = self._own.suspects(impacts, wanted)
+        if not self._as_given:  # what the engine does otherwise is said of the user's own contact
+            return own
+        rows = [(solref, solimp) for solref, solimp, _ in self._own.place.contact.rows]
+        geoms = [geom for _, _, both in self._own.place.contact.rows for geom in both]
+        named = differences(self._own.model, self._engine, self._copies.bits, geoms, rows)
+        named += rounded_adhesion(self._own.model, self._engine, self._copies.bits, geoms, impacts)
+        return [*named, *self._too_fine(impacts), *self._unlike_lender(impacts), *own]
+
+    def _too_fine(self, impacts: Sequence[Impact]) -> Iterator[Suspect]:
+        """Steps that move the bodies by few of the coordinates that the numbers have."""
+        place = unit_in_last_place(self._reach, self._copies.bits)
+        moved = min(impact.launch.speed for impact in impacts) * self.timestep
+        if moved < _SMOOTH * place:
+            yield Suspect(
+                "rounded-positions",
+                f"Positions in float{self._copies.bits} are coarse for such short steps: e scatters.",
+                f"steps of {moved:.2g} m where coordinates of {self._reach:.3g} m are {place:.2g} m apart",
+                "the contact nearer to the origin, or longer steps"
+                + (f"; or {self._engine.exact}" if self._engine.exact else ""),
+                always_reported=True,
+            )
+
+    def _unlike_lender(self, impacts: Sequence[Impact]) -> Iterator[Suspect]:
+        """Where the same launches bounce otherwise in MuJoCo itself."""
+        sent = {impact.launch.at_any_phase: impact for impact in impacts}.values()
+        theirs = simulate.impacts_in(self._own, [impact.launch for impact in sent])
+        both = [(abs(a.restitution - b.restitution), a, b) for a, b in zip(sent, theirs, strict=True)]
+        found = [each for each in both if math.isnan(each[0]) or each[0] > TOLERANCE]
+        found = [each for each in found if each[1].is_measured or each[2].is_measured]
+        if not found:
+            return
+        _, mine, its = max(found, key=lambda each: (math.isnan(each[0]), each[0]))
+        words = [f"{i.restitution:.4g}" if i.is_measured else i.status.value for i in (mine, its)]
+        yield Suspect(
+            "unlike-mujoco",
+            f"{self._engine.title} bounces otherwise than MuJoCo itself does.",
+            f"e at {mine.launch.speed:.4g} m/s: {words[0]}, where MuJoCo has {words[1]}",
+            f"`hcbench tune {self._engine.name}` for a contact that it bounces as it should",
+            always_reported=True,
+        )
+
+    def fixed(self, suspects: Sequence[Suspect]) -> LentModel:
+        """The same pair with some fixes made, in copies of their own."""
+        return LentModel(self._own.fixed(suspects), self._engine, as_given=False)
+
+
+class LentFlight(MujocoUserSimulation):
+    """One launch, whose states another engine hands in; MuJoCo only reads them."""
+
+    def start_from(self, state: Floats, bits: int) -> None:
+        """The state as the engine has it. bits: of its numbers."""
+        self._round_off = _ROUND_OFF * float(np.finfo(f"f{bits // 8}").eps)
+        self._noise = max(self._noise, self._round_off)
+        self._states: deque[Floats] = deque()
+        self._changed = np.zeros(self._model.nv)
+        self._set(self._data, state)
+
+    @property
+    def state(self) -> Floats:
+        """Positions and velocities at release."""
+        return np.append(self._data.qpos, self._data.qvel)
+
+    def hand_in(self, states: Floats) -> int:
+        """Some more states, shape (n, nq + nv); how many steps can be read with them."""
+        self._states.extend(states)
+        # Under RK4 a step is read once the one after it is.
+        return len(self._states) - (1 if self._staged and self._last is None else 0)
+
+    def _take_step(self, data: Any) -> None:
+        """MuJoCo's own step, for its forces, and then the engine's state."""
+        before = np.abs(data.qvel)
+        super()._take_step(data)
+        its = data.qvel.copy()
+        self._set(data, self._states.popleft())
+        if not np.isfinite(data.qvel).all():
+            data.time = -math.inf  # as where MuJoCo resets a state
+        self._changed = data.qvel - its
+        self._speeds = before + np.abs(its) + np.abs(data.qvel)
+
+    def _set(self, data: Any, state: Floats) -> None:
+        data.qpos[:], data.qvel[:] = state[: self._model.nq], state[self._model.nq :]
+
+    def _force(self, solved: float, seen: Any) -> float:
+        """MuJoCo's own, and what the engine made of the momentum besides."""
+        row = self._reader.row(seen)
+        slowed = -float(row @ self._changed)
+        noise = self._round_off * float(np.abs(row) @ self._speeds)
+        mass, h = self._place.effective_mass, self._h
+        force = solved + mass * slowed / h if abs(slowed) > noise else solved
+        return force if abs(force) * h > mass * noise else 0.0
+
+
+class LentSimulation(Simulation):
+    """Launches under way in copies of their model."""
+
+    def __init__(self, copies: Copies, flights: Sequence[LentFlight]) -> None:
+        self._copies, self._flights, self._which = copies, list(flights), np.arange(len(flights))
+        started = copies.place_first(np.array([flight.state for flight in flights]))
+        for flight, state in zip(flights, started, strict=True):
+            flight.start_from(state, copies.bits)
+
+    def advance(self, steps: int) -> Record:
+        """Up to `steps` steps, as many as the engine takes at once."""
+        count = 0
+        while count < 1:
+            path = self._copies.step(steps)[:, self._which]
+            count = min(flight.hand_in(path[:, i]) for i, flight in enumerate(self._flights))
+        rows = [flight.advance(count).rows()[:, 0] for flight in self._flights]
+        seen = np.full((len(rows[0]), len(rows), count), np.nan)
+        for i, row in enumerate(rows):
+            seen[:, i, : row.shape[1]] = row
+        return Record(seen[0], seen[1], seen[2], seen[3:] if len(seen) > 3 else None)
+
+    def keep(self, which: Flags) -> None:
+        """Read these only: the engine goes on with all."""
+        for flight, kept in zip(self._flights, which, strict=True):
+            if not kept:
+                flight.close()
+        self._flights = [flight for flight, kept in zip(self._flights, which, strict=True) if kept]
+        self._which = self._which[which]
+
+    def remark(self, steps: int) -> str:
+        """Of all of them."""
+        return "; ".join(dict.fromkeys(filter(None, (flight.remark(steps) for flight in self._flights))))
+
+    def close(self) -> None:
+        """Hand on what was told apart."""
+        for flight in self._flights:
+            flight.close()

@@ -1,0 +1,140 @@
+"""The pose that everything starts from: a keyframe, a state as it stands, joints by name, a state file."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hcbench._text import sanitized
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import joint_name
+from hcbench.errors import UserError
+from hcbench.sim.model_under_test import Request
+from hcbench.sim.names import suggest_names
+
+_STATE_FIELDS = ("qpos", "ctrl", "act", "mocap_pos", "mocap_quat", "eq_active")
+_IGNORED = ("qvel", "time", "qacc", "qacc_warmstart")  # everything starts at rest
+# Beyond a limit by more, the pose is not one that the model can hold; models write 5 deg rounded.
+TURNED, MOVED = math.radians(5.01), 1e-3
+
+
+def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, str]:
+    """(MjData at rest in the start configuration, what to call it).
+
+    state: an MjData to start from as it stands; a keyframe or joints that the request names go before it.
+    """
+    mujoco = backend()
+    data, name = mujoco.MjData(model), ""
+    if state is not None and request.key is None:
+        for field in _STATE_FIELDS:
+            getattr(data, field)[:] = getattr(state, field)
+        name = "as it stands"
+    else:
+        name = _reset(model, data, request.key)
+    for joint, values in request.pose:
+        _set(model, data, joint, values)
+    if request.pose:
+        name += " with " + ", ".join(joint for joint, _ in request.pose)
+    data.qvel[:] = 0.0
+    data.time = 0.0
+    mujoco.mj_normalizeQuat(model, data.qpos)
+    return data, name
+
+
+def _reset(model: Any, data: Any, key: str | None) -> str:
+    """To a keyframe by name or number, or "qpos0"; None: the first keyframe, or qpos0 where there is none."""
+    names = ["qpos0", *(model.key(i).name or str(i) for i in range(model.nkey))]
+    if key is None:
+        key = names[min(1, model.nkey)]
+    elif key not in names:
+        if not key.isdecimal() or int(key) >= model.nkey:
+            raise UserError("key", repr(key), f"one of: {', '.join(names)}")
+        key = names[1 + int(key)]
+    if key == "qpos0":
+        return key
+    backend().mj_resetDataKeyframe(model, data, names.index(key) - 1)
+    return f"keyframe {key!r}"
+
+
+def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
+    """Set a joint, or a field of the state such as qpos."""
+    names = [joint_name(model, j) for j in range(model.njnt)]
+    if name in names:
+        address = model.jnt_qposadr[names.index(name)]
+        ends = [*model.jnt_qposadr[names.index(name) + 1 :], model.nq]
+        target = data.qpos[address : ends[0]]
+    elif name in _STATE_FIELDS:
+        target = getattr(data, name).reshape(-1)
+    elif name in _IGNORED:
+        return
+    else:
+        raise UserError("qpos", f"no joint {name!r}", *suggest_names(name, names))
+    if len(values) != len(target):
+        raise UserError(
+            "qpos", f"{name}: {len(values)} numbers", f"{len(target)}: m, rad, quaternion w x y z"
+        )
+    target[:] = values
+
+
+def require_joints_within_limits(model: Any, data: Any, bodies: tuple[int, ...]) -> None:
+    """Refuse a pose in which joints of the robots that these bodies are of are far outside their limits."""
+    roots = {int(model.body_rootid[body]) for body in bodies if body}
+    outside, cure = [], []
+    for joint in range(model.njnt):
+        if not model.jnt_limited[joint] or int(model.body_rootid[model.jnt_bodyid[joint]]) not in roots:
+            continue
+        beyond, allowed, nearest = beyond_limit(model, data, joint)
+        if beyond > allowed:
+            unit = f"{math.degrees(beyond):.3g} deg" if allowed == TURNED else f"{beyond:.3g} m"
+            outside.append(f"{joint_name(model, joint)} by {unit}")
+            cure.append(f"{joint_name(model, joint)}={nearest:.4g}")
+    if outside:
+        more = f" and {len(outside) - 6} more" if len(outside) > 6 else ""
+        raise UserError(
+            "model",
+            f"joints start outside their limits, which push them back: {', '.join(outside[:6])}{more}",
+            "a pose that the joints allow",
+            f'Start from another --key, or from --qpos "{", ".join(cure)}"',
+        )
+
+
+def beyond_limit(model: Any, data: Any, joint: int) -> tuple[float, float, float]:
+    """(how far a joint is beyond its limit, how far it may be, the nearest value allowed), rad or m."""
+    kinds, kind = backend().mjtJoint, int(model.jnt_type[joint])
+    low, high = (float(end) for end in model.jnt_range[joint])
+    address = int(model.jnt_qposadr[joint])
+    if kind == kinds.mjJNT_BALL:
+        angle = 2.0 * math.acos(min(1.0, abs(float(data.qpos[address]))))
+        return angle - high, TURNED, math.nan
+    value = float(data.qpos[address])
+    nearest = float(np.clip(value, low, high))
+    return abs(value - nearest), MOVED if kind == kinds.mjJNT_SLIDE else TURNED, nearest
+
+
+def tether_error(model: Any, data: Any, row: Any, names: tuple[str, str]) -> UserError | None:
+    """What holds the two back at touch, other than joints: tendons at their limits, stretched equalities.
+
+    row: (nv,) M^-1 J^T of the contact. None where nothing does.
+    """
+    mujoco = backend()
+    if not data.nefc:
+        return None
+    coupling = np.zeros(data.nefc)
+    mujoco.mj_mulJacVec(model, data, coupling, row)
+    for i in np.flatnonzero(np.abs(coupling) > 1e-9 * max(1.0, float(np.abs(row).max()))):
+        kind, number, off = int(data.efc_type[i]), int(data.efc_id[i]), float(data.efc_pos[i])
+        if kind == mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON and off < -MOVED:
+            what = f"tendon {sanitized(model.tendon(number).name) or number!r} would be {-off:.3g} m beyond"
+            what += " its limit"
+        elif kind == mujoco.mjtConstraint.mjCNSTR_EQUALITY and abs(off) > MOVED:
+            name = sanitized(model.equality(number).name) or str(number)
+            what = f"equality {name!r} would be off by {abs(off):.3g}"
+        else:
+            continue
+        return UserError(
+            "pair",
+            f"{names[0]!r} is held back before it meets {names[1]!r}: {what}",
+            "a pose from which the two can meet",
+            "Give one by --key or --qpos, or another direction by --from",
+        )
+    return None

@@ -1,0 +1,137 @@
+"""Moves a pair until MuJoCo's own contact of it begins: along a line, or along the arc of its joints."""
+
+from typing import Any
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import response
+from hcbench.engines.mujoco.model.pair import ContactPair, PairContact
+from hcbench.impact import Floats
+from hcbench.sim.touch import LEAST_APPROACH, travel_by_distance, travel_by_scan
+
+_DEPTHS = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # of the smaller one's size: where contacts are looked for
+_OPPOSING = 0.5  # of the approach, that must be along the normal of a contact
+_ROUNDS, _STRIDE = 400, 0.02  # m: of a way along an arc, in each round
+_CLOSE = 1e-9  # m: a distance that counts as touching on the way
+
+
+class TouchSearch:
+    """Moves a pair along `move`, from the configuration that `data` is in, to where its contact begins."""
+
+    def __init__(self, pair: ContactPair, data: Any, move: Floats) -> None:
+        self.pair, self.data, self.move, self.start = pair, data, move, data.qpos.copy()
+        self.gap = np.inf  # between the two where the search ended, m
+
+    def contact_at_touch(self) -> PairContact | None:
+        """The contact, with `data` at touch; None where MuJoCo makes no contact of the two."""
+        travel = travel_by_distance(self._distance, self.pair.size)
+        self.gap = self._distance(travel)
+        first = self._first_opposing_contact(travel)
+        if first is None:  # MuJoCo gives the distance of some shapes only roughly
+            before, behind = self._window()
+            begun = travel_by_scan(lambda t: self._contact(t) is not None, travel - before, travel + behind)
+            first = None if begun is None else self._first_opposing_contact(begun)
+            if begun is None or first is None:
+                return None
+            travel = begun
+        depth, contact = first
+        for _ in range(2):  # the engine's own collision function has the last word on where they touch
+            travel += contact.distance - contact.onset + depth
+            contact = self._contact(travel + depth) or contact
+        self._go(travel + (contact.distance - contact.onset + depth))
+        return contact
+
+    def _go(self, travel: float) -> None:
+        """Put `data` so far along the motion, contacts and mass matrix included."""
+        model, mujoco = self.pair.model, backend()
+        self.data.qpos[:] = self.start
+        mujoco.mj_integratePos(model, self.data.qpos, self.move, travel)
+        mujoco.mj_fwdPosition(model, self.data)
+
+    def _contact(self, travel: float) -> PairContact | None:
+        self._go(travel)
+        return self.pair.contact(self.data)
+
+    def _distance(self, travel: float) -> float:
+        self._go(travel)
+        return self.pair.nearest(self.data).distance
+
+    def _first_opposing_contact(self, travel: float) -> tuple[float, PairContact] | None:
+        """(depth, contact) at the smallest depth whose contact's normal opposes the motion.
+
+        Shallower contacts can have any normal.
+        """
+        for share in _DEPTHS:
+            contact = self._contact(travel + share * self.pair.size)
+            if contact is not None:
+                row = self.pair.approach_row(self.data, contact.point, contact.normal)
+                if abs(float(row @ self.move)) > _OPPOSING:
+                    return share * self.pair.size, contact
+        return None
+
+    def _window(self) -> tuple[float, float]:
+        """How far before and behind the rough distance a contact may begin, m."""
+        pair, field = self.pair, self.pair.height_field
+        if field < 0:
+            return pair.size, pair.size
+        bound = max(float(pair.model.geom_rbound[geom]) for geom in pair.geoms if geom != field)
+        return bound, 2 * bound + float(pair.model.hfield_size[pair.model.geom_dataid[field]][2])
+
+
+def swing(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Floats | None:
+    """The velocity of these degrees of freedom that a push at the contact would make: M^-1 J^T, for an
+    approach at 1 m/s. None where it makes none.
+    """
+    move = np.zeros_like(row)
+    push = _along_equalities(model, data, response(model, data, row))
+    move[list(dofs)] = push[list(dofs)]
+    rate = float(row @ move)
+    return (
+        move / rate if rate > LEAST_APPROACH * float(np.abs(row).max()) * float(np.abs(move).max()) else None
+    )
+
+
+def _along_equalities(model: Any, data: Any, push: Floats) -> Floats:
+    """The response to a push as far as equality constraints, such as of coupled fingers, let it happen."""
+    mujoco = backend()
+    held = np.flatnonzero(data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+    rows = np.zeros((len(held), model.nv))
+    for jacobian, i in zip(rows, held, strict=True):
+        unit = np.zeros(data.nefc)
+        unit[i] = 1.0
+        mujoco.mj_mulJacTVec(model, data, jacobian, unit)
+    if not len(held) or not (rows @ push).any():
+        return push
+    responses = np.array([response(model, data, jacobian) for jacobian in rows])
+    forces = np.linalg.lstsq(rows @ responses.T, rows @ push, rcond=1e-9)[0]
+    moved: Floats = push - forces @ responses
+    return moved
+
+
+def swing_to_touch(pair: ContactPair, data: Any, dofs: tuple[int, ...], row: Floats) -> Floats | None:
+    """Bring the two together along the arc of their joints, within the joints' limits; `data` ends there.
+
+    row: (nv,) of the approach at the start. The velocity that approaches where they meet, at 1 m/s;
+    None where the joints do not lead there.
+    """
+    model, mujoco = pair.model, backend()
+    limited = [j for j in np.flatnonzero(model.jnt_limited) if int(model.jnt_dofadr[j]) in dofs]
+    kinds = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    scalar = [j for j in limited if model.jnt_type[j] in kinds]
+    places = model.jnt_qposadr[scalar]
+    low, high = np.minimum(model.jnt_range[scalar].T, data.qpos[places])[0], model.jnt_range[scalar].T[1]
+    high = np.maximum(high, data.qpos[places])
+    move = None
+    for _ in range(_ROUNDS):
+        mujoco.mj_fwdPosition(model, data)
+        near = pair.nearest(data)
+        normal = near.normal
+        if not normal.any():  # they touch
+            return move if move is not None else swing(model, data, row, dofs)
+        move = swing(model, data, pair.approach_row(data, near.point, normal), dofs)
+        if move is None or abs(near.distance) < _CLOSE:
+            return move
+        mujoco.mj_integratePos(model, data.qpos, move, float(np.clip(near.distance, -_STRIDE, _STRIDE)))
+        data.qpos[places] = np.clip(data.qpos[places], low, high)
+    return None

@@ -1,0 +1,151 @@
+"""MuJoCo: any model with a pair in it, measured as its author has it."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from hcbench.engines.mujoco.backend import backend, captured_warnings
+from hcbench.engines.mujoco.model.bodies import geom_friction, geom_name, speed_reading
+from hcbench.engines.mujoco.model.causes import find_suspects
+from hcbench.engines.mujoco.model.causes.context import Context, written_contact
+from hcbench.engines.mujoco.model.find_pair import find_pair
+from hcbench.engines.mujoco.model.place import bring_to_touch
+from hcbench.engines.mujoco.model.plugin_contact import restitution_law
+from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation
+from hcbench.engines.mujoco.model.start_pose import start_pose
+from hcbench.impact import Impact, Launch
+from hcbench.laws.restitution import RestitutionCurve
+from hcbench.measuring.causes import other_contacts
+from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
+
+if TYPE_CHECKING:
+    from hcbench.engines.mujoco.model.shared_model import LentModel
+    from hcbench.sim.shared_model import BorrowingEngine
+
+Flight = TypeVar("Flight", bound=MujocoUserSimulation)
+
+
+class MujocoModel(ModelUnderTest):
+    """A MuJoCo model with a pair in it.
+
+    model: an MjModel that is ours to keep. label: what to call it. state: an MjData to start from, or None.
+    Raises UserError or SceneError with the reason where the pair cannot be measured.
+    """
+
+    diverged = "MuJoCo found the state unstable and reset it"
+
+    def __init__(self, model: Any, label: str, state: Any, request: Request) -> None:
+        self.model, self.label, self.state, self.request = model, label, state, request
+        with captured_warnings():
+            self.start, self.start_name = start_pose(model, request, state)
+            pair = find_pair(model, request, state)
+            self.place = bring_to_touch(pair, start_pose(model, request, state)[0], request.coming_from)
+        self.timestep, self.mass = float(model.opt.timestep), self.place.effective_mass
+        self.gravity = self.place.gravity
+        self.speed_reading = speed_reading(model)
+        self.others: set[int] = set()  # geoms that touched the two during an impact
+        self.shares: dict[str, float] = {}  # what took the approach speed, over that at touch
+
+    def release(self, launches: Sequence[Launch]) -> MujocoUserSimulation:
+        """The launch under way from its starting point."""
+        (launch,) = launches
+        return self.released(launch, MujocoUserSimulation)
+
+    def released(self, launch: Launch, kind: type[Flight]) -> Flight:
+        """A launch under way, in a simulation of this kind."""
+        return kind(
+            self.model,
+            self.start,
+            self.place,
+            launch,
+            self.others,
+            self.shares,
+            self.request.along,
+            self.gravity,
+        )
+
+    def stepped_by(self, engine: BorrowingEngine) -> LentModel:
+        """The same pair, stepped by an engine that borrows MuJoCo's models."""
+        from hcbench.engines.mujoco.model.shared_model import LentModel
+
+        return LentModel(self, engine)
+
+    @property
+    def step_cost(self) -> float:
+        """Grows with degrees of freedom and geoms."""
+        return 1.0 + float(self.model.nv + self.model.ngeom) / 10
+
+    def facts(self) -> Facts:
+        """What the model says of itself and of the pair."""
+        model, place, mujoco = self.model, self.place, backend()
+        written, words = written_contact(place)
+        asked = written.curve(self.request.speeds) if written is not None else ()
+        if (law := restitution_law(model, place.contact.rows[0][2])) is not None:
+            asked = tuple(float(law.at(v)) for v in self.request.speeds)
+            words = f"plug-in hcbench.restitution: {law}"
+        solref, solimp, geoms = place.contact.rows[0]
+        settings = {
+            "integrator": mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_").lower(),
+            "solref": list(solref),
+            "solimp": list(solimp),
+            "points of contact": len(place.contact.rows),
+            "acts from (m)": place.contact.onset,
+            "start": self.start_name,
+        }
+        return Facts(
+            engine="mujoco",
+            version=mujoco.__version__,
+            model=self.label,
+            pair=(_shown(model, place.pair.first, geoms), _shown(model, place.pair.second, geoms)),
+            moved=place.joint.description,
+            timestep=float(model.opt.timestep),
+            gravity=tuple(float(g) for g in self._gravity()),  # type: ignore[arg-type]
+            effective_mass=place.effective_mass,
+            normal=tuple(float(x) for x in place.contact.normal),  # type: ignore[arg-type]
+            settings=settings,
+            asked=asked,
+            asked_description=words,
+            notes=tuple(self._notes()),
+            point=tuple(float(x) for x in place.contact.point),  # type: ignore[arg-type]
+            shares=dict(self.shares),
+            friction=geom_friction(model, geoms),
+        )
+
+    def _gravity(self) -> Sequence[float]:
+        off = self.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_GRAVITY
+        return (0.0, 0.0, 0.0) if off else self.model.opt.gravity
+
+    def _notes(self) -> list[str]:
+        notes = [self.place.remark] if self.place.remark else []
+        if self.place.overlap > 0:
+            notes.append(f"The two overlap by {self.place.overlap:.3g} m at the start: moved apart to touch.")
+        if self.others:
+            notes.append(f"Other contacts acted during the impact: {', '.join(self._others())}.")
+        return notes
+
+    def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
+        """What may keep this pair from bouncing as asked."""
+        if restitution_law(self.model, self.place.contact.rows[0][2]) is not None:
+            return list(other_contacts(self._others()))  # the others are MuJoCo's own contact's
+        context = Context(self.place, impacts, wanted, tuple(self._gravity()), self.shares)
+        return [*find_suspects(context), *other_contacts(self._others())]
+
+    def _others(self) -> list[str]:
+        return sorted(geom_name(self.model, g) for g in self.others)
+
+    def fixed(self, suspects: Sequence[Suspect]) -> MujocoModel:
+        """The same pair with some fixes made."""
+        model = copy.copy(self.model)
+        for suspect in sorted(suspects, key=lambda c: c.apply_last):
+            if suspect.apply is not None:
+                suspect.apply(model)
+        return MujocoModel(model, self.label, self.state, self.request)
+
+
+def _shown(model: Any, side: Any, geoms: tuple[int, int]) -> str:
+    if not side.name.startswith(("body:", "geom:")):
+        return str(side.name)
+    mine = next(g for g in geoms if g in side.geoms)
+    return geom_name(model, mine)

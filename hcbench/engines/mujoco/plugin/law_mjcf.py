@@ -1,0 +1,54 @@
+"""A contact law in MJCF: its plug-in in a scene, and as text to paste."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+
+from hcbench.engines.mujoco.plugin import config
+from hcbench.engines.mujoco.scene.mjcf import as_text, named, remove_pairs, section
+from hcbench.laws.contact_law import Friction, Law, is_force
+from hcbench.scene import Scene
+
+_PAIRS = {"cup": {"tendon": "contact"}, "plane": {"geom1": "ball", "geom2": "plate"}}
+
+
+def write_law(root: ET.Element, scene: Scene, law: Law, path: Path) -> None:
+    """The law's plug-in, and MuJoCo's own contact off where a force takes its place."""
+    form = scene.form
+    if is_force(law) and form == "cup":
+        named(root, "spatial", "contact", path).set("limited", "false")
+    elif is_force(law):
+        plate = named(root, "geom", "plate", path)
+        holder = next((body for body in root.iter("body") if plate in list(body)), None)
+        other = "world" if holder is None else holder.get("name", "")
+        remove_pairs(root)
+        ET.SubElement(section(root, "contact"), "exclude", body1=other, body2="ball")
+    root.append(extension(law, _PAIRS[form], scene.friction))
+    named(root, "body", "ball", path).insert(0, ET.Element("plugin", instance="contact"))
+
+
+def extension(law: Law, pair: Mapping[str, str], friction: float = 0.0) -> ET.Element:
+    """The section that declares a law's plug-in. pair: the keys of its config that say of what. friction: μ
+    that goes with a force law; a restitution law keeps MuJoCo's.
+    """
+    name, keys = config(law, Friction(friction, friction) if friction and is_force(law) else None)
+    made = ET.Element("extension")
+    instance = ET.SubElement(ET.SubElement(made, "plugin", plugin=name), "instance", name="contact")
+    for key, value in (*pair.items(), *keys.items()):
+        ET.SubElement(instance, "config", key=key, value=value)
+    return made
+
+
+def law_snippet(law: Law, form: str) -> str:
+    """What to paste of a law into a model of one's own, whose bodies and geoms are called as a scene's."""
+    lines = [
+        "<!-- once `hcbench plugin mujoco --install` has run -->",
+        as_text(extension(law, _PAIRS[form])).strip(),
+    ]
+    if is_force(law) and form == "cup":
+        lines.insert(
+            1, '<!-- limited="false" on the tendon "contact": the force takes the place of its limit -->'
+        )
+    elif is_force(law):
+        lines.append('<contact><exclude body1="world" body2="ball"/></contact>')
+    return "\n".join(lines)

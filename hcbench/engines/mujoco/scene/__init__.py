@@ -1,0 +1,1 @@
+"""MuJoCo: hcbench's own scenes, compiled, stepped and read."""

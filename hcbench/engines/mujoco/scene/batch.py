@@ -1,0 +1,220 @@
+"""Many balls in one MuJoCo model, each with the same bits as alone.
+
+MuJoCo's cost per step is mostly its own housekeeping, so balls that share a model are several times cheaper.
+They do not touch each other: their collisions with one another are off, and each is a constraint island that
+is solved and judged converged by itself. Two things would still let one ball change another's bits: a warm
+start, which is taken or not for the whole model at once, and a sparse Jacobian, which adds up in another
+order from ten balls on. The first is off in every model, the second in a batch. A ball that cannot leave its
+axis moves on a slide joint, alone or not (`slide_joint`).
+"""
+
+from __future__ import annotations
+
+import copy
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from hcbench.engines.mujoco.scene import slide_joint as axis
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from hcbench.engines.mujoco.scene.scene_model import SceneModel
+    from hcbench.impact import Floats
+
+Kind = Literal["alone", "free", "sliding"]
+# Islands judge their convergence by their own inertia from here on; before, by that of the whole model.
+_SINCE = (3, 17)
+_FREE, _SLIDING = (7, 6), (1, 1)  # positions and velocities of a ball
+# Attributes that refer to something by name, and to what kind of thing.
+_REFERENCES = {
+    **dict.fromkeys(("body", "body1", "body2", "target"), "body"),
+    **dict.fromkeys(("geom", "geom1", "geom2"), "geom"),
+    **dict.fromkeys(("site", "sidesite"), "site"),
+    "objname": "body",  # of the one sensor there may be, our own
+}
+_COPY = "#"  # and a number: a copy's name
+_BITS = 15  # of contype and conaffinity that may be in use: two such numbers fit into one
+_MASK = (1 << _BITS) - 1
+
+
+@dataclass(frozen=True, slots=True)
+class BatchedModel:
+    """A compiled model of `size` balls, each free or on a slide along z.
+
+    at: where position and velocity of the ball start in a full state of the model of one, which is free. A
+    state of the batch is time, then the positions of each ball, then the velocities of each.
+    """
+
+    model: Any
+    size: int
+    at: tuple[int, int]
+    sliding: bool
+
+    def pack(self, states: Floats) -> Floats:
+        """States of one ball each, shape (b, nstate), as states of `size`; the last one fills up."""
+        if self.whole:
+            return states
+        rows = -(-len(states) // self.size)
+        fill = np.minimum(np.arange(rows * self.size), len(states) - 1)
+        packed = np.empty((rows, 1 + sum(self._widths) * self.size))
+        packed[:, 0] = states[0, 0]
+        for start, width, inner in self._spans():
+            packed[:, start : start + width * self.size] = states[fill, inner : inner + width].reshape(
+                rows, -1
+            )
+        return packed
+
+    def unpack(self, packed: Floats, states: Floats) -> Floats:
+        """Back from `pack`: `states` with the time, positions and velocities of `packed`."""
+        if self.whole:
+            return packed.copy()
+        states = states.copy()
+        states[:, 0] = packed[0, 0]
+        for start, width, inner in self._spans():
+            balls = packed[:, start : start + width * self.size].reshape(-1, width)
+            states[:, inner : inner + width] = balls[: len(states)]
+        return states
+
+    def columns(self, path: Floats, component: tuple[int, int], count: int) -> Floats | None:
+        """One number of each of `count` balls over a path of states (rows, n, nstate), shape (count, n).
+
+        component: 0 and 0 ... 6 for positions, 1 and 0 ... 5 for velocities. None: it stays what it is.
+        """
+        kind, i = component
+        if self.whole:
+            return path[:, :, self.at[kind] + i]
+        if self.sliding and i != axis.Z:
+            return None
+        start, width, _ = self._spans()[kind]
+        picked = path[:, :, start + (0 if self.sliding else i) : start + width * self.size : width]
+        return picked.transpose(0, 2, 1).reshape(-1, path.shape[1])[:count]
+
+    @property
+    def whole(self) -> bool:
+        """Whether states are those of the model of one as they are, with whatever else it has."""
+        return self.size == 1 and not self.sliding
+
+    @property
+    def _widths(self) -> tuple[int, int]:
+        return _SLIDING if self.sliding else _FREE
+
+    def _spans(self) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
+        """Of positions and of velocities: where in a packed state, how many a ball, where in one's state."""
+        nq, nv = self._widths
+        inner = axis.Z if self.sliding else 0
+        return (1, nq, self.at[0] + inner), (1 + nq * self.size, nv, self.at[1] + inner)
+
+
+def batch_kind(loaded: SceneModel) -> Kind:
+    """How a ball can share a model with others and keep its bits: not at all, free, or on a slide."""
+    mujoco, model = loaded.mujoco, loaded.model
+    option = model.opt
+    as_usual = (
+        not option.disableflags & axis.island_flag(mujoco)
+        and not option.enableflags
+        and option.solver == mujoco.mjtSolver.mjSOL_NEWTON
+        and not option.noslip_iterations
+        and option.jacobian != mujoco.mjtJacobian.mjJAC_SPARSE
+    )
+    sizes = ("nmocap", "na", "nu", "neq", "nflex", "nplugin", "nuserdata")
+    sections = ("equality", "actuator", "deformable", "extension")
+    moves_alone = (
+        not loaded.plugged
+        and model.njnt == 1
+        and model.nsensor <= 1
+        and not any(getattr(model, size) for size in sizes)
+        and not any(True for tag in sections for _ in loaded.root.iterfind(tag))
+        and not any("settotalmass" in compiler.attrib for compiler in loaded.root.iterfind("compiler"))
+    )
+    if not (as_usual and moves_alone and _touches_in_one_way(model)):
+        return "alone"
+    # A <joint type="free"> may bring along what a slide would act on.
+    sliding = any(True for _ in loaded.root.iter("freejoint")) and axis.stays_on_axis(mujoco, model)
+    version = tuple(int(part) for part in mujoco.__version__.split(".")[:2])
+    if version < _SINCE and not (sliding and axis.has_one_constraint(model)):
+        return "alone"
+    return "sliding" if sliding else "free"
+
+
+def _touches_in_one_way(model: Any) -> bool:
+    """Whether the ball can touch by pairs that are written out, or else by one pair of geoms at most."""
+    if ((model.geom_contype | model.geom_conaffinity) & ~_MASK).any():
+        return False
+    moving = model.body_weldid[model.geom_bodyid] != 0
+    possible = {frozenset(pair) for pair in axis.collidable_pairs(model, moving)}
+    written = {frozenset((int(a), int(b))) for a, b in zip(model.pair_geom1, model.pair_geom2, strict=True)}
+    return not possible - written if written else len(possible) <= 1
+
+
+def compile_batch(loaded: SceneModel, size: int, sliding: bool) -> BatchedModel:
+    """`size` times the ball of a model that can be, compiled."""
+    mujoco, one = loaded.mujoco, loaded.model
+    root = _repeated(copy.deepcopy(loaded.root), size)
+    spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
+    if sliding:
+        axis.replace_free_joint(mujoco, spec, float(loaded.origin[loaded.at[0] + axis.Z]))
+    _disable_mutual_collisions(spec)
+    model = spec.compile()
+    model.opt.disableflags = one.opt.disableflags
+    model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    if sliding:
+        axis.copy_inverse_weights(mujoco, model, one)
+    assert model.nv == size * (_SLIDING if sliding else _FREE)[1]
+    return BatchedModel(model, size, loaded.at, sliding)
+
+
+def _ball(root: ET.Element) -> ET.Element:
+    return next(body for body in root.iter("body") if body.get("name") == "ball")
+
+
+def _repeated(root: ET.Element, size: int) -> ET.Element:
+    """MJCF with copies of the ball, and of what refers to it by name, put into it."""
+    for keyframe in root.findall("keyframe"):  # made for one ball
+        root.remove(keyframe)
+    ball = _ball(root)
+    names = {tag: {e.get("name") for e in ball.iter(tag)} - {None} for tag in ("body", "geom", "site")}
+    mark = _COPY
+    while any(mark in name for e in root.iter() if (name := e.get("name"))):
+        mark += _COPY
+    holders = [next(e for e in root.iter() if ball in list(e))]
+    holders += [e for tag in ("contact", "tendon", "sensor") for e in root.findall(tag)]
+    for holder in holders:
+        elements = [e for e in holder if e is ball or any(_refers(part, names) for part in e.iter())]
+        for i in range(1, size):
+            for element in elements:
+                holder.append(_renamed(copy.deepcopy(element), names, f"{mark}{i}"))
+    return root
+
+
+def _refers(element: ET.Element, names: Mapping[str, set[str | None]]) -> bool:
+    return any(element.get(key) in names[kind] for key, kind in _REFERENCES.items())
+
+
+def _renamed(element: ET.Element, names: Mapping[str, set[str | None]], suffix: str) -> ET.Element:
+    for part in element.iter():
+        if "name" in part.attrib:
+            part.set("name", part.attrib["name"] + suffix)
+        for key, kind in _REFERENCES.items():
+            if part.get(key) in names[kind]:
+                part.set(key, part.attrib[key] + suffix)
+    return element
+
+
+def _disable_mutual_collisions(spec: Any) -> None:
+    """Let balls collide with what does not move as before, and never with each other."""
+    if spec.pairs:  # all ways to touch, or it would not be batched; looking for more costs a sixth of a step
+        for geom in spec.geoms:
+            geom.contype = geom.conaffinity = 0
+        return
+    for geom in spec.geoms:
+        geom.conaffinity |= geom.contype << _BITS
+        geom.contype = 0
+    for body in spec.bodies:
+        if body.joints:  # a ball
+            for geom in body.find_all("geom"):
+                geom.contype = geom.conaffinity >> _BITS | (geom.conaffinity & _MASK) << _BITS
+                geom.conaffinity = 0

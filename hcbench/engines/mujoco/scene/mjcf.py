@@ -1,0 +1,265 @@
+"""MJCF as text in, text out, without MuJoCo: a scene with a setting in it, and what to paste into a model.
+
+Edited as XML, as MuJoCo's own writer rounds to six digits. scenes/README.md says what a scene's MJCF must
+have: a body `ball` with a free joint, geoms `ball` and `plate`, and in a cup the tendon `contact`.
+"""
+
+from __future__ import annotations
+
+import copy
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+
+from hcbench._text import shortest
+from hcbench.engines.mujoco.scene.options import Options, read_options
+from hcbench.engines.mujoco.scene.rows import ConstraintRow
+from hcbench.errors import SceneError, SettingError
+from hcbench.scene import Scene
+from hcbench.setting import Setting
+
+_HIDDEN = "3"  # a group that MuJoCo's viewer does not draw: coincident copies would flicker
+
+
+def model_path(scene: Scene) -> Path:
+    """The scene's MJCF; SceneError where it has none."""
+    try:
+        return scene.models["mujoco"]["scene"]
+    except KeyError:
+        raise SceneError(
+            f"scene {scene.name!r}",
+            "no MuJoCo model",
+            "its MJCF",
+            'Add [models.mujoco] scene = "scene.xml" to its scene.toml',
+        ) from None
+
+
+def model_xml(scene: Scene, setting: Setting) -> str:
+    """The complete MJCF of a scene under a setting, as it is simulated: runs in plain MuJoCo.
+
+    At qpos0 the ball just touches the plate. Raises SceneError and SettingError.
+    """
+    head = f"{scene.name} with the contact setting {setting.name!r} at a step of {setting.timestep!r} s."
+    body = as_text(scene_tree(scene, setting.timestep, read_options(setting.options)))
+    return f"<!-- {head.replace('--', '- -')} At qpos0 the ball just touches the plate. -->\n{body}"
+
+
+def rows_snippet(setting: Setting, form: str) -> str:
+    """What to paste of a setting with rows into a model of one's own: <option>, and <pair>s or, in the form
+    "cup", limits of a tendon."""
+    options = read_options(setting.options)
+    option = {"timestep": shortest(setting.timestep), **options.attributes(shortest)}
+    lines = [f"<option {_written(option)}/>"]
+    if form == "cup":
+        lines.append('<!-- on the tendon "contact"; more rows are copies of it -->')
+        for row in options.rows:
+            deeper = f" <!-- upper end of range: {shortest(row.onset)} m more -->" if row.onset else ""
+            lines.append(_written(limit_attributes(row, shortest)) + deeper)
+        return "\n".join(lines)
+    if len(options.rows) > 1:
+        lines.append("<!-- in <contact>: all of the same two geoms -->")
+    for row in options.rows:
+        attributes = pair_attributes(row, shortest)
+        if not row.onset:
+            del attributes["margin"]
+        lines.append(f'<pair geom1="ball" geom2="plate" {_written(attributes)}/>')
+    return "\n".join(lines)
+
+
+def _written(attributes: Mapping[str, str]) -> str:
+    return " ".join(f'{key}="{value}"' for key, value in attributes.items())
+
+
+def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
+    """The complete MJCF of a scene under a setting. Raises SceneError and SettingError."""
+    path = model_path(scene)
+    root = _parse(path, path.parent, ())
+    _anchor_files(root, path.parent)
+    option = section(root, "option")
+    option.set("timestep", numbers_text([timestep]))
+    option.set("gravity", numbers_text([0.0, 0.0, -scene.gravity]))
+    option.attrib.update(options.attributes())
+    ball = named(root, "body", "ball", path)
+    set_mass(ball, scene.mass, path)
+    if options.rows and scene.form == "plane":
+        geom = named(ball, "geom", "ball", path)
+        named(root, "geom", "plate", path)
+        remove_pairs(root)
+        for pair in add_pairs(root, geom, ["plate"], options.rows):
+            pair.set("gap", "0")
+    elif options.rows:
+        _write_limits(root, scene, options.rows, path)
+    if scene.friction:
+        _write_friction(root, scene, path, any(row.friction for row in options.rows))
+    if options.law is not None:
+        from hcbench.engines.mujoco.plugin.law_mjcf import write_law
+
+        write_law(root, scene, options.law, path)
+    return root
+
+
+def _write_friction(root: ET.Element, scene: Scene, path: Path, in_rows: bool) -> None:
+    """Coulomb's friction in every contact of ball and plate that does not say its own, and a ball that turns
+    as the scene's does. in_rows: the rows say which of them has friction.
+    """
+    if scene.form == "cup":
+        given = f"{scene.friction!r} in the form 'cup'"
+        todo = "Use the same pair in the form 'plane'"
+        raise SettingError(
+            "friction", given, "0: a cup's contact is a tendon's limit, without friction", todo
+        )
+    sliding, ball = numbers_text([scene.friction]), named(root, "body", "ball", path)
+    for inertial in ball.findall("inertial"):
+        ball.remove(inertial)
+    mass, inertia = numbers_text([scene.mass]), numbers_text([scene.inertia] * 3)
+    ball.insert(0, ET.Element("inertial", pos="0 0 0", mass=mass, diaginertia=inertia))
+    for name in ("ball", "plate"):
+        geom = named(root, "geom", name, path)
+        geom.attrib.update(condim="3", friction=sliding)
+    for pair in root.iterfind("contact/pair"):
+        if not in_rows and pair.get("condim") == "1" and pair.get("friction") is None:
+            pair.attrib.update(condim="3", friction=f"{sliding} {sliding}")
+
+
+def remove_pairs(root: ET.Element) -> None:
+    """Take away the <pair>s of ball and plate."""
+    for contact in root.findall("contact"):
+        for pair in contact.findall("pair"):
+            if {pair.get("geom1"), pair.get("geom2")} == {"ball", "plate"}:
+                contact.remove(pair)
+
+
+def as_text(root: ET.Element) -> str:
+    """MJCF as text."""
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def add_acceleration_sensor(root: ET.Element) -> None:
+    """Add, as the last sensor, one of the ball's acceleration without that of gravity, m/s^2."""
+    ET.SubElement(
+        ET.SubElement(root, "sensor"), "framelinacc", name="ball felt", objtype="xbody", objname="ball"
+    )
+
+
+def set_mass(body: ET.Element, mass: float, path: Path) -> None:
+    """Give a body this mass, kg, and the inertia of the same shape at another density: at its own the inertia
+    stays as it is, to the bit.
+    """
+    inertial = body.find("inertial")
+    if inertial is None:
+        named(body, "geom", "ball", path).set("mass", numbers_text([mass]))
+        return
+    try:
+        ratio = mass / float(inertial.get("mass", "nan"))
+        for key in ("diaginertia", "fullinertia"):
+            if ratio != 1.0 and (inertia := inertial.get(key)) is not None:
+                inertial.set(key, numbers_text(float(number) * ratio for number in inertia.split()))
+    except (ValueError, ZeroDivisionError):
+        raise SceneError(
+            str(path), f"the <inertial> of 'ball' has mass {inertial.get('mass')!r}", "a mass in kg above 0"
+        ) from None
+    inertial.set("mass", numbers_text([mass]))
+
+
+def add_pairs(
+    root: ET.Element, ball: ET.Element, others: Iterable[str], rows: Sequence[ConstraintRow]
+) -> list[ET.Element]:
+    """Each row a <pair> of the ball's geom with each of the geoms named `others`, added to the model."""
+    contact = section(root, "contact")
+    return [
+        ET.SubElement(contact, "pair", {"geom1": ball.get("name", ""), "geom2": other} | pair_attributes(row))
+        for row in rows
+        for other in others
+    ]
+
+
+def pair_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -> dict[str, str]:
+    """A row as attributes of a <pair>. number: writes one."""
+    values = {"solref": row.solref, "solimp": row.solimp, "margin": [-row.onset]}
+    if row.adhesion:
+        values["adhesion"] = [row.adhesion]
+    if row.friction:
+        values |= {"friction": [row.friction] * 2, "solreffriction": row.solreffriction}
+    texts = {key: numbers_text(numbers, number) for key, numbers in values.items() if numbers}
+    return {"condim": "3" if row.friction else "1"} | texts
+
+
+def limit_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -> dict[str, str]:
+    """A row as attributes of a tendon; its onset is in the tendon's range. number: writes one."""
+    return {
+        "solreflimit": numbers_text(row.solref, number),
+        "solimplimit": numbers_text(row.solimp, number),
+    }
+
+
+def numbers_text(numbers: Iterable[float], number: Callable[[float], str] = repr) -> str:
+    """Numbers as an attribute has them. number: writes one."""
+    return " ".join(number(float(one) + 0.0) for one in numbers)  # + 0.0: no "-0.0" for a user to read
+
+
+def _parse(path: Path, folder: Path, above: tuple[Path, ...]) -> ET.Element:
+    """The file's tree with its includes in place; they are relative to the main file's folder."""
+    try:
+        parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
+        root = ET.parse(path, parser).getroot()
+    except ET.ParseError as error:
+        raise SceneError(str(path), f"not XML: {error}", "MJCF", "Mend that line") from None
+    except (OSError, UnicodeDecodeError, LookupError) as error:
+        raise SceneError(str(path), f"{error}", "a readable MJCF") from None
+    for parent in list(root.iter()):
+        for child in [c for c in parent if c.tag == "include"]:
+            inner = (folder / child.get("file", "")).resolve()
+            if inner in (*above, path.resolve()):
+                raise SceneError(str(path), f"{inner} includes itself", "includes without a circle")
+            at = list(parent).index(child)
+            parent[at : at + 1] = list(_parse(inner, folder, (*above, path.resolve())))
+    return root
+
+
+def _anchor_files(root: ET.Element, folder: Path) -> None:
+    """Let meshes and textures be found from anywhere: text has no folder of its own."""
+    asset = list(root.iterfind("asset/*[@file]"))
+    if not asset:
+        return
+    compiler = section(root, "compiler")
+    for key in ("assetdir", "meshdir", "texturedir"):
+        if key == "assetdir" or compiler.get(key) is not None:
+            compiler.set(key, str((folder / compiler.get(key, "")).resolve()))
+
+
+def section(root: ET.Element, tag: str) -> ET.Element:
+    """The last such section, as later ones win; made where there is none."""
+    sections = root.findall(tag)
+    return sections[-1] if sections else ET.SubElement(root, tag)
+
+
+def named(root: ET.Element, tag: str, name: str, path: Path) -> ET.Element:
+    """The element of that name; SceneError where there is none."""
+    for element in root.iter(tag):
+        if element.get("name") == name:
+            return element
+    raise SceneError(
+        str(path), f"there is no <{tag} name={name!r}>", "one", "scenes/README.md says what a scene needs"
+    )
+
+
+def _write_limits(root: ET.Element, scene: Scene, rows: Sequence[ConstraintRow], path: Path) -> None:
+    """Each row the limit of a tendon between the two centres, as the scene's own `contact` is."""
+    original = named(root, "spatial", "contact", path)
+    holder = next(section for section in root.findall("tendon") if original in list(section))
+    clearance = -scene.plate_radius - scene.ball_radius
+    for i, row in enumerate(rows):
+        if row.adhesion:
+            raise SettingError(
+                f"mujoco option 'rows[{i}].adhesion'",
+                f"{row.adhesion!r} N in the form 'cup'",
+                "0 N: a cup's contact is a tendon's limit, and MuJoCo lets limits only push",
+                "Use the same pair in the form 'plane'",
+            )
+        tendon = original
+        if i > 0:
+            tendon = ET.SubElement(holder, "spatial", name=f"contact.{i + 1}", group=_HIDDEN)
+            tendon.extend(copy.deepcopy(list(original)))
+        tendon.attrib.update(limit_attributes(row))
+        tendon.attrib.update(limited="true", range=numbers_text([0.0, clearance + row.onset]), margin="0")

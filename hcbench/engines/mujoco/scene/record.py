@@ -1,0 +1,222 @@
+"""Steps balls in MuJoCo and reads penetration, rate and force off the states.
+
+The force of a step is what it does to the ball's momentum, m (Δv/h - g): MuJoCo's own contact force to
+rounding under Euler, implicit and implicitfast, evaluated in the state that the step starts from. Under
+`discrete` it is evaluated at the step's end. Under RK4 the momentum tells the mean of four stages, so there
+the force at the step's start is read off a sensor; the momentum still tells which steps the contact acted in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.errors import SettingError
+from hcbench.sim.tangential import rows_of_ball
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.engines.mujoco.scene.batch import BatchedModel
+    from hcbench.engines.mujoco.scene.scene_model import SceneModel
+    from hcbench.impact import Floats, Launch
+
+_ROUND_OFF = 16 * np.finfo(float).eps  # of what a step adds up: a smaller change of velocity is no force
+
+
+def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
+    """The full states at release, shape (b, nstate); SettingError for a height that a cup has no room for."""
+    gaps = np.array([launch.clearance(model.timestep) for launch in launches])
+    if model.clearance is not None and (high := gaps.max()) >= model.clearance:
+        raise SettingError(
+            "height",
+            f"{float(high)!r} m above the cup",
+            f"below |R2| - R1 = {model.clearance!r} m, where the centres meet",
+            "Drop from lower, or in the form 'plane'",
+        )
+    states, (position, velocity) = np.tile(model.origin, (len(gaps), 1)), model.at
+    away = np.array(model.scene.normal)
+    states[:, position : position + 3] += model.scene.touch_offset + np.outer(gaps, away)
+    states[:, velocity : velocity + 3] = np.outer([-launch.speed for launch in launches], away)
+    if any(launch.is_oblique for launch in launches):
+        states[:, velocity : velocity + 2] += [launch.slip for launch in launches]
+        states[:, velocity + 3 : velocity + 6] = [launch.spin for launch in launches]
+    return states
+
+
+@dataclass(frozen=True, slots=True)
+class Workspace:
+    """What a batch is stepped in: an MjData for each thread, and a buffer for states, shape (n,): allocating
+    one is costly.
+    """
+
+    batch: BatchedModel
+    data: list[Any]
+    buffer: Floats
+
+    @classmethod
+    def of(cls, model: SceneModel, batch: BatchedModel, threads: int, room: int) -> Workspace:
+        """With room for so many bytes of states, of each thread."""
+        data = [model.mujoco.MjData(batch.model) for _ in range(threads)]
+        return cls(batch, data, np.empty(threads * room // 8))
+
+
+def record(
+    model: SceneModel,
+    workspace: Workspace,
+    states: Floats,
+    most: int,
+    warm: Floats | None = None,
+    oblique: bool = False,
+) -> tuple[Floats, Floats] | None:
+    """Take up to `most` steps from states of shape (b, nstate), as many as there is room for.
+
+    warm: where MuJoCo's solver starts from, shape (nv,). oblique: whether to look along the plate too.
+    What `Record.rows` has of each step, shape (3 or 11, b, n), NaN from where MuJoCo gave up, and the states
+    after. None where it gave up on a whole batch, for the sake of one ball in it.
+    """
+    batch, packed = workspace.batch, workspace.batch.pack(states)
+    count = max(1, min(most, workspace.buffer.size // packed.size))
+    path = workspace.buffer[: packed.size * count].reshape(len(packed), count, -1)
+    sensed = np.empty((len(packed), count, batch.model.nsensordata))
+    model.mujoco.rollout.rollout(
+        [batch.model] * len(packed),
+        workspace.data[: len(packed)],
+        packed,
+        skip_checks=True,  # which take as long as two steps
+        nstep=count,
+        initial_warmstart=None if warm is None else warm[None],
+        state=path,
+        sensordata=sensed,
+    )
+    # MuJoCo meets what is not finite by starting the model over, and rollout by standing still.
+    stopped = np.diff(path[:, :, 0], prepend=packed[:, :1]) <= 0.0
+    gave_up = bool(stopped.any())
+    if gave_up and batch.size > 1:
+        return None
+    paths = _Paths(batch, states, path, sensed)
+    with np.errstate(all="ignore"):  # what is not finite is told by the record
+        seen = _on_plane(model, paths) if model.clearance is None else _in_cup(model, paths, model.clearance)
+        if oblique:
+            seen = np.concatenate([seen, _along_plate(model, paths)])
+    if gave_up:
+        seen[:, np.maximum.accumulate(stopped, axis=1)] = np.nan
+    return seen, batch.unpack(path[:, -1], states)
+
+
+@dataclass(frozen=True, slots=True)
+class _Paths:
+    """The states before and after each step, and what was sensed in it, one number of each ball at a time."""
+
+    batch: BatchedModel
+    start: Floats
+    path: Floats
+    sensed: Floats
+
+    def state(self, kind: int, i: int) -> Floats:
+        """Shape (b, n + 1). kind, i: 0 and 0 ... 6 for positions, 1 and 0 ... 5 for velocities."""
+        values = np.empty((len(self.start), self.path.shape[1] + 1))
+        values[:, :-1], values[:, -1] = self.before(kind, i)
+        return values
+
+    def before(self, kind: int, i: int) -> tuple[Floats, Floats]:
+        """Before each step, shape (b, n), and after the last one, (b,); arguments as for `state`."""
+        start, after = (
+            self.start[:, self.batch.at[kind] + i],
+            self.batch.columns(self.path, (kind, i), len(self.start)),
+        )
+        values = np.empty((len(start), self.path.shape[1]))
+        values[:, 0] = start
+        values[:, 1:] = start[:, None] if after is None else after[:, :-1]
+        return values, start if after is None else after[:, -1]
+
+    def vector(self, kind: int, i: int, count: int = 3) -> Floats:
+        """Several components of a state from `i` on, shape (b, n + 1, count)."""
+        return np.stack([self.state(kind, k) for k in range(i, i + count)], axis=-1)
+
+    def acceleration(self, i: int) -> Floats:
+        """A component of the acceleration that each ball's sensor reads, the model's last; shape (b, n)."""
+        rows, n, _ = self.sensed.shape
+        last = self.sensed[:, :, -3 * self.batch.size :].reshape(rows, n, self.batch.size, 3)
+        return last[..., i].transpose(0, 2, 1).reshape(-1, n)[: len(self.start)]
+
+
+def _on_plane(model: SceneModel, paths: _Paths) -> Floats:
+    """Penetration is how far the centre is below where it touches."""
+    (z, _), (vz, last) = paths.before(0, 2), paths.before(1, 2)
+    seen = np.empty((3, *z.shape))
+    np.subtract(model.origin[model.at[0] + 2], z, out=seen[0])
+    np.negative(vz, out=seen[1])
+    gained = np.empty_like(vz)
+    np.subtract(vz.ravel()[1:], vz.ravel()[:-1], out=gained.ravel()[:-1])  # rows apart are slower by far
+    gained[:, -1] = last - vz[:, -1]
+    if fall := model.scene.gravity * model.timestep:
+        gained += fall
+    seen[2] = _force(model, gained, (vz, last), paths.acceleration(2) if model.sensed else None)
+    return seen
+
+
+def _along_plate(model: SceneModel, paths: _Paths) -> Floats:
+    """What `Record.tangential` has. MuJoCo gives the spin of a free body in the body's own frame."""
+    velocity, turned = paths.vector(1, 0), paths.vector(0, 3, 4)[:, :-1]
+    spin, axis = paths.vector(1, 3)[:, :-1], turned[..., 1:]
+    spin = spin + 2.0 * np.cross(axis, np.cross(axis, spin) + turned[..., :1] * spin)
+    gained = np.diff(velocity, axis=1) / model.timestep + [0.0, 0.0, model.scene.gravity]
+    deeper = np.broadcast_to([0.0, 0.0, -1.0], gained.shape)
+    if model.clearance is not None:
+        deeper = np.stack(_from_centre(model, paths, model.clearance)[1], axis=-1)
+    return rows_of_ball(model.scene, velocity[:, :-1], spin, deeper, gained)
+
+
+def _from_centre(model: SceneModel, paths: _Paths, clearance: float) -> tuple[Floats, list[Floats]]:
+    """How far the ball's centre is from that of the cup, and the unit vector there, by component; (b, n)."""
+    touch = model.origin[model.at[0] : model.at[0] + 3]
+    centre = touch + np.array([0.0, 0.0, clearance])
+    away = [paths.state(0, i)[:, :-1] - centre[i] for i in range(3)]
+    distance = np.sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2)
+    return distance, [a / np.maximum(distance, np.finfo(float).tiny) for a in away]
+
+
+def _in_cup(model: SceneModel, paths: _Paths, clearance: float) -> Floats:
+    """Penetration is how far the centre is out of the sphere in which it is free: no engine in that."""
+    up = np.array([0.0, 0.0, 1.0])
+    distance, deeper = _from_centre(model, paths, clearance)
+    speeds = [paths.state(1, i) for i in range(3)]
+
+    def along(vector: list[Floats]) -> Floats:
+        return np.asarray(deeper[0] * vector[0] + deeper[1] * vector[1] + deeper[2] * vector[2])
+
+    fall = model.scene.gravity * model.timestep * up
+    gained = -along([np.diff(v, axis=1) + fall[i] for i, v in enumerate(speeds)])
+    sensed = -along([paths.acceleration(i) for i in range(3)]) if model.sensed else None
+    speed = np.abs(speeds[0]) + np.abs(speeds[1]) + np.abs(speeds[2])
+    force = _force(model, gained, (speed[:, :-1], speed[:, -1]), sensed)
+    return np.stack([distance - clearance, along([v[:, :-1] for v in speeds]), force])
+
+
+def _force(model: SceneModel, gained: Floats, speed: tuple[Floats, Floats], sensed: Floats | None) -> Floats:
+    """Normal force of each step, N, shape (b, n); exactly 0 where the contact did not act.
+
+    gained: what the contact adds to the velocity that parts the bodies, m/s, (b, n), to be overwritten.
+    speed: the velocity, or the sum of its absolute components, before each step, (b, n), and after the last
+    one, (b,). sensed: by contact at the step's start, m/s².
+    """
+    h, g = model.timestep, model.scene.gravity
+    before, last = speed[0].ravel(), speed[1]
+    fastest = max(-before.min(), before.max(), np.abs(last).max())
+    # Rounding is worked out where it can matter.
+    near = np.flatnonzero(np.abs(gained) <= (fastest + fastest + g * h) * _ROUND_OFF)
+    ball, step = np.divmod(near, gained.shape[1])
+    after = np.where(step + 1 < gained.shape[1], before[near + 1 - before.size], last[ball])
+    noise = np.abs(before[near]) + np.abs(after) + g * h
+    noise *= _ROUND_OFF
+    slowing = gained.ravel()
+    slowing[near[np.abs(slowing[near]) <= noise]] = 0.0
+    slowing = np.divide(gained, h, out=gained)
+    if sensed is not None:
+        # A step that touches or parts on its way has no force yet, or no more, where it starts.
+        slowing = np.where((slowing != 0.0) & (np.abs(sensed) > _ROUND_OFF * g), sensed, slowing)
+    slowing *= model.scene.mass
+    return slowing

@@ -1,0 +1,242 @@
+"""MuJoCo's contact constraints as equations: how several act together, and the restitution of one or more.
+
+Per unit effective mass, with impedance d(r) at depth r below its onset (x penetration, v its rate), a row of
+solref "-S -D" and solimp "d0 dw ..." asks for the acceleration apart
+
+    a_ref = S d(r)/dw² r + D/dw v
+
+and has the weight w = d/(1 - d). Rows together give a = Σ w_i a_ref,i / (1 + Σ w_i) over those that act: from
+their onset on and, without adhesion, only while they push, a_ref,i > a. One row alone gives a = d a_ref.
+Formulas: MuJoCo's documentation, Modeling (solver parameters) and Computation (constraint model).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.engines.mujoco.scene.continuous_contact import parting_speed
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.impact import Floats
+
+    Solimp = tuple[float, float, float, float, float]
+
+# mjMINIMP, mjMAXIMP: impedances and midpoints are clamped to them. A contact lets that share of gravity
+# through that its impedance lacks to 1.
+MIN_IMPEDANCE, MAX_IMPEDANCE = 1e-4, 0.9999
+STIFF_SOLIMP = (MAX_IMPEDANCE, MAX_IMPEDANCE, 0.001, 0.5, 2.0)
+MAX_POWER = 1000.0  # of solimp; a little above, the sigmoid underflows
+_MINVAL = 1e-15  # mjMINVAL
+_SPRINGLESS = 0.1  # k h² below which the damper of one step, not the spring, makes the bounce
+_SOLID_SPHERE = 3.5  # 1 + m R²/I
+_LONGEST = 100.0  # of the slowest time scale of a contact: how long one is followed
+
+
+@dataclass(frozen=True, slots=True)
+class ConstraintRow:
+    """One constraint between ball and plate: a contact pair, or a tendon's limit.
+
+    solref, solimp: MuJoCo's. onset: penetration from which it acts, m. adhesion: force with which it may
+    pull, N. friction: coefficient of sliding, 0 for a contact without friction. solreffriction: MuJoCo's, of
+    its friction; () for that of solref.
+    """
+
+    solref: tuple[float, ...]
+    solimp: tuple[float, ...]
+    onset: float = 0.0
+    adhesion: float = 0.0
+    friction: float = 0.0
+    solreffriction: tuple[float, ...] = ()
+
+    @classmethod
+    def direct(
+        cls, stiffness: float, damping: float, solimp: Solimp, onset: float = 0.0, adhesion: float = 0.0
+    ) -> ConstraintRow:
+        """The row of a stiffness S, 1/s², and a damping D, 1/s."""
+        return cls((-float(stiffness), -float(damping)), solimp, float(onset), float(adhesion))
+
+    def with_friction(self, coefficient: float, timestep: float, impratio: float) -> ConstraintRow:
+        """The same row with Coulomb friction that stops a rolling solid sphere's slip in about a step.
+
+        The impedance of friction is d_t = w/(1 + w), w = d/(1 - d) impratio s, where the contact point gives
+        way s = 1 + m R²/I = 3.5 times as easily along the plate as along its normal: "0 -(d/d_t)/h" then
+        asks for the deceleration v/h. For a row whose impedance d is constant.
+        """
+        d = self.solimp[0]
+        w = d / (1.0 - d) * impratio * _SOLID_SPHERE
+        damping = float(f"{d * (1.0 + w) / w / timestep:.6g}")  # as short as a model is written
+        return replace(self, friction=coefficient, solreffriction=(0.0, -damping))
+
+    @property
+    def stiffness(self) -> float:
+        """S of solref "-S -D", 1/s²."""
+        return -self.solref[0]
+
+    @property
+    def damping(self) -> float:
+        """D of solref "-S -D", 1/s."""
+        return -self.solref[1]
+
+    def option(self) -> dict[str, Any]:
+        """As a MuJoCo setting writes it."""
+        rubbing = {"friction": self.friction, "solreffriction": list(self.solreffriction)}
+        return {
+            "solref": list(self.solref),
+            "solimp": [float(number) for number in self.solimp],
+            "onset": self.onset,
+            "adhesion": self.adhesion,
+            **{key: value for key, value in rubbing.items() if value},
+        }
+
+
+def _rise(u: Any, midpoint: Any, power: Any) -> Any:
+    """MuJoCo's sigmoid of u = depth/width up to its midpoint; beyond it is this one turned by 180 degrees."""
+    return u**power / midpoint ** (power - 1.0)
+
+
+def impedance(solimp: Sequence[Floats | float], depth: Floats) -> Floats:
+    """d at depths below the onset (m); solimp's numbers and depths broadcast."""
+    d0, dw, width, midpoint, power = solimp
+    u = np.clip(depth / width, 0.0, 1.0)
+    sigmoid = np.where(u <= midpoint, _rise(u, midpoint, power), 1.0 - _rise(1.0 - u, 1.0 - midpoint, power))
+    return np.asarray(d0 + (dw - d0) * np.where(power == 1.0, u, sigmoid))
+
+
+def weight(solimp: Sequence[float], depth: Floats) -> Floats:
+    """d/(1 - d) at a depth below the onset (m), 0 above it; same shape."""
+    d = impedance(solimp, depth)
+    return np.where(depth > 0.0, d / (1.0 - d), 0.0)
+
+
+def combine(reference: Floats, weights: Floats, may_pull: Floats | bool, axis: int) -> tuple[Floats, Floats]:
+    """(acceleration apart, weights of the rows that act) of rows along an axis.
+
+    reference: a_ref of each. may_pull: whether it has adhesion.
+    """
+    while True:
+        a = (weights * reference).sum(axis=axis) / (1.0 + weights.sum(axis=axis))
+        # Without a row that pulls a is larger: a row once left out never comes back.
+        pulls = (reference < np.expand_dims(a, axis)) & (weights > 0.0) & np.logical_not(may_pull)
+        if not pulls.any():
+            return a, weights
+        weights = np.where(pulls, 0.0, weights)
+
+
+def acceleration(rows: Sequence[ConstraintRow], x: Floats, v: Floats) -> Floats:
+    """Acceleration apart, m/s², at penetrations (m) and rates (m/s) of the same shape."""
+    reference, weights = [], []
+    for row in rows:
+        depth, dw = x - row.onset, row.solimp[1]
+        stiffness = row.stiffness * impedance(row.solimp, depth) / dw**2
+        reference.append(stiffness * depth + row.damping / dw * v)
+        weights.append(weight(row.solimp, depth))
+    may_pull = np.array([row.adhesion != 0.0 for row in rows]).reshape(-1, *[1] * np.ndim(x))
+    return combine(np.stack(reference), np.stack(weights), may_pull, axis=0)[0]
+
+
+def restitution(
+    rows: Sequence[ConstraintRow], timestep: float, speeds: Floats, phases: int, duration: float
+) -> Floats:
+    """e under MuJoCo's Euler step, v+ = v - h a, x+ = x + h v+; shape (speeds, phases), NaN if still closed.
+
+    speeds: m/s, shape (n,). phases: where in a step the touch falls, so many, evenly. duration: s.
+    """
+    phase = (np.arange(phases) + 0.5) / phases
+    v_i, before = (grid.copy() for grid in np.meshgrid(speeds, phase, indexing="ij"))
+    x, v = -before * timestep * v_i, v_i.copy()
+    for _ in range(int(duration / timestep) + 2):
+        v = v - timestep * acceleration(rows, x, v)
+        x = x + timestep * v
+    return np.where((x <= 0.0) & (v < 0.0), -v / v_i, np.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class SoftConstraint:
+    """One contact as a model's author wrote it or as the engine uses it, and its e in continuous time.
+
+    solref: (time constant s, damping ratio), or (-stiffness 1/s^2, -damping 1/s), per unit effective mass.
+    timestep: s. shortest: the least time constant, s, that the engine's refsafe lets through (0: any).
+    clamped: whether solimp is held within what the engine allows, as the engine does.
+    """
+
+    solref: tuple[float, float]
+    solimp: Solimp
+    timestep: float
+    shortest: float = 0.0
+    clamped: bool = True
+
+    def impedance(self, x: float) -> float:
+        """d at penetration x (m): a power sigmoid from d0 to dwidth."""
+        d0, dw, width, midpoint, power = self._solimp()
+        if width <= _MINVAL or d0 == dw:
+            return 0.5 * (d0 + dw)
+        u = min(abs(x) / width, 1.0)
+        if power == 1 or u in (0.0, 1.0):
+            return d0 + u * (dw - d0)
+        y = _rise(u, midpoint, power) if u <= midpoint else 1 - _rise(1 - u, 1 - midpoint, power)
+        return float(d0 + y * (dw - d0))
+
+    def stiffness_damping(self) -> tuple[float, float]:
+        """(k, b), 1/s^2 and 1/s, of the push d (k d x + b v)."""
+        dw = self._solimp()[1]
+        first, second = self.solref
+        if first > 0:
+            constant = max(first, self.shortest)
+            return 1 / max(_MINVAL, (dw * constant * second) ** 2), 2 / max(_MINVAL, dw * constant)
+        return -first / max(_MINVAL, dw**2), -second / max(_MINVAL, dw)
+
+    def _solimp(self) -> Solimp:
+        if not self.clamped:
+            return self.solimp
+        d0, dw, midpoint = (min(max(self.solimp[i], MIN_IMPEDANCE), MAX_IMPEDANCE) for i in (0, 1, 3))
+        return d0, dw, max(self.solimp[2], 0.0), midpoint, max(self.solimp[4], 1.0)
+
+    @property
+    def is_impulse(self) -> bool:
+        """Whether one step takes the whole impact: damping that turns the body round, hardly any spring."""
+        stiffness, damping = (-value for value in self.solref)
+        return (
+            self.solref[0] <= 0
+            and 1.0 <= damping * self.timestep <= 2.0
+            and stiffness * self.timestep**2 < _SPRINGLESS
+        )
+
+    @property
+    def is_powerless(self) -> bool:
+        """Whether neither spring nor damper pushes back."""
+        return self.solref[0] <= 0 and max(abs(value) for value in self.solref) < _MINVAL
+
+    @property
+    def overflows(self) -> bool:
+        """Whether the sigmoid of solimp cannot be computed, by the engine neither."""
+        _, _, width, midpoint, power = self._solimp()
+        low = min(midpoint, 1 - midpoint)
+        return width > _MINVAL and power > MAX_POWER and math.pow(max(low, 0.0), power - 1) == 0.0
+
+    def restitution(self, speed: float) -> float:
+        """e at an impact speed, m/s, in continuous time; of an impulse setting the D h - 1 of its step."""
+        if self.is_impulse:
+            return -self.solref[1] * self.timestep - 1.0
+        if not speed > 0 or self.overflows:
+            return math.nan
+        k, b = self.stiffness_damping()
+        if k <= 0:
+            return 0.0
+
+        def push(x: float, v: float) -> float:
+            d = self.impedance(x)
+            return d * (k * d * x + b * v)
+
+        lowest = max(1e-6, min(self.impedance(0.0), self.impedance(math.inf)))
+        longest = _LONGEST * (1 / (math.sqrt(k) * lowest) + b / k)
+        return max(0.0, parting_speed(push, speed, 1e-3 / (math.sqrt(k) + b), longest)) / speed
+
+    def curve(self, speeds: Sequence[float]) -> tuple[float, ...]:
+        """e at each of `speeds` (m/s)."""
+        return tuple(self.restitution(float(v)) for v in speeds)

@@ -1,0 +1,170 @@
+"""Compiles a scene's MJCF under a setting and checks that MuJoCo sees what the scene says."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend, captured_warnings, require_feature
+from hcbench.engines.mujoco.scene.mjcf import add_acceleration_sensor, as_text, model_path, scene_tree
+from hcbench.errors import SceneError
+
+if TYPE_CHECKING:
+    import xml.etree.ElementTree as ET
+
+    from hcbench.engines.mujoco.scene.options import Options
+    from hcbench.impact import Floats
+    from hcbench.scene import Scene
+
+_OVERLAP = 1e-5  # m, at which the model is checked
+_SHAPE_TOLERANCE = 1e-9  # m
+# What a ball in free flight is tried with: height in radii, m/s, m/s², and how well it must obey.
+_CLEAR, _THROWN, _PUSHED, _FREELY = 0.5, 1.0, 1.0, 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class SceneModel:
+    """A compiled model, and where to look in its state.
+
+    root: its MJCF. origin: the full state with the ball at qpos0, where it just touches, shape (nstate,). at:
+    where position and velocity of the ball start in a state. clearance: |R2| - R1 of a cup, None on a plane.
+    sensed: the model ends its sensors with the ball's acceleration. plugged: a plug-in acts on this model.
+    """
+
+    mujoco: Any
+    model: Any
+    root: ET.Element
+    scene: Scene
+    timestep: float
+    origin: Floats
+    at: tuple[int, int]
+    clearance: float | None
+    sensed: bool
+    plugged: bool
+
+
+def load(scene: Scene, timestep: float, options: Options) -> SceneModel:
+    """A scene under a setting, compiled and checked.
+
+    Raises SceneError for a model that is not what the scene says, EngineMissing where the installed MuJoCo
+    is too old for the setting.
+    """
+    mujoco = backend()
+    root, path = scene_tree(scene, timestep, options), model_path(scene)
+    if any(row.adhesion for row in options.rows):
+        require_feature(mujoco, "adhesion")
+    if options.integrator == "discrete":
+        require_feature(mujoco, "integrator 'discrete'")
+    sensed = any(option.get("integrator") == "RK4" for option in root.iterfind("option"))
+    if sensed:
+        add_acceleration_sensor(root)
+    with captured_warnings():
+        try:
+            model = mujoco.MjModel.from_xml_string(as_text(root))
+        except ValueError as error:
+            what = " ".join(str(error).split())
+            raise SceneError(str(path), what, "MJCF that MuJoCo loads") from None
+        data = mujoco.MjData(model)
+        kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+        origin = np.empty(mujoco.mj_stateSize(model, kind))
+        mujoco.mj_getState(model, data, origin, kind)
+        joint = _find_ball(mujoco, model, scene)
+        position, velocity = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+        data.qpos[position + 2] -= _OVERLAP
+        mujoco.mj_forward(model, data)
+        seen = _overlap(mujoco, model, data, scene)
+        if scene.form == "cup" and options.rows:
+            seen += options.rows[0].onset
+    if abs(seen - _OVERLAP) > _SHAPE_TOLERANCE:
+        raise SceneError(
+            str(path),
+            f"ball and plate overlap by {seen:.6e} m where the scene says {_OVERLAP:g} m",
+            "the ball to just touch at qpos0, with the radii of scene.toml",
+        )
+    with captured_warnings():
+        _check_flight(mujoco, model, joint, scene)
+    at = (1 + position, 1 + int(model.nq) + velocity)  # a state is time, positions, velocities, ...
+    clearance = -scene.plate_radius - scene.ball_radius if scene.form == "cup" else None
+    return SceneModel(
+        mujoco, model, root, scene, timestep, origin, at, clearance, sensed, options.law is not None
+    )
+
+
+def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
+    """Off the plate only gravity acts on the ball: what else changes its momentum would pass for contact."""
+    path, body, data = str(model_path(scene)), int(model.jnt_bodyid[joint]), mujoco.MjData(model)
+    if model.opt.enableflags & getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", 0):
+        raise SceneError(path, "lets bodies fall asleep", 'no <flag sleep="enable"/>')
+    data.qpos[model.jnt_qposadr[joint] + 2] += _CLEAR * scene.ball_radius
+    dof = int(model.jnt_dofadr[joint])
+    data.qvel[dof + 2] = -_THROWN
+    data.xfrc_applied[body, 2] = pushed = scene.mass * _PUSHED
+    mujoco.mj_forward(model, data)
+    expected = np.array([0.0, 0.0, _PUSHED - scene.gravity, 0.0, 0.0, 0.0])
+    off = np.abs(data.qacc[dof : dof + 6] - expected).max()
+    if not off <= _FREELY * (_PUSHED + scene.gravity):
+        raise SceneError(
+            path,
+            f"off the plate, at {_THROWN:g} m/s and under {pushed:.6g} N, the ball's acceleration is off"
+            f" by {off:.3g}",
+            "only gravity to act on it there",
+            "Look for damping, armature, springs, frictionloss, gravcomp, air, a disabled gravity, or"
+            " bodies fixed to it",
+        )
+
+
+def _find_ball(mujoco: Any, model: Any, scene: Scene) -> int:
+    """The free joint of the body `ball`, which is as heavy as the scene says and centred on its geom."""
+    path = str(model_path(scene))
+    body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "ball")
+    joint = model.body_jntadr[body]
+    if model.body_jntnum[body] != 1 or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_FREE:
+        raise SceneError(path, "the body 'ball' does not move freely", "a <freejoint/> on it")
+    geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, "ball")
+    if geom < 0 or model.geom_bodyid[geom] != body:
+        raise SceneError(path, "the body 'ball' has no geom 'ball'", "one")
+    if model.geom_pos[geom].any() or model.body_ipos[body].any():
+        raise SceneError(
+            path, "the ball's geom or mass is off its body's origin", "both at the centre, pos 0 0 0"
+        )
+    _check_radius(mujoco, model, geom, scene)
+    mass = float(model.body_mass[body])
+    if not math.isclose(mass, scene.mass, rel_tol=1e-12):
+        raise SceneError(
+            path,
+            f"the body 'ball' weighs {mass!r} kg",
+            f"{scene.mass!r} kg as scene.toml says",
+            "Give it an <inertial>, or all of its mass to the geom 'ball'",
+        )
+    return int(joint)
+
+
+def _check_radius(mujoco: Any, model: Any, geom: int, scene: Scene) -> None:
+    """The ball is the sphere that the scene says: a smaller one that touches would pass for it else."""
+    path, what = str(model_path(scene)), "R1"
+    radius = scene.ball_radius
+    if scene.form == "plane":
+        radius, what = scene.relative_radius, "1/(1/R1 + 1/R2)"
+    if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_SPHERE:
+        raise SceneError(f"{path}: geom 'ball'", "not a sphere", f"a sphere of {radius:.12g} m")
+    size = float(model.geom_size[geom][0])
+    if abs(size - radius) > _SHAPE_TOLERANCE:
+        expected = f"{radius:.12g} m, the {what} of scene.toml"
+        raise SceneError(f"{path}: geom 'ball' size", f"{size:.12g} m", expected)
+
+
+def _overlap(mujoco: Any, model: Any, data: Any, scene: Scene) -> float:
+    """How deep MuJoCo sees the ball in the plate, m: from radii, frames and qpos0 together."""
+    path = str(model_path(scene))
+    if scene.form == "cup":
+        tendon = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, "contact")
+        if tendon < 0 or not model.tendon_range[tendon][1] > 0:
+            raise SceneError(path, "there is no limited tendon 'contact'", "one between the two centres")
+        return float(data.ten_length[tendon] - model.tendon_range[tendon][1])
+    ball, plate = (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in ("ball", "plate"))
+    if plate < 0 or model.body_weldid[model.geom_bodyid[plate]] != 0:
+        raise SceneError(path, "there is no fixed geom 'plate'", "one that cannot move")
+    return -float(mujoco.mj_geomDistance(model, data, ball, plate, 1.0, None))

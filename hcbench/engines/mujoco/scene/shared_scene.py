@@ -1,0 +1,155 @@
+"""MuJoCo's models in engines that step them: scenes, and what they do otherwise than MuJoCo, by name."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import explicit_pairs, geom_name, speed_reading
+from hcbench.engines.mujoco.model.causes import fixes
+from hcbench.sim.model_under_test import Suspect
+from hcbench.sim.read_impact import SpeedReading
+
+if TYPE_CHECKING:
+    from hcbench.impact import Floats, Impact
+    from hcbench.sim.shared_model import BorrowingEngine
+
+    Rows = Sequence[tuple[Sequence[float], Sequence[float]]]
+
+ADHESION, PAIRS, IMPEDANCE = "adhesion", "several pairs", "impedance in float32"  # in an engine's `lacks`
+_HIGHEST_POWER = 100.0  # of a solimp in float32, which ends at 2^-149
+_ADHESION = 1000.0  # times a contact's force: MuJoCo Warp's e is off by 1e-4 there, by .06 at 50 000
+_KEPT, _HIGHEST = 0.9, 0.99  # impedances of which float32 tells 1 - d to 2e-6, to 1e-5
+
+
+class LentScene(NamedTuple):
+    """A compiled scene, MuJoCo's state of it at rest, also as positions and velocities, shape (13,); whether
+    its steps are exact in free flight.
+    """
+
+    model: Any
+    start: Any
+    rest: Floats
+    exact_flight: bool
+
+
+def load_scene(xml: str, contact: bool) -> LentScene:
+    """A scene of a ball with a free joint. contact: whether bodies touch."""
+    mujoco = backend()
+    model = mujoco.MjModel.from_xml_string(xml)
+    if not contact:
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    start = mujoco.MjData(model)
+    exact = speed_reading(model) is SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
+    return LentScene(model, start, np.append(start.qpos, start.qvel), exact)
+
+
+def differences(
+    model: Any,
+    engine: BorrowingEngine,
+    bits: int,
+    geoms: Sequence[int] = (),
+    rows: Rows = (),
+) -> list[Suspect]:
+    """What an engine, or its numbers of so many bits, makes another contact of.
+
+    geoms: whose <pair>s are looked at. rows: (solref, solimp) of the contact. By default all of the model.
+    """
+    asked = np.isin(model.pair_geom1, geoms) & np.isin(model.pair_geom2, geoms)
+    pairs = np.flatnonzero(asked | (not geoms))
+    if not rows:
+        solrefs = np.concatenate([model.pair_solref, model.geom_solref])
+        rows = list(zip(solrefs, np.concatenate([model.pair_solimp, model.geom_solimp]), strict=True))
+    found = [*_adhesion(model, engine, pairs), *_several(model, engine, pairs)]
+    if bits == 32:
+        found += [*_power(engine, rows), *_impedance(model, engine, rows, geoms)]
+    return found
+
+
+def _adhesion(model: Any, engine: BorrowingEngine, pairs: Any) -> Iterator[Suspect]:
+    adhesion = getattr(model, "pair_adhesion", np.zeros(model.npair))[pairs]
+    if ADHESION in engine.lacks and adhesion.any():
+        yield Suspect(
+            "adhesion-dropped",
+            f"{engine.title} drops a pair's adhesion without a word: its damper cannot pull.",
+            f"adhesion of up to {adhesion.max():.4g} N",
+            f"Use `staggered-push`, whose pairs only push: `hcbench tune {engine.name}`",
+            always_reported=True,
+        )
+
+
+def rounded_adhesion(
+    model: Any, engine: BorrowingEngine, bits: int, geoms: Sequence[int], impacts: Sequence[Impact]
+) -> Iterator[Suspect]:
+    """A pair's adhesion beside which float32 has too few digits for the contact's force."""
+    pairs = explicit_pairs(model, geoms) if ADHESION not in engine.lacks and bits == 32 else []
+    highest = float(max(getattr(model, "pair_adhesion", np.zeros(model.npair))[pairs], default=0.0))
+    forces = [impact.force_max for impact in impacts if impact.force_max > 0.0]
+    if not forces or highest < _ADHESION * min(forces):
+        return
+    enough = float(f"{2.0 * max(forces):.2g}")
+    yield Suspect(
+        "adhesion-rounding",
+        "Beside a large adhesion float32 keeps too little of the contact's force: e is off by .001 and more.",
+        f"adhesion {highest:.4g} N beside forces from {min(forces):.3g} N in {engine.title}",
+        _or_exact(f'adhesion="{enough:g}"', engine),
+        partial(_hold_adhesion, pairs=pairs, enough=enough),
+        always_reported=True,
+    )
+
+
+def _hold_adhesion(model: Any, pairs: Sequence[int], enough: float) -> None:
+    model.pair_adhesion[pairs] = np.minimum(model.pair_adhesion[pairs], enough)
+
+
+def _several(model: Any, engine: BorrowingEngine, pairs: Any) -> Iterator[Suspect]:
+    both = zip(model.pair_geom1[pairs].tolist(), model.pair_geom2[pairs].tolist(), strict=True)
+    (geoms, count), *_ = [*Counter(tuple(sorted(two)) for two in both).most_common(1), ((), 1)]
+    if PAIRS in engine.lacks and count > 1:
+        names = " and ".join(geom_name(model, geom) for geom in geoms)
+        yield Suspect(
+            "pairs-dropped",
+            f"{engine.title} keeps one of several pairs of the same two geoms, without a word.",
+            f"{count} pairs of {names}",
+            f"A massless copy of the geom for each pair, as `hcbench tune {engine.name}` writes it",
+            always_reported=True,
+        )
+
+
+def _power(engine: BorrowingEngine, rows: Rows) -> Iterator[Suspect]:
+    power = max(float(solimp[4]) for _, solimp in rows)
+    if power > _HIGHEST_POWER:
+        yield Suspect(
+            "power-underflow",
+            f"A solimp of power {power:.4g} underflows in float32: the contact is another one, or none.",
+            f"{engine.title} computes in float32",
+            _or_exact(f"A power up to {_HIGHEST_POWER:g}", engine),
+            always_reported=True,
+        )
+
+
+def _impedance(model: Any, engine: BorrowingEngine, rows: Rows, geoms: Sequence[int]) -> Iterator[Suspect]:
+    def bounces_in_one_step(solref: Sequence[float]) -> bool:
+        return float(solref[0]) == 0 and -solref[1] * model.opt.timestep > 1
+
+    stiff = [solimp for solref, solimp in rows if bounces_in_one_step(solref)]
+    highest = max((float(max(solimp[:2])) for solimp in stiff), default=0.0)
+    if IMPEDANCE in engine.lacks and highest > _HIGHEST:
+        solimp = (_KEPT, _KEPT, *(float(x) for x in stiff[0][2:]))
+        yield Suspect(
+            "impedance-rounding",
+            "A bounce in one step has an impedance of which float32 keeps too little: e is off by .0024.",
+            f"impedance {highest:g} in {engine.title}",
+            _or_exact(f'solimp="{fixes.numbers(solimp)}", as in `hcbench tune {engine.name}`', engine),
+            partial(fixes.set_contact, geoms=geoms, solref=None, solimp=solimp),
+            always_reported=True,
+        )
+
+
+def _or_exact(fix: str, engine: BorrowingEngine) -> str:
+    return f"{fix}; or {engine.exact}" if engine.exact else fix

@@ -1,0 +1,72 @@
+"""The scene `two-blocks` in MuJoCo, by the plug-in or by `staggered` pairs: see `hcbench.sim.two_blocks`."""
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend, require_feature
+from hcbench.engines.mujoco.plugin import load
+from hcbench.engines.mujoco.plugin.law_mjcf import extension
+from hcbench.engines.mujoco.recipes.staggered import staggered_rows
+from hcbench.engines.mujoco.scene.mjcf import add_pairs, as_text, numbers_text, set_mass
+from hcbench.impact import Floats
+from hcbench.recipes.target import Target
+from hcbench.sim.two_blocks import SIDES, TwoBlocks, folder
+
+REMARK = "MuJoCo's staggered pairs lie on it too."
+# Both blocks press a squeezed body at once, and all rows share in the highest impedance: 0.05 of four tried
+# leaves the summed loop the nearest.
+IMPEDANCE = 0.05
+
+
+def own_contact(squeezed: bool) -> str:
+    """Staggered pairs, squeezed or not."""
+    return "staggered"
+
+
+def simulate(blocks: TwoBlocks, position: float, velocity: float, forces: Floats) -> tuple[Floats, Floats]:
+    """Positions and velocities at the ends of steps."""
+    mujoco = backend()
+    if blocks.tuned_at is not None:
+        require_feature(mujoco, "adhesion")
+    root = ET.fromstring(mjcf(blocks))
+    if blocks.tuned_at is None:
+        load()
+        pair = {"body1": "world", "body2": "ball"}
+        root.append(extension(blocks.law, pair))
+        ET.SubElement(ET.SubElement(root, "contact"), "exclude", pair)
+    model = mujoco.MjModel.from_xml_string(as_text(root))
+    data = mujoco.MjData(model)
+    data.qpos[0], data.qvel[0] = position, velocity
+    states = [(position, velocity)]
+    for force in forces:
+        data.ctrl[0] = force
+        mujoco.mj_step(model, data)
+        states.append((float(data.qpos[0]), float(data.qvel[0])))
+    q, v = np.array(states).T
+    return q, v
+
+
+def mjcf(blocks: TwoBlocks) -> str:
+    """The scene's MJCF: with contact as in the file, or with pairs tuned to the law about a speed.
+
+    The scene's `tuned.xml` is such a text.
+    """
+    path = folder() / "scene.xml"
+    root = ET.fromstring(path.read_text(encoding="utf-8"))
+    _first(root, "option").set("timestep", repr(blocks.timestep))
+    set_mass(_first(root, "body"), blocks.mass, path)
+    for geom in root.iter("geom"):
+        if (side := geom.get("name", "")) in SIDES:
+            geom.set("pos", numbers_text([blocks.plane(side), 0.0, 0.0]))
+    if blocks.tuned_at is not None:
+        speed = blocks.tuned_at
+        target = Target(blocks.law, blocks.mass, blocks.timestep, speed / 20.0, 1.5 * speed)
+        _first(root, "option").set("integrator", "Euler")
+        ball = _first(_first(root, "body"), "geom")
+        add_pairs(root, ball, SIDES, staggered_rows(target, impedance=IMPEDANCE))
+    return as_text(root)
+
+
+def _first(root: ET.Element, tag: str) -> ET.Element:
+    return next(root.iter(tag))

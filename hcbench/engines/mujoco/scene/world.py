@@ -1,0 +1,206 @@
+"""A ball over a plate in MuJoCo: launches are stepped side by side, as many in one model as is worth it.
+
+Results are bit-identical for any batch size, thread count and length of chunks.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+import os
+from collections import Counter
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from hcbench.engines.mujoco.backend import captured_warnings
+from hcbench.engines.mujoco.model.bodies import speed_reading
+from hcbench.engines.mujoco.scene.batch import BatchedModel, batch_kind, compile_batch
+from hcbench.engines.mujoco.scene.record import Workspace, record, states_at_release
+from hcbench.engines.mujoco.scene.slide_joint import has_one_constraint
+from hcbench.sim.engine import Record, Simulation, World
+from hcbench.workers import in_worker
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from hcbench.engines.mujoco.scene.scene_model import SceneModel
+    from hcbench.impact import Launch
+    from hcbench.sim.engine import Flags
+
+# Balls in a model: the dense Jacobian of more costs more than sharing saves.
+_FEW_ROWS, _BALLS, _BALLS_OF_MANY_ROWS = 4, 24, 8
+_BALLS_OF_ONE_ROW = 80
+_ALONE = 32  # launches at once for each thread where each has a model of its own: bounds memory
+_SAVED_S, _COMPILE_S = 1.5e-6, 5e-3  # what a shared model saves a ball-step, and costs to compile
+_CONCURRENT = 2  # simulations: one is looked at while the other one is stepped
+_CHUNK_BYTES = 2**21  # of states, for each thread
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@dataclass(slots=True)
+class BatchPool:
+    """A model, its batched versions, and their free workspaces.
+
+    max_batch: the most balls that are worth putting into one model. threads: models that are stepped at once.
+    unbatched: ball-steps until now that a model of so many balls would have had.
+    """
+
+    model: SceneModel
+    max_batch: int
+    threads: int
+    sliding: bool
+    batches: dict[int, BatchedModel] = field(default_factory=dict)
+    unbatched: Counter[int] = field(default_factory=Counter)
+    free_workspaces: dict[int, list[Workspace]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, model: SceneModel) -> BatchPool:
+        """Without batches yet. The model's solver starts each step from scratch from now on."""
+        model.model.opt.disableflags |= model.mujoco.mjtDisableBit.mjDSBL_WARMSTART
+        kind, rows = batch_kind(model), max(model.model.npair, model.model.ntendon)
+        most = 1 if kind == "alone" else _BALLS if rows <= _FEW_ROWS else _BALLS_OF_MANY_ROWS
+        if kind == "sliding" and has_one_constraint(model.model):
+            most = _BALLS_OF_ONE_ROW
+        threads = 1 if in_worker() else _cores()
+        return cls(model, most, threads, kind == "sliding")
+
+    def whole(self) -> BatchedModel:
+        """The model of one ball as it was authored: free, with whatever else it has."""
+        return BatchedModel(self.model.model, 1, self.model.at, sliding=False)
+
+    def batch(self, size: int) -> BatchedModel:
+        """The model of so many balls."""
+        if size not in self.batches:
+            one = size == 1 and not self.sliding
+            self.batches[size] = self.whole() if one else compile_batch(self.model, size, self.sliding)
+        return self.batches[size]
+
+    @contextmanager
+    def workspace(self, batch: BatchedModel) -> Iterator[Workspace]:
+        """What a batch is stepped in, for one user at a time."""
+        if batch is not self.batches.get(batch.size):
+            yield Workspace.of(self.model, batch, 1, _CHUNK_BYTES)
+            return
+        free = self.free_workspaces.setdefault(batch.size, [])
+        try:
+            workspace = free.pop()
+        except IndexError:
+            workspace = Workspace.of(self.model, batch, self.threads, _CHUNK_BYTES)
+        yield workspace
+        free.append(workspace)
+
+    def is_worth_batching(self, size: int, ball_steps: int) -> bool:
+        """Whether so many steps, with those before them, are worth compiling a model of `size` balls for."""
+        if self.max_batch == 1 or size == 1:
+            return False
+        self.unbatched[size] += ball_steps
+        return self.unbatched[size] * _SAVED_S > _COMPILE_S
+
+    def size_for(self, balls: int, now: int, steps: int) -> int:
+        """How many balls a model should have for `balls` launches and about `steps` more steps.
+
+        now: balls in a model until now, 0 at release. A few launches of many are better off alone.
+        """
+        # Several models are stepped at once.
+        share = min(self.max_batch, max(math.ceil(balls / self.threads), min(balls, _BALLS_OF_MANY_ROWS)))
+        if now == 0:
+            if self.is_worth_batching(share, balls * steps):
+                return share
+            return min((size for size in list(self.batches) if size >= share), default=1)
+        if now > 1 and share <= now // 8:
+            return 1
+        fitting = min(1 << (share - 1).bit_length(), self.max_batch)
+        if (now == 1 < share or share <= now // 2) and self.is_worth_batching(fitting, balls * steps):
+            return fitting
+        return now
+
+
+class MujocoWorld(World):
+    """A ball over a plate, as a scene and a setting have it; resources are given back at its end."""
+
+    diverged = "MuJoCo gave up: a position, velocity or acceleration was not finite or above 1e10"
+
+    def __init__(self, pool: BatchPool) -> None:
+        self.pool = pool
+        scene = pool.model.scene
+        self.timestep, self.gravity, self.mass = pool.model.timestep, scene.normal_gravity, scene.mass
+        self.speed_reading = speed_reading(pool.model.model)
+        self.places = pool.threads * (pool.max_batch if pool.max_batch > 1 else _ALONE)
+        self.concurrent = 1 if pool.threads == 1 else _CONCURRENT
+        self._resources = ExitStack()
+        self._resources.enter_context(captured_warnings())
+
+    def release(self, launches: Sequence[Launch]) -> MujocoSimulation:
+        """Launches under way from their starting points."""
+        return MujocoSimulation(self.pool, launches)
+
+    def follow(self, launch: Launch) -> FollowedLaunch:
+        """One launch, bit for bit as a loop over mj_step takes it."""
+        return FollowedLaunch(self.pool.model, launch)
+
+    def close(self) -> None:
+        """Let MuJoCo warn as before."""
+        self._resources.close()
+
+
+class MujocoSimulation(Simulation):
+    """Launches under way in one or more models."""
+
+    def __init__(self, pool: BatchPool, launches: Sequence[Launch]) -> None:
+        self._pool = pool
+        self._states = states_at_release(pool.model, launches)
+        off_axis = pool.model.scene.off_axis > 0.0
+        self._leaves_axis = off_axis or any(launch.is_oblique for launch in launches)
+        self._alone, self._size, self._steps = False, 0, 0
+
+    def advance(self, steps: int) -> Record:
+        """Up to `steps` steps, as many as there is room for."""
+        while True:
+            with self._pool.workspace(self._next_batch(steps)) as workspace:
+                oblique = self._leaves_axis
+                recorded = record(self._pool.model, workspace, self._states, steps, oblique=oblique)
+            if recorded is not None:
+                seen, self._states = recorded
+                self._steps += seen.shape[2]
+                x, v, f = seen[:3]
+                return Record(x, v, f, seen[3:] if oblique else None)
+            self._alone = True  # MuJoCo gave up on a whole batch for the sake of one ball
+
+    def _next_batch(self, steps: int) -> BatchedModel:
+        if self._leaves_axis:
+            return self._pool.whole()
+        if self._alone:
+            self._size = 1
+        else:
+            self._size = self._pool.size_for(len(self._states), self._size, max(self._steps, steps))
+        return self._pool.batch(self._size)
+
+    def keep(self, which: Flags) -> None:
+        """Go on with these only."""
+        self._states = self._states[which]
+
+
+class FollowedLaunch(Simulation):
+    """One launch in the model as it was authored, whose solver starts each step from the one before."""
+
+    def __init__(self, model: SceneModel, launch: Launch) -> None:
+        authored = copy.copy(model.model)
+        authored.opt.disableflags &= ~int(model.mujoco.mjtDisableBit.mjDSBL_WARMSTART)
+        batch = BatchedModel(authored, 1, model.at, sliding=False)
+        self._model, self._workspace = model, Workspace.of(model, batch, 1, _CHUNK_BYTES)
+        self._states = states_at_release(model, [launch])
+
+    def advance(self, steps: int) -> Record:
+        """Up to `steps` steps, as many as there is room for."""
+        warm = self._workspace.data[0].qacc_warmstart.copy()  # as one unbroken run has it
+        recorded = record(self._model, self._workspace, self._states, steps, warm)
+        assert recorded is not None, "only a batch of several is given up as a whole"
+        seen, self._states = recorded
+        return Record(*seen)
+
+    def keep(self, which: Flags) -> None:
+        """There is one launch only."""

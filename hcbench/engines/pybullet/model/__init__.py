@@ -1,0 +1,1 @@
+"""PyBullet: a user's own world, measured."""

@@ -1,0 +1,276 @@
+"""What may keep a pair in PyBullet from bouncing as asked. Most cannot be read from it, so it is tried."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
+from hcbench.engines.pybullet.model.open import BodyPart
+from hcbench.engines.pybullet.model.place import BulletPlacement, SlidingJoint
+from hcbench.impact import Impact
+from hcbench.laws.restitution import RestitutionCurve
+from hcbench.measuring import causes
+from hcbench.sim.model_under_test import Suspect
+
+RESTITUTION, STIFFNESS, BODY_TYPE = 5, 9, 10  # places in getDynamicsInfo
+MAXIMAL_COORDINATES = 1  # a body type
+_THRESHOLD = 0.2  # m/s, Bullet's own restitutionVelocityThreshold
+_SLOP = 1e-5  # m, Bullet's own contactSlop
+_DAMPING = 0.04  # 1/s, Bullet's own linearDamping
+_ITERATIONS = 50  # Bullet's own numSolverIterations
+_SAME_E = 0.005  # restitutions nearer than this are taken for the same
+
+
+@dataclass(frozen=True, slots=True)
+class BulletContext:
+    """What the search for causes looks at. unread: as in `LoadedWorld`."""
+
+    bullet: BulletClient
+    place: BulletPlacement
+    impacts: Sequence[Impact]
+    wanted: RestitutionCurve | None
+    timestep: float
+    gravity: tuple[float, ...]
+    unread: Mapping[int, tuple[str, float]]
+
+    @property
+    def sides(self) -> tuple[BodyPart, BodyPart]:
+        """The two links that meet."""
+        return self.place.first, self.place.second
+
+    @property
+    def is_spring(self) -> bool:
+        """Whether a contactStiffness takes the place of restitution."""
+        return any(self.bullet.getDynamicsInfo(s.body, s.link)[STIFFNESS] > 0 for s in self.sides)
+
+    @property
+    def slowest(self) -> float:
+        """The lowest approach speed seen, m/s."""
+        return min((i.speed_in for i in self.impacts if np.isfinite(i.speed_in)), default=0.0)
+
+    @property
+    def fix_e(self) -> float:
+        """The restitution to write in a fix."""
+        e = causes.constant_e(self.impacts, self.wanted)
+        return causes.BOUNCY if e is None else e
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A call in a fix. settings: its keywords. side: the link that it sets; None for the world."""
+
+    settings: Mapping[str, float]
+    side: BodyPart | None = None
+
+    @property
+    def text(self) -> str:
+        """As a user writes it; bodies from files are called as their files."""
+        keywords = ", ".join(f"{k}={v:g}" for k, v in self.settings.items())
+        if self.side is None:
+            return f"p.setPhysicsEngineParameter({keywords})"
+        return f"p.changeDynamics({self.side.variable}, {self.side.link}, {keywords})"
+
+    def apply(self, bullet: BulletClient) -> None:
+        """Make it."""
+        if self.side is None:
+            bullet.setPhysicsEngineParameter(**self.settings)
+        else:
+            bullet.changeDynamics(self.side.body, self.side.link, **self.settings)
+
+
+def _fix(*calls: Call) -> tuple[str, Callable[[BulletClient], None]]:
+    """(text, apply) of a fix that is made of calls."""
+    return "; ".join(call.text for call in calls), partial(_apply, calls=calls)
+
+
+def _apply(bullet: BulletClient, calls: Sequence[Call]) -> None:
+    for call in calls:
+        call.apply(bullet)
+
+
+def _fix_restitutions(
+    sides: Sequence[BodyPart], values: Sequence[float]
+) -> tuple[str, Callable[[BulletClient], None]]:
+    return _fix(*(Call({"restitution": e}, side) for side, e in zip(sides, values, strict=True)))
+
+
+def restitutions(bullet: BulletClient, place: BulletPlacement) -> tuple[float, float]:
+    """Restitution of the two links that meet; NaN for a body with maximal coordinates, for which PyBullet
+    returns the value of an earlier query.
+    """
+    infos = [bullet.getDynamicsInfo(side.body, side.link) for side in (place.first, place.second)]
+    first, second = (
+        math.nan if info[BODY_TYPE] == MAXIMAL_COORDINATES else float(info[RESTITUTION]) for info in infos
+    )
+    return first, second
+
+
+def find_suspects(context: BulletContext) -> list[Suspect]:
+    """Everything that may matter here, likeliest first."""
+    checks = (
+        *(_unset_restitutions, _restitution_product, _bullet_defaults, _solver),
+        *(_few_steps, _gravity, _joint_motor),
+    )
+    return [suspect for check in checks for suspect in check(context)]
+
+
+def _unset_restitutions(c: BulletContext) -> Iterator[Suspect]:
+    """The two restitutions multiply, an unset one is 0, and one in another simulator's tag is not read."""
+    values = list(restitutions(c.bullet, c.place))
+    if math.isnan(sum(values)):
+        return
+    foreign = []  # (side, tag, e)
+    for i, side in enumerate(c.sides):
+        if values[i] == 0.0 and side.body in c.unread:
+            tag, values[i] = c.unread[side.body]
+            foreign.append((side, tag, values[i]))
+    positive = [e for e in values if e > 0.0]
+    assumed_e = None if c.wanted is not None else math.prod(positive) if positive else causes.BOUNCY
+    report = partial(Suspect, always_reported=True, assumed_e=assumed_e)
+    if foreign:
+        text, apply = _fix_restitutions([side for side, *_ in foreign], [e for *_, e in foreign])
+        yield report(
+            "foreign-restitution",
+            "The file has its restitution in a tag that PyBullet does not read.",
+            ", ".join(f"<{tag}> {e:g} of {side.name!r}" for side, tag, e in foreign),
+            f'<contact><restitution value="{foreign[0][2]:g}"/></contact> in the <link>, or {text}',
+            apply,
+        )
+    if not positive:
+        yield report(
+            "no-restitution",
+            "Neither of the two has a restitution: an unset one is 0.",
+            "restitution 0 and 0",
+            *_fix_restitutions(c.sides, (c.fix_e, 1.0)),
+        )
+    elif len(positive) == 1:
+        unset, other = c.sides if values[0] == 0.0 else c.sides[::-1]
+        yield report(
+            "other-body",
+            f"The restitution of {unset.name!r} is not set: the two multiply, so the pair has e = 0.",
+            f"restitution {positive[0]:g} on {other.name!r}, 0 on {unset.name!r}",
+            *_fix_restitutions([unset], [1.0]),
+        )
+
+
+def _restitution_product(c: BulletContext) -> Iterator[Suspect]:
+    """Both set, but not to what is wanted, or to more than 1."""
+    first, second = restitutions(c.bullet, c.place)
+    product, e = first * second, c.fix_e
+    if product > 0.0 and c.wanted is not None and abs(product - e) > _SAME_E:
+        yield Suspect(
+            "product",
+            "The restitutions of the two multiply to another e than the one wanted.",
+            f"{first:g} x {second:g} = {product:.4g}, wanted {e:.4g}",
+            *_fix_restitutions(c.sides, (e, 1.0)),
+        )
+
+
+def _bullet_defaults(c: BulletContext) -> Iterator[Suspect]:
+    """What Bullet does to a bounce by default; none of it can be read back, so it is tried."""
+    if c.slowest <= _THRESHOLD:
+        yield Suspect(
+            "velocity-threshold",
+            "Below restitutionVelocityThreshold Bullet does not bounce at all.",
+            f"impacts from {c.slowest:.3g} m/s, threshold {_THRESHOLD:g} m/s unless set",
+            *_fix(Call({"restitutionVelocityThreshold": 0.0})),
+        )
+    distance = LASTING_SETTINGS["contactBreakingThreshold"]
+    text, apply = _fix(Call({"contactProcessingThreshold": 0.0}, c.place.first))
+    yield Suspect(
+        "predictive-contact",
+        "Bullet acts on contacts before they touch: the body is stopped short and restitution is lost.",
+        f"contacts up to {distance:g} m away are solved for, at {c.slowest * c.timestep:.3g} m a step",
+        f"{text} and {Call({'contactBreakingThreshold': distance}).text}",
+        apply,
+    )
+    deepest = max((i.penetration_max for i in c.impacts if np.isfinite(i.penetration_max)), default=0.0)
+    yield Suspect(
+        "slop",
+        "contactSlop lets bodies overlap by as much as a hard contact's whole depth before anything acts.",
+        f"contactSlop {_SLOP:g} m unless set, deepest penetration seen {deepest:.3g} m",
+        *_fix(Call({"contactSlop": 0.0})),
+    )
+    yield Suspect(
+        "erp",
+        "Error reduction (ERP) pushes an overlap apart and adds its own speed to the rebound.",
+        "contactERP is 0.2 unless set; erp, which holds joints and constraints together, is left as it is",
+        *_fix(Call({"contactERP": 0.0})),
+    )
+    yield Suspect(
+        "damping",
+        "Bullet damps all motion: linearDamping and angularDamping are not 0 by themselves.",
+        f"linearDamping {_DAMPING:g} /s unless set, {_DAMPING * c.timestep:.2g} of the speed a step",
+        *_fix(Call({"linearDamping": 0.0, "angularDamping": 0.0}, c.place.first)),
+    )
+
+
+def _solver(c: BulletContext) -> Iterator[Suspect]:
+    """A solver that stops before it has found the impulses; its threshold cannot be read."""
+    iterations = int(c.bullet.getPhysicsEngineParameters()["numSolverIterations"])
+    yield Suspect(
+        "solver",
+        "The solver stops before it has found the contact's impulse.",
+        f"numSolverIterations {iterations}, solverResidualThreshold 1e-7 unless set",
+        *_fix(Call({"numSolverIterations": max(_ITERATIONS, iterations), "solverResidualThreshold": 1e-7})),
+    )
+
+
+def _few_steps(c: BulletContext) -> Iterator[Suspect]:
+    """Restitutions above 1 together; contact stiffness and damping, which take restitution's place."""
+    first, second = restitutions(c.bullet, c.place)
+    if first * second > 1:
+        yield Suspect(
+            "energy-gain",
+            "The restitutions of the two multiply to more than 1: every bounce makes energy from nothing.",
+            f"{first:g} x {second:g} = {first * second:.4g}",
+            *_fix_restitutions(c.sides, (1.0, 1.0)),
+        )
+    elif c.is_spring:
+        step = causes.StepFix(c.timestep, "p.setTimeStep({})", lambda p, timestep: p.setTimeStep(timestep))
+        yield from causes.energy_gain(c.impacts, step)
+        yield from causes.few_steps(c.impacts, step, "a lower contactStiffness")
+
+
+def _gravity(c: BulletContext) -> Iterator[Suspect]:
+    """Gravity in a step, or in a contact with a stiffness."""
+    fix = "a stiffer contact, or p.setTimeStep({:.2g})"
+    return causes.gravity(
+        c.impacts,
+        c.gravity,
+        c.timestep,
+        lambda longest: fix.format(longest / 5),
+        lambda bullet: bullet.setGravity(0.0, 0.0, 0.0),
+    )
+
+
+def _joint_motor(c: BulletContext) -> Iterator[Suspect]:
+    """Joints are loaded with a motor that brakes them."""
+    mover = c.place.mover
+    if isinstance(mover, SlidingJoint):
+        yield Suspect(
+            "joint-motor",
+            "PyBullet loads every joint with a velocity motor on, which brakes it.",
+            mover.description,
+            f"p.setJointMotorControl2({mover.body}, {mover.joint}, p.VELOCITY_CONTROL, force=0)",
+            lambda bullet: bullet.setJointMotorControl2(
+                mover.body, mover.joint, bullet.module.VELOCITY_CONTROL, force=0
+            ),
+        )
+
+
+def restitution_setting(place: BulletPlacement, e: float) -> Suspect:
+    """Everything that gives a pair this e, as one fix."""
+    world = {"restitutionVelocityThreshold": 0.0, "contactSlop": 0.0, "contactERP": 0.0}
+    still = {"linearDamping": 0.0, "angularDamping": 0.0, "contactProcessingThreshold": 0.0}
+    text, apply = _fix(
+        Call({**world, "contactBreakingThreshold": LASTING_SETTINGS["contactBreakingThreshold"]}),
+        Call({**still, "restitution": e}, place.first),
+        Call({"restitution": 1.0, "contactProcessingThreshold": 0.0}, place.second),
+    )
+    return Suspect("restitution", "", "", text, apply)

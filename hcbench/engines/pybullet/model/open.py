@@ -1,0 +1,161 @@
+"""PyBullet worlds of users, from files or live, and the two in them that meet."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hcbench._text import sanitized
+from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
+from hcbench.engines.pybullet.model.bodies import LINK_NAME
+from hcbench.engines.pybullet.model.model_file import check_user_model
+from hcbench.errors import UserError
+from hcbench.sim.candidate_pairs import choice_error
+from hcbench.sim.names import find_part
+
+_STARTING_SETTINGS = {**LASTING_SETTINGS, "fixedTimeStep": 1.0 / 240.0}
+_NamedPart = tuple[str, str, tuple[int, int]]  # kind, name, (body, link)
+ANY_LINK = -2  # whichever link touches, as in PyBullet
+
+
+@dataclass(frozen=True, slots=True)
+class LiveWorld:
+    """A live PyBullet world of the user's.
+
+    client: physics client id. first, second: what shall meet, the moving one first, each a body id or a
+    (body id, link index); None where the request's pair names them.
+    """
+
+    client: int
+    first: int | tuple[int, int] | None = None
+    second: int | tuple[int, int] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class BodyPart:
+    """One of the two that meet: a link (-1: the base) of a body, or ANY_LINK of it."""
+
+    name: str
+    body: int
+    link: int
+
+    @property
+    def variable(self) -> int | str:
+        """What a script calls the body: as its file, numbered where several came from one; or its id."""
+        stem, _, copy = self.name.partition(".")
+        name = stem + "".join(f"_{number}" for number in re.findall(r" \((\d+)\)$", copy))
+        return name if name.isidentifier() else self.body
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedWorld:
+    """A world to be measured.
+
+    label: what a report calls it. disconnect: whether to end its client at the end. pair: the two that meet,
+    as in a `LiveWorld`; () where names say. files: body id -> name of the file it came from; empty for a
+    world of the user's. unread: body id -> (tag, e) of a restitution that its file has in a place where
+    PyBullet does not look. owner: what the user made of the client, which may disconnect it when it goes.
+    """
+
+    bullet: BulletClient
+    label: str
+    disconnect: bool
+    pair: tuple[int | tuple[int, int], ...] = ()
+    files: dict[int, str] = field(default_factory=dict)
+    unread: dict[int, tuple[str, float]] = field(default_factory=dict)
+    owner: Any = None
+
+
+def load_files(paths: Sequence[str]) -> LoadedWorld:
+    """A new world with the files loaded in it, as PyBullet loads them by default."""
+    files = [Path(path) for path in paths]
+    unread = [check_user_model(path) for path in files]
+    bullet = BulletClient.direct()
+    bullet.resetSimulation()
+    bullet.setPhysicsEngineParameter(**_STARTING_SETTINGS)
+    world = LoadedWorld(bullet, " + ".join(path.name for path in files), True)
+    for path, restitution in zip(files, unread, strict=True):
+        for body in bullet.load_model(path):
+            copies = sum(Path(name).name.partition(" (")[0] == path.name for name in world.files.values())
+            world.files[body] = f"{path.name} ({copies + 1})" if copies else path.name
+            if restitution is not None:
+                world.unread[body] = restitution
+    return world
+
+
+def open_live(source: Any, disconnect: bool) -> LoadedWorld:
+    """The world of a `LiveWorld`, a client id, or a BulletClient of pybullet_utils. UserError for others."""
+    world = LiveWorld(source or 0) if source is None or isinstance(source, int) else source
+    if not isinstance(world, LiveWorld) and hasattr(world, "_client"):
+        world = LiveWorld(world._client)
+    if not isinstance(world, LiveWorld):
+        raise UserError("model", f"a {type(source).__name__}", "a path or a PyBullet World")
+    bullet = BulletClient(world.client)
+    if not (0 <= world.client < 2**31 and bullet.isConnected()):
+        raise UserError("model", f"PyBullet client {world.client} is not connected", "a live client")
+    pair = () if world.first is None or world.second is None else (world.first, world.second)
+    return LoadedWorld(bullet, "PyBullet world", disconnect, pair, owner=source)
+
+
+def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPart, BodyPart]:
+    """The two that meet: the world's own, or what `names` mean, each a file, a body, or a link ("body/link"
+    where links share a name); without names, the world's only two bodies.
+    """
+    bullet = world.bullet
+    if world.pair:
+        one, two = (_by_id(bullet, part) for part in world.pair)
+        return one, two
+    parts = _named_parts(world)
+    known = [name for _, name, _ in parts]
+    if names is None:
+        numbers = bullet.bodies()
+        if len(numbers) != 2:
+            from hcbench.engines.pybullet.model.list_pairs import list_pairs
+
+            if len(numbers) < 2:
+                raise UserError("pair", f"none given, and the world has {len(numbers)} bodies", "two names")
+            raise choice_error(list_pairs(world))
+        one, two = (BodyPart(world.files.get(body, f"body:{body}"), body, ANY_LINK) for body in numbers)
+        return one, two
+    one, two = (
+        BodyPart(name, *find_part(parts, name if name in known else Path(name).name)[1]) for name in names
+    )
+    if one.body == two.body and (one.link == two.link or ANY_LINK in (one.link, two.link)):
+        raise UserError("pair", f"{one.name!r} and {two.name!r} are the same body", "two that can meet")
+    return one, two
+
+
+def _by_id(bullet: BulletClient, part: int | tuple[int, int]) -> BodyPart:
+    body, link = (part, ANY_LINK) if isinstance(part, int) else part
+    try:
+        name = sanitized(bullet.getBodyInfo(body)[1].decode(errors="replace"))
+    except bullet.error:
+        raise UserError("pair", f"no body {body} in this client", "a body id that loadURDF gave") from None
+    text = f"body {body}" if link == ANY_LINK else f"body {body}, link {link}"
+    return BodyPart(f"{name} ({text})" if name else text, body, link)
+
+
+def _named_parts(world: LoadedWorld) -> list[_NamedPart]:
+    """Every name with the (body, link) that it means, bodies first; not those that several links share."""
+    bullet = world.bullet
+    bodies: list[_NamedPart] = []
+    links: list[_NamedPart] = []
+    for body in bullet.bodies():
+        base, robot = (sanitized(part.decode(errors="replace")) for part in bullet.getBodyInfo(body))
+        file = world.files.get(body, "")
+        names = (f"body:{body}", file, Path(file).stem, robot)
+        bodies += [("body", name, (body, ANY_LINK)) for name in names]
+        joints = [bullet.getJointInfo(body, j) for j in range(bullet.getNumJoints(body))]
+        link_names = [base, *(sanitized(joint[LINK_NAME].decode(errors="replace")) for joint in joints)]
+        prefixes = dict.fromkeys(["", f"body:{body}/", f"{Path(file).stem}/" if file else ""])
+        links += [
+            ("link", prefix + name, (body, link))
+            for link, name in enumerate(link_names, start=-1)
+            for prefix in prefixes
+        ]
+    uses = Counter(name for _, name, _ in links)
+    return [part for part in bodies + [link for link in links if uses[link[1]] == 1] if part[1]]

@@ -1,0 +1,299 @@
+"""Where a pair in PyBullet just touches, and what is moved to launch it from there."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hcbench.engines.pybullet.backend import BulletClient
+from hcbench.engines.pybullet.model.bodies import (
+    FIXED,
+    JOINT_NAME,
+    JOINT_TYPE,
+    PRISMATIC,
+    REVOLUTE,
+    BulletBody,
+    contact_row,
+)
+from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart, LoadedWorld
+from hcbench.engines.pybullet.model.start_pose import require_joints_within_limits
+from hcbench.engines.pybullet.vectors import vector
+from hcbench.errors import UserError
+from hcbench.impact import Floats
+from hcbench.sim.model_under_test import Vector
+from hcbench.sim.touch import LEAST_APPROACH, require_apart, require_reachable, travel_by_distance
+
+ABOVE: Vector = (0.0, 0.0, 1.0)
+LEAST_MOBILITY = 1e-9  # 1/kg
+_BOUND = 1e3  # m: the part of an endless plane that counts
+_REACH = 1e4  # m: the largest distance between the two at the start
+_ROUNDS, _STRIDE = 300, 0.02  # m: of a way along an arc, in each round
+_CLOSE = 1e-7  # m: Bullet's distances are no better
+_MISSED = 1e-3  # of the smaller one's size: so far apart at the end of a way, two have passed each other
+DISTANCE, NORMAL = 8, 7  # in PyBullet's closest points; the normal points at the first body
+
+
+@dataclass(frozen=True, slots=True)
+class FreeBase:
+    """A body that is moved as a whole. position (m), quaternion: where it starts. direction: unit vector."""
+
+    body: int
+    description: str
+    position: Floats
+    quaternion: Sequence[float]
+    direction: Floats
+
+    def put(self, bullet: BulletClient, travel: float, speed: float = 0.0) -> None:
+        """Put it `travel` m nearer than it starts, at `speed` m/s towards the other."""
+        position = self.position + self.direction * travel
+        bullet.resetBasePositionAndOrientation(self.body, position.tolist(), self.quaternion)
+        bullet.resetBaseVelocity(self.body, (self.direction * speed).tolist(), [0.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True, slots=True)
+class SlidingJoint:
+    """A prismatic joint that moves a link. start: its position. approach: m towards the other for 1 of it."""
+
+    body: int
+    description: str
+    joint: int
+    start: float
+    approach: float
+
+    def put(self, bullet: BulletClient, travel: float, speed: float = 0.0) -> None:
+        """Put the link `travel` m nearer than it starts, at `speed` m/s towards the other."""
+        bullet.resetJointState(
+            self.body, self.joint, self.start + travel / self.approach, speed / self.approach
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SwingingLink:
+    """Joints that together move a link as a push at its contact would. starts: their positions at touch.
+    rates: their velocities for an approach at 1 m/s.
+    """
+
+    body: int
+    description: str
+    starts: Mapping[int, float]
+    rates: Mapping[int, float]
+
+    def put(self, bullet: BulletClient, travel: float, speed: float = 0.0) -> None:
+        """Put the link `travel` m nearer than it starts, at `speed` m/s towards the other."""
+        for joint, start in self.starts.items():
+            rate = self.rates[joint]
+            bullet.resetJointState(self.body, joint, start + rate * travel, rate * speed)
+
+
+Mover = FreeBase | SlidingJoint | SwingingLink
+
+
+@dataclass(frozen=True, slots=True)
+class BulletPlacement:
+    """Where launches start from: the two touch once `mover` has travelled `travel` m.
+
+    first, second: the links that touch, the moving one first. normal: unit vector from the first to the
+    second. point: where they touch, m. effective_mass: along the normal, kg. overlap: of the two at
+    the start, m. remark: how they were brought together, where that was a choice.
+    """
+
+    first: BodyPart
+    second: BodyPart
+    mover: Mover
+    travel: float
+    normal: Floats
+    point: Floats
+    effective_mass: float
+    overlap: float
+    remark: str = ""
+
+    def launch(self, bullet: BulletClient, speed: float, clearance: float) -> None:
+        """Put the moving one `clearance` m before the touch, at `speed` m/s."""
+        self.mover.put(bullet, self.travel - clearance, speed)
+
+
+def place(
+    world: LoadedWorld, first: BodyPart, second: BodyPart, coming_from: Vector | None = None
+) -> BulletPlacement:
+    """Bring the two just to touch. Raises UserError with the reason where that cannot be done.
+
+    coming_from: where the first comes from, a unit vector away from the second; None: the nearest way. In a
+        world made of files all stand at the origin: the moving one then comes from above.
+    """
+    bullet = world.bullet
+    for part in (first, second):
+        require_joints_within_limits(bullet, part.body)
+    remark = ""
+    if coming_from is None and len(world.files) > 1 and first.body != second.body:
+        coming_from = ABOVE
+        remark = "Files stand at the origin: the moving one comes down from above; --from chooses."
+    for moving, other, sign in ((first, second, 1.0), (second, first, -1.0)):
+        if BulletBody(bullet, moving.body).mass > 0.0 and moving.body != other.body:
+            text = f"{moving.name!r} by its free base"
+            position, quaternion = bullet.getBasePositionAndOrientation(moving.body)
+            if coming_from is None:
+                direction = _normal(nearest(bullet, moving, other))
+            else:
+                direction = -sign * np.array(coming_from)
+                position = _clear_start(bullet, moving, other, direction, np.array(position))
+            mover = FreeBase(moving.body, text, np.array(position), quaternion, direction)
+            return _touch(bullet, moving, other, mover, remark)
+    if coming_from is None or remark:
+        for moving, other in ((first, second), (second, first)):
+            for joint in _sliding_joints(bullet, moving, other):
+                return _touch(bullet, moving, other, joint)
+            if (swinging := swing_to_touch(bullet, moving, other)) is not None:
+                return _touch(bullet, moving, other, swinging)
+    raise UserError(
+        "pair",
+        f"neither {first.name!r} nor {second.name!r} can be launched: both bases are fixed, and no joint "
+        "brings one to the other",
+        "a base of mass above 0 that is not fixed, or a joint towards the other",
+        "Start from another --qpos",
+    )
+
+
+def _clear_start(
+    bullet: BulletClient, moving: BodyPart, other: BodyPart, direction: Floats, position: Floats
+) -> Floats:
+    """Where a body starts from so that it comes along `direction`: clear of the other, over it if it must."""
+    boxes = [_bounds(bullet, part) for part in (moving, other)]
+    (low, high), (low2, high2) = boxes
+    across = np.abs(direction) < 0.5
+    if ((low > high2) | (high < low2))[across].any():
+        shift = ((low2 + high2) - (low + high)) / 2
+        position = position + shift - direction * float(direction @ shift)
+    behind = max(float(direction @ (a - b)) for a in (low, high) for b in (low2, high2))
+    size = float(np.linalg.norm(high - low))
+    return position - direction * (min(max(behind, 0.0), _REACH) + 0.1 * size)
+
+
+def _bounds(bullet: BulletClient, part: BodyPart) -> tuple[Floats, Floats]:
+    """The box around a part, within reach."""
+    links = range(-1, bullet.getNumJoints(part.body)) if part.link == ANY_LINK else [part.link]
+    boxes = np.array([bullet.getAABB(part.body, link) for link in links])
+    low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+    return np.maximum(low, -_BOUND), np.minimum(high, _BOUND)
+
+
+def swing_to_touch(bullet: BulletClient, moving: BodyPart, other: BodyPart) -> SwingingLink | None:
+    """Bring a link of a fixed robot to the other by its joints; None where they do not lead there."""
+    body = BulletBody(bullet, moving.body)
+    if body.kind != "jointed":
+        return None
+    kinds = [joint[JOINT_TYPE] for joint in body.joints]
+    scalar = [j for j, kind in enumerate(kinds) if kind in (REVOLUTE, PRISMATIC)]
+    if any(kind not in (REVOLUTE, PRISMATIC, FIXED) for kind in kinds):
+        return None
+    for _ in range(_ROUNDS):
+        body.refresh()
+        point = nearest(bullet, moving, other)
+        distance, normal = float(point[DISTANCE]), vector(_normal(point))
+        response = body.response(int(point[3]), vector(np.array(point[5])), normal)
+        mobility = 0.0 if response is None else sum(a * b for a, b in zip(*response, strict=True))
+        if response is None or mobility <= LEAST_MOBILITY:
+            return None
+        rates = {j: float(rate) / mobility for j, rate in zip(scalar, response[1], strict=True)}
+        starts = {j: float(bullet.getJointState(moving.body, j)[0]) for j in scalar}
+        names = [body.joints[j][JOINT_NAME].decode(errors="replace") for j in body.ancestors(int(point[3]))]
+        text = f"{moving.name!r} by its joints ({', '.join(names[:6])})"
+        if abs(distance) < _CLOSE:
+            return SwingingLink(moving.body, text, starts, rates)
+        step = float(np.clip(distance, -_STRIDE, _STRIDE))
+        for j in scalar:
+            low, high = body.joints[j][8:10]
+            target = starts[j] + rates[j] * step
+            bounded = min(max(target, min(low, starts[j])), max(high, starts[j])) if low < high else target
+            bullet.resetJointState(moving.body, j, bounded)
+    return None
+
+
+def nearest(bullet: BulletClient, first: BodyPart, second: BodyPart) -> Any:
+    """PyBullet's closest point of the two; UserError where they have nothing to touch with."""
+    points = bullet.getClosestPoints(first.body, second.body, _REACH, first.link, second.link)
+    if not points:
+        raise UserError(
+            "pair",
+            f"{first.name!r} and {second.name!r} never touch: one has no collision geometry",
+            "a <collision> element on both",
+        )
+    return min(points, key=lambda point: float(point[DISTANCE]))
+
+
+def _normal(point: Any) -> Floats:
+    """From the first to the second."""
+    return -np.array(point[NORMAL], dtype=float)
+
+
+def _size(bullet: BulletClient, *parts: BodyPart) -> float:
+    """The smallest diagonal of bounding boxes, m."""
+    boxes = [bullet.getAABB(part.body, max(part.link, -1)) for part in parts]
+    return min(float(np.linalg.norm(np.subtract(high, low))) for low, high in boxes)
+
+
+def _sliding_joints(bullet: BulletClient, moving: BodyPart, other: BodyPart) -> Iterator[SlidingJoint]:
+    """Prismatic joints that carry the link that would touch, and bring it nearer; nearest first."""
+    body, point = BulletBody(bullet, moving.body), nearest(bullet, moving, other)
+    for number in body.ancestors(int(point[3]) if moving.link == ANY_LINK else moving.link):
+        joint = body.joints[number]
+        if joint[JOINT_TYPE] == PRISMATIC:
+            approach = float(np.array(body.joint_axis(number)) @ _normal(point))
+            if abs(approach) >= LEAST_APPROACH:
+                text = f"{moving.name!r} by its joint {joint[JOINT_NAME].decode(errors='replace')!r}"
+                start = bullet.getJointState(moving.body, number)[0]
+                yield SlidingJoint(moving.body, text, number, start, approach)
+
+
+def _touch(
+    bullet: BulletClient, moving: BodyPart, other: BodyPart, mover: Mover, remark: str = ""
+) -> BulletPlacement:
+    mover.put(bullet, 0.0)
+    size, start = _size(bullet, moving, other), float(nearest(bullet, moving, other)[DISTANCE])
+    require_apart(start, size, moving.name, other.name)
+
+    def distance(travel: float) -> float:
+        mover.put(bullet, travel)
+        return float(nearest(bullet, moving, other)[DISTANCE])
+
+    travel = travel_by_distance(distance, size)
+    if distance(travel) > _MISSED * size:
+        raise UserError(
+            "pair",
+            f"{moving.name!r} passes {other.name!r} {distance(travel):.3g} m away",
+            "a direction from which they meet",
+            "Give one by --from, or a pose by --qpos",
+        )
+    point = nearest(bullet, moving, other)
+    normal, middle = _normal(point), (np.array(point[5]) + np.array(point[6])) / 2
+    first = BodyPart(moving.name, moving.body, int(point[3]))
+    second = BodyPart(other.name, other.body, int(point[4]))
+    _require_room(bullet, first, second)
+    mass = _effective_mass(bullet, (first.body, first.link), (second.body, second.link), middle, normal)
+    overlap = 0.0 if remark else max(0.0, -start)
+    return BulletPlacement(first, second, mover, travel, normal, middle, mass, overlap, remark)
+
+
+def _effective_mass(
+    bullet: BulletClient, first: tuple[int, int], second: tuple[int, int], point: Floats, normal: Floats
+) -> float:
+    """1 / (J M^-1 J^T) of two (body, link), kg; NaN where neither can move, or a joint's axis is unknown."""
+    bodies = {number: BulletBody(bullet, number) for number, _ in (first, second)}
+    one, two = ((bodies[number], link) for number, link in (first, second))
+    inverse = contact_row(one, two, vector(point), vector(normal)).inverse_mass
+    return 1.0 / inverse if inverse > 0.0 else math.nan
+
+
+def _require_room(bullet: BulletClient, moving: BodyPart, other: BodyPart) -> None:
+    """Refuse a touch at which other parts of what moves would be deep in something."""
+    pair = {(moving.body, moving.link), (other.body, other.link)}
+    for third in bullet.bodies():
+        if third == moving.body:
+            continue
+        for point in bullet.getClosestPoints(moving.body, third, 0.0):
+            ends = [BodyPart("", moving.body, int(point[3])), BodyPart("", third, int(point[4]))]
+            if {(end.body, end.link) for end in ends} != pair:
+                blocked = f"link {ends[0].link}", "another body"
+                depth = -float(point[DISTANCE])
+                require_reachable(depth, _size(bullet, *ends), (moving.name, other.name), blocked)

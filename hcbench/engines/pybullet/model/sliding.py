@@ -1,0 +1,117 @@
+"""PyBullet: how a placed pair is sent along the plate, and what it does there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from hcbench.engines.pybullet.backend import BulletClient
+from hcbench.engines.pybullet.model.bodies import BulletBody
+from hcbench.engines.pybullet.model.place import BulletPlacement, FreeBase
+from hcbench.engines.pybullet.vectors import rotate_inverse
+from hcbench.errors import UserError
+from hcbench.impact import Floats, Launch
+from hcbench.sim.model_under_test import Vector
+from hcbench.sim.tangential import plate_frame
+
+_FRICTION = 1  # in getDynamicsInfo: lateralFriction
+_PUSHES = ((10, 11), (12, 13))  # in a contact point: friction, N, and its direction
+
+_SLID = 1e-6  # m: what two fresh points may be apart along the plate
+
+
+def pair_friction(bullet: BulletClient, place: BulletPlacement) -> float:
+    """Coulomb's μ of the pair: Bullet multiplies those of the two."""
+    one, two = (bullet.getDynamicsInfo(p.body, p.link)[_FRICTION] for p in (place.first, place.second))
+    return float(one * two)
+
+
+def surface_point(contacts: Sequence[Any]) -> list[float]:
+    """Where contacts are on the moving one, m, without those that have slid apart, which Bullet keeps."""
+
+    def slid(contact: Any) -> float:
+        apart, normal = np.subtract(contact[5], contact[6]), np.array(contact[7])
+        return float(np.linalg.norm(apart - (apart @ normal) * normal))
+
+    fresh = [c[5] for c in contacts if slid(c) < _SLID] or [min(contacts, key=slid)[5]]
+    return [float(x) for x in np.mean(fresh, axis=0)]
+
+
+class BulletAlongPlate:
+    """One launch along the plate, of a body with a free base."""
+
+    def __init__(
+        self,
+        bullet: BulletClient,
+        place: BulletPlacement,
+        launch: Launch,
+        along: Vector | None,
+        clearance: float,
+    ) -> None:
+        """clearance: from which the body starts, m."""
+        self.bullet, self.place, self.body = bullet, place, place.first.body
+        self.axes = plate_frame(place.normal, along)
+        self.slip, self.spin = np.array([*launch.slip, 0.0]), np.array(launch.spin)
+        self._clearance = clearance
+        self._sides = [(1.0, place.first), (-1.0, place.second)]
+        self._bodies = {part.body: BulletBody(bullet, part.body) for _, part in self._sides}
+        self._seen = self._now = np.zeros(3)  # where the body was at the last contact, and before this step
+
+    def send(self, flight_time: float) -> None:
+        """Add slip and spin to the motion, and put the body back by what it slides in the flight, s."""
+        bullet, body, slide = self.bullet, self.body, self.slip @ self.axes
+        if not isinstance(self.place.mover, FreeBase) or body != self.place.mover.body:
+            slot = "spin" if self.spin.any() else "angle"
+            raise UserError(slot, f"{self.place.mover.description}", "a free base, to slide and spin")
+        position, quaternion = bullet.getBasePositionAndOrientation(body)
+        # At touch, as the contact point that is known beforehand is the one there.
+        self._seen = np.array(position) + self.place.normal * self._clearance
+        velocity = np.array(bullet.getBaseVelocity(body)[0]) + slide
+        back = np.array(position) - flight_time * slide
+        bullet.resetBasePositionAndOrientation(body, back.tolist(), quaternion)
+        bullet.resetBaseVelocity(body, velocity.tolist(), (self.spin @ self.axes).tolist())
+
+    def _position(self) -> Floats:
+        return np.array(self.bullet.getBasePositionAndOrientation(self.body)[0])
+
+    def moved_with(self, point: Sequence[float]) -> list[float]:
+        """A contact point as the moving body has carried it along since it was seen."""
+        return [float(x) for x in np.array(point) + self._position() - self._seen]
+
+    def motion(self, point: Sequence[float], rate: float) -> Floats:
+        """Slip, spin, no friction and energy, as `Record.tangential` has them, shape (8,). rate: m/s."""
+        slip, spin, self._now = np.zeros(3), np.zeros(3), self._position()
+        for sign, part in self._sides:
+            body = self._bodies[part.body]
+            body.refresh()
+            slip += sign * np.array(body.velocity_at(part.link, point))
+            spin += sign * np.array(body.spin_of(part.link))
+        energy = sum(_kinetic_energy(body) for body in self._bodies.values())
+        normal = 0.5 * self.place.effective_mass * rate**2
+        return np.array([*(self.axes[:2] @ slip), *(self.axes @ spin), 0.0, 0.0, energy - normal])
+
+    def friction(self, contacts: Sequence[Any], slip: Floats) -> Floats:
+        """Friction on the moving one in the step after `motion`, with these contacts, N, (2,).
+
+        Bullet tells it without its sign.
+        """
+        self._seen = self._now
+        pushes = [c[force] * np.array(c[way]) for c in contacts for force, way in _PUSHES]
+        pushed = self.axes[:2] @ np.sum(pushes, axis=0)
+        return np.asarray(-pushed if pushed @ slip > 0.0 else pushed)
+
+
+def _kinetic_energy(body: BulletBody) -> float:
+    """Of a body with all its links, J; 0 for a fixed one."""
+    if body.kind == "fixed":
+        return 0.0
+    energy = 0.0
+    for link in range(-1, len(body.joints)):
+        mass, _, inertia = body.bullet.getDynamicsInfo(body.number, link)[:3]
+        centre, quaternion = body.pose(link)
+        spin = np.array(rotate_inverse(quaternion, body.spin_of(link)))
+        speed = np.array(body.velocity_at(link, centre))
+        energy += 0.5 * mass * float(speed @ speed) + 0.5 * float(np.array(inertia) @ spin**2)
+    return energy

@@ -1,0 +1,82 @@
+"""Joints of a PyBullet world: put where a request says, held against their limits, their motors off."""
+
+import math
+
+from hcbench._text import sanitized
+from hcbench.engines.pybullet.backend import BulletClient
+from hcbench.engines.pybullet.model.bodies import FIXED, JOINT_NAME, JOINT_TYPE, PRISMATIC, REVOLUTE
+from hcbench.engines.pybullet.model.open import LoadedWorld
+from hcbench.errors import UserError
+from hcbench.sim.model_under_test import Request
+from hcbench.sim.names import suggest_names
+
+_LOWER, _UPPER = 8, 9  # in getJointInfo
+_TURNED, _MOVED = math.radians(5.0), 1e-3  # beyond a limit by more: not a pose that the model can hold
+_Joint = tuple[int, int]
+
+
+def joint_states(bullet: BulletClient) -> dict[_Joint, tuple[float, float]]:
+    """(position, velocity) of every joint that has one."""
+    return {
+        (body, joint): bullet.getJointState(body, joint)[:2]
+        for body in bullet.bodies()
+        for joint in range(bullet.getNumJoints(body))
+        if bullet.getJointInfo(body, joint)[JOINT_TYPE] in (REVOLUTE, PRISMATIC)
+    }
+
+
+def set_pose(world: LoadedWorld, request: Request) -> None:
+    """Joints as the request has them, by name or as "file/name"; motors off where it says so."""
+    bullet = world.bullet
+    joints = _named_joints(world)
+    for name, values in request.pose:
+        if name not in joints:
+            raise UserError("qpos", f"no joint {name!r}", *suggest_names(name, joints))
+        if len(values) != 1:
+            raise UserError("qpos", f"{name}: {len(values)} numbers", "1: m or rad")
+        bullet.resetJointState(*joints[name], values[0])
+    if not request.actuators:
+        for body in bullet.bodies():
+            for joint in range(bullet.getNumJoints(body)):
+                bullet.setJointMotorControl2(body, joint, bullet.module.VELOCITY_CONTROL, force=0)
+
+
+def _named_joints(world: LoadedWorld) -> dict[str, _Joint]:
+    joints: dict[str, _Joint] = {}
+    for body in reversed(world.bullet.bodies()):
+        for joint in range(world.bullet.getNumJoints(body)):
+            info = world.bullet.getJointInfo(body, joint)
+            if info[JOINT_TYPE] != FIXED:
+                name = sanitized(info[JOINT_NAME].decode(errors="replace"))
+                joints |= {name: (body, joint), f"body:{body}/{name}": (body, joint)}
+                joints |= {f"{world.files[body]}/{name}": (body, joint)} if body in world.files else {}
+    return joints
+
+
+def require_joints_within_limits(bullet: BulletClient, body: int) -> None:
+    """Refuse a pose in which joints of a body are far outside their limits."""
+    outside, cure = [], []
+    for joint in range(bullet.getNumJoints(body)):
+        info = bullet.getJointInfo(body, joint)
+        if info[JOINT_TYPE] not in (REVOLUTE, PRISMATIC) or info[_LOWER] > info[_UPPER]:
+            continue
+        low, high = float(info[_LOWER]), float(info[_UPPER])
+        if low == 0.0 and high <= 0.0:  # none in the file
+            continue
+        position = float(bullet.getJointState(body, joint)[0])
+        nearest = min(max(position, low), high)
+        turns = info[JOINT_TYPE] == REVOLUTE
+        if abs(position - nearest) > (_TURNED if turns else _MOVED):
+            name = sanitized(info[JOINT_NAME].decode(errors="replace"))
+            beyond = abs(position - nearest)
+            outside.append(
+                f"{name} by {math.degrees(beyond):.3g} deg" if turns else f"{name} by {beyond:.3g} m"
+            )
+            cure.append(f"{name}={nearest:.4g}")
+    if outside:
+        raise UserError(
+            "model",
+            f"joints start outside their limits, which push them back: {', '.join(outside[:6])}",
+            "a pose that the joints allow",
+            f'Start from --qpos "{", ".join(cure)}"',
+        )

@@ -1,0 +1,265 @@
+"""PyBullet: files or a live client with a pair in it, measured as loaded.
+
+Bullet keeps settings in globals of its process. Files are therefore loaded in a worker process; a
+live client is measured where it is, and left in the state and with the settings it had.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hcbench.engines.pybullet import plugin
+from hcbench.engines.pybullet.backend import BACKEND
+from hcbench.engines.pybullet.model.causes import (
+    BODY_TYPE,
+    MAXIMAL_COORDINATES,
+    STIFFNESS,
+    BulletContext,
+    find_suspects,
+    restitution_setting,
+    restitutions,
+)
+from hcbench.engines.pybullet.model.in_child import release_aside, run_aside
+from hcbench.engines.pybullet.model.list_pairs import list_pairs
+from hcbench.engines.pybullet.model.open import LoadedWorld, find_pair, load_files, open_live
+from hcbench.engines.pybullet.model.place import FreeBase, place
+from hcbench.engines.pybullet.model.simulation import LaunchInUserWorld
+from hcbench.engines.pybullet.model.sliding import pair_friction
+from hcbench.engines.pybullet.model.start_pose import joint_states, set_pose
+from hcbench.engines.pybullet.scene.record import speed_reading
+from hcbench.errors import UserError
+from hcbench.impact import Impact, Launch
+from hcbench.laws.restitution import RestitutionCurve
+from hcbench.sim.candidate_pairs import CandidatePair
+from hcbench.sim.engine import Simulation
+from hcbench.sim.model_under_test import Facts, ModelSetting, ModelUnderTest, Request, Suspect
+from hcbench.sim.read_impact import SpeedReading
+
+_UNKNOWN_RESTITUTIONS = "restitutions that PyBullet does not tell of bodies with maximal coordinates"
+
+
+class PybulletModel(ModelUnderTest):
+    """A PyBullet world with a pair in it.
+
+    build: makes the world anew, for trials; None for a live client, on which nothing is tried.
+    """
+
+    diverged = "velocity is not finite"
+
+    def __init__(
+        self,
+        world: LoadedWorld,
+        build: Callable[[], LoadedWorld] | None,
+        request: Request,
+        fixes: Sequence[Suspect] = (),
+    ) -> None:
+        self.world, self.request, self.build = world, request, build
+        self.bullet = world.bullet
+        self._settings_before = self.bullet.getPhysicsEngineParameters()
+        try:
+            self._apply_request()
+            self._pose_before = {} if world.disconnect else joint_states(self.bullet)
+            set_pose(world, request)
+            first, second = find_pair(world, request.pair)
+            for fix in fixes:
+                if fix.apply is not None:
+                    fix.apply(self.bullet)
+            self.place = run_aside(self.bullet, lambda: place(world, first, second, request.coming_from))
+            sides = ((part.body, part.link) for part in (self.place.first, self.place.second))
+            self.law = None if world.files else plugin.find(*sides, client=self.bullet.client)
+            parameters = self.bullet.getPhysicsEngineParameters()
+            self.timestep, self.mass = float(parameters["fixedTimeStep"]), self.place.effective_mass
+            along = float((np.array(self._gravity()) * self.place.normal).sum())
+            self.gravity = along if self._falls_alone() else 0.0
+            self.speed_reading = self._reading()
+        except BaseException:
+            self._put_back()
+            raise
+
+    def _apply_request(self) -> None:
+        if self.request.key is not None:
+            raise UserError("key", repr(self.request.key), "no keyframe: PyBullet has none")
+        if self.request.timestep is not None:
+            self.bullet.setPhysicsEngineParameter(fixedTimeStep=self.request.timestep)
+        if self.request.gravity is not None:
+            self.bullet.setGravity(*self.request.gravity)
+
+    def _put_back(self) -> None:
+        """A live client gets back what the request changed; a world of our own is closed."""
+        if self.world.disconnect:
+            if self.bullet.isConnected():
+                self.bullet.disconnect()
+            return
+        for (body, joint), (position, velocity) in self._pose_before.items():
+            self.bullet.resetJointState(body, joint, position, velocity)
+        self.bullet.setPhysicsEngineParameter(fixedTimeStep=self._settings_before["fixedTimeStep"])
+        self.bullet.setGravity(*(self._settings_before[f"gravityAcceleration{axis}"] for axis in "XYZ"))
+
+    def _gravity(self) -> tuple[float, float, float]:
+        """m/s^2."""
+        parameters = self.bullet.getPhysicsEngineParameters()
+        x, y, z = (float(parameters[f"gravityAcceleration{axis}"]) for axis in "XYZ")
+        return x, y, z
+
+    def _reading(self) -> SpeedReading:
+        infos = [self.bullet.getDynamicsInfo(s.body, s.link) for s in (self.place.first, self.place.second)]
+        told = [info for info in infos if info[BODY_TYPE] != MAXIMAL_COORDINATES]  # as of `restitutions`
+        at_plane = self.law is not None or any(info[STIFFNESS] > 0 for info in told)
+        return speed_reading(at_plane, rigid=not told)
+
+    def _falls_alone(self) -> bool:
+        """Whether gravity makes the two approach: not when both fall."""
+        masses = [self.bullet.getDynamicsInfo(s.body, -1)[0] for s in (self.place.first, self.place.second)]
+        return isinstance(self.place.mover, FreeBase) and min(masses) == 0.0
+
+    def release(self, launches: Sequence[Launch]) -> Simulation:
+        """The launch under way from its starting point, in a world that knows of no other launch."""
+        (launch,) = launches
+        law, along = None if self.law is None else self.law[0], self.request.along
+        if law is not None and launch.is_oblique:
+            got = f"oblique, of a pair with the plug-in's law {law}, whose friction PyBullet does not tell"
+            raise UserError("launch", got, "launches along the normal")
+        return release_aside(
+            self.bullet,
+            lambda: LaunchInUserWorld(self.bullet, self.place, launch, self.gravity, along, law),
+        )
+
+    @property
+    def step_cost(self) -> float:
+        """Grows with bodies and joints."""
+        return 1.0 + sum(1 + int(self.bullet.getNumJoints(body)) for body in self.bullet.bodies()) / 5
+
+    def facts(self) -> Facts:
+        """What the world says of itself and of the pair."""
+        first, second = restitutions(self.bullet, self.place)
+        is_known = not math.isnan(first * second)
+        asked = (first * second,) * len(self.request.speeds) if is_known else ()
+        words = f"restitution {first:g} x {second:g}" if is_known else _UNKNOWN_RESTITUTIONS
+        if self.law is not None:
+            curve, words = plugin.restitution_of(self.law[1]), f"plug-in hcbench: {self.law[1]}"
+            asked = () if curve is None else tuple(float(curve.at(v)) for v in self.request.speeds)
+        parameters = self.bullet.getPhysicsEngineParameters()
+        notes = [self.place.remark] if self.place.remark else []
+        if self.place.overlap > 0:
+            notes.append(f"The two overlap by {self.place.overlap:.3g} m at the start: moved apart to touch.")
+        return Facts(
+            engine="pybullet",
+            version=BACKEND.version(),
+            model=self.world.label,
+            pair=(self.place.first.name, self.place.second.name),
+            moved=self.place.mover.description,
+            timestep=self.timestep,
+            gravity=self._gravity(),
+            effective_mass=self.place.effective_mass,
+            normal=tuple(float(x) for x in self.place.normal),  # type: ignore[arg-type]
+            settings={
+                "restitution": [first, second] if is_known else "not told",
+                "numSubSteps": int(parameters["numSubSteps"]),
+                "numSolverIterations": int(parameters["numSolverIterations"]),
+            },
+            asked=asked,
+            asked_description=words,
+            notes=tuple(notes),
+            friction=pair_friction(self.bullet, self.place),
+            point=tuple(float(x) for x in self.place.point),  # type: ignore[arg-type]
+        )
+
+    def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
+        """What may keep this pair from bouncing as asked; nothing is known of a plug-in's law."""
+        if self.law is not None:
+            return []
+        context = BulletContext(
+            self.bullet, self.place, impacts, wanted, self.timestep, self._gravity(), self.world.unread
+        )
+        suspects = find_suspects(context)
+        return suspects if self.build else [dataclasses.replace(s, apply=None) for s in suspects]
+
+    def fixed(self, suspects: Sequence[Suspect]) -> PybulletModel:
+        """The same world made anew, with some fixes made; a live client is not touched."""
+        if self.build is None:
+            raise UserError("model", "a live client cannot be made anew", "files, or a function for it")
+        return PybulletModel(self.build(), self.build, self.request, suspects)
+
+    def close(self) -> None:
+        """End what is ours and put back what is not."""
+        self._put_back()
+
+
+def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None) -> PybulletModel:
+    """A world from files (paths), from a `World`, or from a client.
+
+    rebuild: makes the `World` or client anew, where a function built it.
+    """
+    return PybulletModel(*_loaded(source, rebuild), request)
+
+
+def list_pairs_of(source: Any, request: Request, rebuild: Callable[[], Any] | None) -> list[CandidatePair]:
+    """Pairs of links that can meet, in the pose asked for."""
+    world, _ = _loaded(source, rebuild)
+    try:
+        return run_aside(world.bullet, lambda: _listed(world, request))
+    finally:
+        if world.disconnect:
+            world.bullet.disconnect()
+
+
+def _listed(world: LoadedWorld, request: Request) -> list[CandidatePair]:
+    set_pose(world, request)
+    return list_pairs(world)
+
+
+def _loaded(
+    source: Any, rebuild: Callable[[], Any] | None
+) -> tuple[LoadedWorld, Callable[[], LoadedWorld] | None]:
+    """(the world, what makes it anew)."""
+    if isinstance(source, str | list | tuple) or hasattr(source, "__fspath__"):
+        paths: Sequence[str | Path] = source if isinstance(source, list | tuple) else [source]
+        files = [str(path) for path in paths]
+        return load_files(files), lambda: load_files(files)
+    if rebuild is None:
+        return open_live(source, disconnect=False), None
+    first = open_live(source, disconnect=True)
+
+    def build() -> LoadedWorld:
+        # A script that names no client means the first one, which must be the new one.
+        if first.bullet.isConnected():
+            first.bullet.disconnect()
+        return open_live(rebuild(), disconnect=True)
+
+    return first, build
+
+
+def model_settings(
+    source: Any, requests: Sequence[Request], goal: RestitutionCurve, rebuild: Callable[[], Any] | None
+) -> Iterator[ModelSetting]:
+    """Bullet's own restitution for the pairs, without what keeps it from happening; one setting, in lines."""
+    world, build = _loaded(source, rebuild)
+    if build is None:
+        world.bullet.disconnect() if world.disconnect else None
+        raise UserError("model", "a live client cannot be made anew", "files, or a function for it")
+    e, suspects, sides = 0.0, list[Suspect](), dict[tuple[int, int], int]()
+    for i, request in enumerate(requests):
+        with PybulletModel(build() if i else world, build, request) as model:
+            e = goal.best_constant(min(request.speeds), max(request.speeds))
+            suspects.append(restitution_setting(model.place, e))
+            for side, part in enumerate((model.place.first, model.place.second)):
+                if sides.setdefault((part.body, part.link), side) != side:
+                    got = f"{part.name!r} is the first of one pair and the second of another"
+                    todo = "Restitutions multiply: tune one pair after the other"
+                    raise UserError("pair", got, "each part on one side", todo)
+    lines = dict.fromkeys(line for suspect in suspects for line in suspect.fix.split("; "))
+    notes = (
+        f"Restitutions multiply: {e:.4g} is on the first, 1 on the second. Set all before the first step.",
+        "contactBreakingThreshold outlives resetSimulation and leaks into other clients of the process.",
+    )
+
+    def opened(request: Request) -> PybulletModel:
+        return PybulletModel(build(), build, request, suspects)
+
+    yield ModelSetting("restitution", "\n".join(lines), "", notes, opened)

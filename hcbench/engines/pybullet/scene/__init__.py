@@ -1,0 +1,1 @@
+"""PyBullet: hcbench's own scenes, loaded, stepped and read."""

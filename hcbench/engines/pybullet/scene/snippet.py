@@ -1,0 +1,110 @@
+"""A PyBullet setting as its user writes it: calls to paste, and a script that runs by itself."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+from hcbench._text import shortest
+from hcbench.engines.pybullet import plugin
+from hcbench.engines.pybullet.scene.staggered_ball import JOINT, LINK, WRITE
+from hcbench.errors import SettingError
+from hcbench.laws.contact_law import law_of
+from hcbench.tuning.snippet import arguments
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hcbench.scene import Scene
+    from hcbench.setting import Setting
+
+
+def snippet(setting: Setting, form: str = "plane") -> str:
+    """What to paste; see `Engine.snippet`."""
+    if {"world", "ball", "plate", "law", "links"} & set(setting.options):
+        calls = _calls(setting, lambda body, keyword: f'loadURDF("{body}.urdf"{keyword})', "path")
+        law = law_of(setting.options["law"]) if "law" in setting.options else None
+        links = f"{_OWN_BALL}\n" if setting.options.get("links") else ""
+        return f"{links}{calls}\n{_CUP}" if form == "cup" and law is not None else f"{links}{calls}"
+    return setting.options_text
+
+
+def script(scene: Scene, setting: Setting) -> str:
+    """A Python script that drops the ball; see `Engine.script`."""
+    if scene.form != "plane" or not {"world", "ball", "law"} & set(setting.options):
+        given = f"pybullet {setting.name!r} in the form {scene.form!r}"
+        expected = "a setting of Bullet's own contact or a plug-in, in the form 'plane'"
+        raise SettingError("write-scene", given, expected)
+    radius = shortest(scene.relative_radius)
+    bodies = {
+        "ball": f"createMultiBody({shortest(scene.mass)}, pybullet.createCollisionShape("
+        f"pybullet.GEOM_SPHERE, radius={radius}), basePosition=[0, 0, {radius}]",
+        "plate": "createMultiBody(0, pybullet.createCollisionShape(pybullet.GEOM_PLANE)",
+    }
+    path = repr(str(plugin.library())) if "law" in setting.options else ""
+    setup = _calls(setting, lambda body, keyword: f"{bodies[body]}{keyword})", path)
+    if setting.options.get("links"):
+        of_ball = f"radius, mass, inertia = {radius}, {shortest(scene.mass)}, {shortest(scene.inertia)}"
+        setup = f"{of_ball}\nfriction = {shortest(scene.friction)}\n{setup}"
+    return _SCRIPT.format(setup=setup, step=shortest(setting.timestep), radius=radius)
+
+
+def _calls(setting: Setting, make: Callable[[str, str], str], path: str) -> str:
+    """The calls, in the order that works.
+
+    make: a body and the last argument to the call that makes it. path: of the plug-in, as an expression.
+    """
+    options = setting.options
+    world = {"fixedTimeStep": setting.timestep, **options.get("world", {})}
+    keyword = ", useMaximalCoordinates=True" if options.get("maximal_coordinates") else ""
+    bodies = ("ball", "plate")
+    before: list[str] = []
+    made = {body: make(body, keyword) for body in bodies}
+    calls = {
+        body: f"pybullet.changeDynamics({body}, -1, {arguments(options[body])})"
+        for body in bodies
+        if options.get(body)
+    }
+    if links := options.get("links"):
+        rows = "".join(f"    ({x['onset']!r}, {x['stiffness']!r}, {x['damping']!r}),\n" for x in links)
+        before = [f"LINK = {LINK!r}", f"JOINT = {JOINT!r}", f"links = [  # start, k, c\n{rows}]", WRITE]
+        made["ball"] = 'loadURDF("ball.urdf", flags=pybullet.URDF_USE_INERTIA_FROM_FILE)'
+        each = calls["ball"].replace("-1", "link")
+        calls["ball"] = f"for link in range(-1, {len(links) - 1}):\n    {each}"
+    lines = [
+        f"pybullet.setPhysicsEngineParameter({arguments(world)})",
+        *before,
+        *(f"{body} = pybullet.{made[body]}" for body in bodies),
+        *calls.values(),
+    ]
+    if "law" in options:
+        law = json.dumps(plugin.command(law_of(options["law"])))
+        lines.append(f"plugin = pybullet.loadPlugin({path})  # `hcbench plugin pybullet` prints the path")
+        lines.append(f"pybullet.executePluginCommand(plugin, {law}, [ball, -1, plate, -1])")
+    return "\n".join(lines)
+
+
+_OWN_BALL = "# radius, mass, inertia and friction: of your ball; friction 0 for none"
+_CUP = "# with cup=RADIUS,X,Y,Z as well: the cup's, and its centre in the frame of the plate"
+
+_SCRIPT = '''"""A ball dropped on a plane in PyBullet: prints restitution against impact speed (m/s)."""
+
+import pybullet
+
+pybullet.connect(pybullet.DIRECT)
+{setup}
+
+for speed in (0.05, 0.1, 0.2, 0.3, 0.4, 0.5):
+    start = [0, 0, {radius} + 2.5 * {step} * speed]
+    pybullet.resetBasePositionAndOrientation(ball, start, [0, 0, 0, 1])
+    pybullet.resetBaseVelocity(ball, [0, 0, -speed], [0, 0, 0])
+    touched = False
+    for _ in range(100000):
+        pybullet.stepSimulation()
+        up = pybullet.getBaseVelocity(ball)[0][2]
+        touched = touched or up > -0.999 * speed
+        height = pybullet.getBasePositionAndOrientation(ball)[0][2]
+        if touched and up > 0 and height > {radius} + 2 * {step} * up:
+            break
+    print(speed, up / speed)
+'''

@@ -1,0 +1,300 @@
+"""Balls over a plate in PyBullet. Runs in a process that hcbench owns, never in the user's.
+
+What PyBullet does and when (version 3.2): a step first finds contacts at the positions it starts from, then
+solves for velocities, then moves. So contacts read after a step carry the force of that step, and belong to
+the state before it; that normalForce is m Δv / dt to rounding.
+
+Several balls share a world, each with the bits it has alone: they are kept from colliding with each other,
+and Bullet's solver works on each contact by itself. Bullet does not promise that; tests of every
+setting and form hold it.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.engines.pybullet import plugin
+from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient, client, translated_errors
+from hcbench.engines.pybullet.model.model_file import check_ball, check_plate
+from hcbench.engines.pybullet.scene.record import (
+    force_from_momentum,
+    overlap,
+    speed_reading,
+    tangential_rows,
+)
+from hcbench.engines.pybullet.scene.staggered_ball import ball_urdf
+from hcbench.errors import SceneError
+from hcbench.sim.engine import CannotShareError, Record, Simulation, World
+from hcbench.workers import in_worker
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from hcbench.engines.pybullet.scene.options import PybulletOptions
+    from hcbench.impact import Floats, Launch
+    from hcbench.scene import Scene
+    from hcbench.sim.engine import Flags
+
+    Step = Callable[[], Sequence[float] | None]
+
+_FAR = 10.0  # m: a place without contacts
+_BALLS_IN_WORLD = 8  # more make Bullet's broad phase slow
+_BALLS, _PLATE = 2, 1  # their groups in Bullet's collision filter
+_SHAPE_TOLERANCE = 1e-6  # m, between the overlap that Bullet sees and the scene's
+
+
+class PybulletWorld(World):
+    """Balls and a plate in this process's client, as a scene and options have them.
+
+    balls: ids of the bodies. reports_force: whether `step` returns the normal force on each ball, N; if not,
+    nothing but gravity and the contact changes a ball's velocity.
+    """
+
+    def __init__(self, scene: Scene, timestep: float, options: PybulletOptions, fastest: float) -> None:
+        assert in_worker(), "PyBullet's settings are global: they would leak into the user's own"
+        self.scene, self.options = scene, options
+        self.timestep, self.gravity, self.mass = timestep, scene.normal_gravity, scene.mass
+        self.deepest = scene.touch_radius
+        at_plane = bool(options.law or options.links) or "contactStiffness" in options.ball
+        self.speed_reading = speed_reading(at_plane, options.maximal_coordinates)
+        # How often Bullet's solver sweeps over several links depends on all that are in contact.
+        self.places = 1 if options.links else _BALLS_IN_WORLD
+        self.reports_force = options.ball.get("linearDamping") != 0.0
+        self.bullet = client()
+        with translated_errors(self.bullet):
+            ball, self.plate = _set_up(self.bullet, scene, timestep, options)
+            self.balls, self._fastest = [ball], fastest
+            self._laws: list[int] = []
+            self._add_law(ball)
+            self.step = self._step()
+
+    @cached_property
+    def recorder(self) -> plugin.Recorder | None:
+        """What steps and reads balls where the plug-in is compiled and no force has to be asked for."""
+        return None if self.reports_force else plugin.recorder(self.bullet)
+
+    def release(self, launches: Sequence[Launch]) -> PybulletSimulation:
+        """A ball where each launch starts and any others far away, with nothing remembered."""
+        oblique = any(launch.is_oblique for launch in launches)
+        if oblique and len(launches) > 1:  # Bullet's sweeps over friction depend on all balls
+            raise CannotShareError
+        with translated_errors(self.bullet):
+            self._add_balls(len(launches) - len(self.balls))
+            # Contacts are kept from step to step, and with them forces: remove those of the launches before.
+            for ball in self.balls:
+                _place(self.bullet, ball, np.array([0.0, 0.0, _FAR]))
+                self.bullet.resetBaseVelocity(ball, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+            self.bullet.performCollisionDetection()
+            away = np.array(self.scene.normal)
+            touch = np.array([0.0, 0.0, self.scene.touch_radius]) + self.scene.touch_offset
+            for ball, launch in zip(self.balls, launches, strict=False):
+                _place(self.bullet, ball, touch + launch.clearance(self.timestep) * away)
+                velocity = [*launch.slip, 0.0] - launch.speed * away
+                self.bullet.resetBaseVelocity(ball, velocity.tolist(), [*launch.spin])
+        return PybulletSimulation(self, len(launches), oblique)
+
+    def _add_balls(self, count: int) -> None:
+        """So many more balls like the first; none of them collides with another."""
+        if count <= 0:
+            return
+        for _ in range(count):
+            ball = _load(self.bullet, self.scene, "ball", self.options.maximal_coordinates)
+            _make_ready(self.bullet, self.scene, self.options, ball)
+            self._add_law(ball)
+            self.balls.append(ball)
+        for ball in self.balls:
+            self.bullet.setCollisionFilterGroupMask(ball, -1, _BALLS, _PLATE)
+        self.bullet.setCollisionFilterGroupMask(self.plate, -1, _PLATE, _PLATE | _BALLS)
+
+    def _add_law(self, ball: int) -> None:
+        law = self.options.law
+        if law is None:
+            return
+        bowl = -self.scene.plate_radius
+        made = plugin.add(
+            law,
+            ball,
+            self.plate,
+            client=self.bullet.client,
+            cup=(bowl, 0.0, 0.0, bowl) if self.scene.form == "cup" else None,
+            speed=self._fastest,
+        )
+        self._laws.append(made)
+
+    def _step(self) -> Step:
+        """A step that returns the normal force of the contact on each ball, where it must."""
+        move: Step = self.bullet.stepSimulation
+        if not self.reports_force:
+            return move
+        if self._laws:
+
+            def step_with_law() -> Sequence[float]:
+                move()
+                return [plugin.force(law, client=self.bullet.client) for law in self._laws]
+
+            return step_with_law
+        parts = (self.options.ball, self.options.plate)
+        reach = min(part.get("contactProcessingThreshold", math.inf) for part in parts)
+        contacts = self.bullet.getContactPoints
+
+        def step() -> Sequence[float]:
+            move()
+            forces = [0.0] * len(self.balls)
+            for contact in contacts():
+                # A contact out of reach was not solved for; it still says the force of when it last was.
+                if contact[8] <= reach:
+                    ball = contact[2] if contact[1] == self.plate else contact[1]
+                    forces[self.balls.index(ball)] += contact[9]
+            return forces
+
+        return step
+
+
+class PybulletSimulation(Simulation):
+    """Launches under way; the position of one that is alone is read, of several worked out and checked.
+
+    oblique: whether to look along the plate too.
+    """
+
+    def __init__(self, world: PybulletWorld, count: int, oblique: bool) -> None:
+        self._world, self._reads_position, self._oblique = world, count == 1, oblique
+        self._which = list(range(count))
+        self._position, self._motion = self._positions(), self._motions()
+
+    def advance(self, steps: int) -> Record:
+        """`steps` steps of all balls. Raises CannotShareError where one is not where its velocity took it."""
+        world = self._world
+        with translated_errors(world.bullet):
+            forces, positions, motions = self._step(steps)
+        motion = np.concatenate([self._motion[None], np.reshape(motions, (steps, -1, 2, 3))])
+        v = motion[:, :, 0]
+        if self._reads_position:
+            p = np.concatenate([self._position[None], np.reshape(positions, (steps, -1, 3))])
+        else:
+            p = np.cumsum(np.concatenate([self._position[None], world.timestep * v[1:]]), axis=0)
+        self._position, self._motion = p[-1], motion[-1]
+        x, rate, deeper = overlap(world.scene, p[:-1], v[:-1])
+        if world.reports_force:
+            force = np.reshape(np.array(forces, dtype=np.float64), (steps, -1))[:, self._which]
+        else:
+            force = force_from_momentum(world.scene, world.timestep, v, deeper)
+        if not (self._reads_position or np.array_equal(self._positions(), p[-1])):
+            raise CannotShareError
+        oblique = self._oblique
+        along_plate = tangential_rows(world.scene, world.timestep, motion, deeper) if oblique else None
+        return Record(x.T, rate.T, force.T, along_plate)
+
+    def keep(self, which: Flags) -> None:
+        """Record only these from now on."""
+        self._which = [ball for ball, going in zip(self._which, which.tolist(), strict=True) if going]
+        self._position, self._motion = self._position[which], self._motion[which]
+
+    def _positions(self) -> Floats:
+        place = self._world.bullet.getBasePositionAndOrientation
+        return np.array([place(self._world.balls[i])[0] for i in self._which])
+
+    def _motions(self) -> Floats:
+        """Velocity and spin of each ball, shape (b, 2, 3)."""
+        motion = self._world.bullet.getBaseVelocity
+        return np.array([motion(self._world.balls[i]) for i in self._which])
+
+    def _step(self, steps: int) -> tuple[list[Any], Any, Any]:
+        """Forces that each step reported, positions where they are read, velocity and spin, all after it."""
+        step, bullet, recorder = self._world.step, self._world.bullet, self._world.recorder
+        balls = [self._world.balls[i] for i in self._which]
+        if recorder is not None:
+            seen = recorder.record(balls, steps)
+            return [], seen[:, :, 0], seen[:, :, 1:]
+        place, motion = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity
+        forces: list[Any] = []
+        motions: list[float] = []
+        positions: list[float] = []
+        for _ in range(steps):
+            forces.append(step())
+            for ball in balls:
+                velocity, spin = motion(ball)
+                motions += velocity
+                motions += spin
+                if self._reads_position:
+                    positions += place(ball)[0]
+        return forces, positions, motions
+
+
+def _set_up(bullet: BulletClient, scene: Scene, timestep: float, options: PybulletOptions) -> tuple[int, int]:
+    """An empty world, the two bodies in it, and the options on them; the bodies' ids."""
+    bullet.resetSimulation()
+    bullet.setPhysicsEngineParameter(fixedTimeStep=timestep, **{**LASTING_SETTINGS, **options.world})
+    bullet.setGravity(0.0, 0.0, -scene.gravity)
+    check_ball(_urdf(scene, "ball"), scene)
+    if options.links:
+        ball = _load_links(bullet, scene, options)
+    else:
+        ball = _load(bullet, scene, "ball", options.maximal_coordinates)
+    check_plate(_urdf(scene, "plate"))
+    plate = _load(bullet, scene, "plate", options.maximal_coordinates)
+    _check_shapes(bullet, scene, ball, plate)
+    _make_ready(bullet, scene, options, ball)
+    neutral = {"lateralFriction": 1.0} if scene.friction else {}  # Bullet multiplies those of the two
+    bullet.changeDynamics(plate, -1, **{**neutral, **options.plate})
+    return ball, plate
+
+
+def _make_ready(bullet: BulletClient, scene: Scene, options: PybulletOptions, ball: int) -> None:
+    if scene.friction:  # then the ball is turned, and its inertia is not what Bullet makes of the sphere
+        inertia = [scene.inertia] * 3  # without its mass a body of maximal coordinates would get any
+        bullet.changeDynamics(ball, -1, mass=scene.mass, localInertiaDiagonal=inertia)
+    elif bullet.getDynamicsInfo(ball, -1)[0] != scene.mass:
+        bullet.changeDynamics(ball, -1, mass=scene.mass)
+    friction = {"lateralFriction": scene.friction} if scene.friction else {}
+    for link in range(-1, max(0, len(options.links) - 1)):
+        bullet.changeDynamics(ball, link, **{**friction, **options.ball})
+
+
+def _urdf(scene: Scene, role: str) -> Path:
+    try:
+        path: Path = scene.models["pybullet"][role].resolve()
+    except KeyError:
+        raise SceneError(
+            f"scene {scene.name!r}", f"no PyBullet model for the {role}", "a URDF file for it"
+        ) from None
+    if not path.is_file():
+        raise SceneError(f"scene {scene.name!r}", f"{path} does not exist", f"the URDF of the {role}")
+    return path
+
+
+def _load(bullet: BulletClient, scene: Scene, role: str, maximal: bool) -> int:
+    (body,) = bullet.load_model(_urdf(scene, role), f"scene {scene.name!r}", useMaximalCoordinates=maximal)
+    return body
+
+
+def _load_links(bullet: BulletClient, scene: Scene, options: PybulletOptions) -> int:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "ball.urdf"
+        path.write_text(ball_urdf(scene, options.links), encoding="utf-8")
+        flags = bullet.module.URDF_USE_INERTIA_FROM_FILE
+        (body,) = bullet.load_model(path, f"scene {scene.name!r}", flags=flags)
+        return body
+
+
+def _check_shapes(bullet: BulletClient, scene: Scene, ball: int, plate: int) -> None:
+    """Bullet must see the overlap that the scene says: radii, frames and meshes are right then."""
+    overlap = 1e-5
+    _place(bullet, ball, np.array([0.0, 0.0, scene.touch_radius - overlap]))
+    seen = [-point[8] for point in bullet.getClosestPoints(ball, plate, 0.0)]
+    if not seen or abs(max(seen) - overlap) > _SHAPE_TOLERANCE:
+        depth = f"{max(seen):.3e} m" if seen else "none"
+        raise SceneError(
+            f"scene {scene.name!r}",
+            f"the URDFs of ball and plate overlap by {depth} where the scene says {overlap:g} m",
+            f"the ball to touch with its centre at z = {scene.touch_radius!r} m",
+        )
+
+
+def _place(bullet: BulletClient, ball: int, position: Floats) -> None:
+    bullet.resetBasePositionAndOrientation(ball, position.tolist(), [0.0, 0.0, 0.0, 1.0])

@@ -1,0 +1,113 @@
+"""Where the uncertainty comes from, as the GUM asks: scatter and timing (type A), what was given (type B)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.fitting.linear import reduce
+from hcbench.fitting.setup import Known
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.fitting.datasets import Dataset
+    from hcbench.fitting.estimate import LawFit
+    from hcbench.fitting.setup import MeasurementSetup
+    from hcbench.impact import Floats
+
+_CONTACT = 1e-4  # s, for the remark on what contact times that were left out would change
+
+
+@dataclass(frozen=True, slots=True)
+class BudgetRow:
+    """One source. kind: "A" or "B". uncertainty: its own, standard, SI.
+
+    share: what it adds to the standard uncertainty of the parameter, in the parameter's unit.
+    """
+
+    source: str
+    kind: str
+    uncertainty: float
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """parameter: which one. rows: sources. left_out: what a contact of 0.1 ms would add to the parameter."""
+
+    parameter: str
+    rows: tuple[BudgetRow, ...]
+    left_out: float
+
+    @property
+    def of_inputs(self) -> float:
+        """Standard uncertainty from what was given, in quadrature."""
+        return float(np.sqrt(sum(row.share**2 for row in self.rows if row.kind == "B")))
+
+
+def error_budget(fit: LawFit, sets: Sequence[Dataset]) -> Budget:
+    """The budget of a law's first named parameter: α, or e of a constant."""
+    name = next(iter(fit.law.describe(tuple(fit.parameters), fit.reference)))
+    setup = sets[0].setup
+    inputs = list(setup.perturbed()) if any(s.needs_gravity for s in sets) else []
+    more = [shifted for _, _, shifted in inputs]
+    can_correct = setup.contact_time.value == 0.0 and any(s.kind in ("times", "sound") for s in sets)
+    if can_correct:
+        more.append(replace(setup, contact_time=Known(_CONTACT)))
+    moves = _moves(fit, sets, more)
+    at = _value(fit, name, np.zeros(len(fit.parameters)))
+    shares = [abs(_value(fit, name, move) - at) for move in moves]
+    rows = [
+        BudgetRow(source.replace("_", " "), "B", uncertainty, share)
+        for (source, uncertainty, _), share in zip(inputs, shares, strict=False)
+    ]
+    left_out = _value(fit, name, moves[-1]) - at if can_correct else 0.0
+    return Budget(name, (*_noise_rows(fit, name), *rows), left_out)
+
+
+def _value(fit: LawFit, name: str, move: Floats) -> float:
+    return fit.law.describe(tuple(fit.parameters + move), fit.reference)[name]
+
+
+def _moves(fit: LawFit, sets: Sequence[Dataset], setups: Sequence[MeasurementSetup]) -> Floats:
+    """δ of the law's parameters when the setup changes to each of `setups`: shape (c, q)."""
+    q = len(fit.parameters)
+    total = np.zeros((q, q + 1 + len(setups)))
+    for s, own, latent, model, noise in zip(sets, fit.own, fit.latent, fit.models, fit.noise, strict=True):
+        shifted = [s.with_setup(setup).linearise(fit.curve, own, latent) for setup in setups]
+        columns = np.array([other.residual - model.residual for other in shifted]).reshape(
+            len(setups), len(model.residual)
+        )
+        offsets = np.array([other.prior[:, 0] - model.prior[:, 0] for other in shifted])
+        reduced = reduce(model, columns.T, offsets.reshape(len(setups), len(own)))
+        total += reduced.profile(np.array(fit.scatter), np.array(noise))[0][:q]
+    return np.asarray(np.linalg.lstsq(total[:, :q], total[:, q + 1 :], rcond=1e-12)[0].T)
+
+
+def _noise_rows(fit: LawFit, name: str) -> list[BudgetRow]:
+    """Scatter, and the noise of measuring: the posterior's spread, divided as their variances divide it."""
+    posterior = fit.posterior
+    values = np.array([fit.law.describe(tuple(p), fit.reference)[name] for p in posterior.parameters])
+    mean = float(values @ posterior.weight)
+    spread = float(np.sqrt((values - mean) ** 2 @ posterior.weight))
+    scatter = noise = 0.0
+    q = len(fit.parameters)
+    direction = np.array(
+        [_value(fit, name, 1e-6 * unit) - _value(fit, name, -1e-6 * unit) for unit in np.eye(q)]
+    )
+    hessian = sum(
+        r.profile(np.array(fit.scatter), np.array(n))[0][:q, :q]
+        for r, n in zip(fit.reduced, fit.noise, strict=True)
+    )
+    gain = np.linalg.lstsq(np.asarray(hessian), direction, rcond=1e-12)[0]
+    for reduced, s_m in zip(fit.reduced, fit.noise, strict=True):
+        by_scatter, by_noise = reduced.variance_parts(fit.scatter, s_m, gain)
+        scatter, noise = scatter + by_scatter, noise + by_noise
+    total = scatter + noise or 1.0
+    return [
+        BudgetRow("scatter of e", "A", fit.scatter, spread * float(np.sqrt(scatter / total))),
+        BudgetRow("noise of measuring", "A", fit.noise[0], spread * float(np.sqrt(noise / total))),
+    ]

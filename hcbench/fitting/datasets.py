@@ -1,0 +1,286 @@
+"""Kinds of data, each as a linear model about parameters: touch times, heights, pairs of speed and e."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from hcbench.fitting.linear import LinearModel
+
+if TYPE_CHECKING:
+    from typing import Self
+
+    from hcbench.fitting.candidates import FittedCurve
+    from hcbench.fitting.flight import Ballistics
+    from hcbench.fitting.setup import Known, MeasurementSetup
+    from hcbench.fitting.sound import Indices, Picks, Recording
+    from hcbench.impact import Floats
+
+
+class Dataset(ABC):
+    """One file. Subclasses are frozen dataclasses with the fields `name` and `setup`."""
+
+    name: str
+    setup: MeasurementSetup
+    noise_scale: ClassVar[float]  # what the noise of measuring is likely to be, in the data's SI unit
+    noise_unit: ClassVar[str]
+
+    @property
+    @abstractmethod
+    def kind(self) -> str:
+        """What it is called."""
+
+    @property
+    def known_noise(self) -> float | None:
+        """s_m where it is given."""
+        return None
+
+    @property
+    def needs_gravity(self) -> bool:
+        """Whether speeds come from flights."""
+        return True
+
+    @abstractmethod
+    def pairs(self) -> tuple[Floats, Floats]:
+        """Impact speeds (m/s) and e as one would read them off: to start from, and to be drawn."""
+
+    @abstractmethod
+    def start(self) -> Floats:
+        """Own parameters to start from, shape (p,)."""
+
+    @abstractmethod
+    def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
+        """The linear model about a law, own parameters and relative changes of each e, `latent` (m,).
+
+        Its residual is that at no changes: what the ones given do is added back to first order.
+        """
+
+    @abstractmethod
+    def touches(self) -> list[str]:
+        """What each column of by_scatter is, for people."""
+
+    def rows(self) -> list[str]:
+        """What each row of the residual is, where one alone may be measured wrongly; else none."""
+        return []
+
+    def with_setup(self, setup: MeasurementSetup) -> Self:
+        """The same data under other conditions."""
+        return replace(self, setup=setup)  # type: ignore[type-var]
+
+
+@dataclass(frozen=True, slots=True)
+class BounceTrain:
+    """Flights one after the other. launch: (n,), m/s. by: (n, 1 + q + m), derivatives of each launch speed by
+
+    ln of the first speed, the law's parameters, and the relative changes of e.
+    """
+
+    launch: Floats
+    by: Floats
+
+
+def bounce_train(
+    curve: FittedCurve, ballistics: Ballistics, first: float, latent: Floats, dropped: bool
+) -> BounceTrain:
+    """Flights with the relative changes `latent` of each e.
+
+    first: speed (m/s) of the first launch; where `dropped`, of the touch before it.
+    """
+    q, impacts = curve.count, len(latent)
+    count = impacts + (not dropped)
+    launch, by = np.empty(count), np.zeros((count, 1 + q + impacts))
+    now, gradient = first, np.zeros(1 + q + impacts)
+    gradient[0] = first
+    for i in range(count):
+        if i or dropped:
+            at = i if dropped else i - 1
+            if i:
+                now, slope = ballistics.touch(now)
+                gradient = slope * gradient
+            log_e, over_speed, by_law = curve.local(now)
+            gradient = (1.0 + over_speed) / now * gradient
+            gradient[1 : 1 + q] += by_law
+            gradient[1 + q + at] += 1.0
+            now *= math.exp(log_e + latent[at])
+            gradient *= now
+        launch[i], by[i] = now, gradient
+    return BounceTrain(launch, by)
+
+
+def drop_prior(setup: MeasurementSetup, own: float) -> tuple[float, float]:
+    """(offset, standard deviation) of ln of the touch speed `own` as the drop height gives it."""
+    height: Known | None = setup.height
+    assert height is not None
+    speed, slope = setup.ballistics.dropped(height.value)
+    return math.log(speed) - own, max(slope * height.uncertainty / speed, 1e-7)
+
+
+@dataclass(frozen=True, slots=True)
+class TouchTimes(Dataset):
+    """times: (n,), s, of successive touches. Own parameters: time of the first, ln of the first speed.
+
+    numbers: (n,), which touch each is, from 0; None: none is missing. picks, recording: where they come from.
+    """
+
+    name: str
+    setup: MeasurementSetup
+    times: Floats
+    numbers: Indices | None = None
+    picks: Picks | None = None
+    recording: Recording | None = None
+    noise_scale: ClassVar[float] = 2e-4
+    noise_unit: ClassVar[str] = "s"
+
+    @property
+    def kind(self) -> str:
+        """What it came from."""
+        return "times" if self.picks is None else "sound"
+
+    @property
+    def known_noise(self) -> float | None:
+        """s_m where it is given."""
+        return self.setup.timing
+
+    @property
+    def _which(self) -> Indices:
+        return np.arange(len(self.times)) if self.numbers is None else self.numbers - self.numbers[0]
+
+    def _launches(self) -> Floats:
+        """Of every flight; of two that an unheard touch joins, half of both."""
+        which = self._which
+        full = np.interp(np.arange(which[-1] + 1), which, self.times)
+        flights = np.diff(full) - self.setup.contact_time.value
+        return 0.5 * self.setup.ballistics.gravity * np.maximum(flights, 1e-4)
+
+    def pairs(self) -> tuple[Floats, Floats]:
+        """Impact speeds (m/s) and e as one would read them off."""
+        speed, e = pairs_of_launches(self._launches(), self.setup, self.setup.drop)
+        if self.numbers is None:
+            return speed, e
+        which = self._which
+        first = 0 if self.setup.height is not None else 1
+        heard = [i + first for i in range(len(e))]
+        whole = [i in which and i + 1 in which and (i == 0 or i - 1 in which) for i in heard]
+        return speed[whole], e[whole]
+
+    def start(self) -> Floats:
+        """Own parameters to start from."""
+        height = self.setup.height
+        first = (
+            float(self._launches()[0]) if height is None else self.setup.ballistics.dropped(height.value)[0]
+        )
+        return np.array([self.times[0], math.log(first)])
+
+    def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
+        """The linear model about a law, own parameters and changes of e."""
+        dropped, ballistics = self.setup.height is not None, self.setup.ballistics
+        train = bounce_train(curve, ballistics, math.exp(own[1]), latent, dropped)
+        aloft = np.array([ballistics.aloft(w) for w in train.launch])
+        contact = self.setup.contact_time.value * (train.launch / train.launch[0]) ** -0.2
+        times = own[0] + np.concatenate([[0.0], np.cumsum(aloft[:, 0] + contact)])
+        by = np.concatenate([np.zeros((1, train.by.shape[1])), np.cumsum(aloft[:, 1:] * train.by, axis=0)])
+        times, by, q = times[self._which], by[self._which], curve.count
+        prior = np.array([[0.0, math.inf], drop_prior(self.setup, own[1]) if dropped else (0.0, math.inf)])
+        return LinearModel(
+            residual=self.times - times + by[:, 1 + q :] @ latent,
+            by_own=np.stack([np.ones(len(times)), by[:, 0]], axis=1),
+            by_law=by[:, 1 : 1 + q],
+            by_scatter=by[:, 1 + q :],
+            shape=np.ones(len(times)),
+            prior=prior,
+        )
+
+    def rows(self) -> list[str]:
+        """What each row of the residual is."""
+        return [f"touch {i + 1} at {t:.4f} s" for i, t in zip(self._which, self.times, strict=True)]
+
+    def touches(self) -> list[str]:
+        """What each column of by_scatter is."""
+        at = dict(zip(self._which.tolist(), self.rows(), strict=True))
+        first = 0 if self.setup.height is not None else 1
+        return [at.get(i, f"touch {i + 1}, unheard") for i in range(first, int(self._which[-1]))]
+
+
+def pairs_of_launches(launches: Floats, setup: MeasurementSetup, drop: float | None) -> tuple[Floats, Floats]:
+    """Impact speeds and e of flights with these launch speeds, all m/s. drop: m, where let go, if known."""
+    ballistics = setup.ballistics
+    touch = np.array([ballistics.touch(w)[0] for w in launches])[:-1]
+    if drop is None:
+        return touch, launches[1:] / touch
+    touch = np.concatenate([[ballistics.dropped(drop)[0]], touch])
+    return touch, launches / touch
+
+
+@dataclass(frozen=True, slots=True)
+class Heights(Dataset):
+    """heights: (n,), m, of successive bounces; the first may be where the ball was let go.
+
+    Own parameter: ln of the speed of the first touch where the drop height is given, else of the first
+    launch.
+    """
+
+    name: str
+    setup: MeasurementSetup
+    heights: Floats
+    uncertainty: float | None = None
+    noise_scale: ClassVar[float] = 1e-3
+    noise_unit: ClassVar[str] = "m"
+
+    @property
+    def kind(self) -> str:
+        """What it is called."""
+        return "heights"
+
+    @property
+    def known_noise(self) -> float | None:
+        """s_m where it is given."""
+        return self.uncertainty
+
+    def _launches(self) -> Floats:
+        g, drag = self.setup.ballistics.gravity, self.setup.ballistics.drag
+        if not drag:
+            return np.sqrt(2.0 * g * self.heights)
+        return np.sqrt(np.expm1(2.0 * drag * g * self.heights) / drag)
+
+    def pairs(self) -> tuple[Floats, Floats]:
+        """Impact speeds (m/s) and e as one would read them off."""
+        return pairs_of_launches(self._launches(), self.setup, self.setup.drop)
+
+    def start(self) -> Floats:
+        """Own parameters to start from."""
+        height = self.setup.height
+        if height is None:
+            return np.log(self._launches()[:1])
+        return np.log([self.setup.ballistics.dropped(height.value)[0]])
+
+    def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
+        """The linear model about a law, own parameters and relative changes of each e, `latent` (m,).
+
+        Its residual is that at no changes: what the ones given do is added back to first order.
+        """
+        dropped, ballistics = self.setup.height is not None, self.setup.ballistics
+        train = bounce_train(curve, ballistics, math.exp(own[0]), latent, dropped)
+        apex = np.array([ballistics.apex(w) for w in train.launch])
+        by = apex[:, 1:] * train.by
+        q = curve.count
+        return LinearModel(
+            residual=self.heights - apex[:, 0] + by[:, 1 + q :] @ latent,
+            by_own=by[:, :1],
+            by_law=by[:, 1 : 1 + q],
+            by_scatter=by[:, 1 + q :],
+            shape=np.ones(len(self.heights)),
+            prior=np.array([drop_prior(self.setup, own[0]) if dropped else (0.0, math.inf)]),
+        )
+
+    def touches(self) -> list[str]:
+        """What each column of by_scatter is."""
+        count = len(self.heights) - (self.setup.height is None)
+        return [f"bounce {i + 1}" for i in range(count)]
+
+    def rows(self) -> list[str]:
+        """What each row of the residual is."""
+        return [f"height {i + 1}" for i in range(len(self.heights))]

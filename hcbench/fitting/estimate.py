@@ -1,0 +1,187 @@
+"""One law fitted to data sets that share its parameters: Gauss-Newton, then the posterior over a grid."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.fitting.linear import reduce
+from hcbench.fitting.noise import NoiseLikelihood, best_noise, coarse_grid, refined, surface
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.fitting.candidates import CandidateLaw, FittedCurve
+    from hcbench.fitting.datasets import Dataset
+    from hcbench.fitting.linear import LinearModel, Reduced
+    from hcbench.impact import Floats
+
+_STEPS = 25
+_LONGEST_STEP = 0.5  # in ln e and in ln of a speed
+_POINTS, _WIDTH = 121, 8.0  # of the grid over a parameter, and its half width in standard deviations
+_SHARES = 41  # of the loss at the reference speed that goes with α
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """parameters: (g, q), points of a grid. weight: (g,), their share; the shares add up to 1."""
+
+    parameters: Floats
+    weight: Floats
+
+    def quantiles(self, values: Floats, shares: Sequence[float]) -> list[float]:
+        """Of a function of the parameters with these values (g,) on the grid."""
+        order = np.argsort(values, kind="stable")
+        weight = self.weight[order]
+        below = np.cumsum(weight) - 0.5 * weight
+        return [float(q) for q in np.interp(shares, below, values[order])]
+
+
+@dataclass(frozen=True, slots=True)
+class LawFit:
+    """One law about its most likely parameters.
+
+    own, latent, models, reduced: a data set each; latent: relative changes of each e. log_evidence: ln of the
+    marginal likelihood, parameters and noise integrated out. scatter, noise: the most likely s_e and s_m.
+    beyond: share of the posterior where the law would gain energy, cut off.
+    """
+
+    law: CandidateLaw
+    reference: float
+    parameters: Floats
+    own: tuple[Floats, ...]
+    latent: tuple[Floats, ...]
+    models: tuple[LinearModel, ...]
+    reduced: tuple[Reduced, ...]
+    surface: NoiseLikelihood
+    posterior: Posterior
+    log_evidence: float
+    scatter: float
+    noise: tuple[float, ...]
+    beyond: float
+
+    @property
+    def curve(self) -> FittedCurve:
+        """e over speed at the most likely parameters."""
+        return self.law.curve(tuple(self.parameters), self.reference)
+
+
+def fit_law(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> LawFit:
+    """Fit one law. reference: speed in m/s in the middle of the data."""
+    parameters = _start(law, sets, reference)
+    own = [s.start() for s in sets]
+    latent = [np.zeros(len(s.touches())) for s in sets]
+    scatter, noise = 5e-3, [s.known_noise or 0.1 * s.noise_scale for s in sets]
+    grid = coarse_grid(sets)
+    for step in range(_STEPS):
+        curve = law.curve(tuple(parameters), reference)
+        models = [s.linearise(curve, *at) for s, *at in zip(sets, own, latent, strict=True)]
+        reduced = [reduce(m) for m in models]
+        move, hessian = _law_step(reduced, scatter, noise)
+        own_moves = [r.own_step(scatter, n, move) for r, n in zip(reduced, noise, strict=True)]
+        longest = max(np.abs(move).max(), *(np.abs(m[-1:]).max(initial=0.0) for m in own_moves), 1e-300)
+        share = min(1.0, _LONGEST_STEP / longest)
+        decrement = float(move @ hessian @ move)
+        if decrement < 1e-6 and step > 2:
+            break
+        drawn = [r.latent(scatter, n, m, move) for r, n, m in zip(reduced, noise, own_moves, strict=True)]
+        latent = [old + share * (new - old) for old, new in zip(latent, drawn, strict=True)]
+        parameters = parameters + share * move
+        own = [o + share * m for o, m in zip(own, own_moves, strict=True)]
+        if share == 1.0:
+            scatter, noise = best_noise(surface(reduced, sets, grid), move)
+    over_noise = surface(reduced, sets, grid)
+    fine = surface(reduced, sets, refined(over_noise, move, sets))
+    scatter, noise = best_noise(fine, move)
+    posterior, log_evidence, beyond = _posterior(law, parameters, move, hessian, fine)
+    return LawFit(
+        law, reference, parameters, tuple(own), tuple(latent), tuple(models), tuple(reduced), fine, posterior,
+        log_evidence, scatter, tuple(noise), beyond,
+    )  # fmt: skip
+
+
+def _start(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> Floats:
+    """Parameters that pass through the pairs as one would read them off, by least squares in ln e."""
+    both = [s.pairs() for s in sets]
+    speed, e = (np.concatenate([pair[i] for pair in both]) for i in (0, 1))
+    log_e = np.log(np.clip(e, 1e-3, 1.0))
+    middle = min(float(np.median(log_e)), -1e-3)
+    parameters = np.full(law.count, middle / law.count)
+    for _ in range(8):
+        curve = law.curve(tuple(parameters), reference)
+        local = [curve.local(float(v)) for v in speed]
+        matrix = np.array([one[2] for one in local])
+        move = np.linalg.lstsq(matrix, log_e - [one[0] for one in local], rcond=1e-8)[0]
+        parameters = parameters + np.clip(move, -_LONGEST_STEP, _LONGEST_STEP)
+    return parameters
+
+
+def _law_step(reduced: Sequence[Reduced], scatter: float, noise: Sequence[float]) -> tuple[Floats, Floats]:
+    """δ of the law's parameters where the likelihood is largest, and its second derivatives, negated."""
+    q = reduced[0].law
+    total = sum(
+        one.profile(np.array(scatter), np.array(n))[0][: q + 1, : q + 1]
+        for one, n in zip(reduced, noise, strict=True)
+    )
+    hessian, slope = np.asarray(total)[:q, :q], np.asarray(total)[:q, q]
+    return np.linalg.lstsq(hessian, slope, rcond=1e-12)[0], hessian
+
+
+def _posterior(
+    law: CandidateLaw, parameters: Floats, move: Floats, hessian: Floats, fine: NoiseLikelihood
+) -> tuple[Posterior, float, float]:
+    """The posterior over the law's parameters, ln of its integral, and the share that was cut off."""
+    make = _line if law.count == 1 else _shares
+    centre, spread = move, None
+    for _ in range(2):
+        deltas, log_cell, allowed = make(parameters, centre, hessian, spread, fine)
+        log_density = fine.log_posterior(deltas)[0] + log_cell
+        top = log_density.max()
+        weight = np.exp(log_density - top)
+        kept = np.where(allowed, weight, 0.0)
+        beyond = 1.0 - kept.sum() / weight.sum()
+        used = kept if kept.sum() > 1e-6 * weight.sum() else weight
+        centre = np.average(deltas, axis=0, weights=used)
+        spread = np.sqrt(np.average((deltas - centre) ** 2, axis=0, weights=used))
+    posterior = Posterior(parameters + deltas, used / used.sum())
+    return posterior, float(top + math.log(used.sum())), float(beyond)
+
+
+def _line(
+    parameters: Floats, centre: Floats, hessian: Floats, spread: Floats | None, fine: NoiseLikelihood
+) -> tuple[Floats, float, Floats]:
+    sd = 1.0 / math.sqrt(max(float(hessian[0, 0]), 1e-12)) if spread is None else float(spread[0])
+    factor = 2.0 * _WIDTH if spread is None else _WIDTH
+    half = min(factor * max(sd, 1e-12), 20.0)
+    delta = np.linspace(float(centre[0]) - half, float(centre[0]) + half, _POINTS)
+    return delta[:, None], math.log(delta[1] - delta[0]), parameters[0] + delta <= 0.0
+
+
+def _shares(
+    parameters: Floats, centre: Floats, hessian: Floats, spread: Floats | None, fine: NoiseLikelihood
+) -> tuple[Floats, Floats, Floats]:
+    """A grid over ψ = ln e at the reference speed and the share f of it that goes with α, even in both.
+
+    The density is flat in ψ, as it is for the other laws, and in f: so this law has no arbitrary constant.
+    """
+    low, high = 0.0, 1.0
+    if spread is not None:
+        here, total = parameters[0] + centre[0], float((parameters + centre).sum())
+        half = _WIDTH * max(float(spread.max()), 1e-9) / max(abs(total), 1e-9)
+        low, high = max(0.0, here / total - half), min(1.0, here / total + half)
+    edges = np.linspace(low, high, _SHARES + 1)
+    share = 0.5 * (edges[1:] + edges[:-1])
+    direction = np.stack([share, 1.0 - share], axis=1)
+    # Along each direction the likelihood is nearly normal in ψ: where it is largest, and how wide.
+    curvature = np.einsum("fa,ab,fb->f", direction, hessian, direction)
+    best = direction @ hessian @ (parameters + centre) / curvature
+    sd = np.sqrt(1.0 / curvature + (0.0 if spread is None else float(spread.sum()) ** 2))
+    across = np.linspace(-_WIDTH, _WIDTH, _SHARES)
+    psi = best[:, None] + sd[:, None] * across
+    points = psi[..., None] * direction[:, None, :]
+    log_cell = np.log((edges[1] - edges[0]) * sd * (across[1] - across[0]))
+    deltas = points.reshape(-1, 2) - parameters
+    return deltas, np.repeat(log_cell, _SHARES), (psi <= 0.0).reshape(-1)

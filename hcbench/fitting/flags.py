@@ -1,0 +1,80 @@
+"""Touches that do not go with the others: named, not dropped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import chi2
+
+from hcbench.fitting.linear import reduce
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from hcbench.fitting.datasets import Dataset
+    from hcbench.fitting.estimate import LawFit
+    from hcbench.impact import Floats
+
+_CHANCE = 0.01  # that good data have a touch flagged
+_LEAST_FREE = 3  # degrees of freedom below which nothing can be said
+
+
+@dataclass(frozen=True, slots=True)
+class Flag:
+    """file, touch: which. what: "measured off" or "bounced off". size: how far, in SI or as a share of e.
+
+    sigmas: how far from the others, in standard deviations with this touch left out.
+    """
+
+    file: str
+    touch: str
+    what: str
+    size: float
+    sigmas: float
+
+
+def flagged_touches(fit: LawFit, sets: Sequence[Dataset]) -> Iterator[Flag]:
+    """Each touch by itself: would one more parameter, its own error, make the data much likelier?"""
+    for i, (s, model) in enumerate(zip(sets, fit.models, strict=True)):
+        free = len(model.residual) - model.by_own.shape[1] - model.by_law.shape[1]
+        if free < _LEAST_FREE:
+            continue
+        names = s.touches()
+        scatter = model.by_scatter
+        candidates = [(name, "bounced off", scatter[:, j]) for j, name in enumerate(names)]
+        candidates += [
+            (name, "measured off", column)
+            for name, column in zip(s.rows(), np.eye(len(s.rows())), strict=True)
+        ]
+        directions = np.stack([column for _, _, column in candidates], axis=1)
+        gain, size = _gains(fit, i, directions)
+        limit = chi2.isf(_CHANCE / len(candidates), 1)
+        worst = int(np.argmax(gain))
+        if gain[worst] > limit:
+            name, what, _ = candidates[worst]
+            yield Flag(s.name, name, what, float(size[worst]), float(np.sqrt(gain[worst])))
+
+
+def _gains(fit: LawFit, i: int, directions: Floats) -> tuple[Floats, Floats]:
+    """Twice the gain in ln likelihood by a parameter along each direction (n, c), and its value."""
+    model, grid = fit.models[i], fit.surface.grid
+    reduced = reduce(model, directions)
+    scatter, noise = np.meshgrid(np.exp(grid.log_scatter), np.exp(grid.log_noise[i]), indexing="ij")
+    matrix, offset = reduced.profile(scatter, noise)
+    q = reduced.law
+    law, cross, rest = matrix[..., :q, :q], matrix[..., :q, q:], matrix[..., q:, q:]
+    left = rest - np.swapaxes(cross, -1, -2) @ np.linalg.solve(law, cross)
+    of_residual = left[..., 0, 0]
+    along = np.diagonal(left, axis1=-2, axis2=-1)[..., 1:]
+    score = left[..., 0, 1:]
+    prior = fit.surface.prior_scatter[:, None] + fit.surface.prior_noise[i]
+    before = offset + prior - 0.5 * of_residual
+    gain = score**2 / np.maximum(along, 1e-300)
+    after = before[..., None] + 0.5 * gain
+    flat = after.reshape(-1, after.shape[-1])
+    best = flat.argmax(axis=0)
+    size = (score / np.maximum(along, 1e-300)).reshape(flat.shape)
+    columns = np.arange(flat.shape[1])
+    return 2.0 * (flat[best, columns] - before.max()), size[best, columns]

@@ -1,0 +1,237 @@
+"""k, n and α of eq. (16), from the force over time of one impact or from force over penetration and rate."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from hcbench.errors import UserError
+from hcbench.fitting.candidates import dissipation_of
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hcbench.fitting.setup import MeasurementSetup
+    from hcbench.impact import Floats
+
+_EDGE = 0.05  # of the largest force: where a pulse begins and ends
+_LEAST_POINTS = 20
+_OFF_LAW = 0.05  # rms over the largest force from which on the loop is another law's
+_COVERAGE = 1.959964
+
+
+@dataclass(frozen=True, slots=True)
+class ForceFit:
+    """value: k in N/m^n, n, α in s/m. covariance: (3, 3), of ln k, n and α; n's is 0 where it was given.
+
+    e, e_uncertainty: by the impulse; NaN for loops. speed: m/s. misfit: rms of the force over its largest.
+    """
+
+    file: str
+    kind: str
+    stiffness: float
+    exponent: float
+    alpha: float
+    covariance: Floats
+    e: float
+    e_uncertainty: float
+    speeds: tuple[float, float]
+    misfit: float
+
+    @property
+    def is_law(self) -> bool:
+        """Whether the force goes as eq. (16) has it."""
+        is_law = 1.0 <= self.exponent <= 10.0 and self.alpha_interval[1] > 0.0
+        return is_law and self.misfit < _OFF_LAW
+
+    @property
+    def alpha_uncertainty(self) -> float:
+        """Standard, s/m."""
+        return math.sqrt(self.covariance[2, 2])
+
+    @property
+    def alpha_interval(self) -> tuple[float, float]:
+        """95 %, s/m."""
+        half = _COVERAGE * self.alpha_uncertainty
+        return max(0.0, self.alpha - half), self.alpha + half
+
+
+def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -> ForceFit:
+    """One impact, force over time. The impulse gives e without k and n; the pulse's shape then gives those.
+
+    Raises UserError without mass and speed (or drop height), and for what is no single push.
+    """
+    if setup.mass is None:
+        raise UserError("mass", f"not given for {name}", "the effective mass", "--mass '0.45 kg'")
+    if setup.speed is None and setup.height is None:
+        raise UserError("speed", f"not given for {name}", "--speed of the approach, or --height of a drop")
+    mass = setup.mass.value
+    if setup.speed is not None:
+        speed, u_speed = setup.speed.value, setup.speed.uncertainty
+    else:
+        assert setup.height is not None
+        speed, slope = setup.ballistics.dropped(setup.height.value)
+        u_speed = slope * setup.height.uncertainty
+    inside, force = _pulse(name, time, force)
+    impulse = float(np.trapezoid(force, time))
+    e = impulse / (mass * speed) - 1.0
+    u_e = (1.0 + e) * math.hypot(setup.mass.uncertainty / mass, u_speed / speed)
+    if not 0.0 < e < 1.0:
+        got = f"the impulse {impulse:.4g} N s is {impulse / (mass * speed):.3g} times m v"
+        raise UserError(name, got, "1 ... 2 times", "Look at mass, speed, units and the sign of the force")
+    lasts, top = float(np.ptp(time[inside])), float(force.max())
+    start_n = setup.exponent or 1.5
+    # Where nothing is lost, (F t)² is (k m) times a number of n's alone: a start is all that is needed.
+    start_k = _stiffness_for(top, mass, speed, start_n)
+
+    def residual(p: Floats) -> Floats:
+        n = setup.exponent or float(p[3])
+        law = HuntCrossley(math.exp(p[0]), max(dissipation_of(min(p[1], -1e-6)) / (1.5 * speed), 0.0), n)
+        loop = closed_form.loop(law, mass, speed, 161)
+        return np.asarray(force - np.interp(time, loop.time + p[2], loop.force, left=0.0, right=0.0)) / top
+
+    start = [math.log(start_k), math.log(e), float(time[inside][0]) - 0.05 * lasts, start_n]
+    free = 3 if setup.exponent else 4
+    low = [-np.inf, -8.0, float(time[0]) - lasts, 1.0 - 1e-6][:free]
+    high = [np.inf, -1e-6, float(time[inside][-1]), 4.0][:free]
+    scale = [1.0, 0.1, lasts, 0.3][:free]
+    done = least_squares(residual, start[:free], bounds=(low, high), x_scale=scale, diff_step=[1e-5] * free)
+    alpha = dissipation_of(float(done.x[1])) / (1.5 * speed)
+    by_log_e = (dissipation_of(float(done.x[1]) + 1e-5) / (1.5 * speed) - alpha) / 1e-5
+    covariance = _covariance(done, [0, 3, 1] if free == 4 else [0, None, 1])
+    covariance[2, :] *= by_log_e
+    covariance[:, 2] *= by_log_e
+    covariance[2, 2] += (by_log_e * u_e / e) ** 2
+    misfit = float(np.sqrt(np.mean(done.fun[inside] ** 2)))
+    n = setup.exponent or float(done.x[3])
+    return ForceFit(name, "force", math.exp(done.x[0]), n, alpha, covariance, e, u_e, (speed, speed), misfit)
+
+
+def _pulse(name: str, time: Floats, force: Floats) -> tuple[Floats, Floats]:
+    """Which samples are the push, and the force less the load cell's zero and with the push above it."""
+    zero = float(np.median(force))
+    force = force - zero
+    if abs(force.min()) > force.max():
+        force = -force
+    loud = np.flatnonzero(force > _EDGE * force.max())
+    if len(loud) < 2:
+        raise UserError(name, "no push in the force", "one impact")
+    quiet = np.concatenate([force[: loud[0]], force[loud[-1] + 1 :]])
+    if len(quiet) < 5 or 2 * (loud[-1] - loud[0]) > len(force):
+        raise UserError(name, "no quiet about the push", "as long a quiet as the push, for the zero")
+    force = force - float(np.median(quiet))
+    inside = (np.arange(len(force)) >= loud[0]) & (np.arange(len(force)) <= loud[-1])
+    if inside.sum() < _LEAST_POINTS:
+        raise UserError(name, f"{inside.sum()} samples in the push", f"{_LEAST_POINTS} or more")
+    noise = float(np.std(quiet))
+    if (force[inside] < _EDGE * force.max() - 6.0 * noise).sum() > 0.2 * inside.sum():
+        raise UserError(name, "several pushes", "one impact", "Cut out one of them")
+    return np.asarray(inside), np.asarray(force)
+
+
+def _stiffness_for(top: float, mass: float, speed: float, n: float) -> float:
+    """k at which the largest force without loss is `top` (N)."""
+    # F = k x^n and k x^(n+1) = (n+1) m v²/2 at the turn.
+    return float(top ** (n + 1) / ((n + 1) * mass * speed**2 / 2.0) ** n)
+
+
+def fit_loop(name: str, penetration: Floats, rate: Floats, force: Floats, exponent: float | None) -> ForceFit:
+    """F = k x^n (1 + (3/2) α ẋ) through points of any number of impacts. Raises UserError for too few."""
+    used = penetration > 0.0
+    x, v, f = penetration[used], rate[used], force[used]
+    if len(x) < _LEAST_POINTS or not (v > 0).any() or not (v < 0).any():
+        got = f"{len(x)} points in contact, {int((v > 0).sum())} of them on approach"
+        raise UserError(name, got, f"{_LEAST_POINTS} or more, on approach (rate above 0) and on rebound")
+    top, depth = float(f.max()), float(x.max())
+
+    def residual(p: Floats) -> Floats:
+        n = exponent or float(p[2])
+        return np.asarray((f - math.exp(p[0]) * (x / depth) ** n * (1.0 + 1.5 * p[1] * v)) / top)
+
+    start = [math.log(top), 0.1 / float(np.abs(v).max()), exponent or 1.5]
+    done = least_squares(residual, start[: 2 if exponent else 3], x_scale="jac")
+    n = exponent or float(done.x[2])
+    covariance = _covariance(done, [0, None, 1] if exponent else [0, 2, 1])
+    turn = np.eye(3)
+    turn[0, 1] = -math.log(depth)  # ln k is ln of the force at `depth` less n ln depth
+    covariance = turn @ covariance @ turn.T
+    stiffness = math.exp(float(done.x[0])) / depth**n
+    misfit = float(np.sqrt(np.mean(done.fun**2)))
+    speeds = float(v[v > 0].min()), float(v.max())
+    return ForceFit(
+        name, "loop", stiffness, n, float(done.x[1]), covariance, math.nan, math.nan, speeds, misfit
+    )
+
+
+def _covariance(done: object, order: list[int | None]) -> Floats:
+    """Of the parameters in this order, 0 for one that was given, from the scatter about the fit."""
+    jacobian, fun = done.jac, done.fun  # type: ignore[attr-defined]
+    free = max(len(fun) - jacobian.shape[1], 1)
+    whole = np.linalg.pinv(jacobian.T @ jacobian) * float((fun**2).sum()) / free
+    out = np.zeros((3, 3))
+    for i, a in enumerate(order):
+        for j, b in enumerate(order):
+            if a is not None and b is not None:
+                out[i, j] = whole[a, b]
+    return out
+
+
+def as_record(found: ForceFit) -> dict[str, object]:
+    """What `--json` prints."""
+    low, high = found.alpha_interval
+    return {
+        "schema": 1,
+        "kind": "hcbench fit",
+        "files": [{"name": found.file, "kind": found.kind}],
+        "law": "hunt-crossley" if found.is_law else None,
+        "law_asked": "hunt-crossley",
+        "alpha_s_per_m": found.alpha,
+        "alpha_standard_uncertainty_s_per_m": found.alpha_uncertainty,
+        "alpha_interval_95_s_per_m": [low, high],
+        "restitution": found.e,
+        "restitution_interval_95": [
+            found.e - _COVERAGE * found.e_uncertainty,
+            found.e + _COVERAGE * found.e_uncertainty,
+        ],
+        "laws": [],
+        "flagged": [],
+        "stiffness_n_per_m_n": found.stiffness,
+        "exponent": found.exponent,
+        "covariance_ln_k_n_alpha": found.covariance.tolist(),
+        "misfit": found.misfit,
+        "speed_range_m_per_s": list(found.speeds),
+    }
+
+
+def as_text(found: ForceFit, describe: Callable[[float, float], str], engine: str) -> str:
+    """For a terminal. describe: a value and its standard uncertainty as text."""
+    sd = np.sqrt(np.diag(found.covariance))
+    low, high = found.alpha_interval
+    k, n = found.stiffness, found.exponent
+    lines = [
+        f"data      {found.file}: {found.kind}, fitted with eq. (16)",
+        f"k         {describe(k, k * sd[0])} N/m^{n:.4g}",
+        f"n         {describe(n, sd[1])}",
+        f"α         {describe(found.alpha, sd[2])} s/m, 95 %: {low:.4g} ... {high:.4g} s/m",
+    ]
+    if not math.isnan(found.e):
+        lines.append(f"e         {found.e:.4f} by the impulse, without k and n, at {found.speeds[1]:.3g} m/s")
+    if sd[0] and sd[1]:
+        together = found.covariance[0, 1] / (sd[0] * sd[1])
+        lines.append(f"ln k, n   correlation {together:.3f}: --exponent fixes n where it is known")
+    lines.append(f"misfit    {100 * found.misfit:.2g} % of the largest force (rms)")
+    if not found.is_law:
+        lines.append("law       not eq. (16): the force goes otherwise, and α says little")
+        return "\n".join(lines) + "\n"
+    stiffness = f'--stiffness "{k:.5g}" --exponent {n:.5g}'
+    tuned = f'--alpha "{describe(max(found.alpha, 0.0), sd[2])} s/m" {stiffness}'
+    return (
+        "\n".join([*lines, "", "next:", f"  hcbench tune {engine} {tuned} --timestep 1e-5 --match both"])
+        + "\n"
+    )

@@ -1,0 +1,152 @@
+"""Grids over scatter and noise of measuring, and the likelihood of a law over them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import logsumexp
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.fitting.datasets import Dataset
+    from hcbench.fitting.linear import Reduced
+    from hcbench.impact import Floats
+
+SCATTER_SCALE = 0.0035  # of e from one impact to the next, its likeliest: 0.1 ... 2 % are seen
+_SPAN = 1e4  # widest range on either side of what is likely
+_FACTOR = math.log(3.0)
+_COARSE, _FINE = 15, 13
+_NEGLIGIBLE = 9.0  # in ln of the density
+
+
+def scatter_prior(log_scatter: Floats) -> Floats:
+    """ln of the density over ln s_e: 1/s_e is half a normal distribution, of width 1/SCATTER_SCALE.
+
+    It has next to nothing below a third of the scale, so that few touches that happen to lie on the curve do
+    not get an interval of no width, and a long tail above it.
+    """
+    away = SCATTER_SCALE * np.exp(-log_scatter)
+    return np.asarray(0.5 * math.log(2.0 / math.pi) + np.log(away) - 0.5 * away**2)
+
+
+def noise_prior(log_noise: Floats, scale: float) -> Floats:
+    """ln of the density over ln s_m: about a scale, with long tails: instruments differ more."""
+    away = (log_noise - math.log(scale)) / _FACTOR
+    return np.asarray(-np.log(math.pi * _FACTOR * (1.0 + away**2)))
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseGrid:
+    """log_scatter: (k,), ln s_e, even. log_noise: one array (l,) of ln s_m, even, a data set."""
+
+    log_scatter: Floats
+    log_noise: tuple[Floats, ...]
+
+    def weights(self, sets: Sequence[Dataset]) -> tuple[Floats, list[Floats]]:
+        """ln of prior mass of each value: of s_e, and of s_m a data set."""
+        each = [
+            np.zeros(1) if s.known_noise is not None else noise_prior(grid, s.noise_scale) + _log_cell(grid)
+            for grid, s in zip(self.log_noise, sets, strict=True)
+        ]
+        return scatter_prior(self.log_scatter) + _log_cell(self.log_scatter), each
+
+
+def _log_cell(grid: Floats) -> float:
+    return math.log(grid[1] - grid[0])
+
+
+def coarse_grid(sets: Sequence[Dataset]) -> NoiseGrid:
+    """All that is possible."""
+    scatter = np.log(SCATTER_SCALE) + np.linspace(-math.log(_SPAN), math.log(30.0), _COARSE)
+    noise = tuple(
+        np.log(s.noise_scale) + np.linspace(-math.log(_SPAN), math.log(100.0), _COARSE)
+        if s.known_noise is None
+        else np.log([s.known_noise])
+        for s in sets
+    )
+    return NoiseGrid(scatter, noise)
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseLikelihood:
+    """Likelihood of a law's parameters δ over a grid of noise, for each data set.
+
+    outer: (k, l, q+1, q+1) matrices S; offset: (k, l).
+    """
+
+    grid: NoiseGrid
+    outer: tuple[Floats, ...]
+    offset: tuple[Floats, ...]
+    prior_scatter: Floats
+    prior_noise: tuple[Floats, ...]
+
+    def over_noise(self, delta: Floats) -> list[Floats]:
+        """ln of prior times likelihood at one δ (q,) for each data set: (k, l)."""
+        z = np.concatenate([-delta, [1.0]])
+        return [
+            offset - 0.5 * (outer @ z) @ z + prior
+            for outer, offset, prior in zip(self.outer, self.offset, self.prior_noise, strict=True)
+        ]
+
+    def log_posterior(self, deltas: Floats) -> tuple[Floats, Floats]:
+        """ln of the likelihood at δ (g, q), noise integrated out: (g,), and its parts by s_e: (k, g)."""
+        z = np.concatenate([-deltas, np.ones((len(deltas), 1))], axis=1)
+        total = np.tile(self.prior_scatter[:, None], (1, len(deltas)))
+        q = z.shape[1]
+        # z S z as a product of S with the monomials of z: one matrix product for the whole grid.
+        monomials = np.einsum("ga,gb->abg", z, z).reshape(q * q, -1)
+        for outer, offset, prior in zip(self.outer, self.offset, self.prior_noise, strict=True):
+            k, n = offset.shape
+            quadratic = (outer.reshape(k * n, q * q) @ monomials).reshape(k, n, -1)
+            exponent = (offset + prior)[..., None] - 0.5 * quadratic
+            top = exponent.max(axis=1, keepdims=True)
+            total += (top + np.log(np.exp(exponent - top).sum(axis=1, keepdims=True)))[:, 0]
+        return np.asarray(logsumexp(total, axis=0)), total
+
+
+def surface(reduced: Sequence[Reduced], sets: Sequence[Dataset], grid: NoiseGrid) -> NoiseLikelihood:
+    """The likelihood over a grid; right-hand sides after the residual are left out."""
+    outer, offset = [], []
+    for one, log_noise in zip(reduced, grid.log_noise, strict=True):
+        scatter, noise = np.meshgrid(np.exp(grid.log_scatter), np.exp(log_noise), indexing="ij")
+        matrices, offsets = one.profile(scatter, noise)
+        outer.append(matrices[..., : one.law + 1, : one.law + 1])
+        offset.append(offsets)
+    prior_scatter, prior_noise = grid.weights(sets)
+    return NoiseLikelihood(grid, tuple(outer), tuple(offset), prior_scatter, tuple(prior_noise))
+
+
+def refined(coarse: NoiseLikelihood, delta: Floats, sets: Sequence[Dataset]) -> NoiseGrid:
+    """A grid over what the coarse one leaves likely at δ."""
+    per_set = coarse.over_noise(delta)
+    by_scatter = [logsumexp(part, axis=1) for part in per_set]
+    total = coarse.prior_scatter + sum(by_scatter)
+    scatter = _zoomed(coarse.grid.log_scatter, total)
+    noise = []
+    for s, grid, part, own in zip(sets, coarse.grid.log_noise, per_set, by_scatter, strict=True):
+        over = logsumexp(part + (total - own)[:, None], axis=0)
+        noise.append(grid if s.known_noise is not None else _zoomed(grid, over))
+    return NoiseGrid(scatter, tuple(noise))
+
+
+def _zoomed(grid: Floats, log_weight: Floats) -> Floats:
+    likely = np.flatnonzero(log_weight > log_weight.max() - _NEGLIGIBLE)
+    if not likely.size:
+        raise FloatingPointError("no noise is likely")
+    low, high = max(likely[0] - 1, 0), min(likely[-1] + 1, len(grid) - 1)
+    return np.linspace(grid[low], grid[high], _FINE)
+
+
+def best_noise(surface: NoiseLikelihood, delta: Floats) -> tuple[float, list[float]]:
+    """The most likely s_e, and s_m a data set, at δ."""
+    per_set = surface.over_noise(delta)
+    total = surface.prior_scatter + sum(logsumexp(part, axis=1) for part in per_set)
+    k = int(np.argmax(total))
+    noise = [
+        float(np.exp(g[int(np.argmax(p[k]))])) for g, p in zip(surface.grid.log_noise, per_set, strict=True)
+    ]
+    return float(np.exp(surface.grid.log_scatter[k])), noise

@@ -1,0 +1,88 @@
+"""Impacts measured one by one: pairs of speed and e, or of the speeds in and out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from hcbench.fitting.datasets import Dataset
+from hcbench.fitting.linear import LinearModel
+
+if TYPE_CHECKING:
+    from hcbench.fitting.candidates import FittedCurve
+    from hcbench.fitting.setup import MeasurementSetup
+    from hcbench.impact import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedPairs(Dataset):
+    """Impacts measured one by one. speed, restitution: (n,), m/s and 1.
+
+    speed_uncertainty, restitution_uncertainty: (n,), standard, 0 where none is given.
+    twice: whether e is v_out/v_in, so that an error of v_in counts in both; then without uncertainties the
+    relative error of both speeds is to be found.
+    """
+
+    name: str
+    setup: MeasurementSetup
+    speed: Floats
+    restitution: Floats
+    speed_uncertainty: Floats
+    restitution_uncertainty: Floats
+    twice: bool = False
+    noise_scale: ClassVar[float] = 0.01
+    noise_unit: ClassVar[str] = ""
+
+    @property
+    def kind(self) -> str:
+        """What it is called."""
+        return "speeds" if self.twice else "pairs"
+
+    @property
+    def _is_given(self) -> bool:
+        return bool((self.speed_uncertainty > 0).any() or (self.restitution_uncertainty > 0).any())
+
+    @property
+    def known_noise(self) -> float | None:
+        """s_m where it is given."""
+        return None if self.twice and not self._is_given else 1.0
+
+    @property
+    def needs_gravity(self) -> bool:
+        """Whether speeds come from flights."""
+        return False
+
+    def pairs(self) -> tuple[Floats, Floats]:
+        """Impact speeds (m/s) and e as one would read them off."""
+        return self.speed, self.restitution
+
+    def start(self) -> Floats:
+        """Own parameters to start from."""
+        return np.zeros(0)
+
+    def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
+        """The linear model about a law; it is linear in the changes of e as it is."""
+        n = len(self.speed)
+        local = [curve.local(v) for v in self.speed]
+        e = np.exp([one[0] for one in local])
+        slope = np.array([one[1] for one in local])
+        if self.twice:
+            relative = self.speed_uncertainty / self.speed if self._is_given else np.ones(n)
+            out = self.restitution_uncertainty / e if self._is_given else np.ones(n)
+            shape = np.hypot((1.0 + slope) * relative, out)
+        else:
+            shape = np.hypot(slope * self.speed_uncertainty / self.speed, self.restitution_uncertainty / e)
+        return LinearModel(
+            residual=self.restitution / e - 1.0,
+            by_own=np.zeros((n, 0)),
+            by_law=np.array([one[2] for one in local]),
+            by_scatter=np.eye(n),
+            shape=np.maximum(shape, 1e-9),
+            prior=np.zeros((0, 2)),
+        )
+
+    def touches(self) -> list[str]:
+        """What each column of by_scatter is."""
+        return [f"the pair at {v:.4g} m/s" for v in self.speed]

@@ -1,0 +1,283 @@
+"""Files of measurements: what kind one is, by its header, and the data set in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench._text import sanitized
+from hcbench.errors import UserError
+from hcbench.fitting.datasets import Heights, TouchTimes
+from hcbench.fitting.exports import phyphox_times, tracker_table
+from hcbench.fitting.force import fit_loop, fit_pulse
+from hcbench.fitting.pairs import SpeedPairs
+from hcbench.fitting.sound import find_touches, is_wav, read_recording
+from hcbench.fitting.table import computed, read_lines, read_table
+from hcbench.fitting.track import track_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import ArrayLike
+
+    from hcbench.fitting.datasets import Dataset
+    from hcbench.fitting.force import ForceFit
+    from hcbench.fitting.setup import MeasurementSetup
+    from hcbench.fitting.table import Table
+    from hcbench.impact import Floats
+
+# What columns may be called, and the kind of number in them.
+_NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "time": ("timestep", ("time", "t", "touch", "touch time", "impact time", "time of impact")),
+    "height": ("length", ("height", "h", "y", "z", "position", "bounce height")),
+    "speed": ("speed", ("speed", "v", "impact speed", "approach speed")),
+    "speed_in": ("speed", ("v_in", "vin", "v in", "speed_in", "speed in", "v_i")),
+    "speed_out": ("speed", ("v_out", "vout", "v out", "speed_out", "speed out", "v_o")),
+    "restitution": ("number", ("restitution", "e", "cor", "coefficient of restitution")),
+    "penetration": ("length", ("penetration", "x", "depth", "indentation", "approach")),
+    "rate": ("speed", ("rate", "xdot", "penetration rate", "indentation rate")),
+    "force": ("force", ("force", "f", "load")),
+}
+_ROLE_OF = {name: role for role, (_, names) in _NAMES.items() for name in names}
+_BEFORE = ("u_", "u ", "sigma_", "sigma ", "sd_", "sd ", "uncertainty of ", "uncertainty ", "±", "d_")
+_AFTER = ("_uncertainty", " uncertainty", "_error", " error", "_sd", " sd", "_sigma", " sigma", "_u", "_std")
+_KINDS: dict[frozenset[str], str] = {
+    frozenset({"time"}): "times",
+    frozenset({"height"}): "heights",
+    frozenset({"time", "height"}): "track",
+    frozenset({"speed", "restitution"}): "pairs",
+    frozenset({"speed_in", "restitution"}): "pairs",
+    frozenset({"speed_in", "speed_out"}): "speeds",
+    frozenset({"time", "force"}): "force",
+    frozenset({"penetration", "rate", "force"}): "loop",
+}
+KINDS = ("sound", *dict.fromkeys(_KINDS.values()))
+_EXPECTED = "columns such as time [s], height [cm], speed [m/s],restitution or v_in [m/s],v_out [m/s]"
+_MOST_TOUCHES = 60
+_MOST_PAIRS = 500  # a dozen seconds; they are as many unknowns
+_LEAST_SAMPLES = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """The columns of a table by what they are: SI, shape (n,); uncertainties under "u_" and the name."""
+
+    table: Table
+    places: dict[str, int]
+
+    def get(self, role: str) -> Floats:
+        """A column that is there."""
+        return self.table.column(self.places[role], _NAMES[role.removeprefix("u_")][0])
+
+    def uncertainty(self, role: str) -> Floats:
+        """The standard uncertainties of a column, 0 where none are given."""
+        name = f"u_{role}"
+        if name not in self.places:
+            return np.zeros(len(self.table.cells))
+        values = self.get(name)
+        self.require(name, values >= 0, "0 or more")
+        return values
+
+    def require(self, role: str, good: ArrayLike, expected: str) -> None:
+        """Raise UserError for the first row that is not good."""
+        bad = np.flatnonzero(~np.asarray(good, dtype=bool))
+        if bad.size:
+            i = int(bad[0])
+            cell = self.table.cells[i][self.places[role]].strip()
+            name = self.table.header[self.places[role]][0]
+            where = f"{self.table.name}, line {self.table.lines[i]}"
+            raise UserError(where, f"{sanitized(name)} {sanitized(cell)}", expected)
+
+
+def columns_of(table: Table) -> Columns:
+    """Which column is what, by the names in the header. Raises UserError for a name that says nothing."""
+    places: dict[str, int] = {}
+    for i, (name, _) in enumerate(table.header):
+        role = _role(name)
+        if not role:
+            got = f"a column {sanitized(name)!r}"
+            raise UserError(table.name, got, _EXPECTED, "Leave other columns out")
+        if role in places:
+            raise UserError(table.name, f"two columns of {role.replace('u_', 'uncertainty of ')}", "one")
+        places[role] = i
+    return Columns(table, places)
+
+
+def _role(name: str) -> str:
+    name = " ".join(name.split())
+    if name in _ROLE_OF:
+        return _ROLE_OF[name]
+    for bare in [name.removeprefix(b) for b in _BEFORE] + [name.removesuffix(a) for a in _AFTER]:
+        if bare != name and bare.strip() in _ROLE_OF:
+            return f"u_{_ROLE_OF[bare.strip()]}"
+    return ""
+
+
+def read_dataset(
+    path: Path, setup: MeasurementSetup, kind: str | None = None, touches: range | None = None
+) -> Dataset:
+    """The data set in a file.
+
+    kind: one of KINDS, in place of what the header says. touches: of a recording, which of the touches found
+    to take, from 1. Raises UserError with the file, the line, what it has and what was expected.
+    """
+    if kind == "sound" or (kind is None and is_wav(path)):
+        return _sound(path, setup, touches)
+    if touches is not None:
+        raise UserError("touches", f"given for {sanitized(path.name)}, which is no recording", "a .wav")
+    lines = read_lines(path)
+    if kind in (None, "times") and (times := phyphox_times(path, lines)) is not None:
+        return _touch_times(sanitized(path.name), setup, times)
+    table = (tracker_table(path, lines) if kind in (None, "track") else None) or read_table(path, lines)
+    columns = columns_of(table)
+    named = frozenset(role for role in columns.places if not role.startswith("u_"))
+    found = _KINDS.get(named) if kind is None else kind
+    if found is None:
+        names = ", ".join(columns.table.header[i][0] for i in columns.places.values())
+        raise UserError(columns.table.name, f"columns {sanitized(names)}", _EXPECTED)
+    if found in ("force", "loop"):
+        raise UserError(columns.table.name, "forces among other files", "one file of forces alone")
+    needed = next(roles for roles, name in _KINDS.items() if name == found)
+    if kind is not None and not needed <= named:
+        missing = ", ".join(sorted(needed - named))
+        raise UserError(columns.table.name, f"no column {missing}", f"what --as {kind} needs")
+    with computed(columns.table.name):
+        return _READERS[found](columns, setup)
+
+
+def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> ForceFit | None:
+    """The fit of a file of forces; None for any other. kind: as for `read_dataset`."""
+    if kind not in (None, "force", "loop") or is_wav(path):
+        return None
+    lines = read_lines(path)
+    if phyphox_times(path, lines) is not None or tracker_table(path, lines) is not None:
+        return None
+    columns = columns_of(read_table(path, lines))
+    if "force" not in columns.places:
+        return None
+    if kind != "force" and {"penetration", "rate"} <= columns.places.keys():
+        x, v, force = (columns.get(role) for role in ("penetration", "rate", "force"))
+        with computed(columns.table.name):
+            return fit_loop(columns.table.name, x, v, force, setup.exponent)
+    if "time" not in columns.places:
+        raise UserError(columns.table.name, "force without time, or penetration and rate", _EXPECTED)
+    time = columns.get("time")
+    columns.require("time", np.concatenate([[True], np.diff(time) > 0]), "times that rise")
+    with computed(columns.table.name):
+        return fit_pulse(columns.table.name, setup, time, columns.get("force"))
+
+
+def _sound(path: Path, setup: MeasurementSetup, touches: range | None) -> Dataset:
+    recording = read_recording(path)
+    picks = find_touches(recording)
+    if touches is not None:
+        kept = np.isin(np.arange(1, len(picks.times) + 1), touches)
+        picks = replace(picks, times=picks.times[kept], numbers=picks.numbers[kept], level=picks.level[kept])
+    least = 3 if setup.height is not None else 4
+    if len(picks.times) < least:
+        raise too_few_touches(recording.name, len(picks.times), least)
+    return TouchTimes(recording.name, setup, picks.times, picks.numbers, picks, recording)
+
+
+def _times(columns: Columns, setup: MeasurementSetup) -> Dataset:
+    times = columns.get("time")
+    columns.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
+    return _touch_times(columns.table.name, setup, times)
+
+
+def _touch_times(name: str, setup: MeasurementSetup, times: Floats) -> Dataset:
+    if (np.diff(times) <= 0).any():
+        raise UserError(name, "times that fall", "times that rise")
+    least = 3 if setup.height is not None else 4
+    if len(times) < least:
+        raise too_few_touches(name, len(times), least)
+    _require_few(name, len(times), "times")
+    if setup.contact_time.value >= np.diff(times).min():
+        got = f"{setup.contact_time.value:g} s, and two touches {np.diff(times).min():.3g} s apart"
+        raise UserError("contact-time", got, "less than from one touch to the next")
+    return TouchTimes(name, setup, times)
+
+
+def _require_few(name: str, count: int, what: str) -> None:
+    if count > _MOST_TOUCHES:
+        got, todo = f"{count} {what}", "Leave out the rattle at the end"
+        raise UserError(name, got, f"up to {_MOST_TOUCHES} touches of one ball", todo)
+
+
+def too_few_touches(name: str, count: int, least: int) -> UserError:
+    """What is refused, and why."""
+    why = "Times alone give the speeds of the flights only: two flights are one e, with no check of it"
+    todo = why if count == 3 else "Record more bounces" + ("" if least == 3 else ", or give --height")
+    return UserError(name, f"{count} touches", f"{least} or more{' without --height' * (least == 4)}", todo)
+
+
+def _heights(columns: Columns, setup: MeasurementSetup) -> Dataset:
+    heights = columns.get("height")
+    columns.require("height", heights > 0, "above 0: the bottom of the ball above the plate")
+    if setup.height is not None and len(heights) and abs(heights[0] / setup.height.value - 1.0) < 1e-6:
+        heights = heights[1:]  # the drop itself
+    columns.require(
+        "height", np.concatenate([[True], np.diff(columns.get("height")) < 0]), "heights that fall"
+    )
+    _require_few(columns.table.name, len(heights), "heights")
+    given = columns.uncertainty("height")
+    least = 2 if setup.height is not None else 3
+    if len(heights) < least:
+        got = f"{len(heights)} heights"
+        raise UserError(columns.table.name, got, f"{least} or more bounces", "Fewer have no check")
+    if setup.height is not None and heights[0] >= setup.height.value:
+        got = f"the first bounce rises to {heights[0]:.4g} m, let go at {setup.height.value:.4g} m"
+        raise UserError("height", got, "a bounce below the drop")
+    return Heights(columns.table.name, setup, heights, float(given.mean()) if given.any() else None)
+
+
+def _pairs(columns: Columns, setup: MeasurementSetup) -> Dataset:
+    role = "speed" if "speed" in columns.places else "speed_in"
+    speed, e = columns.get(role), columns.get("restitution")
+    columns.require(role, speed > 0, "a speed above 0")
+    columns.require("restitution", (e >= 0) & (e <= 1.2), "0 ... 1")
+    uncertain = columns.uncertainty(role), columns.uncertainty("restitution")
+    return _checked_pairs(SpeedPairs(columns.table.name, setup, speed, e, *uncertain))
+
+
+def _speeds(columns: Columns, setup: MeasurementSetup) -> Dataset:
+    before, after = columns.get("speed_in"), columns.get("speed_out")
+    columns.require("speed_in", before > 0, "a speed above 0")
+    columns.require("speed_out", (after >= 0) & (after <= 1.2 * before), "from 0 to the speed in")
+    u_in, u_out = columns.uncertainty("speed_in"), columns.uncertainty("speed_out")
+    name = columns.table.name
+    return _checked_pairs(SpeedPairs(name, setup, before, after / before, u_in, u_out / before, twice=True))
+
+
+def _checked_pairs(pairs: SpeedPairs) -> SpeedPairs:
+    if len(pairs.speed) > _MOST_PAIRS:
+        got = f"{len(pairs.speed)} impacts"
+        raise UserError(pairs.name, got, f"up to {_MOST_PAIRS}", "Average those of nearly one speed")
+    if len(pairs.speed) < 3:
+        got = f"{len(pairs.speed)} impacts"
+        raise UserError(pairs.name, got, "3 or more", "Fewer say nothing of how far to trust them")
+    if not (pairs.restitution > 0.0).any():
+        raise UserError(
+            pairs.name, "no impact rebounds: a rest only", "e above 0", "α cannot be known from it"
+        )
+    return pairs
+
+
+def _track(columns: Columns, setup: MeasurementSetup) -> Dataset:
+    times, heights = columns.get("time"), columns.get("height")
+    columns.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
+    if len(times) < _LEAST_SAMPLES:
+        raise UserError(columns.table.name, f"{len(times)} points", f"{_LEAST_SAMPLES} or more of a track")
+    return track_of(columns.table.name, setup, times, heights)
+
+
+_READERS: dict[str, Callable[[Columns, MeasurementSetup], Dataset]] = {
+    "times": _times,
+    "track": _track,
+    "heights": _heights,
+    "pairs": _pairs,
+    "speeds": _speeds,
+}

@@ -1,0 +1,100 @@
+"""What is known of a measurement besides its data."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from hcbench._arguments import checked_fields
+from hcbench.errors import UserError
+from hcbench.fitting.flight import DRAG_COEFFICIENT, DRAG_COEFFICIENT_UNCERTAINTY, Ballistics, in_air
+from hcbench.laws.require import require
+from hcbench.units import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+# Over the Earth g is 9.764 ... 9.834 m/s²: as a standard deviation, (9.834 - 9.764)/(2 sqrt 3).
+GRAVITY_UNCERTAINTY = 0.02
+HEIGHT_UNCERTAINTY = 1e-3  # m
+_SMALLEST, _LARGEST = 1e-9, 1e9  # of what anybody measures of bounces
+
+
+@checked_fields
+@dataclass(frozen=True, slots=True)
+class Known:
+    """A number and its standard uncertainty, SI."""
+
+    value: float
+    uncertainty: float = 0.0
+
+    def __post_init__(self) -> None:
+        require("value", self.value, math.isfinite(self.value), "a finite number")
+        require("uncertainty", self.uncertainty, 0 <= self.uncertainty < math.inf, "0 or more")
+
+
+@checked_fields
+@dataclass(frozen=True, slots=True)
+class MeasurementSetup:
+    """SI. height: of the bottom of the ball above the plate where it was let go; None: unknown.
+
+    mass, diameter: both or none, of the ball; with both, flights have drag, buoyancy and added mass.
+    contact_time: of the first impact; the others last longer as v^(-1/5), as spheres do.
+    timing: standard uncertainty of each time in s; None: to be found. speed, exponent: of the approach (m/s)
+    and n of the law, for forces.
+    """
+
+    gravity: Known = Known(STANDARD_GRAVITY, GRAVITY_UNCERTAINTY)
+    height: Known | None = None
+    mass: Known | None = None
+    diameter: Known | None = None
+    drag_coefficient: Known = Known(DRAG_COEFFICIENT, DRAG_COEFFICIENT_UNCERTAINTY)
+    contact_time: Known = Known(0.0)
+    timing: float | None = None
+    speed: Known | None = None
+    exponent: float | None = None
+
+    def __post_init__(self) -> None:
+        for slot in ("gravity", "height", "mass", "diameter", "drag_coefficient", "speed"):
+            known = getattr(self, slot)
+            if known is not None and not _SMALLEST <= known.value <= _LARGEST:
+                expected = f"above 0: {_SMALLEST:g} ... {_LARGEST:g} in SI units"
+                raise UserError(slot.replace("_", "-"), f"{known.value:g}", expected)
+        if self.timing is not None:
+            require("timing", self.timing, _SMALLEST <= self.timing <= _LARGEST, "seconds above 0")
+        if self.exponent is not None:
+            require("exponent", self.exponent, 1 <= self.exponent <= 10, "n within 1 ... 10")
+        if self.contact_time.value < 0:
+            raise UserError("contact-time", f"{self.contact_time.value:g} s", "0 s or more")
+        if self.diameter is not None and self.mass is None:
+            raise UserError("diameter", "given without --mass", "both, for the drag of the air")
+        if self.has_air and not 0 < self.ballistics.drag < float("inf"):
+            raise UserError("mass", "lighter than the air that the ball displaces", "a heavier ball")
+
+    @property
+    def drop(self) -> float | None:
+        """The height where the ball was let go, m, if given."""
+        return None if self.height is None else self.height.value
+
+    @property
+    def has_air(self) -> bool:
+        """Whether flights are in air."""
+        return self.mass is not None and self.diameter is not None
+
+    @property
+    def ballistics(self) -> Ballistics:
+        """How the ball flies."""
+        if self.mass is None or self.diameter is None:
+            return Ballistics(self.gravity.value)
+        return in_air(self.gravity.value, self.mass.value, self.diameter.value, self.drag_coefficient.value)
+
+    def perturbed(self) -> Iterator[tuple[str, float, MeasurementSetup]]:
+        """Each uncertain input: its name, standard uncertainty, and the setup with it off by that much."""
+        names = ["gravity", "contact_time"]
+        names += ["mass", "diameter", "drag_coefficient"] if self.has_air else []
+        for name in names:
+            known: Known = getattr(self, name)
+            if known.uncertainty > 0:
+                shifted = Known(known.value + known.uncertainty, known.uncertainty)
+                yield name, known.uncertainty, replace(self, **{name: shifted})  # type: ignore[arg-type]

@@ -1,0 +1,231 @@
+"""What a fit found, for a terminal, as JSON, and as points of e over speed."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench._text import table
+from hcbench.fitting.candidates import LAWS
+from hcbench.fitting.datasets import TouchTimes
+from hcbench.fitting.result import WITH_E0
+
+if TYPE_CHECKING:
+    from hcbench.fitting.estimate import LawFit
+    from hcbench.fitting.result import Estimate, FitResult
+    from hcbench.impact import Floats
+
+SCHEMA = 1
+_POINTS = 20
+_BAND_POINTS = 25
+
+
+def with_uncertainty(value: float, uncertainty: float) -> str:
+    """ "0.3127 +- 0.0043": two digits of uncertainty."""
+    if not uncertainty > 0 or not math.isfinite(uncertainty):
+        return f"{value:.6g} +- 0"
+    if uncertainty > 1e4:
+        digits = max(2, math.floor(math.log10(abs(value))) - math.floor(math.log10(uncertainty)) + 2)
+        return f"{value:.{digits - 1}e} +- {uncertainty:.1e}"
+    digits = max(0, 1 - math.floor(math.log10(uncertainty)))
+    return f"{value:.{digits}f} +- {uncertainty:.{digits}f}"
+
+
+def speeds_over(result: FitResult, count: int) -> Floats:
+    """Even speeds over the range that the data hold, m/s."""
+    return np.linspace(*result.speeds, count)
+
+
+def band(result: FitResult, count: int = _BAND_POINTS) -> tuple[Floats, Floats, Floats, Floats]:
+    """Speeds, e of the law chosen or likeliest, and its 95 % band: four arrays (count,)."""
+    fit = result.best
+    speeds = speeds_over(result, count)
+    estimate = {"hunt-crossley": result.alpha, "constant": result.restitution}.get(fit.law.name)
+    keep = fit.posterior.weight > 1e-4 * fit.posterior.weight.max()
+    curves = np.array(
+        [
+            [fit.law.curve(tuple(p), fit.reference).at(v) for v in speeds]
+            for p in fit.posterior.parameters[keep]
+        ]
+    )
+    kept = dataclasses.replace(
+        fit.posterior, weight=fit.posterior.weight[keep] / fit.posterior.weight[keep].sum()
+    )
+    low, middle, high = np.array([kept.quantiles(curves[:, i], (0.025, 0.5, 0.975)) for i in range(count)]).T
+    if estimate is not None and estimate.value > 0:  # what g, height and the like add
+        wider = (estimate.high - estimate.low) / max(_width(result, fit), 1e-300)
+        low, high = middle - wider * (middle - low), middle + wider * (high - middle)
+    return speeds, middle, low, np.minimum(high, 1.0)
+
+
+def _width(result: FitResult, fit: LawFit) -> float:
+    name = result.budget.parameter if fit.law.name != "constant" else "restitution"
+    values = np.array([fit.law.describe(tuple(p), fit.reference)[name] for p in fit.posterior.parameters])
+    low, high = fit.posterior.quantiles(values, (0.025, 0.975))
+    return high - low
+
+
+def limit_of(result: FitResult) -> float:
+    """The |e - wanted| up to which a model is within the measurement, rounded up to two digits."""
+    _, e, low, high = band(result)
+    off = max(float((high - e).max()), float((e - low).max()), 1e-4)
+    step = 10.0 ** (math.floor(math.log10(off)) - 1)
+    return float(min(1.0, math.ceil(off / step - 1e-9) * step))
+
+
+def as_text(result: FitResult, engine: str) -> str:
+    """All of it, for a terminal."""
+    rows = headline(result)
+    width = max(map(len, rows))
+    top = [f"{name:<{width}}  {value}" for name, value in rows.items()]
+    lines = [*top, *_heard(result), "", *_laws(result), "", *_budget(result)]
+    lines += [
+        f"look at: {flag.file}, {flag.touch}: {flag.what} by {flag.sigmas:.1f} standard deviations; kept"
+        for flag in result.flags
+    ]
+    lines += [f"look at: {warning}" for warning in result.warnings]
+    return "\n".join([*lines, "", *next_lines(result, engine)]) + "\n"
+
+
+def headline(result: FitResult) -> dict[str, str]:
+    """What was found, row by row."""
+    low, high = result.speeds
+    count = sum(len(s.pairs()[0]) for s in result.sets)
+    rows = {"data": ", ".join(f"{s.name}: {s.kind}" for s in result.sets) + f"; {count} impacts"}
+    rows["law"] = result.law or "cannot tell: several laws are left, below"
+    if result.asked != "auto":
+        rows["law"] += ", as asked for"
+    if result.alpha is not None:
+        a, on = result.alpha, "" if result.law else ", if it is hunt-crossley"
+        rows["α"] = _shown(a, " s/m") + on
+    if result.e0 is not None:
+        e0 = result.e0
+        on = "" if result.law == WITH_E0 else ", if there is one"
+        rows["constant loss e0"] = _shown(e0) + on
+    if result.restitution is not None:
+        e, on = result.restitution, "" if result.law else ", if it is constant"
+        rows["e"] = _shown(e) + on
+    rows["holds for"] = f"impact speeds of {low:.3g} ... {high:.3g} m/s"
+    best = result.best
+    noise = ", ".join(
+        f"{n:.2g} {s.noise_unit}".strip()
+        for s, n in zip(result.sets, best.noise, strict=True)
+        if s.known_noise is None
+    )
+    rows["found"] = f"e scatters by {100 * best.scatter:.2g} %" + (f"; measured to {noise}" if noise else "")
+    return rows
+
+
+def _shown(estimate: Estimate, unit: str = "") -> str:
+    interval = f"95 %: {estimate.low:.4g} ... {estimate.high:.4g}"
+    return f"{with_uncertainty(estimate.value, estimate.uncertainty)}{unit}, {interval}{unit}"
+
+
+def _heard(result: FitResult) -> list[str]:
+    """The touches found in recordings."""
+    lines = []
+    for s in result.sets:
+        if isinstance(s, TouchTimes) and s.picks is not None:
+            shown = zip(s.picks.numbers, s.picks.times, s.picks.level, strict=True)
+            rows = [(f"{n + 1}", f"{t:.5f}", f"{level:.0f}") for n, t, level in shown]
+            lines += ["", f"{s.name}: touches heard above {s.picks.band:g} Hz"]
+            lines += table(("touch", "s", "dB over the noise"), rows)
+    return lines
+
+
+def _laws(result: FitResult) -> list[str]:
+    rows = [
+        (fit.law.name, LAWS[fit.law.name].formula, f"{fit.log_evidence:.2f}", odds_text(odds))
+        for fit, odds in zip(result.fits, result.odds, strict=True)
+    ]
+    return table(("law", "e", "ln likelihood", "odds"), rows)
+
+
+def odds_text(odds: float) -> str:
+    """ "27 : 1"."""
+    return f"{odds:.3g} : 1" if odds >= 1 else f"1 : {1 / odds:.3g}"
+
+
+def _budget(result: FitResult) -> list[str]:
+    unit = " s/m" if result.budget.parameter == "alpha" else ""
+    name = "α" if result.budget.parameter == "alpha" else result.budget.parameter
+    rows = [(row.source, row.kind, f"{row.share:.2g}{unit}") for row in result.budget.rows]
+    lines = table(("where it comes from", "type", f"adds to {name}"), rows)
+    if result.budget.left_out:
+        lines.append(
+            f"left out: contacts; 0.1 ms each would change {name} by {result.budget.left_out:+.2g}{unit}"
+        )
+    if any(s.needs_gravity for s in result.sets) and not result.sets[0].setup.has_air:
+        lines.append("left out: the air, which --mass and --diameter take in; table tennis balls need it")
+    return lines
+
+
+def next_lines(result: FitResult, engine: str) -> list[str]:
+    """What to type next."""
+    low, high = result.speeds
+    limit = limit_of(result)
+    if result.law == "hunt-crossley" and result.alpha is not None:
+        what = check = f'--alpha "{with_uncertainty(result.alpha.value, result.alpha.uncertainty)} s/m"'
+    elif result.law == "constant" and result.restitution is not None:
+        what = check = f"--restitution {result.restitution.value:.6g}"
+    else:
+        what, check = "--points points.csv", "--pairs points.csv"
+    speeds = f'--speeds "{low:.3g}:{high:.3g} m/s"'
+    lines = ["next:"]
+    if "points" in what:
+        lines.append("  (after --write-points points.csv: no one parameter stands for this curve)")
+    return [
+        *lines,
+        f"  hcbench tune {engine} {what} --timestep 1e-3 {speeds}",
+        f"  hcbench check MODEL --pair BALL,PLATE {check} {speeds} --max-error {limit:.2g}",
+    ]
+
+
+def as_record(result: FitResult) -> dict[str, Any]:
+    """What `--json` prints; None where a number does not apply."""
+    best, alpha, e = result.best, result.alpha, result.restitution
+    return {
+        "schema": SCHEMA,
+        "kind": "hcbench fit",
+        "files": [{"name": s.name, "kind": s.kind, "impacts": len(s.pairs()[0])} for s in result.sets],
+        "law": result.law,
+        "law_asked": result.asked,
+        "alpha_s_per_m": alpha and alpha.value,
+        "alpha_standard_uncertainty_s_per_m": alpha and alpha.uncertainty,
+        "alpha_interval_95_s_per_m": alpha and [alpha.low, alpha.high],
+        "restitution": e and e.value,
+        "restitution_standard_uncertainty": e and e.uncertainty,
+        "restitution_interval_95": e and [e.low, e.high],
+        "constant_loss_e0": result.e0 and dataclasses.asdict(result.e0),
+        "speed_range_m_per_s": list(result.speeds),
+        "scatter": best.scatter,
+        "noise": [
+            {"file": s.name, "value": n, "unit": s.noise_unit, "given": s.known_noise is not None}
+            for s, n in zip(result.sets, best.noise, strict=True)
+        ],
+        "laws": [
+            {
+                "law": fit.law.name,
+                "log_likelihood": fit.log_evidence,
+                "odds": odds,
+                "parameters": fit.law.describe(tuple(fit.parameters), fit.reference),
+            }
+            for fit, odds in zip(result.fits, result.odds, strict=True)
+        ],
+        "flagged": [dataclasses.asdict(flag) for flag in result.flags],
+        "warnings": list(result.warnings),
+        "budget": dataclasses.asdict(result.budget),
+        "max_error": limit_of(result),
+    }
+
+
+def points_text(result: FitResult) -> str:
+    """e over speed as a CSV that `tune --points` and `check --pairs` read."""
+    speeds = speeds_over(result, _POINTS)
+    curve = result.best.curve
+    law = result.law or f"{result.best.law.name}, the likeliest; others are not ruled out"
+    rows = [f"{v:.6g},{min(1.0, curve.at(float(v))):.6g}" for v in speeds]
+    return "\n".join([f"# {law}", "speed [m/s],restitution", *rows]) + "\n"

@@ -1,0 +1,224 @@
+"""A track, height over time: the whole path is fitted at once, flights, touches and all."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from scipy.signal import find_peaks
+
+from hcbench.errors import UserError
+from hcbench.fitting.datasets import Dataset, bounce_train, drop_prior, pairs_of_launches
+from hcbench.fitting.linear import LinearModel
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.fitting.candidates import FittedCurve
+    from hcbench.fitting.estimate import LawFit
+    from hcbench.fitting.setup import MeasurementSetup
+    from hcbench.impact import Floats
+
+_SIGMAS = 7.0  # of the noise, that flights must be higher than to be looked for
+_FOLLOWS = 5.0  # the same of flights that follow on one another: where they are is known
+_SHARE = 0.005  # of the highest point, likewise
+_LEAST_FRAMES = 4  # of a flight
+_UNSURE = 0.1  # of the last flight: whether its end is still flight, nothing after it tells
+_FALLEN = 0.05  # share of the drop after which the ball is falling freely for sure
+_OFF = 3.0  # standard deviations of g from which on the scale or the clock is called wrong
+_NEAR = 0.01  # of g: less is no concern, whatever the standard deviation
+
+
+@dataclass(frozen=True, slots=True)
+class Track(Dataset):
+    """times, heights: (n,), s and m, of any point of the ball over any level.
+
+    touch_times: (k,), s, floor and drop, m: to start from; drop: None where the track does not begin with the
+    ball let go.
+    Own parameters: height of the floor, time of the first touch, ln of the speed of the first touch where it
+    begins with a fall, else of the first launch.
+    """
+
+    name: str
+    setup: MeasurementSetup
+    times: Floats
+    heights: Floats
+    touch_times: Floats
+    floor: float
+    drop: float | None
+    noise_scale: ClassVar[float] = 1e-3
+    noise_unit: ClassVar[str] = "m"
+
+    @property
+    def kind(self) -> str:
+        """What it is called."""
+        return "track"
+
+    @property
+    def _drop(self) -> float | None:
+        return self.drop if self.setup.drop is None else self.setup.drop
+
+    @property
+    def _dropped(self) -> bool:
+        return self._drop is not None
+
+    def _launches(self) -> Floats:
+        return 0.5 * self.setup.ballistics.gravity * np.diff(self.touch_times)
+
+    def pairs(self) -> tuple[Floats, Floats]:
+        """Impact speeds (m/s) and e as one would read them off."""
+        return pairs_of_launches(self._launches(), self.setup, self._drop)
+
+    def start(self) -> Floats:
+        """Own parameters to start from."""
+        first = float(self._launches()[0])
+        if self._drop is not None:
+            first = self.setup.ballistics.dropped(self._drop)[0]
+        return np.array([self.floor, self.touch_times[0], math.log(first)])
+
+    def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
+        """The linear model about a law, own parameters and changes of e."""
+        ball, q = self.setup.ballistics, curve.count
+        first = math.exp(own[2])
+        train = bounce_train(curve, ball, first, latent, self._dropped)
+        aloft = np.array([ball.aloft(w) for w in train.launch])
+        touch = own[1] + np.concatenate([[0.0], np.cumsum(aloft[:, 0])])
+        touch_by = np.concatenate(
+            [np.zeros((1, train.by.shape[1])), np.cumsum(aloft[:, 1:] * train.by, axis=0)]
+        )
+        which = np.clip(np.searchsorted(touch, self.times, side="right") - 1, -1, len(train.launch) - 1)
+        path, by = np.empty(len(self.times)), np.zeros((len(self.times), train.by.shape[1]))
+        velocity = np.empty(len(self.times))
+        for j in range(-1, len(train.launch)):
+            at = which == j
+            if j < 0:
+                path[at], by[at, 0], velocity[at] = ball.fall(first, own[1] - self.times[at])
+                by[at, 0] *= first
+            else:
+                path[at], slope, velocity[at] = ball.path(train.launch[j], self.times[at] - touch[j])
+                by[at] = slope[:, None] * train.by[j] - velocity[at, None] * touch_by[j]
+        is_known = self.setup.height is not None
+        prior = [
+            (0.0, math.inf),
+            (0.0, math.inf),
+            drop_prior(self.setup, own[2]) if is_known else (0.0, math.inf),
+        ]
+        return LinearModel(
+            residual=self.heights - own[0] - path + by[:, 1 + q :] @ latent,
+            by_own=np.stack([np.ones(len(path)), -velocity, by[:, 0]], axis=1),
+            by_law=by[:, 1 : 1 + q],
+            by_scatter=by[:, 1 + q :],
+            shape=np.ones(len(path)),
+            prior=np.array(prior),
+        )
+
+    def touches(self) -> list[str]:
+        """What each column of by_scatter is."""
+        named = [f"touch {i + 1} at {t:.3f} s" for i, t in enumerate(self.touch_times)]
+        return named[0 if self._dropped else 1 : -1]
+
+
+def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats) -> Track:
+    """A track with its touches found. Raises UserError where there are too few."""
+    noise = float(np.median(np.abs(np.diff(heights, 3)))) / (0.6745 * math.sqrt(20.0))
+    least, follows = (max(n * noise, _SHARE * float(np.ptp(heights))) for n in (_SIGMAS, _FOLLOWS))
+    lows = find_peaks(-heights, prominence=least)[0]
+    lows = lows[: 1 + int(np.argmax(np.append(np.diff(lows) < _LEAST_FRAMES, True)))]
+    if not len(lows):
+        raise _too_few(name, 0)
+    floor, g = float(np.median(heights[lows])), setup.ballistics.gravity
+    frame = float(np.median(np.diff(times)))
+    for i, (a, b) in enumerate(itertools.pairwise(lows)):
+        flight = math.sqrt(8.0 * (float(heights[a:b].max()) - floor) / g)
+        if abs(times[b] - times[a] - flight) > max(0.2 * flight, 2.5 * frame):  # no flight, but noise
+            lows = lows[: i + 1]
+            break
+    top = float(heights[: lows[0]].max(initial=floor))
+    gone = np.flatnonzero(heights[: lows[0]] > top - max(_FALLEN * (top - floor), 3.0 * noise))
+    begin = int(gone[-1]) + 1 if gone.size else 0
+    has_fall = int(lows[0]) - begin >= _LEAST_FRAMES
+    touches = times[lows].tolist()
+    for _ in range(2):
+        touches = _extended(touches, times, heights - floor, follows, frame, g)
+        touches, floor = _refined(touches, times[begin:], heights[begin:], floor, frame, g)
+    if len(touches) < (2 if has_fall or setup.height is not None else 4):
+        raise _too_few(name, len(touches))
+    end = touches[-1] - _UNSURE * (touches[-1] - touches[-2])
+    kept = (times >= times[begin] if has_fall else times > touches[0]) & (times < end)
+    drop = top - floor if has_fall else None
+    return Track(name, setup, times[kept], heights[kept], np.array(touches), floor, drop)
+
+
+def _refined(
+    touches: list[float], times: Floats, heights: Floats, floor: float, frame: float, gravity: float
+) -> tuple[list[float], float]:
+    """Touches where arcs before and after them meet, the last where its arc meets the floor; the floor."""
+    ends = [float(times[0]) - frame, *touches]
+    inside = [(times > a + 0.5 * frame) & (times < b - 0.5 * frame) for a, b in itertools.pairwise(ends)]
+    raised = heights + 0.5 * gravity * times**2  # straight lines, in free flight
+    arcs = [np.polyfit(times[at], raised[at], 1) if at.sum() > 1 else None for at in inside]
+    refined, levels = list(touches), []
+    for i, (before, after) in enumerate(itertools.pairwise(arcs)):
+        if before is not None and after is not None:
+            t = (after[1] - before[1]) / (before[0] - after[0])
+            if abs(t - touches[i]) < 2.0 * frame:
+                refined[i] = float(t)
+                levels.append(float(np.polyval(before, t) - 0.5 * gravity * t**2))
+    floor = float(np.median(levels)) if levels else floor
+    if arcs[-1] is not None:
+        b, c = arcs[-1]
+        refined[-1] = float((b + math.sqrt(max(b**2 + 2.0 * gravity * (c - floor), 0.0))) / gravity)
+    return refined, floor
+
+
+def _extended(
+    touches: list[float], times: Floats, heights: Floats, least: float, frame: float, gravity: float
+) -> list[float]:
+    """Touches, and those after them that the heights of flights tell, however few frames show them.
+
+    heights: over the floor. least: m, of a flight that is one.
+    """
+    while True:
+        window = touches[-1] - touches[-2] if len(touches) > 1 else times[-1] - touches[-1]
+        after = heights[(times > touches[-1] + 0.5 * frame) & (times < touches[-1] + window)]
+        flight = math.sqrt(8.0 * max(float(after.max(initial=0.0)), 0.0) / gravity)
+        is_seen = gravity * flight**2 / 8.0 > least and flight > _LEAST_FRAMES * frame
+        if not is_seen or flight > window or touches[-1] + flight > times[-1]:
+            return touches
+        touches = [*touches, touches[-1] + flight]
+
+
+def _too_few(name: str, count: int) -> UserError:
+    todo = "Film the fall and more bounces, or faster: a flight needs four frames"
+    return UserError(name, f"{count} touches in the track", "more", todo)
+
+
+def scale_warnings(fit: LawFit, sets: Sequence[Dataset]) -> list[str]:
+    """Tracks whose flights fall with another g than the one given: a wrong scale or frame rate.
+
+    What the fit leaves of each flight is a parabola then, whatever the law.
+    """
+    found = []
+    for s, latent, model, noise in zip(sets, fit.latent, fit.models, fit.noise, strict=True):
+        if not isinstance(s, Track):
+            continue
+        left = model.residual - model.by_scatter @ latent
+        weights, values = [1e-300], [0.0]
+        for a, b in itertools.pairwise([-math.inf, *s.touch_times]):
+            at = (s.times > a) & (s.times < b)
+            if at.sum() < _LEAST_FRAMES:
+                continue
+            matrix = np.vander(s.times[at] - s.times[at].mean(), 3)
+            values.append(-2.0 * float(np.linalg.lstsq(matrix, left[at], rcond=None)[0][0]))
+            weights.append(1.0 / (4.0 * noise**2 * float(np.linalg.inv(matrix.T @ matrix)[0, 0])))
+        g = s.setup.ballistics.gravity
+        off, sd = float(np.average(values, weights=weights)) / g, 1.0 / (g * math.sqrt(sum(weights)))
+        if abs(off) > max(_OFF * sd, _NEAR):
+            found.append(
+                f"{s.name}: its flights fall with {100 * (1 + off):.1f} +- {100 * sd:.1f} % of the g given: "
+                "look at the scale and the frame rate, which count fully in α"
+            )
+    return found

@@ -1,0 +1,129 @@
+"""Suspects that need no engine: what may keep any pair from bouncing as expected, read from its impacts."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from hcbench.impact import Impact, Status
+from hcbench.laws.restitution import RestitutionCurve
+from hcbench.measuring.measurement import NOTABLE_GAIN, TOLERANCE
+from hcbench.sim.model_under_test import Suspect
+
+FEW_STEPS = 12  # in contact, up to which the phase of the touch decides about e
+NOTABLE_GRAVITY = TOLERANCE  # of the impact speed, gained in a step or a contact: e then shifts by as much
+BOUNCY = 0.9  # the e that a fix is written for where nobody said which is wanted
+
+
+@dataclass(frozen=True, slots=True)
+class StepFix:
+    """How an engine's user sets its time step, to write fixes with.
+
+    timestep: s, the model's own. text: what to write, with {} for the step. apply: called with a model and
+        `timestep`, sets it there.
+    """
+
+    timestep: float
+    text: str
+    apply: Callable[..., None]
+
+    def to(self, timestep: float) -> tuple[str, Callable[[Any], None]]:
+        """(text, apply) of the fix that sets this step, s."""
+        return self.text.format(f"{timestep:.6g}"), partial(self.apply, timestep=timestep)
+
+
+def speeds_of(impacts: Sequence[Impact]) -> list[float]:
+    """Launch speeds, m/s; at touch of bodies that fall from a height."""
+    fell = [i.launch.height is not None and math.isfinite(i.speed_in) for i in impacts]
+    return [i.speed_in if falls else i.launch.speed for i, falls in zip(impacts, fell, strict=True)]
+
+
+def constant_e(impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> float | None:
+    """The one e for a fix that is constant in speed: the mean of what is wanted at the lowest and the highest
+    speed. None where nobody said what is wanted.
+    """
+    if wanted is None:
+        return None
+    speeds = speeds_of(impacts)
+    ends = wanted.at(np.array([min(speeds), max(speeds)]))
+    return float(np.clip(ends.mean(), 0.0, 1.0))
+
+
+def energy_gain(impacts: Sequence[Impact], step: StepFix) -> Iterator[Suspect]:
+    """The body leaves faster than it came."""
+    gain, samples = _gain(impacts)
+    if gain <= 1 + NOTABLE_GAIN:
+        return
+    text, apply = step.to(step.timestep * min(0.05, max(samples, 1) / 200))
+    yield Suspect(
+        "energy-gain",
+        "The bounce makes energy from nothing: the step does not resolve the contact.",
+        f"e up to {gain:.4g} with {samples} steps in contact",
+        text,
+        apply,
+    )
+
+
+def few_steps(impacts: Sequence[Impact], step: StepFix, softer: str) -> Iterator[Suspect]:
+    """Too few steps in contact, without a gain of energy. softer: what else would help."""
+    gain, samples = _gain(impacts)
+    if gain > 1 + NOTABLE_GAIN or not 0 < samples <= FEW_STEPS:
+        return
+    text, apply = step.to(step.timestep * samples / 60)
+    yield Suspect(
+        "few-steps",
+        "Too few steps in contact: where in a step the touch falls decides about e.",
+        f"{samples} steps in contact at {step.timestep:g} s; 20 or more are needed",
+        f"{text} or {softer}",
+        apply,
+    )
+
+
+def _gain(impacts: Sequence[Impact]) -> tuple[float, int]:
+    """(largest e, fewest steps in contact) of the impacts that parted; of a body that slides or spins, e that
+    would change the energy as much.
+    """
+    parted = [i for i in impacts if i.status is Status.PARTED]
+    kept = [math.sqrt(max(0.0, 1.0 - i.energy_lost)) for i in parted if not math.isnan(i.energy_lost)]
+    return max(kept, default=0.0), min((i.samples for i in parted), default=0)
+
+
+def gravity(
+    impacts: Sequence[Impact],
+    acceleration: Sequence[float],
+    timestep: float,
+    fix: Callable[[float], str],
+    apply: Callable[[Any], None],
+) -> Iterator[Suspect]:
+    """Gravity does more than its part during a step or a contact.
+
+    acceleration: vector, m/s^2. fix: what to write, of the longest contact (s) that gravity leaves alone.
+    apply: takes gravity away.
+    """
+    g = float(np.linalg.norm(acceleration))
+    slowest = min((i.speed_in for i in impacts if math.isfinite(i.speed_in)), default=0.0)
+    longest = max([timestep, *(i.duration for i in impacts if math.isfinite(i.duration))])
+    if g == 0 or slowest == 0 or g * longest < NOTABLE_GRAVITY * slowest:
+        return
+    yield Suspect(
+        "gravity",
+        "Gravity changes the speed during a step or a contact by a large share of the impact speed.",
+        f"g h = {g * timestep:.3g} m/s a step, {g * longest:.3g} m/s a contact, against {slowest:.3g} m/s",
+        fix(NOTABLE_GRAVITY * slowest / g),
+        apply,
+    )
+
+
+def other_contacts(names: Iterable[str]) -> Iterator[Suspect]:
+    """Other things touch the pair during the impact. names: theirs."""
+    if others := ", ".join(names):
+        yield Suspect(
+            "other-contacts",
+            "Other things touch the two at the same time: e is not that of the pair alone.",
+            others,
+            "a pair that meets before anything else, or a model of the two alone",
+            always_reported=True,
+        )

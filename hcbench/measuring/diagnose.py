@@ -1,0 +1,202 @@
+"""Why a pair does not bounce as asked: every suspect is tried in copies of the model.
+
+All suspects are fixed together first. Then each fix is left out in turn, the least likely first, and stays
+out if the cure is as good without it; the suspects that are left are the causes. So fixes that help only
+together are found, and one that changes nothing is not blamed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.errors import HcbenchError
+from hcbench.impact import Impact, Launch, Status
+from hcbench.measuring.measurement import NOTABLE_GAIN, TOLERANCE, Cause
+from hcbench.sim import simulate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from hcbench.laws.restitution import RestitutionCurve
+    from hcbench.sim.model_under_test import ModelUnderTest, Suspect
+
+    Goal = Callable[[float], float]
+
+_PROBE_PHASES = 4
+_PROBE_STEPS = 20_000  # in contact, for all probes of one trial: slow contacts get fewer probes
+_HALF = 0.5  # of the error: what a fix must take away, where that is less than the tolerance
+_NOTABLE = 0.05  # of the error: what a fix must take away in any case
+_GRADES = 4  # of strength: among equals the order is that of the suspects
+_FLAT = 0.1  # of the span of e that is wanted: a contact whose own e spans less has one e for all speeds
+
+
+def goal_of(asked: Sequence[float], speeds: Sequence[float], wanted: RestitutionCurve | None) -> Goal:
+    """e that a bounce at an approach speed (m/s) should have: what is wanted, or else what the model asks for
+    at `speeds`; NaN where nobody said.
+    """
+    if wanted is not None:
+        return lambda speed: float(wanted.at(speed))
+    if not len(asked):
+        return lambda _: math.nan
+    order = np.argsort(speeds)
+    v, e = np.asarray(speeds)[order], np.clip(np.asarray(asked)[order], 0.0, 1.0)
+    return lambda speed: float(np.interp(speed, v, e))
+
+
+def diagnose(
+    model: ModelUnderTest,
+    impacts: Sequence[Impact],
+    goal: Goal,
+    wanted: RestitutionCurve | None = None,
+    tolerance: float = TOLERANCE,
+) -> tuple[tuple[Cause, ...], str]:
+    """(causes, the strongest first; one sentence on what is left when all of them are fixed).
+
+    goal: e over approach speed that the bounce should have.
+    """
+    suspects = model.suspects(impacts, wanted)
+    assumed = next((s.assumed_e for s in suspects if s.assumed_e is not None), None)
+    goal = goal if assumed is None else (lambda _: assumed)
+    if not _is_off(impacts, goal, tolerance):
+        return tuple(_cause(s) for s in suspects if s.always_reported), ""
+    if suspects and all(s.apply is None for s in suspects):
+        return tuple(map(_cause, suspects)), "None of these could be tried on this model."
+    trials = _Trials(model, _probe_launches(impacts, goal, model.step_cost), goal)
+    suspects += _hidden_suspects(suspects, trials, wanted, tolerance)
+    fixable = [s for s in suspects if s.apply is not None]
+    causes = _tried_causes(fixable, trials, tolerance)
+    causes += [_cause(s) for s in suspects if s.apply is None and s.always_reported]
+    fixes = [s for s in fixable if s.code in {cause.code for cause in causes}]
+    hint = _constant_e_hint(impacts, goal, tolerance) if trials.max_error(fixes) > tolerance else ""
+    if not causes:
+        return (), hint or "No cause was found among those that hcbench knows."
+    basis = "" if assumed is None else f"Nobody said which e is wanted: e = {assumed:.4g} was assumed."
+    return tuple(causes), " ".join(filter(None, (_summary(fixes, trials, tolerance), basis, hint)))
+
+
+class _Trials:
+    """The probe launches simulated with some fixes made; each set of fixes once."""
+
+    def __init__(self, model: ModelUnderTest, launches: Sequence[Launch], goal: Goal) -> None:
+        self.model, self.launches, self.goal = model, launches, goal
+        self._impacts: dict[frozenset[str], list[Impact]] = {}
+
+    def impacts(self, fixes: Sequence[Suspect]) -> list[Impact]:
+        """One for each launch; none where the fixes make the pair unmeasurable."""
+        key = frozenset(s.code for s in fixes)
+        if key not in self._impacts:
+            try:
+                with self.model.fixed(fixes) as fixed:
+                    self._impacts[key] = simulate.impacts_in(fixed, self.launches)
+            except HcbenchError:
+                self._impacts[key] = []
+        return self._impacts[key]
+
+    def max_error(self, fixes: Sequence[Suspect]) -> float:
+        """The largest error of e; 1 for a pair that cannot be measured."""
+        return max((_error(i, self.goal) for i in self.impacts(fixes)), default=1.0)
+
+
+def _error(impact: Impact, goal: Goal) -> float:
+    """|e - goal|; 1 for an impact without an e; without a goal the part of e that is above 1."""
+    if math.isnan(impact.restitution):
+        return 1.0
+    error = abs(impact.restitution - goal(impact.speed_in))
+    return max(0.0, impact.restitution - 1.0) if math.isnan(error) else error
+
+
+def _is_off(impacts: Sequence[Impact], goal: Goal, tolerance: float) -> bool:
+    """Whether an impact failed, misses the goal, or gains energy."""
+    return any(
+        math.isnan(i.restitution) or i.restitution > 1 + NOTABLE_GAIN or _error(i, goal) > tolerance
+        for i in impacts
+    )
+
+
+def _probe_launches(impacts: Sequence[Impact], goal: Goal, step_cost: float) -> list[Launch]:
+    """Launches to try fixes on: some phases of the worst speed, the lowest and the highest.
+
+    Of the worst speed alone where all take too many steps. step_cost: as `ModelUnderTest` has it.
+    """
+    worst = max(impacts, key=lambda i: (math.isnan(i.restitution), _error(i, goal))).launch.speed
+    speeds = [i.launch.speed for i in impacts]
+    probes: list[Launch] = []
+    for speed in sorted({worst, min(speeds), max(speeds)}):
+        launches = [i.launch for i in impacts if i.launch.speed == speed]
+        probes += launches[:: max(1, len(launches) // _PROBE_PHASES)][:_PROBE_PHASES]
+    steps = step_cost * max(10, *(i.samples for i in impacts))
+    count = max(1, int(_PROBE_STEPS / steps))
+    return probes if count >= len(probes) else [p for p in probes if p.speed == worst][:count]
+
+
+def _hidden_suspects(
+    suspects: Sequence[Suspect], trials: _Trials, wanted: RestitutionCurve | None, tolerance: float
+) -> list[Suspect]:
+    """Suspects that show only where the others are fixed, if that does not cure the pair."""
+    fixes = [s for s in suspects if s.apply is not None]
+    impacts = trials.impacts(fixes)
+    if not fixes or not impacts or trials.max_error(fixes) <= tolerance:
+        return []
+    with trials.model.fixed(fixes) as fixed:
+        seen = {s.code for s in suspects}
+        return [s for s in fixed.suspects(impacts, wanted) if s.code not in seen]
+
+
+def _tried_causes(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -> list[Cause]:
+    """The fewest fixes that cure as well as all of them do, the strongest first; or, where all together cure
+    nothing, those that help alone. Those that are always reported are among them.
+    """
+    before, after = trials.max_error([]), trials.max_error(fixes)
+    least = max(min(tolerance, _HALF * before), _NOTABLE * before)
+    if after > before - least:
+        helpful = [s for s in fixes if s.always_reported or before - trials.max_error([s]) > least]
+        return [_cause(s, trials.max_error([s])) for s in helpful]
+    needed = _minimal_fixes(fixes, trials, after + least)
+    reported = [s for s in fixes if s.always_reported or s in needed]
+    without = {s.code: trials.max_error([other for other in reported if other is not s]) for s in reported}
+    strongest = max(without.values(), default=0.0) or 1.0
+    reported.sort(key=lambda s: -round(_GRADES * without[s.code] / strongest))  # stable: likeliest first
+    return [_cause(s, trials.max_error([s]), without[s.code]) for s in reported]
+
+
+def _minimal_fixes(fixes: Sequence[Suspect], trials: _Trials, allowed: float) -> list[Suspect]:
+    """The fixes that keep the error within `allowed`, the least likely left out first."""
+    needed = list(fixes)
+    for suspect in reversed(fixes):
+        others = [s for s in needed if s is not suspect]
+        if trials.max_error(others) <= allowed:
+            needed = others
+    return needed
+
+
+def _cause(suspect: Suspect, alone: float = math.nan, without: float = math.nan) -> Cause:
+    return Cause(suspect.code, suspect.title, suspect.evidence, suspect.fix, alone, without)
+
+
+def _summary(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -> str:
+    """What is left with all causes fixed."""
+    before, after = trials.max_error([]), trials.max_error(fixes)
+    e = [i.restitution for i in trials.impacts(fixes) if math.isfinite(i.restitution)]
+    if not e or after > max(tolerance, _HALF * before):
+        return f"These do not explain all of it: with all of them fixed e is still off by {after:.2g}."
+    return f"With these fixed e = {float(np.mean(e)):.4g} at the speeds that were worst, off by {after:.2g}."
+
+
+def _constant_e_hint(impacts: Sequence[Impact], goal: Goal, tolerance: float) -> str:
+    """That this contact has one e and several are wanted; "" where that is not what is wrong."""
+    parted = [i for i in impacts if i.status is Status.PARTED]
+    e, wanted = [i.restitution for i in parted], [goal(i.speed_in) for i in parted]
+    if not parted or any(map(math.isnan, wanted)):
+        return ""
+    span = max(wanted) - min(wanted)
+    if span <= 2 * tolerance or max(e) - min(e) > _FLAT * span:
+        return ""
+    one = "takes one step and " if max(i.samples for i in parted) <= 1 else ""
+    return (
+        f"This contact {one}has one e for all speeds, {float(np.mean(e)):.4g}, and wanted are"
+        f" {max(wanted):.4g} ... {min(wanted):.4g}. No constant comes nearer than {span / 2:.2g};"
+        " `hcbench tune` makes contacts whose e falls with speed."
+    )

@@ -1,0 +1,271 @@
+"""`measure`: one call from a user's model to its restitution over speed, and the causes of what is off."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import re
+import runpy
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar, Unpack
+
+from hcbench._arguments import checked
+from hcbench._text import sanitized
+from hcbench.errors import EngineFailed, HcbenchError, SceneError, UserError
+from hcbench.laws.require import require
+from hcbench.laws.restitution import ConstantRestitution, RestitutionCurve
+from hcbench.measuring.diagnose import diagnose, goal_of
+from hcbench.measuring.measurement import TOLERANCE, Measurement
+from hcbench.measuring.phases import impacts_of
+from hcbench.measuring.request import RequestOptions, make_request
+from hcbench.sim import registry
+from hcbench.sim.candidate_pairs import CandidatePair
+from hcbench.sim.engine import Engine
+from hcbench.sim.model_under_test import ModelUnderTest, Request
+from hcbench.workers import WorkerDied, call
+
+Answer = TypeVar("Answer")
+
+LONGEST_LIMIT_S = 1e6
+LIMIT_S = 60.0  # at least, for one model, which takes a second or two on an idle machine
+LEAST_MEMORY = 4 << 30  # bytes that any model may take
+MEMORY_SHARE = 0.8  # of the machine's memory, which a model may take if that is more
+
+_PYTHON = re.compile(r"(?P<file>.+\.py):(?P<function>[A-Za-z_]\w*)")
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One measurement. source: see `measure`; only files cross to the worker, objects stay here."""
+
+    source: Any
+    engine: str | None
+    request: Request
+    wanted: RestitutionCurve | None
+    tolerance: float
+    diagnose: bool
+
+
+@checked
+def measure(
+    model: Any,
+    pair: Sequence[str] | str | None = None,
+    *,
+    engine: str | None = None,
+    wanted: RestitutionCurve | float | None = None,
+    tolerance: float = TOLERANCE,
+    diagnose: bool = True,
+    limit: float | None = None,
+    **asked: Unpack[RequestOptions],
+) -> Measurement:
+    """Measure the bounce of a pair of the user's own model.
+
+    model: a path to MJCF, URDF or MJB; two paths, for a pair of URDFs; MJCF text; "file.py:function", which
+        returns a model; or an object that an engine opens (`Engine.opens`), such as a compiled model, or an
+        environment or client in the pose that it is in.
+        Files are measured in a process of their own; objects in this one, and left as they were.
+    pair: names of two bodies or geoms (URDF: links or files), the moving one first; "a,b" or ("a", "b").
+    engine: the name of one; None: the first that opens such a model.
+    wanted: e to compare with. tolerance: |e - wanted| from which causes are looked for, if `diagnose`.
+    limit: s, after which a model in a file counts as hung; None: 60 s, or what the engine takes to compile.
+    asked: speeds, pose and all else of the launches, as `RequestOptions` has them.
+    Raises UserError (and its kinds) with the reason for what cannot be measured, EngineFailed for an engine
+    that crashed or hung on it.
+    """
+    require("tolerance", tolerance, 0 <= tolerance <= 1, "0 ... 1, a difference in e")
+    if limit is not None:
+        require("limit", limit, 0 < limit <= LONGEST_LIMIT_S, f"above 0 s, up to {LONGEST_LIMIT_S:g} s")
+    goal = ConstantRestitution(wanted) if isinstance(wanted, int | float) else wanted
+    return measure_job(Job(model, engine, make_request(pair, **asked), goal, tolerance, diagnose), limit)
+
+
+def measure_job(job: Job, limit: float | None = None) -> Measurement:
+    """Measure one pair."""
+    return run_job(_measured, job, limit)
+
+
+def list_pairs(job: Job, limit: float | None = None) -> list[CandidatePair]:
+    """Which parts of the model can meet; those that touch at the start first."""
+    return run_job(_listed, job, limit)
+
+
+def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Answer:
+    """What `work(job)` returns: of files, in a worker that may crash, hang or need too much; else here.
+
+    limit: s, after which it counts as hung; None: LIMIT_S, or the engine's own where that is longer.
+    """
+    source = _as_files(job.source)
+    if source is None:
+        return work(job)
+    engine = None if job.engine is None and _is_python(source) else _engine_for(source, job.engine)
+    name, where = (job.engine, None) if engine is None else (engine.name, engine.interpreter)
+    limit = max(LIMIT_S, getattr(engine, "limit", 0.0)) if limit is None else limit
+    try:
+        job = dataclasses.replace(job, source=source, engine=name)
+        answer: Answer = call(_in_worker, work, job, limit=limit, at=where)
+        return answer
+    except WorkerDied as death:
+        raise EngineFailed(
+            "model",
+            f"{_label(source)}: the engine's process was lost: {death.got}",
+            "a model that runs",
+            "A slow one gets more time by --limit",
+        ) from None
+
+
+def prepare(models: Sequence[str], engine: str | None) -> None:
+    """Import what measuring these files takes: in a worker process, while its parent reads what is asked."""
+    found = _engine_for(models[0] if len(models) == 1 else tuple(models), engine)
+    found.module("model_under_test")
+    if found.backend is not None:
+        found.backend.module()
+
+
+def _as_files(model: Any) -> str | tuple[str, ...] | None:
+    """What crosses to the worker: paths or text; None for an object of an engine."""
+    if isinstance(model, str | Path):
+        return str(model)
+    if isinstance(model, list | tuple) and model and all(isinstance(part, str | Path) for part in model):
+        return tuple(str(part) for part in model)
+    return None
+
+
+def _label(source: str | tuple[str, ...]) -> str:
+    parts = [source] if isinstance(source, str) else source
+    return sanitized("MJCF text" if parts[0].lstrip().startswith("<") else " + ".join(parts))
+
+
+def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
+    try:
+        with _memory_limit():
+            return work(job)
+    except MemoryError:
+        needs = f"{_label(job.source)} needs more than {_memory() >> 30} GiB of memory"
+        raise EngineFailed("model", needs, "a model that fits") from None
+    except HcbenchError:
+        raise
+    except Exception as error:
+        reason = f"{_label(job.source)}: {type(error).__name__}: {sanitized(error)}"
+        raise EngineFailed("model", reason, "a model that the engine can run") from error
+
+
+def _is_python(source: str | tuple[str, ...]) -> bool:
+    return isinstance(source, str) and _PYTHON.fullmatch(source) is not None
+
+
+def _listed(job: Job) -> list[CandidatePair]:
+    engine, source, rebuild = source_of(job)
+    return engine.pairs(source, job.request, rebuild)
+
+
+def _measured(job: Job) -> Measurement:
+    request = job.request
+    with _open(job) as model:
+        impacts = impacts_of(model, request)
+        facts = model.facts()
+        goal = goal_of(facts.asked, request.speeds, job.wanted)
+        diagnosis = diagnose(model, impacts, goal, job.wanted, job.tolerance) if job.diagnose else ((), "")
+    return Measurement(facts, request, tuple(impacts), job.wanted, *diagnosis)
+
+
+def _memory() -> int:
+    """Bytes that a model may take, whatever the machine: an engine reserves more than it uses."""
+    try:
+        installed = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return LEAST_MEMORY
+    return max(LEAST_MEMORY, int(MEMORY_SHARE * installed))
+
+
+@contextmanager
+def _memory_limit() -> Iterator[None]:
+    """Hold this process to `_memory` more than it has, where the system knows such a limit."""
+    try:
+        import resource
+
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+    except (ImportError, OSError):
+        yield
+        return
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    limits = [pages * resource.getpagesize() + _memory()]
+    limits += [limit for limit in (soft, hard) if limit != resource.RLIM_INFINITY]
+    resource.setrlimit(resource.RLIMIT_AS, (min(limits), hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
+def _open(job: Job) -> ModelUnderTest:
+    engine, source, rebuild = source_of(job)
+    return engine.open(source, job.request, rebuild)
+
+
+def source_of(job: Job) -> tuple[Engine, Any, Callable[[], Any] | None]:
+    """(engine, model, what makes it anew) where a function of a Python file makes it; else None last."""
+    source, rebuild = job.source, None
+    if isinstance(source, str) and (match := _PYTHON.fullmatch(source)):
+        rebuild = partial(_call_python, match["file"], match["function"])
+        for engine in _openers():
+            engine.make_room()
+        source = rebuild()
+    return _engine_for(source, job.engine), source, rebuild
+
+
+def _engine_for(source: Any, name: str | None) -> Engine:
+    """The engine of that name, or the first that opens such a model."""
+    if name is not None:
+        if registry.base_name(name) in registry.names() and _opens(found := registry.engine(name)):
+            return found
+        raise UserError("engine", repr(name), f"one of: {', '.join(engine.name for engine in _openers())}")
+    for engine in _openers():
+        if engine.accepts(source):
+            return engine
+    if isinstance(source, str | Path):
+        files = ", ".join(dict.fromkeys(suffix for engine in _openers() for suffix in engine.suffixes))
+        reason = "is not the name of a model file" if Path(source).exists() else "is not there"
+        raise SceneError("model", f"{source} {reason}", f"a model file: {files}")
+    got = "a function that returned None" if source is None else f"a {type(source).__name__}"
+    raise UserError("model", got, f"a path, {_objects()}")
+
+
+def _openers() -> Iterator[Engine]:
+    """The engines that open models of users, each imported when it is its turn."""
+    return filter(_opens, map(registry.engine, registry.names()))
+
+
+def _opens(engine: Engine) -> bool:
+    return bool(engine.suffixes or engine.opens)
+
+
+def _objects() -> str:
+    return ", ".join(words for engine in _openers() for words in engine.opens)
+
+
+def _call_python(file: str, name: str) -> Any:
+    """What the function of a Python file returns."""
+    path = Path(file)
+    if not path.is_file():
+        raise UserError("model", f"{path} is not there", "a Python file")
+    with _user_code(f"{path}", "a file that runs"):
+        names = runpy.run_path(str(path))
+    if name not in names:
+        raise UserError("model", f"{path} has no {name!r}", "the name of a function in it")
+    with _user_code(f"{path}:{name}", "a function without arguments that returns a model"):
+        return names[name]()
+
+
+@contextmanager
+def _user_code(where: str, expected: str) -> Iterator[None]:
+    """Errors of a user's own code as UserError."""
+    try:
+        yield
+    except (HcbenchError, MemoryError):
+        raise
+    except (Exception, SystemExit) as error:
+        raise UserError("model", f"{where}: {type(error).__name__}: {error}", expected) from None

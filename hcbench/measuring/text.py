@@ -1,0 +1,235 @@
+"""A measurement as text and as JSON. It has no dates in it: the same model gives the same bytes."""
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from hcbench import scoring
+from hcbench._text import number, sanitized, table, without_empty
+from hcbench.impact import Impact
+from hcbench.laws.restitution import Restitution
+from hcbench.measuring.measurement import Cause, CurvePoint, Measurement
+from hcbench.sim.tangential import ALONG_COLUMNS
+
+SCHEMA = 1
+_LOOP_SAMPLES = 200
+_LOSSY = 1e-3  # α v from which a loop of the law has an area to compare with
+_NOTABLE_SHARE = 0.005  # of the speed at touch: what else than the contact took off, and is told
+_FAILURES = 3  # impacts without an e that are listed
+
+
+def as_record(measurement: Measurement) -> dict[str, Any]:
+    """The measurement for JSON; NaN where there is no such number."""
+    facts, score, law = measurement.facts, measurement.score, measurement.law
+    return {
+        "schema": SCHEMA,
+        "kind": "hcbench measurement",
+        "model": facts.model,
+        "engine": facts.engine,
+        "version": facts.version,
+        "pair": list(facts.pair),
+        "moved": facts.moved,
+        "timestep_s": facts.timestep,
+        "gravity_m_per_s2": list(facts.gravity),
+        "effective_mass_kg": measurement.effective_mass,
+        "normal": list(facts.normal),
+        "point_m": list(facts.point),
+        "speed_shares": dict(facts.shares),
+        "settings": dict(facts.settings),
+        "asked": {"restitution": list(facts.asked), "words": facts.asked_description},
+        "wanted": measurement.wanted.description if measurement.wanted else None,
+        "curve": [_point(p, measurement.request.is_oblique) for p in measurement.curve],
+        "phase_spread": measurement.spread,
+        "energy_gained": measurement.energy_gained,
+        "law": None
+        if law is None
+        else {
+            "alpha_s_per_m": law.alpha,
+            "stiffness_n_per_m_n": law.stiffness,
+            "exponent": law.exponent,
+            "alpha_fitted": not isinstance(measurement.wanted, Restitution),
+        },
+        "score": None if score is None else dataclasses.asdict(score),
+        "impacts": [_impact(i) for i in measurement.impacts],
+        "loops": [_loop(impact) for impact in measurement.loops],
+        "causes": [dataclasses.asdict(c) for c in measurement.causes],
+        "remedy": measurement.remedy,
+        "notes": list(facts.notes),
+    }
+
+
+def _point(point: CurvePoint, is_oblique: bool) -> dict[str, Any]:
+    return {
+        "speed_m_per_s": point.speed,
+        "speed_in_m_per_s": point.speed_in,
+        "restitution": point.restitution,
+        "restitution_min": point.lowest,
+        "restitution_max": point.highest,
+        "samples": point.samples,
+        "failed": point.failed,
+        **(_along(point) if is_oblique else {}),
+    }
+
+
+def _along(point: CurvePoint) -> dict[str, float]:
+    return {"angle_rad": point.angle, **dict(zip(ALONG_COLUMNS, point.along, strict=True))}
+
+
+def _impact(impact: Impact) -> dict[str, Any]:
+    return {
+        "speed_m_per_s": impact.launch.speed,
+        "phase": impact.launch.phase,
+        **({} if impact.tangential is None else {"angle_rad": impact.launch.angle}),
+        "status": impact.status.value,
+        "reason": impact.reason,
+        "speed_in_m_per_s": impact.speed_in,
+        "speed_out_m_per_s": impact.speed_out,
+        "restitution": impact.restitution,
+        "duration_s": impact.duration,
+        "penetration_max_m": impact.penetration_max,
+        "force_max_n": impact.force_max,
+        "samples": impact.samples,
+        **({} if impact.tangential is None else {"tangential": dataclasses.asdict(impact.tangential)}),
+    }
+
+
+def _loop(impact: Impact) -> dict[str, Any]:
+    assert impact.loop is not None
+    loop = impact.loop.thinned(_LOOP_SAMPLES)
+    return {
+        "speed_m_per_s": impact.launch.speed,
+        "phase": impact.launch.phase,
+        "time_s": loop.time.tolist(),
+        "penetration_m": loop.penetration.tolist(),
+        "rate_m_per_s": loop.rate.tolist(),
+        "force_n": loop.force.tolist(),
+    }
+
+
+def headline(measurement: Measurement) -> list[str]:
+    """What was measured, and where, in three lines."""
+    facts = measurement.facts
+    gravity = float(np.linalg.norm(facts.gravity))
+    return [
+        f"{sanitized(facts.model)}: {sanitized(facts.pair[0])} on {sanitized(facts.pair[1])}",
+        f"{facts.engine} {facts.version}, step {facts.timestep:.6g} s, gravity {gravity:.4g} m/s^2, "
+        f"effective mass {measurement.effective_mass:.4g} kg, {sanitized(facts.moved)}",
+        f"they meet {sanitized(facts.meeting)}",
+    ]
+
+
+def as_text(measurement: Measurement) -> str:
+    """The measurement as lines for a terminal."""
+    lines = headline(measurement)
+    lines += [
+        f"{name}: {sanitized(setting_text(value))}" for name, value in measurement.facts.settings.items()
+    ]
+    if measurement.facts.asked_description:
+        lines.append(f"the model asks for: {sanitized(measurement.facts.asked_description)}")
+    lines += [f"note: {sanitized(note)}" for note in (*measurement.facts.notes, *shares_note(measurement))]
+    speeds = measurement.request.speeds
+    asked = dict(zip(speeds, measurement.facts.asked or (math.nan,) * len(speeds), strict=True))
+    rows = [
+        (
+            f"{p.speed:.4g}",
+            f"{math.degrees(p.angle):.4g}" if measurement.request.is_oblique else "",
+            number(p.speed_in, ".4g"),
+            number(p.restitution),
+            number(p.highest - p.lowest, ".1e"),
+            number(asked[p.speed]),
+            str(p.samples),
+            str(p.failed or ""),
+        )
+        for p in measurement.curve
+    ]
+    header = ("launched m/s", "deg", "at touch m/s", "e", "spread", "asked", "steps", "failed")
+    shown = without_empty(*without_empty(header, rows, "deg"), "failed")
+    lines += ["", *table(*shown), *_along_lines(measurement), ""]
+    for impact in measurement.failed[:_FAILURES]:
+        where = f"{impact.launch.speed:.4g} m/s, phase {impact.launch.phase:.3g}"
+        lines.append(f"{impact.status.value} at {where}: {sanitized(impact.reason)}")
+    lines += _score_lines(measurement)
+    lines += cause_lines(measurement.causes, measurement.remedy)
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def shares_note(measurement: Measurement) -> list[str]:
+    """One sentence on what changed the speed during the contact, where it was not the contact alone."""
+    shares = measurement.facts.shares
+    notable = [f"{share:+.2g} by {name}" for name, share in shares.items() if abs(share) >= _NOTABLE_SHARE]
+    if not measurement.facts.more_than_contact >= _NOTABLE_SHARE:
+        return []
+    return [f"While in contact the approach changed by, in speeds at touch: {', '.join(notable)}."]
+
+
+def _along_lines(measurement: Measurement) -> list[str]:
+    """What happens along the plate in oblique impacts, as a table."""
+    if not measurement.request.is_oblique:
+        return []
+    friction = measurement.facts.friction
+    limit = "" if math.isnan(friction) else f"; by Coulomb's law at most the friction, {friction:g}"
+    words = f"along the plate, J the impulse of friction over the normal one{limit}"
+    header = ("launched m/s", "deg", "slip m/s", "after", "spin rad/s", "after", "J", "energy lost")
+    rows = [
+        (
+            f"{p.speed:.4g}",
+            f"{math.degrees(p.angle):.4g}",
+            *(number(value, ".4g") for value in p.along[:4]),
+            number(p.along.impulse_ratio, ".3f"),
+            number(p.along.energy_lost, ".3f"),
+        )
+        for p in measurement.curve
+    ]
+    return ["", words, "", *table(header, rows)]
+
+
+def setting_text(value: Any) -> str:
+    """A setting of the engine's, as the model has it."""
+    return " ".join(f"{v:.6g}" for v in value) if isinstance(value, list) else str(value)
+
+
+def _score_lines(measurement: Measurement) -> list[str]:
+    score, law = measurement.score, measurement.law
+    if score is None or law is None or score.rested:
+        return []
+    lines = [f"fitted α {score.alpha_fit:.4g} s/m (rms {score.alpha_fit_rms:.2g})"]
+    if math.isfinite(score.energy_exponent):
+        powers = f"v^{score.energy_exponent:.3g}, the law's as v^{number(score.energy_exponent_law, '.3g')}"
+        lines.append(f"energy lost goes as {powers}")
+    if score.loops:
+        lossy = law.alpha * max(i.speed_in for i in measurement.measured) > _LOSSY
+        area = f"area x {number(score.area_ratio, '.3g')}, " if lossy else ""
+        lines.append(
+            f"loops against eq. (16) of that α: force {score.loop_rms:.2g} rms of the largest, {area}largest "
+            f"force x {score.force_ratio:.3g}, duration x {score.duration_ratio:.3g}, first force "
+            f"{score.touch_force:.2g} of the largest"
+        )
+    for name, claim in scoring.CLAIMS.items():
+        holds = getattr(score, name)
+        if holds is not None:
+            lines.append(f"{claim}: {'yes' if holds else 'no'}")
+    if score.energy_gained:
+        lines.append("ENERGY IS GAINED: some impacts leave faster than they came")
+    return lines
+
+
+def cause_lines(causes: tuple[Cause, ...], remedy: str) -> list[str]:
+    """Causes as indented text."""
+    lines = []
+    for cause in causes:
+        lines += [
+            "",
+            f"{cause.code}: {sanitized(cause.title)}",
+            f"  found  {sanitized(cause.evidence)}",
+            f"  fix    {sanitized(cause.fix)}",
+        ]
+        if math.isfinite(cause.alone):
+            tried = f"with this alone fixed e is off by {cause.alone:.2g}"
+            if len(causes) > 1 and math.isfinite(cause.without):
+                tried += f", with the others fixed and not this by {cause.without:.2g}"
+            lines.append(f"  tried  {tried}")
+    if remedy:
+        lines += ["", remedy]
+    return lines

@@ -1,0 +1,1 @@
+"""Recipes: from a target to a setting of one engine."""

@@ -1,0 +1,97 @@
+"""The best that one number can do: a constant e for a band of speeds, and the spring-damper that has it."""
+
+import math
+
+import numpy as np
+
+from hcbench.errors import SettingError
+from hcbench.laws import closed_form
+from hcbench.laws.kelvin_voigt import Ending, damping_ratio_for
+from hcbench.recipes.target import Target
+
+# ln e of a spring-damper that only pushes tends to -2 at critical damping.
+LOWEST_UNDERDAMPED = math.exp(-2.0)
+STEPS_A_CONTACT = 20.0
+
+
+def minimax_constant(target: Target) -> tuple[float, float]:
+    """The constant e with the least largest error over the band, and that error.
+
+    e falls with v, so the error is largest at both ends of the band and the best constant is halfway.
+    """
+    ends = target.restitution(np.array([target.speed_min, target.speed_max]))
+    high, low = float(ends.max()), float(ends.min())
+    return (high + low) / 2, (high - low) / 2
+
+
+def contact_time(target: Target, steps: float = STEPS_A_CONTACT) -> float:
+    """How long a spring-damper stands in for the law, s: the law's contact time at the geometric mean speed.
+
+    Not under `steps`, so that a coarse step still sees a contact: the spring is softer than the law then.
+    """
+    speed = math.sqrt(target.speed_min * target.speed_max)
+    duration = float(closed_form.duration(target.law, target.mass, speed))
+    return max(duration, steps * target.timestep)
+
+
+def implicit_spring_damper(target: Target, duration: float, instead: str) -> tuple[float, float]:
+    """k, N/m, and c, N s/m, of F = k (x + h v') + c v', v' the rate after a step, for the best constant e.
+
+    Those whose steps have the poles exp((-β ± i ω) h) of `spring_damper`'s contact exactly:
+    m exp(2 β h) = m + h c + h² k, so c is smaller than a continuous damper's by k h. Where c would be below
+    0 the contact is made slower until it is not. SettingError for e = 1: such a step always damps.
+    """
+    e, _ = minimax_constant(target)
+    h, m = target.timestep, target.mass
+    if e >= 1.0:
+        raise SettingError("restitution", "1", "e below 1", "An implicit step always damps")
+    beta, omega = spring_damper(e, duration, instead)
+    # c >= 0 asks for exp(2 β h) - 1 >= h² k / m, nearly 2 β >= ω² h.
+    slower = max(1.0, (omega**2 + beta**2) * h / (2 * beta) * (1 + 1e-9))
+    while True:
+        grow, turn = math.exp(beta / slower * h), omega / slower * h
+        stiffness = (grow**2 + 1 - 2 * grow * math.cos(turn)) / h**2
+        damping = (grow**2 - 1) / h - stiffness * h
+        if damping >= 0:
+            return m * stiffness, m * damping
+        slower *= 1.02
+
+
+def spring_damper(restitution: float, duration: float, instead: str) -> tuple[float, float]:
+    """β and ω, 1/s, of the contact x'' + 2 β x' + (ω² + β²) x = 0 that has this e and duration (s).
+
+    The contact pushes only, so it ends where the force is 0, before x is: with the damping ratio sin ψ
+    at ω t = π - 2 ψ, with β = ω tan ψ. Raises SettingError for an e that only an overdamped contact has, with
+    the recipe to use `instead`.
+    """
+    if not LOWEST_UNDERDAMPED < restitution <= 1.0:
+        raise SettingError(
+            "restitution",
+            f"{restitution:.4g}",
+            f"e within {LOWEST_UNDERDAMPED:.4f} ... 1 for a spring and damper",
+            f"Use `{instead}`, which has any e",
+        )
+    psi = math.asin(damping_ratio_for(restitution, Ending.FORCE))
+    omega = (math.pi - 2 * psi) / duration
+    return omega * math.tan(psi), omega
+
+
+def one_way_spring_damper(target: Target, duration: float, instead: str) -> tuple[float, float]:
+    """k, N/m, and c, N s/m, of F = k x + c x' on the way in and k x on the way out, for the best constant e.
+
+    e = exp(-ζ/√(1-ζ²) acos ζ), ζ = c/(2 √(k m)), and it lasts (acos ζ/√(1-ζ²) + π/2)/ω, ω² = k/m: the way in
+    is a damped oscillator's from touch to its first standstill. SettingError for e below e^-1.
+    """
+    from scipy.optimize import brentq  # slow to import
+
+    e, _ = minimax_constant(target)
+
+    def way_in(zeta: float) -> float:
+        return math.acos(zeta) / math.sqrt(1.0 - zeta**2)
+
+    if not math.exp(-0.99) < e <= 1.0:
+        raise SettingError("restitution", f"{e:.4g}", "e within 0.372 ... 1", f"Use `{instead}`")
+    zeta = float(brentq(lambda z: z * way_in(z) + math.log(e), 0.0, 1.0 - 1e-9, xtol=1e-15))
+    omega = (way_in(zeta) + math.pi / 2) / duration
+    k = target.mass * omega**2
+    return k, 2.0 * zeta * math.sqrt(k * target.mass)

@@ -1,0 +1,180 @@
+"""Recipes that put a law in place of an engine's own contact: eq. (16), and laws published after 1975."""
+
+from __future__ import annotations
+
+from functools import partial
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from hcbench.errors import SettingError
+from hcbench.laws import closed_form
+from hcbench.laws.contact_law import STEPS_PER_CONTACT
+from hcbench.laws.published import LAWS, PublishedLaw, TouchSpeedLaw
+from hcbench.recipes.constant import minimax_constant
+from hcbench.recipes.recipe import Recipe, Role, first
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from hcbench.laws.force import HuntCrossley
+    from hcbench.recipes.target import Target
+
+    Options = Mapping[str, Any]
+
+_PLUG_IN = "A plug-in of hcbench.contact"
+_ATTACH = f"{_PLUG_IN}, to attach in your own simulation: no native setting."
+_RESOLVED = f"{_PLUG_IN} for steps that resolve the contact: no native setting."
+_QUARTER = "Steps of a quarter of the shortest contact or less; for longer ones take `restitution-law`."
+_IMPULSE = "Any step; the force is one impulse: forces and contact times mean nothing."
+_AT_PLANE = "Under gravity e is of the speeds at the touch plane; below 1.6 g h a body may come to rest."
+_TOUCH_SPEED = "v_i is the speed at touch of each impact: one e for all speeds; the paper's falls with speed."
+_DELIVERED = "What it delivers follows from χ and is not what it was asked for, but for `exact`."
+
+
+def plug_in_recipes(engine: str, native: Sequence[Recipe], common: Options) -> tuple[Recipe, ...]:
+    """Recipes for an engine into which hcbench.contact plugs a law.
+
+    native: recipes of its own contact, which messages name where a law cannot be had.
+    common: options of each setting, beside "law".
+    """
+    constant = first(native, Role.CONSTANT_E, "plane")
+    at_any_step = [constant.name] if constant else []
+    falling = [recipe.name for recipe in native if recipe.role is Role.FALLING_E]
+    plug_in = partial(Recipe, engine, native=False, instead=_any_of([*falling, *at_any_step]))
+
+    def published_law(target: Target, law: TouchSpeedLaw) -> Options:
+        todo = f"Use {_any_of(at_any_step)}, which has one restitution at any step"
+        _require_resolved(target, law.at(target.speed_max), todo)
+        options = {"kind": "force", "law": law.family.slug, **published_law_options(target, law)}
+        return {"law": options, **common}
+
+    return (
+        plug_in(
+            "hunt-crossley",
+            Role.LAW_AND_LOOP,
+            lambda target: {"law": _force_law(target), **common},
+            "Plug-in: eq. (16) as contact force, for steps that resolve the contact.",
+            (_ATTACH, _QUARTER),
+            kinds=("law",),
+            steps_min=STEPS_PER_CONTACT,
+        ),
+        plug_in(
+            "restitution-law",
+            Role.LAW,
+            lambda target: {"law": _restitution_law(target), **common},
+            "Plug-in: each impact gets the law's e of its own speed, in one step.",
+            (_ATTACH, _IMPULSE, _AT_PLANE),
+            one_step=True,
+            kinds=("law", "linear"),
+        ),
+        *published_law_recipes(engine, published_law, _RESOLVED, STEPS_PER_CONTACT),
+    )
+
+
+def python_law_recipes(
+    engine: str,
+    native: Sequence[Recipe],
+    hook: str,
+    *,
+    force: float = 0.0,
+    each_impact: float = 0.0,
+    common: Options = MappingProxyType({}),
+    each_impact_options: Callable[[Target], Options] = lambda target: {},
+) -> tuple[Recipe, ...]:
+    """Recipes for an engine that lets a law in from Python, by lines of the user's own, on a plane.
+
+    native: as for `plug_in_recipes`. hook: where the law goes in, a sentence. force, each_impact: how near e
+    comes with the law as contact force, and with its e set before each impact; 0 where the engine has no way.
+    common, each_impact_options: options of each setting, and of those that set e, beside "law".
+    """
+    names = [recipe.name for recipe in native if recipe.role in (Role.CONSTANT_E, Role.FALLING_E)]
+    own = partial(Recipe, engine, native=False, instead=_any_of(names), forms=("plane",))
+    recipes = []
+    if force:
+        recipes += [own(
+            "hunt-crossley",
+            Role.LAW_AND_LOOP,
+            lambda target: {"law": _force_law(target), **common},
+            "From Python: eq. (16) as contact force, for steps that resolve the contact.",
+            (hook, "Steps of a quarter of the shortest contact or less."),
+            kinds=("law",),
+            steps_min=STEPS_PER_CONTACT,
+            within=force,
+        )]  # fmt: skip
+    if each_impact:
+        recipes += [own(
+            "restitution-law",
+            Role.LAW,
+            lambda target: {"law": _restitution_law(target), **common, **each_impact_options(target)},
+            "From Python: each impact gets the law's e of its own speed, in one step.",
+            (hook, _IMPULSE),
+            one_step=True,
+            kinds=("law", "linear"),
+            within=each_impact,
+        )]  # fmt: skip
+    return tuple(recipes)
+
+
+def _force_law(target: Target) -> Options:
+    _require_resolved(target, target.law, "Use `restitution-law`, which needs no resolved contact")
+    return {"kind": "force", **law_options(target.law)}
+
+
+def _restitution_law(target: Target) -> Options:
+    return {"kind": "restitution", "alpha": target.law.alpha, "reading": target.reading}
+
+
+def published_law_recipes(
+    engine: str, options: Callable[[Target, TouchSpeedLaw], Options], note: str, steps_min: float = 0.0
+) -> tuple[Recipe, ...]:
+    """F = k x^n (1 + χ(e) v/v_i), a recipe for each law: v_i the speed of each impact, one e for all speeds.
+
+    options: a setting's, for a target and a law that is asked for the best constant restitution of its band.
+    note: how the engine runs the law.
+    """
+
+    def recipe(family: PublishedLaw) -> Recipe:
+        def function(target: Target) -> Options:
+            e, _ = minimax_constant(target)
+            return options(target, TouchSpeedLaw(family, target.law.stiffness, e, target.law.exponent))
+
+        return Recipe(
+            engine,
+            family.slug,
+            Role.CONSTANT_E,
+            function,
+            f"{family.name}, χ = {family.formula}: asked for the best constant e of the band.",
+            (_TOUCH_SPEED, _DELIVERED, note),
+            native=False,
+            steps_min=steps_min,
+        )
+
+    return tuple(recipe(family) for family in LAWS.values())
+
+
+def law_options(law: HuntCrossley) -> dict[str, float]:
+    """Eq. (16) as options of a setting."""
+    return {"alpha": law.alpha, "stiffness": law.stiffness, "exponent": law.exponent}
+
+
+def published_law_options(target: Target, law: TouchSpeedLaw) -> dict[str, float]:
+    """The numbers of a published law as options of a setting."""
+    return {"restitution": law.restitution, "stiffness": law.stiffness, "exponent": law.exponent}
+
+
+def _any_of(names: Sequence[str]) -> str:
+    """ "`two-pair`, `soft` or `impulse`"."""
+    *others, last = [f"`{name}`" for name in names] or [""]
+    return f"{', '.join(others)} or {last}" if others else last
+
+
+def _require_resolved(target: Target, law: HuntCrossley, todo: str) -> None:
+    """Refuse a step that does not resolve the shortest contact of the band: SettingError."""
+    steps = float(closed_form.duration(law, target.mass, target.speed_max)) / target.timestep
+    if steps < STEPS_PER_CONTACT:
+        raise SettingError(
+            "timestep",
+            f"{target.timestep:g} s, {steps:.2g} of which are the law's shortest contact",
+            f"{target.timestep * steps / STEPS_PER_CONTACT:.2g} s or less",
+            todo,
+        )

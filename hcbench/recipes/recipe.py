@@ -1,0 +1,114 @@
+"""What a recipe is: a function from targets to one engine's settings, with what a choice goes by."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from hcbench.errors import SettingError
+from hcbench.impact import Status
+from hcbench.recipes.search import map_result
+from hcbench.recipes.target import Target, TargetKind, require_kind
+from hcbench.setting import Setting
+
+
+class Role(StrEnum):
+    """What a recipe's settings match of a target."""
+
+    STOCK = "stock"  # nothing: the engine as it comes
+    CONSTANT_E = "constant-e"  # one restitution for all speeds
+    FALLING_E = "falling-e"  # any restitution that falls with speed
+    LAW = "law"  # the restitution of eq. (16)
+    LAW_AND_LOOP = "law-and-loop"  # and its force over penetration
+
+
+@dataclass(frozen=True, slots=True)
+class Integrators:
+    """Integrators that a recipe works with, its default first. reason: why others break it."""
+
+    names: tuple[str, ...]
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """Makes a setting of one engine from a target.
+
+    engine, name: "myengine", "impulse". summary: what it does to e and to the loop, in one sentence.
+    function: a target, and an integrator where `integrators` names some, to the setting's options; raises
+    SettingError for a target that it cannot serve.
+    notes: where it holds and what a user must know, a sentence each.
+    native: the engine's own contact is set; else a law stands in for it, as a plug-in does.
+    one_step: the bounce happens in a single step, whatever the step is: forces and times mean nothing.
+    kinds: of targets that it serves. instead: recipes to use for others, as a message says it.
+    forms: of scenes that can have such a contact. steps_min: in the law's shortest contact; "auto" tries it
+    from there on, and not at all without `by_auto`.
+    within: how far e may be from what the role promises; 0: what `hcbench.testing` asks of all.
+    ends: how every launch ends, of an engine that as it comes does not bounce a body at all.
+    """
+
+    engine: str
+    name: str
+    role: Role
+    function: Callable[..., Mapping[str, Any]]
+    summary: str
+    notes: tuple[str, ...] = ()
+    native: bool = True
+    one_step: bool = False
+    kinds: tuple[TargetKind, ...] = ("law", "linear", "points")
+    instead: str = ""
+    integrators: Integrators | None = None
+    forms: tuple[str, ...] = ("plane", "cup")
+    steps_min: float = 0.0
+    by_auto: bool = True
+    within: float = 0.0
+    ends: Status | None = None
+
+    def __call__(self, target: Target, integrator: str | None = None) -> Setting:
+        """The setting; integrator: one of `integrators`, None for the first.
+
+        Raises SettingError where the recipe cannot serve the target; SearchInterrupted with the best setting
+        so far where an interrupt ends its search.
+        """
+        if integrator is not None:
+            self._require_integrator(integrator)
+        require_kind(target, self.name, self.kinds, self.instead)
+        with map_result(lambda options: self._setting(target, options)):
+            options = self.function(target) if integrator is None else self.function(target, integrator)
+        return self._setting(target, options)
+
+    def _setting(self, target: Target, options: Mapping[str, Any]) -> Setting:
+        return Setting(self.engine, self.name, target.timestep, options)
+
+    def _require_integrator(self, integrator: str) -> None:
+        if self.integrators is None:
+            expected = "none: it has no choice of one"
+            raise SettingError("integrator", f"{integrator!r} for {self.name!r}", expected)
+        if integrator not in self.integrators.names:
+            got = f"{integrator!r} with {self.name!r}: {self.integrators.reason}"
+            raise SettingError("integrator", got, f"one of: {', '.join(self.integrators.names)}")
+
+
+def first(
+    recipes: Iterable[Recipe], role: Role, form: str, steps: float = 0.0, native: bool = True
+) -> Recipe | None:
+    """The first recipe of a role for a scene's form and as many steps in the law's shortest contact."""
+    for recipe in recipes:
+        fits = form in recipe.forms and recipe.steps_min <= steps
+        if fits and recipe.role is role and recipe.native == native:
+            return recipe
+    return None
+
+
+def on_a_plane(
+    engine: str, name: str, role: Role, function: Callable[..., Mapping[str, Any]], **more: Any
+) -> Callable[..., Recipe]:
+    """A recipe for scenes of the form "plane", to be called with summary and notes. more: of `Recipe`."""
+    return lambda summary, *notes: Recipe(
+        engine, name, role, function, summary, notes, forms=("plane",), **more
+    )
+
+
+def stock(engine: str, summary: str, *notes: str, **more: Any) -> Recipe:
+    """The engine as it comes: nothing is set but the step. more: of `Recipe`."""
+    return Recipe(engine, "stock", Role.STOCK, lambda target: {}, summary, notes, **more)

@@ -1,0 +1,77 @@
+"""Results of one study under each gravity that it ran under, and a cup beside its equivalent flat."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+from hcbench.benchmark.results import CONDITIONS, Results
+from hcbench.reporting.view import View
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_RUN = ["engine", "setting", "timestep_s"]
+
+
+class Views(NamedTuple):
+    """The same study with and without gravity, either of which may be missing, and where bodies slid."""
+
+    heavy: View | None
+    free: View | None
+    sliding: View | None = None
+
+    @property
+    def shown(self) -> list[View]:
+        """With gravity, and without."""
+        return [view for view in (self.heavy, self.free) if view is not None]
+
+    @property
+    def main(self) -> View:
+        """What a user's own scene is like: gravity, where the study has it."""
+        return self.shown[0]
+
+
+def views(results: Results) -> Views:
+    """A view for each gravity; the strongest where there are several."""
+    gravities = {float(record["gravity_m_per_s2"]) for record in results.settings}
+    heavy = max(gravities, default=0.0)
+    free = View(under(results, 0.0)) if 0.0 in gravities or not gravities else None
+    rough = results.impacts[results.impacts["friction"] > 0.0]
+    sliding = View(replace(results, impacts=rough)) if len(rough) else None
+    return Views(View(under(results, heavy)) if heavy else None, free, sliding)
+
+
+def under(results: Results, gravity: float) -> Results:
+    """What ran under a gravity, m/s², on the axis and with the least friction.
+
+    In the study's own scene, or else in another one.
+    """
+    import pandas as pd
+
+    rows = pd.DataFrame(results.settings, columns=["scene", *CONDITIONS, *_RUN])
+    plain = (rows["gravity_m_per_s2"] == gravity) & (rows["off_axis_m"] == 0.0)
+    plain &= rows["friction"] == rows["friction"][plain].min()
+    foreign = rows["scene"] != results.study["scene"]
+    chosen = rows[plain].assign(foreign=foreign).sort_values("foreign", kind="stable")
+    chosen = chosen.drop_duplicates(_RUN).drop(columns="foreign")
+
+    def pick(table: pd.DataFrame) -> pd.DataFrame:
+        return table if table.empty else table.merge(chosen)
+
+    keys = {tuple(row) for row in chosen.itertuples(index=False)}
+    settings = [r for r in results.settings if tuple(r[name] for name in chosen.columns) in keys]
+    impacts, study = pick(results.impacts), dict(results.study)
+    if gravity != study["gravity"]:
+        speeds = sorted({float(speed) for speed in impacts["speed_m_per_s"]})
+        study |= {"gravity": gravity, "speeds": speeds, "loop_speeds": []}
+    return replace(
+        results,
+        study=study,
+        settings=settings,
+        impacts=impacts,
+        loops=pick(results.loops),
+        scores=pick(results.scores),
+        trains=pick(results.trains),
+        rests=pick(results.rests),
+    )

@@ -1,0 +1,57 @@
+"""The same settings on the axis of the cup, off it, and on the equivalent flat: what e differs by."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from hcbench.benchmark.results import Results
+from hcbench.reporting import wording
+from hcbench.reporting.conditions import Views
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_RUN = ["gravity_m_per_s2", "engine", "setting", "timestep_s"]
+_LAUNCH = ["speed_m_per_s", "phase"]
+
+
+def rows(found: Views, results: Results) -> list[dict[str, Any]]:
+    """Runs of the main α at several places: the largest error of e on the cup's axis, and at each other place
+    the largest difference of e from there, launch by launch.
+    """
+    study, view = results.study, found.main
+    if study["form"] != "cup":
+        return []
+    table = results.impacts[results.impacts["friction"] == 0.0]
+    table = table[np.isclose(table["alpha_s_per_m"].astype(float), view.main_alpha, rtol=1e-9)]
+    shown = []
+    for key, group in table.groupby(_RUN, sort=False):
+        gravity = float(cast("tuple[Any, ...]", key)[0])
+        own, on_axis = group["scene"] == study["scene"], group["off_axis_m"] == 0.0
+        if (own & on_axis).all():
+            continue
+        axis, off, flat = (
+            group[which].set_index(_LAUNCH)["restitution"] for which in (own & on_axis, own & ~on_axis, ~own)
+        )
+        if len(axis) and (len(off) or len(flat)):
+            shown.append(
+                {
+                    "run": view.run_of({**group.iloc[0].to_dict(), "scene": study["scene"]}),
+                    "heavy": gravity > 0,
+                    "error": _error(group[own & on_axis]),
+                    "off_axis": _difference(axis, off),
+                    "flat": _difference(axis, flat),
+                }
+            )
+    return shown
+
+
+def _error(rows: pd.DataFrame) -> str:
+    return wording.error(float((rows["restitution"] - rows["restitution_law"]).abs().max()))
+
+
+def _difference(axis: pd.Series, other: pd.Series) -> str:
+    """Of the launches that were made at both places; "–" where there are none."""
+    return wording.error(float((other - axis).dropna().abs().max())) if len(other) else "–"

@@ -1,0 +1,265 @@
+"""What the explorer in the page knows: curves, loops, drops and answers, rounded to what a screen shows."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from hcbench.laws import closed_form
+from hcbench.reporting.answers import Answer, conditions, largest_error
+from hcbench.reporting.page import Script, script
+from hcbench.reporting.view import REFERENCE, RunKey, View
+from hcbench.reporting.wording import engine_title
+from hcbench.units import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    from hcbench.reporting.conditions import Views
+
+Pastes: TypeAlias = Mapping[tuple[float, RunKey, float], str]  # (gravity, run, α) -> id in the page
+_Where: TypeAlias = tuple[float, str, float, float]
+_WHERE = ("gravity", "engine", "step", "alpha")
+_Impact: TypeAlias = tuple[Any, ...]  # phase, e, the law's e, speed at touch, samples in contact
+_KEY = ["scene", "engine", "setting", "timestep_s", "alpha_s_per_m"]
+_USUAL_STEP = 2e-3  # s: what the page opens with, where it ran
+
+
+@dataclass(frozen=True, slots=True)
+class Explorer:
+    """What the templates need of it. data: JSON. answer: the one that the page opens with; pasted: its text.
+
+    tabs: id -> title of the panels under the plots.
+    """
+
+    data: str
+    tabs: Mapping[str, str]
+    answer: Mapping[str, Any] = field(default_factory=dict)
+    pasted: str = ""
+
+
+TABS = {
+    "loop": "Force loop",
+    "steps": "Error over step",
+    "settings": "All settings",
+    "numbers": "What was measured",
+}
+_SCRIPTS = ("law", "plot", "explorer", "panels", "drop", "start")
+
+
+def explorer_script() -> Script:
+    """What draws it."""
+    return script(*(f"explorer/{name}.js" for name in _SCRIPTS))
+
+
+@dataclass(slots=True)
+class LoopStore:
+    """Loops, each once: many settings do the same for every α."""
+
+    stored: list[Any] = field(default_factory=list)
+    places: dict[str, int] = field(default_factory=dict)
+
+    def add(self, columns: Iterable[Sequence[float]]) -> int:
+        """The number of a loop of times (s), penetrations (m) and forces (N)."""
+        loop = [digits(values, 4) for values in columns]
+        place = self.places.setdefault(json.dumps(loop), len(self.stored))
+        if place == len(self.stored):
+            self.stored.append(loop)
+        return place
+
+
+def explorer(found: Views, settings: Sequence[Mapping[str, Any]]) -> Explorer | None:
+    """That of a report; None where no engine ran over a band. settings: the table of how each was set."""
+    texts = [text for entry in settings for text in entry["texts"] if text["text"]]
+    data = explorer_data(found, {key: text["id"] for text in texts for key in text["of"]})
+    if not data:
+        return None
+    answer = data["answers"][data["first"]]
+    pasted = next((text["text"] for text in texts if text["id"] == answer["paste"]), "")
+    return Explorer(as_json(data), TABS, answer, pasted)
+
+
+def explorer_data(found: Views, pastes: Pastes) -> dict[str, Any]:
+    """All of it, JSON-able; nothing where no engine ran over a band. pastes: where what to paste stands."""
+    view, loops = found.main, LoopStore()
+    answers = [
+        (shown.gravity, *key, a) for shown in found.shown for key, a in conditions(shown, found.heavy).items()
+    ]
+    if not answers:
+        return {}
+    study, start = (
+        view.study,
+        _start([a[:4] for a in answers if a[4].best is not None] or [answers[0][:4]], view),
+    )
+    return {
+        "body": {"k": study["stiffness"], "n": study["exponent"], "m": view.mass},
+        "alphas": view.alphas,
+        "band": [0.0, max(float(shown.band[1]) for shown in found.shown)],
+        "gravities": [shown.gravity for shown in found.shown],
+        "engines": [[engine_title(engine), engine] for engine in view.engines],
+        "start": dict(zip(_WHERE, start, strict=True)),
+        "first": [answer[:4] for answer in answers].index(start),
+        "answers": [_answer(*answer, pastes) for answer in answers],
+        "runs": [run for shown in found.shown for run in _runs(shown, loops)],
+        "loops": loops.stored,
+        "scans": _scans(found.free) if found.free is not None else [],
+        "dropHeight": study.get("train_height"),
+        "dropGravity": found.heavy.gravity if found.heavy else STANDARD_GRAVITY,
+        "drops": _drops(found.heavy or view),
+    }
+
+
+def as_json(content: Any) -> str:
+    """Text for a script element of the page: no name in it can end the element."""
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c")
+
+
+def _start(keys: Sequence[_Where], view: View) -> _Where:
+    """What the page opens with: the first engine at the usual step, for the main α."""
+    here = [key for key in keys if key[0] == view.gravity and key[1] == view.engines[0]]
+    return min(
+        here or keys,
+        key=lambda key: (abs(math.log(key[2] / _USUAL_STEP)), abs(key[3] - view.main_alpha)),
+    )
+
+
+def _answer(
+    gravity: float, engine: str, step: float, alpha: float, found: Answer, pastes: Pastes
+) -> dict[str, Any]:
+    where = dict(zip(_WHERE, (gravity, engine, step, alpha), strict=True))
+    shown = [f"{run.engine} {run.label}" for run in found.shown]
+    paste = pastes.get((gravity, found.best, alpha), "") if found.best is not None else ""
+    return {**where, "say": found.say, "more": list(found.more), "shown": shown, "paste": paste}
+
+
+def _runs(view: View, loops: LoopStore) -> Iterable[dict[str, Any]]:
+    """Curves of every setting, step and α of the engines that ran over a band."""
+    kept = _kept_loops(view)
+    for (run, alpha), by_speed in _impacts(view).items():
+        if run not in view.band_runs or run.engine == REFERENCE or view.curve(run, alpha) is None:
+            continue
+        of_run = {speed: loop for speed in by_speed if (loop := kept.get((run, alpha, speed)))}
+        # Shown of each speed is the impact whose loop was kept, or else one half-way through a step.
+        phase = min((p for p, *_ in of_run.values() or chain(*by_speed.values())), key=_from_middle)
+        shown = [min(impacts, key=lambda impact: abs(impact[0] - phase)) for impacts in by_speed.values()]
+        _, e, _, speed_in, samples = zip(*shown, strict=True)
+        spans = [_span(impacts) for impacts in by_speed.values()]
+        low, high, error = zip(*spans, strict=True)
+        yield {
+            **_drawn(view, run),
+            "gravity": view.gravity,
+            "step": run.timestep,
+            "alpha": alpha,
+            "phase": phase,
+            "largest": float(f"{largest_error(view, run, alpha):.3g}"),
+            "asked": digits(by_speed, 4),
+            "v": digits(map(_finite, speed_in, by_speed), 5),
+            "e": places(e, 5),
+            "low": places(low, 5),
+            "high": places(high, 5),
+            "error": digits(error, 3),
+            "samples": samples,
+            "loops": [loops.add(of_run[speed][1:]) if speed in of_run else -1 for speed in by_speed],
+        }
+
+
+def _impacts(view: View) -> dict[tuple[RunKey, float], dict[float, list[_Impact]]]:
+    """(run, α) -> speed -> its impacts, one a phase."""
+    columns = ["speed_m_per_s", "phase", "restitution", "restitution_law", "speed_in_m_per_s", "samples"]
+    found: dict[tuple[RunKey, float], dict[float, list[_Impact]]] = {}
+    for key, rows in view.head_on.groupby(_KEY, sort=False):
+        by_speed = found.setdefault(_run_and_alpha(view, key), {})
+        for speed, *impact in sorted(rows[columns].itertuples(index=False, name=None)):
+            by_speed.setdefault(speed, []).append(tuple(impact))
+    return found
+
+
+def _kept_loops(view: View) -> dict[tuple[RunKey, float, float], tuple[Any, ...]]:
+    """(run, α, speed) -> phase, times, penetrations, forces."""
+    columns = ["speed_m_per_s", "phase", "time_s", "penetration_m", "force_n"]
+    found: dict[tuple[RunKey, float, float], tuple[Any, ...]] = {}
+    if view.results.loops.empty:
+        return found
+    for key, rows in view.results.loops.groupby(_KEY, sort=False):
+        place = _run_and_alpha(view, key)
+        for speed, phase, *sample in rows[columns].itertuples(index=False, name=None):
+            loop = found.setdefault((*place, speed), (phase, [], [], []))
+            for values, value in zip(loop[1:], sample, strict=True):
+                values.append(value)
+    return found
+
+
+def _run_and_alpha(view: View, key: Any) -> tuple[RunKey, float]:
+    values = dict(zip(_KEY, key, strict=True))
+    return view.run_of(values), float(values["alpha_s_per_m"])
+
+
+def _from_middle(phase: float) -> float:
+    return abs(phase - 0.5)
+
+
+def _finite(measured: float, asked: float) -> float:
+    return measured if math.isfinite(measured) else asked
+
+
+def _span(impacts: Sequence[_Impact]) -> tuple[float, float, float]:
+    """Least and largest e, and the largest distance from the law; NaN where none came back."""
+    known = [(e, abs(e - law)) for _, e, law, *_ in impacts if math.isfinite(e)]
+    if not known:
+        return math.nan, math.nan, math.nan
+    values, errors = zip(*known, strict=True)
+    return min(values), max(values), max(errors)
+
+
+def _drawn(view: View, run: RunKey) -> dict[str, str]:
+    style = view.plot_style(run)
+    dashes = " ".join(f"{1.6 * dash:.3g}" for dash in style.dashes)
+    names = {"engine": run.engine, "setting": run.label, "label": run.label, "title": run.title}
+    return {**names, "colour": style.colour, "dashes": dashes}
+
+
+def _scans(view: View) -> list[dict[str, Any]]:
+    """Largest errors over the time step at one speed, for the main α."""
+    speed = float(view.study["step_speed"])
+    law = float(closed_form.restitution(view.main_alpha, speed))
+    return [
+        {
+            "engine": run.engine,
+            "setting": run.label,
+            "alpha": view.main_alpha,
+            "v": speed,
+            "steps": [float(h) for h in table["timestep"]],
+            "error": digits(np.maximum(abs(table["low"] - law), abs(table["high"] - law)), 3),
+        }
+        for run, table in view.step_curves().items()
+        if run.engine != REFERENCE
+    ]
+
+
+def _drops(view: View) -> list[dict[str, Any]]:
+    """Touch and parting times (s) and heights (m) of dropped balls for the main α; few, where they rest."""
+    drops = []
+    for run in dict.fromkeys([*view.bounces, *view.rests]):
+        if run.engine == REFERENCE:
+            continue
+        table = view.bounces.get(run)
+        columns = {"touch": "touch_s", "parting": "parting_s", "height": "height_m"}
+        path = {name: [] if table is None else digits(table[column], 5) for name, column in columns.items()}
+        about = {"engine": run.engine, "setting": run.label, "step": run.timestep, "alpha": view.main_alpha}
+        drops.append({**about, **path, "ended": len(path["touch"]) < 10})
+    return drops
+
+
+def digits(values: Iterable[float], count: int) -> list[float | None]:
+    """In so many digits, None for what is not finite."""
+    return [float(f"{v:.{count}g}") if math.isfinite(v) else None for v in values]
+
+
+def places(values: Iterable[float], count: int) -> list[float | None]:
+    """With so many decimals, None for what is not finite."""
+    return [round(float(v), count) + 0.0 if math.isfinite(v) else None for v in values]

@@ -1,0 +1,177 @@
+"""Figures of the field page: a panel an engine."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.lines import Line2D
+
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
+from hcbench.reporting.page import Drawing
+from hcbench.reporting.plot_style import (
+    BLUE,
+    GREEN,
+    INK,
+    LAW,
+    LIMIT,
+    draw_band,
+    draw_loop,
+    legend_below,
+    log_axis,
+    new_figure,
+    speed_axis,
+)
+from hcbench.reporting.wording import time
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from hcbench.reporting.field.view import Case, FieldView
+
+_COLUMNS = 4  # panels beside each other
+_FLOOR, _CEILING = 1e-8, 30.0  # of errors, in figures
+_STOCK: dict[str, Any] = {"color": LIMIT, "marker": "X", "markersize": 5.0}
+_BEST: dict[str, Any] = {"color": BLUE, "marker": "o", "markersize": 4.0}
+_PLUGIN: dict[str, Any] = {"color": GREEN, "marker": "v", "markersize": 4.0}
+_HEAVY: dict[str, Any] = {"linestyle": (0, (4, 1.6)), "markerfacecolor": "white"}
+_CONSTANT: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (5, 2))}
+_LAW: dict[str, Any] = {"color": LAW, "linewidth": 6, "solid_capstyle": "butt", "zorder": 1}
+
+
+def drawings(view: FieldView) -> list[Drawing]:
+    """The figures of a page, by name."""
+    none = "" if view.loops else "no engine of this study was seen from inside its contact"
+    return [
+        Drawing(
+            "field-steps", partial(steps_figure, view), "Error of e over the time step, a panel an engine."
+        ),
+        Drawing(
+            "field-curves", partial(curves_figure, view), "Restitution over impact speed, a panel an engine."
+        ),
+        Drawing(
+            "field-loops",
+            None if none else partial(loops_figure, view),
+            "Force over penetration, a panel an engine.",
+            none,
+        ),
+    ]
+
+
+def steps_figure(view: FieldView) -> Figure:
+    """Largest error of e over the step: as it comes, best setting, plug-in; without gravity and with."""
+    figure, panels = _panels(view, view.engines)
+    kinds: list[tuple[Callable[[str, float, float], Case | None], dict[str, Any]]] = [
+        (view.stock, _STOCK),
+        (view.best, _BEST),
+        (lambda engine, g, h: view.best(engine, g, h, native=False), _PLUGIN),
+    ]
+    for engine, axes in panels:
+        axes.axhline(view.constant_error, **_CONSTANT)
+        for pick, style in kinds:
+            for gravity in view.gravities:
+                found = [(h, case) for h in view.steps if (case := pick(engine, gravity, h)) is not None]
+                errors = [float(view.scores[case]["max_error_law"]) for _, case in found]
+                shown = np.clip(errors, _FLOOR, _CEILING)
+                line = {"linewidth": 1.3, **style, **(_HEAVY if gravity else {})}
+                axes.plot([h for h, _ in found], shown, **line)
+        log_axis(axes, "x")
+        log_axis(axes, "y")
+        axes.set_xlim(min(view.steps) / 1.6, max(view.steps) * 1.6)
+        axes.set_ylim(_FLOOR / 1.5, _CEILING)
+    _label(panels, "time step, s", "error of e")
+    heavy = [g for g in view.gravities if g]
+    legend = [
+        Line2D([], [], label="as it comes", **_STOCK),
+        Line2D([], [], label="best setting of its own", **_BEST),
+        Line2D([], [], label="law put in", **_PLUGIN),
+        *([Line2D([], [], label="the same under gravity", **{**_BEST, **_HEAVY})] if heavy else []),
+        Line2D([], [], label="best constant e", **_CONSTANT),
+    ]
+    legend_below(figure, legend)
+    return figure
+
+
+def curves_figure(view: FieldView) -> Figure:
+    """e over v without gravity: as it comes and at its best, at the finest step and at a robot's."""
+    figure, panels = _panels(view, view.engines)
+    law_speeds = np.linspace(0.0, float(view.speeds[-1]), 121)
+    fine, coarse = view.steps[0], min(view.steps, key=lambda h: abs(math.log(h / 1e-3)))
+    for engine, axes in panels:
+        axes.plot(law_speeds, closed_form.restitution(view.alpha, law_speeds), **_LAW)
+        for pick, style in ((view.stock, _STOCK), (view.best, _BEST)):
+            for step in (fine, coarse):
+                case = pick(engine, view.gravities[0], step)
+                curve = None if case is None else view.curve(case)
+                if curve is not None and len(curve):
+                    speed, low, middle, high = curve[["speed", "low", "middle", "high"]].to_numpy(float).T
+                    draw_band(axes, speed, low, high, style["color"])
+                    line = {"linewidth": 1.3, **style, **(_HEAVY if step == coarse else {})}
+                    axes.plot(speed, middle, **line)
+        axes.set_ylim(-0.05, 1.12)
+        speed_axis(axes, label=False, inches=False)
+    _label(panels, "impact speed v, m/s", "restitution e")
+    legend_below(
+        figure,
+        [
+            Line2D([], [], label="the law, eq. (16)", **_LAW),
+            Line2D([], [], label="as it comes", **_STOCK),
+            Line2D([], [], label=f"best setting of its own at {time(fine)}", **_BEST),
+            Line2D([], [], label=f"the same at {time(coarse)}", **{**_BEST, **_HEAVY}),
+        ],
+    )
+    return figure
+
+
+def loops_figure(view: FieldView) -> Figure:
+    """Force over penetration of the finest step's best setting, the law's loop under it."""
+    cases = dict(_with_loops(view))
+    figure, panels = _panels(view, list(cases))
+    study = view.study
+    law = HuntCrossley(float(study["stiffness"]), view.alpha, float(study["exponent"]))
+    loop = closed_form.loop(law, float(study["mass_kg"]), float(study["step_speed"]), 241)
+    for engine, axes in panels:
+        axes.plot(1e6 * loop.penetration, 1e-3 * loop.force, **_LAW)
+        rows = view.loops[cases[engine]]
+        x, force = (rows[name].to_numpy(dtype=float) for name in ("penetration_m", "force_n"))
+        draw_loop(axes, 1e6 * x, 1e-3 * force, color=BLUE, linewidth=1.2)
+        axes.set_title(f"{view.title(engine)}\n{cases[engine].setting}", fontsize=8.5)
+    _label(panels, "penetration, µm", "force, kN")
+    return figure
+
+
+def _with_loops(view: FieldView) -> Iterator[tuple[str, Case]]:
+    for engine in view.engines:
+        for step in view.steps:
+            case = view.best(engine, view.gravities[0], step)
+            if case is not None and case in view.loops and view.scores[case]["loops"]:
+                yield engine, case
+                break
+
+
+def _panels(view: FieldView, engines: list[str]) -> tuple[Figure, list[tuple[str, Axes]]]:
+    """A panel for each engine, titled."""
+    columns = min(_COLUMNS, max(1, len(engines)))
+    rows = math.ceil(len(engines) / columns)
+    figure = new_figure(0.6 + 2.55 * columns, 0.8 + 2.2 * rows)
+    grid = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes in grid[len(engines) :]:
+        axes.set_visible(False)
+    for engine, axes in zip(engines, grid, strict=False):
+        axes.set_title(view.title(engine), fontsize=9)
+    return figure, list(zip(engines, grid, strict=False))
+
+
+def _label(panels: list[tuple[str, Axes]], x: str, y: str) -> None:
+    columns = min(_COLUMNS, len(panels))
+    for i, (_, axes) in enumerate(panels):
+        if i % columns == 0:
+            axes.set_ylabel(y)
+        if i >= len(panels) - columns:
+            axes.set_xlabel(x)

@@ -1,0 +1,127 @@
+"""The headline of the field page: what follows from the numbers for who chooses an engine."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+from hcbench.reporting.field.view import NO_BOUNCE, Case
+from hcbench.reporting.ranking import LOOP_NEAR
+from hcbench.reporting.wording import listed, number, percent, time
+from hcbench.sim import registry
+
+if TYPE_CHECKING:
+    from hcbench.reporting.field.view import FieldView
+
+_NAMED = 5  # engines in a sentence, at most
+_ROBOT_STEP = 1e-3  # s
+
+
+def headline(view: FieldView) -> list[str]:
+    """Sentences, the weightiest first; what nothing in the study tells is left out."""
+    found = [_law(view), _robots(view), _loops(view), _as_it_comes(view), _gains(view), _versions(view)]
+    return [sentence for sentence in found if sentence]
+
+
+def _law(view: FieldView) -> str:
+    """Who follows the law at the finest step, with numbers to set."""
+    step = view.steps[0]
+    best = _sorted(view, view.gravities[0], step)
+    follow = [_named(view, case) for case in best if view.follows_law(case)]
+    if not follow:
+        return f"At a step of {time(step)} no engine follows the law by settings of its own."
+    rest = f" and {len(follow) - _NAMED} more" if len(follow) > _NAMED else ""
+    named = f"{listed(follow[:_NAMED])}{rest}"
+    return f"At a step of {time(step)} these follow the law by settings of their own: {named}."
+
+
+def _robots(view: FieldView) -> str:
+    """Who is nearest at a robot's step under gravity."""
+    step, gravity = min(view.steps, key=lambda h: abs(math.log(h / _ROBOT_STEP))), view.gravities[-1]
+    best = _sorted(view, gravity, step)
+    if not best:
+        return ""
+    nearest = listed([_named(view, case) for case in best[:3]])
+    where = " under gravity" if gravity else ""
+    return (
+        f"At {time(step)}{where} the nearest are {nearest}; "
+        f"the best one e for all speeds is off by {number(view.constant_error)}."
+    )
+
+
+def _loops(view: FieldView) -> str:
+    """Whose force is the law's too."""
+    near: dict[str, tuple[float, Case]] = {}
+    for case, score in view.scores.items():
+        recipe, rms = view.recipe(case), float(score["loop_rms"])
+        own = recipe is not None and recipe.native and not case.gravity and case.engine in view.engines
+        if own and score["loops"] and rms <= LOOP_NEAR and not view.gains(case):
+            engine = registry.base_name(case.engine)
+            near[engine] = min(near.get(engine, (rms, case)), (rms, case))
+    words = [f"{view.title(c.engine)} {c.setting} ({percent(rms)})" for rms, c in sorted(near.values())]
+    return f"The force over penetration is the law's too in {listed(words)}." if words else ""
+
+
+def _as_it_comes(view: FieldView) -> str:
+    """Who does not bounce with nothing set, and who loses the ball."""
+    still, lost = [], []
+    for engine in view.engines:
+        cases = [c for h in view.steps if (c := view.stock(engine, view.gravities[0], h)) is not None]
+        if cases and all(view.lost(case) for case in cases):
+            lost.append(f"{view.title(engine)} ({view.lost(cases[0])})")
+        elif cases and max(view.restitution(case)[1] for case in cases) < NO_BOUNCE:
+            still.append(view.title(engine))
+    parts = [f"no bounce at any step in {listed(still)}"] if still else []
+    parts += [f"no contact that holds the ball in {listed(lost)}"] if lost else []
+    return f"As they come: {'; '.join(parts)}." if parts else ""
+
+
+def _gains(view: FieldView) -> str:
+    """Who gives a body more speed than it had."""
+    gains: dict[str, list[Case]] = {}
+    for case in view.scores:
+        if case.engine in view.engines and view.gains(case):
+            gains.setdefault(case.engine, []).append(case)
+    words = []
+    for engine, cases in gains.items():
+        stock = [case for case in cases if case.setting == "stock"]
+        worst = max(stock or cases, key=lambda case: view.restitution(case)[1])
+        name = "as it comes" if stock else worst.setting
+        high = view.restitution(worst)[1]
+        where = f"{time(worst.timestep)}{' under gravity' if worst.gravity else ''}"
+        words.append(f"{view.title(engine)} {name} (e up to {number(high)} at {where})")
+    return f"Energy out of nothing: {listed(words)}." if words else ""
+
+
+def _versions(view: FieldView) -> str:
+    """What another version of an engine changed."""
+    words = []
+    for one, other in combinations(view.engines, 2):
+        if registry.base_name(one) != registry.base_name(other):
+            continue
+        differences = [
+            float((a["restitution"] - b["restitution"].to_numpy()).abs().max())
+            for case, a in view.impacts.items()
+            if case.engine == one and (b := view.impacts.get(case._replace(engine=other))) is not None
+        ]
+        largest = max((d for d in differences if math.isfinite(d)), default=math.nan)
+        alike = f"bounce alike in all of {len(differences)} runs"
+        off = (
+            alike
+            if largest == 0.0
+            else f"differ in e by up to {number(largest)} over {len(differences)} runs"
+        )
+        words.append(f"{view.title(one)} and {view.title(other)} {off}")
+    return f"{'; '.join(words)}." if words else ""
+
+
+def _sorted(view: FieldView, gravity: float, timestep: float) -> list[Case]:
+    """The best case of each engine at a step, nearest first; of one engine's versions the nearest alone."""
+    best = [c for engine in view.engines if (c := view.best(engine, gravity, timestep)) is not None]
+    by_error = sorted(best, key=view.error)
+    return list({registry.base_name(case.engine): case for case in reversed(by_error)}.values())[::-1]
+
+
+def _named(view: FieldView, case: Case) -> str:
+    return f"{view.title(case.engine)} {case.setting} ({number(view.error(case))})"

@@ -1,0 +1,100 @@
+"""What a field report asks of each engine beside its impacts: the same bits again and alone, and the cost."""
+
+from __future__ import annotations
+
+import time
+from contextlib import closing, nullcontext
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, cast
+
+from hcbench.errors import HcbenchError
+from hcbench.impact import Launch
+from hcbench.scene import load_scene
+from hcbench.sim import registry
+from hcbench.sim.engine import SteppedEngine
+from hcbench.workers import call, redirect_output
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.reporting.field.view import FieldView
+    from hcbench.scene import Scene
+    from hcbench.setting import Setting
+
+BALLS = (1, 100)
+_LAUNCHES = (Launch(0.1, 0.25), Launch(0.2, 0.5), Launch(0.4, 0.75))
+_STEPS, _LIMIT_S = 100, 240.0
+_REPEAT_S = 0.3  # of one measurement, about
+
+
+@dataclass(frozen=True, slots=True)
+class Probe:
+    """Of one setting. repeats: whether the same launches give the same bits. alone: and each by itself.
+    cost: number of balls that were simulated together -> s a ball and step.
+    """
+
+    repeats: bool
+    alone: bool
+    cost: dict[int, float]
+
+
+def probe(setting: Setting, scene: Scene) -> Probe | None:
+    """Ask an engine, in its worker process; None where it cannot answer."""
+    engine = registry.engine(setting.engine)
+    if not isinstance(engine, SteppedEngine):
+        return None
+    try:
+        return call(_probe_here, setting, scene, limit=_LIMIT_S, at=engine.interpreter)
+    except HcbenchError:
+        return None
+
+
+def _probe_here(setting: Setting, scene: Scene) -> Probe:
+    engine = cast("SteppedEngine", registry.engine(setting.engine))
+    first, again = ([_bits(i) for i in engine.run(scene, setting, _LAUNCHES)] for _ in range(2))
+    alone = [_bits(engine.run(scene, setting, [launch])[0]) for launch in _LAUNCHES]
+    cost: dict[int, float] = {}
+    with redirect_output() if engine.own_process else nullcontext():
+        for balls in BALLS:
+            cost |= _cost(engine, setting, scene, balls)
+    return Probe(first == again, first == alone, cost)
+
+
+def _bits(impact: object) -> bytes:
+    import pickle
+
+    return pickle.dumps(replace(impact, loop=None, launch=None))  # type: ignore[type-var]
+
+
+def _cost(engine: SteppedEngine, setting: Setting, scene: Scene, balls: int) -> dict[int, float]:
+    """Balls that fly and bounce together: s a ball and step, the least of several times."""
+    with engine.load(scene, setting, 0.4) as world:
+        together = min(balls, world.places)
+        launches = [Launch(0.4, (i + 0.5) / together) for i in range(together)]
+        least, begun = float("inf"), time.perf_counter()
+        while least == float("inf") or time.perf_counter() - begun < _REPEAT_S:
+            with closing(world.release(launches)) as simulation:
+                start, done = time.perf_counter(), 0
+                while done < _STEPS:
+                    done += simulation.advance(_STEPS - done).force.shape[1]
+                least = min(least, (time.perf_counter() - start) / (_STEPS * together))
+    return {together: least}
+
+
+def scene_of(view: FieldView) -> Scene:
+    """The study's own, without gravity."""
+    return replace(load_scene(str(view.study["scene"])), gravity=0.0)
+
+
+def csv_of(costs: Sequence[tuple[str, str, float, dict[int, float]]], machine: str) -> str:
+    """The costs as a file of its own. costs: (engine, setting, step, as `Probe.cost`)."""
+    lines = [
+        f"# CPU and load of one machine at one time: {machine}",
+        "engine,setting,timestep_s,balls,us_a_ball_step",
+    ]
+    lines += [
+        f"{engine},{name},{step:g},{balls},{1e6 * s:.3g}"
+        for engine, name, step, cost in costs
+        for balls, s in cost.items()
+    ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,167 @@
+"""Results of a field study as its page looks at them: by engine, setting, gravity and step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from hcbench import scoring
+from hcbench.benchmark.results import Results
+from hcbench.recipes.recipe import Recipe, Role
+from hcbench.reporting.view import REFERENCE
+from hcbench.reporting.wording import engine_title
+from hcbench.sim import registry
+
+_KEY = ["engine", "setting", "gravity_m_per_s2", "timestep_s"]
+_LAW_ROLES = (Role.LAW, Role.LAW_AND_LOOP)
+NO_BOUNCE = 0.05  # of e: below it at every speed an engine counts as one that does not bounce
+FOLLOWS = 0.1  # of the best constant's error: from here down a setting follows the law
+
+
+class Case(NamedTuple):
+    """One setting of one engine at one step (s), with gravity (m/s²) or without."""
+
+    engine: str
+    setting: str
+    gravity: float
+    timestep: float
+
+
+@dataclass(frozen=True)
+class FieldView:
+    """The results for the study's main α."""
+
+    results: Results
+
+    @property
+    def study(self) -> Mapping[str, Any]:
+        """The study, as JSON."""
+        return self.results.study
+
+    @property
+    def alpha(self) -> float:
+        """The main α, s/m."""
+        return float(self.study["main_alpha"])
+
+    @cached_property
+    def speeds(self) -> Any:
+        """Launch speeds, m/s, rising."""
+        return np.array(sorted(self.study["speeds"]), dtype=float)
+
+    @cached_property
+    def constant_error(self) -> float:
+        """What the best constant e is off by over the band: the line to beat."""
+        return scoring.best_constant(self.alpha, self.speeds)[1]
+
+    @cached_property
+    def scores(self) -> dict[Case, Mapping[str, Any]]:
+        """Each case's score, in the study's order."""
+        rows = self._of_alpha(self.results.scores).to_dict("records")
+        return {self._case(row): {str(k): v for k, v in row.items()} for row in rows}
+
+    @cached_property
+    def impacts(self) -> dict[Case, pd.DataFrame]:
+        """Each case's impacts."""
+        groups = self._of_alpha(self.results.impacts).groupby(_KEY, sort=False)
+        return {self._case(rows.iloc[0].to_dict()): rows for _, rows in groups}
+
+    @cached_property
+    def loops(self) -> dict[Case, pd.DataFrame]:
+        """Each case's loop at the study's speed for loops, in time order."""
+        table = self._of_alpha(self.results.loops)
+        if table.empty:
+            return {}
+        here = table[np.isclose(table["speed_m_per_s"].astype(float), self.study["step_speed"], rtol=1e-9)]
+        groups = here.groupby(_KEY, sort=False)
+        return {self._case(rows.iloc[0].to_dict()): rows for _, rows in groups}
+
+    @cached_property
+    def engines(self) -> list[str]:
+        """In the study's order, the reference left out."""
+        return [e for e in dict.fromkeys(case.engine for case in self.scores) if e != REFERENCE]
+
+    @cached_property
+    def gravities(self) -> list[float]:
+        """Without first."""
+        return sorted({case.gravity for case in self.scores})
+
+    @cached_property
+    def steps(self) -> list[float]:
+        """Of all engines, s, rising."""
+        return sorted({case.timestep for case in self.scores if case.engine != REFERENCE})
+
+    def title(self, engine: str) -> str:
+        """The engine's name, with the version that ran."""
+        plain = registry.base_name(engine)
+        return f"{engine_title(plain)} {self.results.versions.get(engine, '')}".strip()
+
+    def recipe(self, case: Case) -> Recipe | None:
+        """What made the setting; None where this hcbench has no such recipe."""
+        return registry.recipes(registry.base_name(case.engine)).get(case.setting)
+
+    def cases(self, engine: str, gravity: float, timestep: float, native: bool = True) -> list[Case]:
+        """An engine's settings at a step, in the study's order: its own contact's, or those of plug-ins."""
+        found = [c for c in self.scores if (c.engine, c.gravity, c.timestep) == (engine, gravity, timestep)]
+        made = [(case, self.recipe(case)) for case in found if case.setting != "stock"]
+        return [case for case, recipe in made if recipe is not None and recipe.native == native]
+
+    def best(self, engine: str, gravity: float, timestep: float, native: bool = True) -> Case | None:
+        """The setting nearest to the law that loses no impact and gains no energy; None for none."""
+        errors = {case: self.error(case) for case in self.cases(engine, gravity, timestep, native)}
+        least = min(errors, key=errors.__getitem__, default=None)
+        return least if least is not None and math.isfinite(errors[least]) else None
+
+    def stock(self, engine: str, gravity: float, timestep: float) -> Case | None:
+        """The engine as it comes; None where it did not run so."""
+        case = Case(engine, "stock", gravity, timestep)
+        return case if case in self.scores else None
+
+    def error(self, case: Case) -> float:
+        """Largest |e - e of (16)|; inf where impacts were lost or energy gained."""
+        score = self.scores[case]
+        off = float(score["max_error_law"])
+        return math.inf if score["failed"] or self.gains(case) or math.isnan(off) else off
+
+    def gains(self, case: Case) -> bool:
+        """Whether a body left faster than it came."""
+        return bool(self.scores[case]["energy_gained"])
+
+    def restitution(self, case: Case) -> tuple[float, float]:
+        """The least and the largest e over speeds and phases; NaN where no impact came back."""
+        e = self.impacts[case]["restitution"].astype(float)
+        return float(e.min()), float(e.max())
+
+    def lost(self, case: Case) -> str:
+        """What became of the impacts where none gave an e, in a word; "" where any did."""
+        statuses = self.impacts[case]["status"]
+        return "" if statuses.isin(("parted", "rested")).any() else str(statuses.mode().iloc[0])
+
+    def curve(self, case: Case) -> pd.DataFrame:
+        """By speed: the columns speed (at touch, m/s), low, middle, high of e over the phases."""
+        rows = self.impacts[case]
+        rows = rows[rows["restitution"].notna()]
+        by_speed = rows.groupby(rows["speed_m_per_s"].astype(float).round(12))
+        e = by_speed["restitution"].agg(["min", "median", "max"]).set_axis(["low", "middle", "high"], axis=1)
+        return e.assign(speed=by_speed["speed_in_m_per_s"].median())
+
+    def follows_law(self, case: Case) -> bool:
+        """Whether it is nearer to the law than a tenth of what a constant e can be."""
+        return self.error(case) <= FOLLOWS * self.constant_error
+
+    def _case(self, row: Mapping[Any, Any]) -> Case:
+        engine, setting, gravity, timestep = (row[name] for name in _KEY)
+        return Case(str(engine), str(setting), float(gravity), float(timestep))
+
+    def _of_alpha(self, table: pd.DataFrame) -> pd.DataFrame:
+        return table[np.isclose(table["alpha_s_per_m"].astype(float), self.alpha, rtol=1e-9)]
+
+
+def has_law(recipe: Recipe | None) -> bool:
+    """Whether it is meant to follow eq. (16)."""
+    return recipe is not None and recipe.role in _LAW_ROLES

@@ -1,0 +1,81 @@
+"""What the explorer in a measurement's page draws: e over speed, and each impact beside the law."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from hcbench.impact import LOOP_TOLERANCE, Impact
+from hcbench.laws import closed_form
+from hcbench.measuring.measurement import CurvePoint, Measurement
+from hcbench.reporting.explorer import TABS, Explorer, LoopStore, as_json, digits, places
+from hcbench.reporting.plot_style import LIMIT, MEASURED
+
+
+def explorer_of(measurement: Measurement) -> Explorer | None:
+    """None where there is no law to compare with, or no contact took steps enough to show a loop."""
+    law, facts = measurement.law, measurement.facts
+    points = [p for p in measurement.curve if not math.isnan(p.restitution) and not p.angle]
+    if law is None or not points or not measurement.loops:
+        return None
+    loops, gravity = LoopStore(), float(np.linalg.norm(facts.gravity))
+    where = {"engine": facts.engine, "step": facts.timestep, "gravity": gravity, "alpha": law.alpha}
+    runs = [{**where, **_measured(measurement, points, loops)}]
+    if facts.asked:
+        asked = dict(zip(measurement.request.speeds, facts.asked, strict=True))
+        runs.append({**where, **_asked(points, [asked[p.speed] for p in points])})
+    for run in runs:
+        error = np.abs(np.array(run["e"]) - closed_form.restitution(law.alpha, np.array(run["v"])))
+        run |= {"error": digits(error, 3), "largest": float(f"{error.max():.3g}")}
+    data = {
+        "body": {"k": law.stiffness, "n": law.exponent, "m": measurement.effective_mass},
+        "alphas": [law.alpha],
+        "gravities": [gravity],
+        "band": [0.0, 1.02 * max(p.speed_in for p in points)],
+        "engines": [[facts.engine, facts.engine]],
+        "start": where,
+        "answers": [{**where, "shown": [f"{facts.engine} {run['setting']}" for run in runs]}],
+        "runs": runs,
+        "loops": loops.stored,
+        "scans": [],
+        "dropHeight": None,
+        "drops": [],
+    }
+    return Explorer(as_json(data), {name: TABS[name] for name in ("loop", "numbers")})
+
+
+def _measured(measurement: Measurement, points: Sequence[CurvePoint], loops: LoopStore) -> dict[str, Any]:
+    """The curve, by the impacts whose loops there are."""
+    kept = {impact.launch.speed: impact for impact in measurement.loops}
+    shown = [kept.get(point.speed) for point in points]
+    e = [p.restitution if i is None else i.restitution for p, i in zip(points, shown, strict=True)]
+    return {
+        **_line("measured", MEASURED.colour, points),
+        "phase": next(impact.launch.phase for impact in shown if impact is not None),
+        "e": places(e, 5),
+        "low": places([point.lowest for point in points], 5),
+        "high": places([point.highest for point in points], 5),
+        "samples": [0 if impact is None else impact.samples for impact in shown],
+        "loops": [-1 if impact is None else _add(loops, impact) for impact in shown],
+    }
+
+
+def _asked(points: Sequence[CurvePoint], e: Sequence[float]) -> dict[str, Any]:
+    """What the model asks for, which has no loops."""
+    known = {"phase": 0.5, "samples": [0] * len(e), "loops": [-1] * len(e)}
+    values = places(e, 5)
+    line = _line("asked by the model", LIMIT, points)
+    return {**line, **known, "e": values, "low": values, "high": values, "dashes": "6 3"}
+
+
+def _line(name: str, colour: str, points: Sequence[CurvePoint]) -> dict[str, Any]:
+    named = {"setting": name, "label": name, "title": name, "colour": colour, "dashes": ""}
+    speeds = {"asked": digits([p.speed for p in points], 4), "v": digits([p.speed_in for p in points], 5)}
+    return {**named, **speeds}
+
+
+def _add(loops: LoopStore, impact: Impact) -> int:
+    assert impact.loop is not None
+    loop = impact.loop.simplified(LOOP_TOLERANCE)
+    return loops.add((loop.time.tolist(), loop.penetration.tolist(), loop.force.tolist()))

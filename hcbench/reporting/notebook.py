@@ -1,0 +1,125 @@
+"""Results as a notebook shows them: a figure, and HTML of what was found with that figure in it."""
+
+from __future__ import annotations
+
+import math
+from functools import singledispatch
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from hcbench import _text
+from hcbench.benchmark.results import Results
+from hcbench.measuring.measurement import Measurement
+from hcbench.measuring.text import headline as measured_headline
+from hcbench.reporting import advice, measurement_page, wording
+from hcbench.reporting.conditions import views
+from hcbench.reporting.page import Drawing, draw, render
+from hcbench.reporting.plot_style import (
+    INK,
+    LAW,
+    MEASURED,
+    draw_band,
+    figure_defaults,
+    new_figure,
+    speed_axis,
+)
+from hcbench.reporting.ranking import overview_runs
+from hcbench.reporting.restitution_figures import overview_figure
+from hcbench.sim import registry
+from hcbench.tuning.evaluate import held_out_launches
+from hcbench.tuning.snippet import snippet
+from hcbench.tuning.tune import Tuned
+
+
+def figure_of(result: Any) -> Figure:
+    """The main figure of a result, in hcbench's style whatever matplotlib's settings are."""
+    with figure_defaults():
+        return _figure(result)
+
+
+def html_of(result: Any) -> str:
+    """A result in words and its main figure, as a part of a page that loads nothing."""
+    title, facts, paste = _words(result)
+    figure = draw(Drawing("figure", lambda: _figure(result), title))
+    return render("notebook.html", title=title, facts=facts, paste=paste, figure=figure)
+
+
+@singledispatch
+def _figure(result: Any) -> Figure:
+    raise TypeError(f"no figure of {type(result).__name__}")
+
+
+@singledispatch
+def _words(result: Any) -> tuple[str, dict[str, str], str]:
+    """A title, facts by their names, and what to paste."""
+    raise TypeError(f"no words for {type(result).__name__}")
+
+
+_figure.register(Measurement)(measurement_page.curve_figure)
+
+
+@_words.register
+def _(measurement: Measurement) -> tuple[str, dict[str, str], str]:
+    title, where, _ = measured_headline(measurement)
+    causes = wording.listed([cause.title for cause in measurement.causes])
+    facts = {"where": where, "found": measurement_page.summary(measurement), "why": causes}
+    return title, facts, "\n".join(cause.fix for cause in measurement.causes)
+
+
+@_figure.register
+def _(tuned: Tuned) -> Figure:
+    """e at the launches that it was judged by, a band over the phases, and what was wanted."""
+    target = tuned.target
+    launches = [launch for launch in held_out_launches(target) if not launch.is_oblique]
+    impacts = registry.engine(tuned.setting.engine).run(tuned.scene, tuned.setting, launches)
+    found = sorted((i.speed_in, i.restitution) for i in impacts if i.is_measured)
+    speed, e = np.array(found, dtype=float).reshape(-1, 2).T
+    speeds = np.linspace(target.speed_min, target.speed_max, 100)
+    figure = new_figure(6.4, 3.6)
+    axes = figure.subplots()
+    wanted = target.curve.at(speeds)
+    axes.plot(speeds, wanted, color=LAW, linewidth=6.0, label="wanted")
+    if math.isfinite(tuned.error):
+        draw_band(axes, speeds, wanted - tuned.error, wanted + tuned.error, LAW)
+    dots = MEASURED.line(linestyle="none", markersize=2.5)
+    axes.plot(speed, e, label=f"{tuned.setting.name}, all phases", **dots)
+    axes.set_ylabel("restitution e", color=INK)
+    speed_axis(axes, inches=False)
+    axes.legend(loc="best")
+    return figure
+
+
+@_words.register
+def _(tuned: Tuned) -> tuple[str, dict[str, str], str]:
+    target, constant = tuned.target, wording.bound(tuned.evaluation.constant_error)
+    rests = f"comes to rest, {wording.length(tuned.rest.depth)} deep" if tuned.rest.rests else "does not rest"
+    facts = {
+        "why": tuned.why,
+        "largest error of e": f"{wording.bound(tuned.error)}; that of the best constant e: {constant}",
+        "conditions": f"step {wording.time(target.timestep)}, gravity {target.gravity:.4g} m/s², "
+        f"{target.speed_min:.3g} to {target.speed_max:.3g} m/s",
+        "at rest": rests,
+        "advice": " ".join(tuned.advice),
+    }
+    engine = wording.engine_title(tuned.setting.engine)
+    return f"{engine}: {tuned.setting.name}", facts, snippet(tuned.setting, tuned.scene.form)
+
+
+@_figure.register
+def _(results: Results) -> Figure:
+    view = views(results).main
+    return overview_figure(view, overview_runs(view))
+
+
+@_words.register
+def _(results: Results) -> tuple[str, dict[str, str], str]:
+    view = views(results).main
+    facts = {
+        "in short": " ".join(advice.headline(view)),
+        "plug-ins": advice.plugin_sentence(view),
+        "impacts": str(len(results.impacts)),
+        "versions": ", ".join(f"{name} {number}" for name, number in results.versions.items()),
+    }
+    return _text.sanitized(str(results.study["title"])), facts, ""

@@ -1,0 +1,219 @@
+"""How figures look: colours, dashes and markers, axes and legends, the same on every page.
+
+Figures are drawn with matplotlib's object interface, on its bundled font, from its default settings: a user's
+matplotlibrc changes nothing, and the same numbers give the same bytes.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import cycle
+from pathlib import Path
+from typing import Any, Literal
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
+
+from hcbench.impact import Floats
+from hcbench.reporting.wording import power_of_ten
+from hcbench.units import INCH
+
+# After Okabe & Ito (2008) and Tol's muted set: told apart with any kind of colour vision; markers and dashes
+# say the same again for print.
+INK = "#26303a"  # text and axes
+GREY = "#8b949c"
+SLATE = "#5b6670"
+LAW = "#b9c0c7"  # the law: a broad pale band that curves can lie on and still be seen
+BLUE, ORANGE, GREEN, PURPLE, SKY, RED = "#0072B2", "#C98500", "#00805E", "#8B3F75", "#3A9BD0", "#B23A00"
+COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED, SLATE, "#3d3d9e", "#9a8a1f", INK)
+LIMIT = "#D55E00"  # what is wanted, or may not be passed
+# One for each colour: like colours differ in it, and where two lines of a figure run along each other the
+# later one leaves the earlier one to be seen.
+DASHES: tuple[Any, ...] = (
+    "-", (0, (5, 1.5)), "-", (0, (9, 2)), (0, (1.5, 1.2)),
+    (0, (6, 1.5, 1.2, 1.5)), (0, (5, 1.5, 1.2, 1.5, 1.2, 1.5)), (0, (2.5, 1.2)), "-", "-",
+)  # fmt: skip
+
+_STYLE_FILE = Path(__file__).with_name("hcbench.mplstyle")
+
+# Settings in reports: colour and marker by recipe, dashes by engine.
+_RECIPES = {
+    "stock": ("#D55E00", "X"),
+    "spring-damper": ("#E69F00", "s"),
+    "impulse": (BLUE, "o"),
+    "restitution": (BLUE, "o"),
+    "compliant": ("#0099a8", "d"),
+    "compliant-pairs": ("#7a4fd0", "*"),
+    "soft": ("#CC79A7", "D"),
+    "two-pair": ("#56B4E9", "^"),
+    "staggered": ("#009E73", "P"),
+    "hunt-crossley": ("#882255", "v"),
+    "restitution-law": ("#332288", "<"),
+    "kelvin-voigt": ("#8a8a2b", "h"),
+}
+_OTHER_RECIPES = (("#661100", ">"), ("#117733", "p"), ("#44AA99", "|"), ("#AA4499", "8"), ("#6699CC", "H"))
+_ENGINE_DASHES: tuple[tuple[float, ...], ...] = (
+    (), (4.5, 1.6), (1.2, 1.2), (6.0, 1.5, 1.2, 1.5), (2.5, 1.0),
+)  # fmt: skip
+
+
+@contextmanager
+def figure_defaults() -> Iterator[None]:
+    """Matplotlib's defaults for all figures of hcbench, and those of before afterwards."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(mpl.rc_params_from_file(_STYLE_FILE, use_default_template=False))
+        yield
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure, inches, laid out so that nothing overlaps."""
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+# Lines
+
+
+@dataclass(frozen=True, slots=True)
+class PlotStyle:
+    """How one setting of one engine is drawn. dashes: on-off lengths in points; () is a full line."""
+
+    colour: str
+    marker: str
+    dashes: tuple[float, ...]
+
+    @property
+    def fill(self) -> str:
+        """Colour inside the markers: hollow where the line is dashed."""
+        return "white" if self.dashes else self.colour
+
+    def line(self, **more: Any) -> dict[str, Any]:
+        """Keyword arguments for `Axes.plot`."""
+        style: dict[str, Any] = {
+            "color": self.colour,
+            "linestyle": (0, self.dashes) if self.dashes else "-",
+            "marker": self.marker,
+            "markerfacecolor": self.fill,
+            "markeredgecolor": self.colour,
+        }
+        return {**style, **more}
+
+
+MEASURED = PlotStyle(BLUE, "o", ())
+
+
+def plot_styles(settings: Iterable[tuple[str, str]], law: str) -> dict[tuple[str, str], PlotStyle]:
+    """A style for each (engine, setting).
+
+    A known setting has its own colour and marker, whatever else is in the study. Engines differ in their
+    dashes, by their order in the study; `law`, the engine of the law itself, has full lines.
+    """
+    pairs = list(dict.fromkeys(settings))
+    others = sorted({setting for _, setting in pairs} - set(_RECIPES))
+    recipes = {**_RECIPES, **dict(zip(others, cycle(_OTHER_RECIPES), strict=False))}
+    engines = dict.fromkeys(engine for engine, _ in pairs if engine != law)
+    dashes = {law: (), **dict(zip(engines, cycle(_ENGINE_DASHES), strict=False))}
+    return {(engine, setting): PlotStyle(*recipes[setting], dashes[engine]) for engine, setting in pairs}
+
+
+def numbered_line(i: int) -> dict[str, Any]:
+    """Colour and dashes of the i-th line of a figure."""
+    return {"color": COLOURS[i], "linestyle": DASHES[i]}
+
+
+def marker_stride(count: int, nth: int) -> tuple[int, int]:
+    """Which of `count` points of the nth line carry a marker: not the same ones as its neighbours' do."""
+    return (nth % 4, 4) if count > 8 else (0, 1)
+
+
+def draw_band(axes: Axes, x: Floats, low: Floats, high: Floats, colour: str) -> None:
+    """The range of values at each x, as over the phases of a time step: pale, behind its line."""
+    axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
+
+
+def draw_loop(axes: Axes, x: Floats, force: Floats, **line: Any) -> None:
+    """The samples of a loop joined up, from the axis at touch and back to it at parting."""
+    x, force = np.concatenate([x[:1], x, x[-1:]]), np.concatenate([[0.0], force, [0.0]])
+    axes.plot(x, force, **line)
+
+
+# Axes
+
+
+def speed_axis(axes: Axes, label: bool = True, inches: bool = True) -> None:
+    """Impact speed along x in m/s, and in in/s on top for readers of the paper."""
+    axes.xaxis.set_major_locator(MaxNLocator(6))
+    if label:
+        axes.set_xlabel("impact speed v, m/s")
+    if inches:
+        second_axis(axes, "top", "in/s")
+
+
+def second_axis(axes: Axes, where: Literal["top", "right"], label: str, scale: float = INCH) -> None:
+    """A second axis along x (top) or y (right) in other units; `scale` is one such unit in the first's."""
+    functions = (lambda x: np.asarray(x) / scale, lambda x: np.asarray(x) * scale)
+    if where == "top":
+        second = axes.secondary_xaxis("top", functions=functions)
+    else:
+        second = axes.secondary_yaxis("right", functions=functions)
+    second.spines[where].set_visible(False)
+    second.tick_params(length=2.5, pad=1.5, labelsize=8, labelcolor=SLATE)
+    axis = second.xaxis if where == "top" else second.yaxis
+    axis.set_label_text(label, fontsize=8, color=SLATE)
+    axis.labelpad = 2.0
+
+
+def log_axis(axes: Axes, which: Literal["x", "y"]) -> None:
+    """A log axis with plain powers of ten."""
+    (axes.set_xscale if which == "x" else axes.set_yscale)("log")
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    axis.set_major_locator(LogLocator(numticks=9))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: power_of_ten(value)))
+    axis.set_minor_locator(NullLocator())
+
+
+def set_ticks(axis: Axis, ticks: Sequence[float], text: Callable[[float], str] = "{:g}".format) -> None:
+    """These ticks and no others."""
+    axis.set_major_locator(FixedLocator(ticks))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: text(value)))
+    axis.set_minor_locator(NullLocator())
+
+
+# Labels
+
+
+def declutter(positions: Sequence[float] | Floats, gap: float, low: float, high: float) -> Floats:
+    """Positions nearest to these, at least `gap` apart, within low ... high: for labels beside lines.
+
+    The gap gives way where there are more labels than room.
+    """
+    from scipy.optimize import isotonic_regression  # slow to import, and needed in worker processes alone
+
+    count = len(positions)
+    gap = min(gap, (high - low) / max(count - 1, 1))
+    order = np.argsort(positions, kind="stable")
+    steps = gap * np.arange(count)
+    free = isotonic_regression(np.asarray(positions, dtype=float)[order] - steps).x
+    out: Floats = np.empty(count)
+    out[order] = np.clip(free, low, high - gap * (count - 1)) + steps
+    return out
+
+
+def legend_below(figure: Figure, handles: list[Line2D]) -> None:
+    """One legend for all panels, under them, in as many columns as fit."""
+    labels = [str(h.get_label()) for h in handles]
+    entry = 52 + 5.9 * max(map(len, labels))  # points, at the legend's font size
+    columns = max(1, int(72 * figure.get_figwidth() / entry))
+    figure.legend(
+        handles,
+        labels,
+        loc="outside lower center",
+        ncols=min(columns, len(handles)),
+        handlelength=2.8,
+        columnspacing=1.6,
+    )

@@ -1,0 +1,166 @@
+"""How well each run follows the law, by rules that the page states too; which runs are the best."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hcbench.reporting import wording
+from hcbench.reporting.view import REFERENCE, RunKey, View
+
+STOCK = "stock"  # the setting with nothing set
+FOLLOWS = 0.1  # of the best constant's error: from here down a setting follows the law
+TIE, _ROUND_OFF = 0.02, 1e-6  # relative, and of the best constant's: errors this near are one
+TIE_HEAVY = 0.25  # under gravity, where phases of the fall alone scatter e
+_NO_LINE = 1e-6  # of e: a law without damping leaves a constant nothing to be off by
+FOLLOWS_LAW = "follows the law"
+_AGAINST_CONSTANT = {
+    "good": "better than any constant e",
+    "even": "as good as one constant e can be",
+    "bad": "worse than the best constant e",
+}
+LOOP_RIGHT, LOOP_NEAR = 0.01, 0.05  # rms over the largest force
+# Under gravity, at rest after a drop: depth and motion in units of g h², what gravity moves a body in a step.
+REST_DEPTH, REST_MOTION = 10.0, 1.0
+DEEP = 2.5  # times v h at the top speed, which any contact needs that acts from one step to the next
+_OTHER_SIZE = 2.0  # times the law's depth: a contact of another size, whatever its shape
+
+
+@dataclass(frozen=True, slots=True)
+class RunVerdict:
+    """How one run did, in words. grade: "good", "even", "bad", for colour beside the words.
+
+    lacks: what keeps it from being used under gravity.
+    """
+
+    restitution: str
+    grade: str
+    loop: str
+    lacks: tuple[str, ...] = ()
+
+
+def over_constant(score: Mapping[str, Any]) -> float:
+    """Largest error against (16) over the best constant's: above 1 a constant would do better."""
+    return float(score["max_error_law"]) / max(float(score["constant_error_law"]), _NO_LINE)
+
+
+def grade(view: View, ratio: float) -> str:
+    """ "good", "even" or "bad" against the best constant."""
+    return "good" if ratio < 1 - TIE else "even" if ratio <= 1 + tie(view) else "bad"
+
+
+def tie(view: View) -> float:
+    """Up to what share above the best constant's error a setting counts as good as it."""
+    return TIE_HEAVY if view.gravity else TIE
+
+
+def error_ratio(view: View, run: RunKey) -> float:
+    """`over_constant` of the main α under gravity, else of the worst α.
+
+    inf for a run that gained energy, lost impacts or has no score.
+    """
+    scores = [score for score in _judged(view, run) if math.isfinite(score["max_error_law"])]
+    if any(score["failed"] or score["energy_gained"] for score in scores):
+        return math.inf
+    return max(map(over_constant, scores), default=math.inf)
+
+
+def _judged(view: View, run: RunKey) -> list[Mapping[str, Any]]:
+    """The scores that a verdict goes by: under gravity settings are fitted for the main α."""
+    score = view.score(run)
+    if view.gravity:
+        return [] if score is None else [score]
+    return view.scores(run)
+
+
+def lacks(view: View, run: RunKey) -> tuple[str, ...]:
+    """What keeps a run from being used under gravity, in words; nothing where it ran without."""
+    rest, reasons = view.rests.get(run), []
+    if rest is not None:
+        if not lies_still(view, run):
+            reasons.append("does not come to rest")
+        elif rest.depth > REST_DEPTH * view.gravity * run.timestep**2:
+            reasons.append(f"sinks {wording.length(rest.depth)} at rest")
+    deep = view.depths.get(run, math.nan) / (view.band[1] * run.timestep)
+    if view.gravity and deep > DEEP:
+        reasons.append(f"goes {wording.length(view.depths[run])} deep in a bounce")
+    return tuple(reasons)
+
+
+def lies_still(view: View, run: RunKey) -> bool:
+    """Whether it had come to rest at the end of its drop."""
+    rest = view.rests.get(run)
+    return rest is not None and rest.motion <= REST_MOTION * view.gravity * run.timestep**2
+
+
+def verdict(view: View, run: RunKey) -> RunVerdict:
+    """The words for one run."""
+    scores, ratio, loop = _judged(view, run), error_ratio(view, run), loop_verdict(view, run)
+    wanting = lacks(view, run)
+    if any(score["energy_gained"] for score in scores):
+        return RunVerdict("gains energy", "bad", loop, wanting)
+    if any(score["failed"] for score in scores):
+        return RunVerdict("loses impacts", "bad", loop, wanting)
+    words = FOLLOWS_LAW if ratio <= FOLLOWS else _AGAINST_CONSTANT[grade(view, ratio)]
+    return RunVerdict(words, "bad" if wanting else grade(view, ratio), loop, wanting)
+
+
+def loop_verdict(view: View, run: RunKey) -> str:
+    """What there is to say of a run's loops at the main α."""
+    score = view.score(run)
+    if score is None or not score["loops"]:
+        return "no loop to judge"
+    rms, depth = score["loop_rms"], score["penetration_ratio"]
+    if rms <= LOOP_NEAR:
+        return "loop right" if rms <= LOOP_RIGHT else "loop near"
+    if depth > _OTHER_SIZE:
+        return "loop softer"
+    return "loop harder" if depth < 1 / _OTHER_SIZE else "loop wrong"
+
+
+def best(view: View, runs: Sequence[RunKey]) -> list[RunKey]:
+    """Of runs that are set and lack nothing, those with the least error: several where they tie."""
+    usable = [run for run in runs if not lacks(view, run)]
+    return _least(usable, lambda run: error_ratio(view, run), _ROUND_OFF)
+
+
+def best_loops(view: View, runs: Sequence[RunKey]) -> list[RunKey]:
+    """Of runs that are set, those with the smallest rms distance in force at the main α."""
+
+    def rms(run: RunKey) -> float:
+        score = view.score(run)
+        judged = score is not None and score["loops"] and not score["energy_gained"]
+        return float(score["loop_rms"]) if score is not None and judged else math.inf
+
+    return _least(runs, rms)
+
+
+def _least(runs: Sequence[RunKey], error: Callable[[RunKey], float], margin: float = 0.0) -> list[RunKey]:
+    """An engine as it comes is no advice: a user who asks has that already."""
+    errors = {run: error(run) for run in runs if run.engine != REFERENCE and run.setting != STOCK}
+    least = min(errors.values(), default=math.inf)
+    return [run for run, e in errors.items() if math.isfinite(e) and e <= least * (1 + TIE) + margin]
+
+
+def stock_runs(view: View) -> list[RunKey]:
+    """Engines as they come."""
+    return [run for run in view.band_runs if run.setting == STOCK]
+
+
+def overview_runs(view: View) -> list[RunKey]:
+    """What the one-picture figure shows: engines as they come, and each engine's best: at its shortest step
+    under gravity, else in either class of steps.
+    """
+    picked = stock_runs(view)
+    if view.gravity:
+        picked = [run for run in picked if run.timestep == min(o.timestep for o in picked if o[0] == run[0])]
+        groups = [[r for r in view.band_runs if r.timestep == h] for h in {run.timestep for run in picked}]
+    else:
+        groups = [view.runs_by_resolution(resolved) for resolved in (False, True)]
+    for group in groups:
+        for engine in view.engines:
+            shown = [run for run in group if run.engine == engine and run not in picked]
+            picked += best(view, [run for run in shown if not view.is_plugin(run)])[:1]
+            if view.gravity:
+                picked += best(view, [run for run in shown if view.is_plugin(run)])[:1]
+    return list(dict.fromkeys(picked))

@@ -1,0 +1,280 @@
+"""What figures and tables ask of Results, answered once: curves, which runs cover a band, what is coarse."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+import pandas as pd
+
+from hcbench.benchmark.bounce_sequence import Rest
+from hcbench.benchmark.results import RUN_KEY, Results
+from hcbench.impact import Floats, Loop
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
+from hcbench.reporting.curve import Curve, curve_of
+from hcbench.reporting.plot_style import PlotStyle, plot_styles
+from hcbench.reporting.wording import engine_title, time
+
+REFERENCE = "reference"  # the engine of the law
+LAW_SETTING = "hunt-crossley"  # its setting that is the law itself
+CURVE_SPEEDS = 3  # from which a run says something about e over speed
+STEPS_TO_RESOLVE = 10  # in the law's contact, from which a step resolves the contact
+LOOP_POINTS = 241
+_RUN = ["scene", "engine", "setting", "timestep_s"]  # columns that tell a run
+_PLACES = {"plane": "flat", "cup": "cup"}  # a scene's form, in words
+
+
+class RunKey(NamedTuple):
+    """One setting of one engine at one step. place: where, if not in the study's own scene: "flat", "cup"."""
+
+    engine: str
+    setting: str
+    timestep: float
+    place: str = ""
+
+    @property
+    def is_law(self) -> bool:
+        """Whether it is the law itself, which every figure shows anyway."""
+        return (self.engine, self.setting) == (REFERENCE, LAW_SETTING)
+
+    @property
+    def title(self) -> str:
+        """The engine's title and the setting, and where it ran."""
+        return f"{engine_title(self.engine)} {self.label}"
+
+    @property
+    def label(self) -> str:
+        """The setting, and where it ran if not in the study's own scene."""
+        return f"{self.setting} ({self.place})" if self.place else self.setting
+
+    @property
+    def step(self) -> str:
+        """The time step as people read it."""
+        return time(self.timestep)
+
+
+@dataclass(frozen=True)
+class View:
+    """Results under one gravity as a report looks at them: `under` picks them."""
+
+    results: Results
+    _curves: dict[tuple[RunKey, float], Curve] = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for key, rows in self.head_on.groupby(RUN_KEY, sort=False):
+            self._curves[self._run_and_alpha(key)] = curve_of(rows, self.mass)
+
+    @cached_property
+    def head_on(self) -> pd.DataFrame:
+        """Impacts at the study's smallest angle, 0 as a rule: what curves over speed are of."""
+        impacts = self.results.impacts
+        angles = impacts.get("angle_rad", pd.Series(0.0, impacts.index))
+        return impacts.loc[angles == angles.min()]
+
+    # The study and its law
+
+    @property
+    def study(self) -> Mapping[str, Any]:
+        """The study, as JSON."""
+        return self.results.study
+
+    @property
+    def gravity(self) -> float:
+        """Into the plate, m/s²."""
+        return float(self.study["gravity"])
+
+    @property
+    def in_inches(self) -> bool:
+        """Whether speeds are shown in in/s, as the study has them; else in m/s."""
+        return str(self.study.get("speed_unit", "in/s")) == "in/s"
+
+    @property
+    def mass(self) -> float:
+        """Of the ball, kg."""
+        return float(self.study["mass_kg"])
+
+    @cached_property
+    def alphas(self) -> list[float]:
+        """α of the study, s/m, rising."""
+        return sorted(float(a) for a in self.study["alphas"])
+
+    @property
+    def main_alpha(self) -> float:
+        """The α that figures of one α show, s/m."""
+        return float(self.study["main_alpha"])
+
+    @property
+    def band(self) -> Floats:
+        """Ends of the study's band of impact speeds, m/s."""
+        return np.array([min(self.study["speeds"]), max(self.study["speeds"])], dtype=float)
+
+    @cached_property
+    def speeds(self) -> Floats:
+        """A fine grid over the study's band, m/s, from 0."""
+        return np.linspace(0.0, max(self.study["speeds"]), 161)
+
+    def law(self, alpha: float) -> HuntCrossley:
+        """(16) for one α."""
+        return HuntCrossley(float(self.study["stiffness"]), alpha, float(self.study["exponent"]))
+
+    def law_loop(self, speed: float) -> Loop:
+        """The law's loop at an impact speed (m/s) for the main α."""
+        return closed_form.loop(self.law(self.main_alpha), self.mass, speed, LOOP_POINTS)
+
+    @cached_property
+    def contact_time(self) -> float:
+        """How long the law's contact lasts at the study's speed for steps, s."""
+        return float(
+            closed_form.duration(self.law(self.main_alpha), self.mass, float(self.study["step_speed"]))
+        )
+
+    # Runs
+
+    @cached_property
+    def tabled_runs(self) -> list[RunKey]:
+        """Runs over enough speeds to show a curve, in the study's order."""
+        enough = min(CURVE_SPEEDS, len(self.study["speeds"]))
+        tried = self.head_on.groupby(RUN_KEY, sort=False)["speed_m_per_s"].nunique()
+        return list(dict.fromkeys(self._run_and_alpha(key)[0] for key, n in tried.items() if n >= enough))
+
+    @cached_property
+    def band_runs(self) -> list[RunKey]:
+        """Those of them that figures show: the law itself is in every panel already."""
+        return [run for run in self.tabled_runs if not run.is_law]
+
+    @cached_property
+    def engines(self) -> list[str]:
+        """Engines of the band runs, in the study's order, the reference left out."""
+        return engines_of(self.band_runs)
+
+    def resolves_contact(self, run: RunKey) -> bool:
+        """Whether its step is short enough to see the contact from inside."""
+        return run.timestep <= self.contact_time / STEPS_TO_RESOLVE * (1 + 1e-9)
+
+    def runs_by_resolution(self, resolved: bool) -> list[RunKey]:
+        """Band runs that resolve the contact, or do not; each setting at the step that most of them share."""
+        group = [run for run in self.band_runs if self.resolves_contact(run) == resolved]
+        steps = [run.timestep for run in group]
+        common = max(sorted(set(steps)), key=steps.count, default=1.0)
+        shown = {
+            key: min((r for r in group if r[:2] == key), key=lambda run: abs(np.log(run.timestep / common)))
+            for key in dict.fromkeys(run[:2] for run in group)
+        }
+        return [run for run in group if run == shown[run[:2]]]
+
+    def is_plugin(self, run: RunKey) -> bool:
+        """Does it need code of ours in the user's loop, rather than numbers in the user's model?"""
+        return run in self._plugins
+
+    @cached_property
+    def _plugins(self) -> set[RunKey]:
+        return {self.run_of(record) for record in self.results.settings if "law" in record["options"]}
+
+    @cached_property
+    def plot_styles(self) -> dict[tuple[str, str], PlotStyle]:
+        """How each (engine, setting) of the study is drawn."""
+        planned = [(run["engine"], run["recipe"]) for run in self.study["runs"]]
+        ran = [run[:2] for run in (*(run for run, _ in self._curves), *self.bounces)]
+        return plot_styles([*planned, *ran], law=REFERENCE)
+
+    def plot_style(self, run: RunKey) -> PlotStyle:
+        """How a run is drawn."""
+        return self.plot_styles[run.engine, run.setting]
+
+    # What they did
+
+    def curve(self, run: RunKey, alpha: float) -> Curve | None:
+        """e over speed; None where the study has no such run or no impact of it came back."""
+        curve = self._curves.get((run, alpha))
+        return curve if curve is not None and curve.speed.size else None
+
+    def score(self, run: RunKey, alpha: float | None = None) -> Mapping[str, Any] | None:
+        """The score of a run for one α, else the main one."""
+        return self._scores.get((run, self.main_alpha if alpha is None else alpha))
+
+    def scores(self, run: RunKey) -> list[Mapping[str, Any]]:
+        """The scores of a run, for each α that it ran for."""
+        return [score for alpha in self.alphas if (score := self.score(run, alpha)) is not None]
+
+    @cached_property
+    def _scores(self) -> dict[tuple[RunKey, float], Mapping[str, Any]]:
+        out: dict[tuple[RunKey, float], Mapping[str, Any]] = {}
+        for row in self.results.scores.to_dict("records"):
+            key = self._run_and_alpha(tuple(row[k] for k in RUN_KEY))
+            # A study may run one setting twice, over the band and at one speed: the band tells more.
+            if key not in out or row["impacts"] > out[key]["impacts"]:
+                out[key] = {str(k): v for k, v in row.items()}
+        return out
+
+    def step_curves(self) -> dict[RunKey, pd.DataFrame]:
+        """Run without its step -> e over several at the study's step speed for its main α, steps rising.
+
+        Columns: timestep, low, middle, high (NaN where no impact came back).
+        """
+        impacts = self._of_main_alpha(self.head_on)
+        here = impacts[np.isclose(impacts["speed_m_per_s"], self.study["step_speed"], rtol=1e-9)]
+        out: dict[RunKey, pd.DataFrame] = {}
+        for key, rows in here.groupby(_RUN[:-1], sort=False):
+            by_step = rows.groupby("timestep_s")["restitution"].agg(["min", "median", "max"])
+            if len(by_step) > 1:
+                columns = ["timestep", "low", "middle", "high"]
+                run = self._run(*cast("tuple[Any, ...]", key))
+                out[run] = by_step.reset_index().set_axis(columns, axis=1)
+        return out
+
+    @cached_property
+    def loops(self) -> dict[RunKey, dict[float, pd.DataFrame]]:
+        """Loops for the main α at the study's speeds for loops: run -> impact speed (m/s) -> samples in order
+        of time.
+        """
+        out: dict[RunKey, dict[float, pd.DataFrame]] = {}
+        if self.results.loops.empty:
+            return out
+        table = self._of_main_alpha(self.results.loops)
+        table = table[table["speed_m_per_s"].isin(self.study["loop_speeds"])]
+        for key, rows in table.groupby([*_RUN, "speed_m_per_s"], sort=False):
+            *run, speed = cast("tuple[Any, ...]", key)
+            out.setdefault(self._run(*run), {})[float(speed)] = rows
+        return out
+
+    @cached_property
+    def bounces(self) -> dict[RunKey, pd.DataFrame]:
+        """Successive bounces under gravity for the main α: run -> heights in the order of the bounces."""
+        groups = self._of_main_alpha(self.results.trains).groupby(_RUN, sort=False)
+        return {self._run(*cast("tuple[Any, ...]", key)): rows for key, rows in groups}
+
+    @cached_property
+    def rests(self) -> dict[RunKey, Rest]:
+        """How bodies lay after a drop under gravity for the main α."""
+        rows = self._of_main_alpha(self.results.rests).to_dict("records")
+        return {self.run_of(row): Rest(float(row["depth_m"]), float(row["motion_m"])) for row in rows}
+
+    def run_of(self, record: Mapping[Any, Any]) -> RunKey:
+        """The run of one of the results' settings, or of a row of a table."""
+        return self._run(*(record[name] for name in _RUN))
+
+    def _run(self, scene: Any, engine: Any, setting: Any, timestep: Any = 0.0) -> RunKey:
+        place = "" if scene == self.study["scene"] else _PLACES[self.study["scenes"][scene]["form"]]
+        return RunKey(str(engine), str(setting), float(timestep), place)
+
+    def _run_and_alpha(self, key: Hashable) -> tuple[RunKey, float]:
+        values = dict(zip(RUN_KEY, cast("tuple[Any, ...]", key), strict=True))
+        return self.run_of(values), float(values["alpha_s_per_m"])
+
+    @cached_property
+    def depths(self) -> dict[RunKey, float]:
+        """Greatest penetration of each run for the main α, m."""
+        groups = self._of_main_alpha(self.results.impacts).groupby(_RUN, sort=False)["penetration_max_m"]
+        return {self._run(*cast("tuple[Any, ...]", key)): depth for key, depth in groups.max().items()}
+
+    def _of_main_alpha(self, table: pd.DataFrame) -> pd.DataFrame:
+        return table[np.isclose(table["alpha_s_per_m"].astype(float), self.main_alpha, rtol=1e-9)]
+
+
+def engines_of(runs: Iterable[RunKey]) -> list[str]:
+    """The engines of some runs, in their order, the reference left out."""
+    return list(dict.fromkeys(run.engine for run in runs if run.engine != REFERENCE))

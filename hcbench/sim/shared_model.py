@@ -1,0 +1,187 @@
+"""Engines that step what another one loads: its scenes and its users' models, in many copies at once.
+
+The lender reads a file, prepares the launches and reads the bounces; the borrower takes the steps.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from hcbench.errors import SettingError
+from hcbench.laws.force import HuntCrossley
+from hcbench.laws.restitution import Restitution
+from hcbench.recipes.search import map_result
+from hcbench.sim import registry
+from hcbench.sim.engine import SteppedEngine
+from hcbench.sim.parallel import BatchWorld, reading_of, require_motion
+from hcbench.sim.scripted import PythonLaw, python_law_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from hcbench.impact import Floats
+    from hcbench.recipes.recipe import Recipe
+    from hcbench.recipes.target import Target
+    from hcbench.scene import Scene
+    from hcbench.setting import Setting
+    from hcbench.sim.candidate_pairs import CandidatePair
+    from hcbench.sim.model_under_test import ModelUnderTest, Request
+    from hcbench.sim.read_impact import SpeedReading
+
+
+class Copies(ABC):
+    """`places` copies of a model, always so many. bits: of the engine's numbers."""
+
+    places: int
+    bits: int
+
+    @abstractmethod
+    def place(self, states: Floats) -> Floats:
+        """Put the copies into states, positions and then velocities, with nothing else remembered; as the
+        engine then has them. Both of shape (places, n), SI.
+        """
+
+    @abstractmethod
+    def step(self, steps: int) -> Floats:
+        """States after each of at most `steps` more steps, shape (n, places, n)."""
+
+    def place_first(self, states: Floats) -> Floats:
+        """The same for some copies, shape (b, n): the others follow the last of them."""
+        others = np.repeat(states[-1:], self.places - len(states), axis=0)
+        return self.place(np.concatenate([states, others]))[: len(states)]
+
+
+class CopiesWorld(BatchWorld):
+    """Copies of a scene whose ball has one free joint. rest: its state at rest, shape (n,)."""
+
+    def __init__(
+        self, scene: Scene, timestep: float, copies: Copies, rest: Floats, reading: SpeedReading
+    ) -> None:
+        super().__init__(scene, timestep)
+        self._copies, self._rest, self.speed_reading = copies, rest, reading
+        self.places, self.bits = copies.places, copies.bits
+        self._at = [2, 7 + 2]  # height, and velocity upwards, after the 7 positions of a free joint
+
+    def place(self, heights: Floats, velocities: Floats) -> Floats:
+        """New states."""
+        states = np.tile(self._rest, (self.places, 1))
+        states[:, self._at] = np.stack([heights, velocities], axis=1)
+        return self._copies.place(states)[:, self._at].T
+
+    def step(self, steps: int) -> Floats:
+        """Up to as many steps as the copies take at once."""
+        return self._copies.step(steps)[:, :, self._at].transpose(0, 2, 1)
+
+
+class BorrowingEngine(SteppedEngine):
+    """An engine that steps what another one loads.
+
+    lender: its name. own: words of the options that the lender does not have. lacks: features of the lender
+    that it passes over without a word, as the lender names them. exact: how to have it compute in 64 bits.
+    """
+
+    lender: ClassVar[str]
+    own: ClassVar[tuple[str, ...]] = ("law",)
+    lacks: ClassVar[frozenset[str]] = frozenset()
+    exact: ClassVar[str] = ""
+    oblique: ClassVar[bool] = False
+
+    @abstractmethod
+    def copies(self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0) -> Copies:
+        """Copies of a model that the lender compiled. Raises SceneError for what the engine does not have.
+
+        start: the lender's own state, of all that does not move by itself. bits: of the numbers; 0 for those
+        that its users get who set nothing. law: `law_lines`, of a ball of this radius, m, above z = 0.
+        """
+
+    @abstractmethod
+    def law_lines(self, law: PythonLaw | None) -> str:
+        """Lines in the engine's own words that put a law into its steps; "" for none."""
+
+    def bits_of(self, setting: Setting) -> int:
+        """Of the numbers under a setting. Raises SettingError."""
+        return self.bits
+
+    def impedance(self, setting: Setting) -> float:
+        """Of a bounce in one step: the largest that its numbers keep."""
+        return 0.9999
+
+    def load(self, scene: Scene, setting: Setting, fastest: float) -> CopiesWorld:
+        """A scene under a setting. Raises SettingError for what it would do otherwise than the lender."""
+        bits, law = self.bits_of(setting), self.law(setting)
+        require_motion(scene, setting.timestep, fastest, bits)
+        lent = registry.submodule(self.lender, "lent")
+        loaded = lent.load_scene(self.script(scene, setting), contact=not isinstance(law, HuntCrossley))
+        for found in lent.differences(loaded.model, self, bits):
+            slot, got = (
+                f"{setting.engine} {setting.name!r}",
+                f"{found.title.removesuffix('.')} ({found.evidence})",
+            )
+            raise SettingError(slot, got, "", found.fix)
+        copies = self.copies(loaded.model, loaded.start, bits, self.law_lines(law), scene.touch_radius)
+        return CopiesWorld(scene, setting.timestep, copies, loaded.rest, reading_of(law, loaded.exact_flight))
+
+    def accepts(self, source: Any) -> bool:
+        """Nothing: who names no engine is given the lender."""
+        return False
+
+    def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> ModelUnderTest:
+        """The lender's model, stepped by this engine."""
+        return registry.engine(self.lender).open(source, request, rebuild).stepped_by(self)
+
+    def pairs(
+        self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
+    ) -> list[CandidatePair]:
+        """The lender's."""
+        return registry.engine(self.lender).pairs(source, request, rebuild)
+
+    def lent(self, setting: Setting) -> Setting:
+        """What of a setting the lender reads; e(v) needs a contact whose solref a step can set."""
+        options = {word: value for word, value in setting.options.items() if word not in self.own}
+        if isinstance(self.law(setting), Restitution):
+            d = self.impedance(setting)
+            options["rows"] = [{"solref": [0.0, -1.0 / setting.timestep], "solimp": [d, d, 0.001, 0.5, 2.0]}]
+        return replace(setting, engine=self.lender, options=options)
+
+    def law(self, setting: Setting) -> PythonLaw | None:
+        """What of a setting Python does."""
+        return python_law_of(setting.options["law"]) if "law" in setting.options else None
+
+    def script(self, scene: Scene, setting: Setting) -> str:
+        """The lender's scene."""
+        if scene.form != "plane":
+            got = f"the form {scene.form!r}"
+            raise SettingError(f"{setting.engine} {setting.name!r}", got, "the form 'plane'")
+        return registry.engine(self.lender).script(scene, self.lent(setting))
+
+    def snippet(self, setting: Setting, form: str) -> str:
+        """The law's lines, or the lender's."""
+        lines = self.law_lines(self.law(setting))
+        return lines or registry.engine(self.lender).snippet(self.lent(setting), form)
+
+
+def borrowed(engine: str, lender: str, changes: Mapping[str, Mapping[str, Any]]) -> tuple[Recipe, ...]:
+    """Recipes of another engine as this one's. changes: their names, with the fields that differ."""
+    return tuple(
+        replace(registry.recipe(f"{lender}.{name}"), engine=engine, **{"forms": ("plane",), **change})
+        for name, change in changes.items()
+    )
+
+
+def changed(
+    recipe: str, change: Callable[[Mapping[str, Any]], Mapping[str, Any]], **more: Any
+) -> Callable[..., Mapping[str, Any]]:
+    """A recipe's function with its options changed, in what an interrupted search hands out too.
+
+    more: what else the function is told.
+    """
+
+    def function(target: Target, integrator: str = "Euler") -> Mapping[str, Any]:
+        with map_result(change):
+            return change(registry.recipe(recipe).function(target, integrator, **more))
+
+    return function

@@ -1,0 +1,80 @@
+"""Chooses a recipe by what it matches and by how many steps the law's contact lasts, never by its name."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+from hcbench.errors import SettingError
+from hcbench.recipes.recipe import Recipe, Role, first
+from hcbench.recipes.softening import FEWEST_STEPS, steps_per_contact
+from hcbench.sim import registry
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.recipes.target import Target
+    from hcbench.scene import Scene
+
+Match = Literal["restitution", "loop", "both"]
+
+
+def candidates(engine: str, target: Target, scene: Scene, match: Match) -> list[tuple[Recipe, str]]:
+    """An engine's own recipes that may serve a target, the simplest first, and what each promises.
+
+    One for the loop; for restitution all that "auto" tries in turn. Raises SettingError where there is none.
+    """
+    recipes, form = registry.engine(engine).recipes(), scene.form
+    steps = steps_per_contact(target)
+    contact = f"the law's contact lasts {steps:.3g} steps of {target.timestep:g} s"
+    if match != "restitution":
+        return [_choose_for_loop(engine, recipes, target, form, match, contact)]
+    promises = {Role.CONSTANT_E: "one restitution for all speeds"}
+    if not target.is_constant:
+        promises[Role.FALLING_E] = "restitution that falls with speed"
+        if target.reading == "law":
+            as_law = "restitution that falls with speed as the law's does"
+            promises |= {Role.LAW: as_law, Role.LAW_AND_LOOP: as_law}
+    found = [
+        (recipe, f"{promise}; {contact}")
+        for role, promise in promises.items()
+        for recipe in recipes
+        if recipe.native and recipe.role is role and recipe.by_auto
+        if form in recipe.forms and recipe.steps_min <= steps
+    ]
+    if not found:
+        names = ", ".join(registry.recipes(engine))
+        got = f"'auto' knows none for {engine!r}"
+        raise SettingError("recipe", got, f"one of: {names}", "Name one with --recipe")
+    return found
+
+
+def _choose_for_loop(
+    engine: str, recipes: Sequence[Recipe], target: Target, form: str, match: Match, contact: str
+) -> tuple[Recipe, str]:
+    steps = steps_per_contact(target)
+    if steps < FEWEST_STEPS:
+        nearest = target.timestep * steps / FEWEST_STEPS
+        raise SettingError(
+            "match",
+            f"the loop, where {contact}",
+            f"at least {FEWEST_STEPS:g} steps",
+            f"Use a step of {nearest:.2g} s or less, a lower stiffness, or --match restitution",
+        )
+    if target.reading != "law":
+        slot, given = target.described()
+        raise SettingError(
+            slot,
+            f"{given}, with --match {match}",
+            "α of eq. (16), by --alpha: only the law has a loop",
+            "Use --match restitution",
+        )
+    if recipe := first(recipes, Role.LAW_AND_LOOP, form, steps):
+        return recipe, f"the only native setting with the law's loop; {contact}"
+    plug_in = first(recipes, Role.LAW_AND_LOOP, form, steps, native=False)
+    other = f"the plug-in `{plug_in.name}` of hcbench.contact, or " if plug_in else ""
+    raise SettingError(
+        "match",
+        f"the loop in {engine!r}",
+        "a setting whose loop is the law's",
+        f"Use {other}--match restitution",
+    )

@@ -1,0 +1,228 @@
+"""How good a setting is, by the engine itself, at speeds and phases that no recipe has used."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hcbench import scoring
+from hcbench.impact import Floats, Impact, Launch
+from hcbench.laws import closed_form
+from hcbench.recipes.constant import minimax_constant
+from hcbench.recipes.target import Target
+from hcbench.scene import Scene
+from hcbench.setting import Setting
+from hcbench.sim.engine import Engine, SteppedEngine
+from hcbench.sim.scripted import ScriptedEngine
+from hcbench.tuning.oblique import friction_error, oblique_launches
+from hcbench.units import STANDARD_GRAVITY
+
+_SPEEDS, _PHASES = 9, 8  # of the grid that tells the spread over phases
+_RANDOM, _NEAR, _ROUNDS = 400, 24, 3  # launches at random; about the worst one, so many times
+_NEARBY = 0.02  # of the band, and of a step
+_SEED = 1609
+_GOLDEN = (math.sqrt(5) - 1) / 2
+_REST_STEPS_MIN, _REST_STEPS_MAX = 200, 400_000
+_REST_CONTROLLED = 0.4  # s: from here on a swing that eq. (16) damps at α of steel's or more dies visibly
+# A body rests that creeps slower (m/s), lies less deep (of R, or so many m a second of the step), and
+# vibrates less (m/s) or less than before.
+_CREEP_MAX, _DEPTH_MAX, _DEPTH_STEP, _VIBRATION_MAX, _DECAY_MAX = 1e-5, 1e-3, 0.2, 1e-4, 0.95
+DEEPEST_STEPS = 2.5  # v h at the highest speed: a deeper contact is deep
+_AS_LAW = 1.5  # unless the law's own is as deep, but for so much
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """What the engine did with a setting in the target's conditions: gravity, friction.
+
+    max_error: largest |e - target|, at random launches and about the worst of them. at_speed: where, m/s.
+    constant, constant_error: the best constant e. launches: how many. steps_min, steps_max: steps in contact.
+    penetration_max: m. force_max: N. deep: whether that is deeper than the step and the law ask for.
+    friction_error: largest error of the impulse of friction, over μ times the normal impulse; NaN without.
+    loop_rms: distance of the loops from the law's over its largest force; NaN where no loop is resolved.
+    failed: impacts that gave no restitution, with the first reason.
+    """
+
+    max_error: float
+    at_speed: float
+    constant: float
+    constant_error: float
+    phase_spread: float
+    steps_min: int
+    steps_max: int
+    penetration_max: float
+    force_max: float
+    loop_rms: float
+    failed: int
+    reason: str
+    launches: int = 0
+    friction_error: float = math.nan
+    deep: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class RestResult:
+    """A body let down on the plate under gravity, over the last quarter of the time simulated.
+
+    creep: m/s, > 0 sinks. depth: m. buzz: rms rate about the creep, m/s. decay: buzz over that of the quarter
+    before. The law itself damps small motion about rest by exp(-(3/4) α g t) only: seconds, for steel.
+    """
+
+    rests: bool
+    creep: float
+    depth: float
+    buzz: float
+    decay: float
+
+
+def held_out_launches(target: Target) -> list[Launch]:
+    """What a setting is judged by: a grid of speeds, each at 8 phases of the step, then random launches.
+
+    Speeds at touch, both ends of the band among them; with friction, slips up to the band's highest speed.
+    """
+    inside = np.sort((np.arange(1, _SPEEDS - 1) * _GOLDEN) % 1.0)
+    grid = target.speed_min + _width(target) * np.concatenate([[0.0], inside, [1.0]])
+    phases = (np.arange(_PHASES) + _GOLDEN) / _PHASES
+    speed, phase = (axis.ravel() for axis in np.meshgrid(grid, phases, indexing="ij"))
+    random = np.random.default_rng(_SEED)
+    shares = random.uniform(size=_RANDOM)
+    shares[::2] **= 2  # slow impacts are the hard ones
+    speeds = np.concatenate([speed, target.speed_min + _width(target) * shares])
+    where = np.concatenate([phase, random.uniform(0.001, 0.999, _RANDOM)])
+    slips = np.concatenate([np.zeros(speed.size), random.uniform(size=_RANDOM)]) * target.speed_max
+    return _launches(target, speeds, where, slips)
+
+
+def _width(target: Target) -> float:
+    return target.speed_max - target.speed_min
+
+
+def _launches(target: Target, speeds: Floats, phases: Floats, slips: Floats) -> list[Launch]:
+    """One each, shape (n,): m/s at touch, of a step, m/s."""
+    return [
+        Launch.touching(v, p, target.timestep, target.gravity, slip=(s if target.friction else 0.0, 0.0))
+        for v, p, s in zip(speeds.tolist(), phases.tolist(), slips.tolist(), strict=True)
+    ]
+
+
+def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> Evaluation:
+    """Launch at held-out speeds and phases, then ever nearer to the worst, with friction spinning too, and
+    compare with the target.
+    """
+    launches = held_out_launches(target)
+    if not isinstance(engine, SteppedEngine) or _error_controlled(engine, setting):
+        # No phase of a step matters, and each may cost an ODE.
+        return evaluate_impacts(engine.run(scene, setting, launches[::_PHASES]), target, scene)
+    impacts = engine.run(scene, setting, launches)
+    random = np.random.default_rng(_SEED)
+    if target.friction:
+        impacts += engine.run(scene, setting, oblique_launches(target))
+    measures = (_errors, _friction_errors) if target.friction else (_errors,)
+    for closer, errors in itertools.product(range(_ROUNDS), measures):
+        off = np.nan_to_num(errors(impacts, target, scene), nan=-1.0)
+        worst = impacts[int(off.argmax())]
+        speeds, phases, slips = (
+            centre + random.uniform(-1, 1, _NEAR) * _NEARBY * unit / 4.0**closer
+            for centre, unit in (
+                (np.nan_to_num(worst.speed_in, nan=target.speed_min), _width(target)),
+                (worst.launch.phase, 1.0),
+                (worst.launch.slip[0], target.speed_max),
+            )
+        )
+        near = np.clip(speeds, target.speed_min, target.speed_max), np.clip(phases, 0.001, 0.999)
+        around = _launches(target, *near, np.abs(slips))
+        turning = [replace(launch, spin=worst.launch.spin) for launch in around]
+        impacts += engine.run(scene, setting, turning)
+    return evaluate_impacts(impacts, target, scene)
+
+
+def _error_controlled(engine: Engine, setting: Setting) -> bool:
+    return isinstance(engine, ScriptedEngine) and engine.error_controlled(setting)
+
+
+def _friction_errors(impacts: Sequence[Impact], _: Target, scene: Scene) -> Floats:
+    """Of friction's impulse, shape (n,); NaN where there is none."""
+    return np.array([friction_error([impact], scene) for impact in impacts])
+
+
+def _errors(impacts: Sequence[Impact], target: Target, _: Scene) -> Floats:
+    """|e - target|, shape (n,); NaN where there is no e."""
+    speed, e = np.array([(i.speed_in, i.restitution) for i in impacts]).T
+    return np.asarray(np.abs(e - target.restitution(speed)))
+
+
+def evaluate_impacts(impacts: Sequence[Impact], target: Target, scene: Scene) -> Evaluation:
+    """Compare impacts with the target: of `held_out_launches`, and any others after them."""
+    good = [i for i in impacts if i.is_measured]
+    failed = [i for i in impacts if not i.is_measured]
+    error = np.nan_to_num(_errors(good, target, scene)) if good else np.array([math.nan])
+    worst = int(error.argmax())
+    constant, constant_error = minimax_constant(target)
+    oblique = [i for i in impacts if i.launch.is_oblique]
+    one_phase = [i for i in impacts[: _SPEEDS * _PHASES : _PHASES] if i.is_measured]
+    loops = [scoring.score_loop(i, target.law, target.mass) for i in one_phase]
+    e = np.array([i.restitution for i in impacts[: _SPEEDS * _PHASES]])
+    spread = np.ptp(e.reshape(_SPEEDS, _PHASES), axis=1).max() if e.size == _SPEEDS * _PHASES else math.nan
+    deepest = max((i.penetration_max for i in good), default=math.nan)
+    law_depth = float(closed_form.penetration_max(target.law, target.mass, target.speed_max))
+    return Evaluation(
+        max_error=float(error[worst]),
+        at_speed=good[worst].speed_in if good else math.nan,
+        constant=constant,
+        constant_error=constant_error,
+        phase_spread=float(spread),
+        steps_min=min((i.samples for i in good), default=0),
+        steps_max=max((i.samples for i in good), default=0),
+        penetration_max=deepest,
+        force_max=max((i.force_max for i in good), default=math.nan),
+        loop_rms=max((score.rms for score in loops if score is not None), default=math.nan),
+        failed=len(failed),
+        reason=failed[0].reason if failed else "",
+        launches=len(impacts),
+        friction_error=friction_error(oblique, scene),
+        deep=deepest > max(DEEPEST_STEPS * target.speed_max * target.timestep, _AS_LAW * law_depth),
+    )
+
+
+def rest_test(engine: Engine, scene: Scene, setting: Setting, seconds: float = 5.0) -> RestResult:
+    """Let the body down on the plate under gravity, from next to no height, and see whether it stays.
+
+    It rests when it sinks slower than 1e-5 m/s, is less than 1e-3 R or 0.2 mm a ms of step deep, and its buzz
+    is below 1e-4 m/s or dying away. Without gravity of the scene's own, under standard gravity.
+    """
+    if _error_controlled(engine, setting):
+        seconds = _REST_CONTROLLED  # it takes thousands of steps for each swing of the spring
+    steps = min(max(seconds / setting.timestep, _REST_STEPS_MIN), _REST_STEPS_MAX)
+    heavy = replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
+    path = engine.trajectory(heavy, setting, Launch(0.0, height=1e-9), steps * setting.timestep)
+    quarter = len(path.time) // 4
+    before, last = slice(2 * quarter, 3 * quarter), slice(3 * quarter, None)
+    time, x, v = path.time[last], path.penetration[last], path.rate[last]
+    if not np.isfinite(path.penetration).all():
+        return RestResult(False, math.nan, math.nan, math.nan, math.nan)
+    creep = float(np.polyfit(time, x, 1)[0])
+    buzz, earlier = (float(np.sqrt(np.mean((rate - creep) ** 2))) for rate in (v, path.rate[before]))
+    decay = buzz / earlier if earlier > 0 else 0.0
+    depth = float(x.max())
+    result = RestResult(True, creep, depth, buzz, decay)
+    return replace(result, rests=not rest_failures(result, scene.relative_radius, setting.timestep))
+
+
+def rest_failures(rest: RestResult, radius: float, timestep: float = 0.0) -> list[str]:
+    """What keeps a body from resting as it should, in words; none where it rests. radius, timestep: m, s."""
+    if math.isnan(rest.depth):
+        return ["it diverges"]
+    failures = []
+    if not abs(rest.creep) < _CREEP_MAX:
+        verb = "sinks" if rest.creep > 0 else "rises"
+        failures.append(f"it still {verb} at {abs(rest.creep):.1e} m/s when the test ends")
+    if not rest.depth < max(_DEPTH_MAX * radius, _DEPTH_STEP * timestep):
+        share = 100 * rest.depth / radius
+        failures.append(f"it rests {rest.depth:.1e} m deep, {share:.2g} % of the radius")
+    if not (rest.buzz < _VIBRATION_MAX or rest.decay < _DECAY_MAX):
+        failures.append(f"it keeps on moving at {rest.buzz:.1e} m/s (rms)")
+    return failures

@@ -1,0 +1,51 @@
+"""Oblique launches that a setting is judged by, and how far its friction is from Coulomb's law."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.impact import Launch
+from hcbench.laws.coulomb import friction_impulse
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.impact import Impact
+    from hcbench.recipes.target import Target
+    from hcbench.scene import Scene
+
+SPEEDS, PHASES = 4, (0.12, 0.37, 0.62, 0.87)
+# (slip m/s, spin rad/s): slow to fast sliding, backspin and topspin, and all at once out of the plane.
+MOTIONS = (
+    ((0.1, 0.0), (0.0, 0.0, 0.0)),
+    ((0.5, 0.0), (0.0, 0.0, 0.0)),
+    ((2.0, 0.0), (0.0, 0.0, 0.0)),
+    ((3.0, 0.0), (0.0, 0.0, 0.0)),
+    ((0.0, 0.0), (0.0, 40.0, 0.0)),
+    ((1.0, 0.0), (0.0, -40.0, 0.0)),
+    ((0.7, -0.4), (25.0, 10.0, 30.0)),
+)
+
+
+def oblique_launches(target: Target) -> list[Launch]:
+    """Launches over the target's band: each speed and phase with each of MOTIONS."""
+    speeds = np.geomspace(target.speed_min, target.speed_max, SPEEDS).tolist()
+    return [
+        Launch(v, phase, slip=slip, spin=spin)
+        for v, phase, (slip, spin) in itertools.product(speeds, PHASES, MOTIONS)
+    ]
+
+
+def friction_error(impacts: Sequence[Impact], scene: Scene) -> float:
+    """Largest distance of friction's impulse from Coulomb's law over μ J_n, sliding's; NaN for none."""
+    off = [
+        math.dist(t.impulse, friction_impulse(t.slip_in, t.normal_impulse, scene))
+        / (scene.friction * t.normal_impulse)
+        for t in (i.tangential for i in impacts if i.is_measured)
+        if t is not None and scene.friction * t.normal_impulse > 0.0
+    ]
+    return max(off, default=math.nan)

@@ -1,0 +1,172 @@
+"""The pytest plug-in, run by pytest on the tests that a user would write."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest_plugins = ["pytester"]
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture
+def models(pytester: pytest.Pytester) -> pytest.Pytester:
+    for name in ("good.xml", "broken.xml"):
+        (pytester.path / name).write_text((EXAMPLES / name).read_text())
+    return pytester
+
+
+def test_a_good_model_passes_and_a_broken_one_shows_why(models: pytest.Pytester) -> None:
+    models.makepyfile(
+        """
+        def test_good(restitution):
+            found = restitution("good.xml", pair="ball,plate", speeds="0.1, 0.5 m/s").matches(0.9)
+            assert len(found.curve) == 2
+
+        def test_broken(restitution):
+            restitution("broken.xml", pair="ball,plate", speeds="0.1, 0.5 m/s").matches(0.9)
+        """
+    )
+    result = models.runpytest_subprocess()
+    result.assert_outcomes(passed=1, failed=1)
+    result.stdout.fnmatch_lines(
+        [
+            "*largest error -0.05* at 0.105* m/s, limit 0.02*",
+            "*launched m/s*at touch m/s*",
+            "*solimp-mixing*averages the solimp*",
+            '*fix *ball and plate: solimp="0.9999*',
+        ]
+    )
+    assert "pytest_plugin.py" not in result.stdout.str(), "the plug-in's own frames are of no use"
+
+
+def test_marker_and_ini_give_defaults_and_the_nearest_wins(models: pytest.Pytester) -> None:
+    models.makeini(
+        """
+        [pytest]
+        addopts = --strict-markers
+        restitution_speeds = 0.1 m/s
+        restitution_max_error = 0.5
+        restitution_phases = 2
+        restitution_timeout = 30
+        """
+    )
+    models.makepyfile(
+        """
+        import pytest
+
+        def test_ini(restitution):
+            found = restitution("broken.xml", pair="ball,plate").matches(0.9)
+            assert found.request.speeds == (0.1,)
+            assert len(found.impacts) == 2
+
+        @pytest.mark.restitution(speeds="0.2, 0.3 m/s", phases=1)
+        class TestMarked:
+            def test_class(self, restitution):
+                found = restitution("broken.xml", pair="ball,plate").matches(0.9)
+                assert found.request.speeds == (0.2, 0.3)
+
+            @pytest.mark.restitution(speeds=[0.4])
+            def test_function(self, restitution):
+                found = restitution("broken.xml", pair="ball,plate").matches(0.9)
+                assert found.request.speeds == (0.4,)
+
+            @pytest.mark.restitution(max_error=0.001)
+            def test_tight(self, restitution):
+                restitution("broken.xml", pair="ball,plate").matches(0.9)
+        """
+    )
+    models.runpytest_subprocess().assert_outcomes(passed=3, failed=1)
+
+
+def test_the_law_pairs_baselines_and_objects(models: pytest.Pytester) -> None:
+    (models.path / "pairs.csv").write_text("v [m/s],e\n0.1,0.9\n0.5,0.9\n")
+    models.makepyfile(
+        """
+        import mujoco
+        from pathlib import Path
+        from hcbench.checking.baseline import write_baseline
+
+        HERE = Path(__file__).parent
+
+        def test_law(restitution):
+            bounce = restitution("good.xml", pair="ball,plate", speeds="0.1 m/s")
+            bounce.follows(alpha=1.0)
+
+        def test_not_the_law(restitution):
+            restitution("good.xml", pair="ball,plate", speeds="2 m/s").follows(alpha="0.008 s/in")
+
+        def test_pairs(restitution):
+            restitution("good.xml", pair="ball,plate").follows(pairs=HERE / "pairs.csv")
+
+        def test_baseline(restitution):
+            bounce = restitution("good.xml", pair="ball,plate", speeds="0.1 m/s")
+            write_baseline(HERE / "b.json", {"good.xml": bounce.measured()})
+            bounce.equals(HERE / "b.json")
+
+        def test_object(restitution):
+            model = mujoco.MjModel.from_xml_path(str(HERE / "good.xml"))
+            restitution(model, pair=("ball", "plate"), speeds="0.1 m/s").matches(0.9)
+
+        def test_mistake(restitution):
+            restitution("good.xml", pair="ball,plat", speeds="0.1 m/s").matches(0.9)
+        """
+    )
+    result = models.runpytest_subprocess()
+    result.assert_outcomes(passed=4, failed=2)
+    result.stdout.fnmatch_lines(["*no body or geom 'plat'*Did you mean 'plate'*"])
+
+
+def test_a_marker_with_a_mistake_says_what_there_is(models: pytest.Pytester) -> None:
+    models.makepyfile(
+        """
+        import pytest
+
+        @pytest.mark.restitution(speed="1 m/s")
+        def test_it(restitution):
+            pass
+        """
+    )
+    result = models.runpytest_subprocess()
+    result.assert_outcomes(errors=1)
+    result.stdout.fnmatch_lines(["*mark.restitution: speed; expected max_error, speeds*"])
+
+
+def test_it_works_under_xdist(models: pytest.Pytester) -> None:
+    pytest.importorskip("xdist")
+    models.makepyfile(
+        """
+        import pytest
+
+        @pytest.mark.parametrize("i", range(4))
+        def test_it(restitution, i):
+            restitution("good.xml", pair="ball,plate", speeds="0.1 m/s").matches(0.9)
+        """
+    )
+    models.runpytest_subprocess("-n", "2").assert_outcomes(passed=4)
+
+
+def test_users_who_do_not_ask_for_it_pay_nothing(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        """
+        import sys
+
+        def test_nothing_is_imported():
+            heavy = {"numpy", "mujoco", "pybullet", "hcbench.measuring", "hcbench.checking"}
+            assert not heavy & set(sys.modules)
+        """
+    )
+    pytester.runpytest_subprocess("-W", "error").assert_outcomes(passed=1)
+
+
+def test_marker_and_options_are_listed() -> None:
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
+    markers = subprocess.run([*command, "--markers"], capture_output=True, text=True, check=True).stdout
+    assert "@pytest.mark.restitution(max_error=" in markers
+    options = subprocess.run([*command, "--help"], capture_output=True, text=True, check=True).stdout
+    for name in ("max_error", "speeds", "phases", "timeout"):
+        assert f"restitution_{name}" in options

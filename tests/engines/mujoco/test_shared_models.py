@@ -1,0 +1,214 @@
+"""A user's MuJoCo model that another engine steps is prepared and read as MuJoCo's own; here MuJoCo steps."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, ClassVar
+
+import mujoco
+import numpy as np
+import pytest
+
+from hcbench.engines.mujoco.model.open import load
+from hcbench.engines.mujoco.model.under_test import MujocoModel
+from hcbench.engines.mujoco.scene.shared_scene import differences
+from hcbench.errors import SettingError
+from hcbench.impact import Floats, Impact, Status
+from hcbench.measuring.diagnose import diagnose, goal_of
+from hcbench.measuring.request import make_request
+from hcbench.sim import registry, simulate
+from hcbench.sim.model_under_test import ModelUnderTest
+from hcbench.sim.shared_model import BorrowingEngine, Copies
+
+SPEEDS = [0.07, 0.33, 0.9]
+BALL = """<mujoco><option timestep="0.001" integrator="{integrator}"/><worldbody>
+  <geom name="plate" type="plane" size="1 1 .1" pos="0 0 {height}"/>
+  <body name="ball" pos="0 0 {ball}"><freejoint/><geom name="ball" size=".05" mass="1"/></body></worldbody>
+  <contact>{pairs}</contact></mujoco>"""
+PAIR = '<pair geom1="ball" geom2="plate" {}/>'
+SPRING = PAIR.format('solref="-90000 -20" friction=".3 .3 .005 .0001 .0001"')
+STIFF = PAIR.format('solref="0 -1900" solimp=".9999 .9999 .001"')
+HOPPER = """<mujoco><option timestep=".001"/><worldbody>
+  <geom name="floor" type="plane" size="5 5 .1"/>
+  <body name="torso" pos="0 0 .62"><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0 0 .3" size=".05" mass="3"/>
+    <body name="thigh"><joint name="hip" axis="0 1 0" damping="1" armature=".01"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -.25" size=".04" mass="1"/>
+      <body name="shin" pos="0 0 -.25"><joint name="knee" axis="0 1 0" damping="1" armature=".01"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -.25" size=".03" mass=".5"/>
+        <body name="foot" pos="0 0 -.25"><geom name="foot" size=".05" mass=".3" solref="-20000 -10"/></body>
+  </body></body></body></worldbody>
+  <actuator><position joint="hip" kp="80"/><position joint="knee" kp="80"/></actuator>
+  <keyframe><key name="bent" qpos=".2 0 .4 -.8" ctrl=".4 -.8"/></keyframe></mujoco>"""
+
+
+class MujocoCopies(Copies):
+    """MuJoCo itself, a model for each copy, in numbers of so many bits."""
+
+    places = 8
+
+    def __init__(self, model: Any, start: Any, bits: int) -> None:
+        self.model, self.bits = model, bits
+        self.data = [mujoco.MjData(model) for _ in range(self.places)]
+        for data in self.data:
+            data.ctrl[:] = start.ctrl
+
+    def place(self, states: Floats) -> Floats:
+        states = states.astype(f"f{self.bits // 8}").astype(float)
+        for data, state in zip(self.data, states, strict=True):
+            data.qpos[:], data.qvel[:] = np.split(state, [self.model.nq])
+        return states
+
+    def step(self, steps: int) -> Floats:
+        path = []
+        for _ in range(min(steps, 7)):
+            for data in self.data:
+                mujoco.mj_step(self.model, data)
+            states = np.array([np.append(data.qpos, data.qvel) for data in self.data])
+            path.append(self.place(states) if self.bits == 32 else states)
+        return np.array(path)
+
+
+class ItselfEngine(BorrowingEngine):
+    """MuJoCo under another name."""
+
+    name: ClassVar[str] = "itself"
+    title: ClassVar[str] = "Itself"
+    lender: ClassVar[str] = "mujoco"
+
+    def __init__(self, bits: int = 64, lacks: frozenset[str] = frozenset()) -> None:
+        self.own_bits, self.lacks = bits, lacks  # type: ignore[misc]
+
+    def version(self) -> str:
+        return "1.0"
+
+    def law_lines(self, law: Any) -> str:
+        return ""
+
+    def copies(self, model: Any, start: Any, *_: Any) -> Copies:
+        if "adhesion" in self.lacks:
+            model = mujoco.MjModel.from_xml_string(ball("Euler", SPRING))
+        return MujocoCopies(model, start, self.own_bits)
+
+
+def ball(integrator: str = "Euler", pairs: str = SPRING, height: float = 0.0) -> str:
+    return BALL.format(integrator=integrator, pairs=pairs, height=height, ball=height + 0.06)
+
+
+def both(xml: str, pair: str, engine: ItselfEngine, **asked: Any) -> tuple[MujocoModel, ModelUnderTest]:
+    """MuJoCo's own, and the same lent."""
+    request = make_request(pair, **{"speeds": SPEEDS, "phases": [0.1, 0.7], **asked})
+    own, lent = (MujocoModel(*load(xml, request), request) for _ in range(2))
+    return own, lent.stepped_by(engine)
+
+
+def impacts(model: ModelUnderTest, **asked: Any) -> list[Impact]:
+    request = make_request(None, **{"speeds": SPEEDS, "phases": [0.1, 0.7], **asked})
+    return simulate.impacts_in(model, request.launches())
+
+
+def require_same(some: list[Impact], others: list[Impact]) -> None:
+    for one, other in zip(some, others, strict=True):
+        assert one.status is Status.PARTED
+        assert dataclasses.replace(one, loop=None) == dataclasses.replace(other, loop=None)
+        assert one.loop is not None
+        assert other.loop is not None
+        assert np.array_equal(one.loop.force, other.loop.force)
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+def test_a_lent_ball_bounces_to_the_bit_as_its_lender_steps_it(integrator: str) -> None:
+    own, lent = both(ball(integrator), "ball,plate", ItselfEngine())
+    require_same(impacts(lent), impacts(own))
+    assert lent.facts().shares == own.facts().shares
+
+
+def test_a_lent_robot_keeps_its_controls_and_its_loop() -> None:
+    own, lent = both(HOPPER, "foot,floor", ItselfEngine())
+    require_same(impacts(lent), impacts(own))
+    assert lent.facts().shares == own.facts().shares
+    assert (lent.facts().engine, lent.facts().version) == ("itself", "1.0")
+
+
+def test_a_lent_body_slides_and_spins_as_its_lender_has_it() -> None:
+    sent = {"angle": "50 deg", "spin": 20.0}
+    own, lent = both(ball(), "ball,plate", ItselfEngine(), **sent)
+    require_same(impacts(lent, **sent), impacts(own, **sent))
+
+
+def test_float32_is_read_to_its_own_precision_and_scatters_where_it_must() -> None:
+    own, lent = both(ball(), "ball,plate", ItselfEngine(32))
+    e = np.array([[i.restitution for i in impacts(model)] for model in (own, lent)])
+    assert 0 < np.abs(np.diff(e, axis=0)).max() < 2e-5
+    assert not [s.code for s in lent.suspects(impacts(lent), None) if s.code == "rounded-positions"]
+    short = {"timestep": 5e-6, "speeds": 0.07, "phases": [0.5]}
+    own, lent = both(ball(), "ball,plate", ItselfEngine(32), **short)
+    (found,) = [s for s in lent.suspects(impacts(lent, **short), None) if s.code == "rounded-positions"]
+    assert "3.5e-07 m where coordinates of 0.05 m are 3.7e-09 m apart" in found.evidence
+    with pytest.raises(SettingError, match=r"1e-06 s in float32: at 0\.9 m/s .* 9e-07 m; .*Use 4e-06"):
+        both(ball(height=9.0), "ball,plate", ItselfEngine(32), timestep=1e-6)
+
+
+@pytest.mark.adhesion
+def test_what_an_engine_drops_is_named_and_seen_in_its_bounce() -> None:
+    pulls = PAIR.format('solref="-90000 -200" adhesion="1e9"')
+    _, lent = both(ball(pairs=pulls), "ball,plate", ItselfEngine(lacks=frozenset({"adhesion"})))
+    seen = impacts(lent)
+    causes, _ = diagnose(lent, seen, goal_of((), SPEEDS, None))
+    assert [cause.code for cause in causes[:2]] == ["adhesion-dropped", "unlike-mujoco"]
+    assert causes[0].evidence == "adhesion of up to 1e+09 N"
+    assert f"e at 0.07 m/s: {seen[1].restitution:.4g}, where MuJoCo has" in causes[1].evidence
+
+
+@pytest.mark.parametrize(
+    ("pairs", "lacks", "bits", "code"),
+    [
+        (SPRING * 2, "several pairs", 64, "pairs-dropped"),
+        (
+            PAIR.format('solref="0 -1900" solimp=".9999 .9999 .001"'),
+            "impedance in float32",
+            32,
+            "impedance-rounding",
+        ),
+        (PAIR.format('solref="-1e8 -9" solimp=".0001 .9999 .0001 .5 1017"'), "", 32, "power-underflow"),
+    ],
+)
+def test_a_contact_that_becomes_another_is_named(pairs: str, lacks: str, bits: int, code: str) -> None:
+    model = mujoco.MjModel.from_xml_string(ball(pairs=pairs))
+    (found,) = differences(model, ItselfEngine(lacks=frozenset({lacks})), bits)
+    assert found.code == code
+    assert (
+        differences(mujoco.MjModel.from_xml_string(ball()), ItselfEngine(lacks=frozenset({lacks})), bits)
+        == []
+    )
+
+
+@pytest.mark.adhesion
+def test_an_adhesion_that_float32_forgets_a_force_beside_is_held_to_its_size() -> None:
+    pulls = PAIR.format('solref="-90000 -20" adhesion="{}"')
+    for adhesion, codes in (("1e4", []), ("1e6", ["adhesion-rounding"])):
+        _, lent = both(ball(pairs=pulls.format(adhesion)), "ball,plate", ItselfEngine(32))
+        found = [s for s in lent.suspects(impacts(lent), None) if s.code.startswith("adhesion")]
+        assert [suspect.code for suspect in found] == codes
+    model = mujoco.MjModel.from_xml_string(ball(pairs=pulls.format("1e6")))
+    assert found[0].apply is not None
+    found[0].apply(model)
+    force = max(impact.force_max for impact in impacts(lent))
+    assert model.pair_adhesion[0] == pytest.approx(2 * force, rel=0.06)
+
+
+def test_the_fix_for_an_impedance_is_one_that_float32_keeps() -> None:
+    model = mujoco.MjModel.from_xml_string(ball(pairs=STIFF))
+    lacks = frozenset({"impedance in float32"})
+    (found,) = differences(model, ItselfEngine(lacks=lacks), 32, (0, 1))
+    assert found.apply is not None
+    found.apply(model)
+    assert model.pair_solimp[0, :2].tolist() == [0.9, 0.9]
+    assert differences(model, ItselfEngine(lacks=lacks), 32, (0, 1)) == []
+
+
+def test_an_engine_that_borrows_is_asked_by_name_only() -> None:
+    for name in ("mjx", "mujoco-warp"):
+        engine = registry.engine(name)
+        assert ".xml" in engine.suffixes
+        assert not engine.accepts("model.xml")

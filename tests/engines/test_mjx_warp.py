@@ -1,0 +1,215 @@
+"""MJX and MuJoCo Warp fly what `tune mujoco` writes as it is meant, or refuse it by name."""
+
+from __future__ import annotations
+
+import dataclasses
+import xml.etree.ElementTree as ET
+from typing import Any
+
+import numpy as np
+import pytest
+from test_shared_models import HOPPER, PAIR, SPRING, ball
+
+from hcbench import Measurement, units
+from hcbench.errors import EngineMissing, SceneError, SettingError
+from hcbench.impact import Floats, Launch
+from hcbench.laws.force import HuntCrossley
+from hcbench.measuring.measure import measure
+from hcbench.recipes.target import Target
+from hcbench.scene import Scene, load_scene
+from hcbench.setting import Setting
+from hcbench.sim import registry
+from hcbench.sim.convert import convert
+from hcbench.sim.parallel import require_motion
+
+PLANE = load_scene("steel-plane")
+HEAVY = dataclasses.replace(PLANE, gravity=9.80665)
+SPEEDS, PHASES = (0.031, 0.13, 0.37, 0.5), (0.07, 0.31, 0.62, 0.88)  # of no search or other test
+DAMPED = PAIR.format('solref="-90000 -200" friction=".3 .3 .005 .0001 .0001"')
+LAUNCHES = [Launch(v, p) for v in SPEEDS for p in PHASES]
+
+
+def target(timestep: float) -> Target:
+    law = HuntCrossley(PLANE.stiffness, 0.008 / units.INCH)
+    return Target(law, PLANE.mass, timestep, 0.0254, 0.508)
+
+
+def require(engine: str) -> None:
+    """A skip where it is not installed: before a search that takes seconds."""
+    try:
+        registry.engine(engine).version()
+    except EngineMissing as error:
+        pytest.skip(str(error))
+
+
+def restitutions(setting: Setting, scene: Scene = PLANE) -> tuple[Floats, Floats]:
+    """Speeds and e; a skip where the engine is not installed."""
+    require(setting.engine)
+    impacts = registry.engine(setting.engine).run(scene, setting, LAUNCHES)
+    return np.array([i.speed_in for i in impacts]), np.array([i.restitution for i in impacts])
+
+
+def lent(recipe: str, engine: str, timestep: float) -> Setting:
+    """MuJoCo's own setting, in another engine."""
+    return dataclasses.replace(registry.recipe(f"mujoco.{recipe}")(target(timestep)), engine=engine)
+
+
+@pytest.mark.parametrize(("engine", "within"), [("mjx", 3e-6), ("mujoco-warp", 1e-6)])
+def test_the_bounce_in_one_step_has_the_restitution_asked(engine: str, within: float) -> None:
+    _, e = restitutions(registry.recipe(f"{engine}.impulse")(target(1e-3)))
+    asked = (target(1e-3).restitution(0.0254) + target(1e-3).restitution(0.508)) / 2
+    assert np.abs(e - asked).max() < within
+
+
+@pytest.mark.parametrize(("engine", "within"), [("mjx", 5e-6), ("mujoco-warp", 1e-6)])
+def test_each_impact_is_given_its_own_restitution_under_gravity_too(engine: str, within: float) -> None:
+    setting = registry.recipe(f"{engine}.restitution-law")(target(1e-3))
+    for scene in (PLANE, HEAVY):
+        v, e = restitutions(setting, scene)
+        assert np.abs(e - target(1e-3).restitution(v)).max() < within
+
+
+@pytest.mark.parametrize(
+    ("recipe", "timestep", "within"),
+    [
+        ("mjx.staggered-push", 1e-3, 5e-4),
+        ("mjx.hunt-crossley", 1e-5, 1e-3),
+        ("mujoco-warp.staggered", 1e-5, 4e-3),
+        ("mujoco-warp.staggered", 1e-3, 4.9e-4),
+        ("mujoco-warp.two-pair", 1e-5, 4e-3),
+        ("mujoco-warp.hunt-crossley", 1e-5, 4e-3),
+    ],
+)
+def test_the_law_is_followed_as_far_as_float32_lets_it(recipe: str, timestep: float, within: float) -> None:
+    require(recipe.partition(".")[0])
+    v, e = restitutions(registry.recipe(recipe)(target(timestep)))
+    assert np.abs(e - target(timestep).restitution(v)).max() < within
+
+
+@pytest.mark.parametrize("recipe", ["two-pair", "staggered"])
+def test_mjx_refuses_pairs_that_pull(recipe: str) -> None:
+    with pytest.raises(SettingError, match=r"MJX drops a pair's adhesion.*`staggered-push`"):
+        restitutions(lent(recipe, "mjx", 1e-3))
+
+
+def test_mjx_refuses_an_impedance_that_float32_does_not_keep_and_takes_it_in_float64() -> None:
+    setting = lent("impulse", "mjx", 1e-3)
+    with pytest.raises(SettingError, match=r"float32 keeps too little.*'float64'"):
+        restitutions(setting)
+    exact = dataclasses.replace(setting, options={**setting.options, "precision": "float64"})
+    _, e = restitutions(exact)
+    asked = target(1e-3).restitution(np.array([0.0254, 0.508])).mean()
+    magnified = 1.0 / (1.0 - 0.9999)  # rounding, by what MJX divides by: MuJoCo's own e is right to 6e-16
+    assert np.abs(e - asked).max() < 4 * magnified * np.finfo(float).eps
+
+
+@pytest.mark.parametrize("engine", ["mjx", "mujoco-warp"])
+def test_a_power_that_underflows_in_float32_is_refused(engine: str) -> None:
+    row = {"solref": [-1e8, -100.0], "solimp": [1e-4, 0.9999, 1e-4, 0.5, 1017.0]}
+    with pytest.raises(SettingError, match="power 1017 underflows in float32"):
+        restitutions(Setting(engine, "mine", 1e-5, {"rows": [row]}))
+
+
+def test_a_step_that_moves_no_float32_position_is_refused() -> None:
+    require_motion(PLANE, 1e-6, 0.5, 32)
+    require_motion(PLANE, 1e-9, 0.5, 64)
+    with pytest.raises(SettingError, match=r"1e-08 s in float32.*Use 3e-08 s or more"):
+        require_motion(PLANE, 1e-8, 0.5, 32)
+
+
+def test_mujoco_warp_is_given_a_geom_for_each_pair() -> None:
+    setting = registry.recipe("mujoco-warp.two-pair")(target(1e-3))
+    root = ET.fromstring(registry.engine("mujoco-warp").script(PLANE, setting))
+    pairs = [(pair.get("geom1"), pair.get("geom2")) for pair in root.findall("contact/pair")]
+    assert len(pairs) == len(set(pairs)) > 1
+    names = {geom.get("name"): geom.get("mass") for geom in root.iter("geom")}
+    assert [names[first] for first, _ in pairs] == [None, *["0"] * (len(pairs) - 1)]
+    assert "massless copy" in registry.engine("mujoco-warp").snippet(setting, "plane")
+
+
+def test_convert_says_solref_for_both() -> None:
+    rows = {
+        row.system: row
+        for row in convert(alpha=0.3, speed=0.2, timestep=1e-3).rows
+        if row.parameter == "solref"
+    }
+    assert rows["MJX"].value == rows["MuJoCo Warp"].value == rows["MuJoCo"].value
+    assert ".9 .9" in rows["MJX"].note
+
+
+@pytest.mark.parametrize(
+    ("recipe", "more"),
+    [
+        ("mjx.compliant", {}),
+        ("mujoco-warp.compliant", {}),
+        ("mjx.compliant-pairs", {"adhesive": False}),
+        pytest.param("mujoco-warp.compliant-pairs", {}, marks=pytest.mark.adhesion),
+    ],
+)
+def test_contacts_of_a_few_steps_bounce_under_gravity_as_in_mujoco(
+    recipe: str, more: dict[str, bool]
+) -> None:
+    require(recipe.partition(".")[0])
+    made_for = dataclasses.replace(target(1e-3), gravity=HEAVY.gravity)
+    _, e = restitutions(registry.recipe(recipe)(made_for), HEAVY)
+    mujocos = registry.recipe(recipe.replace(recipe.partition(".")[0], "mujoco"))
+    setting = Setting("mujoco", "c", 1e-3, mujocos.function(made_for, "Euler", **more))
+    impacts = registry.engine("mujoco").run(HEAVY, setting, LAUNCHES)
+    assert e == pytest.approx([impact.restitution for impact in impacts], abs=2e-4)
+
+
+def measured(model: str, pair: str, engine: str, **asked: Any) -> Measurement:
+    """A user's model; a skip where the engine is not installed."""
+    try:
+        registry.require(engine)
+        return measure(
+            model, pair, engine=engine, **{"speeds": [0.07, 0.41, 1.3], "phases": [0.2, 0.8], **asked}
+        )
+    except EngineMissing as error:
+        pytest.skip(str(error))
+
+
+def scene_xml(engine: str, recipe: str, timestep: float = 1e-3) -> str:
+    """What tune writes for an engine."""
+    setting = registry.recipe(f"{engine}.{recipe}")(
+        dataclasses.replace(target(timestep), gravity=HEAVY.gravity)
+    )
+    return registry.engine(engine).script(HEAVY, setting)
+
+
+@pytest.mark.parametrize("engine", ["mjx", "mujoco-warp"])
+@pytest.mark.parametrize("model", ["compliant", "staggered-push", "robot"])
+def test_a_users_model_bounces_as_in_mujoco_as_far_as_float32_lets_it(model: str, engine: str) -> None:
+    xml, pair = (HOPPER, "foot,floor") if model == "robot" else (scene_xml(engine, model), "ball,plate")
+    theirs = measured(xml, pair, engine)
+    assert (theirs.facts.engine, theirs.facts.version) == (engine, registry.engine(engine).version())
+    own = measured(xml, pair, "mujoco")
+    for one, other in zip(theirs.impacts, own.impacts, strict=True):
+        assert one.restitution == pytest.approx(other.restitution, abs=5e-4)
+        assert one.samples == other.samples
+        assert one.force_max == pytest.approx(other.force_max, rel=2e-3)
+    assert [cause.code for cause in theirs.causes] == [cause.code for cause in own.causes]
+
+
+@pytest.mark.parametrize(
+    ("engine", "recipe", "code", "words"),
+    [
+        ("mjx", "two-pair", "adhesion-dropped", "MJX drops a pair's adhesion"),
+        ("mjx", "impulse", "impedance-rounding", "float32 keeps too little"),
+        ("mujoco-warp", "", "pairs-dropped", "keeps one of several pairs"),
+    ],
+)
+def test_what_a_users_model_loses_is_named(engine: str, recipe: str, code: str, words: str) -> None:
+    xml = scene_xml("mujoco", recipe) if recipe else ball(pairs=SPRING + DAMPED)
+    found = measured(xml, "ball,plate", engine, speeds=0.41, phases=[0.5])
+    (cause,) = [cause for cause in found.causes if cause.code == code]
+    assert words in cause.title
+    unlike = [cause.code for cause in found.causes if cause.code == "unlike-mujoco"]
+    assert unlike == ([] if recipe == "impulse" else ["unlike-mujoco"])
+
+
+@pytest.mark.parametrize("engine", ["mjx", "mujoco-warp"])
+def test_what_an_engine_does_not_have_is_said_in_one_line(engine: str) -> None:
+    xml = HOPPER.replace('timestep=".001"', 'solver="PGS"')
+    with pytest.raises(SceneError, match=r"model: .*PGS.*; expected what .* has of MuJoCo"):
+        measured(xml, "foot,floor", engine)

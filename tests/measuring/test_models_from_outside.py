@@ -1,0 +1,126 @@
+"""Models that others wrote, from their packages: measured, or refused for the right reason."""
+
+import importlib.util
+import os
+from pathlib import Path
+
+import pytest
+
+from hcbench.errors import UserError
+from hcbench.measuring import Wanted, measure
+from hcbench.measuring.request import make_request
+from hcbench.tuning.model import tune_model
+
+GYM, ROBOTICS = "gymnasium/envs/mujoco/assets/", "gymnasium_robotics/envs/assets/"
+SUITE, BULLET = "dm_control/suite/", "pybullet_data/"
+METAWORLD, ROBOSUITE = "metaworld/assets/sawyer_xyz/", "robosuite/models/assets/robots/"
+MEASURED = ""
+# (package and file, or two files; pair; words of the refusal, or MEASURED)
+MODELS: list[tuple[str, str | None, str]] = [
+    (f"{GYM}ant.xml", "left_ankle_geom,floor", "outside their limits"),
+    (f"{GYM}half_cheetah.xml", "ffoot,floor", MEASURED),
+    (f"{GYM}hopper.xml", "foot,floor", MEASURED),
+    (f"{GYM}humanoid.xml", "geom:right_foot,floor", MEASURED),
+    (f"{GYM}humanoidstandup.xml", "geom:right_foot,floor", "cannot reach 'floor': 'head'"),
+    (f"{GYM}inverted_double_pendulum.xml", "cpole2,floor", "never touch: contype"),
+    (f"{GYM}inverted_pendulum.xml", "cpole,rail", "never touch: contype"),
+    (f"{GYM}point.xml", "pointarrow,floor", "slide past each other: no joint moves one"),
+    (f"{GYM}pusher_v5.xml", "object,r_wrist_roll_link", "passes 'r_wrist_roll_link'.*heights"),
+    (f"{GYM}reacher.xml", "fingertip,target", "never touch: contype"),
+    (f"{GYM}swimmer.xml", "torso,floor", "never touch: contype"),
+    (f"{GYM}walker2d_v5.xml", "foot,floor", MEASURED),
+    (f"{ROBOTICS}fetch/push.xml", "object0,table0", MEASURED),
+    (f"{ROBOTICS}fetch/slide.xml", "object0,table0", MEASURED),
+    (f"{ROBOTICS}fetch/pick_and_place.xml", "object0,table0", MEASURED),
+    (f"{ROBOTICS}hand/manipulate_block.xml", "object,robot0:palm", MEASURED),
+    (f"{ROBOTICS}hand/manipulate_egg.xml", "object,robot0:palm", MEASURED),
+    (f"{SUITE}acrobot.xml", "lower_arm,floor", "contacts are disabled"),
+    (f"{SUITE}ball_in_cup.xml", "ball,cup", MEASURED),
+    (f"{SUITE}cartpole.xml", "pole_1,floor", "contacts are disabled"),
+    (f"{SUITE}cheetah.xml", "ffoot,ground", MEASURED),
+    (f"{SUITE}finger.xml", "fingertip,spinner", MEASURED),
+    (f"{SUITE}hopper.xml", "foot,floor", MEASURED),
+    (f"{SUITE}humanoid.xml", "right_foot,floor", MEASURED),
+    (f"{SUITE}manipulator.xml", "ball,floor", "'ball', which moves with it, would be .* inside 'wall2'"),
+    (f"{SUITE}manipulator.xml", "thumbtip,floor", MEASURED),
+    (f"{SUITE}pendulum.xml", "pole,floor", "contacts are disabled"),
+    (f"{SUITE}quadruped.xml", "toe_front_left,floor", MEASURED),
+    (f"{SUITE}stacker.xml", "box0,floor", "'box0', which moves with it, would be .* inside 'wall2'"),
+    (f"{SUITE}walker.xml", "right_foot,floor", MEASURED),
+    (f"{METAWORLD}sawyer_soccer.xml", "soccer_ball1,tablelink", MEASURED),
+    (f"{METAWORLD}sawyer_basketball.xml", "basketball,tablelink", MEASURED),
+    (f"{METAWORLD}sawyer_drawer.xml", "drawer_link,RetainingWall", MEASURED),
+    (f"{METAWORLD}sawyer_reach_push_pick_and_place.xml", "geom:37,tablelink", MEASURED),
+    (f"{METAWORLD}sawyer_hammer.xml", "hammer,tablelink", "'hammer' starts 0.018\\d* m inside 'tablelink'"),
+    (f"{ROBOSUITE}spot/robot.xml", "fr_uleg,fl_uleg", "outside their limits.*fr_kn_leg_joint by 14.6 deg"),
+    (f"{ROBOSUITE}panda/robot.xml", "link5,link7", MEASURED),
+    (f"{BULLET}soccerball.urdf {BULLET}table/table.urdf", None, MEASURED),
+    (f"{BULLET}jenga/jenga.urdf {BULLET}jenga/jenga.urdf", None, MEASURED),
+    (f"{BULLET}cube_small.urdf {BULLET}cube_small.urdf", None, MEASURED),
+    (f"{BULLET}sphere_small.urdf {BULLET}kuka_iiwa/model.urdf", None, MEASURED),
+    (f"{BULLET}r2d2.urdf {BULLET}plane.urdf", None, MEASURED),
+    (f"{BULLET}quadruped/minitaur.urdf {BULLET}plane.urdf", None, MEASURED),
+    (f"{BULLET}racecar/racecar.urdf {BULLET}plane.urdf", None, MEASURED),
+    (f"{BULLET}duck_vhacd.urdf {BULLET}table/table.urdf", None, MEASURED),
+    (f"{BULLET}teddy_vhacd.urdf {BULLET}plane.urdf", None, MEASURED),
+    (f"{BULLET}humanoid/humanoid.urdf {BULLET}plane.urdf", None, "not well-formed"),
+]
+
+
+outside = pytest.mark.skipif(
+    "HCBENCH_MODELS" not in os.environ, reason="needs other packages: make test-models"
+)
+
+
+def found_file(name: str) -> Path:
+    """A file of an installed package."""
+    package, _, rest = name.partition("/")
+    spec = importlib.util.find_spec(package)
+    assert spec is not None, f"{package} is not installed: make test-models"
+    assert spec.origin is not None
+    return Path(spec.origin).parent / rest
+
+
+@outside
+@pytest.mark.parametrize(("files", "pair", "refusal"), MODELS, ids=lambda value: str(value)[:60])
+def test_a_model_from_outside_is_measured_or_refused_for_its_reason(
+    files: str, pair: str | None, refusal: str
+) -> None:
+    paths = [found_file(name) for name in files.split()]
+    source = paths if len(paths) > 1 else paths[0]
+    if refusal:
+        with pytest.raises(UserError, match=refusal):
+            measure(source, pair, speeds=[0.5, 1.0], diagnose=False)
+        return
+    measurement = measure(source, pair, speeds=[0.5, 1.0], diagnose=False)
+    assert all(impact.is_measured or impact.reason for impact in measurement.impacts)
+
+
+TUNED: list[tuple[str, str]] = [
+    (f"{GYM}hopper.xml", "foot,floor"),
+    (f"{GYM}walker2d_v5.xml", "foot,floor"),
+    (f"{GYM}half_cheetah.xml", "bfoot,floor"),
+    (f"{GYM}humanoid.xml", "geom:right_foot,floor"),
+    (f"{ROBOTICS}fetch/push.xml", "object0,table0"),
+    (f"{SUITE}ball_in_cup.xml", "ball,cup"),
+    (f"{SUITE}hopper.xml", "foot,floor"),
+    (f"{SUITE}walker.xml", "right_foot,floor"),
+    (f"{SUITE}quadruped.xml", "toe_front_left,floor"),
+    (f"{SUITE}humanoid.xml", "right_foot,floor"),
+    (f"{METAWORLD}sawyer_soccer.xml", "soccer_ball1,tablelink"),
+    (f"{METAWORLD}sawyer_basketball.xml", "basketball,tablelink"),
+]
+
+
+@outside
+@pytest.mark.parametrize(("file", "pair"), TUNED)
+def test_the_tuned_model_bounces_as_tune_says(file: str, pair: str, tmp_path: Path) -> None:
+    """At speeds and phases that tune has not seen; the model is written beside no mesh of its own."""
+    wanted = Wanted(constant=0.5)
+    found = tune_model(str(found_file(file)), [make_request(pair, [0.3, 1.5])], wanted)
+    (tmp_path / "tuned.xml").write_text(found.written)
+    again = measure(tmp_path / "tuned.xml", pair, speeds=[0.35, 0.8, 1.3], phases=5, diagnose=False)
+    print(f"{file} {found.name}: e = 0.5 within {found.max_error:.3f}")
+    worst = max(abs(error) for _, error in again.errors(wanted))
+    assert not again.failed
+    assert worst <= found.max_error + 0.02

@@ -1,0 +1,168 @@
+"""Oblique launches in models of users: `measure` and `check` with --angle, --along and --spin."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hcbench.checking import CheckSpec, Outputs, check
+from hcbench.engines.mujoco.scene.mjcf import model_xml
+from hcbench.errors import QuantityError, UserError
+from hcbench.impact import Launch
+from hcbench.laws.force import HuntCrossley
+from hcbench.measuring import measure
+from hcbench.measuring.text import as_record, as_text
+from hcbench.recipes.target import Target
+from hcbench.scene import load_scene
+from hcbench.sim import registry
+from hcbench.workers import call
+
+R, STEP, SPIN = 0.0508, 2e-3, (3.0, -20.0, 7.0)
+SCENE = replace(load_scene("steel-plane"), ball_radius=R, plate_radius=math.inf, friction=0.5, gravity=9.81)
+TARGET = Target(HuntCrossley(SCENE.stiffness, 0.06, 1.5), SCENE.mass, STEP, 0.3, 1.0)
+IMPULSE = registry.recipe("mujoco.impulse")(TARGET)
+LAUNCHES = [Launch.at_angle(a, v, 0.25, spin=SPIN) for v in (0.3, 1.1) for a in (0.0, math.radians(80.0))]
+ASKED: dict[str, Any] = {"speeds": [0.3, 1.1], "phases": [0.25], "angle": "0, 80 deg", "spin": list(SPIN)}
+
+
+def model(plate: str = "", joint: str = "<freejoint/>", condim: int = 3) -> str:
+    row = IMPULSE.options["rows"][0]
+    solref, solimp = (" ".join(map(repr, row[key])) for key in ("solref", "solimp"))
+    return (
+        f'<mujoco><option timestep="{STEP}" cone="elliptic"/><worldbody>'
+        f'<geom name="plate" type="plane" size="1 1 .1" {plate}/><body name="ball" pos=".2 0 .2">{joint}'
+        f'<geom name="ball" type="sphere" size="{R}" mass=".45"/></body></worldbody><contact>'
+        f'<pair geom1="ball" geom2="plate" condim="{condim}" friction=".5 .5"'
+        f' solref="{solref}" solimp="{solimp}"/></contact></mujoco>'
+    )
+
+
+def test_benchmark_and_measure_agree_obliquely() -> None:
+    measured = measure(model_xml(SCENE, IMPULSE), "ball,plate", diagnose=False, **ASKED).impacts
+    flown = registry.engine("mujoco").run(SCENE, IMPULSE, LAUNCHES)
+    for one, other in zip(measured, flown, strict=True):
+        assert one.tangential is not None
+        assert other.tangential is not None
+        assert one.launch == other.launch
+        assert one.restitution == pytest.approx(other.restitution, abs=1e-9)
+        for name in ("slip_in", "slip_out", "spin_in", "spin_out", "impulse", "normal_impulse", "energy_out"):
+            assert getattr(one.tangential, name) == pytest.approx(getattr(other.tangential, name), abs=1e-7)
+
+
+def outcome(text: str, along: str | None = None, gravity: str = "0") -> list[float]:
+    (impact,) = measure(
+        text, "ball,plate", speeds=0.5, phases=[0.3], gravity=gravity, angle="70 deg", spin="9 rad/s",
+        along=along, diagnose=False,
+    ).impacts  # fmt: skip
+    assert impact.tangential is not None
+    return [impact.restitution, *impact.tangential.slip_out, *impact.tangential.spin_out]
+
+
+TILTED, UPRIGHT = 'zaxis="0 .6 .8"', 'zaxis="1 0 0.01"'
+
+
+@pytest.mark.parametrize(
+    ("plate", "along"), [("", "0, 1, 0"), ("", "-3, 4, 9"), (TILTED, None), (UPRIGHT, None)]
+)
+def test_any_direction_along_any_plate_is_the_same(plate: str, along: str | None) -> None:
+    assert outcome(model(plate), along) == pytest.approx(outcome(model()), abs=1e-6)
+
+
+def pybullet_outcome() -> tuple[list[float], list[float]]:
+    """e and impulse ratios of a world as a user builds it."""
+    import pybullet as p
+
+    from hcbench.engines.pybullet.model.open import LiveWorld as World
+
+    client = p.connect(p.DIRECT)
+    me = {"physicsClientId": client}
+    exact = dict.fromkeys(("restitutionVelocityThreshold", "contactSlop", "contactERP", "erp"), 0)
+    p.setPhysicsEngineParameter(fixedTimeStep=1 / 240, **exact, **me)
+    p.setGravity(0, 0, -9.81, **me)
+    rigid = {"useMaximalCoordinates": True, **me}
+    plate = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE, **me), **rigid)
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=R, **me)
+    ball = p.createMultiBody(0.45, shape, basePosition=[0, 0, 0.3], **rigid)
+    damping = {"linearDamping": 0, "angularDamping": 0, "contactProcessingThreshold": 0}
+    p.changeDynamics(ball, -1, restitution=0.8, lateralFriction=0.5, **damping, **me)
+    p.changeDynamics(plate, -1, restitution=1, lateralFriction=1, **me)
+    impacts = measure(World(client, ball, plate), diagnose=False, **ASKED).impacts
+    return [i.restitution for i in impacts], [i.tangential.impulse_ratio for i in impacts if i.tangential]
+
+
+def test_a_world_of_pybullet_keeps_its_e_obliquely_at_its_own_step() -> None:
+    e, ratios = call(pybullet_outcome, limit=60)
+    assert e == pytest.approx([0.8] * 4, abs=1e-6)
+    assert ratios[1] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_measure_finds_what_throws_a_sliding_ball_up_and_its_fix_holds() -> None:
+    found = measure(model(), "ball,plate", speeds=[0.3, 1.1], angle="80 deg", wanted=0.97)
+    assert max(i.restitution for i in found.measured) > 2.0
+    assert not found.energy_gained
+    (cause,) = found.causes
+    assert cause.code == "sliding-lift"
+    assert cause.alone < 0.08
+    assert cause.fix.startswith('<option cone="elliptic"')
+    assert cause.fix.endswith('"')
+    assert "energy lost" in as_text(found)
+
+
+def test_check_gates_oblique_impacts(tmp_path: Path) -> None:
+    path, baseline = tmp_path / "ball.xml", tmp_path / "bounce.json"
+    path.write_text(model())
+    held: dict[str, Any] = {"model": str(path), "pair": "ball,plate"}
+    asked = {**held, "speeds": [0.3, 1.1], "restitution": 0.97}
+    assert check(CheckSpec(**asked, max_error=0.05)).exit_code == 0
+    report = check(CheckSpec(**asked, angle="0, 80 deg", max_error=0.05))
+    assert report.exit_code == 1
+    assert "80 deg" in report.outcomes[0].message
+    assert check(CheckSpec(**held, speeds=[0.3], angle="80 deg"), Outputs(baseline=baseline)).exit_code == 0
+    assert check(CheckSpec(**held, baseline=baseline)).exit_code == 0
+    path.write_text(model(condim=1))
+    assert check(CheckSpec(**held, baseline=baseline)).exit_code == 1
+
+
+def test_only_oblique_launches_add_to_the_record() -> None:
+    plain = as_record(measure(model(), "ball,plate", speeds=0.5, phases=1, diagnose=False))
+    oblique = as_record(measure(model(), "ball,plate", speeds=0.5, phases=1, angle="45 deg", diagnose=False))
+    assert {*oblique["curve"][0]} - {*plain["curve"][0]} > {"angle_rad", "slip_out_m_per_s", "energy_lost"}
+    assert {*oblique["impacts"][0]} - {*plain["impacts"][0]} == {"angle_rad", "tangential"}
+    json.dumps(oblique)
+
+
+def test_what_cannot_slide_or_is_no_direction_is_refused() -> None:
+    slide = model(joint='<joint type="slide" axis="0 0 1"/>')
+    with pytest.raises(UserError, match="slide cannot move along the plate"):
+        measure(slide, "ball,plate", angle="45 deg")
+    with pytest.raises(UserError, match="normal to the plate"):
+        measure(model(), "ball,plate", angle="45 deg", along="0, 0, 1")
+    with pytest.raises(QuantityError, match="deg"):
+        measure(model(), "ball,plate", angle=60)
+
+
+@pytest.mark.parametrize("phase", [0.1, 0.6])
+def test_a_drop_touches_in_its_phase_at_the_speed_of_its_fall(phase: float) -> None:
+    """Where in a step it touches: how far in it is when the contact first acts, in steps' ways."""
+    (impact,) = measure(
+        model(), "ball,plate", speeds="1 mm/s", height="10 cm", gravity=9.81, phases=[phase], diagnose=False
+    ).impacts  # fmt: skip
+    assert impact.speed_in == pytest.approx(math.sqrt(2 * 9.81 * 0.1), rel=0.02)
+    depths = [
+        measure(
+            model(), "ball,plate", speeds="1 mm/s", height="10 cm", gravity=9.81, phases=[p], diagnose=False
+        ).impacts[0].penetration_max
+        for p in (phase, phase + 0.2)
+    ]  # fmt: skip
+    way = STEP * impact.speed_in
+    assert (depths[0] - depths[1]) % way == pytest.approx(0.2 * way, rel=0.05)  # a step's way grows by g h²
+
+
+def test_an_angle_is_that_of_the_touch() -> None:
+    with pytest.raises(UserError, match="given beside height"):
+        measure(model(), "ball,plate", height="10 cm", angle="45 deg")

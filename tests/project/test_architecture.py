@@ -1,0 +1,149 @@
+"""The house: imports run one way, and the front door is light."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from collections.abc import Sequence
+from importlib.metadata import distribution
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import hcbench
+
+ROOT = Path(hcbench.__file__).parent
+
+# A room may import from its own floor and from those before it.
+FLOORS = [
+    {
+        "errors",
+        "units",
+        "fields",
+        "_arguments",
+        "_compile",
+        "_files",
+        "_notebook",
+        "_text",
+        "workers",
+        "environments",
+    },
+    {"impact", "setting", "scene", "laws"},
+    {"scoring"},
+    {"recipes"},
+    {"sim"},
+    {"measuring", "tuning", "engines", "contact", "fitting"},
+    {"benchmark"},
+    {"reporting", "checking", "paper"},
+    {"pytest_plugin", "cli", "testing"},
+    {"__main__"},
+]
+FLOOR = {room: i for i, rooms in enumerate(FLOORS) for room in rooms}
+
+
+def _room(path: Path) -> str:
+    return _room_of(path.relative_to(ROOT).with_suffix("").parts)
+
+
+def _room_of(parts: Sequence[str]) -> str:
+    """Of a module's name below hcbench: the module where it has a floor of its own, else its package."""
+    return parts[0]
+
+
+MODULES = sorted(p for p in ROOT.rglob("*.py") if _room(p) not in ("__init__", "data"))
+
+
+def _imports(path: Path) -> set[str]:
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("hcbench"):
+            parts = (node.module or "").split(".")
+            found |= {_room_of(parts[1:])} if len(parts) > 1 else {alias.name for alias in node.names}
+        elif isinstance(node, ast.Import):
+            found |= {_room_of(a.name.split(".")[1:]) for a in node.names if a.name.startswith("hcbench.")}
+    return found
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_imports_run_one_way(path: Path) -> None:
+    floor = FLOOR[_room(path)]
+    upwards = {room for room in _imports(path) if FLOOR[room] > floor}
+    assert not upwards, f"{path.relative_to(ROOT)} is on floor {floor} and imports {upwards}"
+
+
+# Short re-exports that keep documented imports alive, and the table of other libraries' words.
+ABOUT_ENGINES = {
+    "contact/mujoco.py",
+    "contact/pybullet.py",
+    "laws/conventions.py",
+}
+SOURCES = sorted(p for p in ROOT.rglob("*") if p.suffix in (".py", ".c", ".h"))
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_what_knows_an_engine_is_in_its_folder(path: Path) -> None:
+    name, text = path.relative_to(ROOT).as_posix(), path.read_text(encoding="utf-8")
+    folders = {p.name for p in (ROOT / "engines").iterdir() if (p / "engine.py").is_file()}
+    own = path.relative_to(ROOT).parts[1] if name.startswith("engines/") else ""
+    if name not in ABOUT_ENGINES:
+        imported = set(re.findall(r"hcbench\.engines\.(\w+)", text)) & folders
+        assert imported <= {own}, f"{name} imports the inside of {imported - {own}}"
+    if not own and name not in ABOUT_ENGINES:
+        named = re.findall(r"(?i)mujoco|pybullet", text)
+        assert not named, f"{name} names an engine: only its folder does"
+
+
+def test_an_engine_comes_in_by_one_entry_point() -> None:
+    mine = [
+        entry for entry in distribution("hcbench").entry_points if entry.value.startswith("hcbench.engines")
+    ]
+    assert {entry.group for entry in mine} == {"hcbench.engines"}
+    assert sorted(entry.name for entry in mine) == sorted(
+        p.name.replace("_", "-") for p in (ROOT / "engines").iterdir() if (p / "engine.py").is_file()
+    )
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_a_file_can_be_read_in_one_sitting(path: Path) -> None:
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 300
+
+
+def test_every_public_name_is_there() -> None:
+    assert sorted(hcbench._HOMES) == sorted(hcbench.__all__)
+    for name in hcbench.__all__:
+        assert getattr(hcbench, name).__module__.startswith("hcbench.")
+
+
+def test_measure_is_the_verb_whatever_was_imported_before() -> None:
+    code = "import hcbench; {}; print(callable(hcbench.measure))"
+    for first in (
+        "pass",
+        "import hcbench.measuring.measure",
+        "from hcbench import measure; assert measure.__call__",
+    ):
+        done = subprocess.run(
+            [sys.executable, "-c", code.format(first)], capture_output=True, text=True, check=True
+        )
+        assert done.stdout.split() == ["True"]
+    verb: Any = hcbench.measure
+    with pytest.raises(hcbench.HcbenchError, match="no-such"):
+        verb("no-such.xml", pair="ball,plate")
+
+
+def test_importing_hcbench_imports_nothing_heavy() -> None:
+    heavy = ("numpy", "scipy", "pandas", "mujoco", "pybullet")
+    code = f"import hcbench, sys; print(*(m for m in {heavy} if m in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
+
+
+def test_listing_engines_does_not_import_them() -> None:
+    code = (
+        "from hcbench.sim import registry; import sys; [registry.engine(n) for n in registry.names()];"
+        "print(*(m for m in ('mujoco', 'pybullet', 'scipy.optimize') if m in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""

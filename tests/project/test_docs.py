@@ -1,0 +1,155 @@
+"""The documentation: it builds, loads nothing from outside, and its commands and code run."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import click
+import pytest
+from sybil import Sybil
+from sybil.parsers.markdown import PythonCodeBlockParser, SkipParser
+
+from hcbench.cli import app, run
+from hcbench.laws import closed_form
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "examples" / "README.md",
+    ROOT / "scenes" / "README.md",
+    *(p for p in sorted(DOCS.rglob("*.md")) if "_build" not in p.parts),
+]
+FENCE = re.compile(r"^[ ]*```(sh|)\n(.*?)^[ ]*```$", re.MULTILINE | re.DOTALL)
+
+
+def commands(page: Path) -> list[str]:
+    """The lines of a page's shell blocks that call hcbench, continued lines joined."""
+    blocks = [block for _, block in FENCE.findall(page.read_text(encoding="utf-8"))]
+    lines = "\n".join(blocks).replace("\\\n", " ").splitlines()
+    return [line.strip() for line in lines if line.strip().startswith("hcbench ")]
+
+
+def evaluate(page: Path) -> None:
+    """Run the Python blocks of a page, one after the other; the first that fails raises."""
+    document = Sybil(parsers=[PythonCodeBlockParser(), SkipParser()], path=str(page.parent)).parse(page)
+    for example in document.examples():
+        example.evaluate()
+
+
+class _Assets(HTMLParser):
+    """What a browser would load by itself to show a page."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.loaded: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = {name: value or "" for name, value in attrs}
+        self.loaded += [found[name] for name in ("src", "srcset", "data", "poster") if name in found]
+        if tag == "link" and found.get("rel") not in (
+            "canonical",
+            "author",
+            "search",
+            "index",
+            "next",
+            "prev",
+        ):
+            self.loaded.append(found.get("href", ""))
+
+
+def test_the_site_builds_without_a_warning_and_loads_nothing_from_outside(tmp_path: Path) -> None:
+    out = tmp_path / "html"
+    build = [sys.executable, "-m", "sphinx", "-q", "-W", "-d", str(tmp_path / "trees"), str(DOCS), str(out)]
+    done = subprocess.run(build, capture_output=True, text=True, check=False)
+    assert not done.returncode, done.stderr
+    pages = list(out.rglob("*.html"))
+    assert len(pages) > 20
+    for page in pages:
+        assets = _Assets()
+        assets.feed(page.read_text(encoding="utf-8"))
+        assert not [a for a in assets.loaded if re.match(r"(https?:)?//", a)], page
+    for style in out.rglob("*.css"):
+        assert not re.search(r"(@import|url\()\s*[\"']?(https?:)?//", style.read_text(encoding="utf-8")), (
+            style
+        )
+    commands = (out / "reference" / "commands.html").read_text(encoding="utf-8")
+    names = (out / "reference" / "api.html").read_text(encoding="utf-8")
+    assert all(f'id="hcbench-{name}"' in commands for name in app.commands)
+    assert 'id="hcbench.contact.mujoco.add_to_spec"' in names and 'id="hcbench.Setting"' in names
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_every_command_that_a_page_shows_is_one(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(click.Path, "convert", lambda self, value, param, ctx: Path(str(value)))
+    for line in commands(page):
+        words = shlex.split(line.split(" > ")[0], comments=True)[1:]
+        command: click.Command = app
+        while isinstance(command, click.Group) and words and not words[0].startswith("-"):
+            name = words.pop(0)
+            assert name in command.commands, line
+            command = command.commands[name]
+        command.make_context(command.name, words)
+
+
+@pytest.mark.parametrize(
+    "page", [p for p in PAGES if "```python" in p.read_text(encoding="utf-8")], ids=lambda p: p.name
+)
+def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for file in (ROOT / "examples").glob("*.xml"):
+        shutil.copy(file, tmp_path)
+    shutil.copy(ROOT / "examples" / "good.xml", tmp_path / "ball.xml")
+    shutil.copy(ROOT / "examples" / "good.xml", tmp_path / "model.xml")
+    (tmp_path / "scenes").symlink_to(ROOT / "scenes")
+    monkeypatch.chdir(tmp_path)
+    if "pybullet" not in page.read_text(encoding="utf-8"):
+        evaluate(page)
+        return
+    code = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import test_docs as t; "
+    code += f"t.evaluate(t.Path({str(page)!r}))"  # its clients are those of a process
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert not done.returncode, done.stderr
+
+
+def test_the_commands_of_the_tutorial_do_what_it_says(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shown = {}
+    for line in commands(DOCS / "tutorial.md"):
+        if "--quick" not in line:  # `hcbench report --quick` has tests of its own
+            words = shlex.split(line)[1:]
+            assert run(words) == 0
+            shown[words[0]] = capsys.readouterr().out
+    of_law = [float(line.split()[2]) for line in shown["reference"].splitlines()[1:4]]
+    assert of_law == pytest.approx([0.971, 0.869, 0.768], abs=5e-4)
+    (error,) = re.findall(r"largest error of e\s+(\S+) ", shown["tune"])
+    assert float(error) == pytest.approx(0.03, abs=0.006)
+    assert re.search(r"best constant e .* off by 0\.18\n", shown["tune"])
+    measured = [
+        float(line.split()[2]) for line in re.findall(r"^ +[\d.]+ +[\d.]+ +0\..*$", shown["measure"], re.M)
+    ]
+    assert measured[0] == pytest.approx(0.93, abs=0.015)
+    assert measured[-1] == pytest.approx(0.61, abs=0.02)
+    assert float(re.findall(r"fitted α (\S+)", shown["measure"])[0]) == pytest.approx(0.305, abs=0.015)
+    assert "PASSED tuned.xml" in shown["check"]
+
+
+def test_the_table_of_the_law_is_the_law() -> None:
+    text = (DOCS / "explanation" / "law.md").read_text(encoding="utf-8")
+    rows = {
+        line.split("|")[1].strip(): [float(cell) for cell in line.split("|")[2:-1]]
+        for line in text.splitlines()
+        if line.startswith(("| α v |", "| e of (16) |", "| 1 - α v |"))
+    }
+    speeds = rows["α v"]
+    assert rows["e of (16)"] == pytest.approx(
+        [float(closed_form.restitution(v, 1.0)) for v in speeds], abs=6e-4
+    )
+    assert rows["1 - α v"] == pytest.approx([1 - v for v in speeds], abs=1e-9)

@@ -1,0 +1,213 @@
+"""The names that hcbench promises: each is documented, and a wrong argument is an error that names it."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pybullet
+import pytest
+
+import hcbench
+from hcbench.errors import HcbenchError
+from hcbench.fitting import fit_files
+from hcbench.laws.published import law_named
+from hcbench.measuring.request import RequestOptions
+from hcbench.scene import Material
+
+ROOT = Path(__file__).parents[2]
+MODULES = ("hcbench", "hcbench.contact.mujoco", "hcbench.contact.pybullet")
+WRONG: list[Any] = [
+    None,
+    "x",
+    "",
+    "1 in/s",
+    b"x",
+    True,
+    -1,
+    -1.0,
+    math.nan,
+    math.inf,
+    1e300,
+    1e-300,
+    10**400,
+    [],
+    {},
+    (),
+    [1, "a"],
+    np.array([1.0, 2.0]),
+    object(),
+]
+LAW = hcbench.HuntCrossley(3.4e10, 0.3)
+STEEL = Material(2.1e11, 0.3)
+SPEC = mujoco.MjSpec.from_string(
+    """<mujoco><worldbody><geom name="plate" type="plane" size="1 1 1"/><body name="ball"><freejoint/>
+    <geom name="ball" size=".1"/></body></worldbody></mujoco>"""
+)
+SCENE = hcbench.load_scene("steel-plane")
+FIELDS = {name: getattr(SCENE, name) for name in inspect.signature(hcbench.Scene).parameters}
+STUDY: dict[str, Any] = {
+    "title": "t",
+    "scene": SCENE,
+    "alphas": (0.3,),
+    "speeds": (0.1,),
+    "loop_speeds": (),
+    "phases": 1,
+    "main_alpha": 0.3,
+    "step_speed": 0.1,
+    "runs": (),
+}
+# Arguments that each name takes; of `measure` such that nothing is simulated.
+RIGHT: dict[str, dict[str, Any]] = {
+    "hcbench.HuntCrossley": {"stiffness": 3.4e10, "alpha": 0.3},
+    "hcbench.KelvinVoigt": {"stiffness": 1e6, "damping": 3.0},
+    "hcbench.Scene": FIELDS,
+    "hcbench.Setting": {"engine": "reference", "name": "x", "timestep": 1e-3},
+    "hcbench.Study": STUDY,
+    "hcbench.Target": {"law": LAW, "mass": 0.45, "timestep": 1e-3, "speed_min": 0.1, "speed_max": 0.5},
+    "hcbench.Wanted": {"alpha": 0.3},
+    "hcbench.engine": {"name": "reference"},
+    "hcbench.load_scene": {"name_or_path": "steel-plane"},
+    "hcbench.load_study": {"path": ROOT / "reports" / "steel-1lb" / "study.toml"},
+    "hcbench.measure": {"model": object(), "pair": "a,b"},
+    "hcbench.run_study": {"study": None},
+    "hcbench.score": {"impacts": [], "law": LAW, "mass": 0.45},
+    "hcbench.contact.mujoco.ConstantRestitution": {"restitution": 0.9},
+    "hcbench.contact.mujoco.Restitution": {"alpha": 0.3},
+    "hcbench.contact.mujoco.Friction": {"static": 0.5, "dynamic": 0.4},
+    "hcbench.contact.mujoco.TouchSpeedLaw": {
+        "family": law_named("flores"),
+        "stiffness": 1e7,
+        "restitution": 0.9,
+    },
+    "hcbench.contact.mujoco.config": {"law": LAW},
+    "hcbench.contact.mujoco.add_to_spec": {"spec": SPEC, "law": LAW, "geoms": ("ball", "plate")},
+    "hcbench.contact.mujoco.hertz_stiffness": {
+        "model": SPEC.compile(),
+        "geom1": "ball",
+        "geom2": "plate",
+        "material1": STEEL,
+        "material2": STEEL,
+    },
+    "hcbench.fitting.setup.Known": {"value": 1.0},
+    "hcbench.fitting.setup.MeasurementSetup": {"timing": 1e-3},
+    "hcbench.tuning.model.tune_model": {"source": "", "requests": [], "wanted": hcbench.Wanted(0.3)},
+    "hcbench.contact.pybullet.command": {"law": LAW},
+    "hcbench.contact.pybullet.add": {"law": LAW, "first": 0, "second": 1, "client": None},
+    "hcbench.contact.pybullet.force": {"number": 0, "client": None},
+    "hcbench.contact.pybullet.remove": {"number": 0, "client": None},
+    "hcbench.contact.pybullet.load": {"client": None},
+}
+# Records of results, which only hcbench makes; exceptions; and what is about a model or client of an engine.
+MADE_BY_HCBENCH = {"Impact", "Loop", "Measurement", "Results", "Score", "Status", "HcbenchError", "Launch"}
+
+
+def calls() -> Iterator[tuple[str, str]]:
+    for name in RIGHT:
+        for parameter in inspect.signature(resolve(name)).parameters.values():
+            if parameter.kind is not parameter.VAR_KEYWORD:
+                yield name, parameter.name
+    for option in RequestOptions.__annotations__:
+        yield "hcbench.measure", option
+
+
+def resolve(name: str) -> Callable[..., Any]:
+    module, _, attribute = name.rpartition(".")
+    found: Callable[..., Any] = getattr(import_module(module), attribute)
+    return found
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[int]:
+    """A client of PyBullet with a ball, 0, and a plate, 1."""
+    number = pybullet.connect(pybullet.DIRECT)
+    for mass in (1.0, 0.0):
+        shape = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=0.1, physicsClientId=number)
+        pybullet.createMultiBody(mass, shape, physicsClientId=number)
+    yield number
+    pybullet.disconnect(number)
+
+
+def arguments(name: str, client: int) -> dict[str, Any]:
+    given = {key: value.copy() if value is SPEC else value for key, value in RIGHT[name].items()}
+    return given | ({"client": client} if "client" in given else {})
+
+
+@pytest.mark.parametrize(("name", "parameter"), list(calls()))
+def test_a_wrong_argument_is_an_error_of_ours_or_none(name: str, parameter: str, client: int) -> None:
+    """241 of 580 such calls raised TypeError, AttributeError and the like."""
+    for value in WRONG:
+        try:
+            resolve(name)(**{**arguments(name, client), parameter: value})
+        except HcbenchError as error:
+            assert str(error).isprintable()
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "value", "message"),
+    [
+        ("hcbench.HuntCrossley", "alpha", "0.3", r"^alpha: '0.3'; expected a number$"),
+        (
+            "hcbench.Target",
+            "reading",
+            "lawful",
+            "^reading: 'lawful'; expected 'law' or 'linear'",
+        ),
+        ("hcbench.Target", "law", 0.3, "^law: 0.3; expected a HuntCrossley$"),
+        ("hcbench.engine", "name", ["x"], "^name: .*expected text$"),
+        ("hcbench.load_study", "path", 7, "^path: 7; expected text or a path$"),
+        ("hcbench.measure", "limit", "60 s", "^limit: '60 s'; expected a number or None$"),
+        ("hcbench.measure", "limit", 1e10, "^limit: "),
+        ("hcbench.measure", "tolerance", math.nan, "^tolerance: "),
+        ("hcbench.run_study", "study", "study.toml", "^study: 'study.toml'; expected a Study$"),
+        ("hcbench.score", "mass", -1.0, "^(mass|impacts): "),
+    ],
+)
+def test_the_error_names_the_argument(
+    name: str, parameter: str, value: object, message: str, client: int
+) -> None:
+    with pytest.raises(HcbenchError, match=message):
+        resolve(name)(**{**arguments(name, client), parameter: value})
+
+
+@pytest.mark.parametrize("value", WRONG, ids=[str(i) for i in range(len(WRONG))])
+def test_what_is_handed_to_methods_and_to_fits_is_checked_too(value: Any, tmp_path: Path) -> None:
+    setting, reference = hcbench.Setting("reference", "hunt-crossley", 1e-5), hcbench.engine("reference")
+    right: dict[str, Any] = {"scene": SCENE, "setting": setting, "launches": [hcbench.Launch(0.1)]}
+    for slot in right:
+        if slot != "launches" or not isinstance(value, list | tuple) or value:
+            with pytest.raises(HcbenchError, match=slot if slot != "launches" else "^launch"):
+                reference.run(**{**right, slot: value})
+    with pytest.raises(HcbenchError):
+        hcbench.Results.read(value)
+    with pytest.raises(HcbenchError):
+        fit_files(value)
+    (tmp_path / "pairs.csv").write_text("speed [m/s],restitution\n0.1,0.9\n0.2,0.8\n0.3,0.7\n")
+    with pytest.raises(HcbenchError, match=r"^law: "):
+        fit_files(tmp_path / "pairs.csv", law=value)
+    if value is not None:
+        with pytest.raises(HcbenchError, match=r"^setup: "):
+            fit_files(tmp_path / "pairs.csv", setup=value)
+
+
+def test_every_public_name_of_the_package_is_tried_here() -> None:
+    tried = {name.removeprefix("hcbench.") for name in RIGHT if name.count(".") == 1}
+    assert tried | MADE_BY_HCBENCH == set(hcbench.__all__)
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_every_public_name_has_a_docstring_and_a_line_in_the_documentation(module: str) -> None:
+    home = import_module(module)
+    text = (ROOT / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
+    section = text.partition(f"## `{module}`\n")[2].partition("\n## ")[0]
+    listed = re.findall(r"^\.\. auto\w+:: (?:hcbench\.measure\.)?(\w+)$", section, flags=re.MULTILINE)
+    assert listed == sorted(home.__all__)
+    for name in home.__all__:
+        assert getattr(home, name).__doc__

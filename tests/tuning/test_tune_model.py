@@ -1,0 +1,253 @@
+"""A pair tuned in its own model: what is written compiles, keeps the rest, and does what tune prints."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hcbench import engine
+from hcbench.cli import run
+from hcbench.errors import UserError
+from hcbench.measuring import Wanted, measure
+from hcbench.measuring.request import make_request
+from hcbench.tuning.model import tune_model
+
+mujoco = pytest.importorskip("mujoco")
+
+ROBOT = """<mujoco><option timestep="2e-3" integrator="implicitfast"/>
+  <default><default class="pads"><geom friction="0.9 .01 .001" condim="{condim}"/></default></default>
+  <worldbody><geom name="floor" type="plane" size="3 3 .1" class="pads"/>
+  <body name="trunk" pos="0 0 1"><joint type="slide" axis="0 0 1"/><geom type="box" size=".2 .1 .1"/>
+  <body name="foot" pos="0 0 -.4"><geom name="sole" type="sphere" size=".05" class="pads"/></body></body>
+  </worldbody></mujoco>"""
+BALL = """<mujoco><option timestep="2e-3"/><worldbody><geom name="floor" type="plane" size="3 3 .1"/>
+  <body name="ball" pos="0 0 1"><freejoint/><geom size=".1" {condim}/></body>{other}</worldbody></mujoco>"""
+OTHER = '<body name="second" pos="0 0 2"><freejoint/><geom name="second" size=".1"/></body>'
+
+
+FIRST = ("--max-error", "1")  # whatever comes first will do
+
+
+def tuned(path: Path, capsys: pytest.CaptureFixture[str], *options: str) -> dict[str, Any]:
+    out = path.with_name("tuned.xml")
+    assert run(["tune", str(path), *options, "--write-model", str(out), "--json"]) == 0
+    record: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return record
+
+
+@pytest.mark.parametrize(
+    ("text", "pair", "e", "limit"),
+    [
+        (ROBOT.format(condim=1), "foot,floor", 0.8, 0.05),
+        (ROBOT.format(condim=3), "foot,floor", 0.5, 0.05),
+        (ROBOT.format(condim=3), "foot,floor", 0.0, 0.02),
+        (ROBOT.format(condim=3).replace("implicitfast", "RK4"), "foot,floor", 0.5, 0.06),
+        (BALL.format(condim="", other=""), "ball,floor", 0.7, 0.05),
+        (BALL.format(condim="", other=OTHER), "second,ball", 0.7, 0.05),
+    ],
+)
+def test_the_written_model_bounces_as_tune_prints(
+    text: str, pair: str, e: float, limit: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "robot.xml"
+    path.write_text(text)
+    record = tuned(path, capsys, "--pair", pair, "--restitution", str(e))
+    assert record["max_error"] < limit
+    found = measure(tmp_path / "tuned.xml", pair, speeds=[0.15, 0.6, 1.7], phases=5, diagnose=False)
+    slack = 0.005 + record["max_error"]
+    assert all(i.restitution == pytest.approx(e, abs=slack) for i in found.impacts)
+    before, after = (mujoco.MjModel.from_xml_path(str(p)) for p in (path, tmp_path / "tuned.xml"))
+    assert (before.nbody, before.ngeom, before.nq) == (after.nbody, after.ngeom, after.nq)
+    assert after.body_mass == pytest.approx(before.body_mass)
+    assert before.opt.timestep == after.opt.timestep
+    assert before.opt.integrator == after.opt.integrator
+    data = mujoco.MjData(after)
+    assert int(before.geom_condim[0]) in after.pair_dim  # the damper's row has no friction
+    mujoco.mj_step(after, data)
+
+
+def test_two_bodies_of_one_size_have_half_the_mass_and_are_told_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "balls.xml").write_text(BALL.format(condim="", other=OTHER))
+    record = tuned(tmp_path / "balls.xml", capsys, "--pair", "second,ball", "--restitution", "0.7", *FIRST)
+    mass = 4 / 3 * 3.14159265 * 0.1**3 * 1000
+    assert record["pairs"][0]["effective_mass_kg"] == pytest.approx(mass / 2, rel=1e-6)
+    assert any("Both bodies move" in note for note in record["notes"])
+    assert any('has no name: give it name="geom_1"' in note for note in record["notes"])
+
+
+def test_what_changes_for_the_whole_model_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "robot.xml").write_text(ROBOT.format(condim=3))
+    record = tuned(tmp_path / "robot.xml", capsys, "--pair", "foot,floor", "--restitution", "0.5", *FIRST)
+    assert 'cone="elliptic"' in record["paste"]
+    assert any("whole model" in note for note in record["notes"])
+    assert 'friction="0.9 0.9 0.01 0.001 0.001"' in record["paste"]
+    assert run(["tune", str(tmp_path / "robot.xml"), "--restitution", "0.5"]) == 2
+    assert "hcbench pairs" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("nowhere.xml", None, "nowhere.xml is not there"),
+        ("cut.xml", "<mujoco", "a model that MuJoCo compiles"),
+        ("mesh.xml", '<mujoco><asset><mesh file="no.obj"/></asset></mujoco>', "Error opening file"),
+        ("still.xml", '<mujoco><option timestep="0"/></mujoco>', "timestep: .*expected a step of"),
+        ("nan.xml", BALL.format(condim='mass="nan"', other=""), "has a NaN in it"),
+        ("good.mjb", "", "good.mjb"),
+    ],
+)
+def test_a_model_that_is_none_is_the_users_mistake(
+    name: str, text: str | None, message: str, tmp_path: Path
+) -> None:
+    """Exit 3 and the bare ValueError of MuJoCo, once."""
+    if text is not None:
+        (tmp_path / name).write_text(text)
+    request = make_request("ball,floor", [0.1, 1.0])
+    with pytest.raises(UserError, match=message):
+        list(engine("mujoco").model_settings(str(tmp_path / name), [request], Wanted(constant=0.5)))
+
+
+def test_a_bullet_script_gets_its_lines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("pybullet_data")
+    (tmp_path / "world.py").write_text(
+        """
+import pybullet as p
+import pybullet_data
+
+def world():
+    p.connect(p.DIRECT)
+    p.setAdditionalSearchPath(pybullet_data.getDataPath())
+    p.setGravity(0, 0, -9.81)
+    p.loadURDF("plane.urdf")
+    p.loadURDF("sphere_small.urdf", [0, 0, 1])
+"""
+    )
+    source = f"{tmp_path / 'world.py'}:world"
+    assert run(["tune", source, "--pair", "body:1,body:0", "--restitution", "0.6", "--json"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert "p.changeDynamics(1, -1, " in record["paste"]
+    assert "restitution=0.6" in record["paste"]
+    assert record["max_error"] < 0.1
+
+
+# An e that falls with speed, several pairs -----------------------------------------------------------
+
+
+def test_e_falls_with_speed_as_wanted_under_gravity_at_two_milliseconds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "robot.xml").write_text(ROBOT.format(condim=3))
+    record = tuned(tmp_path / "robot.xml", capsys, "--pair", "foot,floor", "--alpha", "0.31 s/m")
+    assert record["setting"] == "spring and damper"
+    assert record["max_error"] < 0.05
+    found = measure(
+        tmp_path / "tuned.xml", "foot,floor", speeds=[0.12, 0.5, 1.9], wanted=Wanted(alpha=0.31), phases=5
+    )
+    assert max(abs(error) for _, error in found.errors(Wanted(alpha=0.31))) < record["max_error"] + 0.005
+    assert found.curve[0].restitution > 0.9
+    assert found.curve[2].restitution < 0.68
+
+
+BOXES = "".join(
+    f'''<body name="{name}" pos="0 0 {z}"><freejoint/>
+      <geom name="{name}" type="box" size=".1 .1 .1" mass="{mass}"/></body>'''
+    for name, z, mass in (("low", 0.1, 3), ("mid", 0.3, 2), ("top", 0.5, 1))
+)
+HEAD = """<mujoco><option timestep="2e-3"/><default><joint damping="{damping}" armature=".02"/>
+  <position kp="{kp}"/></default><worldbody><geom name="floor" type="plane" size="3 3 .1"/>"""
+STACK = f"{HEAD.format(kp=0, damping=0)}{BOXES}</worldbody></mujoco>"
+
+
+def legs(text: str, names: list[tuple[str, float, float]], joints: list[str]) -> str:
+    """Copies of a leg, and a servo for each of its joints."""
+    bodies = "".join(text.format(n=name, x=x, y=y) for name, x, y in names)
+    servos = "".join(f'<position joint="{joint}_{name}"/>' for name, *_ in names for joint in joints)
+    return f"{bodies}</body></worldbody><actuator>{servos}</actuator></mujoco>"
+
+
+QUADRUPED = f"""{HEAD.format(kp=120, damping=0.5)}<body name="trunk" pos="0 0 .425"><freejoint/>
+  <geom type="box" size=".25 .1 .05" mass="10"/>""" + legs(
+    """<body pos="{x} {y} 0"><joint name="hip_{n}" axis="0 1 0"/>
+  <geom type="capsule" fromto="0 0 0 .1 0 -.2" size=".02" mass=".6"/>
+  <body pos=".1 0 -.2"><joint name="knee_{n}" axis="0 1 0"/>
+  <geom type="capsule" fromto="0 0 0 -.1 0 -.2" size=".015" mass=".3"/>
+  <geom name="foot_{n}" type="sphere" pos="-.1 0 -.2" size=".025" mass=".05"/></body></body>""",
+    [("fl", 0.2, 0.1), ("fr", 0.2, -0.1), ("rl", -0.2, 0.1), ("rr", -0.2, -0.1)],
+    ["hip", "knee"],
+)
+HUMANOID = f"""{HEAD.format(kp=900, damping=5)}<body name="trunk" pos="0 0 .87"><freejoint/>
+  <geom type="box" pos="0 0 .3" size=".1 .15 .25" mass="25"/>
+  <geom type="sphere" pos="0 0 .65" size=".1" mass="4"/>""" + legs(
+    """<body pos="{x} {y} 0"><joint name="roll_{n}" axis="1 0 0"/><joint name="hip_{n}" axis="0 1 0"/>
+  <geom type="capsule" fromto="0 0 0 0 0 -.4" size=".06" mass="6"/>
+  <body pos="0 0 -.4"><joint name="knee_{n}" axis="0 1 0"/>
+  <geom type="capsule" fromto="0 0 0 0 0 -.4" size=".045" mass="3"/>
+  <body pos="0 0 -.4"><joint name="ankle_{n}" axis="0 1 0"/><joint name="tilt_{n}" axis="1 0 0"/>
+  <geom name="foot_{n}" type="box" pos=".03 0 -.04" size=".12 .05 .03" mass="1"/></body></body></body>""",
+    [("left", 0, 0.1), ("right", 0, -0.1)],
+    ["roll", "hip", "knee", "ankle", "tilt"],
+)
+
+
+def stands_at(text: str, body: str) -> Any:
+    """Where a body is after 4 s, m."""
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=2000)
+    return data.body(body).xpos.copy()
+
+
+@pytest.mark.parametrize(
+    ("text", "body", "pairs"),
+    [
+        (STACK, "top", ["low,floor", "mid,low", "top,mid"]),
+        (QUADRUPED, "trunk", [f"foot_{name},floor" for name in ("fl", "fr", "rl", "rr")]),
+        (HUMANOID, "trunk", ["foot_left,floor", "foot_right,floor"]),
+    ],
+    ids=["stack", "quadruped", "humanoid"],
+)
+@pytest.mark.parametrize("e", [0.0, 0.5])
+def test_what_stood_stands_when_all_its_contacts_are_tuned(
+    text: str, body: str, pairs: list[str], e: float
+) -> None:
+    requests = [make_request(pair, [0.5]) for pair in pairs]
+    found = tune_model(text, requests, Wanted(constant=e), max_error=1.0)
+    assert [set(pair.facts.pair) for pair in found.pairs] == [set(pair.split(",")) for pair in pairs]
+    before, after = stands_at(text, body), stands_at(found.written, body)
+    assert before == pytest.approx(after, abs=2e-3)
+
+
+def test_a_humanoid_stands_on_two_rows_a_foot() -> None:
+    pairs = ["foot_left,floor", "foot_right,floor"]
+    wanted = Wanted(points=((0.3, 0.7), (1.0, 0.5)))
+    found = tune_model(HUMANOID, [make_request(pair, [0.3, 1.0]) for pair in pairs], wanted, max_error=0.15)
+    assert found.name == "spring and damper"
+    assert found.paste.count('<pair geom1="foot_') == 4
+    assert stands_at(found.written, "trunk") == pytest.approx(stands_at(HUMANOID, "trunk"), abs=2e-3)
+
+
+def test_a_tuned_model_with_meshes_compiles_where_it_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A mesh of a default class, in a folder beside the model."""
+    (tmp_path / "robot" / "meshes").mkdir(parents=True)
+    (tmp_path / "robot" / "meshes" / "tetra.obj").write_text(
+        "v -.1 -.1 0\nv .2 -.1 0\nv -.1 .2 0\nv 0 0 .2\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+    )
+    path = tmp_path / "robot" / "robot.xml"
+    path.write_text("""<mujoco><compiler meshdir="meshes"/><default><default class="shell">
+      <geom type="mesh" mesh="tetra" condim="1"/></default></default><asset><mesh file="tetra.obj"/></asset>
+      <worldbody><geom name="floor" type="plane" size="3 3 .1" condim="1"/><body name="foot" pos="0 0 1">
+      <joint type="slide" axis="0 0 1"/><geom class="shell"/></body></worldbody></mujoco>""")
+    out = tmp_path / "tuned.xml"
+    wanted = ["--restitution", "0.6", "--max-error", "1"]
+    arguments = ["--pair", "foot,floor", *wanted, "--write-model", str(out), "--json"]
+    assert run(["tune", str(path), *arguments]) == 0
+    record = json.loads(capsys.readouterr().out)
+    found = measure(out, "foot,floor", speeds=[0.5], phases=3, diagnose=False)
+    assert found.curve[0].restitution == pytest.approx(0.6, abs=record["max_error"] + 0.005)
