@@ -120,7 +120,7 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
 def prepare(models: Sequence[str], engine: str | None) -> None:
     """Import what measuring these files takes: in a worker process, while its parent reads what is asked."""
     found = _engine_for(models[0] if len(models) == 1 else tuple(models), engine)
-    found.module("model_under_test")
+    found.module("model.under_test")
     if found.backend is not None:
         found.backend.module()
 

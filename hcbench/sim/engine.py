@@ -238,9 +238,14 @@ class Engine(ABC):
 
     @final
     def module(self, name: str) -> Any:
-        """A module of its folder, imported when first asked for; None where there is none."""
+        """A module of its folder, such as "scene.two_blocks"; None where there is none."""
         folder = type(self).__module__.rpartition(".")[0]
-        return import_module(f"{folder}.{name}") if folder and find_spec(f"{folder}.{name}") else None
+        path = folder
+        for part in name.split(".") if folder else ():
+            path = f"{path}.{part}"
+            if find_spec(path) is None:
+                return None
+        return import_module(path) if folder else None
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
         """The same setting that says Coulomb's μ of its contact itself, for whoever pastes it."""

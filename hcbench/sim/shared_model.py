@@ -114,7 +114,7 @@ class BorrowingEngine(SteppedEngine):
         """A scene under a setting. Raises SettingError for what it would do otherwise than the lender."""
         bits, law = self.bits_of(setting), self.law(setting)
         require_motion(scene, setting.timestep, fastest, bits)
-        lent = registry.submodule(self.lender, "lent")
+        lent = registry.submodule(self.lender, "scene.shared_scene")
         loaded = lent.load_scene(self.script(scene, setting), contact=not isinstance(law, HuntCrossley))
         for found in lent.differences(loaded.model, self, bits):
             slot, got = (
