@@ -119,7 +119,7 @@ def _engine(name: str) -> Engine:
 
 
 def submodule(name: str, part: str) -> Any:
-    """The module `part` in the package of an engine, as `scene.two_blocks`; None where the engine has none."""
+    """The module `part` in an engine's package, such as `scene.two_blocks`; None where there is none."""
     return _engine(base_name(name)).module(part)
 
 
