@@ -240,12 +240,8 @@ class Engine(ABC):
     def module(self, name: str) -> Any:
         """A module of its folder, such as "scene.two_blocks"; None where there is none."""
         folder = type(self).__module__.rpartition(".")[0]
-        path = folder
-        for part in name.split(".") if folder else ():
-            path = f"{path}.{part}"
-            if find_spec(path) is None:
-                return None
-        return import_module(path) if folder else None
+        parts = [f"{folder}.{'.'.join(name.split('.')[:n])}" for n in range(1, name.count(".") + 2)]
+        return import_module(parts[-1]) if folder and all(map(find_spec, parts)) else None
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
         """The same setting that says Coulomb's μ of its contact itself, for whoever pastes it."""
