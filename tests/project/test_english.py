@@ -63,13 +63,9 @@ NAMES = {
 
 # Rooms that are not clean yet.
 TO_DO = {
-    "CHANGELOG.md",
     "CONTRIBUTING.md",
-    "README.md",
-    "SECURITY.md",
     "action.yml",
     "benchmarks",
-    "docs",
     "examples",
     "scenes",
     "hcbench/__init__.py",
