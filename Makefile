@@ -9,13 +9,16 @@ ENGINES := .venv-engines
 COMPILE = $(BIN)/uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 \
 	  --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate --quiet
 
-.PHONY: report test docs test-lowest test-models test-engines bench check format lock clean
+.PHONY: report test test-random docs test-lowest test-models test-engines bench check format lock clean
 
 report: $(INSTALLED)  ## regenerate the default report into reports/steel-1lb/
 	$(BIN)/hcbench report steel-1lb --out reports/steel-1lb
 
 test: check  ## lint, types, then every test
 	$(BIN)/python -m pytest -n 2 --dist worksteal
+
+test-random: $(INSTALLED)  ## the tests of properties, with a thousand random examples each in place of the same hundred
+	$(BIN)/python -m pytest -n 2 -m hypothesis --hypothesis-profile=random
 
 test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyproject.toml allows
 	$(LOWEST)/bin/python -m pytest -n 2 --dist worksteal

@@ -7,12 +7,17 @@ import signal
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import settings
 
 from hcbench.engines.mujoco import engine as mujoco_engine
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+
+settings.register_profile("same", derandomize=True, deadline=None)  # examples do not change from run to run
+settings.register_profile("random", max_examples=1000, deadline=None)  # `make test-random`
+settings.load_profile("same")
 
 collect_ignore = ["outside"]  # run on its own, as its author would
 

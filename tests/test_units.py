@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hcbench import units
@@ -126,7 +126,6 @@ def test_a_comma_that_may_be_a_decimal_point_makes_no_list(text: str) -> None:
         units.parse_values(text, "speed")
 
 
-@settings(deadline=None)
 @given(st.lists(st.floats(1e-3, 1e3), min_size=1, max_size=5), st.sampled_from([",", ", ", " , "]))
 def test_a_unit_at_the_end_holds_for_the_whole_list_as_at_each_value(values: list[float], comma: str) -> None:
     texts = [repr(value) for value in values]

@@ -63,7 +63,13 @@ def start(arguments: list[str], folder: Path) -> subprocess.Popen[str]:
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=hang_up_ends,  # noqa: PLW1509 (nothing here has threads)
     )
+
+
+def hang_up_ends() -> None:
+    """The terminal's end ends the command, also where the tests themselves run under nohup."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def end(process: subprocess.Popen[str], number: signal.Signals) -> None:

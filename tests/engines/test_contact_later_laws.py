@@ -72,7 +72,7 @@ def bounce(model: Any, speed: float, phase: float) -> float:
     speed=st.floats(1e-4, 10.0),
     n=st.sampled_from([1.0, 1.5, 2.5]),
 )
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=3 * settings().max_examples // 2)
 def test_every_state_of_an_impact_tells_its_speed_at_touch(
     u: float, chi: float, speed: float, n: float
 ) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_shared_models import HOPPER, PAIR, SPRING, ball
+from shared_models import HOPPER, PAIR, SPRING, ball
 
 from hcbench import Measurement, units
 from hcbench.errors import EngineMissing, SceneError, SettingError

@@ -311,7 +311,7 @@ def test_without_dissipation_the_spring_is_left() -> None:
         assert closed_form.force_max(law, 4.0, 0.7) == pytest.approx(1e6 * x**n, rel=1e-14)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=settings().max_examples // 2)
 @given(arguments, exponents, log_ratio, log_ratio)
 def test_every_stiffness_mass_and_exponent_rebounds_alike(d: float, n: float, k: float, m: float) -> None:
     """e depends on α v_i alone: the loop, which knows them all, ends in the rate -e v_i."""
@@ -320,7 +320,7 @@ def test_every_stiffness_mass_and_exponent_rebounds_alike(d: float, n: float, k:
     assert -loop.rate[-1] == pytest.approx(float(closed_form.restitution(law.alpha, 1.0)), rel=1e-12)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=settings().max_examples // 3)
 @given(st.floats(0.01, 30.0), exponents)
 def test_area_of_the_loop_is_the_energy_lost(d: float, n: float) -> None:
     law = law_of(d, exponent=n)
@@ -330,7 +330,7 @@ def test_area_of_the_loop_is_the_energy_lost(d: float, n: float) -> None:
     assert limit == pytest.approx(float(closed_form.energy_loss(law, POUND, 1.0)), rel=2e-5)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=settings().max_examples // 3)
 @given(st.floats(0.0, 100.0), exponents, st.integers(3, 400))
 def test_loop_is_whole(d: float, n: float, count: int) -> None:
     law = law_of(d, exponent=n)
@@ -371,7 +371,6 @@ def test_rate_at_a_depth_is_on_the_loop() -> None:
     assert np.isnan(closed_form.rate_at(law, POUND, 1.0, 1.01 * loop.penetration.max(), "approach"))
 
 
-@settings(deadline=None)
 @given(st.floats(-30.0, 100.0))
 def test_straightened_rate_is_undone(q: float) -> None:
     """q²/2 = g(y): the inverse that the loop stands on."""

@@ -136,7 +136,7 @@ def test_a_body_at_rest_under_gravity_stays() -> None:
     b=st.sampled_from([0.0, 9.81]),
     chi=st.sampled_from([0.0, 0.1, 1.6]),
 )
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=2 * settings().max_examples)
 def test_no_state_is_ever_pulled(x: float, v: float, h: float, n: float, b: float, chi: float) -> None:
     kappa = STIFFNESS / MASS * 1e-5 ** (1.5 - n)
     motion = touch_speed_ode(kappa, chi, n, b) if chi else ContactOde(kappa, 1.5 * ALPHA, n, b)
@@ -145,7 +145,7 @@ def test_no_state_is_ever_pulled(x: float, v: float, h: float, n: float, b: floa
 
 
 @given(d=st.floats(1e-12, 1e3))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=2 * settings().max_examples)
 def test_compiled_restitution_is_the_references(d: float) -> None:
     assert restitution(d) == pytest.approx(float(closed_form.restitution(1 / 1.5, d)), rel=1e-14)
 

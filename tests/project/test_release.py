@@ -30,6 +30,7 @@ engine = "mujoco"
 recipe = "impulse"
 timesteps = 1e-3
 """
+ENVIRONMENT = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "VIRTUAL_ENV"))}
 COMMANDS = [
     'reference --alpha "0.008 s/in" --speed "4, 8, 12, 16 in/s"',
     "engines",
@@ -99,12 +100,11 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda c: " ".join(c.split()[:2]))
 def test_the_wheel_runs_what_the_readme_shows(installed: Path, elsewhere: Path, command: str) -> None:
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "VIRTUAL_ENV"))}
     done = subprocess.run(
         f'"{installed}" {command}',
         shell=True,
         cwd=elsewhere,
-        env=environment,
+        env=ENVIRONMENT,
         capture_output=True,
         text=True,
         check=False,
@@ -124,7 +124,9 @@ def test_every_command_of_the_readme_is_run_here() -> None:
 def test_it_is_the_wheel_that_ran(installed: Path, elsewhere: Path) -> None:
     code = "import hcbench; print(hcbench.__file__)"
     python = str(installed.with_name("python"))
-    place = subprocess.run([python, "-c", code], cwd=elsewhere, capture_output=True, text=True, check=True)
+    place = subprocess.run(
+        [python, "-c", code], cwd=elsewhere, env=ENVIRONMENT, capture_output=True, text=True, check=True
+    )
     assert not Path(place.stdout.strip()).is_relative_to(ROOT)
     assert Path(place.stdout.strip()).is_relative_to(installed.parents[1])
 
