@@ -163,7 +163,7 @@ def atomic_folder(folder: Path, *names: str) -> Iterator[Path]:
         made = [p for p in (folder, *folder.parents) if not p.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         _require_ours(folder, names, _read_manifest(folder))
-        with scratch_folder(folder) as scratch:
+        with scratch_folder(folder, alone=True) as scratch:
             yield scratch
             with deferred_signals():
                 _move_all(scratch, folder)
@@ -177,13 +177,21 @@ def atomic_folder(folder: Path, *names: str) -> Iterator[Path]:
 
 
 @contextmanager
-def scratch_folder(folder: Path) -> Iterator[Path]:
-    """A new folder in `folder`, locked until the block ends; those go that killed processes left there."""
+def scratch_folder(folder: Path, alone: bool = False) -> Iterator[Path]:
+    """A new folder in `folder`, locked until the block ends; those go that killed processes left there.
+
+    alone: raises OutputError where another process, or block, has one there.
+    """
     # Locked, so that none is taken for left between its making and its locking; one's own scratch folder is.
     with nullcontext() if folder.name.endswith(_SCRATCH[1]) else _locked(folder):
         for left in folder.glob(f"{_SCRATCH[0]}*{_SCRATCH[1]}"):
-            with suppress(OSError), _locked(left, wait=False):
-                shutil.rmtree(left, ignore_errors=True)
+            try:
+                with suppress(FileNotFoundError), _locked(left, wait=False):
+                    shutil.rmtree(left, ignore_errors=True)
+            except OSError:
+                if alone:
+                    got, expected = f"another command is writing into {folder}", "another folder"
+                    raise OutputError("output folder", got, expected) from None
         scratch = Path(tempfile.mkdtemp(_SCRATCH[1], _SCRATCH[0], folder))
         lock = ExitStack()
         lock.enter_context(_locked(scratch))
@@ -232,7 +240,7 @@ def _move_all(scratch: Path, folder: Path) -> None:
 
 
 def _is_behind_link(folder: Path, name: str) -> bool:
-    return Path(os.path.realpath(folder / name)) != Path(os.path.realpath(folder)) / name
+    return (folder / name).resolve() != folder.resolve() / name
 
 
 def _require_ours(folder: Path, names: Iterable[str], earlier: Mapping[str, str]) -> None:

@@ -18,7 +18,8 @@ from pydantic import (
     model_validator,
 )
 
-from hcbench._files import json_text, parse_json, read_text, write_text
+from hcbench._files import json_text, parse_json, read_text
+from hcbench._outputs import write_output
 from hcbench.errors import UserError
 from hcbench.impact import Launch, Status
 from hcbench.measuring.measurement import Measurement
@@ -99,10 +100,11 @@ class Baseline(BaseModel):
         return {impact.launch: impact for impact in self.impacts}
 
 
-def write_baseline(path: Path, measured: Mapping[str, Measurement]) -> None:
+def write_baseline(path: Path, measured: Mapping[str, Measurement], force: bool = False) -> None:
     """Write what was measured, by the names of the checks, whole or not at all."""
     records = {name: _record(measurement) for name, measurement in sorted(measured.items())}
-    write_text(path, json_text({"schema": SCHEMA, "kind": KIND, "checks": records}))
+    content = json_text({"schema": SCHEMA, "kind": KIND, "checks": records})
+    write_output(path, content, "--write-baseline", force)
 
 
 def _record(measurement: Measurement) -> dict[str, Any]:

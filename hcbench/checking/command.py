@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from hcbench._files import write_bytes, write_text
+from hcbench._outputs import require_output, write_output
 from hcbench._text import sanitized
 from hcbench.checking.baseline import write_baseline
 from hcbench.checking.judge import judge_results, run_checks
@@ -29,33 +29,47 @@ DEFAULT_FILE = "pyproject.toml"
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """Where to write what; None: not at all."""
+    """Where to write what; None: not at all. force: replace files that hcbench did not write."""
 
     junit: Path | None = None
     markdown: Path | None = None
     png: Path | None = None
     baseline: Path | None = None
+    force: bool = False
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """The files to write, by the options that name them."""
+        files = {"junit": self.junit, "markdown": self.markdown, "png": self.png}
+        files["write-baseline"] = self.baseline
+        return {f"--{name}": path for name, path in files.items() if path is not None}
 
 
 def check(
-    spec: CheckSpec, outputs: Outputs | None = None, jobs: int = 1, progress: Progress = None
+    spec: CheckSpec,
+    outputs: Outputs | None = None,
+    jobs: int = 1,
+    progress: Progress = None,
+    measure_only: bool = False,
 ) -> Report:
     """Run the checks that a specification names, and write files of the results.
 
     spec.model: () for the [tool.hcbench] of ./pyproject.toml; a TOML file with such a table; a study or the
         folder of its report; else a model.
+    measure_only: checks may have no target; else, unless a baseline is written, each needs one.
     Raises UserError for what cannot be planned, and OutputError for what cannot be written.
     """
     outputs = outputs or Outputs()
-    _require_writable(outputs)
+    for option, path in outputs.files.items():
+        require_output(path, option, map(Path, spec.models or (DEFAULT_FILE,)), outputs.force)
     if outputs.baseline is not None and spec.baseline is not None:
         raise UserError("baseline", "--baseline and --write-baseline", "one of the two")
-    report = _run(spec, outputs, jobs, progress)
+    report = _run(spec, outputs, jobs, progress, measure_only or outputs.baseline is not None)
     _write(report, outputs)
     return report
 
 
-def _run(spec: CheckSpec, outputs: Outputs, jobs: int, progress: Progress) -> Report:
+def _run(spec: CheckSpec, outputs: Outputs, jobs: int, progress: Progress, measure_only: bool) -> Report:
     models = spec.models or (DEFAULT_FILE,)
     source = Path(models[0])
     is_toml = source.suffix.lower() == ".toml"
@@ -63,12 +77,21 @@ def _run(spec: CheckSpec, outputs: Outputs, jobs: int, progress: Progress) -> Re
         if not spec.models and not source.is_file():
             raise UserError("checks", f"no model, and no {DEFAULT_FILE} here", "a model to check")
         if find_table(source) is not None or source.name == DEFAULT_FILE:
-            return run_checks(_listed(source, spec), progress)
+            return run_checks(_with_targets(_listed(source, spec), measure_only), progress)
     if len(models) == 1 and (is_toml or source.is_dir()):
         if outputs.baseline is not None:
             raise UserError("write-baseline", f"given beside {source}, a study", "a model to check")
         return _check_study(source, spec, jobs, progress)
-    return run_checks([plan(spec)], progress)
+    return run_checks(_with_targets([plan(spec)], measure_only), progress)
+
+
+def _with_targets(checks: list[Check], measure_only: bool) -> list[Check]:
+    """The checks. Raises UserError for one that has no target, and so could never fail."""
+    for check in checks:
+        if not measure_only and check.wanted is None and check.baseline is None:
+            got, expected = "no target", "--restitution, --alpha, --pairs or --baseline"
+            raise UserError(check.name, got, expected, "--measure-only measures without a verdict")
+    return checks
 
 
 def _listed(path: Path, spec: CheckSpec) -> list[Check]:
@@ -108,28 +131,19 @@ def _require_only(spec: CheckSpec, used: set[str], got: str, expected: str) -> N
             raise UserError(slot, got, expected)
 
 
-def _require_writable(outputs: Outputs) -> None:
-    """Raises OutputError for a file that could not be written, before anything is measured."""
-    for field in dataclasses.fields(outputs):
-        path: Path | None = getattr(outputs, field.name)
-        if path is not None and (path.is_dir() or not path.parent.is_dir()):
-            what = "is a folder" if path.is_dir() else "is in a folder that is not there"
-            raise OutputError(field.name, f"{sanitized(path)} {what}", "a file in a folder that is")
-
-
 def _write(report: Report, outputs: Outputs) -> None:
     """Write the files asked for, each whole or not at all.
 
     A baseline is written only when everything in it was measured; else OutputError says what was not.
     """
     if outputs.junit is not None:
-        write_text(outputs.junit, as_junit(report))
+        write_output(outputs.junit, as_junit(report), "--junit", outputs.force)
     if outputs.markdown is not None:
-        write_text(outputs.markdown, as_markdown(report))
+        write_output(outputs.markdown, as_markdown(report), "--markdown", outputs.force)
     if outputs.png is not None:
         from hcbench.checking.figure import errors_png
 
-        write_bytes(outputs.png, errors_png(report))
+        write_output(outputs.png, errors_png(report), "--png", outputs.force)
     if outputs.baseline is not None:
         missing = [o for o in report.outcomes if o.measurement is None or not o.measurement.measured]
         if missing or not report.outcomes:
@@ -138,4 +152,4 @@ def _write(report: Report, outputs: Outputs) -> None:
             got = f"not written: {sanitized(first.name)} was not measured: {first.message}"
             raise kind("baseline", got, "every check measured")
         measured = {o.name: o.measurement for o in report.outcomes if o.measurement is not None}
-        write_baseline(outputs.baseline, measured)
+        write_baseline(outputs.baseline, measured, outputs.force)

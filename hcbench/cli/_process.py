@@ -138,6 +138,9 @@ def translate_errors(command: click.Command) -> click.Command:
     @functools.wraps(inner)
     def outer(*args: Any, **kwargs: Any) -> Any:
         try:
+            from hcbench.cli.outputs import require_outputs
+
+            require_outputs(click.get_current_context())
             return inner(*args, **kwargs)
         except UserError as error:
             if (option := _option_of(error.slot, click.get_current_context())) is None:

@@ -10,6 +10,7 @@ import click
 
 from hcbench.cli._process import PathType
 from hcbench.cli.console import as_json, jobs_option, print_json, progress
+from hcbench.cli.outputs import force_option, output_option
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
@@ -83,13 +84,15 @@ def _begin(models: tuple[str, ...], engine: object) -> None:
 @click.option("--alpha", help="α to look for causes against.")
 @click.option("--restitution", help="e to look for causes against.")
 @click.option("--all", "each", is_flag=True, help="Each pair that touches at the start.")
-@_file("--page", help="Also write a one-page report (HTML).")
+@output_option("--page", help="Also write a one-page report (HTML).")
+@force_option
 @as_json
 def measure(
     models: tuple[str, ...],
     python: str | None,
     each: bool,
     page: Path | None,
+    force: bool,
     as_json: bool,
     **options: object,
 ) -> None:
@@ -97,12 +100,14 @@ def measure(
 
     Restitution, loops, and why it is not as asked, of the model as you have it.
     """
-    from hcbench._files import write_text
+    from hcbench._outputs import write_output
     from hcbench.checking.spec import plan
     from hcbench.measuring.measure import Job, measure_job
     from hcbench.measuring.measurement import TOLERANCE
     from hcbench.measuring.text import as_record, as_text
 
+    if each and page is not None:
+        raise UserError("--page", "given with --all", "one --pair: a page shows one")
     asked = plan(_spec(models, python, options, required=True))
     job = Job(asked.source, asked.engine, asked.request, asked.wanted, TOLERANCE, diagnose=True)
     if each:
@@ -112,7 +117,7 @@ def measure(
     if page is not None:
         from hcbench.reporting.measurement_page import measurement_page
 
-        write_text(page, measurement_page(measurement))
+        write_output(page, measurement_page(measurement), "--page", force)
     if as_json:
         print_json(as_record(measurement))
     else:
@@ -181,11 +186,13 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
 @click.option("--restitution", help="Hold it against one e.")
 @_file("--pairs", help="Hold it against measured pairs (v, e): a CSV with units in its header.")
 @_file("--baseline", help="Hold it against what --write-baseline wrote.")
-@_file("--write-baseline", help="Write what was measured, to hold later versions against.")
+@click.option("--measure-only", is_flag=True, help="Measure without a target; nothing can fail.")
+@output_option("--write-baseline", help="Write what was measured, to hold later versions against.")
 @click.option("--max-error", help="Largest error of e, up or down, that passes.")
-@_file("--junit", help="Write JUnit XML.")
-@_file("--markdown", help="Write a Markdown summary, as for a CI step.")
-@_file("--png", help="Write the error curve.")
+@output_option("--junit", help="Write JUnit XML.")
+@output_option("--markdown", help="Write a Markdown summary, as for a CI step.")
+@output_option("--png", help="Write the error curve.")
+@force_option
 @as_json
 @jobs_option
 def check(
@@ -195,6 +202,8 @@ def check(
     junit: Path | None,
     markdown: Path | None,
     png: Path | None,
+    force: bool,
+    measure_only: bool,
     as_json: bool,
     jobs: int,
     **options: object,
@@ -207,9 +216,9 @@ def check(
     from hcbench.checking.command import Outputs, check
     from hcbench.checking.text import as_record_of, as_text
 
-    outputs = Outputs(junit, markdown, png, write_baseline)
+    outputs = Outputs(junit, markdown, png, write_baseline, force)
     with progress("checks") as tick:
-        report = check(_spec(models, python, options), outputs, jobs, tick)
+        report = check(_spec(models, python, options), outputs, jobs, tick, measure_only)
     if as_json:
         print_json(as_record_of(report))
     else:

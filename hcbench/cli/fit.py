@@ -9,6 +9,7 @@ import click
 
 from hcbench.cli._process import PathType
 from hcbench.cli.console import QuantityType, UncertainType, as_json, print_json
+from hcbench.cli.outputs import force_option, output_option
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
@@ -51,14 +52,9 @@ class _SetupOptions(TypedDict):
 @click.option("--exponent", type=QuantityType("number", positive=True), help="n of the law, for forces.")
 @click.option("--touches", help="Of a recording, which of the touches found to take: '2:14'.")
 @click.option("--law", type=click.Choice(_LAWS), default="auto", show_default=True)
-@click.option(
-    "--page", type=PathType(path_type=Path, dir_okay=False), help="Also write a one-page report (HTML)."
-)
-@click.option(
-    "--write-points",
-    type=PathType(path_type=Path, dir_okay=False),
-    help="Write e over speed, for `tune --points` and `check --pairs`.",
-)
+@output_option("--page", help="Also write a one-page report (HTML).")
+@output_option("--write-points", help="Write e over speed, for `tune --points` and `check --pairs`.")
+@force_option
 @as_json
 def fit(
     files: tuple[Path, ...],
@@ -67,6 +63,7 @@ def fit(
     law: str,
     page: Path | None,
     write_points: Path | None,
+    force: bool,
     as_json: bool,
     **options: Unpack[_SetupOptions],
 ) -> None:
@@ -77,8 +74,8 @@ def fit(
     a track (time [s],height [m], or an export of Tracker or phyphox); or forces: time [ms],force [N], or
     penetration [um],rate [m/s],force [N]. Several files of bounces share one α.
     """
-    from hcbench._files import write_text
-    from hcbench.fitting import force
+    from hcbench._outputs import write_output
+    from hcbench.fitting import force as forces_of
     from hcbench.fitting.read import KINDS, read_dataset, read_force
     from hcbench.fitting.result import fit as fit_sets
     from hcbench.fitting.text import as_record, as_text, points_text, with_uncertainty
@@ -95,17 +92,17 @@ def fit(
         if page is not None or write_points is not None:
             raise UserError("--page" if page is not None else "--write-points", "given for forces", "bounces")
         if as_json:
-            print_json(force.as_record(forces))
+            print_json(forces_of.as_record(forces))
         else:
-            print(force.as_text(forces, with_uncertainty, engine), end="")
+            print(forces_of.as_text(forces, with_uncertainty, engine), end="")
         return
     result = fit_sets([read_dataset(path, setup, kind, _touches(touches)) for path in files], law)
     if page is not None:
         from hcbench.reporting.fit_page import fit_page
 
-        write_text(page, fit_page(result, _engine()))
+        write_output(page, fit_page(result, _engine()), "--page", force)
     if write_points is not None:
-        write_text(write_points, points_text(result))
+        write_output(write_points, points_text(result), "--write-points", force)
     if as_json:
         print_json(as_record(result))
     else:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 import click
 
-from hcbench.cli._process import PathType
 from hcbench.cli.console import (
     ACCELERATION,
     MASS,
@@ -22,6 +21,7 @@ from hcbench.cli.console import (
     print_json,
     progress,
 )
+from hcbench.cli.outputs import force_option, output_option
 from hcbench.cli.tune_model import tunes_models
 from hcbench.errors import LimitPassed, UserError
 
@@ -91,9 +91,8 @@ class _TargetOptions(TypedDict):
     type=float,
     help="Exit 1 when the largest error of e is above this.  [default: auto looks for 0.05]",
 )
-@click.option(
-    "--write-scene", type=PathType(path_type=Path), help="Write a file that runs in the plain engine."
-)
+@output_option("--write-scene", help="Write a file that runs in the plain engine.")
+@force_option
 @as_json
 @tunes_models
 def tune(
@@ -103,11 +102,12 @@ def tune(
     integrator: str | None,
     max_error: float | None,
     write_scene: Path | None,
+    force: bool,
     as_json: bool,
     **options: Unpack[_TargetOptions],
 ) -> None:
     """Find settings that bounce like your material."""
-    from hcbench._files import write_text
+    from hcbench._outputs import write_output
     from hcbench.recipes.search import SearchInterrupted
     from hcbench.sim import registry
     from hcbench.tuning import tune as tuning
@@ -122,7 +122,8 @@ def tune(
         raise click.Abort(f"interrupted: {interrupt}") from None
     text = _snippet(tuned.setting, scene)
     if write_scene is not None:
-        write_text(write_scene, registry.engine(engine).script(tuned.scene, tuned.setting))
+        script = registry.engine(engine).script(tuned.scene, tuned.setting)
+        write_output(write_scene, script, "--write-scene", force)
     margin = _margin(target, options["alpha"])
     if as_json:
         print_json({**_as_json(tuned, text), "restitution_margin_95": margin})

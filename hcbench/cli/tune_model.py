@@ -12,6 +12,7 @@ from click.core import ParameterSource
 
 from hcbench.cli._process import PathType
 from hcbench.cli.console import print_json
+from hcbench.cli.outputs import output_option
 from hcbench.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def tunes_models(command: Callable[..., None]) -> Callable[..., None]:
         command(**options)
 
     for option in (
-        click.option("--write-model", type=file, help="Write the model with the setting in it."),
+        output_option("--write-model", help="Write the model with the setting in it."),
         click.option("--actuators/--no-actuators", default=True, help="Whether a model's actuators act."),
         click.option("--from", "coming_from", help="Where the moving one comes from: above, +x, 0,1,1."),
         click.option("--state", type=file, help="A pose of the model to start from (.npz, JSON)."),
@@ -93,7 +94,7 @@ def tune_and_print(
     pairs: tuple[str, ...], write_model: Path | None, where: dict[str, Any], options: dict[str, Any]
 ) -> None:
     """Tune, print the lines and how wrong they are, and write the model with them."""
-    from hcbench._files import write_text
+    from hcbench._outputs import write_output
     from hcbench.cli.tune import parse_points
     from hcbench.measuring.measurement import Wanted
     from hcbench.measuring.request import make_request
@@ -128,7 +129,7 @@ def tune_and_print(
         if not tuned.written:
             got = f"a model of {tuned.pairs[0].facts.engine}"
             raise UserError("--write-model", got, "a model that is one file")
-        write_text(write_model, tuned.written)
+        write_output(write_model, tuned.written, "--write-model", options["force"])
     if options["as_json"]:
         print_json(_record(tuned))
     else:

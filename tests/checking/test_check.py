@@ -310,7 +310,7 @@ def test_speeds_outside_the_measured_pairs_are_refused(tmp_path: Path) -> None:
 
 
 def test_outputs_that_cannot_be_written_are_refused_first(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="not there"):
+    with pytest.raises(OutputError, match="does not exist"):
         check(ask(restitution=0.9), Outputs(junit=tmp_path / "no" / "junit.xml"))
     with pytest.raises(OutputError, match="is a folder"):
         check(ask(restitution=0.9), Outputs(png=tmp_path))
@@ -644,14 +644,19 @@ def test_writing_a_baseline_judges_nothing_and_says_where_it_is(
     assert f"written: {file}" in told
     assert "PASSED" not in told
     assert "limit" not in told
-    report = check(ask())
+    report = check(ask(), measure_only=True)
     assert report.exit_code == 0
     assert 'failures="0" errors="0"' in as_junit(report)
     assert "| 📏 |" in as_markdown(report)
 
 
+def test_a_check_that_could_never_fail_is_a_mistake() -> None:
+    with pytest.raises(UserError, match=r"no target; expected .*--measure-only"):
+        check(ask())
+
+
 def test_no_error_is_a_negative_zero() -> None:
-    e = one(check(ask(phases=1))).rows[0].restitution
+    e = one(check(ask(phases=1), measure_only=True)).rows[0].restitution
     report = check(ask(phases=1, restitution=e + 1e-9))
     assert -1e-5 < one(report).rows[0].error < 0
     assert "-0.0000" not in as_text(report)

@@ -297,7 +297,8 @@ def test_what_a_killed_report_left_goes_and_what_runs_stays(tmp_path: Path) -> N
     (left,) = tmp_path.iterdir()
     with atomic_folder(tmp_path) as running:
         assert not left.exists()
-        fill(tmp_path, {"index.html": "1"})
+        with pytest.raises(OutputError, match="another command is writing"):
+            fill(tmp_path, {"index.html": "1"})
         assert running.is_dir()
     assert not list(tmp_path.glob(".hcbench-*"))
 

@@ -27,6 +27,7 @@ FLOORS = [
         "_compile",
         "_files",
         "_notebook",
+        "_outputs",
         "_text",
         "workers",
         "environments",

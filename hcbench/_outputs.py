@@ -1,0 +1,126 @@
+"""Output files that a user names: they never replace an input, nor a file that hcbench did not write.
+
+The last bytes of each say which option wrote it. Another file is replaced only if it is empty, or with
+--force; devices and pipes are written through.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import zlib
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from hcbench._files import read_bytes, write_bytes
+from hcbench._text import sanitized
+from hcbench.errors import OutputError, UserError
+
+_TAIL = 4096  # bytes at either end that are searched for the mark
+_BASELINE = b'"kind": "hcbench baseline"'  # the mark of a baseline, which is JSON and takes no comment
+_PNG = b"\x89PNG\r\n\x1a\n"
+_QUOTED = re.compile(rb"[\"']([^\"'\n]{1,255})[\"']")
+_MOST_NAMED = 1000  # input files that are searched for the names of others
+_TEXTS = {".xml", ".mjcf", ".urdf", ".sdf", ".toml", ".json", ".py", ".csv"}
+
+
+def write_output(path: Path, content: str | bytes, option: str, force: bool = False) -> None:
+    """Write an output with its mark, whole or not at all, or through a device or a pipe.
+
+    option: the option that names it, such as "--page". Raises UserError where a file is in the way that the
+    same option did not write, and OutputError where it cannot be written.
+    """
+    _require_replaceable(path, option, force)
+    write_bytes(path, _marked(content.encode() if isinstance(content, str) else content, option))
+
+
+def require_output(path: Path, option: str, inputs: Iterable[Path] = (), force: bool = False) -> None:
+    """Raises what `write_output` would, and UserError for one of the inputs, before anything is computed.
+
+    inputs: files and folders that are read. What they name in quotes, such as meshes, is an input too.
+    """
+    if path.is_dir() or not path.absolute().parent.is_dir():
+        what = "is a folder" if path.is_dir() else "is in a folder that does not exist"
+        raise OutputError(option, f"{sanitized(path)} {what}", "a file in an existing folder")
+    if path.exists() and any(_is_same(path, each) for each in _all_inputs(inputs)):
+        raise UserError(option, f"{sanitized(path)} is an input", "another file", "Inputs are never replaced")
+    if not os.access(path if path.exists() else path.absolute().parent, os.W_OK):
+        raise OutputError(option, f"{sanitized(path)}: Permission denied", "a place that can be written to")
+    _require_replaceable(path, option, force)
+
+
+def _require_replaceable(path: Path, option: str, force: bool) -> None:
+    if force or not path.is_file() or not path.stat().st_size or _is_standard_stream(path):
+        return
+    with path.open("rb") as file:
+        ends = file.read(_TAIL)
+        file.seek(max(0, path.stat().st_size - _TAIL))
+        ends += b"\n" + file.read()
+    if _mark(option) not in ends and not (option == "--write-baseline" and _BASELINE in ends):
+        got = f"{sanitized(path)} exists, and {option} did not write it"
+        raise UserError(option, got, "a new file", "--force replaces it")
+
+
+def _is_standard_stream(path: Path) -> bool:
+    """Whether it is where the shell sends standard output or error: it is written through, like a device."""
+    for descriptor in (1, 2):
+        with suppress(OSError):
+            if os.path.samestat(os.fstat(descriptor), path.stat()):
+                return True
+    return False
+
+
+def _is_same(path: Path, other: Path) -> bool:
+    with suppress(OSError):
+        return path.samefile(other)
+    return False
+
+
+def _all_inputs(inputs: Iterable[Path]) -> Iterator[Path]:
+    """Inputs and the files that they name in quotes, and those name in turn."""
+    waiting, seen = list(inputs), set[Path]()
+    while waiting and len(seen) < _MOST_NAMED:
+        path = waiting.pop().absolute()
+        if path in seen:
+            continue
+        seen.add(path)
+        if path.is_dir():
+            waiting += [p for p in path.iterdir() if p.suffix in _TEXTS and p.is_file()]
+            continue
+        yield path
+        if path.suffix.lower() in _TEXTS:
+            with suppress(OSError):
+                waiting += _named(path, read_bytes(path))
+
+
+def _named(path: Path, content: bytes) -> list[Path]:
+    texts = {match.decode(errors="replace").partition(".py:") for match in _QUOTED.findall(content)}
+    names = {f"{name}.py" if colon else name for name, colon, _ in texts}
+    folders = [path.parent, *(path.parent / name for name in names if _is(path.parent / name, Path.is_dir))]
+    return [folder / name for folder in folders for name in names if _is(folder / name, Path.is_file)]
+
+
+def _is(path: Path, what: Callable[[Path], bool]) -> bool:
+    try:
+        return what(path)
+    except (OSError, ValueError):  # too long, or with a null
+        return False
+
+
+def _mark(option: str) -> bytes:
+    return f"written by hcbench {option}".encode().replace(b"--", b"")
+
+
+def _marked(content: bytes, option: str) -> bytes:
+    """The content with its mark: a last comment, or a text chunk before the last of a PNG."""
+    mark = _mark(option)
+    if content.startswith(_PNG):
+        chunk = b"tEXtComment\0" + mark
+        framed = (len(chunk) - 4).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
+        return content[:-12] + framed + content[-12:]
+    if content.startswith(b"{"):
+        return content  # JSON has a kind
+    is_markup = content.lstrip().startswith(b"<") or option == "--markdown"
+    line = b"<!-- " + mark + b" -->\n" if is_markup else b"# " + mark + b"\n"
+    return content + b"\n" * (not content.endswith(b"\n")) + line

@@ -1,0 +1,60 @@
+"""Options that name output files, and the gate that all of them pass before a command does anything."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import click
+
+from hcbench._outputs import require_output
+from hcbench.cli._process import PathType
+from hcbench.errors import UserError
+
+
+class _OutputType(PathType):
+    """A file to write."""
+
+
+def output_option(name: str, help: str) -> Callable[..., Any]:  # noqa: A002 - Click's own word
+    """An option that names a file to write."""
+    return click.option(name, type=_OutputType(path_type=Path), help=help)
+
+
+force_option = click.option("--force", is_flag=True, help="Replace output files that hcbench did not write.")
+
+
+def require_outputs(context: click.Context) -> None:
+    """Raises UserError or OutputError for an output that would replace an input or what is not hcbench's."""
+    outputs: dict[str, Path] = {}
+    inputs: list[Path] = []
+    for parameter in context.command.params:
+        value = context.params.get(parameter.name or "")
+        if not isinstance(parameter.type, _OutputType):
+            inputs += _existing(value)
+        elif value is not None:
+            outputs[parameter.opts[0]] = value
+    seen: dict[Path, str] = {}
+    for option, path in outputs.items():
+        if (other := seen.setdefault(path.resolve(), option)) != option and not _is_stream(path):
+            raise UserError(option, f"{path} is the file of {other} too", "a file of its own")
+        require_output(path, option, inputs, context.params.get("force", False))
+
+
+def _is_stream(path: Path) -> bool:
+    return path.exists() and not path.is_file()
+
+
+def _existing(value: object) -> Iterator[Path]:
+    """Files and folders among the values of options."""
+    if isinstance(value, tuple | list):
+        for each in value:
+            yield from _existing(each)
+    elif isinstance(value, str | Path):
+        file, colon, _ = str(value).partition(".py:")
+        path = Path(f"{file}.py" if colon else file)
+        with suppress(OSError, ValueError):
+            if path.exists():
+                yield path

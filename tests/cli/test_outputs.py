@@ -1,0 +1,151 @@
+"""Output files: an input is never replaced, nor a file that hcbench did not write."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hcbench import cli
+from hcbench._outputs import require_output, write_output
+from hcbench.errors import OutputError, UserError
+from hcbench.reporting.page import png_bytes
+from hcbench.reporting.plot_style import new_figure
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+HEIGHTS = "height [cm]\n30\n22\n17\n13.5\n11\n9.2\n7.8\n"
+MODEL = (EXAMPLES / "good.xml").read_text(encoding="utf-8")
+LAUNCH = ["good.xml", "--pair=ball,plate", "--speeds=0.5", "--phases=1"]
+HELD = ["check", *LAUNCH, "--restitution=0.9"]
+TUNED = ["tune", "mujoco", "--restitution=0.9", "--timestep=1e-3", "--recipe=impulse"]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "h.csv").write_text(HEIGHTS, encoding="utf-8")
+    (tmp_path / "good.xml").write_text(MODEL, encoding="utf-8")
+    (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def same(path: str) -> str:
+    return path
+
+
+def linked(path: str) -> str:
+    Path("link").symlink_to(path)
+    return "link"
+
+
+def hard_linked(path: str) -> str:
+    os.link(path, "hard")
+    return "hard"
+
+
+def spelled(path: str) -> str:
+    Path("sub").mkdir()
+    return f"sub/../{path}"
+
+
+@pytest.mark.parametrize("name", [same, linked, hard_linked, spelled])
+@pytest.mark.parametrize("force", [[], ["--force"]])
+@pytest.mark.parametrize(
+    ("arguments", "option", "file"),
+    [
+        (["fit", "h.csv"], "--page", "h.csv"),
+        (["fit", "h.csv"], "--write-points", "h.csv"),
+        (["measure", *LAUNCH], "--page", "good.xml"),
+        (HELD, "--junit", "good.xml"),
+        (HELD, "--markdown", "good.xml"),
+        (HELD, "--png", "good.xml"),
+        (HELD, "--write-baseline", "good.xml"),
+        (["tune", "good.xml", "--pair=ball,plate", "--alpha=0.3"], "--write-model", "good.xml"),
+        (["tune", "mujoco", "--points=h.csv", "--timestep=1e-3"], "--write-scene", "h.csv"),
+    ],
+)
+def test_an_input_is_never_an_output(
+    folder: Path, capsys: pytest.CaptureFixture[str], name: Callable[[str], str], force: list[str],
+    arguments: list[str], option: str, file: str,
+) -> None:  # fmt: skip
+    before = Path(file).read_bytes()
+    assert cli.run([*arguments, option, name(file), *force]) == 2
+    assert f"{option}: " in (told := capsys.readouterr().err)
+    assert "is an input; expected another file" in told
+    assert Path(file).read_bytes() == before
+
+
+def test_files_that_an_input_names_are_inputs(folder: Path) -> None:
+    (folder / "meshes").mkdir()
+    for name in ("part.xml", "meshes/ball.stl"):
+        (folder / name).write_text("<mujocoinclude/>", encoding="utf-8")
+    (folder / "all.xml").write_text(
+        '<mujoco><compiler meshdir="meshes"/><include file="part.xml"/><mesh file="ball.stl"/></mujoco>',
+        encoding="utf-8",
+    )
+    (folder / "checks.toml").write_text("model = 'all.xml'", encoding="utf-8")
+    for name in ("part.xml", "meshes/ball.stl", "all.xml"):
+        with pytest.raises(UserError, match="is an input"):
+            require_output(Path(name), "--page", [Path("checks.toml")], force=True)
+
+
+@pytest.mark.parametrize("option", ["--page", "--write-points", "--junit", "--markdown", "--write-scene"])
+def test_a_file_of_another_hand_is_replaced_by_force_alone(folder: Path, option: str) -> None:
+    notes, content = Path("notes.txt"), "<p>" if option == "--page" else "1"
+    with pytest.raises(UserError, match=rf"notes\.txt exists, and {option} did not write it"):
+        write_output(notes, content, option)
+    assert notes.read_text(encoding="utf-8") == "mine"
+    write_output(notes, content, option, force=True)
+    write_output(notes, content * 2, option)
+    assert notes.read_text(encoding="utf-8").startswith(content * 2)
+    other = "--junit" if option != "--junit" else "--page"
+    with pytest.raises(UserError, match="did not write it"):
+        write_output(notes, "of another kind", other)
+
+
+def test_an_empty_file_and_a_pipe_are_written_to(folder: Path) -> None:
+    empty, pipe = folder / "empty", folder / "pipe"
+    empty.touch()
+    require_output(empty, "--markdown")
+    write_output(empty, "### 1", "--markdown")
+    os.mkfifo(pipe)
+    end = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    require_output(pipe, "--markdown")
+    write_output(pipe, "### 1", "--markdown")
+    assert os.read(end, 100).startswith(b"### 1")
+    os.close(end)
+
+
+def test_a_marked_figure_is_still_a_figure(folder: Path) -> None:
+    from matplotlib.image import imread
+
+    figure = new_figure(2.0, 1.0)
+    for _ in range(2):
+        write_output(Path("e.png"), png_bytes(figure), "--png")
+    assert np.asarray(imread("e.png")).shape == (110, 220, 4)
+
+
+def test_commands_replace_what_they_wrote(folder: Path) -> None:
+    for _ in range(2):
+        assert cli.run(["fit", "h.csv", "--page", "p.html", "--write-points", "p.csv"]) == 0
+        assert cli.run([*HELD, "--junit=j.xml", "--markdown=m.md"]) == 0
+        assert cli.run(["check", *LAUNCH, "--write-baseline=b.json"]) == 0
+        assert cli.run([*TUNED, "--write-scene=s.xml"]) == 0
+    again = ["check", *LAUNCH[:2], "--speeds=2", "--pairs=p.csv", "--max-error=1"]
+    assert cli.run(again) == 0, "the mark is a comment"
+    assert cli.run(["pairs", "s.xml"]) == 0
+
+
+def test_two_outputs_are_two_files(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["fit", "h.csv", "--page=out", "--write-points=./out"]) == 2
+    assert "the file of --page too" in capsys.readouterr().err
+    assert not Path("out").exists()
+
+
+def test_a_bad_place_is_refused_before_the_search(folder: Path) -> None:
+    with pytest.raises(OutputError, match="in a folder that does not exist"):
+        require_output(Path("no/model.xml"), "--write-model")
+    assert cli.run(["tune", "gone.xml", "--pair=ball,plate", "--alpha=0.3", "--write-model=no/m.xml"]) == 3
