@@ -1,0 +1,186 @@
+"""A spring row and a damper row of MuJoCo between a body and a plate, stepped as MuJoCo steps them.
+
+Sections are those of MuJoCo's documentation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hcbench.engines.mujoco.recipes.common import SPRING_SOLIMP
+from hcbench.engines.mujoco.scene.rows import MIN_IMPEDANCE, ConstraintRow
+from hcbench.impact import Floats
+
+_WEIGHT = MIN_IMPEDANCE / (1 - MIN_IMPEDANCE)  # of the spring, in MuJoCo's sums
+_PULL = 1e6  # N: more than any contact asks for
+_POWER = 4.0  # of the damper's solimp: others do no better
+_DEEPEST = 2.4  # times v h at the top of the band
+_FOLLOWED = 3.0  # half periods of the spring
+
+
+def short(number: float) -> float:
+    """Six digits, as a model is written with."""
+    return float(f"{number:.6g}")
+
+
+def oscillator(steps: Any, damping: Any) -> tuple[Any, Any]:
+    """(K h², D h) of a half period of so many steps, for a damping D h."""
+    c = 1.0 - damping
+    return 1.0 + c - 2.0 * np.sqrt(c) * np.cos(np.pi / steps), damping
+
+
+class _Rows(NamedTuple):
+    """Spring and damper rows of one launch each, shape (m,); times in steps h, lengths in v h.
+
+    Symbols of MuJoCo's documentation, Modeling, "Solver parameters": k and b of its section "Reference" (the
+    direct format), d(r) and solimp's numbers of "Impedance".
+    """
+
+    stiffness: Floats  # w k h² of the spring, w = d/(1 - d) its constant weight
+    damping: Floats  # w b h of the spring
+    damper: Floats  # b h of the damper: solref's damping over dmax
+    dmax: Floats
+    width: Floats  # over v h
+    midpoint: Floats
+    rise: Floats  # 1/midpoint^(power - 1), of the sigmoid up to its midpoint
+    level: Floats  # 1/(1 - midpoint)^(power - 1), of the sigmoid from there on
+
+    def of(self, which: Any) -> _Rows:
+        """The rows of some of the launches."""
+        return _Rows(*(column[which] for column in self))
+
+    def impedance(self, penetration: Floats) -> Floats:
+        """d(r) of the damper, "Impedance": a sigmoid from dmin to dmax as r grows to the width."""
+        u = np.clip(penetration / self.width, 0.0, 1.0)
+        early = u <= self.midpoint
+        sigmoid = np.where(early, u, 1.0 - u) ** 2
+        sigmoid *= sigmoid  # to the power of 4, `_POWER`
+        sigmoid *= np.where(early, self.rise, self.level) * (self.dmax - MIN_IMPEDANCE)
+        return np.where(early, MIN_IMPEDANCE + sigmoid, self.dmax - sigmoid)
+
+
+@dataclass(frozen=True, slots=True)
+class RowFit:
+    """What spring and damper rows are fitted to, in units of the step h and the band's highest speed v.
+
+    speeds: over v. phases: where in a step the touch falls. target: e; shape (n,) each. fall: g h / v.
+    corners: of a body that meet at once, or how much more a row does there than on a ball. adhesive: whether
+    the damper may pull. rk4: the integrator, else Euler's. carried: as `spring_and_damper_rows` has it, h and
+    h² times. lowest, highest: bounds.
+    """
+
+    speeds: Floats
+    phases: Floats
+    target: Floats
+    fall: float
+    corners: float
+    adhesive: bool
+    rk4: bool
+    carried: tuple[float, float]
+    lowest: Floats
+    highest: Floats
+
+    def numbers(self, parameters: Floats) -> tuple[Floats, ...]:
+        """K h², D h of the spring; D h, dmax, width/(v h), midpoint of the damper; (p,) each."""
+        inside = np.clip(parameters, self.lowest, self.highest).T
+        spring_damping, damping, dmax, width, midpoint = np.exp(inside[1:])
+        stiffness, spring_damping = oscillator(inside[0], spring_damping)
+        return stiffness / self.corners, spring_damping / self.corners, damping, dmax, width, midpoint
+
+    def errors(self, parameters: Floats) -> Floats:
+        """Largest error of e, and what the contact is deeper than may be; (p, 6) to (p,)."""
+        e, deepest = self._simulate(self.numbers(parameters))
+        error: Floats = np.abs(e - self.target).max(axis=1)
+        return error + np.maximum(0.0, deepest - _DEEPEST)
+
+    def _rows(self, numbers: tuple[Floats, ...]) -> _Rows:
+        """The rows of all launches under each of p settings, shape (p n,)."""
+        stiffness, spring_damping, damping, dmax, width, midpoint = numbers
+        weight = self.corners * _WEIGHT / MIN_IMPEDANCE  # k = K d/dmax², b = D/dmax, where d = dmax = dmin
+        rise, level = 1.0 / midpoint ** (_POWER - 1.0), 1.0 / (1.0 - midpoint) ** (_POWER - 1.0)
+        columns = (weight * stiffness, weight * spring_damping, damping / dmax, dmax, width, midpoint)
+        return _Rows(*(np.repeat(column, len(self.speeds)) for column in (*columns, rise, level)))
+
+    def _simulate(self, numbers: tuple[Floats, ...]) -> tuple[Floats, Floats]:
+        """e of each launch, (p, n), 0 where it has not parted; largest penetration over v h, (p,)."""
+        rows, g = self._rows(numbers), self.fall
+        count, launches = len(numbers[0]), len(self.speeds)
+        # Of a step, from the touch to the first state that sees it; a stage of RK4 may see it a step before.
+        later = -self.phases if self.rk4 else 1.0 - self.phases
+        ahead = 0.0 if self.rk4 else 0.5  # of a step's fall: by so much Euler's speed is that of later
+        x = np.tile(self.speeds * later + g * later**2 / 2, count)
+        v = np.tile(self.speeds + g * (later - ahead), count)
+        x0, v0, e, deepest, which = x, v, np.zeros(x.size), x.copy(), np.arange(x.size)
+        for k in range(int(_FOLLOWED * self.highest[0])):
+            x, v = self._step(rows, x, v, partial(self._without_contact, x0, v0, k))
+            deepest[which] = np.maximum(deepest[which], x)
+            parted = (x <= 0.0) & (v < 0.0)
+            if parted.any():
+                out = np.sqrt(np.maximum(0.0, (v[parted] + g * ahead) ** 2 - 2 * g * x[parted]))
+                e[which[parted]] = out / self.speeds[which[parted] % launches]
+                going = np.flatnonzero(~parted)
+                if not going.size:
+                    break
+                x, v, x0, v0 = (a[going] for a in (x, v, x0, v0))
+                which, rows = which[going], rows.of(going)
+        return e.reshape(-1, launches), deepest.reshape(-1, launches).max(axis=1)
+
+    def _without_contact(self, x: Floats, v: Floats, whole: int, share: float) -> tuple[Floats, Floats]:
+        """(x, v) without contact, so many whole steps and a share of one after these."""
+        half, steps = 0.0 if self.rk4 else 0.5, whole + share
+        return x + v * steps + self.fall * steps * (steps / 2 + half), v + self.fall * steps
+
+    def _step(self, rows: _Rows, x: Floats, v: Floats, elsewhere: Any) -> tuple[Floats, Floats]:
+        """(x, v) after a step: Euler's, by the new speed, or the classical Runge-Kutta of MuJoCo's RK4.
+
+        Documentation, Computation, "Numerical integration". elsewhere: (x, v) without contact, a share of a
+        step later.
+        """
+        if not self.rk4:
+            v = v - self._acceleration(rows, x, v, elsewhere, 0.0)
+            return x + v, v
+        one = -self._acceleration(rows, x, v, elsewhere, 0.0)
+        two = -self._acceleration(rows, x + v / 2, v + one / 2, elsewhere, 0.5)
+        three = -self._acceleration(rows, x + v / 2 + one / 4, v + two / 2, elsewhere, 0.5)
+        four = -self._acceleration(rows, x + v + two / 2, v + three, elsewhere, 1.0)
+        return x + v + (one + two + three) / 6, v + (one + 2 * two + 2 * three + four) / 6
+
+    def _acceleration(self, rows: _Rows, x: Floats, v: Floats, elsewhere: Any, share: float) -> Floats:
+        """Away from the plate, (m,). elsewhere, share: as of `_step`.
+
+        Documentation, Computation, "Constraint model": (A + R) f = a_ref - a_0, R = (1 - d)/d diag(A). Rows
+        at one point, of weights w = d/(1 - d), give a = (Σ w a_ref - g)/(1 + Σ w), of those that act.
+        """
+        g, spring_weight = self.fall, self.corners * _WEIGHT
+        if any(self.carried):  # a_0 includes what the rest of the robot does to the contact
+            x_elsewhere, v_elsewhere = elsewhere(share)
+            g = g + self.carried[0] * (v_elsewhere - v) + self.carried[1] * (x_elsewhere - x)
+        d = rows.impedance(x)
+        weight = self.corners * d / (1.0 - d)
+        spring = rows.stiffness * x + rows.damping * v  # w a_ref of the spring
+        damper = rows.damper * v  # a_ref of the damper
+        a = (spring + weight * damper - g) / (1.0 + spring_weight + weight)
+        if not self.adhesive:  # f >= 0; a row once left out never comes back, as a is larger with it
+            weight = np.where(damper < a, 0.0, weight)
+            a = (spring + weight * damper - g) / (1.0 + spring_weight + weight)
+        a = np.where(spring < spring_weight * a, (weight * damper - g) / (1.0 + weight), a)
+        return np.where(x > 0.0, a, -g)
+
+    def rows(self, parameters: Floats, timestep: float, speed: float) -> list[ConstraintRow]:
+        """Spring and damper in SI units, of parameters (6,)."""
+        h = timestep
+        units = (1 / h**2, 1 / h, 1 / h, 1.0, speed * h, 1.0)
+        stiffness, spring_damping, damping, dmax, width, midpoint = (
+            short(float(number[0]) * unit)
+            for number, unit in zip(self.numbers(parameters[None]), units, strict=True)
+        )
+        solimp = (MIN_IMPEDANCE, dmax, width, midpoint, _POWER)
+        adhesion = _PULL if self.adhesive else 0.0
+        return [
+            ConstraintRow.direct(stiffness, spring_damping, SPRING_SOLIMP),
+            ConstraintRow.direct(0.0, damping, solimp, adhesion=adhesion),
+        ]
