@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.impact import Impact, Launch, Loop, Status, maker
+from hcbench.impact import Impact, Launch, Loop, Status
 from hcbench.sim.stop import End, StopRule
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     States = tuple[Floats, ...]
 
 
-_make_impact, _make_loop = maker(Impact), maker(Loop)  # thousands a second
 NOT_FINITE = "position, velocity or force is not finite"
 # What became of a launch without a contact to its end. {0}: the time simulated, s; {1}: the engine's words.
 _FAILED: dict[int, tuple[Status, str]] = {
@@ -125,9 +124,9 @@ def impacts_of(
                     Status.RESTED,
                     f"still in contact {time[n - 1] - time[start]:.3g} s after touch",
                 )
-            loop = _make_loop(time[:acted], x[start:stop], v[start:stop], f[start:stop])
+            loop = Loop(time[:acted], x[start:stop], v[start:stop], f[start:stop])
             measured = (speed_in, speed_out, h * acted, depth, force, acted)
-            impacts.append(_make_impact(launch, status, reason, *measured, loop, None))
+            impacts.append(Impact(launch, status, reason, *measured, loop, None))
     return impacts
 
 

@@ -6,7 +6,7 @@ The decision does not depend on how many steps are looked at together.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
@@ -26,16 +26,9 @@ if TYPE_CHECKING:
 FLIGHT_SLACK, FLIGHT_SLACK_STEPS, FLIGHT_STEPS_MAX = 4.0, 5000, 2_000_000
 CONTACT_S = 5.0  # s: no bounce that anybody measures lasts longer
 CONTACT_STEPS_MIN, CONTACT_STEPS_MAX = 500, 500_000  # steps of a contact: at least, at most
-# A body is at rest that has moved slower than 1e-6 of its speed at touch for 32 steps, ...
-REST_SHARE, REST_STEPS = 1e-6, 32
-# ... or for 128 steps and half of the contact no faster than gravity makes it in 1.5 steps. In so many steps
-# the weight pushes it further in than that speed can carry it out: it cannot part any more.
-FALL_STEPS, FALLING_STEPS = 1.5, 128
-# ... or for as long, under gravity, in one place to the last bit: in float32 a speed may be too small for
-# a step to move the position at all, and grow by gravity until the contact takes it away.
-# ... or for 128 steps and half of the contact slower than 1e-3 of its speed at touch, without any force:
-# it lies within an overlap that the engine lets pass, such as Bullet's contactSlop.
-IDLE_SHARE, IDLE_STEPS = 1e-3, 128
+REST_SHARE, REST_STEPS = 1e-6, 32  # of the speed at touch: slower than any bounce
+IDLE_SHARE, IDLE_STEPS = 1e-3, 128  # slow, without any force
+FALL_STEPS, FALLING_STEPS = 1.5, 128  # times the speed that gravity gives in a step
 
 _NEVER = 1 << 62  # beyond every step
 
@@ -54,15 +47,38 @@ class End(IntEnum):
 
 
 @dataclass(slots=True)
+class QuietRun:
+    """Watches for a run of steps that all meet a condition.
+
+    least: steps that the run must have. half_contact: and at least half of the contact so far.
+    last_broken: the last step that did not meet the condition, shape (b,).
+    """
+
+    least: int
+    half_contact: bool
+    last_broken: Whole
+
+    def long_enough(self, met: Flags, touch: Whole, start: int) -> Flags:
+        """Steps from `start` on at which the run is long enough; met: (b, n). touch: its step, (b,)."""
+        step = np.arange(start, start + met.shape[1])
+        if not met.any():  # nearly always
+            self.last_broken[:] = step[-1]
+            return np.zeros(met.shape, bool)
+        broken = np.maximum.accumulate(np.where(met, self.last_broken[:, None], step), axis=1)
+        self.last_broken = broken[:, -1].copy()
+        in_contact = step - np.minimum(touch[:, None], step)
+        least = np.maximum(self.least, in_contact // 2) if self.half_contact else self.least
+        return np.asarray(step - broken >= least)
+
+
+@dataclass(slots=True)
 class StopRule:
     """Watches launches that are simulated side by side; arrays of shape (b,).
 
     flight_steps: steps within which a touch must come. contact_steps: and a contact end. rest_speed: m/s.
     fall: speed that gravity gives in a step, m/s. deepest: m, penetration beyond which nothing is seen.
-    steps: seen so far. touch: the step in which the force first acted, or beyond every step. last_moving,
-    last_faster, last_driven, last_moved: the last step that was faster than `rest_speed`; than gravity makes
-    a body at rest; in which a force acted or the body was not idle; and that began elsewhere than the one
-    before, whose penetration was last_x, m.
+    touch: the step in which the force first acted, or beyond every step. last_x: penetration of the last step
+    seen, m. still, idle, held, stuck: runs of quiet steps, any of which is rest. steps: seen so far.
     """
 
     flight_steps: Whole
@@ -71,11 +87,11 @@ class StopRule:
     fall: float
     deepest: float
     touch: Whole
-    last_moving: Whole
-    last_faster: Whole
-    last_driven: Whole
-    last_moved: Whole
     last_x: Floats
+    still: QuietRun
+    idle: QuietRun
+    held: QuietRun
+    stuck: QuietRun
     steps: int = 0
 
     @classmethod
@@ -87,19 +103,27 @@ class StopRule:
         flight_steps = np.minimum(np.ceil(FLIGHT_SLACK * flights) + FLIGHT_SLACK_STEPS, FLIGHT_STEPS_MAX)
         speeds = np.array([launch.touch_speed(timestep, gravity) for launch in launches])
         contact = max(CONTACT_STEPS_MIN, min(math.ceil(CONTACT_S / timestep), CONTACT_STEPS_MAX))
-        never, moving = np.full(len(launches), _NEVER), np.full(len(launches), -1)
+
+        def run(least: int, half_contact: bool) -> QuietRun:
+            return QuietRun(least, half_contact, np.full(len(launches), -1))
+
         return cls(
             flight_steps=flight_steps.astype(np.int64),
             contact_steps=contact,
             rest_speed=REST_SHARE * speeds,
             fall=abs(gravity) * timestep,
             deepest=deepest,
-            touch=never,
-            last_moving=moving,
-            last_faster=moving.copy(),
-            last_driven=moving.copy(),
-            last_moved=moving.copy(),
+            touch=np.full(len(launches), _NEVER),
             last_x=np.full(len(launches), np.nan),
+            # Slower than any bounce.
+            still=run(REST_STEPS, half_contact=False),
+            # Slow and without force, within an overlap that the engine permits, such as Bullet's contactSlop.
+            idle=run(IDLE_STEPS, half_contact=True),
+            # So slow that in as many steps the weight pushes it deeper than its speed can carry it out.
+            held=run(FALLING_STEPS, half_contact=True),
+            # In one place to the last bit: in float32 a speed may be too small to move the position at all,
+            # and grow by gravity until the contact takes it away.
+            stuck=run(IDLE_STEPS, half_contact=True),
         )
 
     def add(self, x: Floats, v: Floats, f: Floats) -> tuple[Whole, Whole]:
@@ -134,50 +158,27 @@ class StopRule:
 
     def _rested(self, x: Floats, v: Floats, acting: Flags) -> Whole:
         """The first step at rest of each launch."""
-        at_rest, speed = np.full(len(x), _NEVER), np.abs(v)
-        idle_speed, fall = IDLE_SHARE / REST_SHARE * self.rest_speed, FALL_STEPS * self.fall
-        slow = speed <= np.maximum(idle_speed, fall)[:, None]
-        before = np.concatenate([self.last_x[:, None], x[:, :-1]], axis=1) if fall > 0.0 else x
-        if fall > 0.0:
-            slow |= x == before
-            self.last_x = x[:, -1].copy()
-        sinces = [self.last_moving, self.last_driven]
-        sinces += [self.last_faster, self.last_moved] if fall > 0.0 else []
-        # The few slow steps of each turn are no rest.
-        some = (np.minimum.reduce(sinces) < self.steps - 1) | slow[:, -1]
-        some |= np.count_nonzero(slow, axis=1) >= REST_STEPS
-        last = self.steps + x.shape[1] - 1
-        for since in sinces:
-            since[~some] = last
-        if not some.any():
-            return at_rest
-        step, touch = np.arange(self.steps, last + 1), self.touch[some, None]
-        after, speed = step >= touch, speed[some]
-        idle = after & ~acting[some] & (speed <= idle_speed[some, None])
-        ways = [
-            (self.last_moving, after & (speed <= self.rest_speed[some, None]), REST_STEPS),
-            (self.last_driven, idle, IDLE_STEPS),
+        speed, idle_speed = np.abs(v), IDLE_SHARE / REST_SHARE * self.rest_speed
+        touched = np.arange(self.steps, self.steps + x.shape[1]) >= self.touch[:, None]
+        quiet = [
+            (self.still, speed <= self.rest_speed[:, None]),
+            (self.idle, ~acting & (speed <= idle_speed[:, None])),
         ]
-        if fall > 0.0:
-            ways.append((self.last_faster, after & (speed <= fall), FALLING_STEPS))
-            ways.append((self.last_moved, after & (x[some] == before[some]), IDLE_STEPS))
-        rested = np.zeros(after.shape, bool)
-        for since, flag, least in ways:
-            if not flag.any():  # nearly always
-                since[some] = last
-                continue
-            moving = np.maximum.accumulate(np.where(flag, since[some, None], step), axis=1)
-            since[some] = moving[:, -1]
-            half = 0 if since is self.last_moving else (step - np.minimum(touch, step)) // 2
-            rested |= step - moving >= np.maximum(least, half)
-        at_rest[some] = _first(rested, self.steps)
-        return at_rest
+        if self.fall > 0.0:
+            before = np.concatenate([self.last_x[:, None], x[:, :-1]], axis=1)
+            self.last_x = x[:, -1].copy()
+            quiet += [(self.held, speed <= FALL_STEPS * self.fall), (self.stuck, x == before)]
+        rested = np.zeros(x.shape, bool)
+        for run, met in quiet:
+            rested |= run.long_enough(touched & met, self.touch, self.steps)
+        return _first(rested, self.steps)
 
     def keep(self, which: Flags) -> None:
         """Watch only these from now on."""
-        for field in fields(self):
-            if isinstance(value := getattr(self, field.name), np.ndarray):
-                setattr(self, field.name, value[which])
+        for name in ("flight_steps", "rest_speed", "touch", "last_x"):
+            setattr(self, name, getattr(self, name)[which])
+        for run in (self.still, self.idle, self.held, self.stuck):
+            run.last_broken = run.last_broken[which]
 
 
 def _first(flag: Flags, start: int) -> Whole:
