@@ -6,7 +6,7 @@ import types
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
+from typing import Any, Literal, ParamSpec, TypeVar, Union, Unpack, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -52,11 +52,13 @@ def checked_fields(cls: C) -> C:
 @functools.cache
 def _hints(function: Callable[..., Any]) -> dict[str, Any]:
     """Parameter -> annotation; those of types that are imported for type checking only are left out."""
-    hints = {}
-    for name, hint in function.__annotations__.items():
+    hints: dict[str, Any] = {}
+    for name, annotation in function.__annotations__.items():
         if name != "return":
             with suppress(NameError):
-                hints[name] = eval(hint, function.__globals__) if isinstance(hint, str) else hint
+                hint = eval(annotation, function.__globals__) if isinstance(annotation, str) else annotation
+                of_keywords = get_origin(hint) is Unpack
+                hints |= get_type_hints(get_args(hint)[0]) if of_keywords else {name: hint}
     return hints
 
 

@@ -9,7 +9,7 @@
 
 A failure shows the curve, the worst speed and the likely cause. Defaults come from the marker, then from the
 ini options `restitution_max_error`, `restitution_speeds`, `restitution_phases`, `restitution_timeout`.
-Nothing of hcbench but this file is imported before the fixture is used.
+Nothing of hcbench but this file and the names of the options is imported before the fixture is used.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+
+from hcbench.launch_options import OPTIONS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -32,11 +34,8 @@ _INI = {
     "restitution_phases": "how many phases of a time step restitution tests launch at (default 4)",
     "restitution_timeout": "seconds after which an engine counts as hung (default 60)",
 }
-_MARKER = (
-    "restitution(max_error=..., speeds=..., phases=..., timestep=..., gravity=..., key=..., height=..., "
-    "engine=..., timeout=...): defaults of the restitution fixture for this test"
-)
-_KEYS = ("max_error", "speeds", "phases", "timestep", "gravity", "key", "height", "engine", "timeout")
+_KEYS = ("max_error", *OPTIONS, "engine", "timeout")
+_MARKER = f"restitution({'=..., '.join(_KEYS)}=...): defaults of the restitution fixture for this test"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -80,7 +79,7 @@ class RestitutionFixture:
         """A model to be held against something.
 
         model: a path (looked for in the test's own folder first), two paths, or an engine's own model object.
-        pair: names, the moving one first. options: speeds, phases, timestep, gravity, key, height, engine,
+        pair: names, the moving one first. options: those of launches (`hcbench.launch_options`), engine,
         max_error, timeout.
         """
         unknown = sorted(set(options) - set(_KEYS))
@@ -149,9 +148,6 @@ class ModelBounce:
         options["limit"] = options.pop("timeout", None)
         if max_error is not None:
             options["max_error"] = max_error
-        phases = options.get("phases")
-        if isinstance(phases, str) and phases.strip().isdecimal():  # from the ini file
-            options["phases"] = int(phases)
         try:
             spec = validate(CheckSpec, options, UserError, "restitution: {}")
             return run_check(dataclasses.replace(plan(spec), source=self._model))

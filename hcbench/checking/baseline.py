@@ -88,7 +88,7 @@ class Baseline(BaseModel):
             base or Request(),
             speeds=tuple(dict.fromkeys(impact.speed_m_per_s for impact in self.impacts)),
             phases=tuple(dict.fromkeys(impact.phase for impact in self.impacts)),
-            angles=tuple(dict.fromkeys(impact.launch.angle for impact in self.impacts)),
+            angle=tuple(dict.fromkeys(impact.launch.angle for impact in self.impacts)),
             height=first.height_m,
             spin=first.spin_rad_per_s,
             adapt_phases=False,

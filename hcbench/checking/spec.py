@@ -1,11 +1,12 @@
 """A check as a user writes it, on the command line, in a file or in a test, and what is to be run for it."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
-from pydantic import BeforeValidator, ConfigDict, StrictBool
+from pydantic import BeforeValidator, ConfigDict, create_model
 
 from hcbench import units
 from hcbench._text import sanitized
@@ -13,7 +14,7 @@ from hcbench.checking.baseline import Baseline, read_baseline
 from hcbench.checking.measured_pairs import read_pairs
 from hcbench.errors import QuantityError, UserError
 from hcbench.fields import FileTable, mistake
-from hcbench.impact import Floats
+from hcbench.launch_options import OPTIONS, LaunchOptions, Quantity
 from hcbench.laws.restitution import (
     ConstantRestitution,
     MeasuredRestitution,
@@ -30,43 +31,41 @@ MAX_DRIFT = 1e-4  # of e from a baseline: far above rounding, far below what any
 
 
 def _no_truth_value(value: Any) -> Any:
-    """The value, of NumPy or not; true and false are no numbers, alone or in a list."""
+    """The value, of NumPy or not; true and false are no numbers."""
     value = value.tolist() if hasattr(value, "tolist") else value
-    if any(isinstance(each, bool) for each in (value if isinstance(value, list | tuple) else [value])):
+    if isinstance(value, bool):
         raise mistake("a number, or text with a unit")
     return value
 
 
-# What a baseline says of launches: fields of a check, and of a request.
-_LAUNCHES = {"speeds": "speeds", "phases": "phases", "height": "height", "angle": "angles", "spin": "spin"}
-_Plain = BeforeValidator(_no_truth_value)
-Quantity = Annotated[float | str, _Plain]  # in SI, or text with a unit
-Quantities = Annotated[float | str | list[float | str], _Plain]
+if TYPE_CHECKING:
+    _LaunchTable = FileTable
+else:  # keys whose values `make_request` reads
+    _LaunchTable = create_model(
+        "_LaunchTable", __base__=FileTable, **{name: (Any, each.default) for name, each in OPTIONS.items()}
+    )
+_Number = Annotated[Quantity, BeforeValidator(_no_truth_value)]
 
 
-class SharedSpec(FileTable):
-    """What several checks may share. None: left out. limit: time after which a model counts as hung."""
+class SharedSpec(_LaunchTable):
+    """What several checks may share: the options of launches, and these. None: left out.
+
+    limit: time after which a model counts as hung.
+    """
 
     model_config = ConfigDict(
-        alias_generator=lambda name: name.removeprefix("coming_").replace("_", "-"), populate_by_name=True
+        alias_generator=lambda name: OPTIONS[name].flag if name in OPTIONS else name.replace("_", "-"),
+        populate_by_name=True,
     )
 
-    max_error: Quantity | None = None
-    speeds: Quantities | None = None
-    phases: Annotated[int | list[float], _Plain] | None = None
-    timestep: Quantity | None = None
-    gravity: Quantities | None = None
-    key: str | None = None
-    height: Quantity | None = None
-    qpos: str | None = None
-    state: Path | None = None
-    coming_from: str | None = None  # "from" in files
-    actuators: StrictBool = True
-    angle: Quantities | None = None
-    along: Quantities | None = None
-    spin: Quantities | None = None
+    max_error: _Number | None = None
     engine: str | None = None
-    limit: Quantity | None = None
+    limit: _Number | None = None
+
+    @property
+    def launch(self) -> LaunchOptions:
+        """The options of launches, as given."""
+        return cast("LaunchOptions", {name: getattr(self, name) for name in OPTIONS})
 
 
 class CheckSpec(SharedSpec):
@@ -79,11 +78,15 @@ class CheckSpec(SharedSpec):
     model: str | tuple[str, ...]
     name: str | None = None
     pair: str | tuple[str, ...] | None = None
-    alpha: Quantity | None = None
+    alpha: _Number | None = None
     reading: str = "law"
-    restitution: Quantity | None = None
+    restitution: _Number | None = None
     pairs: Path | None = None
     baseline: Path | None = None
+
+    if TYPE_CHECKING:  # which knows no fields that are derived
+
+        def __init__(self, **fields: Any) -> None: ...
 
     @property
     def models(self) -> tuple[str, ...]:
@@ -131,42 +134,26 @@ def plan(spec: CheckSpec) -> Check:
     if len(against) > 1:
         raise UserError(name, f"{' and '.join(against)} are given", "one thing to hold the model against")
     wanted = _wanted(spec)
-    speeds = spec.speeds
+    launch = spec.launch
+    request = make_request(spec.pair, **launch)
     if isinstance(wanted, MeasuredRestitution):
-        if speeds is None:
-            speeds = wanted.speeds.tolist()
-        else:
-            _require_inside(units.parse_values(speeds, "speed", "speeds"), wanted)
-    request = make_request(
-        spec.pair,
-        speeds,
-        spec.phases,
-        spec.timestep,
-        spec.gravity,
-        spec.key,
-        spec.height,
-        qpos=spec.qpos,
-        state=spec.state,
-        coming_from=spec.coming_from,
-        actuators=spec.actuators,
-        angle=spec.angle,
-        along=spec.along,
-        spin=spec.spin,
-    )
+        if launch["speeds"] is None:
+            request = replace(request, speeds=tuple(wanted.speeds.tolist()))
+        _require_inside(request.speeds, wanted)
     baseline = None if spec.baseline is None else read_baseline(spec.baseline, name)
     if baseline is not None:
-        request = _as_written(baseline, request, spec)
+        request = _as_written(baseline, request, launch)
     source = spec.models[0] if len(spec.models) == 1 else spec.models
     max_error = read_max_error(spec.max_error, MAX_ERROR if baseline is None else MAX_DRIFT)
     return Check(name, source, request, wanted, baseline, max_error, spec.engine, read_limit(spec.limit))
 
 
-def _as_written(baseline: Baseline, request: Request, spec: CheckSpec) -> Request:
-    """The request with the launches of a baseline. Raises UserError where others were asked for."""
+def _as_written(baseline: Baseline, request: Request, given: LaunchOptions) -> Request:
+    """The request with the launches of a baseline. Raises UserError where others are given."""
     written = baseline.request(request)
-    for name, field in _LAUNCHES.items():
-        asked, has = getattr(request, field), getattr(written, field)
-        if getattr(spec, name) is not None and asked != has:
+    for name, value in given.items():
+        has = getattr(written, name, None)
+        if value is not None and has != getattr(request, name, None):
             raise UserError(name, f"other launches than the baseline's, which has {has}", "those, or none")
     return written
 
@@ -202,9 +189,9 @@ def _wanted(spec: CheckSpec) -> RestitutionCurve | None:
     return None
 
 
-def _require_inside(speeds: Floats, pairs: MeasuredRestitution) -> None:
+def _require_inside(speeds: Sequence[float], pairs: MeasuredRestitution) -> None:
     low, high = pairs.speeds[0], pairs.speeds[-1]
-    outside = [v for v in speeds.tolist() if not low <= v <= high]
+    outside = [v for v in speeds if not low <= v <= high]
     if outside:
         raise UserError(
             "speeds", f"{outside[0]:g} m/s", f"within the measured pairs, {low:g} ... {high:g} m/s"

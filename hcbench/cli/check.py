@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hcbench.cli._process import PathType
-from hcbench.cli.console import as_json, jobs_option, print_json, progress
+from hcbench.cli.console import as_json, jobs_option, launch_options, print_json, progress
 from hcbench.cli.outputs import force_option, output_option
 from hcbench.errors import UserError
 
@@ -24,35 +24,21 @@ def _file(*names: str, help: str) -> Callable[..., Any]:  # noqa: A002 - Click's
     return click.option(*names, type=PathType(path_type=Path, dir_okay=False), help=help)
 
 
-def _model_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """What both commands take of a model and how to launch in it."""
-    for option in reversed(
-        (
-            click.option("--pair", help="Two bodies or geoms, the moving one first: 'ball,plate'."),
-            click.option("--python", metavar="FILE:FUNCTION", help="A function that returns the model."),
-            click.option("--speeds", help="Launch speeds, such as '1:20:8 in/s'."),
-            click.option("--phases", type=click.IntRange(1, 1000), help="Phases of the time step."),
-            click.option("--timestep", help="In place of the model's own."),
-            click.option("--gravity", help="In place of the model's own; 0 for none."),
-            click.option("--key", help="Keyframe to start from."),
-            click.option("--qpos", help="Joints to start from: 'hip=0.3, knee=-30 deg'."),
-            _file("--state", help="A pose to start from (.npz, JSON)."),
-            click.option(
-                "--from", "coming_from", help="Where the moving one comes from: above, +x, or 0,1,1."
-            ),
-            click.option("--actuators/--no-actuators", default=True, help="Whether actuators act."),
-            click.option("--height", help="Clearance to launch from."),
-            click.option("--angle", help="From the normal, such as '0, 45, 80 deg': launch obliquely."),
-            click.option("--along", help="Direction of oblique launches: '0, 1, 0'."),
-            click.option("--spin", help="Such as '40 rad/s', rolling on; three: along, across, normal."),
-            click.option(
-                "--engine", metavar="NAME", help="Which flies it.  [default: the first that opens it]"
-            ),
-            click.option("--limit", help="Time after which a model counts as hung, such as '60 s'."),
-        )
+def _source(command: Callable[..., Any]) -> Callable[..., Any]:
+    """What every command on a model takes: the model, and what opens it."""
+    for decorate in (
+        click.option("--limit", help="Give up on a model after this time, such as '60 s'."),
+        click.option(
+            "--engine", metavar="NAME", help="Engine that simulates it.  [default: the first that opens it]"
+        ),
+        click.option("--python", metavar="FILE:FUNCTION", help="Take the model that a function returns."),
+        click.argument("models", nargs=-1, type=PathType()),
     ):
-        command = option(command)
+        command = decorate(command)
     return command
+
+
+_PAIR = click.option("--pair", help="Two bodies or geoms, the moving one first: 'ball,plate'.")
 
 
 def _spec(
@@ -63,7 +49,7 @@ def _spec(
     from hcbench.checking.spec import CheckSpec
 
     if python is not None and models:
-        raise UserError("--python", f"given beside {' '.join(models)}", "one of the two")
+        raise UserError("--python", f"given with {' '.join(models)}", "one of the two")
     if python is None and not models and required:
         raise UserError("model", "none given", "a file, two URDF files, or --python FILE:FUNCTION")
     return CheckSpec.model_validate({"model": models if python is None else (python,), **options})
@@ -79,8 +65,9 @@ def _begin(models: tuple[str, ...], engine: object) -> None:
 
 
 @click.command()
-@click.argument("models", nargs=-1, type=PathType())
-@_model_options
+@_PAIR
+@launch_options()
+@_source
 @click.option("--alpha", help="α to look for causes against.")
 @click.option("--restitution", help="e to look for causes against.")
 @click.option("--all", "each", is_flag=True, help="Each pair that touches at the start.")
@@ -152,13 +139,8 @@ def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
 
 
 @click.command()
-@click.argument("models", nargs=-1, type=PathType())
-@click.option("--python", metavar="FILE:FUNCTION", help="A function that returns the model.")
-@click.option("--key", help="Keyframe to start from.")
-@click.option("--qpos", help="Joints to start from: 'hip=0.3, knee=-30 deg'.")
-@_file("--state", help="A pose to start from (.npz, JSON).")
-@click.option("--engine", metavar="NAME", help="For files of both kinds.")
-@click.option("--limit", help="Time after which a model counts as hung, such as '60 s'.")
+@launch_options("key", "qpos", "state")
+@_source
 @as_json
 def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options: object) -> None:
     """List which parts of your model can meet, and which do.
@@ -179,8 +161,9 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
 
 
 @click.command()
-@click.argument("models", nargs=-1, type=PathType())
-@_model_options
+@_PAIR
+@launch_options()
+@_source
 @click.option("--alpha", help="Hold it against the law with this α.")
 @click.option("--target", "reading", type=click.Choice(["law", "linear"]), default="law", show_default=True)
 @click.option("--restitution", help="Hold it against one e.")

@@ -6,11 +6,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import click
 
 from hcbench._files import json_text
+from hcbench.cli._process import PathType
+from hcbench.launch_options import OPTIONS
 
 CORES = os.cpu_count() or 1
 
@@ -18,6 +21,20 @@ as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON inste
 jobs_option = click.option(
     "--jobs", "-j", type=click.IntRange(min=1), default=CORES, help="Worker processes.  [default: one a core]"
 )
+
+
+def launch_options(*names: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Gives a command the options of launches: those of these names, or all."""
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        for name in reversed(names or tuple(OPTIONS)):
+            option = OPTIONS[name]
+            flag = f"--{option.flag}/--no-{option.flag}" if option.default is True else f"--{option.flag}"
+            kind = PathType(path_type=Path, dir_okay=False) if name == "state" else None
+            command = click.option(flag, name, type=kind, default=option.default, help=option.help)(command)
+        return command
+
+    return decorate
 
 
 class QuantityType(click.types.StringParamType):

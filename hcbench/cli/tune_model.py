@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from hcbench.cli._process import PathType
-from hcbench.cli.console import print_json
+from hcbench.cli.console import launch_options, print_json
 from hcbench.cli.outputs import output_option
 from hcbench.errors import LimitPassed, UserError
 
@@ -39,7 +38,6 @@ _OF_ENGINES = {
 
 def tunes_models(command: Callable[..., None]) -> Callable[..., None]:
     """`tune` with a model in place of an engine's name, and the options that speak of models."""
-    file = PathType(path_type=Path, dir_okay=False)
 
     @wraps(command)
     def tune(pair: tuple[str, ...], write_model: Path | None, **options: Any) -> None:
@@ -55,21 +53,18 @@ def tunes_models(command: Callable[..., None]) -> Callable[..., None]:
             raise UserError("--timestep", "missing", "the engine's step, such as '1 ms'")
         command(**options)
 
+    decorated: Callable[..., None] = tune
     for option in (
         output_option("--write-model", help="Write the model with the setting in it."),
-        click.option("--actuators/--no-actuators", default=True, help="Whether a model's actuators act."),
-        click.option("--from", "coming_from", help="Where the moving one comes from: above, +x, 0,1,1."),
-        click.option("--state", type=file, help="A pose of the model to start from (.npz, JSON)."),
-        click.option("--qpos", help="Joints of the model to start from: 'hip=0.3, knee=-30 deg'."),
-        click.option("--key", help="Keyframe of the model to start from."),
+        launch_options(*_REQUEST),
         click.option(
             "--pair",
             multiple=True,
             help="Two bodies or geoms, the moving one first. Repeatable.",
         ),
     ):
-        tune = option(tune)
-    return tune
+        decorated = option(decorated)
+    return decorated
 
 
 def _require_no(names: set[str], got: str, expected: str) -> None:
@@ -115,7 +110,7 @@ def tune_and_print(
     requests = [
         make_request(
             pair,
-            sorted({min(speeds), max(speeds)}),
+            speeds=sorted({min(speeds), max(speeds)}),
             timestep=options["timestep"],
             gravity=options["gravity"] if given else None,
             **where,

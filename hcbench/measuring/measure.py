@@ -16,12 +16,13 @@ from typing import Any, TypeVar, Unpack
 from hcbench._arguments import checked
 from hcbench._text import sanitized
 from hcbench.errors import EngineFailed, HcbenchError, SceneError, UserError
+from hcbench.launch_options import LaunchOptions
 from hcbench.laws.require import require
 from hcbench.laws.restitution import ConstantRestitution, RestitutionCurve
 from hcbench.measuring.diagnose import diagnose, goal_of
 from hcbench.measuring.measurement import TOLERANCE, Measurement
 from hcbench.measuring.phases import impacts_of
-from hcbench.measuring.request import RequestOptions, make_request
+from hcbench.measuring.request import make_request
 from hcbench.sim import registry
 from hcbench.sim.candidate_pairs import CandidatePair
 from hcbench.sim.engine import Engine
@@ -60,7 +61,7 @@ def measure(
     tolerance: float = TOLERANCE,
     diagnose: bool = True,
     limit: float | None = None,
-    **asked: Unpack[RequestOptions],
+    **launch: Unpack[LaunchOptions],
 ) -> Measurement:
     """Measure the bounce of a pair of the user's own model.
 
@@ -72,7 +73,7 @@ def measure(
     engine: the name of one; None: the first that opens such a model.
     wanted: e to compare with. tolerance: |e - wanted| from which causes are looked for, if `diagnose`.
     limit: s, after which a model in a file counts as hung; None: 60 s, or what the engine takes to compile.
-    asked: speeds, pose and all else of the launches, as `RequestOptions` has them.
+    launch: speeds, pose and all else of the launches, as `LaunchOptions` describes them.
     Raises UserError (and its kinds) with the reason for what cannot be measured, EngineFailed for an engine
     that crashed or hung on it.
     """
@@ -80,7 +81,7 @@ def measure(
     if limit is not None:
         require("limit", limit, 0 < limit <= LONGEST_LIMIT_S, f"above 0 s, up to {LONGEST_LIMIT_S:g} s")
     goal = ConstantRestitution(wanted) if isinstance(wanted, int | float) else wanted
-    return measure_job(Job(model, engine, make_request(pair, **asked), goal, tolerance, diagnose), limit)
+    return measure_job(Job(model, engine, make_request(pair, **launch), goal, tolerance, diagnose), limit)
 
 
 def measure_job(job: Job, limit: float | None = None) -> Measurement:

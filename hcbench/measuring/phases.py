@@ -29,8 +29,8 @@ def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
     """
     if not request.adapt_phases:
         return simulate.impacts_in(model, request.launches())
-    sent = itertools.product(request.speeds, request.angles)
-    wanted = [replace(request, speeds=(v,), angles=(a,)).launches() for v, a in sent]
+    sent = itertools.product(request.speeds, request.angle)
+    wanted = [replace(request, speeds=(v,), angle=(a,)).launches() for v, a in sent]
     # All speeds together in each round, for engines that take as long for many as for one.
     groups = [[impact] for impact in simulate.impacts_in(model, [launches[0] for launches in wanted])]
     short = [i for i, (impact,) in enumerate(groups) if impact.samples < LONG_CONTACT]

@@ -92,10 +92,8 @@ def _arrays(content: bytes) -> dict[str, Any]:
         return {name: arrays[name] for name in arrays.files}
 
 
-def read_direction(text: Any) -> Vector | None:
+def read_direction(text: Any) -> Vector:
     """A unit vector of "above", "-x" or "0,1,1"; where the moving one comes from. Raises QuantityError."""
-    if text is None:
-        return None
     if isinstance(text, str) and text.strip() in _DIRECTIONS:
         return _DIRECTIONS[text.strip()]
     parts = text.split(",") if isinstance(text, str) else list(text)

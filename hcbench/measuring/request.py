@@ -2,103 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any, TypedDict
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Unpack
 
 from hcbench import units
 from hcbench._arguments import checked
 from hcbench.errors import QuantityError, UserError
-from hcbench.impact import Floats
+from hcbench.launch_options import LaunchOptions
 from hcbench.measuring.pose import read_direction, read_joints, read_state
-from hcbench.sim.model_under_test import DEFAULT_PHASES, DEFAULT_SPEEDS, Request, Vector
+from hcbench.sim.model_under_test import Request, Vector
 
 MAX_PHASES = 1000
 MAX_HEIGHT = 1e4  # m
 
 
-class RequestOptions(TypedDict, total=False):
-    """How to launch a pair in a model, as a user writes it: SI numbers, or text with units.
-
-    speeds: launch speeds, m/s or text like "1:20 in/s".
-    phases: how many, or which, of a time step; None: 4, one where they cannot matter, and up to 32 where e
-        scatters over them.
-    timestep: s. gravity: m/s^2, a vector or a number along -z. key: keyframe. height: clearance, m.
-    qpos: joints to start from, "hip=0.3, knee=-30 deg" or a mapping. state: a file with a pose (.npz, JSON).
-    coming_from: where the moving one comes from: "above", "+x", three numbers; None: the nearest way.
-    actuators: False turns them off.
-    angle: from the normal, rad or text like "30, 60 deg": speeds are then along the normal, with tan(angle)
-        times as much along the plate. along: which way, a vector. spin: rad/s, about the axis across that
-        way, with which the body rolls on; or three, about that way, across it, and away from the plate.
-    """
-
-    speeds: Any
-    phases: int | Sequence[float] | None
-    timestep: Any
-    gravity: float | str | Sequence[float | str] | Floats | None
-    key: str | None
-    height: float | str | None
-    qpos: Any
-    state: str | Path | None
-    coming_from: str | Sequence[float | str] | None
-    actuators: bool
-    angle: Any
-    along: Any
-    spin: Any
-
-
 @checked
-def make_request(
-    pair: Sequence[str] | str | None = None,
-    speeds: Any = None,
-    phases: int | Sequence[float] | None = None,
-    timestep: Any = None,
-    gravity: float | str | Sequence[float | str] | Floats | None = None,
-    key: str | None = None,
-    height: float | str | None = None,
-    *,
-    qpos: Any = None,
-    state: str | Path | None = None,
-    coming_from: str | Sequence[float | str] | None = None,
-    actuators: bool = True,
-    angle: Any = None,
-    along: Any = None,
-    spin: Any = None,
-) -> Request:
-    """A request from what a user writes; see `RequestOptions`. Raises QuantityError."""
-    values = DEFAULT_SPEEDS if speeds is None else units.parse_values(speeds, "speed", "speeds", above=0)
-    if len(set(values)) != len(values):
-        raise QuantityError("speeds", f"{speeds!r} has a speed twice", "each speed once")
-    if along is not None and angle is None and spin is None:
-        raise QuantityError("along", f"{along!r}, and nothing oblique", "an angle or a spin beside it")
-    if height is not None and angle is not None:
+def make_request(pair: Sequence[str] | str | None = None, **launch: Unpack[LaunchOptions]) -> Request:
+    """A request from what a user writes, text with units parsed.
+
+    pair: "a,b" or ("a", "b"), the moving one first. launch: as `LaunchOptions` describes it.
+    Raises UserError, and QuantityError for numbers and units.
+    """
+    given: dict[str, Any] = {name: value for name, value in launch.items() if value is not None}
+    if "along" in given and "angle" not in given and "spin" not in given:
+        raise QuantityError(
+            "along", f"{launch['along']!r}, and nothing oblique", "an angle or a spin beside it"
+        )
+    if "height" in given and "angle" in given:
         todo = "It is the angle at touch, of launches; spin goes with a height"
         raise UserError("angle", "given beside height", "one of the two", todo)
-    return Request(
-        pair=_pair(pair),
-        speeds=tuple(float(v) for v in values),
-        phases=_phases(DEFAULT_PHASES if phases is None else phases),
-        timestep=None if timestep is None else units.parse(timestep, "timestep", above=0),
-        gravity=_gravity(gravity),
-        key=None if key is None else str(key),
-        height=_height(height),
-        adapt_phases=phases is None,
-        pose=(*read_state(state), *read_joints(qpos)),
-        coming_from=read_direction(coming_from),
-        actuators=actuators,
-        angles=_angles(angle),
-        along=None if along is None else _direction(along),
-        spin=(0.0, 0.0, 0.0) if spin is None else units.parse_spin(spin),
-    )
+    pose = (*read_state(given.pop("state", None)), *read_joints(given.pop("qpos", None)))
+    fields = {name: _READ[name](value) if name in _READ else value for name, value in given.items()}
+    return Request(pair=_pair(pair), pose=pose, adapt_phases="phases" not in given, **fields)
 
 
-def _angles(angle: Any) -> tuple[float, ...]:
-    if angle is None:
-        return (0.0,)
-    values = units.parse_values(angle, "angle", "angle", least=0.0).tolist()
-    if len(set(values)) != len(values):
-        raise QuantityError("angle", f"{angle!r} has an angle twice", "each angle once")
-    return tuple(values)
+def _each_once(quantity: str, name: str, kind: str, **bounds: float) -> Callable[[Any], tuple[float, ...]]:
+    """Reads several quantities, each given once."""
+
+    def read(given: Any) -> tuple[float, ...]:
+        values = tuple(units.parse_values(given, quantity, name, **bounds).tolist())
+        if len(set(values)) != len(values):
+            raise QuantityError(name, f"{given!r} has {kind} twice", f"each {kind.split()[1]} once")
+        return values
+
+    return read
 
 
 def _direction(along: Any) -> Vector:
@@ -120,17 +67,18 @@ def _pair(pair: Sequence[str] | str | None) -> tuple[str, str] | None:
     return names[0], names[1]
 
 
-def _height(height: Any) -> float | None:
-    if height is None:
-        return None
+def _height(height: Any) -> float:
     clearance = units.parse(height, "length", "height", above=0)
     if clearance > MAX_HEIGHT:
         raise QuantityError("height", f"{clearance:g} m", f"up to {MAX_HEIGHT:g} m")
     return clearance
 
 
-def _phases(phases: int | Sequence[float]) -> tuple[float, ...]:
-    if isinstance(phases, int):
+def _phases(phases: int | str | Iterable[float]) -> tuple[float, ...]:
+    if isinstance(phases, str):
+        text = phases.strip()
+        phases = int(text) if text.isdecimal() else units.parse_values(text, "number", "phases").tolist()
+    if not isinstance(phases, Iterable):
         if not 1 <= phases <= MAX_PHASES:
             raise QuantityError("phases", str(phases), f"1 ... {MAX_PHASES}")
         return tuple((i + 0.5) / phases for i in range(phases))
@@ -140,12 +88,10 @@ def _phases(phases: int | Sequence[float]) -> tuple[float, ...]:
     return values
 
 
-def _gravity(gravity: Any) -> Vector | None:
-    if gravity is None:
-        return None
+def _gravity(gravity: Any) -> Vector:
     if isinstance(gravity, str) and "," in gravity:
         gravity = gravity.split(",")
-    if isinstance(gravity, str | int | float):
+    if isinstance(gravity, str) or not isinstance(gravity, Iterable):
         down = units.parse(gravity, "acceleration", "gravity")
         if not down >= 0:
             raise QuantityError(
@@ -158,3 +104,16 @@ def _gravity(gravity: Any) -> Vector | None:
             "gravity", repr(gravity), "one number along -z, or three", "Write for example 0,0,-9.81"
         )
     return values[0], values[1], values[2]
+
+
+_READ: dict[str, Callable[[Any], Any]] = {
+    "speeds": _each_once("speed", "speeds", "a speed", above=0),
+    "phases": _phases,
+    "timestep": lambda step: units.parse(step, "timestep", above=0),
+    "gravity": _gravity,
+    "height": _height,
+    "coming_from": read_direction,
+    "angle": _each_once("angle", "angle", "an angle", least=0),
+    "along": _direction,
+    "spin": units.parse_spin,
+}

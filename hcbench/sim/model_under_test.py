@@ -37,7 +37,7 @@ class Request:
         "qpos", whole.
     coming_from: unit vector from the other to where the moving one comes from; None: the nearest way.
     actuators: whether the model's actuators hold and push as it says; else they are off.
-    angles: from the normal, rad; each launch is made at each of them. along: the way that oblique launches
+    angle: from the normal, rad; each launch is made at each of them. along: the way that oblique launches
         take, any vector that is not normal to the two; None: x, or y where the normal is along x.
     spin: as `Launch` has it, rad/s.
     adapt_phases: one phase only at speeds where the contact takes so many steps that the phase does not
@@ -55,18 +55,18 @@ class Request:
     coming_from: Vector | None = None
     actuators: bool = True
     adapt_phases: bool = False
-    angles: tuple[float, ...] = (0.0,)
+    angle: tuple[float, ...] = (0.0,)
     along: Vector | None = None
     spin: Vector = (0.0, 0.0, 0.0)
 
     @property
     def is_oblique(self) -> bool:
         """Whether any launch is."""
-        return any(self.angles) or any(self.spin)
+        return any(self.angle) or any(self.spin)
 
     def launches(self) -> list[Launch]:
         """One for each speed, angle and phase, speeds in order."""
-        sent = itertools.product(self.speeds, self.angles, self.phases)
+        sent = itertools.product(self.speeds, self.angle, self.phases)
         return [Launch.at_angle(a, v, p, self.height, self.spin) for v, a, p in sent]
 
 

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from hcbench.cli.check import check
+
 ROOT = Path(__file__).parents[2]
 ACTION = (ROOT / "action.yml").read_text(encoding="utf-8")
 SCRIPT = textwrap.dedent(ACTION.rpartition("run: |\n")[2])
@@ -88,9 +90,14 @@ def test_no_input_is_run(tmp_path: Path) -> None:
     assert not list(tmp_path.rglob("pwned")) + list(Path.cwd().glob("pwned"))
 
 
-def test_every_input_is_used() -> None:
+OWN = {"model", "args", "working-directory", "python-version", "install"}
+
+
+def test_every_input_is_used_and_is_an_option_of_check() -> None:
     declared = re.findall(
         r"^  ([a-z-]+):$", ACTION.partition("inputs:")[2].partition("outputs:")[0], re.MULTILINE
     )
     for name in declared:
         assert f"inputs.{name} " in ACTION, name
+    options = {flag.removeprefix("--") for option in check.params for flag in option.opts}
+    assert set(declared) - OWN <= options

@@ -136,6 +136,26 @@ def test_a_marker_with_a_mistake_says_what_there_is(models: pytest.Pytester) -> 
     result.stdout.fnmatch_lines(["*mark.restitution: speed; expected max_error, speeds*"])
 
 
+def test_the_fixture_and_the_marker_take_every_option_of_launches(models: pytest.Pytester) -> None:
+    models.makepyfile(
+        """
+        import pytest
+        from hcbench.launch_options import OPTIONS
+
+        OBLIQUE = {"angle": "45 deg", "along": "1, 0, 0", "spin": "1 rad/s"}
+        GIVEN = {"coming_from": "above", "actuators": False, **OBLIQUE}
+
+        @pytest.mark.restitution(**dict.fromkeys(OPTIONS))
+        def test_all(restitution):
+            found = restitution("good.xml", "ball,plate", speeds="0.1 m/s", phases=1, **GIVEN).measured()
+            assert found.request.coming_from == (0, 0, 1)
+            assert not found.request.actuators
+            assert found.request.is_oblique
+        """
+    )
+    models.runpytest_subprocess("--strict-markers").assert_outcomes(passed=1)
+
+
 def test_it_works_under_xdist(models: pytest.Pytester) -> None:
     pytest.importorskip("xdist")
     models.makepyfile(

@@ -117,7 +117,7 @@ TUNED: list[tuple[str, str]] = [
 def test_the_tuned_model_bounces_as_tune_says(file: str, pair: str, tmp_path: Path) -> None:
     """At speeds and phases that tune has not seen; the model is written beside no mesh of its own."""
     wanted = Wanted(constant=0.5)
-    found = tune_model(str(found_file(file)), [make_request(pair, [0.3, 1.5])], wanted)
+    found = tune_model(str(found_file(file)), [make_request(pair, speeds=[0.3, 1.5])], wanted)
     (tmp_path / "tuned.xml").write_text(found.written)
     again = measure(tmp_path / "tuned.xml", pair, speeds=[0.35, 0.8, 1.3], phases=5, diagnose=False)
     print(f"{file} {found.name}: e = 0.5 within {found.max_error:.3f}")

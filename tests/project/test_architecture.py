@@ -23,6 +23,7 @@ FLOORS = [
         "errors",
         "units",
         "fields",
+        "launch_options",
         "_arguments",
         "_compile",
         "_files",

@@ -18,8 +18,8 @@ import pytest
 import hcbench
 from hcbench.errors import HcbenchError
 from hcbench.fitting import fit_files
+from hcbench.launch_options import OPTIONS
 from hcbench.laws.published import law_named
-from hcbench.measuring.request import RequestOptions
 from hcbench.scene import Material
 
 ROOT = Path(__file__).parents[2]
@@ -114,7 +114,7 @@ def calls() -> Iterator[tuple[str, str]]:
         for parameter in inspect.signature(resolve(name)).parameters.values():
             if parameter.kind is not parameter.VAR_KEYWORD:
                 yield name, parameter.name
-    for option in RequestOptions.__annotations__:
+    for option in OPTIONS:
         yield "hcbench.measure", option
 
 

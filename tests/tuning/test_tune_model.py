@@ -107,7 +107,7 @@ def test_a_model_that_is_none_is_the_users_mistake(
     """Exit 3 and the bare ValueError of MuJoCo, once."""
     if text is not None:
         (tmp_path / name).write_text(text)
-    request = make_request("ball,floor", [0.1, 1.0])
+    request = make_request("ball,floor", speeds=[0.1, 1.0])
     with pytest.raises(UserError, match=message):
         list(engine("mujoco").model_settings(str(tmp_path / name), [request], Wanted(constant=0.5)))
 
@@ -215,7 +215,7 @@ def stands_at(text: str, body: str) -> Any:
 def test_what_stood_stands_when_all_its_contacts_are_tuned(
     text: str, body: str, pairs: list[str], e: float
 ) -> None:
-    requests = [make_request(pair, [0.5]) for pair in pairs]
+    requests = [make_request(pair, speeds=[0.5]) for pair in pairs]
     found = tune_model(text, requests, Wanted(constant=e), max_error=1.0)
     assert [set(pair.facts.pair) for pair in found.pairs] == [set(pair.split(",")) for pair in pairs]
     before, after = stands_at(text, body), stands_at(found.written, body)
@@ -225,7 +225,9 @@ def test_what_stood_stands_when_all_its_contacts_are_tuned(
 def test_a_humanoid_stands_on_two_rows_a_foot() -> None:
     pairs = ["foot_left,floor", "foot_right,floor"]
     wanted = Wanted(points=((0.3, 0.7), (1.0, 0.5)))
-    found = tune_model(HUMANOID, [make_request(pair, [0.3, 1.0]) for pair in pairs], wanted, max_error=0.15)
+    found = tune_model(
+        HUMANOID, [make_request(pair, speeds=[0.3, 1.0]) for pair in pairs], wanted, max_error=0.15
+    )
     assert found.name == "spring and damper"
     assert found.paste.count('<pair geom1="foot_') == 4
     assert stands_at(found.written, "trunk") == pytest.approx(stands_at(HUMANOID, "trunk"), abs=2e-3)

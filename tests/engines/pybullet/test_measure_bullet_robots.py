@@ -124,7 +124,7 @@ def placed(script: str) -> tuple[list[float], list[float]]:
     end_client()
     make = runpy.run_path(script)["plain"]
     make()
-    with open_world(None, make_request(TIP, [0.5]), make) as world:
+    with open_world(None, make_request(TIP, speeds=[0.5]), make) as world:
         mover = world.place.mover
         assert isinstance(mover, SwingingLink)
         starts = [mover.starts[j] + mover.rates[j] * world.place.travel for j in range(7)]

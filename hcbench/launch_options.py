@@ -1,0 +1,63 @@
+"""How a user describes the launches of a pair: the options, stated once.
+
+`hcbench.measure` takes them as keywords. Derived from here are the options of the commands, the keys of
+[tool.hcbench], and the options of the pytest marker and fixture; `measuring.request.make_request` reads them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, TypedDict, get_args, get_type_hints
+
+
+class Option(NamedTuple):
+    """What a command's help says of an option. flag: of the command line and of files; "": the name's own."""
+
+    help: str
+    flag: str = ""
+    default: Any = None
+
+
+Quantity = float | str  # SI, or text with a unit
+Quantities = float | str | Iterable[float | str]  # also text such as "1:20:8 in/s", and arrays
+
+
+class LaunchOptions(TypedDict, total=False):
+    """How to launch a pair in a model: SI numbers, or text with units. None is the same as left out."""
+
+    speeds: Annotated[Quantities | None, Option("Launch speeds, such as '1:20:8 in/s'.")]
+    phases: Annotated[
+        int | str | Iterable[float] | None,
+        Option("Launch so that contact starts at this many places in a time step, or at these: '0.1, 0.5'."),
+    ]
+    timestep: Annotated[Quantity | None, Option("Time step, in place of the model's own.")]
+    gravity: Annotated[
+        Quantities | None,
+        Option("Gravity along -z, or a vector, in place of the model's own; 0 for none."),
+    ]
+    key: Annotated[str | None, Option("Keyframe to start from.")]
+    height: Annotated[Quantity | None, Option("Clearance to launch from.")]
+    qpos: Annotated[str | Mapping[str, Any] | None, Option("Joints to start from: 'hip=0.3, knee=-30 deg'.")]
+    state: Annotated[str | Path | None, Option("File with a pose to start from (.npz, JSON).")]
+    coming_from: Annotated[
+        str | Iterable[float | str] | None,
+        Option("Side that the first body approaches from: above, +x, or 0,1,1.", flag="from"),
+    ]
+    actuators: Annotated[bool | None, Option("Let actuators act, or turn them off.", default=True)]
+    angle: Annotated[
+        Quantities | None, Option("Launch obliquely, at this angle from the normal: '0, 45, 80 deg'.")
+    ]
+    along: Annotated[Quantities | None, Option("Direction of oblique launches: '0, 1, 0'.")]
+    spin: Annotated[
+        Quantities | None,
+        Option("Spin, such as '40 rad/s', rolling on; or three: along, across, normal."),
+    ]
+
+
+_HINTS = get_type_hints(LaunchOptions, include_extras=True)
+OPTIONS: dict[str, Option] = {
+    name: option._replace(flag=option.flag or name)
+    for name, hint in _HINTS.items()
+    for option in [get_args(hint)[1]]
+}

@@ -1,0 +1,67 @@
+"""The options of launches are stated once: every way to give them takes all of them, and reads them alike."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import hcbench
+from hcbench.checking import CheckSpec, plan
+from hcbench.checking.table import checks_of
+from hcbench.cli.check import check, measure
+from hcbench.launch_options import OPTIONS
+from hcbench.measuring.request import make_request
+from hcbench.sim.model_under_test import Request
+
+GIVEN: dict[str, str | bool] = {
+    "speeds": "4, 8 in/s",
+    "phases": "3",
+    "timestep": "2 ms",
+    "gravity": "0, 0, -1",
+    "key": "home",
+    "height": "1 cm",
+    "qpos": "hip=30 deg",
+    "state": "pose.json",
+    "coming_from": "above",
+    "actuators": False,
+    "angle": "0, 45 deg",
+    "along": "0, 1, 0",
+    "spin": "40 rad/s",
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "pose.json").write_text('{"knee": 0.1}')
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def of_command(command: Any, name: str) -> Request:
+    option = OPTIONS[name]
+    value = [f"--{option.flag}", str(GIVEN[name])] if GIVEN[name] is not False else [f"--no-{option.flag}"]
+    more = ["--angle", "1 deg"] if name == "along" else []
+    options = command.make_context("x", ["m.xml", *value, *more]).params
+    launch = {each: options[each] for each in OPTIONS}
+    return plan(CheckSpec(model="m.xml", **launch)).request
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_a_command_a_file_and_a_call_read_an_option_alike(name: str, folder: Path) -> None:
+    more: dict[str, Any] = {"angle": "1 deg"} if name == "along" else {}
+    launch: dict[str, Any] = {name: GIVEN[name], **more}
+    called = make_request(None, **launch)
+    assert called != Request(adapt_phases=True)
+    keys = "".join(
+        f"{OPTIONS[n].flag} = {str(v).lower() if v is False else repr(v)}\n" for n, v in launch.items()
+    )
+    (folder / "checks.toml").write_text(f"[[check]]\nmodel = 'm.xml'\n{keys}")
+    assert called == of_command(check, name) == of_command(measure, name)
+    assert called == checks_of(folder / "checks.toml")[0].request
+
+
+def test_the_call_names_every_option() -> None:
+    assert set(inspect.get_annotations(hcbench.launch_options.LaunchOptions)) == set(OPTIONS) == set(GIVEN)
