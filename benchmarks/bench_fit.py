@@ -21,8 +21,8 @@ import synthesise as synth
 from hcbench.fitting.candidates import LAWS
 from hcbench.fitting.datasets import Dataset, Heights, TouchTimes
 from hcbench.fitting.estimate import LawFit, fit_law
+from hcbench.fitting.fit import fit
 from hcbench.fitting.pairs import SpeedPairs
-from hcbench.fitting.result import fit
 from hcbench.fitting.setup import Known, MeasurementSetup
 from hcbench.fitting.sound import Recording, find_touches
 from hcbench.fitting.track import track_of

@@ -76,8 +76,8 @@ def fit(
     """
     from hcbench._outputs import write_output
     from hcbench.fitting import force as forces_of
+    from hcbench.fitting.fit import fit as fit_sets
     from hcbench.fitting.read import KINDS, read_dataset, read_force
-    from hcbench.fitting.result import fit as fit_sets
     from hcbench.fitting.text import as_record, as_text, points_text, with_uncertainty
 
     if not files:

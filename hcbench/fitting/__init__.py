@@ -19,8 +19,8 @@ def fit_files(*files: str | Path, setup: MeasurementSetup | None = None, law: st
     by default standard gravity and no drop height. law: "auto", or one that the data follow for certain.
     Raises UserError where the files do not hold enough. The result shows itself in a notebook.
     """
+    from hcbench.fitting.fit import fit
     from hcbench.fitting.read import read_dataset
-    from hcbench.fitting.result import fit
     from hcbench.fitting.setup import MeasurementSetup
 
     known = MeasurementSetup() if setup is None else setup

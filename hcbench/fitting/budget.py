@@ -90,7 +90,7 @@ def _moves(fit: LawFit, sets: Sequence[Dataset], setups: Sequence[MeasurementSet
 def _noise_rows(fit: LawFit, name: str) -> list[BudgetRow]:
     """Scatter, and the noise of measuring: the posterior's spread, divided as their variances divide it."""
     posterior = fit.posterior
-    values = np.array([fit.law.describe(tuple(p), fit.reference)[name] for p in posterior.parameters])
+    values = fit.values(name)
     mean = float(values @ posterior.weight)
     spread = float(np.sqrt((values - mean) ** 2 @ posterior.weight))
     scatter = noise = 0.0

@@ -12,9 +12,11 @@ import numpy as np
 from hcbench.fitting.linear import LinearModel
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from typing import Self
 
     from hcbench.fitting.candidates import FittedCurve
+    from hcbench.fitting.estimate import LawFit
     from hcbench.fitting.flight import Ballistics
     from hcbench.fitting.setup import Known, MeasurementSetup
     from hcbench.fitting.sound import Indices, Picks, Recording
@@ -67,6 +69,10 @@ class Dataset(ABC):
         """What each row of the residual is, where one alone may be measured wrongly; else none."""
         return []
 
+    def doubts(self, fit: LawFit) -> Iterator[str]:
+        """Why the data may not be what they seem, whatever law is fitted: each a reason to give no number."""
+        yield from ()
+
     def with_setup(self, setup: MeasurementSetup) -> Self:
         """The same data under other conditions."""
         return replace(self, setup=setup)  # type: ignore[type-var]
@@ -74,12 +80,14 @@ class Dataset(ABC):
 
 @dataclass(frozen=True, slots=True)
 class BounceTrain:
-    """Flights one after the other. launch: (n,), m/s. by: (n, 1 + q + m), derivatives of each launch speed by
+    """Flights one after the other. launch: (n,), m/s. touch: (m,), speed of each impact, m/s.
 
-    ln of the first speed, the law's parameters, and the relative changes of e.
+    by: (n, 1 + q + m), derivatives of each launch speed by ln of the first speed, the law's parameters, and
+    the relative changes of e.
     """
 
     launch: Floats
+    touch: Floats
     by: Floats
 
 
@@ -92,7 +100,7 @@ def bounce_train(
     """
     q, impacts = curve.count, len(latent)
     count = impacts + (not dropped)
-    launch, by = np.empty(count), np.zeros((count, 1 + q + impacts))
+    launch, touch, by = np.empty(count), np.empty(impacts), np.zeros((count, 1 + q + impacts))
     now, gradient = first, np.zeros(1 + q + impacts)
     gradient[0] = first
     for i in range(count):
@@ -101,6 +109,7 @@ def bounce_train(
             if i:
                 now, slope = ballistics.touch(now)
                 gradient = slope * gradient
+            touch[at] = now
             log_e, over_speed, by_law = curve.local(now)
             gradient = (1.0 + over_speed) / now * gradient
             gradient[1 : 1 + q] += by_law
@@ -108,7 +117,7 @@ def bounce_train(
             now *= math.exp(log_e + latent[at])
             gradient *= now
         launch[i], by[i] = now, gradient
-    return BounceTrain(launch, by)
+    return BounceTrain(launch, touch, by)
 
 
 def drop_prior(setup: MeasurementSetup, own: float) -> tuple[float, float]:
@@ -192,6 +201,7 @@ class TouchTimes(Dataset):
             by_scatter=by[:, 1 + q :],
             shape=np.ones(len(times)),
             prior=prior,
+            speed=train.touch,
         )
 
     def rows(self) -> list[str]:
@@ -274,6 +284,7 @@ class Heights(Dataset):
             by_scatter=by[:, 1 + q :],
             shape=np.ones(len(self.heights)),
             prior=np.array([drop_prior(self.setup, own[0]) if dropped else (0.0, math.inf)]),
+            speed=train.touch,
         )
 
     def touches(self) -> list[str]:

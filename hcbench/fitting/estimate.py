@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _STEPS = 25
 _LONGEST_STEP = 0.5  # in ln e and in ln of a speed
+_BEYOND = 0.05  # how far ln of e may come out above 0: data about 0 lie on both sides of it
 _POINTS, _WIDTH = 121, 8.0  # of the grid over a parameter, and its half width in standard deviations
 _SHARES = 41  # of the loss at the reference speed that goes with α
 
@@ -34,19 +35,25 @@ class Posterior:
 
     def quantiles(self, values: Floats, shares: Sequence[float]) -> list[float]:
         """Of a function of the parameters with these values (g,) on the grid."""
-        order = np.argsort(values, kind="stable")
-        weight = self.weight[order]
-        below = np.cumsum(weight) - 0.5 * weight
-        return [float(q) for q in np.interp(shares, below, values[order])]
+        return quantiles(values, self.weight, shares)
+
+
+def quantiles(values: Floats, weight: Floats, shares: Sequence[float]) -> list[float]:
+    """Of weighted values (g,); the weights add up to 1."""
+    order = np.argsort(values, kind="stable")
+    sorted_weight = weight[order]
+    below = np.cumsum(sorted_weight) - 0.5 * sorted_weight
+    return [float(q) for q in np.interp(shares, below, values[order])]
 
 
 @dataclass(frozen=True, slots=True)
 class LawFit:
     """One law about its most likely parameters.
 
-    own, latent, models, reduced: a data set each; latent: relative changes of each e. log_evidence: ln of the
-    marginal likelihood, parameters and noise integrated out. scatter, noise: the most likely s_e and s_m.
-    beyond: share of the posterior where the law would gain energy, cut off.
+    own, latent, models, reduced: a data set each; latent: relative changes of each e, and in the models
+    divided by `width`, how much wider than s_e each scatters. log_evidence: ln of the marginal likelihood,
+    parameters and noise integrated out. scatter, noise: the most likely s_e and s_m. beyond: share of the
+    posterior where the law would gain energy, cut off.
     """
 
     law: CandidateLaw
@@ -54,6 +61,7 @@ class LawFit:
     parameters: Floats
     own: tuple[Floats, ...]
     latent: tuple[Floats, ...]
+    width: tuple[Floats, ...]
     models: tuple[LinearModel, ...]
     reduced: tuple[Reduced, ...]
     surface: NoiseLikelihood
@@ -68,26 +76,48 @@ class LawFit:
         """e over speed at the most likely parameters."""
         return self.law.curve(tuple(self.parameters), self.reference)
 
+    def measured_off(self) -> list[Floats]:
+        """How far each reading is off the law and its scatter, (n,) a data set, in the data's unit."""
+        return [
+            model.residual - model.by_scatter @ (latent / wide)
+            for model, latent, wide in zip(self.models, self.latent, self.width, strict=True)
+        ]
 
-def fit_law(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> LawFit:
-    """Fit one law. reference: speed in m/s in the middle of the data."""
+    def values(self, name: str) -> Floats:
+        """One of the law's named parameters at each point of the posterior."""
+        points = self.posterior.parameters
+        return np.array([self.law.describe(tuple(p), self.reference)[name] for p in points])
+
+
+def fit_law(
+    law: CandidateLaw, sets: Sequence[Dataset], reference: float, width: Sequence[Floats] | None = None
+) -> LawFit:
+    """Fit one law. reference: speed in m/s in the middle of the data.
+
+    width: per data set (m,), how much wider than s_e each e scatters; None: all alike.
+    """
     parameters = _start(law, sets, reference)
     own = [s.start() for s in sets]
     latent = [np.zeros(len(s.touches())) for s in sets]
+    width = [np.ones(len(one)) for one in latent] if width is None else width
     scatter, noise = 5e-3, [s.known_noise or 0.1 * s.noise_scale for s in sets]
     grid = coarse_grid(sets)
     for step in range(_STEPS):
         curve = law.curve(tuple(parameters), reference)
-        models = [s.linearise(curve, *at) for s, *at in zip(sets, own, latent, strict=True)]
+        plain = [s.linearise(curve, *at) for s, *at in zip(sets, own, latent, strict=True)]
+        models = [replace(m, by_scatter=m.by_scatter * w) for m, w in zip(plain, width, strict=True)]
         reduced = [reduce(m) for m in models]
-        move, hessian = _law_step(reduced, scatter, noise)
+        move, hessian = _law_step(reduced, scatter, noise, _BEYOND - parameters)
         own_moves = [r.own_step(scatter, n, move) for r, n in zip(reduced, noise, strict=True)]
         longest = max(np.abs(move).max(), *(np.abs(m[-1:]).max(initial=0.0) for m in own_moves), 1e-300)
         share = min(1.0, _LONGEST_STEP / longest)
         decrement = float(move @ hessian @ move)
         if decrement < 1e-6 and step > 2:
             break
-        drawn = [r.latent(scatter, n, m, move) for r, n, m in zip(reduced, noise, own_moves, strict=True)]
+        drawn = [
+            wide * r.latent(scatter, n, m, move)
+            for r, n, m, wide in zip(reduced, noise, own_moves, width, strict=True)
+        ]
         latent = [old + share * (new - old) for old, new in zip(latent, drawn, strict=True)]
         parameters = parameters + share * move
         own = [o + share * m for o, m in zip(own, own_moves, strict=True)]
@@ -98,8 +128,8 @@ def fit_law(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> Law
     scatter, noise = best_noise(fine, move)
     posterior, log_evidence, beyond = _posterior(law, parameters, move, hessian, fine)
     return LawFit(
-        law, reference, parameters, tuple(own), tuple(latent), tuple(models), tuple(reduced), fine, posterior,
-        log_evidence, scatter, tuple(noise), beyond,
+        law, reference, parameters, tuple(own), tuple(latent), tuple(width), tuple(models), tuple(reduced),
+        fine, posterior, log_evidence, scatter, tuple(noise), beyond,
     )  # fmt: skip
 
 
@@ -119,15 +149,26 @@ def _start(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> Floa
     return parameters
 
 
-def _law_step(reduced: Sequence[Reduced], scatter: float, noise: Sequence[float]) -> tuple[Floats, Floats]:
-    """δ of the law's parameters where the likelihood is largest, and its second derivatives, negated."""
+def _law_step(
+    reduced: Sequence[Reduced], scatter: float, noise: Sequence[float], room: Floats
+) -> tuple[Floats, Floats]:
+    """δ of the law's parameters where the likelihood is largest, and its second derivatives, negated.
+
+    room: (q,), how far each may rise.
+    """
     q = reduced[0].law
     total = sum(
         one.profile(np.array(scatter), np.array(n))[0][: q + 1, : q + 1]
         for one, n in zip(reduced, noise, strict=True)
     )
     hessian, slope = np.asarray(total)[:q, :q], np.asarray(total)[:q, q]
-    return np.linalg.lstsq(hessian, slope, rcond=1e-12)[0], hessian
+    move = np.linalg.lstsq(hessian, slope, rcond=1e-12)[0]
+    held = move > room
+    if held.any():
+        move, free = np.where(held, room, move), ~held
+        left = slope[free] - hessian[np.ix_(free, held)] @ move[held]
+        move[free] = np.linalg.lstsq(hessian[np.ix_(free, free)], left, rcond=1e-12)[0]
+    return np.minimum(move, room), hessian
 
 
 def _posterior(

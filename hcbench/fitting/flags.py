@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from hcbench.fitting.linear import reduce
 
@@ -50,7 +50,7 @@ def flagged_touches(fit: LawFit, sets: Sequence[Dataset]) -> Iterator[Flag]:
         ]
         directions = np.stack([column for _, _, column in candidates], axis=1)
         gain, size = _gains(fit, i, directions)
-        limit = chi2.isf(_CHANCE / len(candidates), 1)
+        limit = float(chdtri(1, _CHANCE / len(candidates)))
         worst = int(np.argmax(gain))
         if gain[worst] > limit:
             name, what, _ = candidates[worst]
@@ -65,7 +65,8 @@ def _gains(fit: LawFit, i: int, directions: Floats) -> tuple[Floats, Floats]:
     matrix, offset = reduced.profile(scatter, noise)
     q = reduced.law
     law, cross, rest = matrix[..., :q, :q], matrix[..., :q, q:], matrix[..., q:, q:]
-    left = rest - np.swapaxes(cross, -1, -2) @ np.linalg.solve(law, cross)
+    # A law that has no slope where it ends leaves a singular matrix: nothing to eliminate.
+    left = rest - np.swapaxes(cross, -1, -2) @ np.linalg.solve(law + 1e-9 * np.eye(q), cross)
     of_residual = left[..., 0, 0]
     along = np.diagonal(left, axis1=-2, axis2=-1)[..., 1:]
     score = left[..., 0, 1:]

@@ -25,6 +25,7 @@ class LinearModel:
 
     by_scatter: (n, m), D. shape: (n,), standard deviations of the noise of measuring at s_m = 1.
     prior: (p, 2) mean offset and standard deviation of each own parameter, inf where nothing is known.
+    speed: (m,), impact speed in m/s that goes with each column of by_scatter.
     """
 
     residual: Floats
@@ -33,6 +34,7 @@ class LinearModel:
     by_scatter: Floats
     shape: Floats
     prior: Floats
+    speed: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +99,11 @@ class Reduced:
         share = scatter**2 * self.size / (scatter**2 * self.size**2 + noise**2)
         return np.asarray(self.turn.T @ (share * left))
 
+    def latent_variance(self, scatter: float, noise: float) -> Floats:
+        """Variance of each relative change of e, shape (m,), the parameters held fixed."""
+        known = scatter**2 * self.size**2 / (scatter**2 * self.size**2 + noise**2)
+        return np.asarray(scatter**2 * (1.0 - known @ self.turn**2))
+
     def own_step(self, scatter: float, noise: float, law_step: Floats) -> Floats:
         """δ_own that goes with δ_law, both where the likelihood is largest: shape (p,)."""
         normal, _ = self.grams(np.array(scatter), np.array(noise))
@@ -113,7 +120,7 @@ def reduce(model: LinearModel, more: Floats | None = None, offsets: Floats | Non
     p, q = model.by_own.shape[1], model.by_law.shape[1]
     blocks = [model.by_own, model.by_law, model.residual[:, None]] + ([] if more is None else [more])
     columns = np.concatenate(blocks, axis=1) / model.shape[:, None]
-    vectors, size, turn = np.linalg.svd(model.by_scatter / model.shape[:, None], full_matrices=False)
+    vectors, size, turn = _directions(model.by_scatter / model.shape[:, None])
     along = vectors.T @ columns
     across = columns - vectors @ along
     prior = np.zeros((columns.shape[1],) * 2)
@@ -128,3 +135,12 @@ def reduce(model: LinearModel, more: Floats | None = None, offsets: Floats | Non
             constant -= math.log(sd)
     rest = across.T @ across
     return Reduced(size, along, rest, len(columns) - size.size, turn, prior, constant, p, q, len(columns))
+
+
+def _directions(by_scatter: Floats) -> tuple[Floats, Floats, Floats]:
+    """The singular value decomposition; impacts measured one by one have a diagonal matrix, and need none."""
+    n, m = by_scatter.shape
+    size = np.diagonal(by_scatter)
+    if n == m and np.count_nonzero(by_scatter) == np.count_nonzero(size):
+        return np.eye(n), size.copy(), np.eye(n)
+    return np.linalg.svd(by_scatter, full_matrices=False)

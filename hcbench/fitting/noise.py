@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 SCATTER_SCALE = 0.0035  # of e from one impact to the next, its likeliest: 0.1 ... 2 % are seen
 _SPAN = 1e4  # widest range on either side of what is likely
 _FACTOR = math.log(3.0)
-_COARSE, _FINE = 15, 13
+MOST_SCATTER = 1.0  # of e: impacts of bodies that are no balls scatter by a third
+_COARSE, _FINE = 19, 13
 _NEGLIGIBLE = 9.0  # in ln of the density
 
 
@@ -61,7 +62,7 @@ def _log_cell(grid: Floats) -> float:
 
 def coarse_grid(sets: Sequence[Dataset]) -> NoiseGrid:
     """All that is possible."""
-    scatter = np.log(SCATTER_SCALE) + np.linspace(-math.log(_SPAN), math.log(30.0), _COARSE)
+    scatter = np.linspace(math.log(SCATTER_SCALE / _SPAN), math.log(MOST_SCATTER), _COARSE)
     noise = tuple(
         np.log(s.noise_scale) + np.linspace(-math.log(_SPAN), math.log(100.0), _COARSE)
         if s.known_noise is None

@@ -81,6 +81,7 @@ class SpeedPairs(Dataset):
             by_scatter=np.eye(n),
             shape=np.maximum(shape, 1e-9),
             prior=np.zeros((0, 2)),
+            speed=self.speed,
         )
 
     def touches(self) -> list[str]:

@@ -11,11 +11,14 @@ import numpy as np
 from hcbench._text import table
 from hcbench.fitting.candidates import LAWS
 from hcbench.fitting.datasets import TouchTimes
-from hcbench.fitting.result import WITH_E0
+from hcbench.fitting.estimate import quantiles
+from hcbench.fitting.estimates import ENDS, estimate_of
+from hcbench.fitting.which_law import FAMILY, WITH_E0
 
 if TYPE_CHECKING:
     from hcbench.fitting.estimate import LawFit
-    from hcbench.fitting.result import Estimate, FitResult
+    from hcbench.fitting.estimates import Estimate
+    from hcbench.fitting.result import FitResult
     from hcbench.impact import Floats
 
 SCHEMA = 1
@@ -40,10 +43,20 @@ def speeds_over(result: FitResult, count: int) -> Floats:
 
 
 def band(result: FitResult, count: int = _BAND_POINTS) -> tuple[Floats, Floats, Floats, Floats]:
-    """Speeds, e of the law chosen or likeliest, and its 95 % band: four arrays (count,)."""
-    fit = result.best
+    """Speeds, e of the law chosen or likeliest, and its 95 % band: four arrays (count,).
+
+    The band spans the law with and without e0 where that is open.
+    """
     speeds = speeds_over(result, count)
-    estimate = {"hunt-crossley": result.alpha, "constant": result.restitution}.get(fit.law.name)
+    each = [_band_of(fit, speeds) for fit in result.curves]
+    middle = each[[fit is result.best for fit in result.curves].index(True)][1]
+    low, high = np.min([one[0] for one in each], axis=0), np.max([one[2] for one in each], axis=0)
+    wider = _wider(result)  # by what g, height and the like add, and by what drops differ
+    return speeds, middle, middle - wider * (middle - low), np.minimum(middle + wider * (high - middle), 1.0)
+
+
+def _band_of(fit: LawFit, speeds: Floats) -> Floats:
+    """2.5 %, 50 % and 97.5 % of e at each speed: (3, n)."""
     keep = fit.posterior.weight > 1e-4 * fit.posterior.weight.max()
     curves = np.array(
         [
@@ -51,21 +64,20 @@ def band(result: FitResult, count: int = _BAND_POINTS) -> tuple[Floats, Floats, 
             for p in fit.posterior.parameters[keep]
         ]
     )
-    kept = dataclasses.replace(
-        fit.posterior, weight=fit.posterior.weight[keep] / fit.posterior.weight[keep].sum()
-    )
-    low, middle, high = np.array([kept.quantiles(curves[:, i], (0.025, 0.5, 0.975)) for i in range(count)]).T
-    if estimate is not None and estimate.value > 0:  # what g, height and the like add
-        wider = (estimate.high - estimate.low) / max(_width(result, fit), 1e-300)
-        low, high = middle - wider * (middle - low), middle + wider * (high - middle)
-    return speeds, middle, low, np.minimum(high, 1.0)
+    weight = fit.posterior.weight[keep] / fit.posterior.weight[keep].sum()
+    return np.array([quantiles(column, weight, ENDS) for column in curves.T]).T
 
 
-def _width(result: FitResult, fit: LawFit) -> float:
-    name = result.budget.parameter if fit.law.name != "constant" else "restitution"
-    values = np.array([fit.law.describe(tuple(p), fit.reference)[name] for p in fit.posterior.parameters])
-    low, high = fit.posterior.quantiles(values, (0.025, 0.975))
-    return high - low
+def _wider(result: FitResult) -> float:
+    """How much wider the interval given is than the posterior's."""
+    is_constant = result.best.law.name == "constant"
+    estimate = result.restitution if is_constant else result.alpha
+    name = "restitution" if is_constant else "alpha"
+    if estimate is None or (not is_constant and result.best.law.name not in FAMILY):
+        return 1.0
+    ends = [estimate_of(fit, name) for fit in result.curves]
+    width = max(one.high for one in ends) - min(one.low for one in ends)
+    return (estimate.high - estimate.low) / max(width, 1e-300)
 
 
 def limit_of(result: FitResult) -> float:
@@ -95,12 +107,12 @@ def headline(result: FitResult) -> dict[str, str]:
     low, high = result.speeds
     count = sum(len(s.pairs()[0]) for s in result.sets)
     rows = {"data": ", ".join(f"{s.name}: {s.kind}" for s in result.sets) + f"; {count} impacts"}
-    rows["law"] = result.law or "cannot tell: several laws are left, below"
-    if result.asked != "auto":
-        rows["law"] += ", as asked for"
+    rows["law"] = _law_row(result)
     if result.alpha is not None:
         a, on = result.alpha, "" if result.law else ", if it is hunt-crossley"
         rows["α"] = _shown(a, " s/m") + on
+    if result.between is not None:
+        rows["between drops"] = f"they differ by {100 * result.between:.2g} %, included above"
     if result.e0 is not None:
         e0 = result.e0
         on = "" if result.law == WITH_E0 else ", if there is one"
@@ -117,6 +129,16 @@ def headline(result: FitResult) -> dict[str, str]:
     )
     rows["found"] = f"e scatters by {100 * best.scatter:.2g} %" + (f"; measured to {noise}" if noise else "")
     return rows
+
+
+def _law_row(result: FitResult) -> str:
+    if result.law:
+        return result.law + (", as asked for" if result.asked != "auto" else "")
+    if result.doubts:
+        return "cannot tell: " + "; ".join(result.doubts)
+    if result.lack.is_certain:
+        return f"none of these laws ({odds_text(result.lack.odds)}): {result.lack.shape}"
+    return "cannot tell: several laws are left, below"
 
 
 def _shown(estimate: Estimate, unit: str = "") -> str:
@@ -167,7 +189,7 @@ def next_lines(result: FitResult, engine: str) -> list[str]:
     """What to type next."""
     low, high = result.speeds
     limit = limit_of(result)
-    if result.law == "hunt-crossley" and result.alpha is not None:
+    if result.is_plain and result.alpha is not None:
         what = check = f'--alpha "{with_uncertainty(result.alpha.value, result.alpha.uncertainty)} s/m"'
     elif result.law == "constant" and result.restitution is not None:
         what = check = f"--restitution {result.restitution.value:.6g}"
@@ -193,6 +215,8 @@ def as_record(result: FitResult) -> dict[str, Any]:
         "files": [{"name": s.name, "kind": s.kind, "impacts": len(s.pairs()[0])} for s in result.sets],
         "law": result.law,
         "law_asked": result.asked,
+        "doubts": list(result.doubts),
+        "odds_none_of_these_laws": result.lack.odds,
         "alpha_s_per_m": alpha and alpha.value,
         "alpha_standard_uncertainty_s_per_m": alpha and alpha.uncertainty,
         "alpha_interval_95_s_per_m": alpha and [alpha.low, alpha.high],
@@ -215,6 +239,15 @@ def as_record(result: FitResult) -> dict[str, Any]:
             }
             for fit, odds in zip(result.fits, result.odds, strict=True)
         ],
+        "drops": [
+            {
+                "file": drop.name,
+                "doubts": list(drop.doubts),
+                "alpha": drop.alpha and dataclasses.asdict(drop.alpha),
+            }
+            for drop in result.drops
+        ],
+        "between_drops": result.between,
         "flagged": [dataclasses.asdict(flag) for flag in result.flags],
         "warnings": list(result.warnings),
         "budget": dataclasses.asdict(result.budget),

@@ -113,6 +113,7 @@ class Track(Dataset):
             by_scatter=by[:, 1 + q :],
             shape=np.ones(len(path)),
             prior=np.array(prior),
+            speed=train.touch,
         )
 
     def touches(self) -> list[str]:
@@ -202,10 +203,9 @@ def scale_warnings(fit: LawFit, sets: Sequence[Dataset]) -> list[str]:
     What the fit leaves of each flight is a parabola then, whatever the law.
     """
     found = []
-    for s, latent, model, noise in zip(sets, fit.latent, fit.models, fit.noise, strict=True):
+    for s, left, noise in zip(sets, fit.measured_off(), fit.noise, strict=True):
         if not isinstance(s, Track):
             continue
-        left = model.residual - model.by_scatter @ latent
         weights, values = [1e-300], [0.0]
         for a, b in itertools.pairwise([-math.inf, *s.touch_times]):
             at = (s.times > a) & (s.times < b)

@@ -64,11 +64,11 @@ def _residual_figure(result: FitResult) -> Figure:
     figure = new_figure(6.4, 3.4)
     upper, lower = figure.subplots(2, 1)
     fit = result.best
-    for i, (s, latent, model, noise) in enumerate(
-        zip(result.sets, fit.latent, fit.models, fit.noise, strict=True)
+    for i, (s, latent, model, off_law, noise) in enumerate(
+        zip(result.sets, fit.latent, fit.models, fit.measured_off(), fit.noise, strict=True)
     ):
         style = {"linestyle": "none", "marker": "o", "color": COLOURS[i % len(COLOURS)], "markersize": 3.5}
-        left = (model.residual - model.by_scatter @ latent) / (noise * model.shape)
+        left = off_law / (noise * model.shape)
         off = latent if s.needs_gravity else model.residual  # single impacts are their own readings
         upper.plot(100.0 * off, label=s.name, **style)
         lower.plot(np.clip(left, -10, 10), **style)

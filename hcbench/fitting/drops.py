@@ -1,0 +1,114 @@
+"""Several drops of one ball: each has an α of its own, which scatters about the material's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import ndtr
+
+from hcbench.fitting.estimates import COVERAGE, ENDS, Estimate
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.impact import Floats
+
+_BETWEEN = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 60)])  # grid of the scatter between drops
+_SCALE = 0.05  # of its half-Cauchy prior
+_ODD = 4.0  # standard deviations from the others at which a file is named
+_LEAST_OTHERS = 2
+_LOWEST = 1e-2  # of a value: the lower end of an interval that reaches 0
+
+
+@dataclass(frozen=True, slots=True)
+class Drops:
+    """What all drops share. Over a grid of the scatter between drops τ, (t,): share: its posterior.
+
+    mean, sd: (t,), of ln of the shared value at each τ.
+    """
+
+    share: Floats
+    mean: Floats
+    sd: Floats
+
+    @property
+    def between(self) -> float:
+        """By which share of the value the drops differ, its posterior mean."""
+        return float(self.share @ _BETWEEN)
+
+    def estimate(self, inputs: float = 0.0) -> Estimate:
+        """The shared value. inputs: relative standard uncertainty that all drops have in common."""
+        low, middle, high = np.exp(_quantiles(self.share, self.mean, np.hypot(self.sd, inputs)))
+        mean = float(self.share @ self.mean)
+        spread = float(self.share @ (self.sd**2 + (self.mean - mean) ** 2)) + inputs**2
+        return Estimate(float(middle), float(middle * np.sqrt(spread)), float(low), float(high))
+
+
+def shared_value(each: Sequence[Estimate]) -> Drops:
+    """In ln of the value drop k is N(μ, s_k² + τ²), μ flat, τ half-Cauchy: a random effect for each."""
+    x, s = _logs(each)
+    log_likelihood, mean, sd = _over_between(x, s)
+    return Drops(_shares(log_likelihood + _prior()), mean, sd)
+
+
+def odd_drops(each: Sequence[Estimate]) -> list[tuple[int, float]]:
+    """Drops that do not go with the others: their place, and how many standard deviations they are off."""
+    x, s = _logs(each)
+    found = []
+    for k in range(len(each)):
+        others = np.arange(len(each)) != k
+        if others.sum() < _LEAST_OTHERS:
+            break
+        log_likelihood, mean, sd = _over_between(x[others], s[others])
+        share = _shares(log_likelihood + _prior())
+        middle, between = float(share @ mean), float(share @ _BETWEEN)
+        variance = float(share @ (sd**2 + (mean - middle) ** 2))
+        off = float((x[k] - middle) / np.sqrt(s[k] ** 2 + between**2 + variance))
+        if abs(off) > _ODD:
+            found.append((k, off))
+    return sorted(found, key=lambda one: -abs(one[1]))[:1]
+
+
+def ratio(one: Sequence[Estimate], other: Sequence[Estimate]) -> Estimate:
+    """The ratio of two materials' values, each from its drops; both have the same scatter between drops."""
+    (log_one, mean_one, sd_one), (log_other, mean_other, sd_other) = (
+        _over_between(*_logs(each)) for each in (one, other)
+    )
+    share = _shares(log_one + log_other + _prior())
+    low, middle, high = np.exp(_quantiles(share, mean_one - mean_other, np.hypot(sd_one, sd_other)))
+    return Estimate(float(middle), float((high - low) / (2.0 * COVERAGE)), float(low), float(high))
+
+
+def _logs(each: Sequence[Estimate]) -> tuple[Floats, Floats]:
+    """ln of each drop's value and its standard deviation, from the value and its interval."""
+    x = np.log([e.value for e in each])
+    s = np.array([np.log(e.high / max(e.low, _LOWEST * e.value)) / (2.0 * COVERAGE) for e in each])
+    return x, np.maximum(s, 1e-9)
+
+
+def _over_between(x: Floats, s: Floats) -> tuple[Floats, Floats, Floats]:
+    """ln of the likelihood of each τ with μ integrated out, and mean and standard deviation of μ there."""
+    weight = 1.0 / (s**2 + _BETWEEN[:, None] ** 2)
+    total = weight.sum(axis=1)
+    mean = (weight * x).sum(axis=1) / total
+    log_likelihood = 0.5 * np.log(weight).sum(axis=1) - 0.5 * np.log(total)
+    log_likelihood -= 0.5 * (weight * (x - mean[:, None]) ** 2).sum(axis=1)
+    return log_likelihood, mean, total**-0.5
+
+
+def _prior() -> Floats:
+    return np.asarray(np.log(np.gradient(_BETWEEN)) - np.log1p((_BETWEEN / _SCALE) ** 2))
+
+
+def _shares(log_density: Floats) -> Floats:
+    density = np.exp(log_density - log_density.max())
+    return np.asarray(density / density.sum())
+
+
+def _quantiles(share: Floats, mean: Floats, sd: Floats) -> Floats:
+    """2.5 %, 50 % and 97.5 % of a mixture of normal distributions."""
+    at = np.linspace((mean - 8 * sd).min(), (mean + 8 * sd).max(), 4001)
+    below = (share[:, None] * ndtr((at - mean[:, None]) / sd[:, None])).sum(axis=0)
+    return np.interp(ENDS, below, at)

@@ -1,0 +1,268 @@
+"""Every law fitted to the data sets, the law chosen among them, and what keeps a result from being given."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.errors import UserError
+from hcbench.fitting.budget import error_budget
+from hcbench.fitting.candidates import LAWS
+from hcbench.fitting.drops import odd_drops, shared_value
+from hcbench.fitting.estimate import fit_law
+from hcbench.fitting.estimates import alpha_of, estimate_of
+from hcbench.fitting.flags import flagged_touches
+from hcbench.fitting.lack_of_fit import LackOfFit, lack_of_fit
+from hcbench.fitting.noise import MOST_SCATTER
+from hcbench.fitting.outliers import MOST_OUTLIERS, doubted_impacts, scatter_widths
+from hcbench.fitting.result import DropResult, FitResult
+from hcbench.fitting.table import computed
+from hcbench.fitting.track import scale_warnings
+from hcbench.fitting.which_law import FAMILY, PLAIN, WITH_E0, chosen_law, laws_left, odds_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.fitting.datasets import Dataset
+    from hcbench.fitting.estimate import LawFit
+    from hcbench.fitting.estimates import Estimate
+    from hcbench.fitting.flags import Flag
+    from hcbench.impact import Floats
+
+_SHOWN = 4  # impacts named in a warning
+_GAINS = 0.999  # share of the posterior at e > 1 from which on the data cannot be right
+
+
+def fit(sets: Sequence[Dataset], law: str = "auto") -> FitResult:
+    """Fit data sets of one pair of bodies: the law is common to all, and α scatters from one set to the next.
+
+    law: a name in LAWS, or "auto" to try all. Raises UserError where the data cannot be right.
+    """
+    if not isinstance(law, str) or law not in ("auto", *LAWS):
+        raise UserError("law", f"{law!r:.80}", f"one of: auto, {', '.join(LAWS)}")
+    if not sets:
+        raise UserError("files", "none given", "a file of measured bounces")
+    with computed(sets[0].name):
+        return _fit(sets, law)
+
+
+@dataclass(frozen=True, slots=True)
+class _Fitted:
+    """All laws on some data sets. impacts: those that count little, where outliers were looked for."""
+
+    sets: Sequence[Dataset]
+    fits: dict[str, LawFit]
+    widths: Sequence[Floats]
+    flags: tuple[Flag, ...]
+    impacts: tuple[str, ...]
+
+    @property
+    def evidence(self) -> dict[str, float]:
+        return {name: one.log_evidence for name, one in self.fits.items()}
+
+    @property
+    def likeliest(self) -> LawFit:
+        return max(self.fits.values(), key=lambda one: one.log_evidence)
+
+
+def _fitted(sets: Sequence[Dataset], reference: float) -> _Fitted:
+    """Normal scatter first; where an impact stands out, that of a t distribution."""
+    fits = {name: fit_law(law, sets, reference) for name, law in LAWS.items()}
+    if not all(math.isfinite(one.log_evidence) for one in fits.values()):
+        raise UserError(sets[0].name, "no law comes near the data", "bounces of one ball on one plate")
+    best = max(fits.values(), key=lambda one: one.log_evidence)
+    flags = tuple(flagged_touches(best, sets))
+    if not any(flag.what == "bounced off" for flag in flags):
+        return _Fitted(sets, fits, best.width, flags, ())
+    widths = scatter_widths(LAWS[WITH_E0], sets, reference)
+    impacts = doubted_impacts(sets, widths)
+    if len(impacts) > MOST_OUTLIERS * sum(len(wide) for wide in widths):  # no outliers, but another curve
+        return _Fitted(sets, fits, best.width, flags, ())
+    fits = {name: fit_law(law, sets, reference, widths) for name, law in LAWS.items()}
+    return _Fitted(sets, fits, widths, flags, tuple(impacts))
+
+
+def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
+    speeds = np.concatenate([s.pairs()[0] for s in sets])
+    reference = float(np.exp(np.log(speeds).mean()))
+    each = [_fitted([s], reference) for s in sets]
+    whole = each[0] if len(each) == 1 else _together(sets, each, reference)
+    _require_loss(sets, whole)
+    evidence = whole.evidence
+    lack = _lack(each)
+    drops = tuple(_drop(one, evidence) for one in each)
+    doubts = drops[0].doubts if len(drops) == 1 else _doubts_of_all(drops)
+    chosen = law if law != "auto" else chosen_law(evidence)
+    if law == "auto" and (doubts or lack.is_certain):
+        chosen = None
+    fits = sorted(whole.fits.values(), key=lambda one: -one.log_evidence)
+    odds = odds_of(evidence)
+    result = FitResult(
+        sets=tuple(sets),
+        asked=law,
+        law=chosen,
+        fits=tuple(fits),
+        odds=tuple(odds[one.law.name] for one in fits),
+        alpha=None,
+        e0=None,
+        restitution=None,
+        speeds=(float(speeds.min()), float(speeds.max())),
+        budget=error_budget(_of_alpha(whole, chosen), sets),
+        flags=tuple(flag for one in each for flag in one.flags),
+        lack=lack,
+        warnings=(*_warnings(whole, each), *scale_warnings(whole.likeliest, sets)),
+        doubts=doubts,
+        drops=drops if len(drops) > 1 else (),
+    )
+    return result if not chosen and (doubts or lack.is_certain) else _with_numbers(result, whole, each)
+
+
+def _together(sets: Sequence[Dataset], each: Sequence[_Fitted], reference: float) -> _Fitted:
+    """The curve of all files at once; evidence: the product over files, each with its parameters."""
+    widths = [wide for one in each for wide in one.widths]
+    fits = {
+        name: replace(
+            fit_law(law, sets, reference, widths),
+            log_evidence=sum(one.fits[name].log_evidence for one in each),
+        )
+        for name, law in LAWS.items()
+    }
+    return _Fitted(sets, fits, widths, (), ())
+
+
+def _require_loss(sets: Sequence[Dataset], whole: _Fitted) -> None:
+    """Raises UserError where bounces gain energy beyond doubt."""
+    if whole.fits["constant"].beyond > _GAINS:
+        got = "the bounces gain energy: e comes out above 1"
+        expected = "bounces that lose some"
+        raise UserError(sets[0].name, got, expected, "Look at --gravity, --height and the units of the file")
+
+
+def _lack(each: Sequence[_Fitted]) -> LackOfFit:
+    """Of all files: the product of their odds, and the shape in the file that asks for it most."""
+    found = [_lack_of_one(one) for one in each]
+    log_odds = sum(math.log(max(one.odds, 1e-300)) for one in found)
+    return LackOfFit(math.exp(min(log_odds, 700.0)), max(found, key=lambda one: one.odds).shape)
+
+
+def _lack_of_one(one: _Fitted) -> LackOfFit:
+    """Against the law that lacks least of those that are left.
+
+    The law with e0 counts only where it is the likeliest: its linear form would bend upwards, the law cannot.
+    """
+    best = one.likeliest.law.name
+    names = {best, *(laws_left(one.evidence) - {WITH_E0})}
+    return min((lack_of_fit(one.fits[name], one.sets) for name in names), key=lambda lack: lack.odds)
+
+
+def _of_alpha(whole: _Fitted, chosen: str | None) -> LawFit:
+    """The fit whose α is given: of the law chosen, else of the likelier of those with and without e0."""
+    if chosen in (PLAIN, WITH_E0):
+        return whole.fits[chosen]
+    return max((whole.fits[PLAIN], whole.fits[WITH_E0]), key=lambda one: one.log_evidence)
+
+
+def _drop(one: _Fitted, evidence: dict[str, float]) -> DropResult:
+    """One file by itself."""
+    (s,) = one.sets
+    doubts = tuple(s.doubts(one.likeliest))
+    if doubts:
+        return DropResult(s.name, None, None, doubts)
+    alpha = _own_alpha(one, None, evidence)
+    return DropResult(s.name, alpha, estimate_of(one.fits["constant"], "restitution"), ())
+
+
+def _own_alpha(one: _Fitted, chosen: str | None, evidence: dict[str, float], inputs: float = 0.0) -> Estimate:
+    """α of one file, by the law chosen, or by those with and without e0 that all files together leave."""
+    if chosen in (PLAIN, WITH_E0):
+        return estimate_of(one.fits[chosen], "alpha", inputs)
+    left = laws_left({name: evidence[name] for name in (PLAIN, WITH_E0)})
+    if len(left) == 1:
+        return estimate_of(one.fits[left.pop()], "alpha", inputs)
+    return alpha_of(one.fits[PLAIN], one.fits[WITH_E0], inputs)
+
+
+def _doubts_of_all(drops: Sequence[DropResult]) -> tuple[str, ...]:
+    """Empty where at least one file can be used."""
+    if any(not drop.doubts for drop in drops):
+        return ()
+    return tuple(f"{drop.name}: {doubt}" for drop in drops for doubt in drop.doubts)
+
+
+def _with_numbers(result: FitResult, whole: _Fitted, each: Sequence[_Fitted]) -> FitResult:
+    """α, e0 and e of the laws that are chosen, or left where none is."""
+    chosen, left = result.law, laws_left(whole.evidence)
+    evidence = whole.evidence
+
+    def has(*names: str) -> bool:
+        return chosen in names or (chosen is None and bool(left & set(names)))
+
+    inputs = result.budget.of_inputs
+    used = [
+        one for one, drop in zip(each, result.drops or (None,), strict=True) if drop is None or drop.alpha
+    ]
+    between, odd = None, []
+    alpha = restitution = e0 = None
+    if has(*FAMILY) and len(each) == 1:
+        alpha = _own_alpha(whole, chosen, evidence, inputs)
+    elif has(*FAMILY):
+        own = [_own_alpha(one, chosen, evidence) for one in used]
+        drops = shared_value(own)
+        at = drops.estimate().value
+        alpha, between = drops.estimate(inputs / at if at else 0.0), drops.between
+        odd = [(used[k].sets[0].name, off) for k, off in odd_drops(own)]
+    if has(*FAMILY[1:]):
+        e0 = estimate_of(whole.fits[WITH_E0], "e0")
+    if has("constant"):
+        restitution, share, off_e = _constant(whole, used)
+        if between is None:
+            between, odd = share, off_e
+    return replace(
+        result,
+        alpha=alpha,
+        e0=e0,
+        restitution=restitution,
+        between=between,
+        warnings=(*result.warnings, *(_odd_one(name, off) for name, off in odd)),
+    )
+
+
+def _constant(
+    whole: _Fitted, used: Sequence[_Fitted]
+) -> tuple[Estimate, float | None, list[tuple[str, float]]]:
+    """e of a constant, by which share of 1 - e the files differ, and those that do not go with the others."""
+    inputs = error_budget(whole.fits["constant"], whole.sets).of_inputs
+    if len(whole.sets) == 1:
+        return estimate_of(whole.fits["constant"], "restitution", inputs), None, []
+    lost = [_lost(estimate_of(one.fits["constant"], "restitution")) for one in used]
+    drops = shared_value(lost)
+    at = drops.estimate().value
+    found = _lost(drops.estimate(inputs / at if at else 0.0))
+    return found, drops.between, [(used[k].sets[0].name, off) for k, off in odd_drops(lost)]
+
+
+def _lost(e: Estimate) -> Estimate:
+    """1 - e."""
+    return replace(e, value=1.0 - e.value, low=1.0 - e.high, high=1.0 - e.low)
+
+
+def _odd_one(name: str, off: float) -> str:
+    side = "above" if off > 0 else "below"
+    return f"{name} does not go with the other files: {abs(off):.1f} standard deviations {side} them"
+
+
+def _warnings(whole: _Fitted, each: Sequence[_Fitted]) -> list[str]:
+    found = []
+    for one in each:
+        if one.impacts:
+            shown = ", ".join(one.impacts[:_SHOWN])
+            more = f" and {len(one.impacts) - _SHOWN} more" if len(one.impacts) > _SHOWN else ""
+            found.append(f"these impacts scatter far more than the others and count little: {shown}{more}")
+        if len(each) > 1 and (doubts := list(one.sets[0].doubts(one.likeliest))):
+            found.append(f"{one.sets[0].name} is left out: {doubts[0]}")
+    if whole.likeliest.scatter > 0.9 * MOST_SCATTER:
+        found.append(f"e scatters by {100 * MOST_SCATTER:.0f} % or more, the end of what is tried")
+    return found

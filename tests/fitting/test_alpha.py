@@ -1,0 +1,116 @@
+"""α from measured bounces: unbiased, with intervals that hold."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from measured_bounces import EXACT, G, synthesise, times_of, trials, write
+
+from hcbench.fitting import fit_files
+from hcbench.fitting.datasets import Heights, TouchTimes
+from hcbench.fitting.fit import fit
+from hcbench.fitting.pairs import SpeedPairs
+from hcbench.fitting.setup import Known, MeasurementSetup
+
+
+@pytest.mark.parametrize(("alpha", "rms"), [(0.05, 0.03), (0.2, 0.018), (1.0, 0.014)])
+def test_times_give_alpha_and_an_interval_that_holds(alpha: float, rms: float) -> None:
+    law = synthesise.hunt_crossley(alpha)
+    error, held = trials(lambda seed: TouchTimes("t", EXACT, times_of(law, seed)), alpha)
+    assert error < rms
+    assert held >= 0.87
+
+
+def test_timing_alone_leaves_next_to_no_error() -> None:
+    law = synthesise.hunt_crossley(0.2)
+    make = lambda seed: TouchTimes("t", EXACT, times_of(law, seed, timing=5e-5, scatter=0.0))  # noqa: E731
+    error, held = trials(make, 0.2, 15)
+    assert error < 5e-4
+    assert held == 1.0
+
+
+@pytest.mark.parametrize(("alpha", "rms"), [(0.05, 0.006), (0.3, 0.01), (1.0, 0.03)])
+def test_heights_give_alpha(alpha: float, rms: float) -> None:
+    law, setup = synthesise.hunt_crossley(alpha), MeasurementSetup(gravity=G, height=Known(0.3, 1e-6))
+
+    def make(seed: int) -> Heights:
+        rng = np.random.default_rng(seed)
+        return Heights("h", setup, synthesise.bounce_heights(law, 0.3, 1e-3, 0.0, rng))
+
+    error, held = trials(make, alpha)
+    assert error < 1.3 * rms
+    assert held >= 0.87
+
+
+@pytest.mark.parametrize("alpha", [0.05, 0.5])
+@pytest.mark.parametrize("twice", [False, True])
+def test_pairs_give_alpha(alpha: float, twice: bool) -> None:
+    law = synthesise.hunt_crossley(alpha)
+
+    def make(seed: int) -> SpeedPairs:
+        rng = np.random.default_rng(seed)
+        v = rng.uniform(0.1, 2.0, 20)
+        e = np.array([law(s) for s in v]) * (1 + 0.005 * rng.standard_normal(20))
+        read = v * (1 + 0.01 * rng.standard_normal(20))
+        if twice:  # v_out has an error of its own
+            e = e * v * (1 + 0.01 * rng.standard_normal(20)) / read
+            return SpeedPairs("p", EXACT, read, e, 0.01 * read, 0.01 * e, twice=True)
+        return SpeedPairs("p", EXACT, read, e, 0.01 * read, np.zeros(20))
+
+    assert trials(make, alpha)[1] >= 0.87
+
+
+def test_one_drop_height_more_narrows_the_interval() -> None:
+    times = times_of(synthesise.hunt_crossley(0.3), 1)
+    without = fit([TouchTimes("t", EXACT, times)], "hunt-crossley")
+    given = fit(
+        [TouchTimes("t", MeasurementSetup(gravity=G, height=Known(0.3, 1e-3)), times)], "hunt-crossley"
+    )
+    assert without.alpha is not None and given.alpha is not None
+    assert given.alpha.uncertainty < without.alpha.uncertainty
+
+
+def test_alpha_goes_as_one_over_g_and_the_budget_says_so() -> None:
+    times = times_of(synthesise.hunt_crossley(0.3), 1)
+    at = [
+        fit([TouchTimes("t", MeasurementSetup(gravity=Known(g, 0.05)), times)], "hunt-crossley")
+        for g in (9.80665, 9.9)
+    ]
+    assert at[0].alpha is not None and at[1].alpha is not None
+    assert at[0].alpha.value / at[1].alpha.value == pytest.approx(9.9 / 9.80665, rel=1e-6)
+    (row,) = (row for row in at[0].budget.rows if row.source == "gravity")
+    assert row.share == pytest.approx(at[0].alpha.value * 0.05 / 9.80665, rel=0.02)
+
+
+def test_drag_that_is_left_out_makes_a_table_tennis_ball_lossy() -> None:
+    ball: Any = {"mass": Known(2.7e-3), "diameter": Known(0.04), "drag_coefficient": Known(0.47)}
+    fly = lambda w: synthesise.flight_in_air(w, 2.7e-3, 0.04, 0.47)  # noqa: E731
+    rng, times = np.random.default_rng(0), [0.0]
+    speed = MeasurementSetup(gravity=G, **ball).ballistics.dropped(0.3)[0]
+    for _, _, aloft in synthesise.flights(synthesise.hunt_crossley(0.1), 0.3, 0.0, rng, fly, speed):
+        times.append(times[-1] + aloft)
+        if len(times) == 15:
+            break
+    in_a_vacuum = fit([TouchTimes("t", EXACT, np.array(times))], "hunt-crossley").alpha
+    in_air = fit(
+        [TouchTimes("t", MeasurementSetup(gravity=G, **ball), np.array(times))], "hunt-crossley"
+    ).alpha
+    assert in_a_vacuum is not None and in_air is not None
+    assert in_air.value == pytest.approx(0.1, rel=1e-4)
+    assert in_a_vacuum.value == pytest.approx(0.1055, rel=0.01)
+
+
+def test_a_fit_shows_itself_in_a_notebook(tmp_path: Path) -> None:
+    times = times_of(synthesise.hunt_crossley(0.3), 1)
+    path = write(tmp_path, "time [s]\n" + "\n".join(f"{t:.6f}" for t in times), "<b>.csv")
+    found = fit_files(path, setup=EXACT)
+    assert found.alpha is not None
+    shown = found._repr_html_()
+    assert f"{found.alpha.value:.3f}" in shown and "&lt;b&gt;.csv" in shown and "<b>" not in shown
+    (axes,) = found.plot().axes
+    law, data = (np.asarray(line.get_xydata()) for line in axes.lines)
+    assert len(data) == len(times) - 2
+    assert np.interp(1.0, *law.T) == pytest.approx(synthesise.hunt_crossley(0.3)(1.0), abs=0.01)

@@ -1,0 +1,92 @@
+"""Forces over time and over penetration."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from measured_bounces import write
+from scipy.integrate import solve_ivp
+
+from hcbench.cli import run
+
+K, N, ALPHA, MASS = 3e7, 1.5, 0.3, 0.45
+
+
+def pushed(speed: float, alpha: float = ALPHA) -> tuple[np.ndarray, ...]:
+    """(time, penetration, rate, force) of one impact of eq. (16), by an ODE."""
+
+    def rate(t: float, y: np.ndarray) -> list[float]:
+        return [y[1], -K * max(y[0], 0.0) ** N * (1 + 1.5 * alpha * y[1]) / MASS]
+
+    done = solve_ivp(rate, (0, 4e-3), [0.0, speed], rtol=1e-10, atol=1e-13, max_step=1e-5, dense_output=True)
+    t = np.arange(0.0, 4e-3, 1e-5)
+    x, v = np.asarray(done.sol(t))  # type: ignore[misc]
+    f = K * np.maximum(x, 0.0) ** N * (1 + 1.5 * alpha * v)
+    return t, x, v, np.where(x > 0, f, 0.0)
+
+
+def test_force_over_time_gives_stiffness_exponent_and_alpha(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    *_, f = pushed(0.8)
+    rng, off = np.random.default_rng(1), []
+    for _ in range(5):
+        noisy = 12.0 + np.concatenate([np.zeros(300), f]) + 4e-3 * f.max() * rng.standard_normal(300 + len(f))
+        at = 1e3 * np.arange(len(noisy)) * 1e-5
+        rows = "\n".join(f"{a:.5f},{b:.4f}" for a, b in zip(at, noisy, strict=True))
+        path = write(tmp_path, f"time [ms],force [N]\n{rows}\n")
+        assert run(["fit", path, "--mass", "0.45 kg", "--speed", "0.8 m/s", "--json"]) == 0
+        found = json.loads(capsys.readouterr().out)
+        off.append(
+            [
+                found["alpha_s_per_m"] / ALPHA - 1,
+                found["exponent"] - N,
+                math.log(found["stiffness_n_per_m_n"] / K),
+            ]
+        )
+        assert found["law"] == "hunt-crossley"
+    assert (np.sqrt(np.mean(np.square(off), axis=0)) < [0.02, 0.03, 0.3]).all()
+    assert run(["fit", path]) == 2
+    assert "mass" in capsys.readouterr().err
+    assert run(["fit", path, "--mass", "0.45 kg", "--speed", "0.3 m/s"]) == 2
+    assert "impulse" in capsys.readouterr().err
+
+
+def test_force_over_penetration_gives_stiffness_exponent_and_alpha(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng, rows = np.random.default_rng(1), []
+    for speed in (0.4, 0.8, 1.2):
+        _, x, v, f = (column[::3] for column in pushed(speed))
+        rows += [
+            f"{1e6 * (a + 2e-6 * rng.standard_normal()):.4f},{b:.6f},{c + rng.standard_normal():.4f}"
+            for a, b, c in zip(x, v, f, strict=True)
+            if a > 0
+        ]
+    path = write(tmp_path, "penetration [um],rate [m/s],force [N]\n" + "\n".join(rows))
+    assert run(["fit", path, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["alpha_s_per_m"] == pytest.approx(ALPHA, rel=0.03)
+    assert found["exponent"] == pytest.approx(N, abs=0.03)
+    low, high = found["alpha_interval_95_s_per_m"]
+    assert low < ALPHA < high
+    assert run(["fit", path, "--exponent", "1.5"]) == 0
+    assert "hcbench tune" in capsys.readouterr().out
+
+
+LOOP = "penetration [um],rate [m/s],force [N]\n" + "".join(
+    f"{10 * math.sin(0.05 * i):.6g},{0.5 * math.cos(0.05 * i):.6g},{{force}}\n" for i in range(1, 60)
+)
+
+
+def test_forces_that_are_no_contact_are_no_law(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One and the same force at each depth is an exponent of 0, which no law has: no line to type next."""
+    (tmp_path / "a.csv").write_text(LOOP.format(force=1000))
+    assert run(["fit", str(tmp_path / "a.csv")]) == 0
+    out = capsys.readouterr().out
+    assert "not eq. (16)" in out
+    assert "next:" not in out

@@ -1,0 +1,67 @@
+"""Touches heard in recordings."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from measured_bounces import synthesise, wav
+
+from hcbench.cli import run
+from hcbench.errors import UserError
+from hcbench.fitting.sound import Recording, find_touches
+
+
+@pytest.mark.parametrize("surface", synthesise.SURFACES)
+def test_touches_are_heard(surface: str) -> None:
+    rng = np.random.default_rng(1)
+    for decibels in (50, 40, 30):
+        sound, at = synthesise.drop_recording(
+            synthesise.hunt_crossley(0.3), 0.4, 3e-3, surface, decibels, rng, seconds=4.0
+        )
+        picks = find_touches(Recording("r", sound, 44100))
+        heard = at[picks.numbers]
+        assert len(heard) >= len(at) - 10
+        off = picks.times - heard
+        assert np.abs(off - np.median(off)).max() < 3e-3
+        assert np.median(np.abs(off - np.median(off))) < 2e-5
+
+
+@pytest.mark.parametrize("kind", ["8", "16", "24", "float", "stereo"])
+def test_all_kinds_of_wav_are_read(tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str) -> None:
+    sound, _ = synthesise.drop_recording(
+        synthesise.hunt_crossley(0.5), 0.3, 3e-3, "stone", 45, np.random.default_rng(2), 0.05
+    )
+    path = str(wav(tmp_path / "drop.wav", kind, sound))
+    assert run(["fit", path, "--json", "--touches", "1:6"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    low, high = found["alpha_interval_95_s_per_m"]
+    assert low < 0.5 < high
+    assert found["files"][0]["impacts"] == 4
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("drop.m4a", b"\0\0\0 ftypM4A \xff\xfe", "ffmpeg -i drop.m4a drop.wav"),
+        ("drop.wav", b"RIFF\0\0\0\0WAVEjunk", "cannot be read as WAV"),
+        ("data.zip", b"PK\3\4\xff\xfe", "Unpack"),
+        ("data.bin", b"\xff\xfe\0\1", "neither UTF-8 text nor a WAV"),
+    ],
+)
+def test_what_is_no_sound_is_one_line_and_exit_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, content: bytes, says: str
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    assert run(["fit", str(tmp_path / name)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert says in line
+
+
+def test_noise_has_no_train_of_bounces() -> None:
+    noise = synthesise.pink_noise(100_000, np.random.default_rng(0)) * 0.1
+    with pytest.raises(UserError, match=r"train of bounces|touches"):
+        picks = find_touches(Recording("n", noise, 44100))
+        assert len(picks.times) > 3, "touches"
