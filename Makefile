@@ -1,4 +1,4 @@
-# Two commands do everything: `make report` and `make test`. Both make their own environment.
+# The two main commands are `make report` and `make test`. Both make their own environment.
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
@@ -23,17 +23,17 @@ test-random: $(INSTALLED)  ## the tests of properties, with a thousand random ex
 test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyproject.toml allows
 	$(LOWEST)/bin/python -m pytest -n 2 --dist worksteal
 
-test-models: $(MODELS)/.installed  ## 40 models that others wrote, from their packages (docs/explanation/models.md)
+test-models: $(MODELS)/.installed  ## 47 models that others wrote, from their packages (docs/explanation/models.md)
 	HCBENCH_MODELS=1 $(MODELS)/bin/python -m pytest -n 2 tests/measuring/test_models_from_outside.py
 
-test-engines: $(INSTALLED)  ## all engines from the package index, each in an environment of its own
+test-engines: $(INSTALLED)  ## tests of all engines from the package index, each in an environment of its own
 	HCBENCH_DATA=$(abspath $(ENGINES)) $(BIN)/hcbench engines add mujoco@3.3.0 mujoco@3.6.0 \
 	  $$($(BIN)/python -c "from hcbench.sim.install import names; print(*names())")
 	HCBENCH_ENGINES=$(abspath $(ENGINES)) $(BIN)/python -m pytest -n 2 --dist loadgroup \
 	  tests/sim/test_engines_from_index.py tests/engines/test_mjx_warp.py tests/sim/test_newton.py tests/sim/test_physx_opensim.py \
 	  tests/reporting/test_field.py
 
-bench: $(INSTALLED)  ## every speed claim, side by side with what others do; the table in benchmarks/README.md
+bench: $(INSTALLED)  ## every speed claim, measured against the alternatives; updates benchmarks/README.md
 	$(BIN)/python -m pytest benchmarks/bench_reference.py benchmarks/bench_engines.py benchmarks/bench_commands.py \
 	  --benchmark-json=benchmarks/last.json
 	$(BIN)/python benchmarks/table.py benchmarks/last.json
@@ -50,7 +50,7 @@ format: $(INSTALLED)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-lock:  ## refresh the locked dependencies, the newest for development and the lowest allowed
+lock:  ## refresh the locked dependencies: the newest for development, and the lowest allowed
 	$(COMPILE) --custom-compile-command "make lock" --output-file requirements-dev.txt
 	$(COMPILE) --custom-compile-command "make lock" --resolution lowest-direct \
 	  --output-file requirements-lowest.txt

@@ -103,7 +103,7 @@ def pybullet_bounces(paste: str, launches: Any, friction: float) -> list[Bounce]
         world[name] = pybullet.createMultiBody(mass, made, useMaximalCoordinates=True)
     exec("\n".join(line for line in paste.splitlines() if "loadURDF" not in line), world)
     pybullet.setGravity(0, 0, -G)
-    h, ball, found = pybullet.getPhysicsEngineParameters()["fixedTimeStep"], world["ball"], []
+    h, ball, bounces = pybullet.getPhysicsEngineParameters()["fixedTimeStep"], world["ball"], []
     for speed, phase, slip in launches:
         z, sticking = radius + (1 + phase) * h * speed, MASS * slip / 3.5
         pybullet.resetBasePositionAndOrientation(ball, [0, 0, z], [0, 0, 0, 1])
@@ -117,6 +117,6 @@ def pybullet_bounces(paste: str, launches: Any, friction: float) -> list[Bounce]
             down = up
         sliding = friction * MASS * (up - down + G * h)
         asked = min(sliding, sticking)
-        found.append(Bounce(-up / down, abs(MASS * (slip - along) - asked) / sliding))
+        bounces.append(Bounce(-up / down, abs(MASS * (slip - along) - asked) / sliding))
     pybullet.disconnect(client)
-    return found
+    return bounces

@@ -83,12 +83,12 @@ def searched(method: Callable[[StepLoop], None], wanted: Any, timestep: float, b
 
 def methods() -> dict[str, Callable[[StepLoop], None]]:
     """mujoco.sysid where it is installed, and SciPy."""
-    found = {"scipy differential_evolution, Python step loop": by_evolution}
+    candidates = {"scipy differential_evolution, Python step loop": by_evolution}
     try:
         from mujoco import sysid
 
         sysid.optimize  # noqa: B018 - there only with the extra installed
     except (ImportError, AttributeError):
         print('mujoco.sysid is left out: pip install "mujoco[sysid]"')
-        return found
-    return {"mujoco.sysid optimize, Python step loop": by_sysid, **found}
+        return candidates
+    return {"mujoco.sysid optimize, Python step loop": by_sysid, **candidates}

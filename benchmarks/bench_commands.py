@@ -99,20 +99,20 @@ def test_two_jobs_over_one(beside: Any, tmp_path: Path) -> None:
 
 def test_memory_of_a_sweep(benchmark: Any) -> None:
     """Peak memory, its processes' together: proportional set size, so that shared pages count once."""
-    impacts, told = os.environ.get("HCBENCH_BENCH_IMPACTS", "1_000_000"), []
+    impacts, peaks = os.environ.get("HCBENCH_BENCH_IMPACTS", "1_000_000"), []
 
     def run() -> None:
         alone = subprocess.run(
             [sys.executable, __file__, impacts], check=True, capture_output=True, text=True
         )
-        told.append(float(alone.stdout))
+        peaks.append(float(alone.stdout))
 
     benchmark.pedantic(run, rounds=1)
     seconds = benchmark.stats.stats.min / int(impacts)
     benchmark.extra_info.update(
         what=f"memory of a sweep of {int(impacts):,} impacts, two jobs",
         unit="MiB",
-        seconds={"hcbench": max(told)},
+        seconds={"hcbench": max(peaks)},
         also=f"{seconds * 1e6:.0f} µs an impact",
         must="1024 MiB",
         aim="300 MiB",

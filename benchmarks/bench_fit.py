@@ -41,15 +41,15 @@ TRUTHS = {
 }
 
 
-def row(what: str, must: str, found: str) -> None:
-    print(f"| {what} | {must} | {found} |", flush=True)
+def row(what: str, must: str, measured: str) -> None:
+    print(f"| {what} | {must} | {measured} |", flush=True)
 
 
-def interval(found: LawFit) -> list[float]:
+def interval(law_fit: LawFit) -> list[float]:
     """2.5 %, 50 % and 97.5 % of α."""
-    points = found.posterior.parameters
-    alpha = np.array([found.law.describe(tuple(p), found.reference)["alpha"] for p in points])
-    return found.posterior.quantiles(alpha, (0.025, 0.5, 0.975))
+    points = law_fit.posterior.parameters
+    alpha = np.array([law_fit.law.describe(tuple(p), law_fit.reference)["alpha"] for p in points])
+    return law_fit.posterior.quantiles(alpha, (0.025, 0.5, 0.975))
 
 
 def of(data: Dataset) -> list[float]:
@@ -57,8 +57,8 @@ def of(data: Dataset) -> list[float]:
     return interval(fit_law(LAWS["hunt-crossley"], [data], reference))
 
 
-def summary(truth: float | Sequence[float], found: Sequence[list[float]]) -> str:
-    low, middle, high = np.array(found).T
+def summary(truth: float | Sequence[float], intervals: Sequence[list[float]]) -> str:
+    low, middle, high = np.array(intervals).T
     off, held = middle / truth - 1, (low <= truth) & (truth <= high)
     return f"{100 * off.mean():+.2f} / {100 * np.sqrt((off**2).mean()):.3g} % / {held.mean():.3f}"
 
@@ -102,7 +102,7 @@ def tracks(alpha: float, frames: float) -> Make:
 
 def sound(recordings: int) -> None:
     false = missed = heard = 0
-    truth, found, exact, slowest = [], [], [], 0.0
+    truth, intervals, exact, slowest = [], [], [], 0.0
     for i, surface in enumerate(synth.SURFACES):
         for decibels in (50.0, 40.0, 30.0):
             rng = np.random.default_rng(100 * i + int(decibels))
@@ -121,40 +121,40 @@ def sound(recordings: int) -> None:
                 heard += int(good.sum())
                 missed += int(np.ptp(nearest[good])) + 1 - len(set(nearest[good]))
                 truth.append(alpha)
-                found.append(of(TouchTimes("r", EXACT, picks.times, picks.numbers, picks)))
+                intervals.append(of(TouchTimes("r", EXACT, picks.times, picks.numbers, picks)))
                 exact.append(of(TouchTimes("r", EXACT, at[np.unique(nearest)], np.unique(nearest))))
     row(
         "sound, 4 surfaces x 3 noise levels: false touches; missed inside",
         "0; 3 of 3000",
         f"{false}; {missed} of {heard}",
     )
-    row("sound: α median; worst; coverage", "0.5 %; 1.7 %; .93", of_sound(truth, found))
+    row("sound: α median; worst; coverage", "0.5 %; 1.7 %; 0.93", of_sound(truth, intervals))
     row("the same drops, each touch timed exactly", "", of_sound(truth, exact))
     row("sound: the slowest recording of 5 s", "1 s", f"{slowest:.2f} s")
 
 
-def of_sound(truth: Sequence[float], found: Sequence[list[float]]) -> str:
-    low, middle, high = np.array(found).T
+def of_sound(truth: Sequence[float], intervals: Sequence[list[float]]) -> str:
+    low, middle, high = np.array(intervals).T
     off, held = np.abs(middle / truth - 1), (low <= truth) & (truth <= high)
     return f"{100 * np.median(off):.2f} %; {100 * off.max():.2f} %; {held.mean():.3f} of {len(held)}"
 
 
 def laws(timing: float, scatter: float, most: int, trials: int) -> str:
-    told = wrong = likeliest = count = 0
+    decided = wrong = likeliest = count = 0
     rng = np.random.default_rng(7)
     for name, law in TRUTHS.items():
         for _ in range(-(-trials // len(TRUTHS))):
             data = synth.touch_times(law, 0.3, timing, scatter, rng, most)
             if len(data) < 4:
                 continue
-            found = fit([TouchTimes("t", EXACT, data)])
+            fitted = fit([TouchTimes("t", EXACT, data)])
             kind = name.partition(" ")[0]
             count += 1
-            told += (found.law or "").startswith(kind)
-            wrong += found.law is not None and not found.law.startswith(kind)
-            likeliest += found.fits[0].law.name.startswith(kind)
-    left = count - told - wrong
-    return f"told {told}, left open {left}, wrong {wrong} of {count}; likeliest right {likeliest}"
+            decided += (fitted.law or "").startswith(kind)
+            wrong += fitted.law is not None and not fitted.law.startswith(kind)
+            likeliest += fitted.fits[0].law.name.startswith(kind)
+    left = count - decided - wrong
+    return f"decided {decided}, left open {left}, wrong {wrong} of {count}; likeliest right {likeliest}"
 
 
 def main() -> None:
@@ -166,17 +166,25 @@ def main() -> None:
     print(f"{n} trials a cell. α: bias / rms / coverage of the 95 % interval\n")
     print("| what | must | is |\n|---|---|---|")
     for alpha, rms in ((0.05, 2.0), (0.2, 1.2), (0.5, 1.2), (1.0, 1.2)):
-        must = f"0.2 / {rms:g} % / .92 ... .97"
-        cell(f"times, .2 ms, .5 %, α {alpha:g}", must, alpha, times(alpha, 2e-4, 5e-3), n)
+        must = f"0.2 / {rms:g} % / 0.92 ... 0.97"
+        cell(f"times, 0.2 ms, 0.5 %, α {alpha:g}", must, alpha, times(alpha, 2e-4, 5e-3), n)
     cell(
-        "times, .2 ms, .5 %, α 0.2, 9 touches", "0.2 / 1.2 % / .92 ... .97", 0.2, times(0.2, 2e-4, 5e-3, 9), n
+        "times, 0.2 ms, 0.5 %, α 0.2, 9 touches",
+        "0.2 / 1.2 % / 0.92 ... 0.97",
+        0.2,
+        times(0.2, 2e-4, 5e-3, 9),
+        n,
     )
-    cell("timing only, 50 µs, α 0.2", "rms .05 %", 0.2, times(0.2, 5e-5, 0.0), n)
+    cell("timing only, 50 µs, α 0.2", "rms 0.05 %", 0.2, times(0.2, 5e-5, 0.0), n)
     for alpha, rms in ((0.05, 0.6), (0.3, 1.0), (1.0, 3.0)):
-        cell(f"heights ± 1 mm from .3 m, α {alpha:g}", f"rms {rms:g} %", alpha, heights(alpha), 4 * n)
+        cell(f"heights ± 1 mm from 0.3 m, α {alpha:g}", f"rms {rms:g} %", alpha, heights(alpha), 4 * n)
     for alpha in (0.05, 0.3, 1.0):
         cell(
-            f"pairs, 20, scatter .005, v to 1 %, α {alpha:g}", "coverage .93 ... .97", alpha, pairs(alpha), n
+            f"pairs, 20, scatter 0.005, v to 1 %, α {alpha:g}",
+            "coverage 0.93 ... 0.97",
+            alpha,
+            pairs(alpha),
+            n,
         )
     sound(asked.recordings)
     for timing, scatter in ((5e-5, 2e-3), (2e-4, 5e-3)):
@@ -185,13 +193,13 @@ def main() -> None:
     row("law, six touches, 1 ms, 1 %", "wrong under 1 %", laws(1e-3, 1e-2, 6, n))
     for frames in (60.0, 240.0):
         for alpha in (0.1, 0.4, 1.0):
-            what = f"track, {frames:g} frames/s, 1 mm, .4 %, α {alpha:g}"
+            what = f"track, {frames:g} frames/s, 1 mm, 0.4 %, α {alpha:g}"
             cell(what, "rms 1.2 %", alpha, tracks(alpha, frames), n)
     data = times(0.05, 2e-4, 2e-3, 30)(np.random.default_rng(1))
     fit([data])
     start = time.process_time()
     fit([data])
-    row("one fit of 30 touches, all laws", ".2 s", f"{time.process_time() - start:.2f} s")
+    row("one fit of 30 touches, all laws", "0.2 s", f"{time.process_time() - start:.2f} s")
 
 
 if __name__ == "__main__":

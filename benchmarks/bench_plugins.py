@@ -139,7 +139,7 @@ def drift(seconds: float) -> Iterator[Claim]:
     """A stack of five boxes at rest."""
     upright = np.outer(scenes.RADIUS * (2 * np.arange(5) + 1), [0, 0, 1])
     for h in (1e-3, 2e-3, 5e-3):
-        for law, who in ((scenes.HALF, "e = .5"), (None, "native")):
+        for law, who in ((scenes.HALF, "e = 0.5"), (None, "native")):
             seen = scenes.run(scenes.stack(5, h, law), seconds)
             made = bullet_scenes.stack(5, h, law)
             made.step(round(seconds / h))

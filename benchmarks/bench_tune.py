@@ -62,10 +62,10 @@ class Case:
     def paste(self) -> str:
         return snippet(self.tuned().setting, "plane")
 
-    def found(self) -> tuple[float, float]:
+    def largest_errors(self) -> tuple[float, float]:
         """Largest errors of e and of friction in the plain engine."""
         _judged.append(self)
-        return _found(self)
+        return _largest_errors(self)
 
 
 @cache
@@ -74,7 +74,7 @@ def _tuned(case: Case) -> Tuned:
 
 
 @cache
-def _found(case: Case) -> tuple[float, float]:
+def _largest_errors(case: Case) -> tuple[float, float]:
     return max_errors(mujoco_model(case.paste()), case)
 
 
@@ -105,16 +105,16 @@ def case(
 
 def falling() -> Iterator[Row]:
     for h, most, sliding in ((1e-3, 0.022, 0.03), (2e-3, 0.04, 0.045), (5e-3, 0.065, 0.08)):
-        at = f"MuJoCo native e(v), {1e3 * h:g} ms, .1 ... 3 m/s, α .315 s/m"
-        yield at, f"{most}", f"{case(timestep=h).found()[0]:.4f}"
-        e, friction = case(timestep=h, friction=MU).found()
-        yield f"{at}, μ .5, slip to 3 m/s: e; friction", f"{sliding}; .05", f"{e:.4f}; {friction:.4f}"
+        at = f"MuJoCo native e(v), {1e3 * h:g} ms, 0.1 ... 3 m/s, α 0.315 s/m"
+        yield at, f"{most}", f"{case(timestep=h).largest_errors()[0]:.4f}"
+        e, friction = case(timestep=h, friction=MU).largest_errors()
+        yield f"{at}, μ 0.5, slip to 3 m/s: e; friction", f"{sliding}; 0.05", f"{e:.4f}; {friction:.4f}"
     for alpha, most in ((0.05, 0.042), (0.1, 0.0215), (0.165, 0.0261), (0.3, 0.031)):
-        yield f"the same at 2 ms, α {alpha} s/m", f"{most}", f"{case(alpha).found()[0]:.4f}"
-    e = case(points=RUBBER).found()[0]
+        yield f"the same at 2 ms, α {alpha} s/m", f"{most}", f"{case(alpha).largest_errors()[0]:.4f}"
+    e = case(points=RUBBER).largest_errors()[0]
     yield "the same through five --points of rubber", "0.0276", f"{e:.4f}"
-    e = case(band=(0.0254, 0.508)).found()[0]
-    yield "the same, α .315 s/m, 1 ... 20 in/s (calm at rest)", "0.0711", f"{e:.4f}"
+    e = case(band=(0.0254, 0.508)).largest_errors()[0]
+    yield "the same, α 0.315 s/m, 1 ... 20 in/s (calm at rest)", "0.0711", f"{e:.4f}"
 
 
 def resting() -> Iterator[Row]:
@@ -135,21 +135,25 @@ def resting() -> Iterator[Row]:
 
 def constant() -> Iterator[Row]:
     one = case(points=((0.3, 0.9),), friction=MU, band=(0.3, 3.0), recipe="compliant")
-    e, friction = one.found()
-    yield "constant e = .9, 2 ms, .3 ... 3 m/s, μ .5: e; friction", ".06; .04", f"{e:.4f}; {friction:.4f}"
+    e, friction = one.largest_errors()
+    yield (
+        "constant e = 0.9, 2 ms, 0.3 ... 3 m/s, μ 0.5: e; friction",
+        "0.06; 0.04",
+        f"{e:.4f}; {friction:.4f}",
+    )
     target = case(points=((0.1, 0.9),), timestep=1 / 240, friction=MU).target
     setting = tune("pybullet", target, SCENE, "restitution").setting
     bounces = pybullet_bounces(snippet(setting, "plane"), at_random(*BAND), MU)
     e, friction = max(abs(b.e - 0.9) for b in bounces), max(b.friction for b in bounces)
-    what = "PyBullet restitution, 1/240 s, μ .5, read by the speed the step starts with: e; friction"
+    what = "PyBullet restitution, 1/240 s, μ 0.5, read by the speed the step starts with: e; friction"
     yield what, "1e-6", f"{e:.1e}; {friction:.1e}"
 
 
 def printed() -> Iterator[Row]:
     """Over all that was judged until now; e and friction within the same share."""
-    pairs = [(one.found(), one.tuned().evaluation) for one in set(_judged)]
-    shares = [found[0] / said.max_error for found, said in pairs]
-    rubbing = [found[1] / said.friction_error for found, said in pairs if found[1] > 0]
+    pairs = [(one.largest_errors(), one.tuned().evaluation) for one in set(_judged)]
+    shares = [errors[0] / said.max_error for errors, said in pairs]
+    rubbing = [errors[1] / said.friction_error for errors, said in pairs if errors[1] > 0]
     within = f"{max(shares):.3f}; {max(rubbing):.3f} (least {min(shares):.2f}; {min(rubbing):.2f})"
     yield "worst found here over what tune prints: e; friction", "1.1; 1.1", within
     start = time.process_time()
@@ -167,7 +171,7 @@ def searches(budget: float) -> None:
     for name in (NATIVE, "compliant", "impulse", "soft"):
         start = time.process_time()
         try:
-            error = case(recipe=name).found()[0]
+            error = case(recipe=name).largest_errors()[0]
         except SettingError as refused:
             print(f"| hcbench {name} | - | - | {refused} |")
             continue

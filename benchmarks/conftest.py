@@ -16,7 +16,7 @@ Beside = Callable[..., dict[str, float]]  # `measure`, below
 
 @pytest.fixture
 def beside(benchmark: Any) -> Beside:
-    """Measures candidates beside each other: seconds each, the least of all rounds, for one of `per`.
+    """Measures candidates side by side: seconds each, the least of all rounds, for one of `per`.
 
     The last candidate is ours; the ratios are the others' times over its. must, aim: what the first ratio
     should be.
@@ -37,10 +37,10 @@ def beside(benchmark: Any) -> Beside:
         def all_in_turn() -> None:
             for name, run in candidates.items():
                 began = time.perf_counter()
-                told = run()
+                result = run()
                 took = time.perf_counter() - began
                 seconds[name].append(
-                    told if isinstance(told, float) else took
+                    result if isinstance(result, float) else took
                 )  # its own clock's, if it has one
 
         benchmark.pedantic(all_in_turn, rounds=rounds, warmup_rounds=1)

@@ -29,21 +29,21 @@ def readable(value: float, unit: str) -> str:
 
 def rows(results: dict[str, Any]) -> list[str]:
     """A row for each candidate; ours with the ratio to what it is measured against."""
-    found = ["| what | who | takes | others / hcbench | must | aim |", "|---|---|---|---|---|---|"]
+    lines = ["| what | who | takes | others / hcbench | must | aim |", "|---|---|---|---|---|---|"]
     for one in results["benchmarks"]:
-        told = one["extra_info"]
+        info = one["extra_info"]
         own = (
-            told["seconds"]["hcbench"] if "hcbench" in told["seconds"] else list(told["seconds"].values())[-1]
+            info["seconds"]["hcbench"] if "hcbench" in info["seconds"] else list(info["seconds"].values())[-1]
         )
-        for i, (name, value) in enumerate(told["seconds"].items()):
-            last = i == len(told["seconds"]) - 1
+        for i, (name, value) in enumerate(info["seconds"].items()):
+            last = i == len(info["seconds"]) - 1
             ratio = "" if last else f"{value / own:.3g}"
-            marks = (told["must"], told["aim"]) if i == 0 else ("", "")
-            takes = readable(value, told["unit"]) + (f" ({told['also']})" if "also" in told else "")
-            found.append(
-                f"| {told['what'] if i == 0 else ''} | {name} | {takes} | {ratio} | {marks[0]} | {marks[1]} |"
+            marks = (info["must"], info["aim"]) if i == 0 else ("", "")
+            takes = readable(value, info["unit"]) + (f" ({info['also']})" if "also" in info else "")
+            lines.append(
+                f"| {info['what'] if i == 0 else ''} | {name} | {takes} | {ratio} | {marks[0]} | {marks[1]} |"
             )
-    return found
+    return lines
 
 
 def history(results: dict[str, Any]) -> pd.DataFrame:

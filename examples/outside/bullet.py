@@ -25,7 +25,7 @@ def drop() -> World:
 
 
 def wall() -> World:
-    """bulletphysics/bullet3 issue 3094, "Sticky walls": a ball that flies at a wall and stays there."""
+    """bulletphysics/bullet3 issue 3094, "Sticky walls": a ball that is thrown at a wall and stays there."""
     return _wall(settled=False)
 
 
