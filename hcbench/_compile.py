@@ -32,8 +32,8 @@ class NotCompiled(CannotRun):
     """No compiled library here; the message says why."""
 
     def __init__(self, reason: str) -> None:
-        todo = 'Or try: pip install "hcbench[plugin]"'
-        super().__init__("contact plug-ins", reason, "a C compiler, such as cc, gcc or clang", todo)
+        advice = 'Or try: pip install "hcbench[plugin]"'
+        super().__init__("contact plug-ins", reason, "a C compiler, such as cc, gcc or clang", advice)
 
 
 def compiler() -> list[str]:
@@ -52,7 +52,7 @@ def compiler() -> list[str]:
 
 
 def _private(folder: Path) -> bool:
-    """Whether `folder` exists, is ours alone and takes files: nobody else may leave a library there."""
+    """Whether `folder` exists, is writable, and by this user alone: no other may leave a library there."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         status = folder.stat()
@@ -62,7 +62,7 @@ def _private(folder: Path) -> bool:
 
 
 def _is_ours(status: os.stat_result) -> bool:
-    """Whether a file or folder belongs to this user, and nobody else may write to it."""
+    """Whether a file or folder belongs to this user, and no other user may write to it."""
     return not hasattr(os, "getuid") or (status.st_uid == os.getuid() and not status.st_mode & 0o022)
 
 
@@ -98,7 +98,7 @@ def _compile(command: list[str], target: Path) -> None:
         if run.returncode:
             last = (run.stderr.strip().splitlines() or ["no message"])[-1]
             raise NotCompiled(f"{command[0]} failed: {last}")
-        built.chmod(0o755)  # whatever the umask: what others may write is not loaded
+        built.chmod(0o755)  # regardless of the umask: a file that others may write is not loaded
         digest = _digest(built).encode()
         with built.open("rb+") as file:  # or a machine that stops now has a name without content
             os.fsync(file.fileno())

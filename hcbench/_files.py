@@ -60,7 +60,7 @@ def _no_nan(content: Any) -> Any:
 
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
-    """A file of at most `most` bytes; OSError for a longer one, whatever size it says it has."""
+    """A file of at most `most` bytes; OSError for a longer one, regardless of the size that it states."""
     with path.open("rb") as file:
         content = file.read(most + 1)
     if len(content) > most:

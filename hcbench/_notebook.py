@@ -1,4 +1,4 @@
-"""Results that show themselves: as HTML in a notebook, and as a figure of matplotlib's."""
+"""Results that display themselves: as HTML in a notebook, and as a figure of matplotlib's."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ if TYPE_CHECKING:
 
 
 class Shown:
-    """What `hcbench.reporting.notebook` can draw. It is found by its name, as figures stand above all results
-    and nobody should load matplotlib who draws none.
+    """What `hcbench.reporting.notebook` can draw. It is found by its name, because figures stand above all
+    results, and because matplotlib should load only to draw.
     """
 
     __slots__ = ()

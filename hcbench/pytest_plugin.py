@@ -79,7 +79,7 @@ class RestitutionFixture:
         """A model to be held against something.
 
         model: a path (looked for in the test's own folder first), two paths, or an engine's own model object.
-        pair: names, the moving one first. options: those of launches (`hcbench.launch_options`), engine,
+        pair: names, the body that moves first. options: those of launches (`hcbench.launch_options`), engine,
         max_error, timeout.
         """
         unknown = sorted(set(options) - set(_KEYS))

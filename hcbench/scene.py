@@ -30,9 +30,9 @@ _PACKAGE = Path(__file__).parent
 _BUILT_IN = (_PACKAGE.parent / "scenes", _PACKAGE / "data" / "scenes")  # a checkout's, a wheel's
 
 
-def _require(slot: str, good: bool, got: str, expected: str, todo: str = "") -> None:
+def _require(slot: str, good: bool, got: str, expected: str, advice: str = "") -> None:
     if not good:
-        raise SceneError(slot, got, expected, todo)
+        raise SceneError(slot, got, expected, advice)
 
 
 @checked_fields
@@ -119,7 +119,7 @@ class Scene:
 
     @property
     def inertia(self) -> float:
-        """Moment of inertia of the ball, solid and of its own radius whatever stands for it, kg m²."""
+        """Moment of inertia of the solid ball, kg m²; of its own radius, not the equivalent sphere's."""
         return 0.4 * self.mass * self.ball_radius**2
 
     @property

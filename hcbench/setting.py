@@ -31,5 +31,5 @@ class Setting:
 
     @property
     def key(self) -> str:
-        """Text that is equal for equal settings, whatever order their options were given in."""
+        """Text that is equal for equal settings, for any order of their options."""
         return json.dumps([self.engine, self.name, self.timestep, self.options], sort_keys=True)

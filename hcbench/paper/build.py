@@ -49,7 +49,7 @@ def build(
     """Write the page and its figures (SVG, PNG) into `folder` and return the page. All of it, or nothing.
 
     quick: few parameters in the two forced figures. jobs: processes for the largest of them. tick: called
-    with (figures done, figures in all). The same version gives the same bytes, whatever jobs is. Raises
+    with (figures done, figures in all). The same version gives the same bytes for any jobs. Raises
     OutputError where the folder cannot be written.
     """
     plan = drawings(replace(QUICK if quick else FULL, jobs=jobs))

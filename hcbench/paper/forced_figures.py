@@ -115,13 +115,13 @@ def engines_figure(effort: Effort) -> tuple[Figure, str]:
     cases = [(name, tuned_at) for tuned_at in (None, STAND_IN_SPEED) for name in engines_with_two_blocks()]
     for i, (name, tuned_at) in zip(cycle(_OVERLAID), cases, strict=False):
         with suppress(EngineMissing):
-            free, pressed = _in_engine(name, tuned_at, effort)
+            in_gap, pressed = _in_engine(name, tuned_at, effort)
             line: dict[str, Any] = {**numbered_line(i), "linewidth": 1.2}
             title, contacts = engine_title(name), _contact_names(name, tuned_at)
             label = f"{title} {'; right: '.join(contacts)}"
-            handles += left.plot(free.time * 1e3, free.position * 1e3, **line, label=label)
+            handles += left.plot(in_gap.time * 1e3, in_gap.position * 1e3, **line, label=label)
             right.plot(pressed.position * 1e6, pressed.resultant, **line)
-            path = _distance(free.time, free.position, clear, clear.position)
+            path = _distance(in_gap.time, in_gap.position, clear, clear.position)
             loop = _distance(pressed.time, pressed.resultant, squeezed, squeezed.resultant)
             both = ", ".join(f"{title} {contact}" for contact in contacts)
             distances.append(f"{both} {_percent(path)} and {_percent(loop)}")

@@ -26,14 +26,14 @@ _PROMISES = {
     FOLLOWS_LAW: "the bounce follows the law",
     "better than any constant e": "closer to the law than any constant e",
     "as good as one constant e can be": "the best one e for all speeds",
-    "worse than the best constant e": "further off than the best constant e",
+    "worse than the best constant e": "further from the law than the best constant e",
 }
-_SOFT = 3.0  # times the law's depth, from where on a bounce that follows the law is not all that matters
-_SOFTER = ", without gravity and in a far softer contact"  # which gravity would press in far deeper
+_SOFT = 3.0  # times the law's depth, beyond which the depth of a contact matters too
+_SOFTER = ", without gravity and in a far softer contact"  # gravity would press it in far deeper
 _LOOP_MEANING = {
     "loop right": "The loop is the law's.",
     "loop near": "The loop is near the law's.",
-    "loop wrong": "That is another law's loop.",
+    "loop wrong": "The loop is that of another law.",
     "loop softer": "A softer contact than the law's.",
     "loop harder": "A harder contact than the law's.",
 }
@@ -41,7 +41,7 @@ _LOOP_MEANING = {
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """Runs that answer a question, and the numbers behind."""
+    """Runs that answer a question, with their numbers."""
 
     runs: Sequence[RunKey]
     because: str
@@ -63,7 +63,7 @@ class AdviceCard:
 
 
 def headline(view: View) -> list[str]:
-    """Which setting to use when: a sentence for engines as they come, and one for each engine."""
+    """Which setting to use when: a sentence for engines with nothing set, and one for each engine."""
     if not view.engines:
         return ["The law alone: no engine ran over a band of speeds in this study."]
     sentences = [_stock_sentence(view), *(_engine_sentence(view, engine) for engine in view.engines)]
@@ -76,8 +76,8 @@ def _stock_sentence(view: View) -> str:
     if not titles:
         return ""
     if len(titles) == 1:
-        return f"Out of the box {titles[0]} does not bounce like the law."
-    return f"Out of the box neither {wording.listed(titles, 'nor')} bounces like the law."
+        return f"With nothing set {titles[0]} does not bounce like the law."
+    return f"With nothing set neither {wording.listed(titles, 'nor')} bounces like the law."
 
 
 def _engine_sentence(view: View, engine: str) -> str:
@@ -93,7 +93,7 @@ def _engine_sentence(view: View, engine: str) -> str:
     for promise, settings in promises.items():
         where = [f"{setting} at {steps_text(runs)}" for setting, runs in settings.items()]
         error = _error_text(view, list(chain.from_iterable(settings.values())))
-        within = f" (off by up to {error})" if view.gravity else ""
+        within = f" (wrong by at most {error})" if view.gravity else ""
         clauses.append(f"{wording.listed(where, 'or')}: {promise}{within}")
     title = wording.engine_title(engine)
     if not clauses and runs and view.gravity:
@@ -124,8 +124,8 @@ def plugin_sentence(view: View) -> str:
     """Plug-ins that follow the law, and where; "" where there are none."""
     settings: dict[str, list[RunKey]] = {}
     for run in view.band_runs:
-        found = verdict(view, run)
-        if view.is_plugin(run) and found.restitution == FOLLOWS_LAW and not found.lacks:
+        outcome = verdict(view, run)
+        if view.is_plugin(run) and outcome.restitution == FOLLOWS_LAW and not outcome.lacks:
             settings.setdefault(run.setting, []).append(run)
     if not settings:
         return ""
@@ -162,12 +162,12 @@ def cards(view: View) -> list[AdviceCard]:
     if view.gravity:
         all_cards = [_step_card(view, step) for step in _steps(view.band_runs)]
     else:
-        long = f"Long steps, blind to a contact of {contact}"
+        long = f"Long steps, which do not resolve a contact of {contact}"
         all_cards = [_bounce_card(view, long, resolved=False), *_contact_cards(view)]
     all_cards += [
         AdviceCard("A plug-in in your own simulation", _plugin_advice(view)),
-        AdviceCard("Not to be used under gravity", [_warning(view, run) for run in _spoilt(view)]),
-        AdviceCard("Nothing set at all", _stock_advice(view), f"The law: e = {wording.span(slow, fast)}."),
+        AdviceCard("Do not use under gravity", [_warning(view, run) for run in _spoilt(view)]),
+        AdviceCard("With nothing set", _stock_advice(view), f"The law: e = {wording.span(slow, fast)}."),
     ]
     return [card for card in all_cards if card.advice]
 
@@ -175,16 +175,16 @@ def cards(view: View) -> list[AdviceCard]:
 def _contact_cards(view: View) -> list[AdviceCard]:
     contact = wording.rough_time(view.contact_time)
     return [
-        _bounce_card(view, f"Short steps, which see the contact of {contact}", resolved=True),
-        AdviceCard("The force matters, not only the bounce", _loop_advice(view)),
+        _bounce_card(view, f"Short steps, which resolve the contact of {contact}", resolved=True),
+        AdviceCard("Where the force matters, not only the bounce", _loop_advice(view)),
     ]
 
 
 def cards_of_contact(view: View) -> list[AdviceCard]:
-    """What there is to say without gravity on a page that judges steps under gravity: the contact itself."""
+    """Advice about the contact alone, without gravity, on a page that judges steps under gravity."""
     plugins = [advice for advice in _plugin_advice(view) if all(map(view.resolves_contact, advice.runs))]
-    found = [*_contact_cards(view), AdviceCard("A plug-in for steps that see the contact", plugins)]
-    return [replace(card, question=f"Without gravity: {card.question}") for card in found if card.advice]
+    cards = [*_contact_cards(view), AdviceCard("A plug-in for steps that resolve the contact", plugins)]
+    return [replace(card, question=f"Without gravity: {card.question}") for card in cards if card.advice]
 
 
 def _step_card(view: View, step: float) -> AdviceCard:
@@ -197,7 +197,7 @@ def _step_card(view: View, step: float) -> AdviceCard:
             line = score["constant_error_law"]
             advice.append(_bounce_advice(view, runs))
     at = f"At {wording.alpha_short(view.main_alpha)}, {band_text(view)}"
-    note = f"{at}. A constant e is off by {wording.number(line)} at best."
+    note = f"{at}. The best constant e is wrong by {wording.number(line)}."
     return AdviceCard(f"Under gravity at a step of {wording.time(step)}", advice, note)
 
 
@@ -207,9 +207,9 @@ def _spoilt(view: View) -> list[RunKey]:
 
 
 def _warning(view: View, run: RunKey) -> Advice:
-    found = verdict(view, run)
-    error = f"e off by {_error_text(view, [run])}" if view.score(run) else found.restitution
-    return Advice([run], f"{wording.sentence(wording.listed([error, *found.lacks]))}.")
+    outcome = verdict(view, run)
+    error = f"e wrong by at most {_error_text(view, [run])}" if view.score(run) else outcome.restitution
+    return Advice([run], f"{wording.sentence(wording.listed([error, *outcome.lacks]))}.")
 
 
 def _bounce_card(view: View, question: str, resolved: bool) -> AdviceCard:
@@ -222,14 +222,14 @@ def _bounce_card(view: View, question: str, resolved: bool) -> AdviceCard:
             line = score["constant_error_law"]
             advice.append(_bounce_advice(view, runs))
     at = f"{wording.alpha_short(view.main_alpha)}, {band_text(view)}"
-    return AdviceCard(question, advice, f"At {at}. The best constant e is off by {wording.number(line)}.")
+    return AdviceCard(question, advice, f"At {at}. The best constant e is wrong by {wording.number(line)}.")
 
 
 def _bounce_advice(view: View, runs: Sequence[RunKey]) -> Advice:
     scores = [score for score in map(view.score, runs) if score is not None]
     error = wording.number(max(score["max_error_law"] for score in scores)).lstrip("<")
     spread = max(score["phase_spread"] for score in scores)
-    moved = f", {wording.number(spread)} between phases" if spread > 0.001 else ""
+    moved = f" (varies by {wording.number(spread)} with the phase)" if spread > 0.001 else ""
     because = f"e within {error} of the law{moved}: {verdict(view, runs[0]).restitution}."
     rests = [rest for run in runs if (rest := view.rests.get(run)) is not None]
     if rests:
@@ -237,7 +237,7 @@ def _bounce_advice(view: View, runs: Sequence[RunKey]) -> Advice:
     deep = [depth for run in runs if (depth := _depth(view, run)) > _SOFT]
     if deep and not view.gravity:
         times = wording.span(f"{min(deep):.0f}", f"{max(deep):.0f}", " ")
-        because += f" The contact is {times} times as deep as the law's: without gravity only, see the drop."
+        because += f" The contact is {times} times as deep as the law's: use it without gravity only."
     return Advice(runs, because)
 
 
@@ -256,17 +256,17 @@ def _loop_advice(view: View) -> list[Advice]:
         runs = best_loops(view, _settable(view, engine))
         score = view.score(runs[0]) if runs else None
         if score is not None:
-            force = f"Force off by {wording.percent(score['loop_rms'])} of its largest (rms)."
+            force = f"Force wrong by {wording.percent(score['loop_rms'])} of its largest (rms)."
             advice.append(Advice(runs, f"{force} {_LOOP_MEANING[loop_verdict(view, runs[0])]}"))
     return advice
 
 
 def _stock_advice(view: View) -> list[Advice]:
-    """Engines as they come; steps at which one does the same together."""
+    """Engines with nothing set; steps with the same result together."""
     same: dict[tuple[str, str], list[RunKey]] = {}
     for run in stock_runs(view):
         curve = view.curve(run, view.main_alpha)
-        text = f"e = {curve.range_text()}." if curve else "No impact came back."
+        text = f"e = {curve.range_text()}." if curve else "No body came back."
         stays = " It stays on the plate." if curve and not curve.high.any() else ""
         same.setdefault((run.engine, text + stays), []).append(run)
     return [Advice(runs, text) for (_, text), runs in same.items()]

@@ -8,7 +8,7 @@ from hcbench.reporting import wording
 from hcbench.reporting.ranking import STOCK, TIE, grade, lacks, over_constant
 from hcbench.reporting.view import REFERENCE, RunKey, View
 
-_WARNED = 2  # settings not to be used that an answer names
+_WARNED = 2  # settings that an answer warns about
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +16,8 @@ class Answer:
     """What to do, for one engine, step, gravity and α.
 
     say: one sentence with its number. more: what is named in it, what to do without a plug-in, what not to
-    use. best: the setting to take; None where none will do. shown: the runs to draw, the best and stock.
+    use. best: the setting to take; None where none is good enough.
+    shown: the runs to draw, the best and stock.
     """
 
     say: str
@@ -25,7 +26,7 @@ class Answer:
     shown: Sequence[RunKey]
 
 
-def answer(view: View, heavy: View | None, engine: str, step: float, alpha: float) -> Answer:
+def answer(view: View, with_gravity: View | None, engine: str, step: float, alpha: float) -> Answer:
     """The answer for the settings that ran so. heavy: the same under gravity, for what is lacking there."""
     runs = [run for run in view.band_runs if run.engine == engine and run.timestep == step]
     runs = [run for run in runs if view.score(run, alpha) is not None]
@@ -34,7 +35,8 @@ def answer(view: View, heavy: View | None, engine: str, step: float, alpha: floa
     usable = [run for run in choice if math.isfinite(_error(view, run, alpha))]
     best = _simplest(view, usable, alpha)
     shown = [run for run in (best, stock) if run is not None] or choice[:1]
-    return Answer(_sentence(view, best, stock, alpha), _more(view, heavy, best, choice, alpha), best, shown)
+    more = _more(view, with_gravity, best, choice, alpha)
+    return Answer(_sentence(view, best, stock, alpha), more, best, shown)
 
 
 def _simplest(view: View, usable: Sequence[RunKey], alpha: float) -> RunKey | None:
@@ -59,9 +61,9 @@ def largest_error(view: View, run: RunKey, alpha: float) -> float:
 
 def _sentence(view: View, best: RunKey | None, stock: RunKey | None, alpha: float) -> str:
     off = "" if stock is None else wording.bound(largest_error(view, stock, alpha))
-    out_of_the_box = f" Out of the box: off by {off}." if off else ""
+    out_of_the_box = f" With nothing set: wrong by at most {off}." if off else ""
     if best is None:
-        return f"No setting of this study will do here.{out_of_the_box}"
+        return f"No setting of this study is good enough here.{out_of_the_box}"
     verb = "Attach" if view.is_plugin(best) else "Set"
     return f"{verb} {best.setting}: e within {_off(view, best, alpha)} of the law.{out_of_the_box}"
 
@@ -71,15 +73,15 @@ def _off(view: View, run: RunKey, alpha: float) -> str:
 
 
 def _more(
-    view: View, heavy: View | None, best: RunKey | None, choice: Sequence[RunKey], alpha: float
+    view: View, with_gravity: View | None, best: RunKey | None, choice: Sequence[RunKey], alpha: float
 ) -> list[str]:
     lines = []
     if best is not None:
-        lines.append(f"{best.label}: {_summary(view, heavy, best)}")
+        lines.append(f"{best.label}: {_summary(view, with_gravity, best)}")
     if best is not None and view.is_plugin(best):
         plain = [run for run in choice if not view.is_plugin(run) and math.isfinite(_error(view, run, alpha))]
         if plain:
-            within = f"e within {_off(view, plain[0], alpha)}. {_summary(view, heavy, plain[0])}"
+            within = f"e within {_off(view, plain[0], alpha)}. {_summary(view, with_gravity, plain[0])}"
             lines.append(f"No plug-in? {plain[0].label}, {within}")
     worst_first = sorted(choice, key=lambda run: (not lacks(view, run), -largest_error(view, run, alpha)))
     warnings = [f"{run.label} ({why})" for run in worst_first if (why := _why_not(view, run, alpha))]
@@ -87,14 +89,14 @@ def _more(
         lines.append(f"Do not use {wording.listed(warnings[:_WARNED], 'or')}.")
     score = next((s for run in choice if (s := view.score(run, alpha)) is not None), None)
     if score is not None:
-        lines.append(f"The best constant e is off by {wording.bound(score['constant_error_law'])}.")
+        lines.append(f"The best constant e is wrong by {wording.bound(score['constant_error_law'])}.")
     if view.gravity and not math.isclose(alpha, view.main_alpha):
-        lines.append(f"Rest after a drop was tried for {wording.alpha_short(view.main_alpha)} alone.")
+        lines.append(f"Rest after a drop was measured at {wording.alpha_short(view.main_alpha)} only.")
     return lines
 
 
 def _why_not(view: View, run: RunKey, alpha: float) -> str:
-    """What speaks against a setting; "" for nothing."""
+    """Why not to use a setting; "" for no reason."""
     score, missing = view.score(run, alpha), lacks(view, run)
     if score is None:
         return ""
@@ -103,19 +105,19 @@ def _why_not(view: View, run: RunKey, alpha: float) -> str:
     if score["energy_gained"]:
         return "gains energy"
     if missing or grade(view, over_constant(score)) == "bad":
-        return wording.listed([f"off by {_off(view, run, alpha)}", *missing])
+        return wording.listed([f"wrong by {_off(view, run, alpha)}", *missing])
     return ""
 
 
-def _summary(view: View, heavy: View | None, run: RunKey) -> str:
-    """What a recipe does, as it says itself, and what it lacks under gravity."""
+def _summary(view: View, with_gravity: View | None, run: RunKey) -> str:
+    """The summary of a recipe, and what the setting lacks under gravity."""
     record = next(record for record in view.results.settings if view.run_of(record) == run)
-    missing = lacks(heavy, run) if heavy is not None and heavy is not view else ()
+    missing = lacks(with_gravity, run) if with_gravity is not None and with_gravity is not view else ()
     but = f" Not under gravity: there it {wording.listed(missing)}." if missing else ""
     return wording.sentence(str(record["summary"])) + but
 
 
-def conditions(view: View, heavy: View | None) -> Mapping[tuple[str, float, float], Answer]:
+def conditions(view: View, with_gravity: View | None) -> Mapping[tuple[str, float, float], Answer]:
     """(engine, step, α) -> its answer, for all that ran over a band."""
     runs = [run for run in view.band_runs if run.engine != REFERENCE]
     keys = dict.fromkeys(
@@ -124,4 +126,4 @@ def conditions(view: View, heavy: View | None) -> Mapping[tuple[str, float, floa
         for alpha in view.alphas
         if view.score(run, alpha) is not None
     )
-    return {key: answer(view, heavy, *key) for key in keys}
+    return {key: answer(view, with_gravity, *key) for key in keys}

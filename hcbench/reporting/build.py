@@ -36,50 +36,53 @@ def build(results: Results, folder: Path, pool: WorkerPool | None = None) -> Pat
         from hcbench.reporting.field import page
 
         return page.build(results, folder, pool)
-    found = views(results)
+    by_gravity = views(results)
     with atomic_folder(folder, PAGE) as scratch:
         (scratch / "figures").mkdir()
         save = partial(draw, folder=scratch / "figures", png=not results.study.get("left_out"))
-        figures = (map if pool is None else pool.imap)(save, drawings(found))
+        figures = (map if pool is None else pool.imap)(save, drawings(by_gravity))
         results.write(scratch)  # while they are drawn
-        write_text(scratch / PAGE, page_text(found, results, figures))
+        write_text(scratch / PAGE, page_text(by_gravity, results, figures))
     return folder / PAGE
 
 
-def page_text(found: Views, results: Results, figures: Iterable[dict[str, Any]]) -> str:
+def page_text(by_gravity: Views, results: Results, figures: Iterable[dict[str, Any]]) -> str:
     """The page. figures: what `draw` returns of each of `drawings`, asked for last."""
-    view, free = found.main, found.free or found.main
-    height, cup = view.study.get("train_height"), cup_table.rows(found, results)
-    settings = tables.settings(found)
-    explored = explorer(found, settings)
+    view, without_gravity = by_gravity.main, by_gravity.without_gravity or by_gravity.main
+    height, cup = view.study.get("train_height"), cup_table.rows(by_gravity, results)
+    settings = tables.settings(by_gravity)
+    explored = explorer(by_gravity, settings)
     return render(
         "report.html",
         script=explorer_script() if explored else None,
         explorer=explored,
         settings=settings,
-        found=found,
+        by_gravity=by_gravity,
         view=view,
-        free=free,
+        without_gravity=without_gravity,
         headline=advice.headline(view),
         plugins=advice.plugin_sentence(view),
         cards=advice.cards(view),
-        free_cards=advice.cards_of_contact(free) if found.heavy else [],
+        contact_cards=advice.cards_of_contact(without_gravity) if by_gravity.with_gravity else [],
         band=advice.band_text(view),
-        free_band=advice.band_text(free),
+        band_without_gravity=advice.band_text(without_gravity),
         figures={figure["name"]: figure for figure in figures},
-        headings={"coarse": class_heading(free, False), "fine": class_heading(free, True)},
-        loop_speeds=loop_speeds(free),
-        step_speed=step_speed(free),
-        law_exponent=_law_exponent(free),
+        headings={
+            name: class_heading(without_gravity, resolved)
+            for name, resolved in (("coarse", False), ("fine", True))
+        },
+        loop_speeds=loop_speeds(without_gravity),
+        step_speed=step_speed(without_gravity),
+        law_exponent=_law_exponent(without_gravity),
         drop=f"from {1e3 * float(height):.3g}{NBSP}mm" if height else "",
         rules=ranking,
         tables=tables,
         cup_rows=cup,
         claims=CLAIMS,
         score_alphas=sorted(view.alphas, key=lambda alpha: (abs(alpha - view.main_alpha) > 1e-12, alpha)),
-        friction=_friction(found),
+        friction=_friction(by_gravity),
         impact_count=len(results.impacts),
-        gravity_text=_gravity_text(found),
+        gravity_text=_gravity_text(by_gravity),
         drop_heights=_drop_heights(view),
         flat_runs=any(run.place for run in view.band_runs),
         off_axis=wording.length(float(results.impacts["off_axis_m"].max())) if cup else "",
@@ -89,16 +92,17 @@ def page_text(found: Views, results: Results, figures: Iterable[dict[str, Any]])
     )
 
 
-def _friction(found: Views) -> str:
+def _friction(by_gravity: Views) -> str:
     """The coefficients with which bodies slid."""
-    rows = found.sliding.results.impacts["friction"] if found.sliding else ()
+    rows = by_gravity.sliding.results.impacts["friction"] if by_gravity.sliding else ()
     return wording.listed([f"{value:g}" for value in sorted(set(rows))])
 
 
-def _gravity_text(found: Views) -> str:
+def _gravity_text(by_gravity: Views) -> str:
     """Whether there is any, and how much."""
-    heavy = f"{found.heavy.gravity:g} m/s²" if found.heavy else ""
-    return " and ".join(filter(None, [heavy, "none: free flight at the plate" if found.free else ""]))
+    with_gravity = f"{by_gravity.with_gravity.gravity:g} m/s²" if by_gravity.with_gravity else ""
+    without_gravity = "none: free flight at the plate" if by_gravity.without_gravity else ""
+    return " and ".join(filter(None, [with_gravity, without_gravity]))
 
 
 def _drop_heights(view: View) -> str:

@@ -1,4 +1,4 @@
-"""Results of one study under each gravity that it ran under, and a cup beside its equivalent flat."""
+"""Results of one study under each of its gravities, and a cup compared with its equivalent flat plate."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _RUN = ["engine", "setting", "timestep_s"]
 class Views(NamedTuple):
     """The same study with and without gravity, either of which may be missing, and where bodies slid."""
 
-    heavy: View | None
-    free: View | None
+    with_gravity: View | None
+    without_gravity: View | None
     sliding: View | None = None
 
     @property
     def shown(self) -> list[View]:
         """With gravity, and without."""
-        return [view for view in (self.heavy, self.free) if view is not None]
+        return [view for view in (self.with_gravity, self.without_gravity) if view is not None]
 
     @property
     def main(self) -> View:
@@ -35,11 +35,11 @@ class Views(NamedTuple):
 def views(results: Results) -> Views:
     """A view for each gravity; the strongest where there are several."""
     gravities = {float(record["gravity_m_per_s2"]) for record in results.settings}
-    heavy = max(gravities, default=0.0)
-    free = View(under(results, 0.0)) if 0.0 in gravities or not gravities else None
+    strongest = max(gravities, default=0.0)
+    without_gravity = View(under(results, 0.0)) if 0.0 in gravities or not gravities else None
     rough = results.impacts[results.impacts["friction"] > 0.0]
     sliding = View(replace(results, impacts=rough)) if len(rough) else None
-    return Views(View(under(results, heavy)) if heavy else None, free, sliding)
+    return Views(View(under(results, strongest)) if strongest else None, without_gravity, sliding)
 
 
 def under(results: Results, gravity: float) -> Results:

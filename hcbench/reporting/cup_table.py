@@ -1,4 +1,4 @@
-"""The same settings on the axis of the cup, off it, and on the equivalent flat: what e differs by."""
+"""The same settings on the axis of the cup, off it, and on the equivalent flat plate: differences of e."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _RUN = ["gravity_m_per_s2", "engine", "setting", "timestep_s"]
 _LAUNCH = ["speed_m_per_s", "phase"]
 
 
-def rows(found: Views, results: Results) -> list[dict[str, Any]]:
+def rows(by_gravity: Views, results: Results) -> list[dict[str, Any]]:
     """Runs of the main α at several places: the largest error of e on the cup's axis, and at each other place
     the largest difference of e from there, launch by launch.
     """
-    study, view = results.study, found.main
+    study, view = results.study, by_gravity.main
     if study["form"] != "cup":
         return []
     table = results.impacts[results.impacts["friction"] == 0.0]
@@ -39,7 +39,7 @@ def rows(found: Views, results: Results) -> list[dict[str, Any]]:
             shown.append(
                 {
                     "run": view.run_of({**group.iloc[0].to_dict(), "scene": study["scene"]}),
-                    "heavy": gravity > 0,
+                    "dropped": gravity > 0,
                     "error": _error(group[own & on_axis]),
                     "off_axis": _difference(axis, off),
                     "flat": _difference(axis, flat),

@@ -22,29 +22,30 @@ from hcbench.reporting.restitution_figures import Column
 from hcbench.reporting.view import REFERENCE, STEPS_TO_RESOLVE, RunKey, View
 
 
-def drawings(found: Views) -> list[Drawing]:
+def drawings(by_gravity: Views) -> list[Drawing]:
     """All figures, in the page's order."""
-    view, free = found.main, found.free
+    view, without_gravity = by_gravity.main, by_gravity.without_gravity
     shown = [_overview(view)]
-    if found.heavy is not None:
-        shown += [*_steps_of(found.heavy), _bounces(found.heavy)]
-    shown.append(_oblique(found.sliding))
-    if free is not None:
+    if by_gravity.with_gravity is not None:
+        shown += [*_steps_of(by_gravity.with_gravity), _bounces(by_gravity.with_gravity)]
+    shown.append(_oblique(by_gravity.sliding))
+    if without_gravity is not None:
         classes = (False, True)
         panels = (
-            f"Restitution over impact speed without gravity, small panels, {len(free.alphas)} α by engine."
+            "Restitution over impact speed without gravity, small panels, "
+            f"{len(without_gravity.alphas)} α by engine."
         )
         errors = "Error of restitution over impact speed without gravity, log scale."
         shown += [
             *(
-                _class(free, r, "restitution", restitution_figures.restitution_figure, panels)
+                _class(without_gravity, r, "restitution", restitution_figures.restitution_figure, panels)
                 for r in classes
             ),
-            *(_class(free, r, "error", restitution_figures.error_figure, errors) for r in classes),
-            *_loops(free),
-            _energy(free),
-            _steps(free),
-            *([_bounces(free)] if found.heavy is None else []),
+            *(_class(without_gravity, r, "error", restitution_figures.error_figure, errors) for r in classes),
+            *_loops(without_gravity),
+            _energy(without_gravity),
+            _steps(without_gravity),
+            *([_bounces(without_gravity)] if by_gravity.with_gravity is None else []),
         ]
     return shown
 

@@ -72,10 +72,10 @@ class LoopStore:
         return place
 
 
-def explorer(found: Views, settings: Sequence[Mapping[str, Any]]) -> Explorer | None:
+def explorer(by_gravity: Views, settings: Sequence[Mapping[str, Any]]) -> Explorer | None:
     """That of a report; None where no engine ran over a band. settings: the table of how each was set."""
     texts = [text for entry in settings for text in entry["texts"] if text["text"]]
-    data = explorer_data(found, {key: text["id"] for text in texts for key in text["of"]})
+    data = explorer_data(by_gravity, {key: text["id"] for text in texts for key in text["of"]})
     if not data:
         return None
     answer = data["answers"][data["first"]]
@@ -83,11 +83,13 @@ def explorer(found: Views, settings: Sequence[Mapping[str, Any]]) -> Explorer | 
     return Explorer(as_json(data), TABS, answer, pasted)
 
 
-def explorer_data(found: Views, pastes: Pastes) -> dict[str, Any]:
+def explorer_data(by_gravity: Views, pastes: Pastes) -> dict[str, Any]:
     """All of it, JSON-able; nothing where no engine ran over a band. pastes: where what to paste stands."""
-    view, loops = found.main, LoopStore()
+    view, loops = by_gravity.main, LoopStore()
     answers = [
-        (shown.gravity, *key, a) for shown in found.shown for key, a in conditions(shown, found.heavy).items()
+        (shown.gravity, *key, a)
+        for shown in by_gravity.shown
+        for key, a in conditions(shown, by_gravity.with_gravity).items()
     ]
     if not answers:
         return {}
@@ -98,18 +100,18 @@ def explorer_data(found: Views, pastes: Pastes) -> dict[str, Any]:
     return {
         "body": {"k": study["stiffness"], "n": study["exponent"], "m": view.mass},
         "alphas": view.alphas,
-        "band": [0.0, max(float(shown.band[1]) for shown in found.shown)],
-        "gravities": [shown.gravity for shown in found.shown],
+        "band": [0.0, max(float(shown.band[1]) for shown in by_gravity.shown)],
+        "gravities": [shown.gravity for shown in by_gravity.shown],
         "engines": [[engine_title(engine), engine] for engine in view.engines],
         "start": dict(zip(_WHERE, start, strict=True)),
         "first": [answer[:4] for answer in answers].index(start),
         "answers": [_answer(*answer, pastes) for answer in answers],
-        "runs": [run for shown in found.shown for run in _runs(shown, loops)],
+        "runs": [run for shown in by_gravity.shown for run in _runs(shown, loops)],
         "loops": loops.stored,
-        "scans": _scans(found.free) if found.free is not None else [],
+        "scans": _scans(by_gravity.without_gravity) if by_gravity.without_gravity is not None else [],
         "dropHeight": study.get("train_height"),
-        "dropGravity": found.heavy.gravity if found.heavy else STANDARD_GRAVITY,
-        "drops": _drops(found.heavy or view),
+        "dropGravity": by_gravity.with_gravity.gravity if by_gravity.with_gravity else STANDARD_GRAVITY,
+        "drops": _drops(by_gravity.with_gravity or view),
     }
 
 
@@ -129,12 +131,12 @@ def _start(keys: Sequence[_Where], view: View) -> _Where:
 
 
 def _answer(
-    gravity: float, engine: str, step: float, alpha: float, found: Answer, pastes: Pastes
+    gravity: float, engine: str, step: float, alpha: float, answer: Answer, pastes: Pastes
 ) -> dict[str, Any]:
     where = dict(zip(_WHERE, (gravity, engine, step, alpha), strict=True))
-    shown = [f"{run.engine} {run.label}" for run in found.shown]
-    paste = pastes.get((gravity, found.best, alpha), "") if found.best is not None else ""
-    return {**where, "say": found.say, "more": list(found.more), "shown": shown, "paste": paste}
+    shown = [f"{run.engine} {run.label}" for run in answer.shown]
+    paste = pastes.get((gravity, answer.best, alpha), "") if answer.best is not None else ""
+    return {**where, "say": answer.say, "more": list(answer.more), "shown": shown, "paste": paste}
 
 
 def _runs(view: View, loops: LoopStore) -> Iterable[dict[str, Any]]:
@@ -171,27 +173,27 @@ def _runs(view: View, loops: LoopStore) -> Iterable[dict[str, Any]]:
 def _impacts(view: View) -> dict[tuple[RunKey, float], dict[float, list[_Impact]]]:
     """(run, α) -> speed -> its impacts, one a phase."""
     columns = ["speed_m_per_s", "phase", "restitution", "restitution_law", "speed_in_m_per_s", "samples"]
-    found: dict[tuple[RunKey, float], dict[float, list[_Impact]]] = {}
+    impacts: dict[tuple[RunKey, float], dict[float, list[_Impact]]] = {}
     for key, rows in view.head_on.groupby(_KEY, sort=False):
-        by_speed = found.setdefault(_run_and_alpha(view, key), {})
+        by_speed = impacts.setdefault(_run_and_alpha(view, key), {})
         for speed, *impact in sorted(rows[columns].itertuples(index=False, name=None)):
             by_speed.setdefault(speed, []).append(tuple(impact))
-    return found
+    return impacts
 
 
 def _kept_loops(view: View) -> dict[tuple[RunKey, float, float], tuple[Any, ...]]:
     """(run, α, speed) -> phase, times, penetrations, forces."""
     columns = ["speed_m_per_s", "phase", "time_s", "penetration_m", "force_n"]
-    found: dict[tuple[RunKey, float, float], tuple[Any, ...]] = {}
+    loops: dict[tuple[RunKey, float, float], tuple[Any, ...]] = {}
     if view.results.loops.empty:
-        return found
+        return loops
     for key, rows in view.results.loops.groupby(_KEY, sort=False):
         place = _run_and_alpha(view, key)
         for speed, phase, *sample in rows[columns].itertuples(index=False, name=None):
-            loop = found.setdefault((*place, speed), (phase, [], [], []))
+            loop = loops.setdefault((*place, speed), (phase, [], [], []))
             for values, value in zip(loop[1:], sample, strict=True):
                 values.append(value)
-    return found
+    return loops
 
 
 def _run_and_alpha(view: View, key: Any) -> tuple[RunKey, float]:

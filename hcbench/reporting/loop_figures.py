@@ -152,5 +152,5 @@ def _name_speed(axes: Axes, speed: str, x: Floats, force: Floats) -> None:
 def _legend(figure: Figure) -> None:
     law = Patch(facecolor=LAW, alpha=0.6, edgecolor=GREY)
     engine = Line2D([], [], color=INK, linewidth=1.5)
-    names = ["the law, eq. (16)", "the setting named above the panel"]
+    names = ["the law", "the setting named above the panel"]
     figure.legend([law, engine], names, loc="outside lower center", ncols=2)

@@ -45,16 +45,16 @@ def measurement_page(measurement: Measurement) -> str:
 
 
 def summary(measurement: Measurement) -> str:
-    """What was found, in a sentence."""
+    """The result in a sentence."""
     points = [p for p in measurement.curve if not math.isnan(p.restitution)]
     if not points:
         return "No impact of it could be measured."
     low, high = min(p.lowest for p in points), max(p.highest for p in points)
     band = f"{points[0].speed_in:.3g} ... {points[-1].speed_in:.3g} m/s"
-    found = f"Restitution between {low:.3f} and {high:.3f} at impact speeds of {band}"
+    text = f"Restitution between {low:.3f} and {high:.3f} at impact speeds of {band}"
     if measurement.spread > 0:
-        found += f", up to {measurement.spread:.2g} apart by where in a time step the touch falls"
-    return found + (". Energy is gained in some impacts." if measurement.energy_gained else ".")
+        text += f". It varies by up to {measurement.spread:.2g} with where in a time step the contact starts"
+    return text + (". The contact adds energy in some impacts." if measurement.energy_gained else ".")
 
 
 def curve_figure(measurement: Measurement) -> Figure:

@@ -1,4 +1,4 @@
-"""Results as a notebook shows them: a figure, and HTML of what was found with that figure in it."""
+"""Results as a notebook shows them: a figure, and HTML of the results with that figure in it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from hcbench.tuning.tune import Tuned
 
 
 def figure_of(result: Any) -> Figure:
-    """The main figure of a result, in hcbench's style whatever matplotlib's settings are."""
+    """The main figure of a result, in hcbench's style, regardless of matplotlib's settings."""
     with figure_defaults():
         return _figure(result)
 
@@ -64,7 +64,7 @@ _figure.register(Measurement)(measurement_page.curve_figure)
 def _(measurement: Measurement) -> tuple[str, dict[str, str], str]:
     title, where, _ = measured_headline(measurement)
     causes = wording.listed([cause.title for cause in measurement.causes])
-    facts = {"where": where, "found": measurement_page.summary(measurement), "why": causes}
+    facts = {"where": where, "result": measurement_page.summary(measurement), "why": causes}
     return title, facts, "\n".join(cause.fix for cause in measurement.causes)
 
 
@@ -74,8 +74,8 @@ def _(tuned: Tuned) -> Figure:
     target = tuned.target
     launches = [launch for launch in held_out_launches(target) if not launch.is_oblique]
     impacts = registry.engine(tuned.setting.engine).run(tuned.scene, tuned.setting, launches)
-    found = sorted((i.speed_in, i.restitution) for i in impacts if i.is_measured)
-    speed, e = np.array(found, dtype=float).reshape(-1, 2).T
+    measured = sorted((i.speed_in, i.restitution) for i in impacts if i.is_measured)
+    speed, e = np.array(measured, dtype=float).reshape(-1, 2).T
     speeds = np.linspace(target.speed_min, target.speed_max, 100)
     figure = new_figure(6.4, 3.6)
     axes = figure.subplots()

@@ -64,7 +64,7 @@ def oblique_figure(rows: Mapping[RunKey, pd.DataFrame]) -> Figure:
         Line2D([], [], color=COLOURS[i], marker=_MARKERS[i], markerfacecolor="none", linestyle="", label=text)
         for i, text in enumerate(f"{speed:.3g} m/s along the normal" for speed in speeds)
     ]
-    law_line = Line2D([], [], color=LAW, linewidth=4, label="eq. (16), and Coulomb's law")
+    law_line = Line2D([], [], color=LAW, linewidth=4, label="the law, and Coulomb's law")
     legend_below(figure, [*handles, law_line])
     return figure
 

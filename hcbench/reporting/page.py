@@ -108,7 +108,7 @@ def render(template: str, script: Script | None = None, **content: Any) -> str:
 
 
 def svg_bytes(figure: Figure) -> bytes:
-    """The figure as SVG with no date, no program name and no digits that nobody can see."""
+    """The figure as SVG with no date, no program name and no digits that cannot be seen."""
     buffer = io.BytesIO()
     figure.set_dpi(72)
     # Straight to the canvas: `savefig` would lay out and walk the whole figure twice.

@@ -110,7 +110,7 @@ MEASURED = PlotStyle(BLUE, "o", ())
 def plot_styles(settings: Iterable[tuple[str, str]], law: str) -> dict[tuple[str, str], PlotStyle]:
     """A style for each (engine, setting).
 
-    A known setting has its own colour and marker, whatever else is in the study. Engines differ in their
+    A known setting has its own colour and marker in every study. Engines differ in their
     dashes, by their order in the study; `law`, the engine of the law itself, has full lines.
     """
     pairs = list(dict.fromkeys(settings))
@@ -198,9 +198,9 @@ def declutter(positions: Sequence[float] | Floats, gap: float, low: float, high:
     gap = min(gap, (high - low) / max(count - 1, 1))
     order = np.argsort(positions, kind="stable")
     steps = gap * np.arange(count)
-    free = isotonic_regression(np.asarray(positions, dtype=float)[order] - steps).x
+    unclipped = isotonic_regression(np.asarray(positions, dtype=float)[order] - steps).x
     out: Floats = np.empty(count)
-    out[order] = np.clip(free, low, high - gap * (count - 1)) + steps
+    out[order] = np.clip(unclipped, low, high - gap * (count - 1)) + steps
     return out
 
 

@@ -23,7 +23,7 @@ LOOP_RIGHT, LOOP_NEAR = 0.01, 0.05  # rms over the largest force
 # Under gravity, at rest after a drop: depth and motion in units of g h², what gravity moves a body in a step.
 REST_DEPTH, REST_MOTION = 10.0, 1.0
 DEEP = 2.5  # times v h at the top speed, which any contact needs that acts from one step to the next
-_OTHER_SIZE = 2.0  # times the law's depth: a contact of another size, whatever its shape
+_OTHER_SIZE = 2.0  # times the law's depth: a contact of another size, regardless of its shape
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,20 +136,21 @@ def best_loops(view: View, runs: Sequence[RunKey]) -> list[RunKey]:
 
 
 def _least(runs: Sequence[RunKey], error: Callable[[RunKey], float], margin: float = 0.0) -> list[RunKey]:
-    """An engine as it comes is no advice: a user who asks has that already."""
+    """The engine's default is no advice: a user who asks has that already."""
     errors = {run: error(run) for run in runs if run.engine != REFERENCE and run.setting != STOCK}
     least = min(errors.values(), default=math.inf)
     return [run for run, e in errors.items() if math.isfinite(e) and e <= least * (1 + TIE) + margin]
 
 
 def stock_runs(view: View) -> list[RunKey]:
-    """Engines as they come."""
+    """Engines with nothing set."""
     return [run for run in view.band_runs if run.setting == STOCK]
 
 
 def overview_runs(view: View) -> list[RunKey]:
-    """What the one-picture figure shows: engines as they come, and each engine's best: at its shortest step
-    under gravity, else in either class of steps.
+    """Runs of the overview figure: engines with nothing set, and each engine's best.
+
+    Under gravity at its shortest step, else in either class of steps.
     """
     picked = stock_runs(view)
     if view.gravity:

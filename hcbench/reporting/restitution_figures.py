@@ -28,7 +28,7 @@ from hcbench.reporting.view import REFERENCE, RunKey, View, engines_of
 
 _FLOOR = 1e-7  # errors below are drawn here: no figure needs to tell 1e-12 from 1e-15
 _FAR, _GAP = 0.5, 0.2  # of e: what never comes above, and so far below the rest, has its own frame
-_BAND_SHOWN = 1e-4  # of e: a smaller spread over the phases is not to be seen
+_BAND_SHOWN = 1e-4  # of e: a smaller range over the phases cannot be seen
 
 _CONSTANT: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (5, 2))}
 _LINEAR: dict[str, Any] = {"color": SLATE, "linewidth": 1.0, "linestyle": (0, (2, 2))}
@@ -62,7 +62,7 @@ def columns_of_steps(view: View) -> list[Column]:
 
 def law_handles(linear: bool = True) -> list[Line2D]:
     """Legend entries of the law and of 1 - αv."""
-    law = Line2D([], [], color=LAW, linewidth=6, label="the law, eq. (16)")
+    law = Line2D([], [], color=LAW, linewidth=6, label="the law")
     return [law, Line2D([], [], **_LINEAR, label="1 − αv, eq. (2)")] if linear else [law]
 
 
@@ -73,7 +73,7 @@ def step_suffix(run: RunKey, group: list[RunKey]) -> str:
 
 
 def _handles(view: View, columns: list[Column], drawn: set[RunKey]) -> list[Line2D]:
-    """Legend entries of what was drawn; the step is told where a column has several."""
+    """Legend entries of what was drawn; with the step where a column has several."""
     handles = {}
     for column in columns:
         for run in filter(drawn.__contains__, column.runs):
@@ -178,7 +178,7 @@ def error_figure(view: View, columns: list[Column]) -> Figure:
         log_axis(axes, "y")
         axes.set_xlim(0, view.speeds[-1] * 1.02)
     panels[0].axes.set_ylim(max(_FLOOR, 10 ** np.floor(np.log10(lowest))), 2)
-    constant = Line2D([], [], label="best constant e: the line to beat", **_CONSTANT)
+    constant = Line2D([], [], label="best constant e", **_CONSTANT)
     legend_below(figure, [constant, *_handles(view, columns, drawn)])
     return figure
 
@@ -199,7 +199,7 @@ def overview_figure(view: View, runs: list[RunKey]) -> Figure:
     _draw_law(axes, view, alpha)
     axes.set_ylim(max(0.0, lowest - 0.05 * (1.05 - lowest)), 1 + 0.15 * (1 - lowest))
     labels = [
-        (float(closed_form.restitution(alpha, v_end)), "the law, eq. (16)", SLATE, "bold"),
+        (float(closed_form.restitution(alpha, v_end)), "the law", SLATE, "bold"),
         (1 - alpha * v_end, "1 − αv, eq. (2)", SLATE, "normal"),
     ]
     _draw_named(axes, view, [item for item in curves if item not in far], labels)

@@ -22,8 +22,8 @@ LONG = 7  # lines of what to paste, from where on it is folded
 _PERCENT = ("loop_rms", "touch_force", "tension_share")
 
 
-def ranking(view: View, heavy: View | None = None) -> list[Cells]:
-    """Band runs in groups, best first: error for each α against the line to beat, loop or rest, verdict.
+def ranking(view: View, with_gravity: View | None = None) -> list[Cells]:
+    """Band runs in groups, best first: error for each α against the best constant e, loop or rest, verdict.
 
     Under gravity a group is a step, without it a class of steps. heavy: the same study under gravity, for
     what a setting lacks there.
@@ -39,26 +39,26 @@ def ranking(view: View, heavy: View | None = None) -> list[Cells]:
     for heading, group in groups:
         # Ties stay in the study's order.
         group.sort(key=lambda run: (bool(lacks(view, run)), round(error_ratio(view, run), 3)))
-        rows = [_ranking_row(view, run, heavy) for run in group]
+        rows = [_ranking_row(view, run, with_gravity) for run in group]
         ranked.append({"heading": heading, "lines": lines_to_beat(view, group), "rows": rows})
     return [group for group in ranked if group["rows"]]
 
 
-def _ranking_row(view: View, run: RunKey, heavy: View | None) -> Cells:
+def _ranking_row(view: View, run: RunKey, with_gravity: View | None) -> Cells:
     score, rest = view.score(run) or {}, view.rests.get(run)
     loop = wording.percent(score["loop_rms"]) if score.get("loops") else "–"
-    found = verdict(view, run)
-    spoilt = wording.listed(lacks(heavy, run)) if heavy is not None else ""
+    outcome = verdict(view, run)
+    spoilt = wording.listed(lacks(with_gravity, run)) if with_gravity is not None else ""
     spoilt = f"; under gravity {spoilt}" if spoilt else ""
-    still = "comes to rest" if rest is not None and not found.lacks else ""
+    still = "comes to rest" if rest is not None and not outcome.lacks else ""
     return {
         "run": run,
         "errors": [_error_cell(view, view.score(run, alpha)) for alpha in view.alphas],
         "loop": loop if not view.gravity else wording.length(view.depths.get(run, math.nan)),
         "spread": wording.number(score.get("phase_spread", math.nan)),
         "steps": _depth_at_rest(view, run, rest) if view.gravity else score.get("samples_min", "–"),
-        "verdict": found,
-        "also": wording.listed(found.lacks) or still if view.gravity else found.loop + spoilt,
+        "verdict": outcome,
+        "also": wording.listed(outcome.lacks) or still if view.gravity else outcome.loop + spoilt,
     }
 
 
@@ -129,15 +129,15 @@ def score_cell(score: Mapping[str, Any], column: str) -> str:
     return wording.number(value * INCH if column == "alpha_fit" else value)
 
 
-def settings(found: Views) -> list[Cells]:
+def settings(by_gravity: Views) -> list[Cells]:
     """How each setting was set: one entry a setting, one text to paste for each place, step and α.
 
     Those under gravity come first; a text that is the same in several places stands once.
     """
     entries: dict[tuple[str, str], Cells] = {}
     texts: dict[tuple[str, str], dict[str, Cells]] = {}
-    several = len(found.shown) > 1
-    for view in found.shown:
+    several = len(by_gravity.shown) > 1
+    for view in by_gravity.shown:
         for record in view.results.settings:
             run = view.run_of(record)
             if run not in view.band_runs or run.engine == REFERENCE:
@@ -153,7 +153,7 @@ def settings(found: Views) -> list[Cells]:
             stated["of"].append((view.gravity, run, stated["alphas"][-1]))
     for key, entry in entries.items():
         entry["texts"] = sorted(
-            (_text(found.main, several, **text) for text in texts[key].values()),
+            (_text(by_gravity.main, several, **text) for text in texts[key].values()),
             key=lambda text: not text["main"],
         )
     pasted = [text for entry in entries.values() for text in entry["texts"] if text["text"]]
@@ -174,9 +174,9 @@ def _text(
     return {"text": text, "title": title, "main": main, "of": of, "lines": text.count("\n") + 1}
 
 
-def failed_impacts(found: Views) -> list[Cells]:
+def failed_impacts(by_gravity: Views) -> list[Cells]:
     """Impacts without a bounce, counted by gravity, setting and what became of them."""
-    return [row for view in found.shown for row in _failed(view, len(found.shown) > 1)]
+    return [row for view in by_gravity.shown for row in _failed(view, len(by_gravity.shown) > 1)]
 
 
 def _failed(view: View, several: bool) -> list[Cells]:

@@ -24,12 +24,12 @@ LAW_SETTING = "hunt-crossley"  # its setting that is the law itself
 CURVE_SPEEDS = 3  # from which a run says something about e over speed
 STEPS_TO_RESOLVE = 10  # in the law's contact, from which a step resolves the contact
 LOOP_POINTS = 241
-_RUN = ["scene", "engine", "setting", "timestep_s"]  # columns that tell a run
-_PLACES = {"plane": "flat", "cup": "cup"}  # a scene's form, in words
+_RUN = ["scene", "engine", "setting", "timestep_s"]  # columns that identify a run
+_PLACES = {"plane": "on a flat plate", "cup": "in the cup"}  # a scene's form, in words
 
 
 class RunKey(NamedTuple):
-    """One setting of one engine at one step. place: where, if not in the study's own scene: "flat", "cup"."""
+    """One setting of one engine at one step. place: where, if not in the study's own scene."""
 
     engine: str
     setting: str
@@ -49,7 +49,7 @@ class RunKey(NamedTuple):
     @property
     def label(self) -> str:
         """The setting, and where it ran if not in the study's own scene."""
-        return f"{self.setting} ({self.place})" if self.place else self.setting
+        return f"{self.setting} {self.place}" if self.place else self.setting
 
     @property
     def step(self) -> str:

@@ -1,4 +1,4 @@
-"""Numbers and names as people read them: the one place that figures, tables and sentences go by."""
+"""Numbers and names as people read them: used by figures, tables and sentences alike."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -77,7 +77,7 @@ def number(value: float) -> str:
 
 
 def error(value: float) -> str:
-    """`number` of a measured error, never "0": nobody can know that."""
+    """`number` of a measured error, never "0": a measurement cannot show that."""
     return number(max(value, 1e-13))
 
 

@@ -68,8 +68,7 @@ def test_the_headline_names_who_follows_the_law_and_who_is_nearest_under_gravity
     law, robots, *_ = headline(view)
     version = registry.engine("mujoco").version()
     assert (
-        f"At a step of 10\u00a0µs these follow the law by settings of their own: MuJoCo {version} staggered"
-        in law
+        f"At a step of 10\u00a0µs these follow the law by settings alone: MuJoCo {version} staggered" in law
     )
     assert f"At 1\u00a0ms under gravity the nearest are MuJoCo {version} impulse" in robots
 
@@ -87,7 +86,7 @@ def test_every_cell_of_the_features_says_where_it_is_from(view: FieldView) -> No
     assert len(cells) == len(COLUMNS)
     assert all(cell.source for cell in cells if cell.text != "–")
     by_name = dict(zip(COLUMNS, cells, strict=True))
-    assert re.fullmatch(r"yes: its area is the energy lost to .*%", by_name["loop"].text)
+    assert re.fullmatch(r"yes: its area is the energy lost within .*%", by_name["loop"].text)
     assert by_name["by_speed"].text.startswith("its own: staggered, ")
 
 

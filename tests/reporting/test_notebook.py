@@ -35,7 +35,7 @@ def tuned() -> Any:
 SHOWN = {
     "measured": (measured, "ball on plate", "Restitution between"),
     "tuned": (tuned, "MuJoCo: impulse", "largest error of e"),
-    "results": (small_results, "A steel ball", "Out of the box single does not bounce like the law."),
+    "results": (small_results, "A steel ball", "With nothing set single does not bounce like the law."),
 }
 
 

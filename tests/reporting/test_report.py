@@ -149,7 +149,7 @@ def test_a_plug_in_is_told_apart_from_what_can_be_set(results: Results) -> None:
     ]
     view = View(dataclasses.replace(results, settings=settings))
     said = " ".join(advice.headline(view)).replace(wording.NBSP, " ")
-    assert "In explicit set spring-damper at 1 µs: further off than the best constant e." in said
+    assert "In explicit set spring-damper at 1 µs: further from the law than the best constant e." in said
     assert advice.plugin_sentence(view).replace(wording.NBSP, " ") == (
         "The plug-in law at 1 µs (in explicit) follows the law."
     )
@@ -176,7 +176,7 @@ def test_settings_that_differ_by_round_off_are_both_named(results: Results) -> N
 
 def test_an_engine_as_it_comes_is_no_advice() -> None:
     stock_only = View(small_results([run for run in RUNS if run[1] == "stock"]))
-    assert advice.headline(stock_only) == ["Out of the box single does not bounce like the law."]
+    assert advice.headline(stock_only) == ["With nothing set single does not bounce like the law."]
 
 
 def test_a_law_without_damping_has_a_page_too(tmp_path: Path) -> None:
@@ -288,7 +288,7 @@ def test_the_page_leads_with_what_was_dropped_and_marks_the_rest(results: Result
     assert "Set impulse: e within 0.042 of the law." in first
     assert "In explicit no setting of this study both bounces and rests under gravity." in answer
     assert "In single set impulse at 1 ms" in answer
-    warned = answer.split("Not to be used under gravity")[1]
+    warned = answer.split("Do not use under gravity")[1]
     assert "explicit law, 1 µs" in warned
     assert "sinks 5 mm at rest" in warned
     assert "follows the law" in rest
@@ -346,10 +346,11 @@ def test_what_ran_on_the_flat_alone_stands_in_and_is_marked(results: Results) ->
         scores=also_there(results.scores),
     )
     view = View(under(found, 0.0))
-    assert RunKey(*LAW[:3], "flat") in view.band_runs
+    assert RunKey(*LAW[:3], "on a flat plate") in view.band_runs
     assert IMPULSE in view.band_runs
-    assert RunKey(*IMPULSE[:3], "flat") not in view.band_runs
-    assert "In explicit set law (flat) at 1 µs" in " ".join(advice.headline(view)).replace(wording.NBSP, " ")
+    assert RunKey(*IMPULSE[:3], "on a flat plate") not in view.band_runs
+    sentences = " ".join(advice.headline(view)).replace(wording.NBSP, " ")
+    assert "In explicit set law on a flat plate at 1 µs" in sentences
 
 
 # Figures

@@ -73,15 +73,15 @@ class _Batch:
     def try_steps(self, rows: Indices) -> None:
         """Try a step of each: take it, try a shorter one next time, or begin or go on with a search."""
         goal = self.goal[rows]
-        free = goal == NOTHING
+        no_goal = goal == NOTHING
         left = self.checkpoints[self.passed[rows], rows] - self.t[rows]
-        h = np.where(free, np.minimum(np.minimum(self.h[rows], self.step_max[rows]), left), self.h[rows])
+        h = np.where(no_goal, np.minimum(np.minimum(self.h[rows], self.step_max[rows]), left), self.h[rows])
         y, error = self._try(rows, h)
-        good = free & (error <= 1.0)  # a NaN is not
-        self._resize(rows[free], h[free], error[free])
+        good = no_goal & (error <= 1.0)  # a NaN is not
+        self._resize(rows[no_goal], h[no_goal], error[no_goal])
         speed, distance = self._speed(rows, y), self._distance(rows, y)
         narrow = self.high[rows] - self.low[rows] <= 2.0 * _EPS * self.high[rows]
-        reached = ~free & (narrow | (np.abs(np.where(goal == TURN, speed, distance)) <= 1.0))
+        reached = ~no_goal & (narrow | (np.abs(np.where(goal == TURN, speed, distance)) <= 1.0))
         turns = good & (speed < 0.0)
         # A turning point beyond a switch: the switch comes first.
         crosses = ((good & ~turns) | (reached & (goal == TURN))) & (distance < 0.0)

@@ -1,1 +1,1 @@
-"""`hcbench report field`: every engine that is there beside each other, for who chooses one."""
+"""`hcbench report field`: all installed engines side by side, to help you choose one."""

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from hcbench.reporting.field.view import Case, FieldView
 
-_COLUMNS = 4  # panels beside each other
+_COLUMNS = 4  # panels side by side
 _FLOOR, _CEILING = 1e-8, 30.0  # of errors, in figures
 _STOCK: dict[str, Any] = {"color": LIMIT, "marker": "X", "markersize": 5.0}
 _BEST: dict[str, Any] = {"color": BLUE, "marker": "o", "markersize": 4.0}
@@ -47,7 +47,7 @@ _LAW: dict[str, Any] = {"color": LAW, "linewidth": 6, "solid_capstyle": "butt", 
 
 def drawings(view: FieldView) -> list[Drawing]:
     """The figures of a page, by name."""
-    none = "" if view.loops else "no engine of this study was seen from inside its contact"
+    none = "" if view.loops else "no engine of this study resolves its contact"
     return [
         Drawing(
             "field-steps", partial(steps_figure, view), "Error of e over the time step, a panel an engine."
@@ -65,7 +65,7 @@ def drawings(view: FieldView) -> list[Drawing]:
 
 
 def steps_figure(view: FieldView) -> Figure:
-    """Largest error of e over the step: as it comes, best setting, plug-in; without gravity and with."""
+    """Largest error of e over the step: nothing set, best setting, plug-in; without gravity and with."""
     figure, panels = _panels(view, view.engines)
     kinds: list[tuple[Callable[[str, float, float], Case | None], dict[str, Any]]] = [
         (view.stock, _STOCK),
@@ -76,22 +76,22 @@ def steps_figure(view: FieldView) -> Figure:
         axes.axhline(view.constant_error, **_CONSTANT)
         for pick, style in kinds:
             for gravity in view.gravities:
-                found = [(h, case) for h in view.steps if (case := pick(engine, gravity, h)) is not None]
-                errors = [float(view.scores[case]["max_error_law"]) for _, case in found]
+                cases = [(h, case) for h in view.steps if (case := pick(engine, gravity, h)) is not None]
+                errors = [float(view.scores[case]["max_error_law"]) for _, case in cases]
                 shown = np.clip(errors, _FLOOR, _CEILING)
                 line = {"linewidth": 1.3, **style, **(_HEAVY if gravity else {})}
-                axes.plot([h for h, _ in found], shown, **line)
+                axes.plot([h for h, _ in cases], shown, **line)
         log_axis(axes, "x")
         log_axis(axes, "y")
         axes.set_xlim(min(view.steps) / 1.6, max(view.steps) * 1.6)
         axes.set_ylim(_FLOOR / 1.5, _CEILING)
     _label(panels, "time step, s", "error of e")
-    heavy = [g for g in view.gravities if g]
+    with_gravity = [g for g in view.gravities if g]
     legend = [
-        Line2D([], [], label="as it comes", **_STOCK),
+        Line2D([], [], label="nothing set", **_STOCK),
         Line2D([], [], label="best setting of its own", **_BEST),
-        Line2D([], [], label="law put in", **_PLUGIN),
-        *([Line2D([], [], label="the same under gravity", **{**_BEST, **_HEAVY})] if heavy else []),
+        Line2D([], [], label="plug-in", **_PLUGIN),
+        *([Line2D([], [], label="the same under gravity", **{**_BEST, **_HEAVY})] if with_gravity else []),
         Line2D([], [], label="best constant e", **_CONSTANT),
     ]
     legend_below(figure, legend)
@@ -99,7 +99,7 @@ def steps_figure(view: FieldView) -> Figure:
 
 
 def curves_figure(view: FieldView) -> Figure:
-    """e over v without gravity: as it comes and at its best, at the finest step and at a robot's."""
+    """e over v without gravity: nothing set and the best setting, at the finest step and at about 1 ms."""
     figure, panels = _panels(view, view.engines)
     law_speeds = np.linspace(0.0, float(view.speeds[-1]), 121)
     fine, coarse = view.steps[0], min(view.steps, key=lambda h: abs(math.log(h / 1e-3)))
@@ -120,8 +120,8 @@ def curves_figure(view: FieldView) -> Figure:
     legend_below(
         figure,
         [
-            Line2D([], [], label="the law, eq. (16)", **_LAW),
-            Line2D([], [], label="as it comes", **_STOCK),
+            Line2D([], [], label="the law", **_LAW),
+            Line2D([], [], label="nothing set", **_STOCK),
             Line2D([], [], label=f"best setting of its own at {time(fine)}", **_BEST),
             Line2D([], [], label=f"the same at {time(coarse)}", **{**_BEST, **_HEAVY}),
         ],

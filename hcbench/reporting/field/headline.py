@@ -1,4 +1,4 @@
-"""The headline of the field page: what follows from the numbers for who chooses an engine."""
+"""The headline of the field page: sentences that help to choose an engine."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _ROBOT_STEP = 1e-3  # s
 
 
 def headline(view: FieldView) -> list[str]:
-    """Sentences, the weightiest first; what nothing in the study tells is left out."""
-    found = [_law(view), _robots(view), _loops(view), _as_it_comes(view), _gains(view), _versions(view)]
-    return [sentence for sentence in found if sentence]
+    """Sentences, the most important first; those that the study cannot answer are left out."""
+    sentences = [_law(view), _robots(view), _loops(view), _as_it_comes(view), _gains(view), _versions(view)]
+    return [sentence for sentence in sentences if sentence]
 
 
 def _law(view: FieldView) -> str:
@@ -30,14 +30,14 @@ def _law(view: FieldView) -> str:
     best = _sorted(view, view.gravities[0], step)
     follow = [_named(view, case) for case in best if view.follows_law(case)]
     if not follow:
-        return f"At a step of {time(step)} no engine follows the law by settings of its own."
+        return f"At a step of {time(step)} no engine follows the law by settings alone."
     rest = f" and {len(follow) - _NAMED} more" if len(follow) > _NAMED else ""
     named = f"{listed(follow[:_NAMED])}{rest}"
-    return f"At a step of {time(step)} these follow the law by settings of their own: {named}."
+    return f"At a step of {time(step)} these follow the law by settings alone: {named}."
 
 
 def _robots(view: FieldView) -> str:
-    """Who is nearest at a robot's step under gravity."""
+    """Who is nearest at a step of about 1 ms under gravity."""
     step, gravity = min(view.steps, key=lambda h: abs(math.log(h / _ROBOT_STEP))), view.gravities[-1]
     best = _sorted(view, gravity, step)
     if not best:
@@ -46,12 +46,12 @@ def _robots(view: FieldView) -> str:
     where = " under gravity" if gravity else ""
     return (
         f"At {time(step)}{where} the nearest are {nearest}; "
-        f"the best one e for all speeds is off by {number(view.constant_error)}."
+        f"the best constant e is wrong by {number(view.constant_error)}."
     )
 
 
 def _loops(view: FieldView) -> str:
-    """Whose force is the law's too."""
+    """Whose force also follows the law."""
     near: dict[str, tuple[float, Case]] = {}
     for case, score in view.scores.items():
         recipe, rms = view.recipe(case), float(score["loop_rms"])
@@ -60,7 +60,7 @@ def _loops(view: FieldView) -> str:
             engine = registry.base_name(case.engine)
             near[engine] = min(near.get(engine, (rms, case)), (rms, case))
     words = [f"{view.title(c.engine)} {c.setting} ({percent(rms)})" for rms, c in sorted(near.values())]
-    return f"The force over penetration is the law's too in {listed(words)}." if words else ""
+    return f"The force over penetration also follows the law in {listed(words)}." if words else ""
 
 
 def _as_it_comes(view: FieldView) -> str:
@@ -74,7 +74,7 @@ def _as_it_comes(view: FieldView) -> str:
             still.append(view.title(engine))
     parts = [f"no bounce at any step in {listed(still)}"] if still else []
     parts += [f"no contact that holds the ball in {listed(lost)}"] if lost else []
-    return f"As they come: {'; '.join(parts)}." if parts else ""
+    return f"With nothing set: {'; '.join(parts)}." if parts else ""
 
 
 def _gains(view: FieldView) -> str:
@@ -87,11 +87,11 @@ def _gains(view: FieldView) -> str:
     for engine, cases in gains.items():
         stock = [case for case in cases if case.setting == "stock"]
         worst = max(stock or cases, key=lambda case: view.restitution(case)[1])
-        name = "as it comes" if stock else worst.setting
+        name = "with nothing set" if stock else worst.setting
         high = view.restitution(worst)[1]
         where = f"{time(worst.timestep)}{' under gravity' if worst.gravity else ''}"
         words.append(f"{view.title(engine)} {name} (e up to {number(high)} at {where})")
-    return f"Energy out of nothing: {listed(words)}." if words else ""
+    return f"The contact adds energy: {listed(words)}." if words else ""
 
 
 def _versions(view: FieldView) -> str:
@@ -106,7 +106,7 @@ def _versions(view: FieldView) -> str:
             if case.engine == one and (b := view.impacts.get(case._replace(engine=other))) is not None
         ]
         largest = max((d for d in differences if math.isfinite(d)), default=math.nan)
-        alike = f"bounce alike in all of {len(differences)} runs"
+        alike = f"bounce alike in all {len(differences)} runs"
         off = (
             alike
             if largest == 0.0
@@ -117,7 +117,7 @@ def _versions(view: FieldView) -> str:
 
 
 def _sorted(view: FieldView, gravity: float, timestep: float) -> list[Case]:
-    """The best case of each engine at a step, nearest first; of one engine's versions the nearest alone."""
+    """The best case of each engine at a step, nearest first; of several versions the nearest alone."""
     best = [c for engine in view.engines if (c := view.best(engine, gravity, timestep)) is not None]
     by_error = sorted(best, key=view.error)
     return list({registry.base_name(case.engine): case for case in reversed(by_error)}.values())[::-1]

@@ -40,7 +40,7 @@ def matrix(view: FieldView, probes: Mapping[str, Probe | None]) -> list[tuple[st
 def _cells(view: FieldView, engine: str, probe: Probe | None) -> list[Feature]:
     base = registry.base_name(engine)
     adapter = registry.engine(base)
-    # One that flies another's models has its contact, but for what its notes say.
+    # An engine that steps another's models has that engine's contact, except what its notes say.
     module = registry.submodule(base, "features") or registry.submodule(
         getattr(adapter, "lender", base), "features"
     )
@@ -66,28 +66,28 @@ def _cells(view: FieldView, engine: str, probe: Probe | None) -> list[Feature]:
 
 
 def _by_speed(view: FieldView, engine: str) -> Feature:
-    """The best of its settings that are meant to follow the law, its own and put in."""
+    """The best of its settings that should follow the law, its own and plug-ins."""
     words = []
-    for native, how in ((True, "its own"), (False, "put in")):
-        found = [
+    for native, how in ((True, "its own"), (False, "plug-in")):
+        candidates = [
             case
             for h in view.steps
             for case in view.cases(engine, view.gravities[0], h, native)
             if has_law(view.recipe(case)) and np.isfinite(view.error(case))
         ]
-        if found:
-            case = min(found, key=view.error)
+        if candidates:
+            case = min(candidates, key=view.error)
             words.append(f"{how}: {case.setting}, {number(view.error(case))} at {time(case.timestep)}")
     return Feature("; ".join(words) or "no", RUN)
 
 
 def _loop(view: FieldView, engine: str) -> Feature:
-    """How near the loop's area is to the energy lost, of the case seen best."""
+    """How near the loop's area is to the energy lost, of the best resolved case."""
     seen = [case for case in view.loops if case.engine == engine and view.scores[case]["loops"]]
     off = min((_area_error(view, case) for case in seen), default=1.0)
     if off > _AREA:
-        return Feature("no: steps hold whole bounces" if not seen else "no: it is not the force", RUN)
-    return Feature(f"yes: its area is the energy lost to {percent(max(off, 1e-12))}", RUN)
+        return Feature("no: a step holds a whole bounce" if not seen else "no: it is not the force", RUN)
+    return Feature(f"yes: its area is the energy lost within {percent(max(off, 1e-12))}", RUN)
 
 
 def _area_error(view: FieldView, case: Case) -> float:
@@ -112,7 +112,7 @@ def _bits(probe: Probe | None) -> str:
 
 
 def _slowest_bounce(view: FieldView, engine: str) -> str:
-    """From which speed on the engine as it comes bounces, at the step of 1 ms or the nearest."""
+    """From which speed on the engine bounces with nothing set, at the step of 1 ms or the nearest."""
     near = [h for h in view.steps if view.stock(engine, view.gravities[0], h)]
     case = (
         view.stock(engine, view.gravities[0], min(near, key=lambda h: abs(np.log(h / 1e-3))))
@@ -124,6 +124,6 @@ def _slowest_bounce(view: FieldView, engine: str) -> str:
     curve = view.curve(case)
     bounces = curve[curve["high"] >= NO_BOUNCE] if len(curve) else curve
     if not len(bounces):
-        return "as it comes at no speed"
+        return "nothing set: at no speed"
     slowest = float(bounces.index.min())
-    return "" if slowest <= float(view.speeds[0]) * (1 + 1e-9) else f"as it comes {slowest:.2g}{NBSP}m/s"
+    return "" if slowest <= float(view.speeds[0]) * (1 + 1e-9) else f"nothing set: {slowest:.2g}{NBSP}m/s"

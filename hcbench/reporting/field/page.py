@@ -50,23 +50,23 @@ def build(results: Results, folder: Path, pool: WorkerPool | None = None) -> Pat
         (scratch / "figures").mkdir()
         save = partial(draw, folder=scratch / "figures", png=not results.study.get("left_out"))
         figures = list(map(save, drawings(view))) if pool is None else pool.map(save, drawings(view))
-        probes = {case.engine: found for case, found in _probes(view)}
+        probes = {case.engine: probe_of_engine for case, probe_of_engine in _probes(view)}
         write_text(scratch / COST, _costs(view, probes))
         write_text(scratch / PAGE, _page(view, figures, {engine: p for engine, (_, p) in probes.items()}))
     return folder / PAGE
 
 
 def _probes(view: FieldView) -> list[tuple[Case, tuple[Case, probe.Probe | None]]]:
-    """Each engine's best setting at the step nearest to 1 ms, or the engine as it comes, and what it says."""
-    found = []
+    """Each engine's best setting at the step nearest to 1 ms, else its default, with its features."""
+    probes = []
     scene = probe.scene_of(view)
     for engine in view.engines:
         steps = sorted(view.steps, key=lambda h: abs(math.log(h / 1e-3)))
         picks = [pick(engine, 0.0, h) for pick in (view.best, view.stock) for h in steps]
         case = next((case for case in picks if case is not None), None)
         if case is not None:
-            found.append((case, (case, probe.probe(_setting(view, case), scene))))
-    return found
+            probes.append((case, (case, probe.probe(_setting(view, case), scene))))
+    return probes
 
 
 def _setting(view: FieldView, case: Case) -> Setting:
@@ -134,12 +134,12 @@ def _stock_entry(view: FieldView, engine: str, gravity: float, timestep: float) 
 
 
 def _energy(view: FieldView, engine: str) -> list[Entry]:
-    """The largest e of the engine as it comes, of its own settings, and of laws that are put in."""
-    groups: dict[str, list[Case]] = {"stock": [], "own": [], "put in": []}
+    """The largest e of the engine with nothing set, of its own settings, and of plug-ins."""
+    groups: dict[str, list[Case]] = {"stock": [], "own": [], "plug-in": []}
     for case in view.scores:
         recipe = view.recipe(case)
         if case.engine == engine and recipe is not None and math.isfinite(view.restitution(case)[1]):
-            kind = "stock" if case.setting == "stock" else "own" if recipe.native else "put in"
+            kind = "stock" if case.setting == "stock" else "own" if recipe.native else "plug-in"
             groups[kind].append(case)
     return [_largest(view, cases) for cases in groups.values()]
 

@@ -56,7 +56,7 @@ class FieldView:
 
     @cached_property
     def constant_error(self) -> float:
-        """What the best constant e is off by over the band: the line to beat."""
+        """Error of the best constant e over the band."""
         return scoring.best_constant(self.alpha, self.speeds)[1]
 
     @cached_property
@@ -107,8 +107,8 @@ class FieldView:
 
     def cases(self, engine: str, gravity: float, timestep: float, native: bool = True) -> list[Case]:
         """An engine's settings at a step, in the study's order: its own contact's, or those of plug-ins."""
-        found = [c for c in self.scores if (c.engine, c.gravity, c.timestep) == (engine, gravity, timestep)]
-        made = [(case, self.recipe(case)) for case in found if case.setting != "stock"]
+        cases = [c for c in self.scores if (c.engine, c.gravity, c.timestep) == (engine, gravity, timestep)]
+        made = [(case, self.recipe(case)) for case in cases if case.setting != "stock"]
         return [case for case, recipe in made if recipe is not None and recipe.native == native]
 
     def best(self, engine: str, gravity: float, timestep: float, native: bool = True) -> Case | None:
@@ -118,7 +118,7 @@ class FieldView:
         return least if least is not None and math.isfinite(errors[least]) else None
 
     def stock(self, engine: str, gravity: float, timestep: float) -> Case | None:
-        """The engine as it comes; None where it did not run so."""
+        """The engine with nothing set; None where it did not run so."""
         case = Case(engine, "stock", gravity, timestep)
         return case if case in self.scores else None
 
@@ -163,5 +163,5 @@ class FieldView:
 
 
 def has_law(recipe: Recipe | None) -> bool:
-    """Whether it is meant to follow eq. (16)."""
+    """Whether it should follow the law."""
     return recipe is not None and recipe.role in _LAW_ROLES

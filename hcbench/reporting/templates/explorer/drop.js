@@ -47,7 +47,7 @@ function moveTo(time) {
   dropPlot.labels.replaceChildren(node("line", {class: "here", x1: px, x2: px, y1: box.top, y2: box.bottom}));
   const words = falling.map(({name, style, drop}) => {
     const height = heightAt(drop, time);
-    if (height === null) return `${name} not followed so far`;
+    if (height === null) return `${name} not simulated so long`;
     const place = {cx: px, cy: dropPlot.py(1e3 * height) - 6, r: 6};
     dropPlot.labels.append(node("circle", {class: "ball", style: `--colour: ${style.colour}`, ...place}));
     return `${name} ${(1e3 * height).toFixed(1)} mm`;
@@ -57,7 +57,7 @@ function moveTo(time) {
   at("drop").setAttribute("aria-label", `Heights of dropped balls at ${time.toFixed(3)} s: ${words.join(", ")}`);
 }
 
-// The next touch or apex of the law's ball: what Play steps to where motion is not wanted.
+// The next touch or apex of the law's ball: where Play stops when the reader wants no motion.
 function nextMoment() {
   const {touch, parting} = falling[0].drop;
   const moments = touch.flatMap((t, i) => i ? [(parting[i - 1] + t) / 2, t] : [t]);

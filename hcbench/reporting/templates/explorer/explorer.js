@@ -46,7 +46,7 @@ function chosen() {
 
 function describe({run, i}) {
   const v = run.v[i], law = lawRestitution(alphaNow(), v), range = run.high[i] - run.low[i] > 5e-4;
-  const phases = range ? ` (${text(run.low[i])} to ${text(run.high[i])} by where in a step the touch falls)` : "";
+  const phases = range ? ` (${text(run.low[i])} to ${text(run.high[i])} by chance, with where in a step the contact starts)` : "";
   return `${run.title} at ${text(v)} m/s (${text(v / INCH)} in/s): e = ${run.e[i].toFixed(4)}${phases}; the law ${law.toFixed(4)}`;
 }
 
@@ -79,7 +79,7 @@ function showAnswer() {
     + ` --gravity ${state.gravity}`;
   const {say, more} = answer ?? {
     say: `Not run here: ${engine} at ${stepName(state.step)} for α = ${text(alphaNow())} s/m.`,
-    more: ["Drawn is the law alone. To find a setting, paste this command:", command],
+    more: ["The plot shows the law alone. To find a setting, run this command:", command],
   };
   at("say").textContent = say;
   at("more").replaceChildren(...more.map(line => Object.assign(document.createElement("p"), {textContent: line})));
@@ -137,7 +137,7 @@ function legend(place, runs) {
 function showChosen() {
   const point = chosen(), slider = at("curve");
   slider.querySelector(".chosen")?.remove();
-  const words = point ? describe(point) : "No impact of what is shown came back.";
+  const words = point ? describe(point) : "No body of the shown settings came back.";
   slider.setAttribute("aria-valuetext", words);
   slider.setAttribute("aria-valuemax", point ? point.run.v.length - 1 : 0);
   slider.setAttribute("aria-valuenow", point ? point.i : 0);

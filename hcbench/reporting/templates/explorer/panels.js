@@ -41,7 +41,7 @@ function drawLoop() {
   const point = chosen(), loop = point && data.loops[point.run.loops[point.i]];
   at("loops").hidden = !loop;
   if (!loop) {
-    at("loop-words").textContent = point ? "No loop of this impact was kept." : "No impact of what is shown came back.";
+    at("loop-words").textContent = point ? "No loop of this impact was kept." : "No body of the shown settings came back.";
     return;
   }
   const {run, i} = point, law = lawLoop(data.body, alphaNow(), run.v[i]), [t, x, f] = loop;
@@ -64,11 +64,11 @@ function drawLoop() {
   draw("loop", apart ? "penetration over its largest" : "penetration, µm", over(ownX, ux), over(ownF, uf), over(law.x, lx), over(law.f, lf));
   draw("force", apart ? "time over its contact's" : "time since touch, µs", over(own.t, ut), over(own.f, uf), over(law.t, lt), over(law.f, lf));
   const times = (name, what) => `${text(ratio(name))} times the law's ${what}`;
-  const lone = f.length === 1 ? "All of the bounce happens in one step. " : "";
+  const lone = f.length === 1 ? "The whole bounce happens in one step. " : "";
   at("loop-words").textContent = `${run.title} at ${text(run.v[i])} m/s, phase ${text(run.phase)} of a step. ${lone}`
     + `${text(sizes.x * 1e6)} µm deep, ${times("x", "depth")}; at most ${text(sizes.f)} N, ${times("f", "force")}; `
     + `in contact for ${text(sizes.t * 1e3)} ms, ${times("t", "time")}.`
-    + (apart ? " Too far apart for one scale: each is drawn over its own largest." : "");
+    + (apart ? " Their sizes differ too much for one scale: each loop is scaled by its own largest." : "");
   at("loop").setAttribute("aria-label", `Force over penetration. ${at("loop-words").textContent}`);
   at("force").setAttribute("aria-label", `Force over time. ${at("loop-words").textContent}`);
 }
@@ -99,7 +99,7 @@ function drawSteps() {
   const lines = shownRuns().map(run => ({run, ...stepErrors(run, speed)})).filter(line => line.steps.length);
   at("steps").hidden = !lines.length;
   if (!lines.length) {
-    at("steps-words").textContent = "Nothing that is shown ran at this speed.";
+    at("steps-words").textContent = "No shown setting ran at this speed.";
     return;
   }
   const steps = lines.flatMap(line => line.steps), errors = lines.flatMap(line => line.errors);
