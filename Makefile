@@ -30,7 +30,7 @@ test-engines: $(INSTALLED)  ## tests of all engines from the package index, each
 	HCBENCH_DATA=$(abspath $(ENGINES)) $(BIN)/hcbench engines add mujoco@3.3.0 mujoco@3.6.0 \
 	  $$($(BIN)/python -c "from hcbench.sim.install import names; print(*names())")
 	HCBENCH_ENGINES=$(abspath $(ENGINES)) $(BIN)/python -m pytest -n 2 --dist loadgroup \
-	  tests/sim/test_engines_from_index.py tests/engines/test_mjx_warp.py tests/sim/test_newton.py tests/sim/test_physx_opensim.py \
+	  tests/sim/test_engines_from_index.py tests/engines/test_mjx_warp.py tests/engines/test_newton.py tests/engines/test_physx.py \
 	  tests/reporting/test_field.py
 
 bench: $(INSTALLED)  ## every speed claim, measured against the alternatives; updates benchmarks/README.md

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import signal
+from functools import cache
 from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
 
 from hcbench.engines.mujoco import engine as mujoco_engine
+from hcbench.sim import registry
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -28,10 +30,14 @@ def pytest_configure(config: pytest.Config) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     os.environ["HCBENCH_DATA"] = os.environ.get("HCBENCH_ENGINES") or os.devnull
     config.addinivalue_line("markers", "slow: half a minute; -m 'not slow' leaves it out")
+    config.addinivalue_line(
+        "markers", "needs_engine(name): an engine that must be installed; by default the test's parameter"
+    )
     config.addinivalue_line("markers", "adhesion: needs a contact pair's adhesion, MuJoCo 3.11 or later")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    _leave_out_missing_engines(config, items)
     asking = [item for item in items if item.get_closest_marker("adhesion")]
     if not asking:
         return
@@ -40,6 +46,37 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         reason = f"needs adhesion: MuJoCo 3.11 or later, here is {mujoco.__version__}"
         for item in asking:
             item.add_marker(pytest.mark.skip(reason=reason))
+
+
+def _leave_out_missing_engines(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Of the tests of an engine that is not installed the first is skipped, and the others are deselected."""
+    there = cache(registry.is_there)
+    missing: set[str] = set()
+    kept, left_out = [], []
+    for item in items:
+        engine = _needed_engine(item)
+        if not engine or there(engine):
+            kept.append(item)
+        elif engine in missing:
+            left_out.append(item)
+        else:
+            missing.add(engine)
+            item.add_marker(pytest.mark.skip(reason=f"{engine} is not installed: none of its tests are run"))
+            kept.append(item)
+    items[:] = kept
+    config.hook.pytest_deselected(items=left_out)
+
+
+def _needed_engine(item: pytest.Item) -> str:
+    """That a marker `needs_engine` names, or without a name the parameter `engine`, `name` or `recipe`."""
+    marker = item.get_closest_marker("needs_engine")
+    if marker is None:
+        return ""
+    if marker.args:
+        return str(marker.args[0])
+    params = item.callspec.params  # type: ignore[attr-defined]
+    value = next(params[key] for key in ("engine", "name", "recipe") if key in params)
+    return str(value).partition(".")[0]
 
 
 @pytest.fixture

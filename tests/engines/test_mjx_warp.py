@@ -11,7 +11,7 @@ import pytest
 from shared_models import HOPPER, PAIR, SPRING, ball
 
 from hcbench import Measurement, units
-from hcbench.errors import EngineMissing, SceneError, SettingError
+from hcbench.errors import SceneError, SettingError
 from hcbench.impact import Floats, Launch
 from hcbench.laws.force import HuntCrossley
 from hcbench.measuring.measure import measure
@@ -34,17 +34,8 @@ def target(timestep: float) -> Target:
     return Target(law, PLANE.mass, timestep, 0.0254, 0.508)
 
 
-def require(engine: str) -> None:
-    """A skip where it is not installed: before a search that takes seconds."""
-    try:
-        registry.engine(engine).version()
-    except EngineMissing as error:
-        pytest.skip(str(error))
-
-
 def restitutions(setting: Setting, scene: Scene = PLANE) -> tuple[Floats, Floats]:
-    """Speeds and e; a skip where the engine is not installed."""
-    require(setting.engine)
+    """Speeds and e."""
     impacts = registry.engine(setting.engine).run(scene, setting, LAUNCHES)
     return np.array([i.speed_in for i in impacts]), np.array([i.restitution for i in impacts])
 
@@ -54,6 +45,7 @@ def lent(recipe: str, engine: str, timestep: float) -> Setting:
     return dataclasses.replace(registry.recipe(f"mujoco.{recipe}")(target(timestep)), engine=engine)
 
 
+@pytest.mark.needs_engine
 @pytest.mark.parametrize(("engine", "within"), [("mjx", 3e-6), ("mujoco-warp", 1e-6)])
 def test_the_bounce_in_one_step_has_the_restitution_asked(engine: str, within: float) -> None:
     _, e = restitutions(registry.recipe(f"{engine}.impulse")(target(1e-3)))
@@ -61,6 +53,7 @@ def test_the_bounce_in_one_step_has_the_restitution_asked(engine: str, within: f
     assert np.abs(e - asked).max() < within
 
 
+@pytest.mark.needs_engine
 @pytest.mark.parametrize(("engine", "within"), [("mjx", 5e-6), ("mujoco-warp", 1e-6)])
 def test_each_impact_is_given_its_own_restitution_under_gravity_too(engine: str, within: float) -> None:
     setting = registry.recipe(f"{engine}.restitution-law")(target(1e-3))
@@ -69,6 +62,7 @@ def test_each_impact_is_given_its_own_restitution_under_gravity_too(engine: str,
         assert np.abs(e - target(1e-3).restitution(v)).max() < within
 
 
+@pytest.mark.needs_engine
 @pytest.mark.parametrize(
     ("recipe", "timestep", "within"),
     [
@@ -81,17 +75,18 @@ def test_each_impact_is_given_its_own_restitution_under_gravity_too(engine: str,
     ],
 )
 def test_the_law_is_followed_as_far_as_float32_lets_it(recipe: str, timestep: float, within: float) -> None:
-    require(recipe.partition(".")[0])
     v, e = restitutions(registry.recipe(recipe)(target(timestep)))
     assert np.abs(e - target(timestep).restitution(v)).max() < within
 
 
+@pytest.mark.needs_engine("mjx")
 @pytest.mark.parametrize("recipe", ["two-pair", "staggered"])
 def test_mjx_refuses_pairs_that_pull(recipe: str) -> None:
     with pytest.raises(SettingError, match=r"MJX drops a pair's adhesion.*`staggered-push`"):
         restitutions(lent(recipe, "mjx", 1e-3))
 
 
+@pytest.mark.needs_engine("mjx")
 def test_mjx_refuses_an_impedance_that_float32_does_not_keep_and_takes_it_in_float64() -> None:
     setting = lent("impulse", "mjx", 1e-3)
     with pytest.raises(SettingError, match=r"float32 keeps too little.*'float64'"):
@@ -103,6 +98,7 @@ def test_mjx_refuses_an_impedance_that_float32_does_not_keep_and_takes_it_in_flo
     assert np.abs(e - asked).max() < 4 * magnified * np.finfo(float).eps
 
 
+@pytest.mark.needs_engine
 @pytest.mark.parametrize("engine", ["mjx", "mujoco-warp"])
 def test_a_power_that_underflows_in_float32_is_refused(engine: str) -> None:
     row = {"solref": [-1e8, -100.0], "solimp": [1e-4, 0.9999, 1e-4, 0.5, 1017.0]}
@@ -137,6 +133,7 @@ def test_convert_says_solref_for_both() -> None:
     assert ".9 .9" in rows["MJX"].note
 
 
+@pytest.mark.needs_engine
 @pytest.mark.parametrize(
     ("recipe", "more"),
     [
@@ -149,7 +146,6 @@ def test_convert_says_solref_for_both() -> None:
 def test_contacts_of_a_few_steps_bounce_under_gravity_as_in_mujoco(
     recipe: str, more: dict[str, bool]
 ) -> None:
-    require(recipe.partition(".")[0])
     made_for = dataclasses.replace(target(1e-3), gravity=HEAVY.gravity)
     _, e = restitutions(registry.recipe(recipe)(made_for), HEAVY)
     mujocos = registry.recipe(recipe.replace(recipe.partition(".")[0], "mujoco"))
@@ -159,14 +155,9 @@ def test_contacts_of_a_few_steps_bounce_under_gravity_as_in_mujoco(
 
 
 def measured(model: str, pair: str, engine: str, **asked: Any) -> Measurement:
-    """A user's model; a skip where the engine is not installed."""
-    try:
-        registry.require(engine)
-        return measure(
-            model, pair, engine=engine, **{"speeds": [0.07, 0.41, 1.3], "phases": [0.2, 0.8], **asked}
-        )
-    except EngineMissing as error:
-        pytest.skip(str(error))
+    """A user's model."""
+    options = {"speeds": [0.07, 0.41, 1.3], "phases": [0.2, 0.8], **asked}
+    return measure(model, pair, engine=engine, **options)
 
 
 def scene_xml(engine: str, recipe: str, timestep: float = 1e-3) -> str:
@@ -177,6 +168,7 @@ def scene_xml(engine: str, recipe: str, timestep: float = 1e-3) -> str:
     return registry.engine(engine).script(HEAVY, setting)
 
 
+@pytest.mark.needs_engine
 @pytest.mark.parametrize("engine", ["mjx", "mujoco-warp"])
 @pytest.mark.parametrize("model", ["compliant", "staggered-push", "robot"])
 def test_a_users_model_bounces_as_in_mujoco_as_far_as_float32_lets_it(model: str, engine: str) -> None:
@@ -191,6 +183,7 @@ def test_a_users_model_bounces_as_in_mujoco_as_far_as_float32_lets_it(model: str
     assert [cause.code for cause in theirs.causes] == [cause.code for cause in own.causes]
 
 
+@pytest.mark.needs_engine
 @pytest.mark.parametrize(
     ("engine", "recipe", "code", "words"),
     [
@@ -208,6 +201,7 @@ def test_what_a_users_model_loses_is_named(engine: str, recipe: str, code: str, 
     assert unlike == ([] if recipe == "impulse" else ["unlike-mujoco"])
 
 
+@pytest.mark.needs_engine
 @pytest.mark.parametrize("engine", ["mjx", "mujoco-warp"])
 def test_what_an_engine_does_not_have_is_said_in_one_line(engine: str) -> None:
     xml = HOPPER.replace('timestep=".001"', 'solver="PGS"')

@@ -15,7 +15,7 @@ from hcbench import load_scene, scoring, units
 from hcbench.benchmark.results import Results
 from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import find_study, load_study, study_from
-from hcbench.errors import EngineMissing, StudyError
+from hcbench.errors import StudyError
 from hcbench.impact import Launch
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.constant import minimax_constant
@@ -196,6 +196,7 @@ def test_each_engine_at_its_best_is_as_good_as_by_hand(
         assert (e - (law if wanted == "law" else constant)).abs().max() <= most, h
 
 
+@pytest.mark.needs_engine
 @pytest.mark.parametrize(
     ("engine", "setting", "wanted", "most", "steps"),
     [row for row in BY_HAND if row[0] != "pybullet"],  # whose own tests fly it
@@ -204,10 +205,6 @@ def test_and_bounces_so_where_it_is_installed(
     engine: str, setting: str, wanted: str, most: float, steps: tuple[float, ...]
 ) -> None:
     """At speeds and phases that no study has."""
-    try:
-        registry.engine(engine).version()
-    except EngineMissing as error:
-        pytest.skip(str(error))
     scene = load_scene("steel-plane")
     law = HuntCrossley(scene.stiffness, 0.008 / units.INCH, scene.exponent)
     target = Target(law, scene.mass, steps[-1], 0.0254, 0.508)

@@ -12,10 +12,17 @@ from hcbench.testing import LAUNCHES, EngineConformance, impacts_for, setting_fo
 
 DAMPED = {"pybullet": {"stock_damping": 0.01}}  # its linearDamping of 0.04 slows the flight
 
-for _name in registry.names():
-    if registry.recipes(_name):
+WITH_RECIPES = [name for name in registry.names() if registry.recipes(name)]
+for _name in WITH_RECIPES:
+    if registry.is_there(_name):
         _title = f"Test{_name.title()}"
         globals()[_title] = type(_title, (EngineConformance,), {"engine": _name, **DAMPED.get(_name, {})})
+
+
+@pytest.mark.needs_engine
+@pytest.mark.parametrize("engine", WITH_RECIPES)
+def test_every_engine_that_is_installed_is_tested(engine: str) -> None:
+    assert issubclass(globals()[f"Test{engine.title()}"], EngineConformance)
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.slug)

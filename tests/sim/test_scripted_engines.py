@@ -17,7 +17,7 @@ import pytest
 
 from hcbench.errors import EngineFailed, EngineMissing, SettingError
 from hcbench.impact import Launch, Status
-from hcbench.recipes.recipe import Role
+from hcbench.recipes.recipe import Recipe, Role
 from hcbench.scene import load_scene
 from hcbench.setting import Setting
 from hcbench.sim import registry
@@ -30,24 +30,18 @@ SCRIPTED = [name for name in registry.names() if isinstance(registry.engine(name
 RECIPES = [f"{name}.{recipe}" for name in SCRIPTED for recipe in registry.recipes(name)]
 
 
-def installed(name: str) -> Any:
-    engine = registry.engine(name)
-    try:
-        engine.version()
-    except EngineMissing as error:
-        pytest.skip(str(error))
-    return engine
+def prints_bounces(recipe: Recipe) -> bool:
+    """Without a rebound the script waits for long; defaults part in steps that float32 hardly tells apart."""
+    in_float32 = registry.engine(recipe.engine).bits == 32 and recipe.role is Role.STOCK
+    return recipe.ends is None and not in_float32
 
 
-@pytest.mark.parametrize("recipe", [name for name in RECIPES if not registry.recipe(name).ends])
+@pytest.mark.needs_engine
+@pytest.mark.parametrize("recipe", [name for name in RECIPES if prints_bounces(registry.recipe(name))])
 def test_the_script_prints_the_restitution_that_was_measured(recipe: str) -> None:
     setting = setting_for(recipe, "steel-plane")
-    engine = installed(setting.engine)
+    engine: Any = registry.engine(setting.engine)
     impacts = engine.run(PLANE, setting, [Launch(speed, 0.5) for speed in (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)])
-    if max(impact.restitution for impact in impacts) < 1e-6:
-        pytest.skip("nothing bounces: the script waits for long")
-    if engine.bits == 32 and registry.recipe(recipe).role is Role.STOCK:
-        pytest.skip("it parts in steps that float32 hardly tells apart")
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the engine's own, such as of a graphics library
@@ -63,7 +57,7 @@ def test_the_script_prints_the_restitution_that_was_measured(recipe: str) -> Non
 @pytest.mark.parametrize("recipe", RECIPES)
 def test_what_is_pasted_stands_in_the_script(recipe: str) -> None:
     setting = setting_for(recipe, "steel-plane")
-    engine = registry.engine(setting.engine)
+    engine: Any = registry.engine(setting.engine)
     script = [line.strip() for line in engine.script(PLANE, setting).splitlines()]
     pasted = engine.snippet(setting, "plane").splitlines()
     assert bool(pasted) is bool(setting.options)
@@ -101,11 +95,12 @@ def test_a_version_never_tried_is_said() -> None:
         raise AttributeError("ours")
 
 
+@pytest.mark.needs_engine
 @pytest.mark.parametrize("name", SCRIPTED)
 def test_a_run_with_a_version_never_tried_warns(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     from hcbench.sim import simulate
 
-    engine = installed(name)
+    engine: Any = registry.engine(name)
     monkeypatch.setattr(type(engine), "backend", Backend(name, engine.backend.package, "0.1", "0.1"))
     simulate._require_installed.cache_clear()
     with pytest.warns(UntriedVersionWarning, match="was never tried"):
@@ -120,8 +115,8 @@ def test_an_engine_is_its_folder_of_250_lines() -> None:
         assert lines <= 250, f"{name}: {lines} lines"
 
 
+@pytest.mark.needs_engine("rapier")
 def test_the_command_line_says_so_in_one_line() -> None:
-    installed("rapier")
     code = (
         "import sys; from hcbench import cli; from hcbench.engines.rapier.engine import RapierEngine;"
         "from hcbench.sim.backend import Backend;"
@@ -135,9 +130,10 @@ def test_the_command_line_says_so_in_one_line() -> None:
     assert line.endswith("was never tried with hcbench; 0.1 ... 0.2 was")
 
 
+@pytest.mark.needs_engine
 @pytest.mark.parametrize("name", SCRIPTED)
 def test_a_package_that_does_not_load_is_one_line(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    engine = installed(name)
+    engine: Any = registry.engine(name)
     setting = setting_for(f"{name}.stock", "steel-plane")
     modules = re.findall(r"^(?:import|from) (\w+)", engine.lines(engine.read(setting), PLANE), re.MULTILINE)
     for module in {"pydrake.all", *modules} - {"numpy", "logging", "math"}:
@@ -147,8 +143,9 @@ def test_a_package_that_does_not_load_is_one_line(name: str, monkeypatch: pytest
         engine.run(PLANE, setting, [Launch(0.4)])
 
 
+@pytest.mark.needs_engine("rapier")
 def test_an_engine_that_gives_up_is_a_record_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    engine = installed("rapier")
+    engine: Any = registry.engine("rapier")
     broken = _RESTING.format(lines=engine.lines(engine.table(), PLANE))
     monkeypatch.setattr(type(engine), "lines", lambda *_: broken)
     (impact,) = engine.run(PLANE, setting_for("rapier.stock", "steel-plane"), [Launch(0.4)])

@@ -10,7 +10,7 @@ import pytest
 
 from hcbench import units
 from hcbench.engines.newton.engine import NewtonEngine
-from hcbench.errors import EngineMissing, SettingError
+from hcbench.errors import SettingError
 from hcbench.impact import Floats, Launch
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
@@ -28,21 +28,13 @@ def target(timestep: float) -> Target:
     return Target(law, PLANE.mass, timestep, 0.0254, 0.508)
 
 
-def require_newton() -> None:
-    """A skip where it is not installed."""
-    try:
-        registry.engine("newton").version()
-    except EngineMissing as error:
-        pytest.skip(str(error))
-
-
 def restitutions(setting: Setting, scene: Scene = PLANE) -> tuple[Floats, Floats]:
-    """Speeds and e; a skip where Newton is not installed."""
-    require_newton()
+    """Speeds and e."""
     impacts = registry.engine("newton").run(scene, setting, LAUNCHES)
     return np.array([i.speed_in for i in impacts]), np.array([i.restitution for i in impacts])
 
 
+@pytest.mark.needs_engine("newton")
 @pytest.mark.parametrize("timestep", [1e-5, 1e-3, 1 / 240])
 def test_xpbd_has_the_restitution_that_is_set(timestep: float) -> None:
     setting = registry.recipe("newton.restitution")(target(timestep))
@@ -51,6 +43,7 @@ def test_xpbd_has_the_restitution_that_is_set(timestep: float) -> None:
         assert np.abs(e - setting.options["restitution"]).max() < 2e-7
 
 
+@pytest.mark.needs_engine("newton")
 def test_xpbd_is_given_the_restitution_of_each_impact() -> None:
     setting = registry.recipe("newton.restitution-law")(target(1e-4))
     for scene in (PLANE, HEAVY):
@@ -58,11 +51,13 @@ def test_xpbd_is_given_the_restitution_of_each_impact() -> None:
         assert np.abs(e - target(1e-4).restitution(v)).max() < 2e-7
 
 
+@pytest.mark.needs_engine("newton")
 def test_as_it_comes_a_restitution_is_not_there() -> None:
     _, e = restitutions(registry.recipe("newton.stock")(target(1e-3)))
     assert 0.005 < e.min() <= e.max() < 0.04
 
 
+@pytest.mark.needs_engine("newton")
 def test_the_closed_form_of_the_spring_and_damper_holds_in_small_steps() -> None:
     setting = registry.recipe("newton.spring-damper")(target(1e-6))
     _, e = restitutions(setting)
@@ -76,23 +71,26 @@ def test_an_e_for_a_solver_without_one_is_refused() -> None:
         registry.engine("newton").script(PLANE, Setting("newton", "mine", 1e-3, options))
 
 
+@pytest.mark.needs_engine("newton")
 @pytest.mark.parametrize(("timestep", "within"), [(1e-5, 4e-3), (1e-4, 5e-4), (1e-3, 5e-4)])
 def test_rows_that_only_push_follow_the_law_in_its_mujoco_solver(timestep: float, within: float) -> None:
-    require_newton()  # before a search that takes seconds
     v, e = restitutions(registry.recipe("newton.staggered-push")(target(timestep)))
     assert np.abs(e - target(timestep).restitution(v)).max() < within
 
 
+@pytest.mark.needs_engine("newton")
 def test_its_mujoco_solver_bounces_in_one_step_with_the_restitution_asked() -> None:
     _, e = restitutions(registry.recipe("newton.impulse")(target(1e-3)))
     assert np.abs(e - target(1e-3).restitution(np.array([0.0254, 0.508])).mean()).max() < 1e-6
 
 
+@pytest.mark.needs_engine("newton")
 def test_its_mujoco_solver_as_it_comes_is_critically_damped() -> None:
     _, e = restitutions(registry.recipe("newton.stock-mujoco")(target(1e-3)))
     assert 0.12 < e.min() <= e.max() < 0.15
 
 
+@pytest.mark.needs_engine("newton")
 def test_its_mujoco_solver_has_mujocos_own_compliant_bounce_under_gravity() -> None:
     made_for = dataclasses.replace(target(1e-3), gravity=HEAVY.gravity)
     _, e = restitutions(registry.recipe("newton.compliant")(made_for), HEAVY)
