@@ -31,7 +31,7 @@ test-engines: $(INSTALLED)  ## tests of all engines from the package index, each
 	  $$($(BIN)/python -c "from hcbench.sim.install import names; print(*names())")
 	HCBENCH_ENGINES=$(abspath $(ENGINES)) $(BIN)/python -m pytest -n 2 --dist loadgroup \
 	  tests/sim/test_engines_from_index.py tests/engines/test_mjx_warp.py tests/engines/test_newton.py tests/engines/test_physx.py \
-	  tests/reporting/test_field.py
+	  tests/engines/test_opensim.py 	  tests/reporting/test_field.py
 
 bench: $(INSTALLED)  ## every speed claim, measured against the alternatives; updates benchmarks/README.md
 	$(BIN)/python -m pytest benchmarks/bench_reference.py benchmarks/bench_engines.py benchmarks/bench_commands.py \
