@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.benchmark.results import TRAIN_COLUMNS, run_key
-from hcbench.benchmark.tables import parquet
 from hcbench.impact import Launch
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim import registry
@@ -21,13 +20,14 @@ from hcbench.units import STANDARD_GRAVITY
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
+    from hcbench.benchmark.encodings import Encode
     from hcbench.benchmark.plan import Inputs, Plan
     from hcbench.impact import Trajectory
     from hcbench.scene import Scene
     from hcbench.setting import Setting
 
 BOUNCES = 10
-RESTS = b"hcbench.rests"  # in the metadata of the table: how the bodies lie at the end
+RESTS = "hcbench.rests"  # in the metadata of the table: how the bodies lie at the end
 _SLACK = 2.0  # of the law's time for as many bounces, for engines that bounce higher
 _REST_S = 6.0  # after a drop: what buzzes or sinks then does so for good
 
@@ -141,7 +141,7 @@ def simulate_bounces(scene: Scene, drop: Drop) -> Dropped:
     return Dropped(bounces(path, BOUNCES), rest(path) if drop.rests else None)
 
 
-def bounce_table(dropped: Sequence[tuple[Drop, Dropped]], alpha: float) -> bytes:
+def bounce_table(dropped: Sequence[tuple[Drop, Dropped]], alpha: float, encode: Encode) -> bytes:
     """TRAIN_COLUMNS, as the bytes of a file, with how the bodies lie at the end in its metadata."""
     tables, rests = [], []
     for drop, seen in dropped:
@@ -153,4 +153,4 @@ def bounce_table(dropped: Sequence[tuple[Drop, Dropped]], alpha: float) -> bytes
         if seen.rest is not None:
             lies = {"followed_s": drop.duration, "depth_m": seen.rest.depth, "motion_m": seen.rest.motion}
             rests.append({**key, **lies})
-    return parquet(tables, TRAIN_COLUMNS, {RESTS: json.dumps(rests).encode()})
+    return encode(tables, TRAIN_COLUMNS, {RESTS: json.dumps(rests).encode()})

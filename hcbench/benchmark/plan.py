@@ -9,9 +9,10 @@ import hashlib
 import math
 import re
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -257,7 +258,9 @@ def _shard_size(grid: LaunchGrid) -> int:
 @lru_cache(maxsize=64)
 def versions_here(*engines: str) -> Mapping[str, str]:
     """Of everything that the bytes of a shard depend on: package or engine -> version."""
-    packages = {name: version(name) for name in ("hcbench", "numpy", "pyarrow", "scipy")}
+    packages = {name: version(name) for name in ("hcbench", "numpy", "scipy")}
+    with suppress(PackageNotFoundError):  # which only sweeps need
+        packages["pyarrow"] = version("pyarrow")
     return {**packages, **{name: registry.require(name) for name in engines}}
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 import json
 import os
 import platform
@@ -18,6 +17,7 @@ import numpy as np
 from hcbench import scoring
 from hcbench.benchmark.batch import MEASURED
 from hcbench.benchmark.bounce_sequence import RESTS
+from hcbench.benchmark.encodings import frame, metadata_in
 from hcbench.benchmark.files import open_files
 from hcbench.benchmark.results import LOOP_COLUMNS, REST_COLUMNS, RUN_KEY, Results
 from hcbench.benchmark.store import DESCRIPTION, Store
@@ -149,35 +149,20 @@ def _versions(versions: Mapping[str, str]) -> dict[str, str]:
 def _drops(store: Store, study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
     """The tables of drops under gravity."""
     import pandas as pd
-    import pyarrow.parquet as pq
 
     if study["train_height"] is None:
         return {}
     if (table := store.bounces()) is None:
         got = f"{store.where} holds no bounces under gravity, or they are damaged"
         raise UserError("folder", got, "a finished sweep", "Finish it by --resume")
-    rests = json.loads((pq.read_metadata(io.BytesIO(table)).metadata or {}).get(RESTS, b"[]"))
-    return {"trains": _frame([table]), "rests": pd.DataFrame(rests, columns=REST_COLUMNS)}
-
-
-def _frame(files: Iterable[bytes]) -> pd.DataFrame:
-    """Tables below one another, with texts as such."""
-    import pandas as pd
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    table = pa.concat_tables(
-        [pq.ParquetFile(pa.BufferReader(content)).read(use_threads=False) for content in files]
-    ).to_pandas()
-    texts = {name: str for name in table if isinstance(table[name].dtype, pd.CategoricalDtype)}
-    frame: pd.DataFrame = table.astype(texts)
-    return frame
+    rests = json.loads(metadata_in(table).get(RESTS, b"[]"))
+    return {"trains": frame([table]), "rests": pd.DataFrame(rests, columns=REST_COLUMNS)}
 
 
 def _by_key(files: Iterable[bytes]) -> dict[tuple[Any, ...], pd.DataFrame]:
     """Tables of all files by the values of RUN_KEY, in the files' order."""
     contents = list(files)
-    return dict(iter(_frame(contents).groupby(RUN_KEY, sort=False))) if contents else {}
+    return dict(iter(frame(contents).groupby(RUN_KEY, sort=False))) if contents else {}
 
 
 def _loop(table: pd.DataFrame) -> Loop:

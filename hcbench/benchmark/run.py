@@ -11,12 +11,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from hcbench._arguments import checked
 from hcbench.benchmark.bounce_sequence import bounce_table, plan_drops
+from hcbench.benchmark.encodings import arrays, parquet, require_parquet
 from hcbench.benchmark.files import files_in_memory, open_files
 from hcbench.benchmark.plan import Plan, make_plan
 from hcbench.benchmark.results import Results
@@ -26,6 +28,9 @@ from hcbench.benchmark.study import Study
 from hcbench.benchmark.tables import Summary
 from hcbench.errors import CannotRun, HcbenchError
 from hcbench.workers import WorkerPool
+
+if TYPE_CHECKING:
+    from hcbench.benchmark.encodings import Encode
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -82,7 +87,7 @@ def run_in_pool(
 
     workers = Workers(pool.threads, lambda: pool.jobs, pool.map)
     store = Store(files_in_memory())
-    _run(make_plan(study, pool.map), store, workers, False, report, Timeouts())
+    _run(make_plan(study, pool.map), store, workers, False, report, Timeouts(), arrays)
     return results_in(store, pool.map)
 
 
@@ -107,6 +112,7 @@ def sweep(
     Raises UserError for what the study asks wrongly and for a folder of something else, CannotRun where the
     folder is taken or the workers are not what they should be, OutputError where it cannot be written.
     """
+    require_parquet()
     store = Store(open_files(os.fspath(folder)))
     with _workers(executor, scheduler, jobs) as workers:
         plan = make_plan(study, workers.mapper)
@@ -136,8 +142,9 @@ def _run(
     resume: bool,
     report_progress: Callable[[Progress], None],
     timeouts: Timeouts,
+    encode: Encode = parquet,
 ) -> Progress:
-    """Run what is not in the store."""
+    """Run what is not in the store. encode: makes the bytes of a table."""
     store.create_or_verify(plan, resume)
     verified = dict(store.verified(len(plan)))
     summaries: dict[int, Sequence[Summary]]
@@ -158,9 +165,11 @@ def _run(
         order = {id(drop): i for i, drop in enumerate(drops)}
         seen = {order[id(drop)]: end for drop, end in _imap_unordered(workers, run_bounces, drops, timeouts)}
         ends = [seen[i] for i in range(len(drops))]
-        store.write_bounces(bounce_table(list(zip(drops, ends, strict=True)), plan.study.main_alpha))
+        dropped = list(zip(drops, ends, strict=True))
+        store.write_bounces(bounce_table(dropped, plan.study.main_alpha, encode))
     missing = [number for number in range(len(plan)) if number not in summaries]
-    for shard, files in _imap_unordered(workers, run_shard, map(plan.shard, missing), timeouts):
+    run = partial(run_shard, encode=encode)
+    for shard, files in _imap_unordered(workers, run, map(plan.shard, missing), timeouts):
         store.write_shard(files)
         summaries[shard.number] = files.summaries
         now = replace(now, impacts=now.impacts + len(shard.launches), shards=now.shards + 1)

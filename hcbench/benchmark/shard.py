@@ -11,9 +11,11 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 from hcbench.benchmark.batch import Batch, BatchResult, result_of, run_batch, run_one_by_one
 from hcbench.benchmark.bounce_sequence import Drop, Dropped, simulate_bounces
+from hcbench.benchmark.encodings import parquet
 from hcbench.benchmark.plan import Inputs, Shard, digests_of, versions_here
 from hcbench.benchmark.tables import ShardFiles, shard_files
 from hcbench.errors import CannotRun, SceneError, UserError
@@ -21,6 +23,9 @@ from hcbench.impact import Impact, Status
 from hcbench.scene import Scene, load_scene
 from hcbench.sim import registry
 from hcbench.workers import call, map_surviving_crashes, use_own_worker
+
+if TYPE_CHECKING:
+    from hcbench.benchmark.encodings import Encode
 
 _FIRST = 64  # launches in the first batch of a shard: it shows how long contacts last
 _SAMPLES = 500_000  # steps in contact in a batch, at most: 16 MB of loops
@@ -44,8 +49,10 @@ class Timeouts:
         return self.start + each * impacts
 
 
-def run_shard(shard: Shard, timeouts: Timeouts) -> ShardFiles:
+def run_shard(shard: Shard, timeouts: Timeouts, encode: Encode = parquet) -> ShardFiles:
     """All of a shard, as the bytes of its files.
+
+    encode: makes the bytes of a table.
 
     Raises UserError for what the engine refuses, CannotRun where this is not what the shard was planned with.
     """
@@ -59,7 +66,7 @@ def run_shard(shard: Shard, timeouts: Timeouts) -> ShardFiles:
         batch = Batch(scene, shard.setting, shard.launches[done:end], kept, shard.oblique)
         results.append(_run(batch, timeouts))
         done, size = end, max(_FIRST, int(_SAMPLES // (1 + results[-1].columns["samples"].mean())))
-    return shard_files(shard, results)
+    return shard_files(shard, results, encode)
 
 
 def _run(batch: Batch, timeouts: Timeouts) -> BatchResult:
@@ -94,12 +101,12 @@ def run_bounces(drop: Drop, timeouts: Timeouts) -> Dropped:
 def _scene_here(inputs: Inputs, engine: str) -> Scene:
     """The scene with its files as they lie here; CannotRun where anything is not as it was planned."""
     here = versions_here(engine)
-    differ = [name for name in here if inputs.versions[name] != here[name]]
+    differ = [name for name in here if inputs.versions.get(name) != here[name]]
     if differ:
         raise CannotRun(
             "worker",
             f"has {', '.join(f'{name} {here[name]}' for name in differ)}",
-            ", ".join(f"{name} {inputs.versions[name]}" for name in differ),
+            ", ".join(f"{name} {inputs.versions.get(name, 'none')}" for name in differ),
             "Install the same everywhere",
         )
     for scene in _candidates(inputs.scene):

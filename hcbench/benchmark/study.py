@@ -111,8 +111,9 @@ class Study:
 
     def described(self) -> dict[str, Any]:
         """As JSON, defaults filled in."""
-        skipped = {"scene", "runs", *(("page", "missing") if self.page == "report" else ())}
-        skipped |= set() if self.left_out else {"left_out"}
+        skipped = {"scene", "runs", *(() if self.left_out else ("left_out",))}
+        if self.page == "report":
+            skipped |= {"page", *(() if self.missing else ("missing",))}
         names = [f.name for f in dataclasses.fields(self) if f.name not in skipped]
         values = {name: getattr(self, name) for name in names}
         scene = self.scene
@@ -135,7 +136,7 @@ class Study:
         runs = tuple(run for run in self.runs if run.engine not in missing)
         if not runs:
             raise StudyError("study", "none of its engines is there", "one", "`hcbench engines` lists them")
-        return dataclasses.replace(self, runs=runs, missing=tuple(missing))
+        return dataclasses.replace(self, runs=runs, missing=(*self.missing, *missing))
 
     def quick(self) -> Study:
         """A preview of itself, which takes a fraction of its time. left_out says what it is without."""
@@ -204,6 +205,11 @@ def find_study(name: str) -> Path:
     raise StudyError(
         "study", f"{name!r} was not found", f"a study.toml, its folder, or one of: {', '.join(built_in)}"
     )
+
+
+def is_built_in(path: Path) -> bool:
+    """Whether a study.toml is one of hcbench's own: a missing engine is then a gap in its page."""
+    return any(path.resolve().is_relative_to(folder.resolve()) for folder in _BUILT_IN)
 
 
 def name_of(path: Path) -> str:

@@ -1,19 +1,17 @@
-"""Tables as the bytes of Parquet files, and what a summary says of a shard's impacts."""
+"""The tables of a shard, and what a summary says of its impacts."""
 
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from hcbench.benchmark.batch import OBLIQUE_COLUMNS
+from hcbench.benchmark.encodings import metadata_in
 from hcbench.benchmark.results import IMPACT_COLUMNS, LOOP_COLUMNS, RUN_KEY, run_key
 from hcbench.impact import Floats, Loop, Status
 from hcbench.laws import closed_form
@@ -22,12 +20,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from hcbench.benchmark.batch import BatchResult
+    from hcbench.benchmark.encodings import Encode
     from hcbench.benchmark.plan import Shard
 
-_TEXTS = ("scene", "engine", "setting", "status", "reason")
-_WHOLE = ("samples", "bounce")
-_LOOPS = b"hcbench.loops"  # in the metadata of a shard's table: the digest of its loops, or nothing
-_SUMMARY = b"hcbench.summary"  # and what it adds to the summary
+_LOOPS = "hcbench.loops"  # in the metadata of a shard's table: the digest of its loops, or nothing
+_SUMMARY = "hcbench.summary"  # and what it adds to the summary
 SUMMARY = ("impacts", "parted", "rested", "failed", "max_error_law", "rms_error_law", "max_error_linear")
 Summary = dict[str, Any]  # of the impacts of a shard for one α
 
@@ -47,7 +44,7 @@ def digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:16]
 
 
-def shard_files(shard: Shard, results: Sequence[BatchResult]) -> ShardFiles:
+def shard_files(shard: Shard, results: Sequence[BatchResult], encode: Encode) -> ShardFiles:
     """The files of a shard from its batches: the same impacts give the same bytes."""
     measured = {name: np.concatenate([r.columns[name] for r in results]) for name in results[0].columns}
     asked = dict(zip(("speed_m_per_s", "phase"), np.array(shard.asked).T, strict=True))
@@ -60,10 +57,10 @@ def shard_files(shard: Shard, results: Sequence[BatchResult]) -> ShardFiles:
         tables.append(columns)
         loops += [_loop_columns(key, shard.asked[i], loop) for i, loop in kept]
         summaries.append({**key, **_summary(columns)})
-    looped = parquet(loops, LOOP_COLUMNS) if loops else b""
+    looped = encode(loops, LOOP_COLUMNS, {}) if loops else b""
     names = [*IMPACT_COLUMNS, *(OBLIQUE_COLUMNS if shard.oblique else ())]
     metadata = {_LOOPS: digest(looped).encode() if looped else b"", _SUMMARY: json.dumps(summaries).encode()}
-    return ShardFiles(shard.number, parquet(tables, names, metadata), looped, summaries)
+    return ShardFiles(shard.number, encode(tables, names, metadata), looped, summaries)
 
 
 def _laws(alpha: float, speed: Floats) -> dict[str, Floats]:
@@ -77,53 +74,6 @@ def _laws(alpha: float, speed: Floats) -> dict[str, Floats]:
 def _loop_columns(key: Mapping[str, Any], asked: tuple[float, float], loop: Loop) -> dict[str, Any]:
     columns = (*key.values(), *asked, loop.time, loop.penetration, loop.rate, loop.force)
     return dict(zip(LOOP_COLUMNS, columns, strict=True))
-
-
-def parquet(
-    tables: Sequence[Mapping[str, Any]], names: Sequence[str], metadata: Mapping[bytes, bytes] | None = None
-) -> bytes:
-    """Tables below one another, as one. A column has values, or one text or float for all rows of a table."""
-    schema = pa.schema([(name, _type(name)) for name in names])
-    rows = [_table(table, schema) for table in tables] or [schema.empty_table()]
-    sink = io.BytesIO()
-    table = pa.concat_tables(rows).combine_chunks().replace_schema_metadata(metadata)
-    pq.write_table(table, sink, compression="zstd")
-    return sink.getvalue()
-
-
-def _type(name: str) -> Any:
-    if name in _TEXTS:
-        return pa.dictionary(pa.int32(), pa.string())
-    return pa.int64() if name in _WHOLE else pa.float64()
-
-
-def _table(columns: Mapping[str, Any], schema: Any) -> Any:
-    length = max(len(c) for c in columns.values() if not isinstance(c, str | float))
-    arrays = []
-    for field in schema:
-        values = columns[field.name]
-        if field.name in _TEXTS:
-            arrays.append(_texts([values] * length if isinstance(values, str) else values))
-        else:
-            numbers = np.full(length, values) if isinstance(values, float) else values
-            arrays.append(_numbers(numbers, field.type))
-    return pa.Table.from_arrays(arrays, schema=schema)
-
-
-# From buffers: `pyarrow.array` loads pandas, which takes more memory than all else that a sweep is.
-def _numbers(values: Any, kind: Any) -> Any:
-    plain = np.ascontiguousarray(values, dtype=kind.to_pandas_dtype())
-    return pa.Array.from_buffers(kind, len(plain), [None, pa.py_buffer(plain)])
-
-
-def _texts(values: Sequence[Any]) -> Any:
-    """Each text once, in the order in which they come, and which one is where."""
-    numbers: dict[str, int] = {}
-    places = [numbers.setdefault(str(text), len(numbers)) for text in values]
-    texts = [text.encode() for text in numbers]
-    offsets = np.cumsum([0, *map(len, texts)], dtype=np.int32)
-    once = pa.StringArray.from_buffers(len(texts), pa.py_buffer(offsets), pa.py_buffer(b"".join(texts)))
-    return pa.DictionaryArray.from_arrays(_numbers(places, pa.int32()), once)
 
 
 def _summary(columns: Mapping[str, Any]) -> Summary:
@@ -149,7 +99,7 @@ def _largest(values: Floats) -> float:
 
 def metadata_of(impacts: bytes) -> tuple[str, list[Summary]]:
     """Of a shard's table: the digest of its loops, "" for none, and what it adds to the summary."""
-    metadata = pq.read_metadata(io.BytesIO(impacts)).metadata
+    metadata = metadata_in(impacts)
     summaries: list[Summary] = json.loads(metadata[_SUMMARY])
     return metadata[_LOOPS].decode(), summaries
 

@@ -102,13 +102,12 @@ def _beside(name: str) -> dict[str, Any]:
     """Of an engine that is installed beside hcbench, or how to install it."""
     import platform
 
-    from hcbench.environments import ADD
     from hcbench.sim import install, registry
 
     if version := registry.version_beside(name):
         size, where = install.files_of(name)
         return {"version": version, "python": platform.python_version(), "size_bytes": size, "where": where}
-    return {"install": f"{ADD} {name}, or: {registry.engine(name).install}"}
+    return {"install": f"{install.add_commands([name])[0]}, or: {registry.engine(name).install}"}
 
 
 def _elsewhere(made: Environment) -> dict[str, Any]:

@@ -10,9 +10,59 @@ import click
 
 from hcbench.cli._process import PathType
 from hcbench.cli.console import jobs_option, progress
+from hcbench.errors import UserError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from hcbench.benchmark.run import Progress
+    from hcbench.benchmark.study import Study
+
+
+def _load(name: str) -> tuple[str, Study]:
+    """A study and its name. A built-in one leaves out engines that are not installed; a line says so."""
+    from hcbench.benchmark.study import find_study, is_built_in, load_study, name_of
+
+    path = find_study(name)
+    study = load_study(path)
+    if is_built_in(path):
+        missing = _missing(dict.fromkeys(run.engine for run in study.runs))
+        study = study.of_engines(lambda engine: engine not in missing)
+    return name_of(path), study
+
+
+def _missing(engines: Iterable[str]) -> tuple[str, ...]:
+    """Those of some engines that are not installed; a line says so, with the commands that add them."""
+    from hcbench.sim import install, registry
+
+    missing = tuple(name for name in engines if not registry.is_there(name))
+    if missing:
+        commands = "; ".join(install.add_commands(missing))
+        print(f"left out, not installed: {', '.join(missing)}. Add: {commands}", file=sys.stderr)
+    return missing
+
+
+def _folder(out: Path | None, default: Path, missing: tuple[str, ...], there: set[str]) -> Path:
+    """Where a report goes: not in place of one that has engines that this one lacks."""
+    folder = out or default
+    if not (lost := there & set(missing)):
+        return folder
+    if out is None:
+        return default.with_name(f"{default.name}-without-{'-'.join(missing)}")
+    engines = ", ".join(sorted(lost))
+    raise UserError("--out", f"{out} holds a report with {engines}, now not installed", "another folder")
+
+
+def _engines_in(folder: Path) -> set[str]:
+    """The engines of the report in a folder; none where there is no report."""
+    from hcbench._files import parse_json, read_text
+
+    try:
+        return {
+            str(setting["engine"]) for setting in parse_json(read_text(folder / "summary.json"))["settings"]
+        }
+    except (OSError, ValueError, LookupError, TypeError):
+        return set()
 
 
 @click.command()
@@ -29,12 +79,12 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
     """
     from hcbench._files import atomic_folder
     from hcbench.benchmark.read import is_sweep, read
-    from hcbench.benchmark.study import find_study, load_study, name_of
     from hcbench.workers import WorkerPool
 
     swept = is_sweep(study)
-    path = Path(study).resolve() if swept else find_study(study)
-    folder = out or Path("reports") / (path.name if swept else name_of(path))
+    name, plan = (Path(study).resolve().name, None) if swept else _load(study)
+    default = Path("reports") / name
+    folder = _folder(out, default, plan.missing if plan else (), _engines_in(out or default))
     with WorkerPool(jobs) as pool:
         # While this process imports what draws the page.
         pool.begin("importlib", "import_module", "hcbench.benchmark.shard")
@@ -42,10 +92,10 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
         from hcbench.reporting.build import build
         from hcbench.reporting.page import PAGE
 
-        if swept:
+        if plan is None:
             build(read(study, pool.map), folder, pool)
         else:
-            plan = load_study(path).quick() if quick else load_study(path)
+            plan = plan.quick() if quick else plan
             with atomic_folder(folder, PAGE) as scratch:
                 with progress("impacts") as tick:
                     results = run_in_pool(pool, plan, tick)
@@ -73,11 +123,9 @@ def sweep(study: str, out: str | None, jobs: int, resume: bool, scheduler: str |
     STUDY is a study.toml, its folder, or a built-in name. The folder's _summary.csv is kept up to date.
     """
     from hcbench.benchmark.run import sweep as run
-    from hcbench.benchmark.study import find_study, load_study, name_of
 
-    path = find_study(study)
-    plan = load_study(path)
-    folder = out or str(Path("sweeps") / name_of(path))
+    name, plan = _load(study)
+    folder = out or str(Path("sweeps") / name)
     with progress("impacts") as tick:
 
         def report(now: Progress) -> None:
@@ -90,19 +138,20 @@ def sweep(study: str, out: str | None, jobs: int, resume: bool, scheduler: str |
 
 
 @click.command()
-@click.option(
-    "--out", type=PathType(path_type=Path), default=Path("reports/paper"), show_default=True,
-    help="Folder to write to.",
-)  # fmt: skip
+@click.option("--out", type=PathType(path_type=Path), help="Folder to write to.  [default: reports/paper]")
 @click.option("--quick", is_flag=True, help="Fewer parameters in the forced figures: a preview.")
 @jobs_option
-def paper(out: Path, quick: bool, jobs: int) -> None:
+def paper(out: Path | None, quick: bool, jobs: int) -> None:
     """Redraw and check Hunt and Crossley 1975.
 
     Every figure is redrawn, and every number that it prints is computed again.
     """
-    from hcbench.paper.build import build
+    from hcbench.paper.build import build, engines_drawn_in
+    from hcbench.paper.engines import engines_with_two_blocks
 
+    missing = _missing(engines_with_two_blocks())
+    default = Path("reports/paper")
+    folder = _folder(out, default, missing, engines_drawn_in(out or default))
     with progress("figures") as tick:
-        page = build(out, quick=quick, jobs=jobs, tick=tick)
+        page = build(folder, quick=quick, jobs=jobs, tick=tick)
     print(page)

@@ -77,7 +77,8 @@ def _make(folder: Path, python: str) -> None:
             r"(?i)no interpreter found|not found|could not find|failed to inspect|invalid version", text
         ):
             there = ", ".join(interpreters()) or "none"
-            raise UserError("python", f"{python!r} is not on this machine", f"one of: {there}, or a path")
+            got, expected = f"{python!r} is not on this machine", f"one of: {there}, or a path"
+            raise UserError("python", got, expected, f"Install it: uv python install {python}")
         raise _explained(text, f"an environment with Python {python}", folder.parent)
     if tuple(map(int, _python_version(folder).split(".")[:2])) < LOWEST_PYTHON:
         lowest = ".".join(map(str, LOWEST_PYTHON))

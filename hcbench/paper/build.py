@@ -2,12 +2,13 @@
 
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hcbench._files import atomic_folder, write_text
+from hcbench._files import atomic_folder, read_text, write_text
 from hcbench.laws.published import LAWS
 from hcbench.paper import forced_figures, impact_figures, later_figures, vibroimpact_figures
 from hcbench.paper.approximations import APPROXIMATIONS
@@ -64,6 +65,14 @@ def build(
             tick(len(plan), len(plan))
         write_text(scratch / PAGE, _page(figures))
     return folder / PAGE
+
+
+def engines_drawn_in(folder: Path) -> set[str]:
+    """The engines whose motion the page in a folder shows; none where there is no page."""
+    with suppress(OSError, ValueError):
+        text = read_text(folder / PAGE)
+        return {name for name in engines_with_two_blocks() if f"{engine_title(name)} plug-in" in text}
+    return set()
 
 
 def _page(figures: dict[str, dict[str, Any]]) -> str:

@@ -16,6 +16,7 @@ from hcbench.reporting.page import PAGE, draw, render
 from hcbench.reporting.view import View
 from hcbench.reporting.wording import NBSP
 from hcbench.scoring import CLAIMS, RESOLVED
+from hcbench.sim.install import add_commands
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -88,6 +89,7 @@ def page_text(by_gravity: Views, results: Results, figures: Iterable[dict[str, A
         off_axis=wording.length(float(results.impacts["off_axis_m"].max())) if cup else "",
         alphas_in_both=[f"{alpha:.3g} s/m ({alpha * units.INCH:.3g} s/in)" for alpha in view.alphas],
         units=units,
+        add_commands=add_commands,
         RESOLVED=RESOLVED,
     )
 

@@ -24,7 +24,7 @@ class Backend:
 
     engine: the engine's name. package: as the package index has it. oldest, newest: versions between which it
     was tried, as many numbers of them as matter. install: the command; "" for hcbench's extra of that name.
-    instead: a package that has the same module.
+    instead: a package that has the same module. newest_python: the last that its wheels are for; "" for any.
     """
 
     engine: str
@@ -33,6 +33,12 @@ class Backend:
     newest: str
     install: str = ""
     instead: str = ""
+    newest_python: str = ""
+
+    def add_command(self, name: str = "") -> str:
+        """What adds it in an environment of its own. name: with a version, such as "myengine@1.2"."""
+        python = f" --python {self.newest_python}" if self.newest_python else ""
+        return f"{ADD} {name or self.engine}{python}"
 
     @property
     def command(self) -> str:
@@ -54,7 +60,7 @@ class Backend:
             raise self._missing(f"cannot be imported: {error}") from None
 
     def _missing(self, got: str, expected: str = "") -> EngineMissing:
-        todo = f"Try: {ADD} {self.engine}, or: {self.command}"
+        todo = f"Try: {self.add_command()}, or: {self.command}"
         return EngineMissing(f"engine {self.engine!r}", got, expected, todo)
 
     def untried(self, version: str) -> str:

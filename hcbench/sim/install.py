@@ -7,7 +7,7 @@ import sys
 from importlib import metadata
 from typing import TYPE_CHECKING
 
-from hcbench.environments import make, store
+from hcbench.environments import ADD, make, store
 from hcbench.errors import CannotRun, HcbenchError, UserError
 from hcbench.impact import Launch, Status
 from hcbench.laws.force import HuntCrossley
@@ -18,7 +18,7 @@ from hcbench.sim.remote import interpreter, worker_requirements
 from hcbench.workers import call
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from hcbench.environments.store import Environment
     from hcbench.impact import Impact
@@ -35,7 +35,8 @@ def add(
     """Install an engine into an environment of its own; the one that is there where it is what was asked for.
 
     name: "myengine", for the newest version, or "myengine@1.2". python: a version or path of an interpreter;
-    None for that of this process. progress: called with (steps done, steps in all).
+    None for that of this process, or the newest that the engine has wheels for. progress: called with
+    (steps done, steps in all).
     Raises UserError for what is not to be had, CannotRun for what does not run, OutputError.
     """
     base, at, version = name.partition("@")
@@ -48,7 +49,25 @@ def add(
     found = store.find(base, version) if at else None
     if found and set(asked) <= set(found.requirements) and python in (None, found.python):
         return found
-    return make.add(base, backend.package, asked, python or sys.executable, _try, progress)
+    return make.add(base, backend.package, asked, python or _own_python(backend), _try, progress)
+
+
+def _own_python(backend: Backend) -> str:
+    """The Python of this process, or the newest that an engine has wheels for."""
+    newest = tuple(int(part) for part in backend.newest_python.split(".") if part)
+    return backend.newest_python if newest and sys.version_info[:2] > newest else sys.executable
+
+
+def add_commands(names: Iterable[str]) -> list[str]:
+    """The commands that add engines, as few as may be: those that need the same Python together."""
+    by_python: dict[str, list[str]] = {}
+    for name in names:
+        backend = registry.engine(registry.base_name(name)).backend
+        by_python.setdefault(backend.newest_python if backend else "", []).append(name)
+    return [
+        f"{ADD} {' '.join(group)}" + (f" --python {python}" if python else "")
+        for python, group in sorted(by_python.items())
+    ]
 
 
 def names() -> list[str]:

@@ -13,7 +13,6 @@ from functools import cache, partial
 from importlib import metadata
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from hcbench.environments import ADD
 from hcbench.errors import EngineMissing, UserError
 from hcbench.workers import Interpreter, call
 
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
     from hcbench.recipes.target import Target
     from hcbench.scene import Scene
     from hcbench.setting import Setting
+    from hcbench.sim.backend import Backend
     from hcbench.sim.engine import Engine
 
 _WORKER = ("numpy", "scipy", "pint", "pydantic")
@@ -47,6 +47,7 @@ class _Renamed:
     """An engine under a name that says its version."""
 
     name: ClassVar[str]
+    backend: ClassVar[Backend]
 
     def recipes(self) -> Sequence[Recipe]:
         """The engine's own, under this name."""
@@ -59,7 +60,8 @@ class _Absent(_Renamed):
 
     def version(self) -> str:
         """Raises EngineMissing."""
-        raise EngineMissing(f"engine {self.name!r}", "not installed", "", f"Try: {ADD} {self.name}")
+        advice = f"Try: {self.backend.add_command(self.name)}"
+        raise EngineMissing(f"engine {self.name!r}", "not installed", "", advice)
 
     def _missing(self, *_: Any, **__: Any) -> Any:
         return self.version()
@@ -78,7 +80,8 @@ class _Elsewhere(_Renamed):
         """As it was installed. Raises EngineMissing where this hcbench needs what its environment lacks."""
         if lacking := set(worker_requirements()) - set(self.environment.requirements):
             got = f"its environment is of another hcbench, without {', '.join(sorted(lacking))}"
-            raise EngineMissing(f"engine {self.name!r}", got, "", f"Try: {ADD} {self.environment.name}")
+            advice = f"Try: {self.backend.add_command(self.environment.name)}"
+            raise EngineMissing(f"engine {self.name!r}", got, "", advice)
         return self.environment.version
 
     def recipes(self) -> Sequence[Recipe]:

@@ -18,6 +18,7 @@ BACKEND = Backend(
     "3.2.7",
     "3.2.7",
     "pip install 'pybullet>=3.2.7'  # wheels for CPython up to 3.11",
+    newest_python="3.11",
 )
 # Bullet's own values of what outlives resetSimulation; contactBreakingThreshold, a global of the process,
 # outlives the client too. Every world made here starts with them.

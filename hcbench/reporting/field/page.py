@@ -18,6 +18,7 @@ from hcbench.reporting.page import PAGE, draw, render
 from hcbench.reporting.wording import number, span, time
 from hcbench.setting import Setting
 from hcbench.sim import registry
+from hcbench.sim.install import add_commands
 from hcbench.tuning.snippet import snippet
 
 if TYPE_CHECKING:
@@ -100,6 +101,7 @@ def _page(view: FieldView, figures: list[dict[str, Any]], probes: dict[str, prob
         columns=matrix.COLUMNS,
         settings=_settings(view),
         missing=list(view.study["missing"]),
+        add_commands=add_commands,
         constant=number(view.constant_error),
         steps=[time(h) for h in view.steps],
     )

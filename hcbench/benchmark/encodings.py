@@ -1,0 +1,157 @@
+"""Tables as bytes: Parquet for the files of a sweep, NumPy's own format for what stays in memory.
+
+Parquet needs pyarrow, which takes 170 MB of disk. Both read back as the same table.
+"""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.errors import CannotRun
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    import pandas as pd
+
+    Encode = Callable[[Sequence[Mapping[str, Any]], Sequence[str], Mapping[str, bytes]], bytes]
+
+_TEXTS = ("scene", "engine", "setting", "status", "reason")
+_WHOLE = ("samples", "bounce")
+_PARQUET = b"PAR1"  # how its files begin
+_ABOUT, _WORDS = "metadata:", "texts:"  # before names of arrays that are no columns
+
+
+def require_parquet() -> None:
+    """Raises CannotRun where pyarrow is not installed."""
+    try:
+        import pyarrow.parquet  # noqa: F401
+    except ImportError:
+        got, advice = "pyarrow is not installed", "Try: pip install 'hcbench[sweep]'"
+        raise CannotRun("sweep", got, "the package that writes Parquet", advice) from None
+
+
+def arrays(tables: Sequence[Mapping[str, Any]], names: Sequence[str], metadata: Mapping[str, bytes]) -> bytes:
+    """Tables below one another, as NumPy's bytes. A column has values, or one text or float for all rows."""
+    content: dict[str, Any] = {_ABOUT + key: np.frombuffer(text, np.uint8) for key, text in metadata.items()}
+    lengths = [_length(table) for table in tables]
+    for name in names:
+        values = [_filled(table[name], n) for table, n in zip(tables, lengths, strict=True)]
+        joined = np.concatenate(values) if values else np.empty(0)
+        if name in _TEXTS:
+            content[_WORDS + name], content[name] = _by_number(joined.tolist())
+        else:
+            content[name] = joined.astype(np.int64 if name in _WHOLE else np.float64)
+    sink = io.BytesIO()
+    np.savez(sink, **content)
+    return sink.getvalue()
+
+
+def _length(table: Mapping[str, Any]) -> int:
+    return max(len(column) for column in table.values() if not isinstance(column, str | float))
+
+
+def _filled(values: Any, length: int) -> Any:
+    if isinstance(values, str):
+        return np.full(length, values, dtype=object)
+    return np.full(length, values) if isinstance(values, float) else np.asarray(values)
+
+
+def _by_number(values: Sequence[Any]) -> tuple[Any, Any]:
+    """Each text once, in the order in which they come, and which one is where."""
+    numbers: dict[str, int] = {}
+    places = [numbers.setdefault(str(text), len(numbers)) for text in values]
+    return np.array(list(numbers), dtype=str), np.array(places, dtype=np.int32)
+
+
+def parquet(
+    tables: Sequence[Mapping[str, Any]], names: Sequence[str], metadata: Mapping[str, bytes]
+) -> bytes:
+    """The same as the bytes of a Parquet file."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    kinds = {name: _parquet_type(name) for name in names}
+    schema = pa.schema(list(kinds.items()))
+    rows = []
+    for table in tables:
+        length = _length(table)
+        columns = [_parquet_column(_filled(table[name], length), kind) for name, kind in kinds.items()]
+        rows.append(pa.Table.from_arrays(columns, schema=schema))
+    sink = io.BytesIO()
+    joined = pa.concat_tables(rows or [schema.empty_table()]).combine_chunks()
+    pq.write_table(joined.replace_schema_metadata(metadata or None), sink, compression="zstd")
+    return sink.getvalue()
+
+
+def _parquet_type(name: str) -> Any:
+    import pyarrow as pa
+
+    if name in _TEXTS:
+        return pa.dictionary(pa.int32(), pa.string())
+    return pa.int64() if name in _WHOLE else pa.float64()
+
+
+# From buffers: `pyarrow.array` loads pandas, which takes more memory than all else that a sweep is.
+def _parquet_column(values: Any, kind: Any) -> Any:
+    import pyarrow as pa
+
+    if not pa.types.is_dictionary(kind):
+        plain = np.ascontiguousarray(values, dtype=kind.to_pandas_dtype())
+        return pa.Array.from_buffers(kind, len(plain), [None, pa.py_buffer(plain)])
+    words, places = _by_number(values.tolist())
+    texts = [text.encode() for text in words.tolist()]
+    offsets = np.cumsum([0, *map(len, texts)], dtype=np.int32)
+    once = pa.StringArray.from_buffers(len(texts), pa.py_buffer(offsets), pa.py_buffer(b"".join(texts)))
+    numbers = pa.Array.from_buffers(pa.int32(), len(places), [None, pa.py_buffer(places)])
+    return pa.DictionaryArray.from_arrays(numbers, once)
+
+
+def metadata_in(content: bytes) -> dict[str, bytes]:
+    """What goes with a table of either kind."""
+    if content.startswith(_PARQUET):
+        import pyarrow.parquet as pq
+
+        found = pq.read_metadata(io.BytesIO(content)).metadata or {}
+        return {key.decode(): text for key, text in found.items()}
+    with np.load(io.BytesIO(content), allow_pickle=False) as file:
+        names = [name for name in file.files if name.startswith(_ABOUT)]
+        return {name.removeprefix(_ABOUT): file[name].tobytes() for name in names}
+
+
+def frame(contents: Iterable[bytes]) -> pd.DataFrame:
+    """Tables of one kind below one another, with texts as such."""
+    import pandas as pd
+
+    contents = list(contents)
+    if contents and contents[0].startswith(_PARQUET):
+        return _parquet_frame(contents)
+    tables = [_array_columns(content) for content in contents]
+    joined = {name: np.concatenate([table[name] for table in tables]) for name in (tables or [{}])[0]}
+    texts = {name: str for name in joined if name in _TEXTS}
+    return pd.DataFrame(joined).astype(texts)
+
+
+def _array_columns(content: bytes) -> dict[str, Any]:
+    with np.load(io.BytesIO(content), allow_pickle=False) as file:
+        names = [name for name in file.files if not name.startswith((_ABOUT, _WORDS))]
+        return {
+            name: file[_WORDS + name].astype(object)[file[name]] if name in _TEXTS else file[name]
+            for name in names
+        }
+
+
+def _parquet_frame(contents: Sequence[bytes]) -> pd.DataFrame:
+    import pandas as pd
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = pa.concat_tables(
+        [pq.ParquetFile(pa.BufferReader(content)).read(use_threads=False) for content in contents]
+    ).to_pandas()
+    texts = {name: str for name in table if isinstance(table[name].dtype, pd.CategoricalDtype)}
+    found: pd.DataFrame = table.astype(texts)
+    return found
