@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from contextlib import suppress
+from pathlib import Path
 
+from hcbench import units
 from hcbench.errors import UserError
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
 MOST = 500
+Pairs = tuple[tuple[float, float], ...]
 
 
-def read_pairs(path: Path) -> tuple[tuple[float, float], ...]:
+def read_pairs(path: Path) -> Pairs:
     """Pairs (v m/s, e) from a file, speeds rising: `speed [in/s],restitution`.
 
     Separators: comma, semicolon or tab; # begins a comment. Columns of uncertainties are left aside.
@@ -33,3 +33,22 @@ def read_pairs(path: Path) -> tuple[tuple[float, float], ...]:
     if len(speed) > MOST:
         raise UserError(columns.table.name, f"{len(speed)} pairs", f"up to {MOST}")
     return tuple(sorted(zip(speed.tolist(), e.tolist(), strict=True)))
+
+
+def parse_points(text: str) -> Pairs:
+    """Pairs (v m/s, e) from 'v:e, v:e unit' or from a CSV file with the columns speed and restitution."""
+    is_file = False
+    with suppress(OSError):  # pairs are no file's name, and may be longer than one can be
+        is_file = Path(text).is_file()
+    if is_file:
+        return read_pairs(Path(text))
+    points = []
+    unit = text.rsplit(":", 1)[-1].strip().partition(" ")[2]
+    for pair in text.split(","):
+        speed, colon, e = pair.strip().removesuffix(unit).strip().partition(":")
+        if not colon:
+            expected = "pairs like '0.1:0.95, 0.5:0.85 m/s' or a CSV file that exists"
+            raise UserError("--points", repr(text), expected)
+        v = units.parse(f"{speed} {unit}".strip(), "speed", "--points", above=0)
+        points.append((v, units.parse(e, "number", "--points")))
+    return tuple(points)

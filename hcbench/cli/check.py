@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hcbench.cli._process import PathType
-from hcbench.cli.console import as_json, jobs_option, launch_options, print_json, progress
+from hcbench.cli.console import as_json, jobs_option, launch_options, print_json, progress, target_option
 from hcbench.cli.outputs import force_option, output_option
 from hcbench.errors import UserError
 
@@ -165,7 +165,7 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
 @launch_options()
 @_source
 @click.option("--alpha", help="Hold it against the law with this α.")
-@click.option("--target", "reading", type=click.Choice(["law", "linear"]), default="law", show_default=True)
+@target_option("Read α as the law's e(v), or as e = 1 - α v.")
 @click.option("--restitution", help="Hold it against one e.")
 @_file("--pairs", help="Hold it against measured pairs (v, e): a CSV with units in its header.")
 @_file("--baseline", help="Hold it against what --write-baseline wrote.")

@@ -23,15 +23,24 @@ jobs_option = click.option(
 )
 
 
-def launch_options(*names: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Gives a command the options of launches: those of these names, or all."""
+def target_option(help: str) -> Callable[..., Any]:  # noqa: A002 - Click's own word
+    """The option that says how α gives e(v)."""
+    choice = click.Choice(["law", "linear"])
+    return click.option("--target", "reading", type=choice, default="law", show_default=True, help=help)
+
+
+def launch_options(
+    *names: str, cls: type[click.Option] = click.Option
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Gives a command the options of launches: those of these names, or all. cls: the class of each."""
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
         for name in reversed(names or tuple(OPTIONS)):
             option = OPTIONS[name]
             flag = f"--{option.flag}/--no-{option.flag}" if option.default is True else f"--{option.flag}"
             kind = PathType(path_type=Path, dir_okay=False) if name == "state" else None
-            command = click.option(flag, name, type=kind, default=option.default, help=option.help)(command)
+            add = click.option(flag, name, cls=cls, type=kind, default=option.default, help=option.help)
+            command = add(command)
         return command
 
     return decorate

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hcbench.cli.console import ALPHA, NUMBER, SPEED, TIME, as_json, print_json
+from hcbench.cli.console import ALPHA, NUMBER, SPEED, TIME, as_json, print_json, target_option
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @click.option("--speed", type=SPEED, help="Where engines with one e for all speeds should match.")
 @click.option("--contact-time", type=TIME, help="Duration of a contact by solref's spring, such as '0.2 ms'.")
 @click.option("--timestep", type=TIME, help="Step of a one-step bounce by solref.")
-@click.option("--target", "reading", type=click.Choice(["law", "linear"]), default="law", show_default=True)
+@target_option("Write α as the law's e(v), or as e = 1 - α v.")
 @as_json
 def convert(as_json: bool, reading: Reading, solref: str | None, **quantities: float | None) -> None:
     """Translate one contact between libraries.

@@ -18,9 +18,9 @@ class _OutputType(PathType):
     """A file to write."""
 
 
-def output_option(name: str, help: str) -> Callable[..., Any]:  # noqa: A002 - Click's own word
-    """An option that names a file to write."""
-    return click.option(name, type=_OutputType(path_type=Path), help=help)
+def output_option(name: str, **settings: Any) -> Callable[..., Any]:
+    """An option that names a file to write. settings: as `click.option` takes them."""
+    return click.option(name, type=_OutputType(path_type=Path), **settings)
 
 
 force_option = click.option("--force", is_flag=True, help="Replace output files that hcbench did not write.")

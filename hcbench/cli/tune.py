@@ -1,14 +1,13 @@
-"""hcbench tune: a target in, text to paste out, and how wrong it is."""
+"""hcbench tune: settings of an engine for a scene, or of the engine of a model for pairs in it."""
 
 from __future__ import annotations
 
-import dataclasses
-import math
-from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
+from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from hcbench.cli.console import (
     ACCELERATION,
@@ -18,44 +17,23 @@ from hcbench.cli.console import (
     STEP,
     UncertainType,
     as_json,
-    print_json,
-    progress,
+    launch_options,
+    target_option,
 )
 from hcbench.cli.outputs import force_option, output_option
-from hcbench.cli.tune_model import tunes_models
-from hcbench.errors import LimitPassed, UserError
-
-if TYPE_CHECKING:
-    from hcbench.impact import Floats
-    from hcbench.recipes.search import SearchInterrupted
-    from hcbench.recipes.target import Target
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
-    from hcbench.tuning.choose import Match
-    from hcbench.tuning.evaluate import Evaluation
-    from hcbench.tuning.tune import Tuned
-
-    Points = tuple[tuple[float, float], ...]
-
-_SPEEDS = [0.0254, 0.508]  # m/s: 1 ... 20 in/s
+from hcbench.errors import UserError
 
 
-class _TargetOptions(TypedDict):
-    """The options that say what to match, SI."""
+class _EngineOption(click.Option):
+    """An option of `hcbench tune ENGINE` alone."""
 
-    alpha: tuple[float, float] | None
-    restitution: float | None
-    points: str | None
-    timestep: float
-    speeds: Floats | None
-    reading: Literal["law", "linear"]
-    scene: str
-    mass: float | None
-    stiffness: str | None
-    exponent: float | None
-    gravity: float
-    friction: float
-    corners: int
+
+class _ModelOption(click.Option):
+    """An option of `hcbench tune MODEL` alone."""
+
+
+_engine_option = partial(click.option, cls=_EngineOption)
+_model_option = partial(click.option, cls=_ModelOption)
 
 
 @click.command()
@@ -71,227 +49,78 @@ class _TargetOptions(TypedDict):
 @click.option(
     "--speeds", type=SPEEDS, help="The band of impact speeds.  [default: 1:20 in/s, or that of --points]"
 )
-@click.option("--target", "reading", type=click.Choice(["law", "linear"]), default="law", show_default=True)
+@target_option("Read α as the law's e(v), or as e = 1 - α v.")
 @click.option(
-    "--match", type=click.Choice(["restitution", "loop", "both"]), default="restitution", show_default=True
+    "--gravity", type=ACCELERATION, help="Into the plate; 0 for none.  [default: 9.81; a model: its own]"
 )
-@click.option("--recipe", default="auto", show_default=True, help="`hcbench engines` lists them.")
-@click.option("--integrator", help="Where an engine has several, such as RK4.  [default: the recipe's]")
-@click.option("--scene", default="steel-plane", show_default=True, help="A scene's name or folder.")
-@click.option("--mass", type=MASS, help="Effective mass.  [default: the scene's]")
-@click.option("--stiffness", help="k of the law, N/m^n or with units.  [default: the scene's]")
-@click.option("--exponent", type=NUMBER, help="n of the law.  [default: the scene's]")
-@click.option(
-    "--gravity", type=ACCELERATION, default="9.81", show_default=True, help="Into the plate; 0: none."
-)
-@click.option("--friction", type=NUMBER, default="0", show_default=True, help="Coulomb's μ of the contact.")
-@click.option("--corners", type=int, default=1, show_default=True, help="That meet at once: 4 of a flat box.")
 @click.option(
     "--max-error",
     type=float,
     help="Exit 1 when the largest error of e is above this.  [default: auto looks for 0.05]",
 )
-@output_option("--write-scene", help="Write a file that runs in the plain engine.")
+@_engine_option(
+    "--match",
+    type=click.Choice(["restitution", "loop", "both"]),
+    default="restitution",
+    show_default=True,
+    help="Choose the recipe by e, by the force loop, or by both.",
+)
+@_engine_option(
+    "--recipe", default="auto", show_default=True, help="Recipe to use; `hcbench engines` lists them."
+)
+@_engine_option(
+    "--integrator", help="Integrator, such as RK4, where an engine has several.  [default: the recipe's]"
+)
+@_engine_option("--scene", default="steel-plane", show_default=True, help="A scene's name or folder.")
+@_engine_option("--mass", type=MASS, help="Effective mass.  [default: the scene's]")
+@_engine_option("--stiffness", help="k of the law, N/m^n or with units.  [default: the scene's]")
+@_engine_option("--exponent", type=NUMBER, help="n of the law.  [default: the scene's]")
+@_engine_option("--friction", type=NUMBER, default="0", show_default=True, help="Coulomb's μ of the contact.")
+@_engine_option(
+    "--corners",
+    type=int,
+    default=1,
+    show_default=True,
+    help="Contact points that land together; 4 for the face of a box.",
+)
+@output_option("--write-scene", cls=_EngineOption, help="Write a file that runs in the plain engine.")
+@_model_option("--pair", multiple=True, help="Two bodies or geoms, the moving one first. Repeatable.")
+@launch_options("key", "qpos", "state", "coming_from", "actuators", cls=_ModelOption)
+@output_option("--write-model", cls=_ModelOption, help="Write the model with the setting in it.")
 @force_option
 @as_json
-@tunes_models
-def tune(
-    engine: str,
-    recipe: str,
-    match: Match,
-    integrator: str | None,
-    max_error: float | None,
-    write_scene: Path | None,
-    force: bool,
-    as_json: bool,
-    **options: Unpack[_TargetOptions],
-) -> None:
-    """Find settings that bounce like your material."""
-    from hcbench._outputs import write_output
-    from hcbench.recipes.search import SearchInterrupted
-    from hcbench.sim import registry
-    from hcbench.tuning import tune as tuning
+def tune(engine: str, max_error: float | None, **options: Any) -> None:
+    """Find settings that bounce like your material.
 
-    scene, target = _scene_and_target(options)
-    try:
-        with progress("tuning") as report:
-            limit = tuning.MAX_ERROR if max_error is None else max_error
-            tuned = tuning.tune(engine, target, scene, recipe, match, integrator, report, limit)
-    except SearchInterrupted as interrupt:
-        _print_interrupted(interrupt, scene, as_json)
-        raise click.Abort(f"interrupted: {interrupt}") from None
-    text = _snippet(tuned.setting, scene)
-    if write_scene is not None:
-        script = registry.engine(engine).script(tuned.scene, tuned.setting)
-        write_output(write_scene, script, "--write-scene", force)
-    margin = _margin(target, options["alpha"])
-    if as_json:
-        print_json({**_as_json(tuned, text), "restitution_margin_95": margin})
+    ENGINE is an engine's name, tuned in a scene. MODEL is your own model, whose pairs are tuned in it.
+    """
+    from hcbench.cli.tune_engine import tune_engine
+    from hcbench.cli.tune_model import tune_model
+
+    if max_error is not None and not 0 <= max_error <= 1:
+        raise UserError("--max-error", f"{max_error:g}", "0 ... 1, a difference in e")
+    if _is_model(engine):
+        _drop(options, _EngineOption, f"given with the model {engine}", "an engine's name")
+        tune_model(engine, max_error=max_error, **options)
     else:
-        _print(tuned, text, margin)
-    error = tuned.evaluation.max_error
-    if max_error is not None and not error <= max_error:
-        raise LimitPassed("max-error", f"{error:.3g} with {tuned.recipe.name!r}", f"{max_error:g} or less")
+        _drop(options, _ModelOption, f"given with the engine {engine!r}", "a model file")
+        tune_engine(engine, max_error=max_error, **options)
 
 
-def _scene_and_target(options: _TargetOptions) -> tuple[Scene, Target]:
-    from hcbench import units
-    from hcbench.laws.force import HuntCrossley
-    from hcbench.recipes.target import Target
-    from hcbench.scene import load_scene
-
-    scene = load_scene(options["scene"])
-    ways = {name: options[name] for name in ("alpha", "restitution", "points")}
-    given = [f"--{name}" for name, value in ways.items() if value is not None]
-    if len(given) != 1:
-        got = " and ".join(given) or "none"
-        raise UserError("target", got, "one of --alpha, --restitution, --points")
-    n = scene.exponent if options["exponent"] is None else options["exponent"]
-    k = scene.stiffness
-    if options["stiffness"]:
-        k = units.parse(options["stiffness"], "stiffness", "--stiffness", n)
-    elif n != scene.exponent:
-        raise UserError("--stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
-    mass = scene.mass if options["mass"] is None else options["mass"]
-    points = () if options["points"] is None else parse_points(options["points"])
-    # Beyond several points nobody knows e.
-    speeds = [v for v, _ in points] if len(points) > 1 else _SPEEDS
-    if options["speeds"] is not None:
-        speeds = options["speeds"].tolist()
-    band = min(speeds), max(speeds)
-    if options["restitution"] is not None:
-        points = ((band[0], options["restitution"]),)
-    law = HuntCrossley(k, (options["alpha"] or (0.0, 0.0))[0], n)
-    reading = "points" if points else options["reading"]
-    return scene, Target(
-        law,
-        mass,
-        options["timestep"],
-        *band,
-        reading,
-        points,
-        gravity=options["gravity"],
-        friction=options["friction"],
-        corners=options["corners"],
-    )
+def _drop(options: dict[str, Any], others: type[click.Option], got: str, expected: str) -> None:
+    """Take out the options of the other form of the command. Raises UserError for one that was given."""
+    context = click.get_current_context()
+    for option in context.command.params:
+        if isinstance(option, others) and option.name:
+            del options[option.name]
+            if context.get_parameter_source(option.name) is ParameterSource.COMMANDLINE:
+                raise UserError(option.opts[0], got, f"{expected}, to which it applies")
 
 
-def parse_points(text: str) -> Points:
-    """Pairs (v m/s, e) from 'v:e, v:e unit' or from a CSV file with the columns speed and restitution."""
-    from hcbench import units
+def _is_model(name: str) -> bool:
+    """Whether what stands where an engine's name would is a model: a file, or FILE.py:FUNCTION."""
+    from hcbench.sim import registry
 
-    is_file = False
-    with suppress(OSError):  # pairs are no file's name, and may be longer than one can be
-        is_file = Path(text).is_file()
-    if is_file:
-        from hcbench.checking.measured_pairs import read_pairs
-
-        return read_pairs(Path(text))
-    points = []
-    unit = text.rsplit(":", 1)[-1].strip().partition(" ")[2]
-    for pair in text.split(","):
-        speed, colon, e = pair.strip().removesuffix(unit).strip().partition(":")
-        if not colon:
-            expected = "pairs like '0.1:0.95, 0.5:0.85 m/s' or a CSV file that exists"
-            raise UserError("--points", repr(text), expected)
-        v = units.parse(f"{speed} {unit}".strip(), "speed", "--points", above=0)
-        points.append((v, units.parse(e, "number", "--points")))
-    return tuple(points)
-
-
-def _snippet(setting: Setting, scene: Scene) -> str:
-    from hcbench.tuning.snippet import snippet
-
-    return snippet(setting, scene.form)
-
-
-def _margin(target: Target, alpha: tuple[float, float] | None) -> float:
-    """How far an uncertain α lets e be off over the band (95 %); 0 for one that is not."""
-    import numpy as np
-
-    from hcbench.laws.restitution import Restitution
-
-    if alpha is None or target.reading == "points":
-        return 0.0
-    band = np.linspace(target.speed_min, target.speed_max, 13)
-    return Restitution(alpha[0], target.reading, alpha[1]).margin(band)
-
-
-def _print(tuned: Tuned, text: str, margin: float) -> None:
-    result, target, rest = tuned.evaluation, tuned.target, tuned.rest
-    truth = {"law": "e of (16)", "linear": "1 - α v", "points": "the e asked for"}[target.reading]
-    band = f"{target.speed_min:.4g} ... {target.speed_max:.4g} m/s"
-    moves = f"creep {rest.creep:.1e} m/s, depth {rest.depth:.1e} m, buzz {rest.buzz:.1e} m/s"
-    loop = f"{_percent(result.loop_rms)} of the largest force from the law's (rms)"
-    has_loop = not math.isnan(result.loop_rms) and target.reading == "law"
-    rows = {
-        "setting": f"{tuned.setting.engine} {tuned.recipe.name}: {tuned.why}",
-        "largest error of e": (
-            f"{result.max_error:.2g} against {truth} over {band}, {_conditions(target)},"
-            f" {result.launches} launches at random and about the worst"
-        ),
-        **({"uncertainty of α": f"e is known to ± {margin:.2g} (95 %)"} if margin else {}),
-        **({"friction": _friction(result, target)} if target.friction else {}),
-        "best constant e": f"{result.constant:.6g}, off by {result.constant_error:.2g}",
-        "steps in contact": f"{result.steps_min} ... {result.steps_max} of {target.timestep:g} s",
-        "largest penetration": f"{result.penetration_max:.3g} m",
-        "largest force": f"{result.force_max:.4g} N",
-        **({"force loop": loop} if has_loop else {}),
-        "rests under gravity": (
-            f"{'yes' if rest.rests else 'no'}: {'it diverges' if math.isnan(rest.depth) else moves}"
-        ),
-    }
-    for name, value in rows.items():
-        print(f"{name:<20}  {value}")
-    print(f"\npaste:\n\n{text or 'nothing: the engine as it comes'}\n\nknow:")
-    for line in (*tuned.advice, *tuned.recipe.notes):
-        print(f"- {line}")
-
-
-def _conditions(target: Target) -> str:
-    falls = f"gravity {target.gravity:g} m/s^2" if target.gravity else "without gravity"
-    slides = f"friction {target.friction:g}, sliding and spinning"
-    return f"{falls}, {slides}" if target.friction else f"{falls}, frictionless and head-on"
-
-
-def _friction(result: Evaluation, target: Target) -> str:
-    off = f"{_percent(result.friction_error)} of {target.friction:g} times the normal impulse"
-    return f"impulse off Coulomb's by at most {off}"
-
-
-def _percent(share: float) -> str:  # three digits, and no power of ten above 1 %
-    return f"{100 * share:.{'3g' if share < 1 else '0f'}} %"
-
-
-def _print_interrupted(interrupt: SearchInterrupted, scene: Scene, as_json: bool) -> None:
-    """What a search had found when it was interrupted; the engine has not judged it."""
-    best, text = interrupt.best, _snippet(interrupt.best, scene)
-    if as_json:
-        progress_made = {
-            "evaluations": interrupt.done,
-            "at_most": interrupt.budget,
-            "max_error_by_model": interrupt.error,
-        }
-        head = {"schema": 1, "engine": best.engine, "recipe": best.name, "cut_short": progress_made}
-        print_json({**head, "timestep_s": best.timestep, "options": dict(best.options), "paste": text})
-        return
-    error = f"{interrupt.error:.2g} by the search's own model; the engine has not judged it"
-    print(f"{'setting':<20}  {best.engine} {best.name}, the best so far: {interrupt}")
-    print(f"{'largest error of e':<20}  {error}\n\npaste:\n\n{text}", flush=True)
-
-
-def _as_json(tuned: Tuned, text: str) -> dict[str, Any]:
-    return {
-        "schema": 1,
-        "engine": tuned.setting.engine,
-        "recipe": tuned.recipe.name,
-        "why": tuned.why,
-        "target": dataclasses.asdict(tuned.target),
-        "timestep_s": tuned.setting.timestep,
-        "options": dict(tuned.setting.options),
-        "verdict": dataclasses.asdict(tuned.evaluation),
-        "rest": dataclasses.asdict(tuned.rest),
-        "advice": list(tuned.advice),
-        "holds": list(tuned.recipe.notes),
-        "paste": text,
-    }
+    if registry.base_name(name) in registry.names():  # whose version may look like a suffix
+        return False
+    return Path(name).suffix != "" or Path(name).is_file() or ".py:" in name

@@ -11,7 +11,7 @@ import pytest
 from measured_bounces import synthesise, times_of, write
 
 from hcbench.cli import run
-from hcbench.cli.tune import parse_points
+from hcbench.checking.measured_pairs import parse_points
 from hcbench.errors import UserError
 from hcbench.fitting.candidates import LAWS
 from hcbench.units import parse_uncertain

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -114,7 +113,7 @@ def test_the_command_prints_what_a_search_has_found_when_it_is_interrupted(
 
         yield tick
 
-    monkeypatch.setattr(sys.modules["hcbench.cli.tune"], "progress", impatient)
+    monkeypatch.setattr("hcbench.cli.tune_engine.progress", impatient)
     arguments = ["tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-6", "--recipe", "soft"]
     assert run([*arguments, "--json"] if as_json else arguments) == 130
     caught = capsys.readouterr()
