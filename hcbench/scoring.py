@@ -18,13 +18,11 @@ from hcbench.impact import Floats, Impact, Launch, Loop, Status
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.require import positive, require
+from hcbench.resolution import ROUND_OFF_SUM, STEPS_AT_ITS_ENDS, STEPS_TO_COMPARE
 
-RESOLVED = 20  # steps in contact from which a loop can be compared
-_FINE = 100  # and from which its ends say how the force starts and stops
 _NEAR_ZERO = 0.005  # of the largest force: what counts as zero
 _EXPONENT_SLACK = 0.15  # how far the exponent of ΔE may be from the law's own
 _REFERENCE_POINTS = 2001
-_ROUND_OFF = 1e-9  # share of the impulse
 _GAIN = 1e-9  # relative: restitution above 1 by more than round-off
 
 
@@ -135,7 +133,7 @@ def _law_loop(law: HuntCrossley, mass: float, speed: float) -> Loop:
 def score_loop(impact: Impact, law: HuntCrossley, mass: float) -> LoopScore | None:
     """One impact's loop against the law's at the same speed in; None where there is no resolved loop."""
     loop = impact.loop
-    if loop is None or impact.status is not Status.PARTED or impact.samples < RESOLVED:
+    if loop is None or impact.status is not Status.PARTED or impact.samples < STEPS_TO_COMPARE:
         return None
     speed = impact.speed_in
     truth = _law_loop(law, mass, speed)
@@ -246,13 +244,13 @@ def score(impacts: Sequence[Impact], law: HuntCrossley, mass: float) -> Score:
 
 def _claims(loops: list[LoopScore], exponent: float, law_exponent: float) -> dict[str, bool | None]:
     """The paper's claims about a sound contact model, judged on what was measured."""
-    seen = bool(loops) and min(s.samples for s in loops) >= _FINE
+    seen = bool(loops) and min(s.samples for s in loops) >= STEPS_AT_ITS_ENDS
     zero = all(s.touch_force < _NEAR_ZERO for s in loops)
     sharp = zero and all(s.parting_force < _NEAR_ZERO for s in loops)
     cubic = abs(exponent - law_exponent) < _EXPONENT_SLACK
     return {
         "starts_at_zero": zero if seen else None,
-        "no_tension": all(s.tension_share < _ROUND_OFF for s in loops) if seen else None,
+        "no_tension": all(s.tension_share < ROUND_OFF_SUM for s in loops) if seen else None,
         "sharp_at_origin": sharp if seen else None,
         "cubic_loss": None if math.isnan(exponent) or math.isnan(law_exponent) else cubic,
     }

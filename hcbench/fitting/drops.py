@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import ndtr
 
-from hcbench.fitting.estimates import COVERAGE, ENDS, Estimate
+from hcbench.fitting.estimates import ENDS, Estimate
+from hcbench.resolution import SIGMAS_95
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -78,13 +79,13 @@ def ratio(one: Sequence[Estimate], other: Sequence[Estimate]) -> Estimate:
     )
     share = _shares(log_one + log_other + _prior())
     low, middle, high = np.exp(_quantiles(share, mean_one - mean_other, np.hypot(sd_one, sd_other)))
-    return Estimate(float(middle), float((high - low) / (2.0 * COVERAGE)), float(low), float(high))
+    return Estimate(float(middle), float((high - low) / (2.0 * SIGMAS_95)), float(low), float(high))
 
 
 def _logs(each: Sequence[Estimate]) -> tuple[Floats, Floats]:
     """ln of each drop's value and its standard deviation, from the value and its interval."""
     x = np.log([e.value for e in each])
-    s = np.array([np.log(e.high / max(e.low, _LOWEST * e.value)) / (2.0 * COVERAGE) for e in each])
+    s = np.array([np.log(e.high / max(e.low, _LOWEST * e.value)) / (2.0 * SIGMAS_95) for e in each])
     return x, np.maximum(s, 1e-9)
 
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.fitting.estimate import quantiles
+from hcbench.resolution import SIGMAS_95
 
 if TYPE_CHECKING:
     from hcbench.fitting.estimate import LawFit
     from hcbench.impact import Floats
 
-COVERAGE = 1.959964  # standard deviations on either side of 95 %
 ENDS = (0.025, 0.5, 0.975)
 ODDS_TO_DROP = 25.0  # of eq. (16) with e0 against without: below that, the interval of α spans both
 _PRIOR_OF_E0 = 3.0  # odds, for the value between the two: some constant loss is the rule
@@ -66,5 +66,5 @@ def _estimate(values: Floats, weight: Floats, inputs: float, least: float, most:
     low, middle, high = quantiles(values, weight, ENDS)
     mean = float(values @ weight)
     sd = math.sqrt(float((values - mean) ** 2 @ weight))
-    down, up = (math.hypot(side, COVERAGE * inputs) for side in (middle - low, high - middle))
+    down, up = (math.hypot(side, SIGMAS_95 * inputs) for side in (middle - low, high - middle))
     return Estimate(middle, math.hypot(sd, inputs), max(least, middle - down), min(most, middle + up))

@@ -13,6 +13,7 @@ from hcbench.errors import UserError
 from hcbench.fitting.candidates import dissipation_of
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.resolution import SIGMAS_95
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 _EDGE = 0.05  # of the largest force: where a pulse begins and ends
 _LEAST_POINTS = 20
 _OFF_LAW = 0.05  # rms over the largest force from which on the loop is another law's
-_COVERAGE = 1.959964
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class ForceFit:
     @property
     def alpha_interval(self) -> tuple[float, float]:
         """95 %, s/m."""
-        half = _COVERAGE * self.alpha_uncertainty
+        half = SIGMAS_95 * self.alpha_uncertainty
         return max(0.0, self.alpha - half), self.alpha + half
 
 
@@ -196,8 +196,8 @@ def as_record(found: ForceFit) -> dict[str, object]:
         "alpha_interval_95_s_per_m": [low, high],
         "restitution": found.e,
         "restitution_interval_95": [
-            found.e - _COVERAGE * found.e_uncertainty,
-            found.e + _COVERAGE * found.e_uncertainty,
+            found.e - SIGMAS_95 * found.e_uncertainty,
+            found.e + SIGMAS_95 * found.e_uncertainty,
         ],
         "laws": [],
         "flagged": [],

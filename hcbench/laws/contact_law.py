@@ -19,9 +19,9 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import TouchSpeedLaw, law_named
 from hcbench.laws.require import require as require_that
 from hcbench.laws.restitution import ConstantRestitution, Restitution
+from hcbench.resolution import STEPS_OF_A_LAW
 
 require = partial(require_that, error=SettingError)
-STEPS_PER_CONTACT = 4.0  # fewer, and the force over a step is no longer well defined
 
 
 @checked_fields
@@ -124,10 +124,10 @@ def require_resolved(law: Law, mass: float, speed: float, timestep: float) -> No
     if not is_force(law):
         return
     lasts = contact_time(law, mass, speed)
-    if timestep > lasts / STEPS_PER_CONTACT:
+    if timestep > lasts / STEPS_OF_A_LAW:
         raise SettingError(
             f"timestep {timestep:g} s",
             f"too coarse for the force law: ball and plate touch for {lasts:.2g} s at {speed:g} m/s",
-            f"a step of {lasts / 20:.1g} s (at most {lasts / STEPS_PER_CONTACT:.1g} s)",
+            f"a step of {lasts / 20:.1g} s (at most {lasts / STEPS_OF_A_LAW:.1g} s)",
             f"For coarser steps take {coarse(law)} instead",
         )

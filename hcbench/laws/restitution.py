@@ -12,6 +12,7 @@ from hcbench.errors import SettingError
 from hcbench.impact import Floats
 from hcbench.laws import closed_form
 from hcbench.laws.require import require
+from hcbench.resolution import SIGMAS_95
 
 Reading = Literal["law", "linear"]  # which e an α stands for: that of eq. (16), or 1 - α v of eq. (2)
 
@@ -69,7 +70,7 @@ class Restitution(RestitutionCurve):
 
     def margin(self, speeds: Floats | float) -> float:
         """How far e may be from that of α at any of these speeds (m/s), with 95 % confidence."""
-        off = 1.96 * self.uncertainty
+        off = SIGMAS_95 * self.uncertainty
         e, low, high = (
             Restitution(alpha, self.reading).at(speeds)
             for alpha in (self.alpha, self.alpha + off, max(self.alpha - off, 0.0))

@@ -11,9 +11,9 @@ import numpy as np
 from hcbench.impact import Impact, Status
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.measurement import NOTABLE_GAIN, TOLERANCE
+from hcbench.resolution import STEPS_BY_CHANCE
 from hcbench.sim.model_under_test import Suspect
 
-FEW_STEPS = 12  # in contact, up to which the phase of the touch decides about e
 NOTABLE_GRAVITY = TOLERANCE  # of the impact speed, gained in a step or a contact: e then shifts by as much
 BOUNCY = 0.9  # the e that a fix is written for where nobody said which is wanted
 
@@ -70,7 +70,7 @@ def energy_gain(impacts: Sequence[Impact], step: StepFix) -> Iterator[Suspect]:
 def few_steps(impacts: Sequence[Impact], step: StepFix, softer: str) -> Iterator[Suspect]:
     """Too few steps in contact, without a gain of energy. softer: what else would help."""
     gain, samples = _gain(impacts)
-    if gain > 1 + NOTABLE_GAIN or not 0 < samples <= FEW_STEPS:
+    if gain > 1 + NOTABLE_GAIN or not 0 < samples <= STEPS_BY_CHANCE:
         return
     text, apply = step.to(step.timestep * samples / 60)
     yield Suspect(

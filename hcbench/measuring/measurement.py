@@ -22,6 +22,7 @@ from hcbench.laws.restitution import (
     Restitution,
     RestitutionCurve,
 )
+from hcbench.resolution import STEPS_TO_COMPARE, STEPS_TO_SHOW
 from hcbench.sim.model_under_test import Facts, Request
 from hcbench.sim.tangential import AlongPlate, along_plate
 
@@ -29,7 +30,6 @@ TOLERANCE = 0.02  # of e
 GAIN = 1e-6  # e above 1 by more than this is energy made from nothing, not round-off
 NOTABLE_GAIN = 1e-3  # e above 1 by more than this: the causes are looked for
 _LEAST_E = 0.1  # below it no law of a bounce is fitted
-_LOOP_STEPS = 8  # in contact, from which there is a loop to show
 
 
 @checked
@@ -125,7 +125,7 @@ class Measurement(Shown):
         """One impact a speed, of those whose contact took steps enough to show force over penetration."""
         loops: dict[float, Impact] = {}
         for impact in self.impacts:
-            if impact.status is Status.PARTED and impact.loop is not None and impact.samples >= _LOOP_STEPS:
+            if impact.status is Status.PARTED and impact.loop is not None and impact.samples >= STEPS_TO_SHOW:
                 loops.setdefault(impact.launch.speed, impact)
         return list(loops.values())
 
@@ -177,7 +177,7 @@ class Measurement(Shown):
         if math.isnan(alpha):
             return None
         unit, mass = HuntCrossley(1.0, alpha), self.effective_mass
-        resolved = [i for i in self.measured if i.samples >= scoring.RESOLVED and i.penetration_max > 0]
+        resolved = [i for i in self.measured if i.samples >= STEPS_TO_COMPARE and i.penetration_max > 0]
         if not resolved or not math.isfinite(mass):
             return unit
         hardest = max(resolved, key=lambda i: i.speed_in)

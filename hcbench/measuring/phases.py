@@ -10,11 +10,10 @@ from itertools import pairwise
 import numpy as np
 
 from hcbench.impact import Impact, Launch
-from hcbench.measuring.causes import FEW_STEPS
+from hcbench.resolution import STEPS_BY_CHANCE, STEPS_WITHOUT_CHANCE
 from hcbench.sim import simulate
 from hcbench.sim.model_under_test import ModelUnderTest, Request
 
-LONG_CONTACT = 500  # steps, from which the phase of the touch is worth a part in a thousand
 _NARROWEST = 1 / 256  # of a step: two phases nearer than this are not told apart
 _SAME_E = 2e-3  # neighbours nearer than this have nothing between them
 _SAME_SHARE = 0.2  # of the scatter found so far: the same
@@ -33,7 +32,7 @@ def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
     wanted = [replace(request, speeds=(v,), angle=(a,)).launches() for v, a in sent]
     # All speeds together in each round, for engines that take as long for many as for one.
     groups = [[impact] for impact in simulate.impacts_in(model, [launches[0] for launches in wanted])]
-    short = [i for i, (impact,) in enumerate(groups) if impact.samples < LONG_CONTACT]
+    short = [i for i, (impact,) in enumerate(groups) if impact.samples < STEPS_WITHOUT_CHANCE]
     new = {i: wanted[i][1:] for i in short}
     while new:
         found = iter(simulate.impacts_in(model, list(itertools.chain.from_iterable(new.values()))))
@@ -52,7 +51,7 @@ def _between(impacts: Sequence[Impact]) -> list[Launch]:
     The step after the last phase is that of the first again.
     """
     room = _PHASES_MAX - len(impacts)
-    if room <= 0 or min(impact.samples for impact in impacts) > FEW_STEPS:
+    if room <= 0 or min(impact.samples for impact in impacts) > STEPS_BY_CHANCE:
         return []
     e = np.array([impact.restitution for impact in impacts])
     scatter = float(np.nanmax(e) - np.nanmin(e)) if np.isfinite(e).any() else 0.0

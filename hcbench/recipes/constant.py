@@ -8,10 +8,10 @@ from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.kelvin_voigt import Ending, damping_ratio_for
 from hcbench.recipes.target import Target
+from hcbench.resolution import STEPS_OF_A_SPRING
 
 # ln e of a spring-damper that only pushes tends to -2 at critical damping.
 LOWEST_UNDERDAMPED = math.exp(-2.0)
-STEPS_A_CONTACT = 20.0
 
 
 def minimax_constant(target: Target) -> tuple[float, float]:
@@ -24,7 +24,7 @@ def minimax_constant(target: Target) -> tuple[float, float]:
     return (high + low) / 2, (high - low) / 2
 
 
-def contact_time(target: Target, steps: float = STEPS_A_CONTACT) -> float:
+def contact_time(target: Target, steps: float = STEPS_OF_A_SPRING) -> float:
     """How long a spring-damper stands in for the law, s: the law's contact time at the geometric mean speed.
 
     Not under `steps`, so that a coarse step still sees a contact: the spring is softer than the law then.

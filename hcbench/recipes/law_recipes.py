@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
-from hcbench.laws.contact_law import STEPS_PER_CONTACT
 from hcbench.laws.published import LAWS, PublishedLaw, TouchSpeedLaw
 from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.recipe import Recipe, Role, first
+from hcbench.resolution import STEPS_OF_A_LAW
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -56,7 +56,7 @@ def plug_in_recipes(engine: str, native: Sequence[Recipe], common: Options) -> t
             "Plug-in: eq. (16) as contact force, for steps that resolve the contact.",
             (_ATTACH, _QUARTER),
             kinds=("law",),
-            steps_min=STEPS_PER_CONTACT,
+            steps_min=STEPS_OF_A_LAW,
         ),
         plug_in(
             "restitution-law",
@@ -67,7 +67,7 @@ def plug_in_recipes(engine: str, native: Sequence[Recipe], common: Options) -> t
             one_step=True,
             kinds=("law", "linear"),
         ),
-        *published_law_recipes(engine, published_law, _RESOLVED, STEPS_PER_CONTACT),
+        *published_law_recipes(engine, published_law, _RESOLVED, STEPS_OF_A_LAW),
     )
 
 
@@ -98,7 +98,7 @@ def python_law_recipes(
             "From Python: eq. (16) as contact force, for steps that resolve the contact.",
             (hook, "Steps of a quarter of the shortest contact or less."),
             kinds=("law",),
-            steps_min=STEPS_PER_CONTACT,
+            steps_min=STEPS_OF_A_LAW,
             within=force,
         )]  # fmt: skip
     if each_impact:
@@ -171,10 +171,10 @@ def _any_of(names: Sequence[str]) -> str:
 def _require_resolved(target: Target, law: HuntCrossley, todo: str) -> None:
     """Refuse a step that does not resolve the shortest contact of the band: SettingError."""
     steps = float(closed_form.duration(law, target.mass, target.speed_max)) / target.timestep
-    if steps < STEPS_PER_CONTACT:
+    if steps < STEPS_OF_A_LAW:
         raise SettingError(
             "timestep",
             f"{target.timestep:g} s, {steps:.2g} of which are the law's shortest contact",
-            f"{target.timestep * steps / STEPS_PER_CONTACT:.2g} s or less",
+            f"{target.timestep * steps / STEPS_OF_A_LAW:.2g} s or less",
             todo,
         )

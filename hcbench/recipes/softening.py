@@ -12,19 +12,16 @@ from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
-
-FEWEST_STEPS = 10.0  # with fewer the law's own loop is lost anyway
-SOFTENED_STEPS = 24.0
-MOST_STEPS = 1e6  # of a contact: a hundred launches of more take hours
+from hcbench.resolution import STEPS_MOST, STEPS_OF_A_LOOP, STEPS_OF_A_SOFTENED
 
 
 def require_end(target: Target) -> None:
     """Raise SettingError for a step so short that an evaluation would not end."""
     steps = steps_per_contact(target)
-    if steps > MOST_STEPS:
+    if steps > STEPS_MOST:
         got = f"{target.timestep:g} s, of which {steps:.2g} are the law's shortest contact"
-        nearest = target.timestep * steps / MOST_STEPS
-        raise SettingError("timestep", got, f"up to {MOST_STEPS:g} steps", f"Use {nearest:.2g} s or more")
+        nearest = target.timestep * steps / STEPS_MOST
+        raise SettingError("timestep", got, f"up to {STEPS_MOST:g} steps", f"Use {nearest:.2g} s or more")
 
 
 def steps_per_contact(target: Target) -> float:
@@ -32,11 +29,11 @@ def steps_per_contact(target: Target) -> float:
     return float(closed_form.duration(target.law, target.mass, target.speed_max)) / target.timestep
 
 
-def resolvable_law(target: Target, softened_steps: float = SOFTENED_STEPS) -> HuntCrossley:
-    """The target's law; where it lasts under FEWEST_STEPS, one softened to so many at the shortest."""
+def resolvable_law(target: Target, softened_steps: float = STEPS_OF_A_SOFTENED) -> HuntCrossley:
+    """The target's law; where it lasts under STEPS_OF_A_LOOP, one softened to so many at the shortest."""
     ends = np.array([target.speed_min, target.speed_max])
     steps = float(closed_form.duration(target.law, target.mass, ends).min()) / target.timestep
-    if steps >= FEWEST_STEPS:
+    if steps >= STEPS_OF_A_LOOP:
         return target.law
     softer = (steps / softened_steps) ** (target.law.exponent + 1.0)
     return replace(target.law, stiffness=target.law.stiffness * softer)

@@ -15,7 +15,8 @@ from hcbench.reporting.explorer import explorer, explorer_script
 from hcbench.reporting.page import PAGE, draw, render
 from hcbench.reporting.view import View
 from hcbench.reporting.wording import NBSP
-from hcbench.scoring import CLAIMS, RESOLVED
+from hcbench.resolution import STEPS_TO_COMPARE
+from hcbench.scoring import CLAIMS
 from hcbench.sim.install import add_commands
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def page_text(by_gravity: Views, results: Results, figures: Iterable[dict[str, A
         alphas_in_both=[f"{alpha:.3g} s/m ({alpha * units.INCH:.3g} s/in)" for alpha in view.alphas],
         units=units,
         add_commands=add_commands,
-        RESOLVED=RESOLVED,
+        RESOLVED=STEPS_TO_COMPARE,
     )
 
 

@@ -19,7 +19,8 @@ from hcbench.reporting.conditions import Views
 from hcbench.reporting.page import Drawing
 from hcbench.reporting.ranking import overview_runs
 from hcbench.reporting.restitution_figures import Column
-from hcbench.reporting.view import REFERENCE, STEPS_TO_RESOLVE, RunKey, View
+from hcbench.reporting.view import REFERENCE, RunKey, View
+from hcbench.resolution import STEPS_OF_A_LOOP
 
 
 def drawings(by_gravity: Views) -> list[Drawing]:
@@ -90,7 +91,7 @@ def class_heading(view: View, resolved: bool) -> str:
 
 
 def _limit(view: View, resolved: bool) -> str:
-    limit = wording.rough_time(view.contact_time / STEPS_TO_RESOLVE)
+    limit = wording.rough_time(view.contact_time / STEPS_OF_A_LOOP)
     return f"up to {limit}" if resolved else f"above {limit}"
 
 

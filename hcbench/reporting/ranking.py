@@ -7,10 +7,10 @@ from typing import Any
 
 from hcbench.reporting import wording
 from hcbench.reporting.view import REFERENCE, RunKey, View
+from hcbench.resolution import FOLLOWS, ROUND_OFF_SCORE
 
 STOCK = "stock"  # the setting with nothing set
-FOLLOWS = 0.1  # of the best constant's error: from here down a setting follows the law
-TIE, _ROUND_OFF = 0.02, 1e-6  # relative, and of the best constant's: errors this near are one
+TIE = 0.02  # relative: errors this near are one
 TIE_HEAVY = 0.25  # under gravity, where phases of the fall alone scatter e
 _NO_LINE = 1e-6  # of e: a law without damping leaves a constant nothing to be off by
 FOLLOWS_LAW = "follows the law"
@@ -121,7 +121,7 @@ def loop_verdict(view: View, run: RunKey) -> str:
 def best(view: View, runs: Sequence[RunKey]) -> list[RunKey]:
     """Of runs that are set and lack nothing, those with the least error: several where they tie."""
     usable = [run for run in runs if not lacks(view, run)]
-    return _least(usable, lambda run: error_ratio(view, run), _ROUND_OFF)
+    return _least(usable, lambda run: error_ratio(view, run), ROUND_OFF_SCORE)
 
 
 def best_loops(view: View, runs: Sequence[RunKey]) -> list[RunKey]:

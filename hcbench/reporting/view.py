@@ -18,11 +18,11 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.reporting.curve import Curve, curve_of
 from hcbench.reporting.plot_style import PlotStyle, plot_styles
 from hcbench.reporting.wording import engine_title, time
+from hcbench.resolution import STEPS_OF_A_LOOP
 
 REFERENCE = "reference"  # the engine of the law
 LAW_SETTING = "hunt-crossley"  # its setting that is the law itself
 CURVE_SPEEDS = 3  # from which a run says something about e over speed
-STEPS_TO_RESOLVE = 10  # in the law's contact, from which a step resolves the contact
 LOOP_POINTS = 241
 _RUN = ["scene", "engine", "setting", "timestep_s"]  # columns that identify a run
 _PLACES = {"plane": "on a flat plate", "cup": "in the cup"}  # a scene's form, in words
@@ -153,7 +153,7 @@ class View:
 
     def resolves_contact(self, run: RunKey) -> bool:
         """Whether its step is short enough to see the contact from inside."""
-        return run.timestep <= self.contact_time / STEPS_TO_RESOLVE * (1 + 1e-9)
+        return run.timestep <= self.contact_time / STEPS_OF_A_LOOP * (1 + 1e-9)
 
     def runs_by_resolution(self, resolved: bool) -> list[RunKey]:
         """Band runs that resolve the contact, or do not; each setting at the step that most of them share."""

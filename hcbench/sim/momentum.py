@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench.resolution import ROUND_OFF_STEP
+
 if TYPE_CHECKING:
     from hcbench.impact import Floats
-
-_ROUND_OFF = 16  # units in the last place of what a step adds up: a smaller change of velocity is no force
 
 
 def momentum_force(mass: float, timestep: float, slowed: Floats, speeds: Floats, bits: int = 64) -> Floats:
@@ -18,5 +18,5 @@ def momentum_force(mass: float, timestep: float, slowed: Floats, speeds: Floats,
     slowed: speed into the plate that the contact took in the step, m/s. speeds: sum of the sizes of what the
     step added up, m/s, which rounding goes by. bits: of the engine's numbers. All of one shape.
     """
-    noise = _ROUND_OFF * float(np.finfo(f"f{bits // 8}").eps) * speeds
+    noise = ROUND_OFF_STEP * float(np.finfo(f"f{bits // 8}").eps) * speeds
     return np.asarray(mass * np.where(np.abs(slowed) <= noise, 0.0, slowed / timestep))

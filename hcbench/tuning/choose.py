@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Literal
 
 from hcbench.errors import SettingError
 from hcbench.recipes.recipe import Recipe, Role, first
-from hcbench.recipes.softening import FEWEST_STEPS, steps_per_contact
+from hcbench.recipes.softening import steps_per_contact
+from hcbench.resolution import STEPS_OF_A_LOOP
 from hcbench.sim import registry
 
 if TYPE_CHECKING:
@@ -52,12 +53,12 @@ def _choose_for_loop(
     engine: str, recipes: Sequence[Recipe], target: Target, form: str, match: Match, contact: str
 ) -> tuple[Recipe, str]:
     steps = steps_per_contact(target)
-    if steps < FEWEST_STEPS:
-        nearest = target.timestep * steps / FEWEST_STEPS
+    if steps < STEPS_OF_A_LOOP:
+        nearest = target.timestep * steps / STEPS_OF_A_LOOP
         raise SettingError(
             "match",
             f"the loop, where {contact}",
-            f"at least {FEWEST_STEPS:g} steps",
+            f"at least {STEPS_OF_A_LOOP:g} steps",
             f"Use a step of {nearest:.2g} s or less, a lower stiffness, or --match restitution",
         )
     if target.reading != "law":

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from measured_bounces import synthesise, times_of, write
 
-from hcbench.cli import run
 from hcbench.checking.measured_pairs import parse_points
+from hcbench.cli import run
 from hcbench.errors import UserError
 from hcbench.fitting.candidates import LAWS
 from hcbench.units import parse_uncertain

@@ -24,6 +24,7 @@ FLOORS = [
         "units",
         "fields",
         "launch_options",
+        "resolution",
         "_arguments",
         "_compile",
         "_files",

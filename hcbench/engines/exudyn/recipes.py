@@ -15,12 +15,11 @@ from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Recipe, Role, stock
 from hcbench.recipes.softening import resolvable_law
 from hcbench.recipes.target import Target
-
-_SOFTENED_STEPS = 60.0  # in the shortest contact, where the law's own has too few: what e gains is 1e-3 then
+from hcbench.resolution import STEPS_OF_A_SOFTENED_EXPLICIT
 
 
 def _contact(target: Target, model: int, e: float, **more: float) -> dict[str, Any]:
-    law = resolvable_law(target, _SOFTENED_STEPS)
+    law = resolvable_law(target, STEPS_OF_A_SOFTENED_EXPLICIT)
     spring = {"contactStiffness": law.stiffness, "contactStiffnessExponent": law.exponent}
     return {"solver": "RK44", **spring, "impactModel": model, "restitutionCoefficient": e, **more}
 

@@ -7,10 +7,10 @@ from hcbench.recipes.constant import contact_time, minimax_constant, one_way_spr
 from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Role, on_a_plane, stock
 from hcbench.recipes.target import Target
+from hcbench.resolution import STEPS_OF_AN_EXPLICIT_SPRING
 from hcbench.sim.shared_model import borrowed, changed
 
 _SCATTER = 6e-3  # of e by float32, in contacts of many steps
-_STEPS = 40.0  # of a contact at least: its damper is stepped explicitly
 
 
 def best_constant(target: Target) -> dict[str, Any]:
@@ -20,7 +20,7 @@ def best_constant(target: Target) -> dict[str, Any]:
 
 def spring_damper(target: Target) -> dict[str, Any]:
     """F = ke x + kd x' going in, ke x coming out, with the law's contact time mid-band."""
-    ke, kd = one_way_spring_damper(target, contact_time(target, _STEPS), "restitution")
+    ke, kd = one_way_spring_damper(target, contact_time(target, STEPS_OF_AN_EXPLICIT_SPRING), "restitution")
     return {"solver": "SemiImplicit", "ke": ke, "kd": kd}
 
 

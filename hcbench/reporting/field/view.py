@@ -16,12 +16,12 @@ from hcbench.benchmark.results import Results
 from hcbench.recipes.recipe import Recipe, Role
 from hcbench.reporting.view import REFERENCE
 from hcbench.reporting.wording import engine_title
+from hcbench.resolution import FOLLOWS
 from hcbench.sim import registry
 
 _KEY = ["engine", "setting", "gravity_m_per_s2", "timestep_s"]
 _LAW_ROLES = (Role.LAW, Role.LAW_AND_LOOP)
 NO_BOUNCE = 0.05  # of e: below it at every speed an engine counts as one that does not bounce
-FOLLOWS = 0.1  # of the best constant's error: from here down a setting follows the law
 
 
 class Case(NamedTuple):

@@ -13,8 +13,9 @@ from hcbench.engines.mujoco.recipes.staggered import STAGGERED, staggered_rows
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.recipes.softening import SOFTENED_STEPS, resolvable_law
+from hcbench.recipes.softening import resolvable_law
 from hcbench.recipes.target import Target
+from hcbench.resolution import STEPS_OF_A_SOFTENED
 
 HELD_OUT = np.array([1.0, 1.37, 2.1, 3.3, 5.2, 8.0, 12.3, 16.0, 20.0]) * INCH
 ALPHAS = (0.002, 0.004, 0.008, 0.016)
@@ -111,7 +112,7 @@ def test_coarse_steps_soften_the_spring_and_keep_the_restitution(alpha: float, t
 def test_a_softened_contact_lasts_as_many_steps_as_asked() -> None:
     target = target_of(0.008, 1e-3)
     shortest = closed_form.duration(resolvable_law(target), STEEL_MASS, target.speed_max)
-    assert shortest / target.timestep == pytest.approx(SOFTENED_STEPS)
+    assert shortest / target.timestep == pytest.approx(STEPS_OF_A_SOFTENED)
     assert resolvable_law(target_of(0.008, 1e-6)) == target.law
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.laws.restitution import ConstantRestitution, Restitution
+from hcbench.resolution import ROUND_OFF_SOLVED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +23,6 @@ _FORCE_KEYS = (
     *(*_KEYS[:5], "stiffness", "exponent", "alpha", "law", "restitution", "friction"),
     *("dynamic_friction", "slip_speed"),
 )
-_ROUND_OFF = 64 * np.finfo(float).eps
 
 
 def restitution_law(model: Any, geoms: Sequence[int]) -> RestitutionCurve | None:
@@ -82,6 +82,6 @@ class WithoutContact:
         """
         self._step(self._model, self.data)
         apart, together = float(row @ self.data.qvel), float(row @ velocity)
-        if abs(apart - together) <= _ROUND_OFF * (abs(apart) + abs(together)):
+        if abs(apart - together) <= ROUND_OFF_SOLVED * np.finfo(float).eps * (abs(apart) + abs(together)):
             return 0.0
         return mass * (apart - together) / float(self._model.opt.timestep)

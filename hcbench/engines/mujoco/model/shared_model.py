@@ -14,6 +14,7 @@ from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation, with_k
 from hcbench.engines.mujoco.scene.shared_scene import differences, rounded_adhesion
 from hcbench.impact import Impact, Launch
 from hcbench.measuring.measurement import TOLERANCE
+from hcbench.resolution import ROUND_OFF_SOLVED
 from hcbench.sim import simulate
 from hcbench.sim.engine import Record, Simulation
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Suspect
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from hcbench.sim.shared_model import BorrowingEngine, Copies
 
 _SMOOTH = 100.0  # units in the last place that a step moves the bodies by, from which e does not scatter
-_ROUND_OFF = 64  # units in the last place of a velocity: a smaller change is no force
 
 
 class LentModel(ModelUnderTest):
@@ -123,7 +123,7 @@ class LentFlight(MujocoUserSimulation):
 
     def start_from(self, state: Floats, bits: int) -> None:
         """The state as the engine has it. bits: of its numbers."""
-        self._round_off = _ROUND_OFF * float(np.finfo(f"f{bits // 8}").eps)
+        self._round_off = ROUND_OFF_SOLVED * float(np.finfo(f"f{bits // 8}").eps)
         self._noise = max(self._noise, self._round_off)
         self._states: deque[Floats] = deque()
         self._changed = np.zeros(self._model.nv)

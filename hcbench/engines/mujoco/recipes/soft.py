@@ -18,11 +18,10 @@ from hcbench.errors import SettingError
 from hcbench.impact import Floats
 from hcbench.recipes.recipe import Recipe, Role
 from hcbench.recipes.search import Search, map_result
-from hcbench.recipes.softening import FEWEST_STEPS
 from hcbench.recipes.target import Target
+from hcbench.resolution import STEPS_OF_A_LOOP, STEPS_OF_A_WIDE_SPRING
 
 _SPEEDS = 12
-_WIDTH = 1500.0  # steps at the highest speed: fewer and the touch's phase shows in e
 _DEEPEST = 0.02  # m
 _SEED = 1975
 _MEMBERS, _GENERATIONS = 30, 40  # of the search: five members a parameter
@@ -150,9 +149,9 @@ def soft(target: Target, integrator: str = "Euler") -> dict[str, Any]:
 
     Raises SettingError where the step is too coarse, SearchInterrupted with the best so far.
     """
-    width = _WIDTH * target.timestep * target.speed_max
+    width = STEPS_OF_A_WIDE_SPRING * target.timestep * target.speed_max
     if width > _DEEPEST:
-        limit = _DEEPEST / (_WIDTH * target.speed_max)
+        limit = _DEEPEST / (STEPS_OF_A_WIDE_SPRING * target.speed_max)
         raise SettingError(
             "timestep",
             f"{target.timestep:.4g} s, which takes a contact {width:.3g} m deep",
@@ -188,6 +187,6 @@ SOFT = Recipe(
         "Set solref and solimp on both geoms or in a <pair>: MuJoCo averages the solimp of the two geoms.",
     ),
     integrators=DAMPED_STEP,
-    steps_min=FEWEST_STEPS,
+    steps_min=STEPS_OF_A_LOOP,
     by_auto=False,  # many times deeper than the law's contact
 )

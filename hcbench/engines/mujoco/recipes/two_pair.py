@@ -21,11 +21,10 @@ from hcbench.recipes.constant import contact_time
 from hcbench.recipes.recipe import Recipe, Role
 from hcbench.recipes.search import Search, map_result
 from hcbench.recipes.target import Target
+from hcbench.resolution import STEPS_OF_A_FITTED_SPRING
 
 _SPEEDS, _PHASES = 12, 2
 _STEPS = 200  # of the model in a contact, where the engine's own are more
-# A linear spring found closed between two steps scatters e by (π/steps)²/8: 36 keep that below .001.
-_FEWEST_STEPS = 36.0
 _SPRING = 1e-3  # the spring's impedance
 _UNIT = 1e-4  # of e, one unit of misfit
 _GOOD = 10.0  # units: worse than that another start is tried
@@ -85,7 +84,7 @@ def _logistic(logit: float) -> float:
 
 def contact_duration(target: Target) -> float:
     """How long the spring's contact lasts, s: as the law's at the geometric mean speed, or 36 steps."""
-    return contact_time(target, _FEWEST_STEPS)
+    return contact_time(target, STEPS_OF_A_FITTED_SPRING)
 
 
 def two_pair(target: Target, integrator: str = "Euler") -> dict[str, Any]:
@@ -160,6 +159,6 @@ TWO_PAIR = Recipe(
         "The damper needs MuJoCo 3.11 or later (pair adhesion). Pairs are frictionless (condim 1).",
     ),
     integrators=DAMPED_STEP,
-    steps_min=_FEWEST_STEPS,  # softened it sags under its weight
+    steps_min=STEPS_OF_A_FITTED_SPRING,  # softened it sags under its weight
     forms=("plane",),
 )

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.errors import SettingError
+from hcbench.resolution import ROUND_OFF_STEP
 from hcbench.sim.tangential import rows_of_ball
 
 if TYPE_CHECKING:
@@ -23,7 +24,9 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.scene.scene_model import SceneModel
     from hcbench.impact import Floats, Launch
 
-_ROUND_OFF = 16 * np.finfo(float).eps  # of what a step adds up: a smaller change of velocity is no force
+_ROUND_OFF = (
+    ROUND_OFF_STEP * np.finfo(float).eps
+)  # of what a step adds up: a smaller change of velocity is no force
 
 
 def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:

@@ -9,7 +9,8 @@ from hcbench.engines.pybullet.recipes.restitution import BALL, WORLD
 from hcbench.engines.pybullet.recipes.spring_damper import RIGID
 from hcbench.engines.pybullet.recipes.staggered_fit import Contacts, fit_contacts
 from hcbench.recipes.recipe import Recipe, Role
-from hcbench.recipes.softening import FEWEST_STEPS, resolvable_law
+from hcbench.recipes.softening import resolvable_law
+from hcbench.resolution import STEPS_OF_A_LOOP
 
 if TYPE_CHECKING:
     from hcbench.recipes.target import Target
@@ -55,5 +56,5 @@ STAGGERED = Recipe(
     instead="`spring-damper` or `restitution`",
     forms=("plane",),
     within=1.6e-3,  # of e at 1e-6 s
-    steps_min=FEWEST_STEPS,
+    steps_min=STEPS_OF_A_LOOP,
 )

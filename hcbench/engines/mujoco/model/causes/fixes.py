@@ -8,9 +8,9 @@ from hcbench.engines.mujoco.model.bodies import explicit_pairs, integrator_name
 from hcbench.engines.mujoco.scene.mjcf import numbers_text
 from hcbench.engines.mujoco.scene.rows import STIFF_SOLIMP
 from hcbench.laws.kelvin_voigt import Ending, matched
+from hcbench.resolution import STEPS_OF_AN_EXPLICIT_SPRING
 
 numbers = partial(numbers_text, number="{:.10g}".format)  # as an XML attribute has them
-_STEPS = 40  # in contact, of a spring and damper
 _LEAST_E = 0.01  # that a spring and damper are made for: e = 0 takes a damping without bounds
 
 
@@ -19,7 +19,7 @@ def solref_of(e: float, timestep: float, integrator: str) -> tuple[float, float]
     allows it, else a spring and damper.
     """
     if integrator in ("RK4", "discrete"):
-        law = matched(min(max(e, _LEAST_E), 1.0), _STEPS * timestep, 1.0, Ending.FORCE)
+        law = matched(min(max(e, _LEAST_E), 1.0), STEPS_OF_AN_EXPLICIT_SPRING * timestep, 1.0, Ending.FORCE)
         return -law.stiffness, -law.damping
     return 0.0, -(1.0 + e) / timestep
 
