@@ -25,7 +25,7 @@ from hcbench.units import INCH
 _PROMISES = {
     FOLLOWS_LAW: "the bounce follows the law",
     "better than any constant e": "closer to the law than any constant e",
-    "as good as one constant e can be": "the best one e for all speeds",
+    "as good as the best constant e": "the best constant e",
     "worse than the best constant e": "further from the law than the best constant e",
 }
 _SOFT = 3.0  # times the law's depth, beyond which the depth of a contact matters too
@@ -227,7 +227,7 @@ def _bounce_card(view: View, question: str, resolved: bool) -> AdviceCard:
 
 def _bounce_advice(view: View, runs: Sequence[RunKey]) -> Advice:
     scores = [score for score in map(view.score, runs) if score is not None]
-    error = wording.number(max(score["max_error_law"] for score in scores)).lstrip("<")
+    error = wording.error(max(score["max_error_law"] for score in scores)).lstrip("<")
     spread = max(score["phase_spread"] for score in scores)
     moved = f" (varies by {wording.number(spread)} with the phase)" if spread > 0.001 else ""
     because = f"e within {error} of the law{moved}: {verdict(view, runs[0]).restitution}."

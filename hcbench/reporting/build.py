@@ -87,7 +87,7 @@ def page_text(by_gravity: Views, results: Results, figures: Iterable[dict[str, A
         gravity_text=_gravity_text(by_gravity),
         drop_heights=_drop_heights(view),
         flat_runs=any(run.place for run in view.band_runs),
-        off_axis=wording.length(float(results.impacts["off_axis_m"].max())) if cup else "",
+        off_axis=_off_axis(results) if cup else "",
         alphas_in_both=[f"{alpha:.3g} s/m ({alpha * units.INCH:.3g} s/in)" for alpha in view.alphas],
         units=units,
         add_commands=add_commands,
@@ -99,6 +99,12 @@ def _friction(by_gravity: Views) -> str:
     """The coefficients with which bodies slid."""
     rows = by_gravity.sliding.results.impacts["friction"] if by_gravity.sliding else ()
     return wording.listed([f"{value:g}" for value in sorted(set(rows))])
+
+
+def _off_axis(results: Results) -> str:
+    """The largest distance from the cup's axis; "" where all impacts were on it."""
+    largest = float(results.impacts["off_axis_m"].max())
+    return wording.length(largest) if largest > 0 else ""
 
 
 def _gravity_text(by_gravity: Views) -> str:

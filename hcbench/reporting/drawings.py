@@ -190,7 +190,7 @@ def _bounces(view: View) -> Drawing:
     return Drawing(
         "trains",
         partial(bounce_figures.bounces_figure, view) if bounces else None,
-        f"Heights of a bounce train under gravity. {' '.join(heights)}",
+        f"Heights of a drop's bounces under gravity. {' '.join(heights)}",
         "the study asks for no drop under gravity, or nothing bounced",
     )
 
@@ -198,7 +198,7 @@ def _bounces(view: View) -> Drawing:
 def _largest_errors(view: View, runs: Sequence[RunKey]) -> str:
     """Curves in words: the largest errors at the main α."""
     return " ".join(
-        f"{run.title} at {run.step}: off the law by up to {wording.number(score['max_error_law'])}."
+        f"{run.title} at {run.step}: wrong by at most {wording.error(score['max_error_law'])}."
         for run in runs
         if (score := view.score(run)) is not None
     )
@@ -210,7 +210,7 @@ def _loop_errors(view: View, runs: Sequence[RunKey]) -> str:
     for run in runs:
         score = view.score(run)
         if score is not None and score["loops"]:
-            sentences.append(f"{run.title}: {wording.percent(score['loop_rms'])} off in force (rms).")
+            sentences.append(f"{run.title}: force wrong by {wording.percent(score['loop_rms'])} (rms).")
         else:
             sentences.append(f"{run.title}: too few samples for a score.")
     return " ".join(sentences)

@@ -16,7 +16,7 @@ _NO_LINE = 1e-6  # of e: a law without damping leaves a constant nothing to be o
 FOLLOWS_LAW = "follows the law"
 _AGAINST_CONSTANT = {
     "good": "better than any constant e",
-    "even": "as good as one constant e can be",
+    "even": "as good as the best constant e",
     "bad": "worse than the best constant e",
 }
 LOOP_RIGHT, LOOP_NEAR = 0.01, 0.05  # rms over the largest force

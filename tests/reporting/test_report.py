@@ -124,7 +124,7 @@ def test_nothing_is_left_behind_where_nothing_can_be_written(results: Results, t
 def test_the_headline_names_what_follows_the_law_and_what_does_not(view: View) -> None:
     said = " ".join(advice.headline(view)).replace(wording.NBSP, " ")
     assert "single does not bounce like the law" in said
-    assert "In single set impulse at 1 ms: the best one e for all speeds" in said
+    assert "In single set impulse at 1 ms: the best constant e" in said
     assert "In explicit set law at 1 µs: the bounce follows the law" in said
     assert "spring-damper" not in said
 
@@ -163,7 +163,7 @@ def test_the_headline_says_when_nothing_follows_the_law() -> None:
     constant_only = small_results([run for run in RUNS if run[1] in ("impulse", "stock")])
     said = " ".join(advice.headline(View(constant_only)))
     assert "follows the law" not in said
-    assert "the best one e for all speeds" in said
+    assert "the best constant e" in said
 
 
 def test_settings_that_differ_by_round_off_are_both_named(results: Results) -> None:
@@ -201,7 +201,7 @@ def test_a_study_of_the_law_alone_has_a_page_too(results: Results, tmp_path: Pat
     [
         (LAW, "follows the law", "good", "loop right"),
         (SPRING, "worse than the best constant e", "bad", "loop wrong"),
-        (IMPULSE, "as good as one constant e can be", "even", "no loop to judge"),
+        (IMPULSE, "as good as the best constant e", "even", "no loop to judge"),
         (STOCK, "worse than the best constant e", "bad", "no loop to judge"),
         (BROKEN, "loses impacts", "bad", "no loop to judge"),
     ],
