@@ -27,13 +27,13 @@ report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/
 	$(BIN)/hcbench report steel-1lb
 
 test: check  ## lint, types, then every test
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 test-random: $(INSTALLED)  ## the tests of properties, with a thousand random examples each in place of the same hundred
 	$(BIN)/python -m pytest -n 2 -m hypothesis --hypothesis-profile=random
 
 test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyproject.toml allows
-	$(LOWEST)/bin/python -m pytest -n 2 --dist worksteal
+	$(LOWEST)/bin/python -m pytest -n 2 --dist loadfile
 
 test-models: $(MODELS)/.installed  ## 47 models that others wrote, from their packages (docs/explanation/models.md)
 	HCBENCH_MODELS=1 $(MODELS)/bin/python -m pytest -n 2 tests/measuring/test_models_from_outside.py
@@ -43,7 +43,7 @@ test-engines: $(INSTALLED)  ## tests of all engines from the package index, each
 	  $$($(BIN)/python -c "from hcbench.sim.install import names; print(*names())")
 	HCBENCH_ENGINES=$(abspath $(ENGINES)) $(BIN)/python -m pytest -n 2 --dist loadgroup \
 	  tests/sim/test_engines_from_index.py tests/engines/test_mjx_warp.py tests/engines/test_newton.py tests/engines/test_physx.py \
-	  tests/engines/test_opensim.py 	  tests/reporting/test_field.py
+	  tests/engines/test_opensim.py tests/reporting/test_field.py
 
 bench: $(INSTALLED)  ## every speed claim, measured against the alternatives; updates benchmarks/README.md
 	$(BIN)/python -m pytest benchmarks/bench_reference.py benchmarks/bench_engines.py benchmarks/bench_commands.py \

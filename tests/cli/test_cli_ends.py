@@ -45,17 +45,21 @@ def in_a_shell(
 needs_full = pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
 
 
-@pytest.mark.parametrize("arguments", [REFERENCE, [*REFERENCE, "--json"], ["--help"], ["engines"]])
-@pytest.mark.parametrize(
-    ("redirection", "why"),
-    [
-        (">&-", "closed"),
-        (">&- 2>&- <&-", "closed"),
-        pytest.param(">/dev/full", "No space left on device", marks=needs_full),
-        ("1</dev/null", "Bad file descriptor"),
-    ],
-)
-@pytest.mark.parametrize("unbuffered", ["", "1"])
+COMMANDS = [REFERENCE, [*REFERENCE, "--json"], ["--help"], ["engines"]]
+UNWRITABLE = [
+    (">&-", "closed"),
+    (">&- 2>&- <&-", "closed"),
+    (">/dev/full", "No space left on device"),
+    ("1</dev/null", "Bad file descriptor"),
+]
+ENDS = [  # each command with each end and each with both ways to buffer
+    pytest.param(command, *end, "1" * ((i + j) % 2), marks=[needs_full] if "full" in end[0] else [])
+    for i, command in enumerate(COMMANDS)
+    for j, end in enumerate(UNWRITABLE)
+]
+
+
+@pytest.mark.parametrize(("arguments", "redirection", "why", "unbuffered"), ENDS)
 def test_output_that_cannot_be_written_is_one_line_and_exit_3(
     arguments: list[str], redirection: str, why: str, unbuffered: str
 ) -> None:
