@@ -63,13 +63,15 @@ class Scene:
 
 def world(
     h: float, *, gravity: float = 9.81, floor: bool = True, friction: float = 0.5, cone: str = "pyramidal",
-    integrator: str = "Euler",
+    integrator: str = "Euler", solver: str = "Newton", noslip: int = 0,
 ) -> Any:  # fmt: skip
-    """An MjSpec with a floor or none."""
+    """An MjSpec with a floor or none. noslip: iterations."""
     spec = mujoco.MjSpec()
     spec.option.timestep, spec.option.gravity = h, [0, 0, -gravity]
     spec.option.cone = getattr(mujoco.mjtCone, f"mjCONE_{cone.upper()}")
     spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
+    spec.option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{solver.upper()}")
+    spec.option.noslip_iterations = noslip
     spec.option.enableflags = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
     spec.memory = 2**26
     if floor:
@@ -169,10 +171,11 @@ def tumbling(
     friction: float,
     cone: str = "pyramidal",
     size: ArrayLike = (0.05, 0.08, 0.03),
+    **options: Any,
 ) -> Scene:
     """One box that falls on a corner, turning."""
     rng = np.random.default_rng(seed)
-    spec = world(h, friction=friction, cone=cone)
+    spec = world(h, friction=friction, cone=cone, **options)
     quat = rng.normal(size=4)
     add_body(spec, "box", (0, 0, 0.3), BOX, size, 1.0, friction, quat=quat)
     return Scene(spec, law, [("box", rng.normal(size=6) * [1, 1, 1, 5, 5, 5])])

@@ -111,23 +111,68 @@ static int is_lone(const mjModel* m, int dof) {
   return next == m->nv || m->dof_treeid[next] != m->dof_treeid[first];
 }
 
-/* Adds to `force` what makes the step's Coriolis forces in bodies with joints those of the velocities after the impulse.
-   They are quadratic in the velocities; the integrator `implicit` adds what is linear in the change by itself. */
-static void shift_bias(const mjModel* m, mjData* d, const double* impulse, double* force) {
-  int nv = m->nv, jointed = 0;
-  for (int j = 0; j < nv && !jointed; j++) jointed = impulse[j] != 0 && !is_lone(m, j);
-  if (!jointed) return;
+/* Gyroscopic and centrifugal forces of a free body with all that is fixed to it, at velocities v of its six dofs. */
+static void lone_bias(const mjModel* m, const mjData* d, int body, const double* v, double* bias) {
+  const double *R = d->xmat + 9 * body, *I = d->crb + 10 * body; /* I: about its centre of mass, along world axes */
+  double w[3], r[3], spin[3], torque[3], arm[3];
+  mju_mulMatVec3(w, R, v + 3);
+  mju_sub3(r, d->subtree_com + 3 * body, d->xpos + 3 * body);
+  for (int i = 0; i < 3; i++) spin[i] = I[i] * w[i];
+  spin[0] += I[3] * w[1] + I[4] * w[2];
+  spin[1] += I[3] * w[0] + I[5] * w[2];
+  spin[2] += I[4] * w[0] + I[5] * w[1];
+  mju_cross(torque, w, spin);
+  mju_cross(arm, w, r);
+  mju_cross(bias, w, arm);
+  mju_scl3(bias, bias, I[9]);
+  mju_cross(arm, r, bias);
+  mju_addTo3(torque, arm);
+  mju_mulMatTVec3(bias + 3, R, torque);
+}
+
+/* The share of what is linear in a change of the velocities that the integrator adds to the Coriolis forces itself. For
+   free bodies it differs between MuJoCo's versions, as measured by corners that spin. */
+static double linear_share(const mjModel* m, int lone) {
+  int implicit = m->opt.integrator == mjINT_IMPLICIT, fast = lone && m->opt.integrator == mjINT_IMPLICITFAST;
+  if (lone && mjVERSION_HEADER >= 3007000 && mjVERSION_HEADER < 3009000) return implicit || fast ? 0.5 : 0;
+  return implicit || (fast && mjVERSION_HEADER >= 3011000);
+}
+
+/* Adds to `force` what makes the Coriolis forces of this evaluation those of velocities after an impulse: they are
+   quadratic, f(v + dv) = f(v) + D(v) dv + f(dv), of which some integrators add D(v) dv themselves. `share`: how much of
+   the impulse's dv is not in qvel yet. Without it a step of Euler turns by the velocities before the impact, and RK4's
+   second and third stage by those halfway: a spinning corner parts at the wrong speed. */
+static void shift_bias(const mjModel* m, mjData* d, const double* impulse, double share, double* force) {
+  int nv = m->nv, jointed = 0, struck = 0;
+  for (int j = 0; j < nv; j++) {
+    struck |= impulse[j] != 0;
+    jointed |= impulse[j] != 0 && !is_lone(m, j);
+  }
+  if (!struck || share == 0) return;
   mj_markStack(d);
-  double *before = stack(d, nv), *after = stack(d, nv), *change = stack(d, nv), *velocity = stack(d, nv);
+  double *change = stack(d, nv), *after = stack(d, nv), f[3][6], by = linear_share(m, 1);
   mj_solveM(m, d, change, impulse, 1);
-  mju_copy(velocity, d->qvel, nv);
-  if (m->opt.integrator == mjINT_IMPLICIT) mju_zero(d->qvel, nv);
-  mju_addTo(change, d->qvel, nv);
-  bias_at(m, d, d->qvel, before);
-  bias_at(m, d, change, after);
-  mju_copy(d->qvel, velocity, nv);
-  mj_comVel(m, d);
-  for (int j = 0; j < nv; j++) force[j] += is_lone(m, j) ? 0 : before[j] - after[j];
+  mju_scl(change, change, share, nv);
+  mju_add(after, d->qvel, change, nv);
+  for (int j = 0; j < nv; j++) {
+    int body = m->dof_bodyid[j];
+    if (!is_lone(m, j) || j != m->body_dofadr[body] || mju_norm(impulse + j, 6) == 0) continue;
+    lone_bias(m, d, body, d->qvel + j, f[0]);
+    lone_bias(m, d, body, after + j, f[1]);
+    lone_bias(m, d, body, change + j, f[2]);
+    for (int k = 0; k < 6; k++) force[j + k] += (1 - by) * (f[0][k] - f[1][k]) - by * f[2][k];
+  }
+  if (jointed) {
+    double *velocity = stack(d, nv), *from = stack(d, nv);
+    mju_copy(velocity, d->qvel, nv);
+    mju_zero(from, nv);
+    by = linear_share(m, 0);
+    bias_at(m, d, by > 0 ? from : velocity, from);
+    bias_at(m, d, by > 0 ? change : after, after);
+    mju_copy(d->qvel, velocity, nv);
+    mj_comVel(m, d);
+    for (int j = 0; j < nv; j++) force[j] += is_lone(m, j) ? 0 : from[j] - after[j];
+  }
   mj_freeStack(d);
 }
 

@@ -4,23 +4,41 @@
    that part. So resting loads, stacks and friction at rest are the solver's. */
 
 #define HCB_STILL 1.1      /* steps of falling whose speed counts as rest */
-#define HCB_REST 1e-9      /* compliance of a resting row, in units of the pair's own inverse mass; ... */
-#define HCB_REST_FORCE 1e-6 /* ... where the integrator takes the solver's force, whose error grows as 1/compliance */
+#define HCB_REST 1e-9      /* compliance of a resting row, in units of the pair's own inverse mass, under Newton; ... */
+#define HCB_REST_CG 1e-3   /* ... under CG, which does not settle stiffer rows in its iterations; ... */
+#define HCB_FORCE 1e-6     /* ... where the step takes the solver's forces and a pair has one contact; ... */
+#define HCB_SHARED 1e3     /* ... where several share what they bear: this times Newton's tolerance, if it is more */
 #define HCB_PUSH 0.05      /* of that speed: how fast at most depth that a landing has left is pushed out, ... */
 #define HCB_SLOP 1         /* ... down to so many times what that speed moves in a step: no lower, no contact is lost */
 #define HCB_SILENT -1e10   /* m/s^2: a row that never pushes */
 
 typedef struct { /* a contact of a law: rows of the solver from `row` on */
-  int instance, id, order, tendon, body[2], row, rows, dim, cone, touches, rests;
+  int instance, id, order, tendon, body[2], row, rows, dim, cone, touches, rests, several; /* of the pair */
   double rate[6], friction[5], slip, parting, x, depth; /* depth: of the pair's shallowest */
   const double *point, *frame;
   hcb_contact law;
 } blow;
 
-static void set_row(mjData* d, int row, double acceleration_, double compliance) {
-  double* KBIP = d->efc_KBIP + 4 * row;
+/* Whether the step takes M^-1 J^T efc_force in place of the solver's qacc (mj_dualFinish). */
+static int is_dual(const mjModel* m) { return m->opt.solver == mjSOL_PGS || m->opt.noslip_iterations > 0; }
+
+/* PGS and noslip use J M^-1 J^T + R, worked out before the passive forces: its diagonal follows R. */
+static void add_to_AR(const mjModel* m, mjData* d, int row, double change) {
+  if (!is_dual(m)) return;
+  if (!mj_isSparse(m)) {
+    d->efc_AR[(size_t)row * d->nefc + row] += change;
+    return;
+  }
+  for (int k = d->efc_AR_rowadr[row]; k < d->efc_AR_rowadr[row] + d->efc_AR_rownnz[row]; k++) {
+    if (d->efc_AR_colind[k] == row) d->efc_AR[k] += change;
+  }
+}
+
+static void set_row(const mjModel* m, mjData* d, int row, double acceleration_, double compliance) {
+  double *KBIP = d->efc_KBIP + 4 * row, before = d->efc_R[row];
   d->efc_R[row] = fmax(d->efc_R[row] * KBIP[2] / (1 - KBIP[2]) * compliance, mjMINVAL);
   d->efc_D[row] = 1 / d->efc_R[row];
+  add_to_AR(m, d, row, d->efc_R[row] - before);
   KBIP[0] = 1; /* mj_referenceConstraint comes next and computes -B vel - K I (pos - margin) */
   KBIP[1] = 0;
   d->efc_margin[row] = d->efc_pos[row] + acceleration_ / KBIP[2];
@@ -33,12 +51,21 @@ static void set_row(mjData* d, int row, double acceleration_, double compliance)
 #endif
 }
 
-/* Implicit integrators take qfrc_constraint, others qacc. */
-static double rest_compliance(const mjModel* m) {
+/* Whether the step takes the forces of Newton or CG in place of their qacc. */
+static int takes_forces(const mjModel* m) {
   int damped = 0;
-  for (int j = 0; j < m->nv; j++) damped |= m->dof_damping[j] != 0;
-  if (m->opt.integrator == mjINT_EULER && damped && !(m->opt.disableflags & mjDSBL_EULERDAMP)) return HCB_REST_FORCE;
-  return m->opt.integrator == mjINT_IMPLICIT || m->opt.integrator == mjINT_IMPLICITFAST ? HCB_REST_FORCE : HCB_REST;
+  for (int j = 0; j < m->nv && m->opt.integrator == mjINT_EULER; j++) damped |= m->dof_damping[j] != 0;
+  return m->opt.integrator == mjINT_IMPLICIT || m->opt.integrator == mjINT_IMPLICITFAST ||
+         (damped && !(m->opt.disableflags & mjDSBL_EULERDAMP));
+}
+
+/* The solver's qacc is right however stiff the rows are. Where the step takes its forces instead, their error is the root
+   of tolerance over compliance (a cost within tolerance), and what a resting contact sinks is compliance times weight. */
+static void rest_compliance(const mjModel* m, double* one, double* several) {
+  *one = *several = m->opt.solver == mjSOL_CG ? HCB_REST_CG : HCB_REST;
+  if (!is_dual(m) && !takes_forces(m)) return;
+  *one = *several = HCB_FORCE;
+  if (!is_dual(m)) *several = fmin(fmax(HCB_SHARED * m->opt.tolerance, HCB_FORCE), HCB_REST_CG);
 }
 
 static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, double compliance) {
@@ -60,7 +87,7 @@ static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* 
   }
   if (made && made->rows == now.rows) now = *made;
   if (b->cone) compliance /= fmax(2 * mu * mu, 1e-12); /* a pyramid's rows have 2 mu^2 in theirs */
-  for (int i = 0; i < now.rows; i++) set_row(d, b->row + i, now.value[i], compliance);
+  for (int i = 0; i < now.rows; i++) set_row(m, d, b->row + i, now.value[i], compliance);
 }
 
 /* Speed that gravity gives in a step to one of the bodies alone, which the other may bear. */
@@ -131,7 +158,10 @@ static int gather(const mjModel* m, mjData* d, int first, blow* all) {
       read_contact(m, d, c, b);
       b->law = law_of_contact(m, own, b->friction[0], fall(m, b->body, c->frame));
       count++;
-      for (int j = order; j > 0; j--) b[-j].depth = b->depth = fmin(b->depth, b[-j].depth); /* pushed evenly: no tilt */
+      for (int j = order; j > 0; j--) { /* pushed evenly: no tilt */
+        b[-j].depth = b->depth = fmin(b->depth, b[-j].depth);
+        b[-j].several = b->several = 1;
+      }
     }
     for (int k = 0; k < d->nefc && own->tendon >= 0; k++) {
       if (d->efc_type[k] != mjCNSTR_LIMIT_TENDON || d->efc_id[k] != own->tendon) continue;
@@ -206,7 +236,10 @@ static void collide(const mjModel* m, mjData* d, blow* all, int count, double* i
 }
 
 static void check_options(const mjModel* m, int first) {
-  if (m->opt.solver == mjSOL_PGS) fail(m, first, "the solver PGS has made up its mind before; take Newton or CG");
+  if (m->opt.solver == mjSOL_CG && !is_dual(m) && takes_forces(m)) {
+    fail(m, first, "the solver CG does not settle the forces that implicit integrators and joint damping take: set "
+         "solver=\"Newton\", or integrator=\"Euler\" with the flag eulerdamp off");
+  }
   if (m->opt.integrator > mjINT_IMPLICITFAST) fail(m, first, "the integrator must be Euler, implicit, implicitfast or RK4");
   if (m->opt.enableflags & mjENBL_OVERRIDE) fail(m, first, "the flag override must be off");
 }
@@ -237,12 +270,14 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
       mju_zero(impulse, nv);
       collide(m, d, all, count, impulse, gravity, gravity_force(m, d, gravity));
       for (int j = 0; j < nv; j++) d->qfrc_passive[j] += impulse[j] / h;
-      if (!stage) shift_bias(m, d, impulse, d->qfrc_passive);
+      shift_bias(m, d, impulse, 1, d->qfrc_passive);
     }
   } else {
     for (int j = 0; j < nv; j++) d->qfrc_passive[j] += memory->impulse[j] / h;
+    shift_bias(m, d, memory->impulse, stage == 4 ? 0 : 0.5, d->qfrc_passive);
   }
-  double compliance = rest_compliance(m);
-  for (int i = 0; i < count; i++) set_rows(m, d, memory, all + i, stage, compliance);
+  double one, several;
+  rest_compliance(m, &one, &several);
+  for (int i = 0; i < count; i++) set_rows(m, d, memory, all + i, stage, all[i].several ? several : one);
   mj_freeStack(d);
 }
