@@ -32,7 +32,7 @@ class _TargetOptions(TypedDict):
 
     alpha: tuple[float, float] | None
     restitution: float | None
-    points: str | None
+    points: tuple[tuple[float, float], ...]
     speeds: Floats | None
     reading: Reading
     scene: str
@@ -89,14 +89,13 @@ def tune_engine(
 
 def _scene_and_target(timestep: float, options: _TargetOptions) -> tuple[Scene, Target]:
     from hcbench import units
-    from hcbench.checking.measured_pairs import parse_points
     from hcbench.laws.force import HuntCrossley
     from hcbench.recipes.target import Target
     from hcbench.scene import load_scene
 
     scene = load_scene(options["scene"])
-    ways = {name: options[name] for name in ("alpha", "restitution", "points")}
-    given = [f"--{name}" for name, value in ways.items() if value is not None]
+    ways = {name: options.get(name) for name in ("alpha", "restitution", "points")}
+    given = [f"--{name}" for name, value in ways.items() if value not in (None, ())]
     if len(given) != 1:
         got = " and ".join(given) or "none"
         raise UserError("target", got, "one of --alpha, --restitution, --points")
@@ -107,7 +106,7 @@ def _scene_and_target(timestep: float, options: _TargetOptions) -> tuple[Scene, 
     elif n != scene.exponent:
         raise UserError("--stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
     mass = scene.mass if options["mass"] is None else options["mass"]
-    points = () if options["points"] is None else parse_points(options["points"])
+    points = options["points"]
     # Outside the band of several points e is not known.
     speeds = [v for v, _ in points] if len(points) > 1 else _SPEEDS
     if options["speeds"] is not None:

@@ -22,7 +22,7 @@ def tune_model(
     pair: tuple[str, ...],
     alpha: tuple[float, float] | None,
     restitution: float | None,
-    points: str | None,
+    points: tuple[tuple[float, float], ...],
     reading: Reading,
     speeds: Floats | None,
     max_error: float | None,
@@ -33,7 +33,6 @@ def tune_model(
 ) -> None:
     """Tune pairs of a model, print the lines and how wrong they are, and write the model with them."""
     from hcbench._outputs import write_output
-    from hcbench.checking.measured_pairs import parse_points
     from hcbench.measuring.measurement import Wanted
     from hcbench.measuring.request import make_request
     from hcbench.tuning import model as tuning
@@ -41,9 +40,8 @@ def tune_model(
 
     if not pair:
         raise UserError("--pair", "missing", "two bodies or geoms", f"`hcbench pairs {source}` lists them")
-    known = () if points is None else parse_points(points)
-    wanted = Wanted(None if alpha is None else alpha[0], restitution, known, reading)
-    band = [v for v, _ in known] if len(known) > 1 else _SPEEDS
+    wanted = Wanted(None if alpha is None else alpha[0], restitution, points, reading)
+    band = [v for v, _ in points] if len(points) > 1 else _SPEEDS
     if speeds is not None:
         band = speeds.tolist()
     ends = sorted({min(band), max(band)})

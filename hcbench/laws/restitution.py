@@ -66,7 +66,7 @@ class Restitution(RestitutionCurve):
     def description(self) -> str:
         """What a report calls it."""
         by = f" ± {self.uncertainty:.2g}" if self.uncertainty else ""
-        return f"α = {self.alpha:.4g}{by} s/m by {'eq. (16)' if self.reading == 'law' else '1 - α v'}"
+        return f"α = {self.alpha:.4g}{by} s/m by {'the law' if self.reading == 'law' else '1 - α v'}"
 
     def margin(self, speeds: Floats | float) -> float:
         """How far e may be from that of α at any of these speeds (m/s), with 95 % confidence."""

@@ -72,7 +72,7 @@ def test_the_law_and_its_linear_reading_are_told_apart(reading: Reading) -> None
     wanted = Wanted(alpha=0.016 / 0.0254, reading=reading)
     (row,) = outcome.rows
     assert row.wanted == pytest.approx(float(wanted.at(row.speed_in)), abs=1e-3)
-    assert ("eq. (16)" in outcome.against) == (reading == "law")
+    assert ("by the law" in outcome.against) == (reading == "law")
 
 
 def test_measured_pairs_in_the_units_of_their_header(tmp_path: Path) -> None:

@@ -84,7 +84,7 @@ class MujocoModel(ModelUnderTest):
         asked = written.curve(self.request.speeds) if written is not None else ()
         if (law := restitution_law(model, place.contact.rows[0][2])) is not None:
             asked = tuple(float(law.at(v)) for v in self.request.speeds)
-            words = f"plug-in hcbench.restitution: {law}"
+            words = f"plug-in hcbench.restitution: {law.description}"
         solref, solimp, geoms = place.contact.rows[0]
         settings = {
             "integrator": mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_").lower(),

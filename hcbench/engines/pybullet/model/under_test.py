@@ -123,7 +123,7 @@ class PybulletModel(ModelUnderTest):
         (launch,) = launches
         law, along = None if self.law is None else self.law[0], self.request.along
         if law is not None and launch.is_oblique:
-            got = f"oblique, of a pair with the plug-in's law {law}, whose friction PyBullet does not tell"
+            got = "oblique, of a pair whose law the plug-in applies: PyBullet does not report its friction"
             raise UserError("launch", got, "launches along the normal")
         return release_aside(
             self.bullet,
