@@ -15,14 +15,15 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar, cast
 
 import numpy as np
 import pytest
 
 from hcbench.errors import EngineMissing, SettingError
-from hcbench.impact import Impact, Launch
+from hcbench.impact import Floats, Impact, Launch
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.recipe import Recipe, Role
@@ -31,15 +32,18 @@ from hcbench.scene import Scene, load_scene, scene_names
 from hcbench.scoring import loop_area
 from hcbench.setting import Setting
 from hcbench.sim import registry
-from hcbench.sim.engine import SteppedEngine
-from hcbench.sim.inside import reading_of, record_in, run_where
+from hcbench.sim.engine import Engine, SteppedEngine, World
 from hcbench.sim.read_impact import SpeedReading
+from hcbench.sim.remote import adapter_of, interpreter_of
+from hcbench.workers import call
 
 SPEEDS, PHASES = (0.05, 0.21, 0.47), tuple((i + 0.5) / 8 for i in range(8))
 LAUNCHES = tuple(Launch(v, p) for v in SPEEDS for p in PHASES)
 ALPHA = 0.008 / 0.0254  # s/m, of the paper's Fig. 4
 BAND = (0.0254, 0.508)  # m/s: 1 ... 20 in/s
 GRAVITY = 9.80665  # m/s²
+_LIMIT_S = 60.0
+Answer = TypeVar("Answer")
 
 
 def target_for(recipe: Recipe, scene: Scene) -> Target:
@@ -222,8 +226,8 @@ class EngineConformance:
         engine, fall = registry.engine(setting.engine), GRAVITY * setting.timestep
         (impact,) = engine.run(heavy, setting, [Launch(0.0, height=height)])
         speed, off = (2 * GRAVITY * height) ** 0.5, 2 * fall
-        if isinstance(engine, SteppedEngine):
-            reading = run_where(engine, reading_of, heavy, setting, BAND[1])
+        if isinstance(adapter_of(engine), SteppedEngine):
+            reading = _run_where(engine, _reading_of, heavy, setting, BAND[1])
             if reading is SpeedReading.TOUCH_PLANE:  # a body released at rest moves by g h² in its first step
                 speed = math.hypot(speed, fall / 2)
             if "touch plane" in reading:  # where it is enters by v² - 2 g x
@@ -245,14 +249,13 @@ class EngineConformance:
         else:
             assert np.abs(e - law).max() < (within or (1e-4 if native else 1e-7))
 
-    @_claim(_bounces, lambda cls, *_: isinstance(registry.engine(cls.engine), SteppedEngine))
+    @_claim(_bounces, lambda cls, *_: isinstance(adapter_of(registry.engine(cls.engine)), SteppedEngine))
     def test_chunks_of_steps_join_without_a_seam(self, recipe: str, scene: str) -> None:
         """A simulation advanced in pieces records what it does in one."""
         setting = setting_for(recipe, scene)
         engine = registry.engine(setting.engine)
-        assert isinstance(engine, SteppedEngine)
         about = (load_scene(scene), setting, LAUNCHES[:2], BAND[1])
-        whole, pieces = (run_where(engine, record_in, *about, parts) for parts in ((24,), (5, 1, 18)))
+        whole, pieces = (_run_where(engine, _record_in, *about, parts) for parts in ((24,), (5, 1, 18)))
         assert np.array_equal(whole, pieces, equal_nan=True)
 
 
@@ -260,3 +263,35 @@ def rounding(recipe: str) -> float:
     """Relative error of a speed that an engine's numbers allow for."""
     bits = registry.engine(recipe.rpartition(".")[0]).bits
     return 16 * float(np.finfo(f"f{bits // 8}").eps)
+
+
+def _run_where(engine: Engine, function: Callable[..., Answer], *args: Any) -> Answer:
+    """What `function(*args)` returns where the engine's simulations run."""
+    where = interpreter_of(engine)
+    if getattr(adapter_of(engine), "own_process", False) or where is not None:
+        return call(function, *args, limit=_LIMIT_S, at=where)
+    return function(*args)
+
+
+def _reading_of(scene: Scene, setting: Setting, fastest: float) -> SpeedReading:
+    """Which speeds an engine's e is the ratio of, under a setting. fastest: m/s at touch."""
+    with _load_world(scene, setting, fastest) as world:
+        return world.speed_reading
+
+
+def _record_in(
+    scene: Scene, setting: Setting, launches: Sequence[Launch], fastest: float, parts: Sequence[int]
+) -> Floats:
+    """Penetration, rate and force of launches, advanced in parts of so many steps, shape (3, b, n)."""
+    chunks = []
+    with _load_world(scene, setting, fastest) as world:
+        for group in (launches,) if world.places > 1 else [[launch] for launch in launches]:
+            with closing(world.release(group)) as simulation:
+                record = [simulation.advance(steps) for steps in parts]
+            chunks.append(np.concatenate([(r.penetration, r.rate, r.force) for r in record], axis=2))
+    return np.concatenate(chunks, axis=1)
+
+
+def _load_world(scene: Scene, setting: Setting, fastest: float) -> World:
+    engine = cast("SteppedEngine", registry.engine(setting.engine))
+    return engine.load(scene, setting, fastest)

@@ -22,6 +22,7 @@ from hcbench.errors import CannotRun, SceneError, UserError
 from hcbench.impact import Impact, Status
 from hcbench.scene import Scene, load_scene
 from hcbench.sim import registry
+from hcbench.sim.remote import interpreter_of
 from hcbench.workers import call, map_surviving_crashes, use_own_worker
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ def run_shard(shard: Shard, timeouts: Timeouts, encode: Encode = parquet) -> Sha
 
 def _run(batch: Batch, timeouts: Timeouts) -> BatchResult:
     limit = partial(timeouts.limit, batch.setting.timestep)
-    where = registry.engine(batch.setting.engine).interpreter
+    where = interpreter_of(registry.engine(batch.setting.engine))
     try:
         return call(run_batch, batch, limit=limit(len(batch.launches)), at=where)
     except UserError:
@@ -94,7 +95,7 @@ def run_bounces(drop: Drop, timeouts: Timeouts) -> Dropped:
     use_own_worker()
     scene = _scene_here(drop.inputs, drop.setting.engine)
     limit = timeouts.start + _STEP_S * drop.duration / drop.setting.timestep
-    where = registry.engine(drop.setting.engine).interpreter
+    where = interpreter_of(registry.engine(drop.setting.engine))
     return call(simulate_bounces, scene, drop, limit=limit, at=where)
 
 

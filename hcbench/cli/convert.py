@@ -47,8 +47,8 @@ def convert(as_json: bool, reading: Reading, solref: str | None, **quantities: f
         print("  ".join(cell.ljust(width) for cell, width in cells), f"{row.unit:<4} {row.note}".rstrip())
     for line in contact.missing:
         print(f"missing: {line}")
-    print("\ntraps:")
-    for line in contact.traps:
+    print("\ncaveats:")
+    for line in contact.caveats:
         print(f"- {line}")
 
 

@@ -107,7 +107,8 @@ def _beside(name: str) -> dict[str, Any]:
     if version := registry.version_beside(name):
         size, where = install.files_of(name)
         return {"version": version, "python": platform.python_version(), "size_bytes": size, "where": where}
-    return {"install": f"{install.add_commands([name])[0]}, or: {registry.engine(name).install}"}
+    backend = registry.adapter(name).backend
+    return {"install": f"{install.add_commands([name])[0]}, or: {backend.command if backend else ''}"}
 
 
 def _elsewhere(made: Environment) -> dict[str, Any]:
@@ -140,5 +141,6 @@ def plugin(engine: str, install: bool) -> None:
     The one for ENGINE: it is compiled against the installed engine when first asked for.
     """
     from hcbench.sim import registry
+    from hcbench.sim.capabilities import plugin_of
 
-    print(registry.engine(engine).plugin(install=install))
+    print(plugin_of(registry.engine(engine), install))

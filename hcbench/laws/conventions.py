@@ -19,7 +19,7 @@ from hcbench.laws.restitution import Reading
 
 _OVER_ALPHA = {"alpha": 1.0, "drake": 1.5, "simbody": 1.0}  # each dissipation over α
 
-_TRAPS = (
+_CAVEATS = (
     "An e is of one speed: by the law it falls as v grows, in engines that know a restitution it stays.",
     "e = 1 - α v, eq. (2), is not what the law does: 0.80 against 0.833 at α v = 0.2. Say which is meant.",
 )
@@ -42,12 +42,12 @@ class SystemValue:
 
 
 @dataclass(frozen=True, slots=True)
-class Words:
+class Vocabulary:
     """One contact as one system writes it. missing: what could not be said, and why, a sentence each."""
 
     rows: tuple[SystemValue, ...] = ()
     missing: tuple[str, ...] = ()
-    traps: tuple[str, ...] = ()
+    caveats: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ class Conversion:
     restitution_linear: float | None
     rows: tuple[SystemValue, ...]
     missing: tuple[str, ...]
-    traps: tuple[str, ...]
+    caveats: tuple[str, ...]
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON; units are in the keys."""
@@ -108,7 +108,7 @@ class Conversion:
             "restitution_linear": self.restitution_linear,
             "rows": [asdict(row) | {"value": list(row.value)} for row in self.rows],
             "missing": list(self.missing),
-            "traps": list(self.traps),
+            "caveats": list(self.caveats),
         }
 
 
@@ -157,7 +157,7 @@ def contact_of(
     return OneContact(alpha, speed, contact_time, timestep, reading)
 
 
-def said(contact: OneContact, engines: Iterable[Words | None]) -> Conversion:
+def said(contact: OneContact, engines: Iterable[Vocabulary | None]) -> Conversion:
     """A contact in the paper's words, in those of libraries without an engine here, and of `engines`."""
     e, linear, missing = None, None, []
     if contact.speed is None:
@@ -167,12 +167,12 @@ def said(contact: OneContact, engines: Iterable[Words | None]) -> Conversion:
         if contact.restitution is None:
             low = f"1 - α v is {linear:.4g} at {contact.speed:g} m/s"
             missing.append(f"Restitutions and solref: {low}, below what any has.")
-    all_words = [Words(tuple(_others(contact)), tuple(missing), _TRAPS), *filter(None, engines)]
-    rows, lacking, traps = (
-        tuple(each for words in all_words for each in getattr(words, part))
-        for part in ("rows", "missing", "traps")
+    all_of = [Vocabulary(tuple(_others(contact)), tuple(missing), _CAVEATS), *filter(None, engines)]
+    rows, lacking, caveats = (
+        tuple(each for own in all_of for each in getattr(own, part))
+        for part in ("rows", "missing", "caveats")
     )
-    return Conversion(contact.alpha, contact.speed, e, linear, rows, lacking, traps)
+    return Conversion(contact.alpha, contact.speed, e, linear, rows, lacking, caveats)
 
 
 def _alpha_of(e: float, speed: float | None, reading: Reading) -> float:

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar, Unpack
+from typing import Any, TypeGuard, TypeVar, Unpack
 
 from hcbench._arguments import checked
 from hcbench._text import sanitized
@@ -25,8 +25,10 @@ from hcbench.measuring.phases import impacts_of
 from hcbench.measuring.request import make_request
 from hcbench.sim import registry
 from hcbench.sim.candidate_pairs import CandidatePair
+from hcbench.sim.capabilities import OpensModels
 from hcbench.sim.engine import Engine
 from hcbench.sim.model_under_test import ModelUnderTest, Request
+from hcbench.sim.remote import interpreter_of
 from hcbench.workers import WorkerDied, call
 
 Answer = TypeVar("Answer")
@@ -103,7 +105,7 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
     if source is None:
         return work(job)
     engine = None if job.engine is None and _is_python(source) else _engine_for(source, job.engine)
-    name, where = (job.engine, None) if engine is None else (engine.name, engine.interpreter)
+    name, where = (job.engine, None) if engine is None else (engine.name, interpreter_of(engine))
     limit = max(LIMIT_S, getattr(engine, "limit", 0.0)) if limit is None else limit
     try:
         job = dataclasses.replace(job, source=source, engine=name)
@@ -121,7 +123,7 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
 def prepare(models: Sequence[str], engine: str | None) -> None:
     """Import what measuring these files takes: in a worker process, while its parent reads what is asked."""
     found = _engine_for(models[0] if len(models) == 1 else tuple(models), engine)
-    found.module("model.under_test")
+    registry.submodule(found.name, "model.under_test")
     if found.backend is not None:
         found.backend.module()
 
@@ -207,7 +209,7 @@ def _open(job: Job) -> ModelUnderTest:
     return engine.open(source, job.request, rebuild)
 
 
-def source_of(job: Job) -> tuple[Engine, Any, Callable[[], Any] | None]:
+def source_of(job: Job) -> tuple[OpensModels, Any, Callable[[], Any] | None]:
     """(engine, model, what makes it anew) where a function of a Python file makes it; else None last."""
     source, rebuild = job.source, None
     if isinstance(source, str) and (match := _PYTHON.fullmatch(source)):
@@ -218,7 +220,7 @@ def source_of(job: Job) -> tuple[Engine, Any, Callable[[], Any] | None]:
     return _engine_for(source, job.engine), source, rebuild
 
 
-def _engine_for(source: Any, name: str | None) -> Engine:
+def _engine_for(source: Any, name: str | None) -> OpensModels:
     """The engine of that name, or the first that opens such a model."""
     if name is not None:
         if registry.base_name(name) in registry.names() and _opens(found := registry.engine(name)):
@@ -235,13 +237,13 @@ def _engine_for(source: Any, name: str | None) -> Engine:
     raise UserError("model", got, f"a path, {_objects()}")
 
 
-def _openers() -> Iterator[Engine]:
+def _openers() -> Iterator[OpensModels]:
     """The engines that open models of users, each imported when it is its turn."""
     return filter(_opens, map(registry.engine, registry.names()))
 
 
-def _opens(engine: Engine) -> bool:
-    return bool(engine.suffixes or engine.opens)
+def _opens(engine: Engine) -> TypeGuard[OpensModels]:
+    return isinstance(engine, OpensModels) and bool(engine.suffixes or engine.opens)
 
 
 def _objects() -> str:

@@ -15,6 +15,7 @@ import numpy as np
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.require import positive, require
 from hcbench.sim import registry
+from hcbench.sim.remote import interpreter_of
 from hcbench.sim.two_blocks import TwoBlocks
 from hcbench.workers import call
 
@@ -84,7 +85,7 @@ def simulate_in_engine(
     forces = np.array([0.0 if drive is None else drive(i * timestep) for i in range(count)])
     start = velocity - 0.5 * timestep * float(forces[0]) / system.mass
     blocks = TwoBlocks(system.mass, system.gap, law, timestep, tuned_at)
-    where = engine.interpreter
+    where = interpreter_of(engine)
     positions, velocities = call(_simulate, name, blocks, position, start, forces, limit=LIMIT, at=where)
     return EngineTrajectory(
         time=np.asarray(np.arange(count) * timestep, dtype=np.float64),

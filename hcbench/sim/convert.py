@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench.laws.conventions import contact_of, said
 from hcbench.sim import registry
+from hcbench.sim.capabilities import DescribesContact
 
 if TYPE_CHECKING:
     from hcbench.laws.conventions import Conversion
@@ -14,4 +15,6 @@ if TYPE_CHECKING:
 def convert(**given: Any) -> Conversion:
     """Say one contact in every convention. given: as `hcbench.laws.conventions.contact_of` takes it."""
     contact = contact_of(**given)
-    return said(contact, [registry.engine(name).words(contact) for name in registry.names()])
+    engines = map(registry.adapter, registry.names())
+    own = (engine.vocabulary(contact) for engine in engines if isinstance(engine, DescribesContact))
+    return said(contact, own)

@@ -23,30 +23,24 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self, final
+from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 
-from hcbench.errors import EngineFailed, SettingError, UserError
-from hcbench.sim.launch import require_launch, require_types
+from hcbench.errors import EngineFailed, SettingError
+from hcbench.resolution import ROUND_OFF_STEP
+from hcbench.scene import Scene
+from hcbench.setting import Setting
 from hcbench.sim.read_impact import NOT_FINITE, SpeedReading
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
     from hcbench.impact import Floats, Impact, Launch, Trajectory
-    from hcbench.laws.conventions import OneContact, Words
-    from hcbench.laws.restitution import RestitutionCurve
     from hcbench.recipes.recipe import Recipe
-    from hcbench.scene import Scene
-    from hcbench.setting import Setting
     from hcbench.sim.backend import Backend
-    from hcbench.sim.candidate_pairs import CandidatePair
-    from hcbench.sim.model_under_test import ModelSetting, ModelUnderTest, Request
-    from hcbench.workers import Interpreter
 
     Flags = NDArray[Any]
 
@@ -70,6 +64,16 @@ class Record:
         """All of it, one quantity below the other, shape (3 or 11, b, n)."""
         normal = np.stack([self.penetration, self.rate, self.force])
         return normal if self.tangential is None else np.concatenate([normal, self.tangential])
+
+
+def momentum_force(mass: float, timestep: float, slowed: Floats, speeds: Floats, bits: int = 64) -> Floats:
+    """Normal force of each step, N; exactly 0 where it did nothing.
+
+    slowed: speed into the plate that the contact took in the step, m/s. speeds: sum of the sizes of what the
+    step added up, m/s, which rounding goes by. bits: of the engine's numbers. All of one shape.
+    """
+    noise = ROUND_OFF_STEP * float(np.finfo(f"f{bits // 8}").eps) * speeds
+    return np.asarray(mass * np.where(np.abs(slowed) <= noise, 0.0, slowed / timestep))
 
 
 class CannotShareError(Exception):
@@ -137,42 +141,28 @@ class World(ABC):
 class Engine(ABC):
     """A physics engine, or anything else that can drop a body on a plate.
 
-    name: as registered, and as settings name it. title: as reports print it.
-    suffixes: of the model files of users that it opens. opens: objects that it opens, in words.
-    backend: the package that it needs; None for none. bits: of its numbers. oblique: sends bodies so too.
-    interpreter: of the environment that it runs in; None for this process' own.
+    name: as registered, and as settings name it. title: as reports print it. backend: the package that it
+    needs; None for none. bits: of its numbers. oblique: launches bodies at an angle too.
+    What only some engines can do is in `hcbench.sim.capabilities`.
     """
 
-    name: ClassVar[str]
-    interpreter: ClassVar[Interpreter | None] = None
-    title: ClassVar[str] = ""
-    backend: ClassVar[Backend | None] = None
-    bits: ClassVar[int] = 64
-    oblique: ClassVar[bool] = True
-    suffixes: ClassVar[tuple[str, ...]] = ()
-    opens: ClassVar[tuple[str, ...]] = ()
-
-    @property
-    def install(self) -> str:
-        """The command that installs the backend; "" for an engine that needs none."""
-        return self.backend.command if self.backend else ""
+    name: str
+    title: str = ""
+    backend: Backend | None = None
+    bits: int = 64
+    oblique: bool = True
 
     def version(self) -> str:
         """Version of the installed backend, not imported; raises EngineMissing where there is none."""
-        assert self.backend is not None, f"engine {self.name!r} has neither a backend nor a version"
+        if self.backend is None:
+            expected = "`backend`, or a method `version`"
+            raise EngineFailed(f"engine {self.name!r}", "states no version", expected)
         return self.backend.version()
 
     def recipes(self) -> Sequence[Recipe]:
         """What makes its settings, of each role the preferred one first: `recipes.RECIPES` in its folder."""
-        recipes = self.module("recipes")
+        recipes = module_of(self, "recipes")
         return recipes.RECIPES if recipes else ()
-
-    def plugin(self, *, install: bool = False) -> Path:
-        """The library of the contact laws for this engine, compiled when first asked for.
-
-        install: puts it where the engine loads plug-ins from. UserError where there is none.
-        """
-        raise UserError(f"engine {self.name!r}", "no plug-in", "an engine for which hcbench has one")
 
     @abstractmethod
     def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
@@ -188,42 +178,6 @@ class Engine(ABC):
         """
         raise EngineFailed(self.name, "knows single impacts only", "an engine that can go on after one")
 
-    def accepts(self, source: Any) -> bool:
-        """Whether `source`, a path, several or an object, is a model that `open` takes."""
-        return isinstance(source, str | Path) and Path(source).suffix.lower() in self.suffixes
-
-    def make_room(self) -> None:  # noqa: B027 - most engines keep nothing
-        """Let go of what this process keeps for the engine, before code of the user's runs in it."""
-
-    def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> ModelUnderTest:
-        """A user's own model. rebuild: makes `source` anew, where a function of the user's made it.
-
-        Raises UserError with the reason where the pair cannot be measured.
-        """
-        raise UserError("engine", repr(self.name), "an engine that opens models of users", f"{source!r}")
-
-    def pairs(
-        self,
-        source: Any,
-        request: Request,
-        rebuild: Callable[[], Any] | None = None,
-    ) -> list[CandidatePair]:
-        """Which parts of a user's own model can meet, as `open` takes it; those that touch first."""
-        raise UserError("engine", repr(self.name), "an engine that opens models of users", f"{source!r}")
-
-    def model_settings(
-        self,
-        source: Any,
-        requests: Sequence[Request],
-        goal: RestitutionCurve,
-        rebuild: Callable[[], Any] | None = None,
-    ) -> Iterable[ModelSetting]:
-        """Settings for pairs in a user's own model, each meant to have the e of `goal` there; simplest first.
-
-        requests: one a pair, alike but for that; their speeds span the band.
-        """
-        raise UserError("engine", repr(self.name), "an engine that tunes models of users", f"{source!r}")
-
     def snippet(self, setting: Setting, form: str) -> str:
         """What to paste of a setting into a model or script of one's own; "" where nothing is set.
 
@@ -231,20 +185,8 @@ class Engine(ABC):
         """
         return setting.options_text
 
-    def words(self, contact: OneContact) -> Words | None:
-        """What to write for a contact, for `hcbench convert`: `words.words` in its folder, or None."""
-        module = self.module("words")
-        return module.words(contact) if module else None
-
-    @final
-    def module(self, name: str) -> Any:
-        """A module of its folder, such as "scene.two_blocks"; None where there is none."""
-        folder = type(self).__module__.rpartition(".")[0]
-        parts = [f"{folder}.{'.'.join(name.split('.')[:n])}" for n in range(1, name.count(".") + 2)]
-        return import_module(parts[-1]) if folder and all(map(find_spec, parts)) else None
-
     def with_friction(self, setting: Setting, friction: float) -> Setting:
-        """The same setting that says Coulomb's μ of its contact itself, for whoever pastes it."""
+        """The same setting with Coulomb's μ of its contact in it, to be pasted."""
         return setting
 
     def script(self, scene: Scene, setting: Setting) -> str:
@@ -255,13 +197,13 @@ class Engine(ABC):
     @final
     def run(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         """Check the request, run it, and hand back one impact for each launch, in order."""
-        require_types(scene, setting, launches)
+        _require_types(scene, setting, launches)
         if setting.engine != self.name:
             raise SettingError("setting", f"made for {setting.engine!r}", f"one for {self.name!r}")
         if not setting.timestep > 0:
             raise SettingError("timestep", f"{setting.timestep!r} s", "a step above 0 s")
         for launch in launches:
-            require_launch(launch, self.name, self.oblique)
+            _require_launch(launch, self.name, self.oblique)
         return self.impacts(scene, setting, launches)
 
 
@@ -272,9 +214,9 @@ class SteppedEngine(Engine):
     limit: s, after which one launch in such a process counts as hung. together: launches in it at once.
     """
 
-    own_process: ClassVar[bool] = False
-    limit: ClassVar[float] = 30.0
-    together: ClassVar[int] = 8
+    own_process: bool = False
+    limit: float = 30.0
+    together: int = 8
 
     @abstractmethod
     def load(self, scene: Scene, setting: Setting, fastest: float) -> World:
@@ -297,3 +239,35 @@ class SteppedEngine(Engine):
         from hcbench.sim import simulate
 
         return simulate.trajectory(self, scene, setting, launch, duration)
+
+
+def _require_types(scene: object, setting: object, launches: object) -> None:
+    """Raises SettingError for what is of another type than a run takes, by the argument's name."""
+    for slot, value, kind in (("scene", scene, Scene), ("setting", setting, Setting)):
+        if not isinstance(value, kind):
+            raise SettingError(slot, f"{value!r:.80}", f"a {kind.__name__}")
+    if not isinstance(launches, list | tuple):
+        raise SettingError("launches", f"{launches!r:.80}", "a list of Launch")
+
+
+def _require_launch(launch: Launch, engine: str, oblique: bool) -> None:
+    """Raises SettingError for a launch without meaning; oblique: whether the engine has such launches."""
+    try:
+        height = launch.height or 0.0
+        finite = math.isfinite(sum((launch.speed, launch.phase, height, *launch.slip, *launch.spin)))
+    except (TypeError, AttributeError, OverflowError):
+        finite = False
+    if not finite:
+        raise SettingError("launch", f"{launch!r:.200}", "finite numbers")
+    if height < 0:
+        raise SettingError("height", f"{height!r} m", "0 m or more over the plate")
+    if launch.speed < 0 or (launch.speed == 0 and not launch.height):
+        raise SettingError("speed", f"{launch.speed!r} m/s", "a speed above 0, or a height to fall from")
+    if not oblique and launch.is_oblique:
+        raise SettingError("launch", f"oblique, in {engine!r}", "one along the normal, without spin")
+
+
+def module_of(engine: Engine, name: str) -> Any:
+    """A module of the engine's folder, imported when first asked for; None where there is none."""
+    folder = type(engine).__module__.rpartition(".")[0]
+    return import_module(f"{folder}.{name}") if folder and find_spec(f"{folder}.{name}") else None

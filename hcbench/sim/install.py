@@ -129,5 +129,5 @@ def _bounce(name: str) -> Impact:
     law = HuntCrossley(scene.stiffness, 0.3, scene.exponent)
     target = Target(law, scene.mass, _TRIAL_STEP, _TRIAL_SPEED, _TRIAL_SPEED)
     engine = registry.engine(name)
-    (impact,) = engine.run(scene, engine.recipes()[0](target), [Launch(_TRIAL_SPEED, 0.5)])
+    (impact,) = engine.run(scene, registry.preferred(name)[0](target), [Launch(_TRIAL_SPEED, 0.5)])
     return impact

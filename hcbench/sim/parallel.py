@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import linecache
 from abc import abstractmethod
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,8 +12,7 @@ from hcbench._text import shortest
 from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
-from hcbench.sim.engine import Record, Simulation, World
-from hcbench.sim.momentum import momentum_force
+from hcbench.sim.engine import Record, Simulation, World, momentum_force
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import Options, PythonLaw, ScriptedEngine
 
@@ -121,10 +120,10 @@ class ScriptedWorlds(BatchWorld):
 class ScriptedWorldsEngine(ScriptedEngine[Options]):
     """An engine whose script, of one world, is run with `together` of them: float32, in its own process."""
 
-    bits: ClassVar[int] = 32
-    own_process: ClassVar[bool] = True
-    limit: ClassVar[float] = 600.0  # kernels are compiled when first used
-    together: ClassVar[int] = 64  # a step of one world costs as much as of all
+    bits = 32
+    own_process = True
+    limit = 600.0  # kernels are compiled when first used
+    together = 64  # a step of one world costs as much as of all
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> World:  # type: ignore[override]
         """The worlds of the script. Raises SettingError for a step too short for float32."""

@@ -1,12 +1,13 @@
-"""Finds engines by entry points of the group hcbench.engines: ours and others come in by the same door.
+"""Finds engines by entry points of the group hcbench.engines, built-in and third-party ones alike.
 
-"myengine" is the engine beside hcbench, or the newest in an environment of its own where none is there;
+"myengine" is the engine beside hcbench, or the newest in an environment of its own where none is installed;
 "myengine@1.2" is that version, wherever it is.
 """
 
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any
@@ -15,14 +16,14 @@ from hcbench._arguments import checked
 from hcbench.environments import store
 from hcbench.errors import EngineFailed, EngineMissing, UserError
 from hcbench.sim.backend import UntriedVersionWarning
-from hcbench.sim.remote import absent, elsewhere, renamed
+from hcbench.sim.engine import Engine, module_of
+from hcbench.sim.remote import missing, remote, renamed
 from hcbench.workers import environment, in_worker
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from hcbench.recipes.recipe import Recipe
-    from hcbench.sim.engine import Engine
 
 GROUP = "hcbench.engines"
 
@@ -44,17 +45,16 @@ def engine(name: str) -> Engine:
     name: with "@" and a version for one of several, which may be in an environment of its own.
     """
     base, at, version = name.partition("@")
-    adapter = _engine(base)
+    own = adapter(base)
     if environment():
-        return renamed(adapter, name)
+        return renamed(own, name)
     if not at and version_beside(base):
-        return adapter
-    found = store.find(base, version)
+        return own
+    if found := store.find(base, version):
+        return remote(own, name, found)
     if not at:
-        return adapter if found is None else elsewhere(adapter, base, found)
-    if found is not None:
-        return elsewhere(adapter, name, found)
-    return renamed(adapter, name) if version_beside(base) == version else absent(adapter, name)
+        return own
+    return renamed(own, name) if version_beside(base) == version else missing(own, name)
 
 
 def base_name(name: str) -> str:
@@ -65,7 +65,7 @@ def base_name(name: str) -> str:
 def version_beside(name: str) -> str:
     """The version of an engine that is installed beside hcbench; "" for none."""
     try:
-        return _engine(name).version()
+        return adapter(name).version()
     except EngineMissing:
         return ""
 
@@ -80,9 +80,9 @@ def is_there(name: str) -> bool:
 
 def require(name: str) -> str:
     """The version of an engine; warns of one that was never tried. Raises EngineMissing."""
-    adapter = engine(name)
-    version = adapter.version()
-    if adapter.backend and not in_worker() and (untried := adapter.backend.untried(version)):
+    found = engine(name)
+    version = found.version()
+    if found.backend and not in_worker() and (untried := found.backend.untried(version)):
         _warn(untried)
     return version
 
@@ -107,29 +107,41 @@ def adopt(values: Mapping[str, str]) -> None:
 
 
 @cache
-def _engine(name: str) -> Engine:
+def adapter(name: str) -> Engine:
+    """What hcbench knows of the engine registered under `name`, installed or not, without a version.
+
+    Raises UserError for an unknown name, EngineFailed for an entry point that holds no such engine.
+    """
     if name not in _entry_points():
         raise _unknown("engine", name, _entry_points())
+    entry, slot = _entry_points()[name], f"{GROUP} {name}"
     try:
-        adapter = _entry_points()[name].load()()
+        found = entry.load()()
     except Exception as error:
-        raise EngineFailed(f"{GROUP} {name}", f"could not be loaded: {error}", "") from error
-    assert adapter.name == name, f"engine {adapter.name!r} is registered as {name!r}"
-    return adapter  # type: ignore[no-any-return]
+        raise EngineFailed(slot, f"could not be loaded: {error}", "") from error
+    if not isinstance(found, Engine) or getattr(found, "name", None) != name:
+        got = f"{entry.value} has the name {getattr(found, 'name', None)!r}"
+        raise EngineFailed(slot, got, f"an Engine whose name is {name!r}, as in its entry point")
+    return found
 
 
 def submodule(name: str, part: str) -> Any:
-    """The module `part` in an engine's package, such as `scene.two_blocks`; None where there is none."""
-    return _engine(base_name(name)).module(part)
+    """The module `part` in the package of an engine, as `two_blocks`; None where the engine has none."""
+    return module_of(adapter(base_name(name)), part)
+
+
+def preferred(name: str) -> list[Recipe]:
+    """An engine's recipes, of each role the preferred one first; UserError for an unknown engine."""
+    try:
+        found = engine(name).recipes()
+    except ImportError as error:
+        raise EngineFailed(f"recipes of {name}", f"could not be loaded: {error}", "") from error
+    return [recipe if recipe.engine == name else replace(recipe, engine=name) for recipe in found]
 
 
 def recipes(name: str) -> dict[str, Recipe]:
     """An engine's recipes by their names, sorted; UserError for an unknown engine."""
-    try:
-        preferred_first = engine(name).recipes()
-    except ImportError as error:
-        raise EngineFailed(f"recipes of {name}", f"could not be loaded: {error}", "") from error
-    return {recipe.name: recipe for recipe in sorted(preferred_first, key=lambda recipe: recipe.name)}
+    return {recipe.name: recipe for recipe in sorted(preferred(name), key=lambda recipe: recipe.name)}
 
 
 def recipe_names() -> list[str]:

@@ -1,4 +1,4 @@
-"""An engine in an environment of its own: it does what the engine beside hcbench would, in a worker there.
+"""Runs an engine in a separate environment, through a worker process.
 
 The worker imports the hcbench that started it, and the engine's adapter, from where they lie here; all other
 packages are the environment's.
@@ -6,14 +6,16 @@ packages are the environment's.
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import re
 import sys
 from functools import cache, partial
 from importlib import metadata
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from hcbench.errors import EngineMissing, UserError
+from hcbench.sim.capabilities import HasPlugin, OpensModels, TunesModels, plugin_of
 from hcbench.workers import Interpreter, call
 
 if TYPE_CHECKING:
@@ -26,7 +28,6 @@ if TYPE_CHECKING:
     from hcbench.recipes.target import Target
     from hcbench.scene import Scene
     from hcbench.setting import Setting
-    from hcbench.sim.backend import Backend
     from hcbench.sim.engine import Engine
 
 _WORKER = ("numpy", "scipy", "pint", "pydantic")
@@ -43,49 +44,66 @@ registry.adopt({values!r})
 """
 
 
-class _Renamed:
-    """An engine under a name that says its version."""
+class Wrapped(HasPlugin, TunesModels):
+    """An engine under a name that states a version: its adapter answers what needs no backend."""
 
-    name: ClassVar[str]
-    backend: ClassVar[Backend]
+    def __init__(self, adapter: Engine, name: str) -> None:
+        self.adapter, self.name, self.title = adapter, name, _title(adapter, name)
+        self.backend, self.bits, self.oblique = adapter.backend, adapter.bits, adapter.oblique
+        if isinstance(adapter, OpensModels):
+            self.suffixes, self.opens = adapter.suffixes, adapter.opens
 
     def recipes(self) -> Sequence[Recipe]:
-        """The engine's own, under this name."""
-        own: Sequence[Recipe] = super().recipes()  # type: ignore[misc]
-        return [dataclasses.replace(recipe, engine=self.name) for recipe in own]
+        """The adapter's."""
+        return self.adapter.recipes()
+
+    def snippet(self, setting: Setting, form: str) -> str:
+        """The adapter's."""
+        return self.adapter.snippet(setting, form)
+
+    def with_friction(self, setting: Setting, friction: float) -> Setting:
+        """The adapter's."""
+        return self.adapter.with_friction(setting, friction)
+
+    def accepts(self, source: Any) -> bool:
+        """As the adapter does."""
+        return isinstance(self.adapter, OpensModels) and self.adapter.accepts(source)
 
 
-class _Absent(_Renamed):
-    """A version that is not there: all that needs it says so."""
+class MissingEngine(Wrapped):
+    """A version that is not installed: every use raises EngineMissing with the command that installs it."""
 
-    def version(self) -> str:
+    def version(self) -> NoReturn:
         """Raises EngineMissing."""
-        advice = f"Try: {self.backend.add_command(self.name)}"
+        advice = f"Try: {self.backend.add_command(self.name)}" if self.backend else ""
         raise EngineMissing(f"engine {self.name!r}", "not installed", "", advice)
 
-    def _missing(self, *_: Any, **__: Any) -> Any:
-        return self.version()
+    def _missing(self, *_: Any, **__: Any) -> NoReturn:
+        self.version()
 
-    impacts = trajectory = plugin = script = open = pairs = model_settings = _missing
+    impacts = trajectory = script = plugin = open = pairs = model_settings = _missing
 
 
-class _Elsewhere(_Renamed):
-    """A version in an environment of its own."""
+class RemoteEngine(Wrapped):
+    """An engine that runs in an environment of its own, in a worker process there."""
 
-    environment: ClassVar[Environment]
-    interpreter: ClassVar[Interpreter]
-    limit: ClassVar[float]
+    def __init__(self, adapter: Engine, name: str, environment: Environment) -> None:
+        super().__init__(adapter, name)
+        self.environment, self.interpreter = environment, interpreter(environment)
+        self.limit: float = getattr(adapter, "limit", 0.0)
+        self._hangs: bool = getattr(adapter, "own_process", False)
 
     def version(self) -> str:
-        """As it was installed. Raises EngineMissing where this hcbench needs what its environment lacks."""
+        """The installed one. Raises EngineMissing where this hcbench needs what its environment lacks."""
         if lacking := set(worker_requirements()) - set(self.environment.requirements):
             got = f"its environment is of another hcbench, without {', '.join(sorted(lacking))}"
+            assert self.backend is not None  # else it had no environment
             advice = f"Try: {self.backend.add_command(self.environment.name)}"
             raise EngineMissing(f"engine {self.name!r}", got, "", advice)
         return self.environment.version
 
     def recipes(self) -> Sequence[Recipe]:
-        """The engine's own, made there: what they write may depend on the version."""
+        """The adapter's, made there: what they write may depend on the version."""
         return [
             dataclasses.replace(recipe, function=partial(self._options, recipe.name))
             for recipe in super().recipes()
@@ -93,60 +111,59 @@ class _Elsewhere(_Renamed):
 
     def _options(self, recipe: str, target: Target, *integrator: str) -> Mapping[str, Any]:
         options: Mapping[str, Any] = call(
-            _options_here, self.name, recipe, target, *integrator, limit=None, at=self.interpreter
+            _options_there, self.name, recipe, target, *integrator, limit=None, at=self.interpreter
         )
         return options
 
-    def _ask(self, method: str, *args: Any, launches: int = 0, steps: float = 0.0) -> Any:
-        # As for such an engine beside hcbench: one that never hangs has all the time that it takes.
-        hangs = getattr(self, "own_process", False) and launches
-        limit = launches * self.limit + steps * STEP_S if hangs else None
-        return call(_ask_here, self.name, method, *args, limit=limit, at=self.interpreter)
+    def _call(self, method: str, *args: Any, launches: int = 0, steps: float = 0.0) -> Any:
+        # An engine that never hangs has all the time that it takes, as beside hcbench.
+        limit = launches * self.limit + steps * STEP_S if self._hangs and launches else None
+        return call(_call_there, self.name, method, *args, limit=limit, at=self.interpreter)
 
     def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
-        """As the engine's own."""
-        found: list[Impact] = self._ask("impacts", scene, setting, launches, launches=len(launches))
+        """The engine's, there."""
+        found: list[Impact] = self._call("impacts", scene, setting, launches, launches=len(launches))
         return found
 
     def trajectory(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
-        """As the engine's own."""
+        """The engine's, there."""
         steps = duration / setting.timestep
-        path: Trajectory = self._ask("trajectory", scene, setting, launch, duration, launches=1, steps=steps)
+        path: Trajectory = self._call("trajectory", scene, setting, launch, duration, launches=1, steps=steps)
         return path
 
     def script(self, scene: Scene, setting: Setting) -> str:
-        """As the engine's own."""
-        text: str = self._ask("script", scene, setting)
+        """The engine's, there."""
+        text: str = self._call("script", scene, setting)
         return text
 
     def plugin(self, *, install: bool = False) -> Path:
-        """As the engine's own; installed into the environment."""
-        path: Path = call(_plugin_here, self.name, install, limit=None, at=self.interpreter)
+        """The engine's, there; installed into the environment."""
+        path: Path = call(_plugin_there, self.name, install, limit=None, at=self.interpreter)
         return path
 
-    def _refuse(self, *_: Any, **__: Any) -> Any:
+    def _refuse(self, *_: Any, **__: Any) -> NoReturn:
         got = f"{self.name!r} is in an environment of its own, and given an object of this one"
         raise UserError("engine", got, "a model's file", "An object is measured by the engine beside hcbench")
 
     open = pairs = model_settings = _refuse
 
 
-def _options_here(name: str, recipe: str, target: Target, *integrator: str) -> Mapping[str, Any]:
+def _options_there(name: str, recipe: str, target: Target, *integrator: str) -> Mapping[str, Any]:
     from hcbench.sim import registry
 
     return registry.recipes(name)[recipe].function(target, *integrator)
 
 
-def _ask_here(name: str, method: str, *args: Any) -> Any:
+def _call_there(name: str, method: str, *args: Any) -> Any:
     from hcbench.sim import registry
 
     return getattr(registry.engine(name), method)(*args)
 
 
-def _plugin_here(name: str, install: bool) -> Path:
+def _plugin_there(name: str, install: bool) -> Path:
     from hcbench.sim import registry
 
-    return registry.engine(name).plugin(install=install)
+    return plugin_of(registry.engine(name), install)
 
 
 @cache
@@ -157,21 +174,39 @@ def worker_requirements() -> tuple[str, ...]:
 
 
 @cache
-def renamed(engine: Engine, name: str) -> Engine:
+def renamed(adapter: Engine, name: str) -> Engine:
     """The engine of this process under another name, such as "myengine@1.2"."""
-    return engine if name == engine.name else _made(engine, name, _Renamed)
+    if name == adapter.name:
+        return adapter
+    made = copy.copy(adapter)
+    made.name, made.title = name, _title(adapter, name)
+    return made
 
 
 @cache
-def absent(engine: Engine, name: str) -> Engine:
-    """A version of an engine of which nothing but its words is there."""
-    return _made(engine, name, _Absent)
+def missing(adapter: Engine, name: str) -> Engine:
+    """A version of an engine that is not installed."""
+    return MissingEngine(adapter, name)
 
 
 @cache
-def elsewhere(engine: Engine, name: str, environment: Environment) -> Engine:
+def remote(adapter: Engine, name: str, environment: Environment) -> Engine:
     """The engine in an environment."""
-    return _made(engine, name, _Elsewhere, environment=environment, interpreter=interpreter(environment))
+    return RemoteEngine(adapter, name, environment)
+
+
+def adapter_of(engine: Engine) -> Engine:
+    """What an engine is, wherever it runs."""
+    return engine.adapter if isinstance(engine, Wrapped) else engine
+
+
+def interpreter_of(engine: Engine) -> Interpreter | None:
+    """Of the environment that an engine runs in; None for this process' own."""
+    return engine.interpreter if isinstance(engine, RemoteEngine) else None
+
+
+def _title(adapter: Engine, name: str) -> str:
+    return f"{adapter.title or adapter.name} {name.partition('@')[2]}".strip()
 
 
 def interpreter(environment: Environment) -> Interpreter:
@@ -187,12 +222,3 @@ def interpreter(environment: Environment) -> Interpreter:
     known = {n: v for n, v in values.items() if tops[n] in ("hcbench", tops[environment.engine])}
     setup = _SETUP.format(modules=modules, values=known)
     return Interpreter(environment.name, str(environment.executable), setup)
-
-
-def _made(engine: Engine, name: str, kind: type, **about: Any) -> Engine:
-    version = name.partition("@")[2]
-    title = f"{engine.title or engine.name} {version}".strip()
-    cls = type(engine)
-    about |= {"name": name, "title": title, "__module__": cls.__module__}  # where its own modules are
-    made: Engine = type(cls.__name__, (kind, cls), about)()
-    return made

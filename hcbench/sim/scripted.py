@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar, final
+from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar, final
 
 import numpy as np
 from pydantic import PlainValidator
@@ -27,8 +27,7 @@ from hcbench.fields import OptionTable, validate
 from hcbench.laws.contact_law import law_of
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
-from hcbench.sim.engine import Record, Simulation, SteppedEngine, World
-from hcbench.sim.momentum import momentum_force
+from hcbench.sim.engine import Record, Simulation, SteppedEngine, World, momentum_force
 
 if TYPE_CHECKING:
     from hcbench.impact import Launch
@@ -64,8 +63,8 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
     table: of its settings' options. laws: those that it lets in from Python.
     """
 
-    oblique: ClassVar[bool] = False
-    laws: ClassVar[tuple[type[PythonLaw], ...]] = (HuntCrossley, Restitution)
+    oblique = False
+    laws: tuple[type[PythonLaw], ...] = (HuntCrossley, Restitution)
     table: type[Options]
 
     @abstractmethod

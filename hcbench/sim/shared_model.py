@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
 from hcbench.recipes.search import map_result
 from hcbench.sim import registry
+from hcbench.sim.capabilities import OpensModels, opener
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.parallel import BatchWorld, reading_of, require_motion
 from hcbench.sim.scripted import PythonLaw, python_law_of
@@ -77,18 +78,18 @@ class CopiesWorld(BatchWorld):
         return self._copies.step(steps)[:, :, self._at].transpose(0, 2, 1)
 
 
-class BorrowingEngine(SteppedEngine):
+class BorrowingEngine(OpensModels, SteppedEngine):
     """An engine that steps what another one loads.
 
     lender: its name. own: words of the options that the lender does not have. lacks: features of the lender
     that it passes over without a word, as the lender names them. exact: how to have it compute in 64 bits.
     """
 
-    lender: ClassVar[str]
-    own: ClassVar[tuple[str, ...]] = ("law",)
-    lacks: ClassVar[frozenset[str]] = frozenset()
-    exact: ClassVar[str] = ""
-    oblique: ClassVar[bool] = False
+    lender: str
+    own: tuple[str, ...] = ("law",)
+    lacks: frozenset[str] = frozenset()
+    exact = ""
+    oblique = False
 
     @abstractmethod
     def copies(self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0) -> Copies:
@@ -131,13 +132,16 @@ class BorrowingEngine(SteppedEngine):
 
     def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> ModelUnderTest:
         """The lender's model, stepped by this engine."""
-        return registry.engine(self.lender).open(source, request, rebuild).stepped_by(self)
+        return self._opener().open(source, request, rebuild).stepped_by(self)
 
     def pairs(
         self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
     ) -> list[CandidatePair]:
         """The lender's."""
-        return registry.engine(self.lender).pairs(source, request, rebuild)
+        return self._opener().pairs(source, request, rebuild)
+
+    def _opener(self) -> OpensModels:
+        return opener(registry.engine(self.lender))
 
     def lent(self, setting: Setting) -> Setting:
         """What of a setting the lender reads; e(v) needs a contact whose solref a step can set."""

@@ -24,7 +24,7 @@ def candidates(engine: str, target: Target, scene: Scene, match: Match) -> list[
 
     One for the loop; for restitution all that "auto" tries in turn. Raises SettingError where there is none.
     """
-    recipes, form = registry.engine(engine).recipes(), scene.form
+    recipes, form = registry.preferred(engine), scene.form
     steps = steps_per_contact(target)
     contact = f"the law's contact lasts {steps:.3g} steps of {target.timestep:g} s"
     if match != "restitution":

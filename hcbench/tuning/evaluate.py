@@ -17,6 +17,7 @@ from hcbench.recipes.target import Target
 from hcbench.scene import Scene
 from hcbench.setting import Setting
 from hcbench.sim.engine import Engine, SteppedEngine
+from hcbench.sim.remote import adapter_of
 from hcbench.sim.scripted import ScriptedEngine
 from hcbench.tuning.oblique import friction_error, oblique_launches
 from hcbench.units import STANDARD_GRAVITY
@@ -114,7 +115,7 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
     compare with the target.
     """
     launches = held_out_launches(target)
-    if not isinstance(engine, SteppedEngine) or _error_controlled(engine, setting):
+    if not isinstance(adapter_of(engine), SteppedEngine) or _error_controlled(engine, setting):
         # No phase of a step matters, and each may cost an ODE.
         return evaluate_impacts(engine.run(scene, setting, launches[::_PHASES]), target, scene)
     impacts = engine.run(scene, setting, launches)
@@ -141,7 +142,8 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
 
 
 def _error_controlled(engine: Engine, setting: Setting) -> bool:
-    return isinstance(engine, ScriptedEngine) and engine.error_controlled(setting)
+    adapter = adapter_of(engine)
+    return isinstance(adapter, ScriptedEngine) and adapter.error_controlled(setting)
 
 
 def _friction_errors(impacts: Sequence[Impact], _: Target, scene: Scene) -> Floats:

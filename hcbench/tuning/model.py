@@ -14,6 +14,7 @@ from hcbench.laws.require import require
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.measure import LONGEST_LIMIT_S, Job, run_job, source_of
 from hcbench.sim import simulate
+from hcbench.sim.capabilities import TunesModels
 from hcbench.sim.model_under_test import Facts, ModelSetting, Request
 from hcbench.tuning.tune import MAX_ERROR
 
@@ -92,6 +93,9 @@ def _tuned(job: Job) -> TunedModel:
     assert job.wanted is not None
     wanted, requests = job.wanted, (job.request, *job.others)
     engine, source, rebuild = source_of(job)
+    if not isinstance(engine, TunesModels):
+        expected = "an engine that tunes models of users"
+        raise UserError("engine", repr(engine.name), expected, f"{source!r}")
     found: list[tuple[float, ModelSetting]] = []
     for setting in engine.model_settings(source, requests, wanted, rebuild):
         tried = [

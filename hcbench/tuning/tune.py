@@ -106,7 +106,7 @@ def _tuned(recipe: Recipe, why: str, target: Target, scene: Scene, integrator: s
         setting = adapter.with_friction(setting, target.friction)
     evaluation = evaluate(adapter, scene, setting, target)
     rest = rest_test(adapter, scene, setting)
-    advice = tuple(_advice(target, scene, evaluation, rest, recipe, adapter.recipes()))
+    advice = tuple(_advice(target, scene, evaluation, rest, recipe, registry.preferred(recipe.engine)))
     return Tuned(target, scene, recipe, setting, evaluation, rest, why, advice)
 
 

@@ -24,6 +24,7 @@ from hcbench.impact import Launch
 from hcbench.laws import closed_form
 from hcbench.setting import Setting
 from hcbench.sim import install, registry
+from hcbench.sim.capabilities import opener
 from hcbench.sim.model_under_test import Request
 
 if TYPE_CHECKING:
@@ -150,7 +151,7 @@ def test_models_are_measured_checked_and_tuned_there(
 
 def test_an_object_of_this_process_is_not_measured_in_another(there: Path) -> None:
     with pytest.raises(UserError, match=r"'mujoco@3\.9' is in an environment of its own"):
-        registry.engine("mujoco@3.9").open(object(), Request())
+        opener(registry.engine("mujoco@3.9")).open(object(), Request())
 
 
 def test_the_list_says_version_python_size_and_place(there: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -32,7 +32,7 @@ def test_drake_and_simbody_differ_by_the_3_2_that_the_paper_writes_out() -> None
     found = _full()
     assert _row(found, "Drake", "hunt_crossley_dissipation").value == (1.5 * ALPHA,)
     assert _row(found, "Simbody", "dissipation").value == (ALPHA,)
-    assert any("Drake's d is 1.5 α" in trap for trap in found.traps)
+    assert any("Drake's d is 1.5 α" in caveat for caveat in found.caveats)
 
 
 def test_every_way_in_gives_the_same_contact() -> None:

@@ -5,7 +5,7 @@ It needs its own file and one entry point (`rk4_engine-1.dist-info`), nothing in
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -41,8 +41,8 @@ def constant(target: Target) -> dict[str, Any]:
 class Rk4Engine(SteppedEngine):
     """Integrates the law by Runge-Kutta steps, or turns the ball around within one."""
 
-    name: ClassVar[str] = "rk4"
-    title: ClassVar[str] = "Runge-Kutta"
+    name = "rk4"
+    title = "Runge-Kutta"
 
     def version(self) -> str:
         """Of this file."""

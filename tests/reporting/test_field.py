@@ -27,7 +27,7 @@ from hcbench.reporting.field.matrix import COLUMNS, matrix
 from hcbench.reporting.field.page import COST
 from hcbench.reporting.field.view import Case, FieldView
 from hcbench.sim import registry
-from hcbench.sim.features import Features
+from hcbench.sim.capabilities import DescribesContact, Features
 
 COMMITTED = Path(__file__).parents[2] / "reports" / "field"
 RUNS = [
@@ -91,7 +91,9 @@ def test_every_cell_of_the_features_says_where_it_is_from(view: FieldView) -> No
 
 
 def test_an_engine_says_its_own_features() -> None:
-    features = registry.submodule("mujoco", "features").FEATURES
+    engine = registry.adapter("mujoco")
+    assert isinstance(engine, DescribesContact)
+    features = engine.features
     assert isinstance(features, Features)
     assert features.licence.text == "Apache-2.0"
 

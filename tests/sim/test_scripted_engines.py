@@ -110,7 +110,7 @@ def test_a_run_with_a_version_never_tried_warns(name: str, monkeypatch: pytest.M
 
 def test_an_engine_is_its_folder_of_250_lines() -> None:
     for name in SCRIPTED:
-        folder = Path(registry.engine(name).module("engine").__file__).parent
+        folder = Path(registry.submodule(name, "engine").__file__).parent
         lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in folder.glob("*.py"))
         assert lines <= 250, f"{name}: {lines} lines"
 

@@ -11,7 +11,7 @@ import resource
 import signal
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from hcbench.engines.reference.engine import ReferenceEngine
 from hcbench.recipes.law_recipes import law_options
@@ -37,7 +37,7 @@ class Tripping(Engine):
     "sleep": s}.
     """
 
-    name: ClassVar[str] = "tripping"
+    name = "tripping"
 
     def version(self) -> str:
         return str(_notes().get("version", "1"))
@@ -105,4 +105,4 @@ def note(folder: Path, **notes: Any) -> None:
 
 def _look_again() -> None:
     registry._entry_points.cache_clear()
-    registry._engine.cache_clear()
+    registry.adapter.cache_clear()

@@ -12,7 +12,7 @@ import sysconfig
 import zipfile
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -38,9 +38,9 @@ CRASH_SPEED = 7.0  # m/s
 class ToyEngine(Engine):
     """The law, with the α that its package says: 0.1 s/m times its version."""
 
-    name: ClassVar[str] = "toy"
-    title: ClassVar[str] = "Toy"
-    backend: ClassVar[Backend | None] = Backend("toy", "toyphysics", "1", "2", "pip install toyphysics")
+    name = "toy"
+    title = "Toy"
+    backend = Backend("toy", "toyphysics", "1", "2", "pip install toyphysics")
 
     def recipes(self) -> Sequence[Recipe]:
         return [stock("toy", "As it comes.")]
@@ -68,7 +68,7 @@ def registered(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 def _look_again() -> None:
     registry._entry_points.cache_clear()
-    registry._engine.cache_clear()
+    registry.adapter.cache_clear()
 
 
 def wheels(folder: Path) -> Path:

@@ -11,6 +11,7 @@ from hcbench.cli import run
 from hcbench.errors import UserError
 from hcbench.measuring import Wanted, measure
 from hcbench.measuring.request import make_request
+from hcbench.sim.capabilities import TunesModels
 from hcbench.tuning.model import tune_model
 
 mujoco = pytest.importorskip("mujoco")
@@ -108,8 +109,10 @@ def test_a_model_that_is_none_is_the_users_mistake(
     if text is not None:
         (tmp_path / name).write_text(text)
     request = make_request("ball,floor", speeds=[0.1, 1.0])
+    mujoco = engine("mujoco")
+    assert isinstance(mujoco, TunesModels)
     with pytest.raises(UserError, match=message):
-        list(engine("mujoco").model_settings(str(tmp_path / name), [request], Wanted(constant=0.5)))
+        list(mujoco.model_settings(str(tmp_path / name), [request], Wanted(constant=0.5)))
 
 
 def test_a_bullet_script_gets_its_lines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
 from hcbench._text import shortest
 from hcbench.fields import Finite
+from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
 from hcbench.sim.backend import Backend
+from hcbench.sim.capabilities import DescribesContact, Feature, Features
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
 
@@ -28,13 +30,27 @@ class DartOptions(ScriptOptions):
     units_per_metre: Annotated[Finite, Field(gt=0.0)] = 1.0
 
 
-class DartEngine(ScriptedEngine[DartOptions]):
+_CAVEATS = (
+    "DART bounces nothing while e v is below 0.1 units of length a second: model a band of low speeds in cm.",
+    "DART multiplies the restitutions of both shapes; stock is 0, so the plate needs 1.",
+)
+
+
+class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
     """DART 6 behind dartpy."""
 
-    name: ClassVar[str] = "dart"
-    title: ClassVar[str] = "DART"
-    backend: ClassVar[Backend] = Backend("dart", "dartpy", "6.20", "6.20")
+    name = "dart"
+    title = "DART"
+    backend = Backend("dart", "dartpy", "6.20", "6.20")
     table = DartOptions
+    features = Features(
+        law=Feature("Newton's e in one step: e of both shapes multiplied", "measured, to 1e-14"),
+        exponent=Feature("none: rigid", "one step whatever the step"),
+        threshold=Feature(
+            "e v of 0.1 units of length a second; nothing faster than 100", "measured, to 1e-13"
+        ),
+        licence=Feature("BSD-2-Clause", "its wheel"),
+    )
 
     def lines(self, options: DartOptions, scene: Scene) -> str:
         """Skeletons of plate and ball in a World."""
@@ -54,6 +70,15 @@ class DartEngine(ScriptedEngine[DartOptions]):
             return SpeedReading.STEP_END
         by_force = isinstance(options.law, HuntCrossley)
         return SpeedReading.TOUCH_PLANE if by_force else SpeedReading.STEP_START
+
+    def vocabulary(self, contact: OneContact) -> Vocabulary:
+        """Its restitution, with what constraint force mixing of 1e-5 takes added."""
+        e = contact.restitution
+        if e is None:
+            return Vocabulary(caveats=_CAVEATS)
+        note = f"{contact.at}; setRestitutionCoeff on one shape, 1 on the other"
+        value = min(1.0, (1.0 + e) * (1.0 + 1e-5) - 1.0)
+        return Vocabulary((SystemValue("DART", "restitution", (value,), "", note),), caveats=_CAVEATS)
 
 
 def _set(options: DartOptions) -> str:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
 from hcbench._text import shortest
 from hcbench.fields import Finite
+from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim.backend import Backend
+from hcbench.sim.capabilities import DescribesContact, Feature, Features
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
 from hcbench.tuning.snippet import arguments
@@ -39,14 +41,23 @@ class ExudynOptions(ScriptOptions):
     minimumImpactVelocity: Number = None
 
 
-class ExudynEngine(ScriptedEngine[ExudynOptions]):
+_DOCS = "Exudyn documentation, ObjectContactSphereSphere"
+
+
+class ExudynEngine(DescribesContact, ScriptedEngine[ExudynOptions]):
     """Exudyn's ObjectContactSphereSphere."""
 
-    name: ClassVar[str] = "exudyn"
-    title: ClassVar[str] = "Exudyn"
-    backend: ClassVar[Backend] = Backend("exudyn", "exudyn", "1.13.6", "1.13.6")
+    name = "exudyn"
+    title = "Exudyn"
+    backend = Backend("exudyn", "exudyn", "1.13.6", "1.13.6")
     laws = (HuntCrossley,)
     table = ExudynOptions
+    features = Features(
+        law=Feature("F = k x^n (1 + 1.5 (1 - e)/max(v_in, V) v): eq. (16) with V above all speeds", _DOCS),
+        exponent=Feature("any", _DOCS),
+        threshold=Feature("none", "measured down to 0.1 mm/s"),
+        licence=Feature("its own text with the clauses of BSD-3-Clause", "its wheel"),
+    )
 
     def forms(self, setting: Setting) -> Sequence[str]:
         """The law from Python knows heights only."""
@@ -74,6 +85,15 @@ class ExudynEngine(ScriptedEngine[ExudynOptions]):
     def reading(self, options: ExudynOptions) -> SpeedReading:
         """At the touch plane; what a solver keeps in free flight decides."""
         return SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
+
+    def vocabulary(self, contact: OneContact) -> Vocabulary:
+        """e and V of impactModel 1, the law at all speeds up to V: here the one given."""
+        v, alpha = contact.speed, contact.alpha
+        if v is None or alpha * v >= 1.0:
+            return Vocabulary()
+        note = f"impactModel 1: eq. (16) up to {v:.6g} m/s, with the law's contactStiffness and its exponent"
+        name = "restitutionCoefficient, minimumImpactVelocity"
+        return Vocabulary((SystemValue("Exudyn", name, (1.0 - alpha * v, v), "1, m/s", note),))
 
 
 def _numbers(options: ExudynOptions) -> str:

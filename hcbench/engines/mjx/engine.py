@@ -11,13 +11,15 @@ A user's model is flown in JAX's own precision, or that of the environment varia
 from __future__ import annotations
 
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hcbench._files import user_folder
 from hcbench.errors import SceneError, SettingError
+from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.sim.backend import Backend
+from hcbench.sim.capabilities import DescribesContact
 from hcbench.sim.parallel import law_text
 from hcbench.sim.shared_model import BorrowingEngine, Copies
 from hcbench.workers import in_worker
@@ -34,21 +36,24 @@ _HELD = ("ctrl", "act", "mocap_pos", "mocap_quat", "eq_active")  # of a state, a
 _BITS = {"float32": 32, "float64": 64}
 
 
-class MjxEngine(BorrowingEngine):
+_CAVEATS = ("MJX drops a pair's adhesion; in float32 it wants solimp .9 where MuJoCo takes .9999.",)
+
+
+class MjxEngine(DescribesContact, BorrowingEngine):
     """MuJoCo in JAX, 3.17."""
 
-    name: ClassVar[str] = "mjx"
-    title: ClassVar[str] = "MuJoCo MJX"
-    backend: ClassVar[Backend] = Backend("mjx", "mujoco-mjx", "3.17", "3.17")
-    bits: ClassVar[int] = 32
-    own_process: ClassVar[bool] = True
-    limit: ClassVar[float] = 600.0  # JAX compiles for up to minutes
-    together: ClassVar[int] = _PLACES
-    suffixes: ClassVar[tuple[str, ...]] = (".xml", ".mjcf", ".mjb")
-    lender: ClassVar[str] = "mujoco"
-    own: ClassVar[tuple[str, ...]] = ("law", "precision")
-    lacks: ClassVar[frozenset[str]] = frozenset({"adhesion", "impedance in float32"})
-    exact: ClassVar[str] = "JAX_ENABLE_X64=1 (a setting: precision = 'float64')"
+    name = "mjx"
+    title = "MuJoCo MJX"
+    backend = Backend("mjx", "mujoco-mjx", "3.17", "3.17")
+    bits = 32
+    own_process = True
+    limit = 600.0  # JAX compiles for up to minutes
+    together = _PLACES
+    suffixes = (".xml", ".mjcf", ".mjb")
+    lender = "mujoco"
+    own = ("law", "precision")
+    lacks = frozenset({"adhesion", "impedance in float32"})
+    exact = "JAX_ENABLE_X64=1 (a setting: precision = 'float64')"
 
     def bits_of(self, setting: Setting) -> int:
         """Of its precision."""
@@ -87,6 +92,16 @@ class MjxEngine(BorrowingEngine):
     @cache  # noqa: B019 - one adapter a process
     def _starts_in_64_bits(self) -> bool:
         return bool(self.backend.module("jax").config.jax_enable_x64)
+
+    def vocabulary(self, contact: OneContact) -> Vocabulary:
+        """Its solref for a bounce in one step."""
+        e, h, note = (
+            contact.restitution,
+            contact.timestep,
+            "bounces in one step; solimp .9 .9 .001 in float32",
+        )
+        rows = (SystemValue("MJX", "solref", (0.0, -(1.0 + e) / h), "", note),) if e and h else ()
+        return Vocabulary(rows, caveats=_CAVEATS)
 
 
 class MjxCopies(Copies):

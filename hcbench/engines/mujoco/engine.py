@@ -18,7 +18,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from hcbench.engines.mujoco.backend import BACKEND
 from hcbench.engines.mujoco.scene import mjcf
@@ -26,28 +26,44 @@ from hcbench.engines.mujoco.scene.options import Options, read_options
 from hcbench.engines.mujoco.scene.scene_model import load
 from hcbench.engines.mujoco.scene.world import BatchPool, MujocoWorld
 from hcbench.errors import UserError
+from hcbench.sim.capabilities import DescribesContact, Feature, Features, HasPlugin, TunesModels
 from hcbench.sim.engine import SteppedEngine
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from hcbench.engines.mujoco.model.under_test import MujocoModel
+    from hcbench.laws.conventions import OneContact, Vocabulary
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.scene import Scene
     from hcbench.setting import Setting
-    from hcbench.sim.backend import Backend
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.model_under_test import ModelSetting, Request
 
 
-class MujocoEngine(SteppedEngine):
+_DOCS = "MuJoCo documentation, Computation: Soft contact model"
+
+
+class MujocoEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
     """MuJoCo behind its Python bindings, 3.3 and later."""
 
-    name: ClassVar[str] = "mujoco"
-    title: ClassVar[str] = "MuJoCo"
-    backend: ClassVar[Backend] = BACKEND
-    suffixes: ClassVar[tuple[str, ...]] = (".xml", ".mjcf", ".mjb", ".mjz")
-    opens: ClassVar[tuple[str, ...]] = ("an MjModel", "an MjSpec")
+    name = "mujoco"
+    title = "MuJoCo"
+    backend = BACKEND
+    suffixes = (".xml", ".mjcf", ".mjb", ".mjz")
+    opens = ("an MjModel", "an MjSpec")
+    features = Features(
+        law=Feature("F = m d (k x + b v), clipped at 0; k, b by solref, d(x) by solimp", _DOCS),
+        exponent=Feature("1; d(x) or several pairs give others", _DOCS),
+        threshold=Feature("none", "measured down to 1 mm/s"),
+        licence=Feature("Apache-2.0", "its wheel"),
+    )
+
+    def vocabulary(self, contact: OneContact) -> Vocabulary:
+        """The bounce in one step, and the spring and damper."""
+        from hcbench.engines.mujoco.vocabulary import vocabulary
+
+        return vocabulary(contact)
 
     def snippet(self, setting: Setting, form: str) -> str:
         """What to paste of a setting: MJCF."""

@@ -12,12 +12,14 @@ from __future__ import annotations
 
 import copy
 import xml.etree.ElementTree as ET
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hcbench.errors import EngineFailed, SceneError
+from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.sim.backend import Backend
+from hcbench.sim.capabilities import DescribesContact
 from hcbench.sim.parallel import law_text, run_lines
 from hcbench.sim.shared_model import BorrowingEngine, Copies
 
@@ -32,19 +34,24 @@ _MOST_STEPS = 64  # between two looks
 _MOST_CONTACTS = 256  # of a world, and constraints of a user's model; Warp's own is 48
 
 
-class MujocoWarpEngine(BorrowingEngine):
+_CAVEATS = (
+    "MuJoCo Warp keeps one of several pairs of the same two geoms; solimp powers above 100 underflow.",
+)
+
+
+class MujocoWarpEngine(DescribesContact, BorrowingEngine):
     """MuJoCo in Warp, 4.0."""
 
-    name: ClassVar[str] = "mujoco-warp"
-    title: ClassVar[str] = "MuJoCo Warp"
-    backend: ClassVar[Backend] = Backend("mujoco-warp", "mujoco-warp", "4.0", "4.0")
-    bits: ClassVar[int] = 32
-    own_process: ClassVar[bool] = True
-    limit: ClassVar[float] = 600.0  # Warp compiles some 40 kernels when first used
-    together: ClassVar[int] = _PLACES
-    suffixes: ClassVar[tuple[str, ...]] = (".xml", ".mjcf", ".mjb")
-    lender: ClassVar[str] = "mujoco"
-    lacks: ClassVar[frozenset[str]] = frozenset({"several pairs"})
+    name = "mujoco-warp"
+    title = "MuJoCo Warp"
+    backend = Backend("mujoco-warp", "mujoco-warp", "4.0", "4.0")
+    bits = 32
+    own_process = True
+    limit = 600.0  # Warp compiles some 40 kernels when first used
+    together = _PLACES
+    suffixes = (".xml", ".mjcf", ".mjb")
+    lender = "mujoco"
+    lacks = frozenset({"several pairs"})
 
     def script(self, scene: Scene, setting: Setting) -> str:
         """MuJoCo's scene, with a geom for each pair."""
@@ -72,6 +79,12 @@ class MujocoWarpEngine(BorrowingEngine):
         known = {"wp": warp, "mjw": mujoco_warp, "model": on_device, "R": radius, "np": np}
         most = int(model.npair) + 4 if radius else _MOST_CONTACTS  # a ball on a plane, or anything
         return WarpCopies(model, start, most, run_lines(law, known))
+
+    def vocabulary(self, contact: OneContact) -> Vocabulary:
+        """Its solref for a bounce in one step."""
+        e, h, note = contact.restitution, contact.timestep, "bounces in one step; solimp .9999 .9999 .001"
+        rows = (SystemValue("MuJoCo Warp", "solref", (0.0, -(1.0 + e) / h), "", note),) if e and h else ()
+        return Vocabulary(rows, caveats=_CAVEATS)
 
 
 def with_a_geom_each(xml: str) -> str:

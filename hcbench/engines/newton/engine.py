@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from hcbench._text import shortest
 from hcbench.errors import SettingError
 from hcbench.fields import Finite, OptionTable
+from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
 from hcbench.scene import Scene
 from hcbench.sim.backend import Backend
+from hcbench.sim.capabilities import DescribesContact, Feature, Features
 from hcbench.sim.parallel import ScriptedWorldsEngine
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptOptions
@@ -43,13 +45,19 @@ class NewtonOptions(ScriptOptions):
     rows: tuple[PushingRow, ...] = ()
 
 
-class NewtonEngine(ScriptedWorldsEngine[NewtonOptions]):
+class NewtonEngine(DescribesContact, ScriptedWorldsEngine[NewtonOptions]):
     """Newton 1.8."""
 
-    name: ClassVar[str] = "newton"
-    title: ClassVar[str] = "Newton"
-    backend: ClassVar[Backend] = Backend("newton", "newton", "1.8", "1.8")
+    name = "newton"
+    title = "Newton"
+    backend = Backend("newton", "newton", "1.8", "1.8")
     table = NewtonOptions
+    features = Features(
+        law=Feature("XPBD: an e in one step; SemiImplicit: ke x + kd v in, ke x out; MuJoCo's", "measured"),
+        exponent=Feature("XPBD none: rigid; SemiImplicit 1; MuJoCo's solver as MuJoCo", "measured"),
+        threshold=Feature("2 g h by XPBD under gravity", "measured"),
+        licence=Feature("Apache-2.0", "its wheel"),
+    )
 
     def lines(self, options: NewtonOptions, scene: Scene) -> str:
         """Shapes, worlds, solver, and what it does before a step."""
@@ -74,6 +82,14 @@ class NewtonEngine(ScriptedWorldsEngine[NewtonOptions]):
         """XPBD turns around v + g h."""
         smooth = options.solver != "XPBD" or isinstance(options.law, HuntCrossley)
         return SpeedReading.TOUCH_PLANE if smooth else SpeedReading.STEP_END
+
+    def vocabulary(self, contact: OneContact) -> Vocabulary:
+        """Its restitution."""
+        e, note = contact.restitution, "on both shapes, with enable_restitution"
+        rows = (SystemValue("Newton", "restitution", (e,), "", f"{contact.at}; {note}"),) if e else ()
+        return Vocabulary(
+            rows, caveats=("Newton's SolverXPBD needs enable_restitution, and averages both e.",)
+        )
 
 
 def _parts(options: NewtonOptions) -> tuple[str, str, str, str]:

@@ -11,15 +11,17 @@ SAPIEN keeps its configuration in globals of the process, so it is stepped in a 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, StrictBool
 
 from hcbench._text import shortest
 from hcbench.errors import SettingError
 from hcbench.fields import Finite
+from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim.backend import Backend
+from hcbench.sim.capabilities import DescribesContact, Feature, Features
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
 
@@ -35,15 +37,28 @@ class PhysxOptions(ScriptOptions):
     restitution: Annotated[Finite | None, Field(ge=0.0, le=1.0)] = None
 
 
-class PhysxEngine(ScriptedEngine[PhysxOptions]):
+_SOURCE = "PhysX SDK 5 documentation, Rigid Body Collision: Restitution"
+_CAVEATS = ("PhysX averages the restitutions of both materials; SAPIEN's threshold of 2 m/s must be 0.",)
+
+
+class PhysxEngine(DescribesContact, ScriptedEngine[PhysxOptions]):
     """PhysX 5 behind SAPIEN."""
 
-    name: ClassVar[str] = "physx"
-    title: ClassVar[str] = "PhysX (SAPIEN)"
-    backend: ClassVar[Backend] = Backend("physx", "sapien", "3.0.3", "3.0.3")
-    bits: ClassVar[int] = 32
-    own_process: ClassVar[bool] = True
+    name = "physx"
+    title = "PhysX (SAPIEN)"
+    backend = Backend("physx", "sapien", "3.0.3", "3.0.3")
+    bits = 32
+    own_process = True
     table = PhysxOptions
+    features = Features(
+        law=Feature("an impulse by Newton's e in one step; a negative e is a spring, F = k x", _SOURCE),
+        exponent=Feature("none: rigid", _SOURCE),
+        threshold=Feature(
+            "bounce_threshold, 2 m/s in SAPIEN; set before the system is made, 0 is taken",
+            "measured to 0.5 %",
+        ),
+        licence=Feature("MIT (SAPIEN), BSD-3-Clause (PhysX)", "its wheel"),
+    )
 
     def lines(self, options: PhysxOptions, scene: Scene) -> str:
         """Configuration, material or law, and a new scene for each launch."""
@@ -65,6 +80,15 @@ class PhysxEngine(ScriptedEngine[PhysxOptions]):
         """PhysX turns the speed around that the step's gravity has been added to."""
         force = isinstance(options.law, HuntCrossley)
         return SpeedReading.TOUCH_PLANE if force else SpeedReading.STEP_END
+
+    def vocabulary(self, contact: OneContact) -> Vocabulary:
+        """Its restitution."""
+        if contact.restitution is None:
+            return Vocabulary(caveats=_CAVEATS)
+        note = f"{contact.at}; on both materials"
+        return Vocabulary(
+            (SystemValue("PhysX", "restitution", (contact.restitution,), "", note),), caveats=_CAVEATS
+        )
 
 
 def _parts(options: PhysxOptions) -> tuple[str, str, str]:

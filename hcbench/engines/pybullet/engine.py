@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from hcbench.engines.pybullet.backend import BACKEND, end_client, is_connected
 from hcbench.engines.pybullet.model.open import LiveWorld
@@ -24,6 +24,8 @@ from hcbench.engines.pybullet.scene import snippet
 from hcbench.engines.pybullet.scene.options import read_options
 from hcbench.engines.pybullet.scene.world import PybulletWorld
 from hcbench.errors import UserError
+from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
+from hcbench.sim.capabilities import DescribesContact, Feature, Features, HasPlugin, TunesModels
 from hcbench.sim.engine import SteppedEngine
 
 if TYPE_CHECKING:
@@ -33,20 +35,34 @@ if TYPE_CHECKING:
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.scene import Scene
     from hcbench.setting import Setting
-    from hcbench.sim.backend import Backend
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.model_under_test import ModelSetting, Request
 
 
-class PybulletEngine(SteppedEngine):
+_SOURCE = "Bullet 3, btMultiBodyConstraintSolver.cpp, setupMultiBodyContactConstraint"
+_CAVEAT = (
+    "PyBullet multiplies the restitutions of both bodies; its velocity threshold, slop and ERP must be 0."
+)
+
+
+class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
     """Bullet 3 behind its Python module."""
 
-    name: ClassVar[str] = "pybullet"
-    title: ClassVar[str] = "PyBullet"
-    backend: ClassVar[Backend] = BACKEND
-    suffixes: ClassVar[tuple[str, ...]] = (".urdf", ".sdf")
-    opens: ClassVar[tuple[str, ...]] = ("a PyBullet World",)
-    own_process: ClassVar[bool] = True
+    name = "pybullet"
+    title = "PyBullet"
+    backend = BACKEND
+    suffixes = (".urdf", ".sdf")
+    opens = ("a PyBullet World",)
+    own_process = True
+    features = Features(
+        law=Feature(
+            "Newton's e in one step; or F = k x + c v, implicit, by contactStiffness and contactDamping",
+            _SOURCE,
+        ),
+        exponent=Feature("1", _SOURCE),
+        threshold=Feature("0.2 m/s unless restitutionVelocityThreshold is set", _SOURCE),
+        licence=Feature("zlib", "its wheel"),
+    )
 
     def snippet(self, setting: Setting, form: str) -> str:
         """What to paste of a setting."""
@@ -113,3 +129,11 @@ class PybulletEngine(SteppedEngine):
         from hcbench.engines.pybullet.model.under_test import model_settings
 
         return model_settings(source, requests, goal, rebuild)
+
+    def vocabulary(self, contact: OneContact) -> Vocabulary:
+        """Its restitution."""
+        if contact.restitution is None:
+            return Vocabulary(caveats=(_CAVEAT,))
+        note = f"{contact.at}; on one body, 1 on the other"
+        value = SystemValue("PyBullet", "restitution", (contact.restitution,), "", note)
+        return Vocabulary((value,), caveats=(_CAVEAT,))

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
 from hcbench._text import shortest
 from hcbench.fields import Finite
+from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.restitution import Restitution
 from hcbench.sim.backend import Backend
+from hcbench.sim.capabilities import DescribesContact, Feature, Features
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
 
@@ -26,15 +28,24 @@ class RapierOptions(ScriptOptions):
     restitution: Annotated[Finite | None, Field(ge=0.0, le=1.0)] = None
 
 
-class RapierEngine(ScriptedEngine[RapierOptions]):
+class RapierEngine(DescribesContact, ScriptedEngine[RapierOptions]):
     """Rapier 3D behind rapier3d; its numbers have 32 bits."""
 
-    name: ClassVar[str] = "rapier"
-    title: ClassVar[str] = "Rapier"
-    backend: ClassVar[Backend] = Backend("rapier", "rapier3d", "0.36", "0.36")
-    bits: ClassVar[int] = 32
+    name = "rapier"
+    title = "Rapier"
+    backend = Backend("rapier", "rapier3d", "0.36", "0.36")
+    bits = 32
     laws = (Restitution,)
     table = RapierOptions
+    features = Features(
+        law=Feature("Newton's e in one step: average of both colliders", "measured, to 3e-7"),
+        exponent=Feature("none: rigid", "one step whatever the step"),
+        threshold=Feature(
+            "none; under gravity what rebounds below 1.3 g h stays",
+            "measured; without gravity down to 0.1 mm/s",
+        ),
+        licence=Feature("Apache-2.0", "its wheel"),
+    )
 
     def lines(self, options: RapierOptions, scene: Scene) -> str:
         """Bodies and colliders of a PhysicsWorld."""
@@ -48,6 +59,13 @@ class RapierEngine(ScriptedEngine[RapierOptions]):
     def reading(self, options: RapierOptions) -> SpeedReading:
         """At the step's start."""
         return SpeedReading.STEP_START
+
+    def vocabulary(self, contact: OneContact) -> Vocabulary:
+        """Its restitution."""
+        if contact.restitution is None:
+            return Vocabulary()
+        note = f"{contact.at}; on both colliders, whose average it uses"
+        return Vocabulary((SystemValue("Rapier", "restitution", (contact.restitution,), "", note),))
 
 
 def _set(options: RapierOptions) -> str:

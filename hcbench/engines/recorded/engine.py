@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,7 +33,7 @@ class RecordedEngine(Engine):
     parts, in the last. Or a list of files, one for each launch. Relative paths are from the working folder.
     """
 
-    name: ClassVar[str] = "recorded"
+    name = "recorded"
 
     def version(self) -> str:
         """The version of hcbench."""

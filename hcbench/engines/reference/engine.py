@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import ClassVar
 
 import numpy as np
 
@@ -37,8 +36,8 @@ class ReferenceEngine(Engine):
     with gravity by ODE. Along the plate Coulomb's law with the scene's friction, in closed form.
     """
 
-    name: ClassVar[str] = "reference"
-    title: ClassVar[str] = "Reference"
+    name = "reference"
+    title = "Reference"
 
     def version(self) -> str:
         """The version of hcbench."""

@@ -11,7 +11,7 @@ import numpy as np
 from hcbench.reporting.field.view import NO_BOUNCE, has_law
 from hcbench.reporting.wording import NBSP, listed, number, percent, time
 from hcbench.sim import registry
-from hcbench.sim.features import Feature, Features
+from hcbench.sim.capabilities import DescribesContact, Feature, Features, OpensModels
 
 if TYPE_CHECKING:
     from hcbench.reporting.field.probe import Probe
@@ -39,30 +39,28 @@ def matrix(view: FieldView, probes: Mapping[str, Probe | None]) -> list[tuple[st
 
 def _cells(view: FieldView, engine: str, probe: Probe | None) -> list[Feature]:
     base = registry.base_name(engine)
-    adapter = registry.engine(base)
+    adapter = registry.adapter(base)
     # An engine that steps another's models has that engine's contact, except what its notes say.
-    module = registry.submodule(base, "features") or registry.submodule(
-        getattr(adapter, "lender", base), "features"
-    )
-    said: dict[str, Feature] = {}
-    if module is not None and isinstance(module.FEATURES, Features):
-        said = {f.name: getattr(module.FEATURES, f.name) for f in fields(Features)}
-    files = listed([*adapter.suffixes, *adapter.opens]) or "–"
+    contact = registry.adapter(getattr(adapter, "lender", base))
+    stated: dict[str, Feature] = {}
+    if isinstance(contact, DescribesContact) and contact.features is not None:
+        stated = {f.name: getattr(contact.features, f.name) for f in fields(Features)}
+    files = listed([*adapter.suffixes, *adapter.opens]) if isinstance(adapter, OpensModels) else "–"
     from_run = {
         "by_speed": _by_speed(view, engine),
         "loop": _loop(view, engine),
         "numbers": Feature(f"float{adapter.bits}", _FOLDER),
         "bits": Feature(_bits(probe), RUN if probe else ""),
-        "threshold": said.get("threshold", Feature("–", "")),
+        "threshold": stated.get("threshold", Feature("–", "")),
         "files": Feature(files, _FOLDER),
     }
     seen = _slowest_bounce(view, engine)
     if seen:
-        stated = from_run["threshold"]
+        threshold = from_run["threshold"]
         from_run["threshold"] = Feature(
-            f"{stated.text}; {seen}".removeprefix("–; "), f"{stated.source}; {RUN}".strip("; ")
+            f"{threshold.text}; {seen}".removeprefix("–; "), f"{threshold.source}; {RUN}".strip("; ")
         )
-    return [{**said, **from_run}.get(name, Feature("–", "")) for name in COLUMNS]
+    return [{**stated, **from_run}.get(name, Feature("–", "")) for name in COLUMNS]
 
 
 def _by_speed(view: FieldView, engine: str) -> Feature:

@@ -12,6 +12,7 @@ from hcbench.impact import Launch
 from hcbench.scene import load_scene
 from hcbench.sim import registry
 from hcbench.sim.engine import SteppedEngine
+from hcbench.sim.remote import adapter_of, interpreter_of
 from hcbench.workers import call, redirect_output
 
 if TYPE_CHECKING:
@@ -41,10 +42,10 @@ class Probe:
 def probe(setting: Setting, scene: Scene) -> Probe | None:
     """Ask an engine, in its worker process; None where it cannot answer."""
     engine = registry.engine(setting.engine)
-    if not isinstance(engine, SteppedEngine):
+    if not isinstance(adapter_of(engine), SteppedEngine):
         return None
     try:
-        return call(_probe_here, setting, scene, limit=_LIMIT_S, at=engine.interpreter)
+        return call(_probe_here, setting, scene, limit=_LIMIT_S, at=interpreter_of(engine))
     except HcbenchError:
         return None
 

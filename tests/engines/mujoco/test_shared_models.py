@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, ClassVar
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -18,6 +18,7 @@ from hcbench.impact import Floats, Impact, Status
 from hcbench.measuring.diagnose import diagnose, goal_of
 from hcbench.measuring.request import make_request
 from hcbench.sim import registry, simulate
+from hcbench.sim.capabilities import opener
 from hcbench.sim.model_under_test import ModelUnderTest
 from hcbench.sim.shared_model import BorrowingEngine, Copies
 
@@ -55,12 +56,12 @@ class MujocoCopies(Copies):
 class ItselfEngine(BorrowingEngine):
     """MuJoCo under another name."""
 
-    name: ClassVar[str] = "itself"
-    title: ClassVar[str] = "Itself"
-    lender: ClassVar[str] = "mujoco"
+    name = "itself"
+    title = "Itself"
+    lender = "mujoco"
 
     def __init__(self, bits: int = 64, lacks: frozenset[str] = frozenset()) -> None:
-        self.own_bits, self.lacks = bits, lacks  # type: ignore[misc]
+        self.own_bits, self.lacks = bits, lacks
 
     def version(self) -> str:
         return "1.0"
@@ -188,6 +189,6 @@ def test_the_fix_for_an_impedance_is_one_that_float32_keeps() -> None:
 
 def test_an_engine_that_borrows_is_asked_by_name_only() -> None:
     for name in ("mjx", "mujoco-warp"):
-        engine = registry.engine(name)
+        engine = opener(registry.engine(name))
         assert ".xml" in engine.suffixes
         assert not engine.accepts("model.xml")

@@ -15,6 +15,7 @@ from hcbench.errors import SettingError
 from hcbench.measuring import measure
 from hcbench.measuring.request import make_request
 from hcbench.sim import registry
+from hcbench.sim.capabilities import opener
 
 bullet = pytest.importorskip("pybullet", reason="no PyBullet for this Python")
 
@@ -175,7 +176,7 @@ def test_effective_mass_is_force_over_acceleration(scene: Scene) -> None:
     law = contact.add(contact.ConstantRestitution(0.3), *pair, client=scene.client, friction=0.0)
     felt = scene.felt_by(law)
     world = World(scene.client, pair[0], scene.plate)
-    with registry.engine("pybullet").open(world, make_request(speeds=[0.5], phases=[0.5])) as model:
+    with opener(registry.engine("pybullet")).open(world, make_request(speeds=[0.5], phases=[0.5])) as model:
         facts = model.facts()
     expected = scene.force_over_acceleration()
     assert felt == pytest.approx(expected, rel=1e-6)

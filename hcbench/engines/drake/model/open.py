@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from hcbench.sim.backend import Backend
-from hcbench.sim.engine import Engine
+from hcbench.sim.capabilities import OpensModels
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
     from hcbench.sim.model_under_test import ModelUnderTest, Request
 
 
-class OpensFiles(Engine):
+class OpensFiles(OpensModels):
     """URDF, SDF and MJCF files that Drake loads."""
 
-    backend: ClassVar[Backend]
-    limit: ClassVar[float] = 300.0  # Python reads a user's model after each step
-    suffixes: ClassVar[tuple[str, ...]] = (".urdf", ".sdf", ".xml", ".mjcf")
+    backend: Backend
+    limit = 300.0  # Python reads a user's model after each step
+    suffixes = (".urdf", ".sdf", ".xml", ".mjcf")
 
     def accepts(self, source: Any) -> bool:
-        """Nothing: who names no engine is given one that takes all of such a file."""
+        """Never chosen automatically: Drake supports only part of MJCF."""
         return False
 
     def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> ModelUnderTest:

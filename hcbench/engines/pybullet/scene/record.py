@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.sim.momentum import momentum_force
+from hcbench.sim.engine import momentum_force
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.tangential import rows_of_ball
 

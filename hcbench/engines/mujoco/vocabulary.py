@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from hcbench.laws import kelvin_voigt as kv
-from hcbench.laws.conventions import OneContact, SystemValue, Words
+from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 
-_TRAPS = (
+_CAVEATS = (
     "MuJoCo's default solimp varies along the contact: these numbers want a constant one, .9999 .9999 .001.",
     "MuJoCo mixes solref and solimp of the two geoms: set both, or a <pair>.",
 )
 
 
-def words(contact: OneContact) -> Words:
+def vocabulary(contact: OneContact) -> Vocabulary:
     """The bounce in one step, and the spring and damper."""
     rows: list[SystemValue] = []
     missing: list[str] = []
     if contact.restitution is not None:
         rows += _one_step(contact.restitution, contact.timestep, missing)
         rows += _spring_damper(contact.restitution, contact.contact_time, contact.timestep, missing)
-    return Words(tuple(rows), tuple(missing), _TRAPS)
+    return Vocabulary(tuple(rows), tuple(missing), _CAVEATS)
 
 
 def _one_step(e: float, timestep: float | None, missing: list[str]) -> list[SystemValue]:

@@ -1,0 +1,123 @@
+"""What only some engines can do, a small base class each: `isinstance` asks for it.
+
+An engine that has several of them inherits them all, beside `SteppedEngine`.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hcbench.errors import UserError
+from hcbench.sim.engine import Engine
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from hcbench.laws.conventions import OneContact, Vocabulary
+    from hcbench.laws.restitution import RestitutionCurve
+    from hcbench.sim.candidate_pairs import CandidatePair
+    from hcbench.sim.model_under_test import ModelSetting, ModelUnderTest, Request
+
+
+@dataclass(frozen=True, slots=True)
+class Feature:
+    """One property of an engine, with its source: a page, a source file, or how it was measured."""
+
+    text: str
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """The engine's own contact, with nothing added, for the table of `hcbench report field`.
+
+    law: its force or impulse. exponent: of the penetration in it. threshold: the speed below which it does
+    not bounce, and what sets that. licence: of the package.
+    """
+
+    law: Feature
+    exponent: Feature
+    threshold: Feature
+    licence: Feature
+
+
+class DescribesContact(Engine):
+    """Describes its own contact. features: None for those of the engine whose models it steps."""
+
+    features: Features | None = None
+
+    @abstractmethod
+    def vocabulary(self, contact: OneContact) -> Vocabulary:
+        """What to write for a contact in this engine, for `hcbench convert`."""
+
+
+class HasPlugin(Engine):
+    """Takes the contact laws as a plug-in."""
+
+    @abstractmethod
+    def plugin(self, *, install: bool = False) -> Path:
+        """The library of the contact laws for this engine, compiled when first asked for.
+
+        install: puts it where the engine loads plug-ins from; UserError where it has no such folder.
+        """
+
+
+def plugin_of(engine: Engine, install: bool) -> Path:
+    """The plug-in of an engine; UserError where there is none."""
+    if not isinstance(engine, HasPlugin):
+        raise UserError(f"engine {engine.name!r}", "no plug-in", "an engine for which hcbench has one")
+    return engine.plugin(install=install)
+
+
+class OpensModels(Engine):
+    """Opens models that users wrote. suffixes: of their files. opens: objects that it opens, in words."""
+
+    suffixes: tuple[str, ...] = ()
+    opens: tuple[str, ...] = ()
+
+    def accepts(self, source: Any) -> bool:
+        """Whether `open` takes `source`, a path, several or an object, where the user names no engine."""
+        return isinstance(source, str | Path) and Path(source).suffix.lower() in self.suffixes
+
+    def make_room(self) -> None:
+        """Release what this process keeps for the engine, before a user's script runs in it."""
+
+    @abstractmethod
+    def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> ModelUnderTest:
+        """A user's own model. rebuild: makes `source` again, where a function of the user's made it.
+
+        Raises UserError with the reason where the pair cannot be measured.
+        """
+
+    @abstractmethod
+    def pairs(
+        self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
+    ) -> list[CandidatePair]:
+        """Which parts of a user's own model can meet, as `open` takes it; those that touch first."""
+
+
+def opener(engine: Engine) -> OpensModels:
+    """The engine, which opens models; UserError where it does not."""
+    if not isinstance(engine, OpensModels):
+        raise UserError("engine", repr(engine.name), "an engine that opens models of users")
+    return engine
+
+
+class TunesModels(OpensModels):
+    """Writes settings into models that users wrote."""
+
+    @abstractmethod
+    def model_settings(
+        self,
+        source: Any,
+        requests: Sequence[Request],
+        goal: RestitutionCurve,
+        rebuild: Callable[[], Any] | None = None,
+    ) -> Iterable[ModelSetting]:
+        """Settings for pairs in a user's own model, each meant to have the e of `goal` there; simplest first.
+
+        requests: one a pair, alike but for that; their speeds span the band.
+        """
