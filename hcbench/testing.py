@@ -32,9 +32,10 @@ from hcbench.scene import Scene, load_scene, scene_names
 from hcbench.scoring import loop_area
 from hcbench.setting import Setting
 from hcbench.sim import registry
-from hcbench.sim.engine import Engine, SteppedEngine, World
+from hcbench.sim.engine import Engine, SteppedEngine
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.remote import adapter_of, interpreter_of
+from hcbench.sim.world import World
 from hcbench.workers import call
 
 SPEEDS, PHASES = (0.05, 0.21, 0.47), tuple((i + 0.5) / 8 for i in range(8))

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module, metadata
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hcbench.environments import ADD
 from hcbench.errors import EngineFailed, EngineMissing, HcbenchError
+from hcbench.workers import in_worker
+
+if TYPE_CHECKING:
+    from hcbench.sim.engine import Engine
 
 
 class UntriedVersionWarning(UserWarning):
@@ -96,3 +101,16 @@ def installed_version(package: str) -> str:
 
 def _numbers(version: str) -> tuple[int, ...]:
     return tuple(int(number) for number in re.findall(r"\d+", version.partition("+")[0])[:3])
+
+
+def require(engine: Engine) -> str:
+    """The version of an engine; warns of one that was never tried. Raises EngineMissing."""
+    version = engine.version()
+    if engine.backend and not in_worker() and (untried := engine.backend.untried(version)):
+        _warn(untried)
+    return version
+
+
+@cache  # once, whatever Python's own filters make of it
+def _warn(untried: str) -> None:
+    warnings.warn(untried, UntriedVersionWarning, stacklevel=4)

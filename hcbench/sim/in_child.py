@@ -15,10 +15,10 @@ from multiprocessing.connection import Connection, Pipe
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, final
 
 from hcbench.errors import EngineFailed
-from hcbench.sim.engine import Record, Simulation
+from hcbench.sim.world import Record, Simulation
 
 if TYPE_CHECKING:
-    from hcbench.sim.engine import Flags
+    from hcbench.sim.world import Flags
 
 Answer = TypeVar("Answer")
 

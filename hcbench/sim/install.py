@@ -13,7 +13,7 @@ from hcbench.impact import Launch, Status
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
 from hcbench.scene import load_scene
-from hcbench.sim import registry
+from hcbench.sim import entry_points, registry
 from hcbench.sim.remote import interpreter, worker_requirements
 from hcbench.workers import call
 
@@ -94,7 +94,7 @@ def _backend(name: str) -> Backend:
 
 def _requirements(name: str, backend: Backend, version: str) -> list[str]:
     """What an environment of an engine needs: its package in a version ("": any), and what goes with it."""
-    adapter = registry.entry_point(name).dist
+    adapter = entry_points.entry_point(name).dist
     lines, own = list(worker_requirements()), adapter is not None and adapter.name == "hcbench"
     asked = backend.package  # with the extras of its own that it goes with
     for line in (adapter.requires or ()) if adapter else ():

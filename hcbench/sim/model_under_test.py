@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from hcbench.errors import EngineFailed
 from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
-from hcbench.sim.engine import World
+from hcbench.sim.world import World
 
 if TYPE_CHECKING:
     from hcbench.sim.shared_model import BorrowingEngine

@@ -12,9 +12,9 @@ from hcbench._text import shortest
 from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
-from hcbench.sim.engine import Record, Simulation, World, momentum_force
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import Options, PythonLaw, ScriptedEngine
+from hcbench.sim.world import Record, Simulation, World, momentum_force
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats, Launch
     from hcbench.scene import Scene
     from hcbench.setting import Setting
-    from hcbench.sim.engine import Flags
+    from hcbench.sim.world import Flags
 
 _MOST_STEPS = 64  # between two looks
 _FEWEST = 4.0  # units in the last place of the position that a step at the highest speed must move it by

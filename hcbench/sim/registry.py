@@ -6,36 +6,22 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
-from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any
 
 from hcbench._arguments import checked
 from hcbench.environments import store
-from hcbench.errors import EngineFailed, EngineMissing, UserError
-from hcbench.sim.backend import UntriedVersionWarning
+from hcbench.errors import EngineFailed, EngineMissing
+from hcbench.sim import backend, entry_points
 from hcbench.sim.engine import Engine, module_of
-from hcbench.sim.remote import missing, remote, renamed
-from hcbench.workers import environment, in_worker
+from hcbench.sim.entry_points import here, unknown
+from hcbench.sim.remote import missing, remote
+from hcbench.workers import environment
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
     from hcbench.recipes.recipe import Recipe
 
-GROUP = "hcbench.engines"
-
-
-@cache
-def _entry_points() -> dict[str, EntryPoint]:
-    return {entry.name: entry for entry in sorted(entry_points(group=GROUP), key=lambda e: e.name)}
-
-
-def names() -> list[str]:
-    """Names of the engines, sorted; nothing is imported."""
-    return list(_entry_points())
+names, adapter, base_name = entry_points.names, entry_points.adapter, entry_points.base_name
 
 
 @checked
@@ -47,19 +33,14 @@ def engine(name: str) -> Engine:
     base, at, version = name.partition("@")
     own = adapter(base)
     if environment():
-        return renamed(own, name)
+        return here(name)
     if not at and version_beside(base):
         return own
     if found := store.find(base, version):
         return remote(own, name, found)
     if not at:
         return own
-    return renamed(own, name) if version_beside(base) == version else missing(own, name)
-
-
-def base_name(name: str) -> str:
-    """The registered name in one that may say a version."""
-    return name.partition("@")[0]
+    return here(name) if version_beside(base) == version else missing(own, name)
 
 
 def version_beside(name: str) -> str:
@@ -80,49 +61,7 @@ def is_there(name: str) -> bool:
 
 def require(name: str) -> str:
     """The version of an engine; warns of one that was never tried. Raises EngineMissing."""
-    found = engine(name)
-    version = found.version()
-    if found.backend and not in_worker() and (untried := found.backend.untried(version)):
-        _warn(untried)
-    return version
-
-
-@cache  # once, whatever Python's own filters make of it
-def _warn(untried: str) -> None:
-    warnings.warn(untried, UntriedVersionWarning, stacklevel=3)
-
-
-def entry_point(name: str) -> EntryPoint:
-    """What an engine of a registered name comes by."""
-    return _entry_points()[name]
-
-
-def adopt(values: Mapping[str, str]) -> None:
-    """Register engines in a worker of an environment, where no package says that they are there.
-
-    values: of the entry points, by their names.
-    """
-    for name, value in values.items():
-        _entry_points()[name] = EntryPoint(name, value, GROUP)
-
-
-@cache
-def adapter(name: str) -> Engine:
-    """What hcbench knows of the engine registered under `name`, installed or not, without a version.
-
-    Raises UserError for an unknown name, EngineFailed for an entry point that holds no such engine.
-    """
-    if name not in _entry_points():
-        raise _unknown("engine", name, _entry_points())
-    entry, slot = _entry_points()[name], f"{GROUP} {name}"
-    try:
-        found = entry.load()()
-    except Exception as error:
-        raise EngineFailed(slot, f"could not be loaded: {error}", "") from error
-    if not isinstance(found, Engine) or getattr(found, "name", None) != name:
-        got = f"{entry.value} has the name {getattr(found, 'name', None)!r}"
-        raise EngineFailed(slot, got, f"an Engine whose name is {name!r}, as in its entry point")
-    return found
+    return backend.require(engine(name))
 
 
 def submodule(name: str, part: str) -> Any:
@@ -153,10 +92,5 @@ def recipe(name: str) -> Recipe:
     """The recipe with a name such as "engine.recipe"; UserError when it is unknown."""
     engine_name, _, recipe_name = name.rpartition(".")
     if base_name(engine_name) not in names() or recipe_name not in recipes(engine_name):
-        raise _unknown("recipe", name, recipe_names())
+        raise unknown("recipe", name, recipe_names())
     return recipes(engine_name)[recipe_name]
-
-
-def _unknown(kind: str, name: str, registered: Iterable[str]) -> UserError:
-    expected = f"one of: {', '.join(registered) or 'none'}"
-    return UserError(kind, repr(name), expected, "`hcbench engines` lists them")

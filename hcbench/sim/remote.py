@@ -6,7 +6,6 @@ packages are the environment's.
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import re
 import sys
@@ -15,7 +14,10 @@ from importlib import metadata
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from hcbench.errors import EngineMissing, UserError
+from hcbench.sim import entry_points
 from hcbench.sim.capabilities import HasPlugin, OpensModels, TunesModels, plugin_of
+from hcbench.sim.entry_points import here, versioned_title
+from hcbench.sim.simulate import STEP_S
 from hcbench.workers import Interpreter, call
 
 if TYPE_CHECKING:
@@ -31,7 +33,6 @@ if TYPE_CHECKING:
     from hcbench.sim.engine import Engine
 
 _WORKER = ("numpy", "scipy", "pint", "pydantic")
-STEP_S = 1e-3  # for one step of a trajectory, beyond the engine's limit for a launch
 _SETUP = """
 import sys
 from importlib.util import module_from_spec, spec_from_file_location
@@ -39,8 +40,8 @@ for name, file, folders in {modules!r}:
     spec = spec_from_file_location(name, file, submodule_search_locations=folders)
     sys.modules[name] = module_from_spec(spec)
     spec.loader.exec_module(sys.modules[name])
-from hcbench.sim import registry
-registry.adopt({values!r})
+from hcbench.sim import entry_points
+entry_points.adopt({values!r})
 """
 
 
@@ -48,7 +49,7 @@ class Wrapped(HasPlugin, TunesModels):
     """An engine under a name that states a version: its adapter answers what needs no backend."""
 
     def __init__(self, adapter: Engine, name: str) -> None:
-        self.adapter, self.name, self.title = adapter, name, _title(adapter, name)
+        self.adapter, self.name, self.title = adapter, name, versioned_title(adapter, name)
         self.backend, self.bits, self.oblique = adapter.backend, adapter.bits, adapter.oblique
         if isinstance(adapter, OpensModels):
             self.suffixes, self.opens = adapter.suffixes, adapter.opens
@@ -149,21 +150,16 @@ class RemoteEngine(Wrapped):
 
 
 def _options_there(name: str, recipe: str, target: Target, *integrator: str) -> Mapping[str, Any]:
-    from hcbench.sim import registry
-
-    return registry.recipes(name)[recipe].function(target, *integrator)
+    (found,) = (own for own in here(name).recipes() if own.name == recipe)
+    return found.function(target, *integrator)
 
 
 def _call_there(name: str, method: str, *args: Any) -> Any:
-    from hcbench.sim import registry
-
-    return getattr(registry.engine(name), method)(*args)
+    return getattr(here(name), method)(*args)
 
 
 def _plugin_there(name: str, install: bool) -> Path:
-    from hcbench.sim import registry
-
-    return plugin_of(registry.engine(name), install)
+    return plugin_of(here(name), install)
 
 
 @cache
@@ -171,16 +167,6 @@ def worker_requirements() -> tuple[str, ...]:
     """What hcbench itself imports in a worker process, as pip writes it."""
     names = re.compile(f"({'|'.join(_WORKER)})\\b")
     return tuple(line for line in metadata.requires("hcbench") or () if names.match(line) and ";" not in line)
-
-
-@cache
-def renamed(adapter: Engine, name: str) -> Engine:
-    """The engine of this process under another name, such as "myengine@1.2"."""
-    if name == adapter.name:
-        return adapter
-    made = copy.copy(adapter)
-    made.name, made.title = name, _title(adapter, name)
-    return made
 
 
 @cache
@@ -205,15 +191,9 @@ def interpreter_of(engine: Engine) -> Interpreter | None:
     return engine.interpreter if isinstance(engine, RemoteEngine) else None
 
 
-def _title(adapter: Engine, name: str) -> str:
-    return f"{adapter.title or adapter.name} {name.partition('@')[2]}".strip()
-
-
 def interpreter(environment: Environment) -> Interpreter:
     """What runs worker processes in an environment: with its engine, and those of hcbench that it may use."""
-    from hcbench.sim import registry
-
-    values = {name: registry.entry_point(name).value for name in registry.names()}
+    values = {name: entry_points.entry_point(name).value for name in entry_points.names()}
     tops = {name: value.partition(":")[0].partition(".")[0] for name, value in values.items()}
     modules = []
     for top in dict.fromkeys(("hcbench", tops[environment.engine])):

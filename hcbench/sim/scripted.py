@@ -27,14 +27,15 @@ from hcbench.fields import OptionTable, validate
 from hcbench.laws.contact_law import law_of
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
-from hcbench.sim.engine import Record, Simulation, SteppedEngine, World, momentum_force
+from hcbench.sim.engine import SteppedEngine
+from hcbench.sim.world import Record, Simulation, World, momentum_force
 
 if TYPE_CHECKING:
     from hcbench.impact import Launch
     from hcbench.scene import Scene
     from hcbench.setting import Setting
-    from hcbench.sim.engine import Flags
     from hcbench.sim.read_impact import SpeedReading
+    from hcbench.sim.world import Flags
 
 PythonLaw = HuntCrossley | Restitution
 TIGHT = 1e-8  # an accuracy of error control by which e hardly depends on where in a step a touch falls

@@ -17,12 +17,12 @@ import numpy as np
 from hcbench.errors import SettingError
 from hcbench.impact import Impact, Status, Trajectory
 from hcbench.laws import closed_form
-from hcbench.sim import registry
-from hcbench.sim.engine import CannotShareError
+from hcbench.sim.backend import require
+from hcbench.sim.entry_points import here
 from hcbench.sim.read_impact import impacts_of
-from hcbench.sim.remote import STEP_S
 from hcbench.sim.stop import StopRule
 from hcbench.sim.tangential import with_tangential
+from hcbench.sim.world import CannotShareError
 from hcbench.workers import call, map_surviving_crashes, redirect_output
 
 if TYPE_CHECKING:
@@ -31,8 +31,10 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats, Launch
     from hcbench.scene import Scene
     from hcbench.setting import Setting
-    from hcbench.sim.engine import Simulation, SteppedEngine, World
+    from hcbench.sim.engine import SteppedEngine
+    from hcbench.sim.world import Simulation, World
 
+STEP_S = 1e-3  # for one step of a trajectory, beyond the engine's limit for a launch
 _CHUNK_MIN, _CHUNK_SHARE = 8, 8  # steps in a chunk: at least, and as a share of those taken already
 _GUESS_SHARE = 2 / 3  # of the steps that a guess expects: then it is seen how soon the bodies part
 _SLOWEST = 1e-3  # m/s: for a body let down on the plate, a step is judged at this speed
@@ -40,8 +42,8 @@ _SLOWEST = 1e-3  # m/s: for a body let down on the plate, a step is judged at th
 
 @cache  # as reading a version takes as long as tens of launches
 def _require_installed(name: str) -> None:
-    """Raises EngineMissing."""
-    registry.require(name)
+    """Raises EngineMissing; warns of a version that was never tried."""
+    require(here(name))
 
 
 def _explained_errors(engine: SteppedEngine) -> AbstractContextManager[None]:
@@ -204,7 +206,7 @@ def _explained(impact: Impact, remark: str) -> Impact:
 
 def _simulated(launches: Sequence[Launch], name: str, scene: Scene, setting: Setting) -> Iterator[Impact]:
     """One impact for each launch, in order, in this process."""
-    engine: SteppedEngine = registry.engine(name)  # type: ignore[assignment]
+    engine: SteppedEngine = here(name)  # type: ignore[assignment]
     speeds = [launch.touch_speed(setting.timestep, scene.gravity) for launch in launches]
     quiet = redirect_output if engine.own_process else nullcontext
     with quiet(), _explained_errors(engine):
@@ -233,7 +235,7 @@ def _expected_steps(scene: Scene, timestep: float, launches: Sequence[Launch]) -
 
 
 def _followed(name: str, scene: Scene, setting: Setting, launch: Launch, steps: int) -> Trajectory:
-    engine: SteppedEngine = registry.engine(name)  # type: ignore[assignment]
+    engine: SteppedEngine = here(name)  # type: ignore[assignment]
     fastest = max(_SLOWEST, launch.touch_speed(setting.timestep, scene.gravity))
     path = np.full((3, steps), np.nan)
     done = 0

@@ -12,8 +12,9 @@ import numpy as np
 from hcbench.errors import SceneError, SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.recipe import Recipe, Role
-from hcbench.sim.engine import Record, Simulation, SteppedEngine, World
+from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.read_impact import SpeedReading
+from hcbench.sim.world import Record, Simulation, World
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from hcbench.recipes.target import Target
     from hcbench.scene import Scene
     from hcbench.setting import Setting
-    from hcbench.sim.engine import Flags
+    from hcbench.sim.world import Flags
 
     Force = Callable[[Floats, Floats], Floats]
 

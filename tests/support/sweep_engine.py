@@ -17,7 +17,7 @@ from hcbench.engines.reference.engine import ReferenceEngine
 from hcbench.recipes.law_recipes import law_options
 from hcbench.recipes.recipe import Recipe, Role
 from hcbench.setting import Setting
-from hcbench.sim import registry
+from hcbench.sim import entry_points
 from hcbench.sim.engine import Engine
 
 if TYPE_CHECKING:
@@ -104,5 +104,5 @@ def note(folder: Path, **notes: Any) -> None:
 
 
 def _look_again() -> None:
-    registry._entry_points.cache_clear()
-    registry.adapter.cache_clear()
+    entry_points._entry_points.cache_clear()
+    entry_points.adapter.cache_clear()

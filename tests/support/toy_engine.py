@@ -18,7 +18,7 @@ import numpy as np
 
 from hcbench.recipes.recipe import Recipe, stock
 from hcbench.setting import Setting
-from hcbench.sim import registry
+from hcbench.sim import entry_points, registry
 from hcbench.sim.backend import Backend
 from hcbench.sim.engine import Engine
 
@@ -67,8 +67,8 @@ def registered(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def _look_again() -> None:
-    registry._entry_points.cache_clear()
-    registry.adapter.cache_clear()
+    entry_points._entry_points.cache_clear()
+    entry_points.adapter.cache_clear()
 
 
 def wheels(folder: Path) -> Path:

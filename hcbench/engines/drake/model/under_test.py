@@ -15,14 +15,14 @@ from hcbench.errors import UserError
 from hcbench.laws.closed_form import alpha_of
 from hcbench.laws.restitution import Restitution
 from hcbench.measuring import causes
-from hcbench.sim.engine import Record, Simulation
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Suspect
+from hcbench.sim.world import Record, Simulation
 
 if TYPE_CHECKING:
     from hcbench.impact import Impact, Launch
     from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.sim.engine import Flags
     from hcbench.sim.model_under_test import Request
+    from hcbench.sim.world import Flags
 
 _NOTABLE = 0.01  # of e: what a step's own damping must take, to be named
 _TAKEN = 0.002  # of e: what it may take with the fix

@@ -16,10 +16,10 @@ from hcbench.impact import Impact, Launch
 from hcbench.measuring.measurement import TOLERANCE
 from hcbench.resolution import ROUND_OFF_SOLVED
 from hcbench.sim import simulate
-from hcbench.sim.engine import Record, Simulation
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Suspect
 from hcbench.sim.parallel import require_motion_at, unit_in_last_place
 from hcbench.sim.read_impact import NOT_FINITE
+from hcbench.sim.world import Record, Simulation
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.under_test import MujocoModel
     from hcbench.impact import Floats
     from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.sim.engine import Flags
     from hcbench.sim.shared_model import BorrowingEngine, Copies
+    from hcbench.sim.world import Flags
 
 _SMOOTH = 100.0  # units in the last place that a step moves the bodies by, from which e does not scatter
 

@@ -19,7 +19,7 @@ from hcbench.engines.mujoco.model.speed_shares import (
     strange_share,
 )
 from hcbench.impact import TANGENTIAL_ROWS
-from hcbench.sim.engine import Record, Simulation
+from hcbench.sim.world import Record, Simulation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.pair import ContactPair
     from hcbench.engines.mujoco.model.place import PairAtTouch
     from hcbench.impact import Floats, Launch
-    from hcbench.sim.engine import Flags
     from hcbench.sim.model_under_test import Vector
+    from hcbench.sim.world import Flags
 
 
 class _Step(NamedTuple):

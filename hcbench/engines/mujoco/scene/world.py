@@ -18,7 +18,7 @@ from hcbench.engines.mujoco.model.bodies import speed_reading
 from hcbench.engines.mujoco.scene.batch import BatchedModel, batch_kind, compile_batch
 from hcbench.engines.mujoco.scene.record import Workspace, record, states_at_release
 from hcbench.engines.mujoco.scene.slide_joint import has_one_constraint
-from hcbench.sim.engine import Record, Simulation, World
+from hcbench.sim.world import Record, Simulation, World
 from hcbench.workers import in_worker
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from hcbench.engines.mujoco.scene.scene_model import SceneModel
     from hcbench.impact import Launch
-    from hcbench.sim.engine import Flags
+    from hcbench.sim.world import Flags
 
 # Balls in a model: the dense Jacobian of more costs more than sharing saves.
 _FEW_ROWS, _BALLS, _BALLS_OF_MANY_ROWS = 4, 24, 8

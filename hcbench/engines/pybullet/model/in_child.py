@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, TypeVar
 
 from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.sim import in_child as forked
-from hcbench.sim.engine import Record, Simulation
+from hcbench.sim.world import Record, Simulation
 
 if TYPE_CHECKING:
-    from hcbench.sim.engine import Flags
+    from hcbench.sim.world import Flags
 
 Answer = TypeVar("Answer")
 

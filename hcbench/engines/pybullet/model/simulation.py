@@ -16,7 +16,7 @@ from hcbench.engines.pybullet.model.bodies import BulletBody
 from hcbench.engines.pybullet.model.sliding import BulletAlongPlate, surface_point
 from hcbench.engines.pybullet.vectors import dot
 from hcbench.impact import FRICTION, SLIP
-from hcbench.sim.engine import Record, Simulation
+from hcbench.sim.world import Record, Simulation
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from hcbench.engines.pybullet.backend import BulletClient
     from hcbench.engines.pybullet.model.place import BulletPlacement
     from hcbench.impact import Launch
-    from hcbench.sim.engine import Flags
     from hcbench.sim.model_under_test import Vector
+    from hcbench.sim.world import Flags
 
 _STALE = 0.05  # of a reported force: less change of momentum than this, and it was not applied
 _SEEN = 1.0  # m: how far apart the two may be and their distance be asked for

@@ -37,9 +37,9 @@ from hcbench.errors import UserError
 from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.candidate_pairs import CandidatePair
-from hcbench.sim.engine import Simulation
 from hcbench.sim.model_under_test import Facts, ModelSetting, ModelUnderTest, Request, Suspect
 from hcbench.sim.read_impact import SpeedReading
+from hcbench.sim.world import Simulation
 
 _UNKNOWN_RESTITUTIONS = "restitutions that PyBullet does not tell of bodies with maximal coordinates"
 

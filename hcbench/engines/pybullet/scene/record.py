@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.sim.engine import momentum_force
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.tangential import rows_of_ball
+from hcbench.sim.world import momentum_force
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats

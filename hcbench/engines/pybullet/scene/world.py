@@ -30,7 +30,7 @@ from hcbench.engines.pybullet.scene.record import (
 )
 from hcbench.engines.pybullet.scene.staggered_ball import ball_urdf
 from hcbench.errors import SceneError
-from hcbench.sim.engine import CannotShareError, Record, Simulation, World
+from hcbench.sim.world import CannotShareError, Record, Simulation, World
 from hcbench.workers import in_worker
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from hcbench.engines.pybullet.scene.options import PybulletOptions
     from hcbench.impact import Floats, Launch
     from hcbench.scene import Scene
-    from hcbench.sim.engine import Flags
+    from hcbench.sim.world import Flags
 
     Step = Callable[[], Sequence[float] | None]
 

@@ -1,0 +1,86 @@
+"""Entry points of the group hcbench.engines, and the adapters that they load: what every process shares."""
+
+from __future__ import annotations
+
+import copy
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING
+
+from hcbench.errors import EngineFailed, UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from hcbench.sim.engine import Engine
+
+GROUP = "hcbench.engines"
+
+
+@cache
+def _entry_points() -> dict[str, EntryPoint]:
+    return {entry.name: entry for entry in sorted(entry_points(group=GROUP), key=lambda e: e.name)}
+
+
+def names() -> list[str]:
+    """Names of the engines, sorted; nothing is imported."""
+    return list(_entry_points())
+
+
+def entry_point(name: str) -> EntryPoint:
+    """What an engine of a registered name comes by."""
+    return _entry_points()[name]
+
+
+def adopt(values: Mapping[str, str]) -> None:
+    """Register engines in a worker of an environment, where no package says that they are there.
+
+    values: of the entry points, by their names.
+    """
+    for name, value in values.items():
+        _entry_points()[name] = EntryPoint(name, value, GROUP)
+
+
+@cache
+def adapter(name: str) -> Engine:
+    """What hcbench knows of the engine registered under `name`, installed or not, without a version.
+
+    Raises UserError for an unknown name, EngineFailed for an entry point that holds no such engine.
+    """
+    if name not in _entry_points():
+        raise unknown("engine", name, _entry_points())
+    entry, slot = _entry_points()[name], f"{GROUP} {name}"
+    try:
+        found = entry.load()()
+    except Exception as error:
+        raise EngineFailed(slot, f"could not be loaded: {error}", "") from error
+    if (own := getattr(found, "name", None)) != name:
+        raise EngineFailed(slot, f"{entry.value} has the name {own!r}", f"an Engine whose name is {name!r}")
+    return found  # type: ignore[no-any-return]
+
+
+@cache
+def here(name: str) -> Engine:
+    """The engine of this process under a name that may state a version, such as "myengine@1.2"."""
+    own = adapter(base_name(name))
+    if name == own.name:
+        return own
+    made = copy.copy(own)
+    made.name, made.title = name, versioned_title(own, name)
+    return made
+
+
+def base_name(name: str) -> str:
+    """The registered name in one that may state a version."""
+    return name.partition("@")[0]
+
+
+def versioned_title(adapter: Engine, name: str) -> str:
+    """What a report prints of an engine under such a name."""
+    return f"{adapter.title or adapter.name} {name.partition('@')[2]}".strip()
+
+
+def unknown(kind: str, name: str, registered: Iterable[str]) -> UserError:
+    """For a name that is not among those registered."""
+    expected = f"one of: {', '.join(registered) or 'none'}"
+    return UserError(kind, repr(name), expected, "`hcbench engines` lists them")

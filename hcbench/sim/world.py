@@ -1,0 +1,115 @@
+"""What an engine hands to `hcbench.sim.simulate`: a world, simulations in it, and what each step recorded."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from hcbench.resolution import ROUND_OFF_STEP
+from hcbench.sim.read_impact import NOT_FINITE, SpeedReading
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from hcbench.impact import Floats, Launch
+
+    Flags = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """What was seen at the start of each step; arrays of shape (b, n), SI, signs as in `hcbench.impact`.
+
+    force: the normal contact force that acts in the step; exactly 0 where the contact did not act. All three
+    are NaN from the step on at which the engine gave up.
+    tangential: what was seen along the plate, shape (8, b, n), rows as `hcbench.impact` numbers them; None
+    where no launch is oblique, or from an engine that knows the normal direction only.
+    """
+
+    penetration: Floats
+    rate: Floats
+    force: Floats
+    tangential: Floats | None = None
+
+    def rows(self) -> Floats:
+        """All of it, one quantity below the other, shape (3 or 11, b, n)."""
+        normal = np.stack([self.penetration, self.rate, self.force])
+        return normal if self.tangential is None else np.concatenate([normal, self.tangential])
+
+
+def momentum_force(mass: float, timestep: float, slowed: Floats, speeds: Floats, bits: int = 64) -> Floats:
+    """Normal force of each step, N; exactly 0 where it did nothing.
+
+    slowed: speed into the plate that the contact took in the step, m/s. speeds: sum of the sizes of what the
+    step added up, m/s, which rounding goes by. bits: of the engine's numbers. All of one shape.
+    """
+    noise = ROUND_OFF_STEP * float(np.finfo(f"f{bits // 8}").eps) * speeds
+    return np.asarray(mass * np.where(np.abs(slowed) <= noise, 0.0, slowed / timestep))
+
+
+class CannotShareError(Exception):
+    """Launches that were simulated together may have disturbed each other: each is to be simulated alone."""
+
+
+class Simulation(ABC):
+    """Some launches under way, from their release on."""
+
+    @abstractmethod
+    def advance(self, steps: int) -> Record:
+        """Take at least one step and `steps` at the most; what was seen of the launches that are kept.
+
+        Raises CannotShareError where several launches are no longer what each would be alone.
+        """
+
+    @abstractmethod
+    def keep(self, which: Flags) -> None:
+        """Go on with these only, shape (b,): the others have ended."""
+
+    def remark(self, steps: int) -> str:
+        """What else acted on the bodies in the first `steps` steps, in words; "" where nothing did."""
+        return ""
+
+    def close(self) -> None:  # noqa: B027 - most have nothing to put back
+        """Put back what the simulation changed in its world."""
+
+
+class World(ABC):
+    """One or more equal bodies over what they fall on, in one engine.
+
+    timestep: s. gravity: m/s², along the normal, into the plate. mass: effective mass along the normal, kg.
+    places: launches that one simulation carries. concurrent: simulations that may be under way at once, each
+    in a thread of its own. deepest: penetration beyond which the engine cannot see the contact any more, m.
+    diverged: the reason to give where numbers are not finite. speed_reading: which speeds e is the ratio of.
+    """
+
+    timestep: float
+    gravity: float
+    mass: float
+    places: int = 1
+    concurrent: int = 1
+    deepest: float = math.inf
+    diverged: str = NOT_FINITE
+    speed_reading: SpeedReading = SpeedReading.TOUCH_PLANE
+
+    @abstractmethod
+    def release(self, launches: Sequence[Launch]) -> Simulation:
+        """Bodies at their starting points, `places` of them at the most, with nothing remembered."""
+
+    def follow(self, launch: Launch) -> Simulation:
+        """One launch to be followed as far as one likes, stepped exactly as the engine's users do it."""
+        return self.release([launch])
+
+    def close(self) -> None:  # noqa: B027 - most hold nothing
+        """Give back what the world holds."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
