@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 _LONGEST = 200
 _UNSEEN = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}  # control, direction, line: all that does not print
@@ -44,3 +45,8 @@ def shortest(value: float) -> str:
 def number(value: float, digits: str = ".4f") -> str:
     """A number in fixed form, an em dash for none."""
     return "—" if math.isnan(value) else f"{value:{digits}}"
+
+
+def arguments(values: Mapping[str, Any]) -> str:
+    """Keyword arguments of a call."""
+    return ", ".join(f"{k}={shortest(v) if isinstance(v, float) else repr(v)}" for k, v in values.items())

@@ -15,9 +15,9 @@ from typing import Any
 import click
 
 from hcbench._files import SIGNALS
+from hcbench.cli.outputs import require_outputs
 from hcbench.errors import OutputError, UserError
 
-_LONGEST_NAME = 255  # bytes, on every common file system
 _REPEAT_S = 1.0  # signals that come within this time count as one
 _AGAIN, _AGAIN_S = getattr(signal, "SIGALRM", None), 0.02  # None on Windows
 _DEFERRED_S = 0.5  # that an interrupt waits for the end of an import, at most
@@ -138,8 +138,6 @@ def translate_errors(command: click.Command) -> click.Command:
     @functools.wraps(inner)
     def outer(*args: Any, **kwargs: Any) -> Any:
         try:
-            from hcbench.cli.outputs import require_outputs
-
             require_outputs(click.get_current_context())
             return inner(*args, **kwargs)
         except UserError as error:
@@ -166,15 +164,3 @@ def _option_of(slot: str, context: click.Context) -> str | None:
     }
     names = _OPTIONS.get(slot, ("--" + slot.replace("_", "-"),))
     return next((name for name in names if name in given), None)
-
-
-class PathType(click.Path):
-    """A path: "" is none, and not the working directory; nor is what no disk takes."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        slot = param.opts[0] if param else "path"
-        if not str(value):
-            raise UserError(slot, "an empty path", "a path", "Leave the option out for its default")
-        if any(len(os.fsencode(part)) > _LONGEST_NAME for part in Path(value).parts):
-            raise UserError(slot, f"{str(value)[:60]}...: file name too long", "a shorter path")
-        return super().convert(value, param, ctx)

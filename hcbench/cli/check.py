@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli._process import PathType
 from hcbench.cli.console import as_json, jobs_option, launch_options, print_json, progress, target_option
-from hcbench.cli.outputs import force_option, output_option
+from hcbench.cli.outputs import PathType, force_option, output_option
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from hcbench._files import json_text
-from hcbench.cli._process import PathType
+from hcbench.cli.outputs import PathType
 from hcbench.launch_options import OPTIONS
 
 CORES = os.cpu_count() or 1

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, TypedDict, Unpack
 
 import click
 
-from hcbench.cli._process import PathType
 from hcbench.cli.console import QuantityType, UncertainType, as_json, print_json
-from hcbench.cli.outputs import force_option, output_option
+from hcbench.cli.outputs import PathType, force_option, output_option
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:

@@ -1,7 +1,8 @@
-"""Options that name output files, and the gate that all of them pass before a command does anything."""
+"""Options that name files, and the gate that outputs pass before a command does anything."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -10,8 +11,22 @@ from typing import Any
 import click
 
 from hcbench._outputs import require_output
-from hcbench.cli._process import PathType
 from hcbench.errors import UserError
+
+_LONGEST_NAME = 255  # bytes, on every common file system
+
+
+class PathType(click.Path):
+    """A path: "" is none, and not the working directory; nor is what no disk takes."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Raises UserError."""
+        slot = param.opts[0] if param else "path"
+        if not str(value):
+            raise UserError(slot, "an empty path", "a path", "Leave the option out for its default")
+        if any(len(os.fsencode(part)) > _LONGEST_NAME for part in Path(value).parts):
+            raise UserError(slot, f"{str(value)[:60]}...: file name too long", "a shorter path")
+        return super().convert(value, param, ctx)
 
 
 class _OutputType(PathType):

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hcbench.cli._process import PathType
 from hcbench.cli.console import jobs_option, progress
+from hcbench.cli.outputs import PathType
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from hcbench._notebook import Shown
 from hcbench.fitting.which_law import EITHER, PLAIN, WITH_E0
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from hcbench.fitting.budget import Budget
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.estimate import LawFit
@@ -29,7 +28,7 @@ class DropResult:
 
 
 @dataclass(frozen=True, slots=True)
-class FitResult:
+class FitResult(Shown):
     """law: the one that the data support; None where several are left. asked: the one of --law, or "auto".
 
     fits: every law tried, the likeliest first; odds: of each against the best of the others.
@@ -55,22 +54,6 @@ class FitResult:
     doubts: tuple[str, ...] = ()
     drops: tuple[DropResult, ...] = ()
     between: float | None = None
-
-    def _repr_html_(self) -> str:
-        """What was found and the odds of each law, for a notebook."""
-        from hcbench.fitting.notebook import as_html
-
-        return as_html(self)
-
-    def plot(self) -> Figure:
-        """e over impact speed: the data, and the law with its 95 % band, as a matplotlib figure."""
-        from matplotlib.figure import Figure
-
-        from hcbench.fitting.notebook import draw_curve
-
-        figure = Figure(figsize=(6.4, 3.6), layout="constrained")
-        draw_curve(figure.subplots(), self, "C3", [f"C{i}" for i in (0, 1, 2, 4, 5, 6)])
-        return figure
 
     @property
     def best(self) -> LawFit:

@@ -11,6 +11,8 @@ from matplotlib.figure import Figure
 
 from hcbench import _text
 from hcbench.benchmark.results import Results
+from hcbench.fitting.notebook import as_html, draw_curve
+from hcbench.fitting.result import FitResult
 from hcbench.measuring.measurement import Measurement
 from hcbench.measuring.text import headline as measured_headline
 from hcbench.reporting import advice, measurement_page, wording
@@ -39,6 +41,7 @@ def figure_of(result: Any) -> Figure:
         return _figure(result)
 
 
+@singledispatch
 def html_of(result: Any) -> str:
     """A result in words and its main figure, as a part of a page that loads nothing."""
     title, facts, paste = _words(result)
@@ -55,6 +58,16 @@ def _figure(result: Any) -> Figure:
 def _words(result: Any) -> tuple[str, dict[str, str], str]:
     """A title, facts by their names, and what to paste."""
     raise TypeError(f"no words for {type(result).__name__}")
+
+
+html_of.register(FitResult)(as_html)
+
+
+@_figure.register
+def _(result: FitResult) -> Figure:
+    figure = new_figure(6.4, 3.6)
+    draw_curve(figure.subplots(), result, LAW, [f"C{i}" for i in range(7)])
+    return figure
 
 
 _figure.register(Measurement)(measurement_page.curve_figure)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from hcbench._text import shortest
 from hcbench.sim import registry
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from hcbench.setting import Setting
 
 
@@ -21,8 +18,3 @@ def snippet(setting: Setting, form: str) -> str:
     if registry.base_name(setting.engine) not in registry.names():
         return setting.options_text
     return registry.engine(setting.engine).snippet(setting, form)
-
-
-def arguments(values: Mapping[str, Any]) -> str:
-    """Keyword arguments of a call."""
-    return ", ".join(f"{k}={shortest(v) if isinstance(v, float) else repr(v)}" for k, v in values.items())

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Sequence
+from graphlib import TopologicalSorter
 from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
@@ -75,6 +76,31 @@ def test_imports_run_one_way(path: Path) -> None:
     floor = FLOOR[_room(path)]
     upwards = {room for room in _imports(path) if FLOOR[room] > floor}
     assert not upwards, f"{path.relative_to(ROOT)} is on floor {floor} and imports {upwards}"
+
+
+def _modules_imported(path: Path) -> set[str]:
+    """Own modules that a file imports, in functions too; not those for types alone."""
+    names, waiting = set[str](), [ast.parse(path.read_text(encoding="utf-8"))]
+    while waiting:
+        node: ast.AST = waiting.pop()
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            continue
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        waiting += ast.iter_child_nodes(node)
+    return names
+
+
+def test_no_circle_of_imports() -> None:
+    files = {".".join(["hcbench", *p.relative_to(ROOT).with_suffix("").parts]): p for p in MODULES}
+    files = {name.removesuffix(".__init__"): path for name, path in files.items()}
+    graph = {name: _modules_imported(path) & files.keys() - {name} for name, path in files.items()}
+    list(TopologicalSorter(graph).static_order())  # a CycleError names the modules
+
+
+def test_only_the_front_door_imports_by_a_string() -> None:
+    by_name = re.compile(r"import_module\(f?\"hcbench")
+    assert [str(p) for p in MODULES if by_name.search(p.read_text(encoding="utf-8"))] == []
 
 
 # Short re-exports that keep documented imports alive, and the table of other libraries' words.

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from hcbench._text import shortest
+from hcbench._text import arguments, shortest
 from hcbench.engines.drake.model.open import OpensFiles
 from hcbench.fields import Finite
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
@@ -16,7 +16,6 @@ from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact, Feature, Features
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
-from hcbench.tuning.snippet import arguments
 
 Positive = Annotated[Finite | None, Field(ge=0.0)]
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from hcbench._text import shortest
+from hcbench._text import arguments, shortest
 from hcbench.fields import Finite
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.force import HuntCrossley
@@ -14,7 +14,6 @@ from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact, Feature, Features
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
-from hcbench.tuning.snippet import arguments
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -18,8 +18,6 @@ from hcbench.engines.mujoco.model.bodies import (
 from hcbench.engines.mujoco.model.pair import ContactPair, NamedGeoms
 from hcbench.engines.mujoco.model.plugin_contact import has_force_law
 from hcbench.errors import UserError
-from hcbench.sim.candidate_pairs import choice_error
-from hcbench.sim.model_under_test import Request
 from hcbench.sim.names import find_part
 
 
@@ -36,14 +34,8 @@ class MovingJoint:
     turns: bool = False
 
 
-def find_pair(model: Any, request: Request, state: Any = None) -> ContactPair:
-    """The pair that two names mean: bodies first, then geoms, or as "body:NAME" or "geom:NUMBER" says.
-
-    Without names, the only body that moves and the only thing it can meet.
-    """
-    names = request.pair
-    if names is None:
-        names = _only_pair(model, request, state)
+def named_pair(model: Any, names: tuple[str, str]) -> ContactPair:
+    """The pair that two names mean: bodies first, then geoms, or as "body:NAME" or "geom:NUMBER" says."""
     first, second = (_named_geoms(model, name) for name in names)
     if set(first.geoms) & set(second.geoms):
         got = f"{names[0]!r} and {names[1]!r} are the same"
@@ -72,15 +64,12 @@ def _collides(model: Any, geom: int) -> bool:
     return bool(model.geom_contype[geom] or model.geom_conaffinity[geom] or in_pair)
 
 
-def _only_pair(model: Any, request: Request, state: Any) -> tuple[str, str]:
-    """The names of the only body that moves and of the only fixed geom."""
+def only_pair(model: Any) -> tuple[str, str] | None:
+    """The names of the only body that moves and of the only fixed geom; None where there is a choice."""
     movers = [b for b in range(1, model.nbody) if geoms_of(model, b) and model.body_weldid[b]]
     others = [g for g in geoms_of(model, 0) if _collides(model, g)]
-    if len(movers) == 1 and len(others) == 1:
-        return f"body:{movers[0]}", f"geom:{others[0]}"
-    from hcbench.engines.mujoco.model.list_pairs import list_pairs
-
-    raise choice_error(list_pairs(model, request, state))
+    unique = len(movers) == 1 and len(others) == 1
+    return (f"body:{movers[0]}", f"geom:{others[0]}") if unique else None
 
 
 def _translations(model: Any, body: int) -> tuple[int, ...]:

@@ -1,4 +1,4 @@
-"""Lists the pairs of geoms that a MuJoCo model lets collide, and which touch in which pose."""
+"""The pair of geoms that a request means, and all that a MuJoCo model lets collide, with their poses."""
 
 import math
 from typing import Any
@@ -14,15 +14,22 @@ from hcbench.engines.mujoco.model.bodies import (
     explicit_pairs,
     geom_name,
 )
-from hcbench.engines.mujoco.model.find_pair import moving_joints
+from hcbench.engines.mujoco.model.find_pair import moving_joints, named_pair, only_pair
 from hcbench.engines.mujoco.model.pair import ContactPair, NamedGeoms
 from hcbench.engines.mujoco.model.start_pose import start_pose
-from hcbench.sim.candidate_pairs import CandidatePair, in_order
+from hcbench.sim.candidate_pairs import CandidatePair, choice_error, in_order
 from hcbench.sim.model_under_test import Request
 
 _Geoms = tuple[int, ...]  # two, in order
 _HEAVIEST = 1e4  # of the whole model's mass
 _POSES_MAX = 50  # keyframes that are looked at
+
+
+def find_pair(model: Any, request: Request, state: Any = None) -> ContactPair:
+    """The pair of a request; without names, the only body that moves and the only thing it can meet."""
+    if (names := request.pair or only_pair(model)) is None:
+        raise choice_error(list_pairs(model, request, state))
+    return named_pair(model, names)
 
 
 def list_pairs(model: Any, request: Request, state: Any = None) -> list[CandidatePair]:

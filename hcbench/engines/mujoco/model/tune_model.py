@@ -18,8 +18,7 @@ from hcbench.engines.mujoco.model.bodies import (
     integrator_name,
     response,
 )
-from hcbench.engines.mujoco.model.find_pair import find_pair
-from hcbench.engines.mujoco.model.list_pairs import contact_in_force
+from hcbench.engines.mujoco.model.list_pairs import contact_in_force, find_pair
 from hcbench.engines.mujoco.model.open import load
 from hcbench.engines.mujoco.model.place import PairAtTouch
 from hcbench.engines.mujoco.model.tune_rows import Aim, Load, estimated_mobility, max_error, row_choices

@@ -10,7 +10,7 @@ from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model.bodies import geom_friction, geom_name, speed_reading
 from hcbench.engines.mujoco.model.causes import find_suspects
 from hcbench.engines.mujoco.model.causes.context import Context, written_contact
-from hcbench.engines.mujoco.model.find_pair import find_pair
+from hcbench.engines.mujoco.model.list_pairs import find_pair
 from hcbench.engines.mujoco.model.place import bring_to_touch
 from hcbench.engines.mujoco.model.plugin_contact import restitution_law
 from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from hcbench.engines.mujoco.plugin import config
-from hcbench.engines.mujoco.scene.mjcf import as_text, named, remove_pairs, section
+from hcbench.engines.mujoco.scene.elements import as_text, named, remove_pairs, section
 from hcbench.laws.contact_law import Friction, Law, is_force
 from hcbench.scene import Scene
 

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from hcbench._text import shortest
+from hcbench.engines.mujoco.plugin.law_mjcf import write_law
+from hcbench.engines.mujoco.scene.elements import as_text, named, remove_pairs, section
 from hcbench.engines.mujoco.scene.options import Options, read_options
 from hcbench.engines.mujoco.scene.rows import ConstraintRow
 from hcbench.errors import SceneError, SettingError
@@ -92,8 +94,6 @@ def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
     if scene.friction:
         _write_friction(root, scene, path, any(row.friction for row in options.rows))
     if options.law is not None:
-        from hcbench.engines.mujoco.plugin.law_mjcf import write_law
-
         write_law(root, scene, options.law, path)
     return root
 
@@ -119,20 +119,6 @@ def _write_friction(root: ET.Element, scene: Scene, path: Path, in_rows: bool) -
     for pair in root.iterfind("contact/pair"):
         if not in_rows and pair.get("condim") == "1" and pair.get("friction") is None:
             pair.attrib.update(condim="3", friction=f"{sliding} {sliding}")
-
-
-def remove_pairs(root: ET.Element) -> None:
-    """Take away the <pair>s of ball and plate."""
-    for contact in root.findall("contact"):
-        for pair in contact.findall("pair"):
-            if {pair.get("geom1"), pair.get("geom2")} == {"ball", "plate"}:
-                contact.remove(pair)
-
-
-def as_text(root: ET.Element) -> str:
-    """MJCF as text."""
-    ET.indent(root)
-    return ET.tostring(root, encoding="unicode") + "\n"
 
 
 def add_acceleration_sensor(root: ET.Element) -> None:
@@ -226,22 +212,6 @@ def _anchor_files(root: ET.Element, folder: Path) -> None:
     for key in ("assetdir", "meshdir", "texturedir"):
         if key == "assetdir" or compiler.get(key) is not None:
             compiler.set(key, str((folder / compiler.get(key, "")).resolve()))
-
-
-def section(root: ET.Element, tag: str) -> ET.Element:
-    """The last such section, as later ones win; made where there is none."""
-    sections = root.findall(tag)
-    return sections[-1] if sections else ET.SubElement(root, tag)
-
-
-def named(root: ET.Element, tag: str, name: str, path: Path) -> ET.Element:
-    """The element of that name; SceneError where there is none."""
-    for element in root.iter(tag):
-        if element.get("name") == name:
-            return element
-    raise SceneError(
-        str(path), f"there is no <{tag} name={name!r}>", "one", "scenes/README.md says what a scene needs"
-    )
 
 
 def _write_limits(root: ET.Element, scene: Scene, rows: Sequence[ConstraintRow], path: Path) -> None:

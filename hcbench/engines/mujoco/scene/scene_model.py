@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings, require_feature
-from hcbench.engines.mujoco.scene.mjcf import add_acceleration_sensor, as_text, model_path, scene_tree
+from hcbench.engines.mujoco.scene.elements import as_text
+from hcbench.engines.mujoco.scene.mjcf import add_acceleration_sensor, model_path, scene_tree
 from hcbench.errors import SceneError
 
 if TYPE_CHECKING:

@@ -8,7 +8,8 @@ from hcbench.engines.mujoco.backend import backend, require_feature
 from hcbench.engines.mujoco.plugin import load
 from hcbench.engines.mujoco.plugin.law_mjcf import extension
 from hcbench.engines.mujoco.recipes.staggered import staggered_rows
-from hcbench.engines.mujoco.scene.mjcf import add_pairs, as_text, numbers_text, set_mass
+from hcbench.engines.mujoco.scene.elements import as_text
+from hcbench.engines.mujoco.scene.mjcf import add_pairs, numbers_text, set_mass
 from hcbench.impact import Floats
 from hcbench.recipes.target import Target
 from hcbench.sim.two_blocks import SIDES, TwoBlocks, folder

@@ -1,7 +1,9 @@
-"""Lists the links of a PyBullet world that can meet, and which do as it stands."""
+"""The two in a PyBullet world that a request means, and all links that can meet."""
 
 import math
+from collections import Counter
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,16 +18,19 @@ from hcbench.engines.pybullet.model.bodies import (
     BulletBody,
     contact_row,
 )
-from hcbench.engines.pybullet.model.open import LoadedWorld
+from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart, LoadedWorld
 from hcbench.engines.pybullet.model.place import DISTANCE, NORMAL
 from hcbench.engines.pybullet.vectors import vector
-from hcbench.sim.candidate_pairs import CandidatePair, in_order
+from hcbench.errors import UserError
+from hcbench.sim.candidate_pairs import CandidatePair, choice_error, in_order
+from hcbench.sim.names import find_part
 
 _REACH = 1e4  # m
 _TYPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule", 8: "height field"}
 _SHAPE = 2  # in getCollisionShapeData
 _DYNAMICS = {"lateralFriction": 1, "restitution": 5}  # places in getDynamicsInfo
 _Link = tuple[int, int]
+_NamedPart = tuple[str, str, tuple[int, int]]  # kind, name, (body, link)
 
 
 def list_pairs(world: LoadedWorld) -> list[CandidatePair]:
@@ -99,3 +104,61 @@ def _joint(body: BulletBody, link: int) -> str:
         if body.joints[joint][JOINT_TYPE] != FIXED
     ]
     return f"its joints ({', '.join(names[:6])})" if names else "nothing"
+
+
+def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPart, BodyPart]:
+    """The two that meet: the world's own, or what `names` mean, each a file, a body, or a link ("body/link"
+    where links share a name); without names, the world's only two bodies.
+    """
+    bullet = world.bullet
+    if world.pair:
+        one, two = (_by_id(bullet, part) for part in world.pair)
+        return one, two
+    parts = _named_parts(world)
+    known = [name for _, name, _ in parts]
+    if names is None:
+        numbers = bullet.bodies()
+        if len(numbers) != 2:
+            if len(numbers) < 2:
+                raise UserError("pair", f"none given, and the world has {len(numbers)} bodies", "two names")
+            raise choice_error(list_pairs(world))
+        one, two = (BodyPart(world.files.get(body, f"body:{body}"), body, ANY_LINK) for body in numbers)
+        return one, two
+    one, two = (
+        BodyPart(name, *find_part(parts, name if name in known else Path(name).name)[1]) for name in names
+    )
+    if one.body == two.body and (one.link == two.link or ANY_LINK in (one.link, two.link)):
+        raise UserError("pair", f"{one.name!r} and {two.name!r} are the same body", "two that can meet")
+    return one, two
+
+
+def _by_id(bullet: BulletClient, part: int | tuple[int, int]) -> BodyPart:
+    body, link = (part, ANY_LINK) if isinstance(part, int) else part
+    try:
+        name = sanitized(bullet.getBodyInfo(body)[1].decode(errors="replace"))
+    except bullet.error:
+        raise UserError("pair", f"no body {body} in this client", "a body id that loadURDF gave") from None
+    text = f"body {body}" if link == ANY_LINK else f"body {body}, link {link}"
+    return BodyPart(f"{name} ({text})" if name else text, body, link)
+
+
+def _named_parts(world: LoadedWorld) -> list[_NamedPart]:
+    """Every name with the (body, link) that it means, bodies first; not those that several links share."""
+    bullet = world.bullet
+    bodies: list[_NamedPart] = []
+    links: list[_NamedPart] = []
+    for body in bullet.bodies():
+        base, robot = (sanitized(part.decode(errors="replace")) for part in bullet.getBodyInfo(body))
+        file = world.files.get(body, "")
+        names = (f"body:{body}", file, Path(file).stem, robot)
+        bodies += [("body", name, (body, ANY_LINK)) for name in names]
+        joints = [bullet.getJointInfo(body, j) for j in range(bullet.getNumJoints(body))]
+        link_names = [base, *(sanitized(joint[LINK_NAME].decode(errors="replace")) for joint in joints)]
+        prefixes = dict.fromkeys(["", f"body:{body}/", f"{Path(file).stem}/" if file else ""])
+        links += [
+            ("link", prefix + name, (body, link))
+            for link, name in enumerate(link_names, start=-1)
+            for prefix in prefixes
+        ]
+    uses = Counter(name for _, name, _ in links)
+    return [part for part in bodies + [link for link in links if uses[link[1]] == 1] if part[1]]

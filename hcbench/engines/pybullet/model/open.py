@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hcbench._text import sanitized
 from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
-from hcbench.engines.pybullet.model.bodies import LINK_NAME
 from hcbench.engines.pybullet.model.model_file import check_user_model
 from hcbench.errors import UserError
-from hcbench.sim.candidate_pairs import choice_error
-from hcbench.sim.names import find_part
 
 _STARTING_SETTINGS = {**LASTING_SETTINGS, "fixedTimeStep": 1.0 / 240.0}
-_NamedPart = tuple[str, str, tuple[int, int]]  # kind, name, (body, link)
 ANY_LINK = -2  # whichever link touches, as in PyBullet
 
 
@@ -99,63 +93,3 @@ def open_live(source: Any, disconnect: bool) -> LoadedWorld:
         raise UserError("model", f"PyBullet client {world.client} is not connected", "a live client")
     pair = () if world.first is None or world.second is None else (world.first, world.second)
     return LoadedWorld(bullet, "PyBullet world", disconnect, pair, owner=source)
-
-
-def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPart, BodyPart]:
-    """The two that meet: the world's own, or what `names` mean, each a file, a body, or a link ("body/link"
-    where links share a name); without names, the world's only two bodies.
-    """
-    bullet = world.bullet
-    if world.pair:
-        one, two = (_by_id(bullet, part) for part in world.pair)
-        return one, two
-    parts = _named_parts(world)
-    known = [name for _, name, _ in parts]
-    if names is None:
-        numbers = bullet.bodies()
-        if len(numbers) != 2:
-            from hcbench.engines.pybullet.model.list_pairs import list_pairs
-
-            if len(numbers) < 2:
-                raise UserError("pair", f"none given, and the world has {len(numbers)} bodies", "two names")
-            raise choice_error(list_pairs(world))
-        one, two = (BodyPart(world.files.get(body, f"body:{body}"), body, ANY_LINK) for body in numbers)
-        return one, two
-    one, two = (
-        BodyPart(name, *find_part(parts, name if name in known else Path(name).name)[1]) for name in names
-    )
-    if one.body == two.body and (one.link == two.link or ANY_LINK in (one.link, two.link)):
-        raise UserError("pair", f"{one.name!r} and {two.name!r} are the same body", "two that can meet")
-    return one, two
-
-
-def _by_id(bullet: BulletClient, part: int | tuple[int, int]) -> BodyPart:
-    body, link = (part, ANY_LINK) if isinstance(part, int) else part
-    try:
-        name = sanitized(bullet.getBodyInfo(body)[1].decode(errors="replace"))
-    except bullet.error:
-        raise UserError("pair", f"no body {body} in this client", "a body id that loadURDF gave") from None
-    text = f"body {body}" if link == ANY_LINK else f"body {body}, link {link}"
-    return BodyPart(f"{name} ({text})" if name else text, body, link)
-
-
-def _named_parts(world: LoadedWorld) -> list[_NamedPart]:
-    """Every name with the (body, link) that it means, bodies first; not those that several links share."""
-    bullet = world.bullet
-    bodies: list[_NamedPart] = []
-    links: list[_NamedPart] = []
-    for body in bullet.bodies():
-        base, robot = (sanitized(part.decode(errors="replace")) for part in bullet.getBodyInfo(body))
-        file = world.files.get(body, "")
-        names = (f"body:{body}", file, Path(file).stem, robot)
-        bodies += [("body", name, (body, ANY_LINK)) for name in names]
-        joints = [bullet.getJointInfo(body, j) for j in range(bullet.getNumJoints(body))]
-        link_names = [base, *(sanitized(joint[LINK_NAME].decode(errors="replace")) for joint in joints)]
-        prefixes = dict.fromkeys(["", f"body:{body}/", f"{Path(file).stem}/" if file else ""])
-        links += [
-            ("link", prefix + name, (body, link))
-            for link, name in enumerate(link_names, start=-1)
-            for prefix in prefixes
-        ]
-    uses = Counter(name for _, name, _ in links)
-    return [part for part in bodies + [link for link in links if uses[link[1]] == 1] if part[1]]

@@ -26,8 +26,8 @@ from hcbench.engines.pybullet.model.causes import (
     restitutions,
 )
 from hcbench.engines.pybullet.model.in_child import release_aside, run_aside
-from hcbench.engines.pybullet.model.list_pairs import list_pairs
-from hcbench.engines.pybullet.model.open import LoadedWorld, find_pair, load_files, open_live
+from hcbench.engines.pybullet.model.list_pairs import find_pair, list_pairs
+from hcbench.engines.pybullet.model.open import LoadedWorld, load_files, open_live
 from hcbench.engines.pybullet.model.place import FreeBase, place
 from hcbench.engines.pybullet.model.simulation import LaunchInUserWorld
 from hcbench.engines.pybullet.model.sliding import pair_friction

@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
-from hcbench._text import shortest
+from hcbench._text import arguments, shortest
 from hcbench.engines.pybullet import plugin
 from hcbench.engines.pybullet.scene.staggered_ball import JOINT, LINK, WRITE
 from hcbench.errors import SettingError
 from hcbench.laws.contact_law import law_of
-from hcbench.tuning.snippet import arguments
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,0 +1,38 @@
+"""Elements of an MJCF tree: found by name, made where they are missing, written as text."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from hcbench.errors import SceneError
+
+
+def remove_pairs(root: ET.Element) -> None:
+    """Take away the <pair>s of ball and plate."""
+    for contact in root.findall("contact"):
+        for pair in contact.findall("pair"):
+            if {pair.get("geom1"), pair.get("geom2")} == {"ball", "plate"}:
+                contact.remove(pair)
+
+
+def as_text(root: ET.Element) -> str:
+    """MJCF as text."""
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def section(root: ET.Element, tag: str) -> ET.Element:
+    """The last such section, as later ones win; made where there is none."""
+    sections = root.findall(tag)
+    return sections[-1] if sections else ET.SubElement(root, tag)
+
+
+def named(root: ET.Element, tag: str, name: str, path: Path) -> ET.Element:
+    """The element of that name; SceneError where there is none."""
+    for element in root.iter(tag):
+        if element.get("name") == name:
+            return element
+    raise SceneError(
+        str(path), f"there is no <{tag} name={name!r}>", "one", "scenes/README.md says what a scene needs"
+    )
