@@ -18,6 +18,9 @@ came, what was expected and what to do next.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from hcbench._text import sanitized
 
 LONGEST = 300  # characters of a message
@@ -88,3 +91,23 @@ class LimitPassed(HcbenchError):  # noqa: N818
     """A measured number is outside its limit."""
 
     exit_code = 1
+
+
+@contextmanager
+def foreign_errors(slot: str, *kinds: type[Exception], advice: str = "") -> Iterator[None]:
+    """The one gate for errors of other packages: they leave it as EngineFailed, in one line.
+
+    kinds: those whose text says enough; without any, every error but hcbench's own, with its type.
+    """
+    caught = kinds or (Exception,)
+    try:
+        yield
+    except HcbenchError:
+        raise
+    except caught as error:
+        raise EngineFailed(slot, f"{error}" if kinds else typed(error), "", advice) from error
+
+
+def typed(error: Exception) -> str:
+    """An error of another package with its type, as a message has it."""
+    return f"{type(error).__name__}: {error}"

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module, metadata
 from typing import TYPE_CHECKING, Any
 
 from hcbench.environments import ADD
-from hcbench.errors import EngineFailed, EngineMissing, HcbenchError
+from hcbench.errors import EngineMissing, foreign_errors
 from hcbench.workers import in_worker
 
 if TYPE_CHECKING:
@@ -77,20 +76,12 @@ class Backend:
         tried = self.oldest if self.oldest == self.newest else f"{self.oldest} ... {self.newest}"
         return f"{self.package} {version} was never tried with hcbench; {tried} was"
 
-    @contextmanager
-    def explained_errors(self) -> Iterator[None]:
+    def explained_errors(self) -> AbstractContextManager[None]:
         """What a version never tried raises is EngineFailed, in one line; a tried one's errors are ours."""
-        try:
-            yield
-        except HcbenchError:
-            raise
-        except Exception as error:
-            if not (untried := self.untried(self.version())):
-                raise
-            got = f"{type(error).__name__}: {error}"
-            raise EngineFailed(
-                f"engine {self.engine!r}", got, "", f"{untried}: install one of those"
-            ) from error
+        untried = self.untried(self.version())
+        if not untried:
+            return nullcontext()
+        return foreign_errors(f"engine {self.engine!r}", advice=f"{untried}: install one of those")
 
 
 @cache  # reading it takes milliseconds, and every setting asks for it

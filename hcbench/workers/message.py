@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hcbench.errors import EngineFailed, HcbenchError
+from hcbench.errors import EngineFailed, HcbenchError, typed
 
 _PROTOCOL = 4  # the default of 3.11
 
@@ -46,7 +46,7 @@ def portable(error: Exception) -> Exception:
     """
     package = type(error).__module__.partition(".")[0]
     if package not in ("builtins", "hcbench"):
-        return EngineFailed("engine", f"{type(error).__name__}: {error}", "")
+        return EngineFailed("engine", typed(error), "")
     if not isinstance(error, HcbenchError):
         error.add_note("".join(traceback.format_exception(error)))
     return error

@@ -6,7 +6,7 @@ import ast
 import re
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from graphlib import TopologicalSorter
 from importlib.metadata import distribution
 from pathlib import Path
@@ -78,23 +78,22 @@ def test_imports_run_one_way(path: Path) -> None:
     assert not upwards, f"{path.relative_to(ROOT)} is on floor {floor} and imports {upwards}"
 
 
-def _modules_imported(path: Path) -> set[str]:
-    """Own modules that a file imports, in functions too; not those for types alone."""
-    names, waiting = set[str](), [ast.parse(path.read_text(encoding="utf-8"))]
-    while waiting:
-        node: ast.AST = waiting.pop()
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
-            continue
-        if isinstance(node, ast.ImportFrom) and node.module:
-            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-        waiting += ast.iter_child_nodes(node)
-    return names
+def _imported(node: ast.AST) -> Iterator[str]:
+    """Modules, and what may be one, that a node imports, in functions too; not those for types alone."""
+    if isinstance(node, ast.ImportFrom) and node.module:
+        yield from (f"{node.module}.{alias.name}" for alias in node.names)
+    for child in ast.iter_child_nodes(node):
+        if not (isinstance(child, ast.If) and "TYPE_CHECKING" in ast.dump(child.test)):
+            yield from _imported(child)
 
 
 def test_no_circle_of_imports() -> None:
-    files = {".".join(["hcbench", *p.relative_to(ROOT).with_suffix("").parts]): p for p in MODULES}
-    files = {name.removesuffix(".__init__"): path for name, path in files.items()}
-    graph = {name: _modules_imported(path) & files.keys() - {name} for name, path in files.items()}
+    named = {".".join(["hcbench", *p.relative_to(ROOT).with_suffix("").parts]): p for p in MODULES}
+    files = {name.removesuffix(".__init__"): path for name, path in named.items()}
+    graph: dict[str, set[str]] = {}
+    for name, path in files.items():
+        found = list(_imported(ast.parse(path.read_text(encoding="utf-8"))))
+        graph[name] = {full if full in files else full.rpartition(".")[0] for full in found} & files.keys()
     list(TopologicalSorter(graph).static_order())  # a CycleError names the modules
 
 

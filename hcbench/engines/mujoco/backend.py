@@ -4,7 +4,7 @@ import contextlib
 from collections.abc import Iterator
 from typing import Any
 
-from hcbench.errors import EngineFailed, EngineMissing
+from hcbench.errors import EngineFailed, EngineMissing, foreign_errors
 from hcbench.sim.backend import Backend
 
 BACKEND = Backend("mujoco", "mujoco", "3.3", "4.0", "pip install mujoco", instead="mujoco-core")
@@ -57,9 +57,8 @@ def captured_warnings() -> Iterator[list[str]]:
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(collected.append)
     try:
-        yield collected
-    except mujoco.FatalError as error:
-        raise EngineFailed("mujoco", " ".join(str(error).split()), "") from error
+        with foreign_errors("mujoco", mujoco.FatalError):
+            yield collected
     finally:
         mujoco.set_mju_user_warning(before)
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import chdir, contextmanager
+from collections.abc import Callable
+from contextlib import chdir
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -68,15 +68,6 @@ class BulletClient:
     def bodies(self) -> list[int]:
         """Ids of all bodies."""
         return [self.getBodyUniqueId(i) for i in range(self.getNumBodies())]
-
-
-@contextmanager
-def translated_errors(bullet: BulletClient) -> Iterator[None]:
-    """What PyBullet refuses is EngineFailed."""
-    try:
-        yield
-    except bullet.error as error:
-        raise EngineFailed("pybullet", str(error), "") from error
 
 
 def is_connected() -> bool:

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import pytest
 
-from hcbench.engines.pybullet.backend import BulletClient, translated_errors
+from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.engine import PybulletEngine
-from hcbench.errors import EngineFailed, EngineMissing, SceneError, SettingError
+from hcbench.errors import EngineFailed, EngineMissing, SceneError, SettingError, foreign_errors
 from hcbench.impact import Impact, Launch, Status
 from hcbench.scene import Material, Scene
 from hcbench.setting import Setting
@@ -354,7 +354,7 @@ def test_a_launch_that_cannot_arrive_is_refused() -> None:
 
 def _ask_for_a_file_that_is_not_there() -> None:
     bullet = BulletClient.direct()
-    with translated_errors(bullet):
+    with foreign_errors("pybullet", bullet.error):
         bullet.loadURDF("nowhere.urdf")
 
 

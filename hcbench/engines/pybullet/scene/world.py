@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.pybullet import plugin
-from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient, client, translated_errors
+from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient, client
 from hcbench.engines.pybullet.model.model_file import check_ball, check_plate
 from hcbench.engines.pybullet.scene.record import (
     force_from_momentum,
@@ -29,7 +29,7 @@ from hcbench.engines.pybullet.scene.record import (
     tangential_rows,
 )
 from hcbench.engines.pybullet.scene.staggered_ball import ball_urdf
-from hcbench.errors import SceneError
+from hcbench.errors import SceneError, foreign_errors
 from hcbench.sim.world import CannotShareError, Record, Simulation, World
 from hcbench.workers import in_worker
 
@@ -67,7 +67,7 @@ class PybulletWorld(World):
         self.places = 1 if options.links else _BALLS_IN_WORLD
         self.reports_force = options.ball.get("linearDamping") != 0.0
         self.bullet = client()
-        with translated_errors(self.bullet):
+        with foreign_errors("pybullet", self.bullet.error):
             ball, self.plate = _set_up(self.bullet, scene, timestep, options)
             self.balls, self._fastest = [ball], fastest
             self._laws: list[int] = []
@@ -84,7 +84,7 @@ class PybulletWorld(World):
         oblique = any(launch.is_oblique for launch in launches)
         if oblique and len(launches) > 1:  # Bullet's sweeps over friction depend on all balls
             raise CannotShareError
-        with translated_errors(self.bullet):
+        with foreign_errors("pybullet", self.bullet.error):
             self._add_balls(len(launches) - len(self.balls))
             # Contacts are kept from step to step, and with them forces: remove those of the launches before.
             for ball in self.balls:
@@ -170,7 +170,7 @@ class PybulletSimulation(Simulation):
     def advance(self, steps: int) -> Record:
         """`steps` steps of all balls. Raises CannotShareError where one is not where its velocity took it."""
         world = self._world
-        with translated_errors(world.bullet):
+        with foreign_errors("pybullet", world.bullet.error):
             forces, positions, motions = self._step(steps)
         motion = np.concatenate([self._motion[None], np.reshape(motions, (steps, -1, 2, 3))])
         v = motion[:, :, 0]
