@@ -22,6 +22,8 @@ import pytest
 
 from hcbench.launch_options import OPTIONS
 
+pytest.register_assert_rewrite("hcbench.testing")  # so that a failure shows both numbers
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
