@@ -1,0 +1,105 @@
+"""A page leads with what was dropped under gravity; a setting that fails at rest is not advised."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from reported_results import IMPULSE, LAW, dropped
+from small_results import SCENE, SPEEDS
+
+from hcbench.benchmark.results import Results
+from hcbench.reporting import (
+    advice,
+    ranking,
+    wording,
+)
+from hcbench.reporting.build import build
+from hcbench.reporting.conditions import under
+from hcbench.reporting.view import RunKey, View
+
+
+def both(free: Results, heavy: Results) -> Results:
+    names = ("impacts", "loops", "scores", "rests")
+    pairs = {name: (getattr(free, name), getattr(heavy, name)) for name in names}
+    tables_of_both = {name: pd.concat([t for t in pair if len(t)]) for name, pair in pairs.items()}
+    return dataclasses.replace(free, settings=[*free.settings, *heavy.settings], **tables_of_both)
+
+
+def test_the_page_leads_with_what_was_dropped_and_marks_the_rest(results: Results, tmp_path: Path) -> None:
+    found = both(results, dropped(results, 9.81, law=(5e-3, 0.0), spring_damper=(5e-3, 0.0)))
+    page = build(found, tmp_path).read_text(encoding="utf-8")
+    said = re.sub(r'src="[^"]*"', "", page)
+    said = re.sub(r"<style>.*</style>|<script.*?</script>|<[^>]*>", " ", said, flags=re.S)
+    said = said.replace(wording.NBSP, " ").split("Restitution over impact speed, under gravity")[0]
+    first, rest, answer = re.split("Every setting in one line, under gravity|Which setting to use when", said)
+    assert "Set impulse: e within 0.042 of the law." in first
+    assert "In explicit no setting of this study both bounces and rests under gravity." in answer
+    assert "In single set impulse at 1 ms" in answer
+    warned = answer.split("Do not use under gravity")[1]
+    assert "explicit law, 1 µs" in warned
+    assert "sinks 5 mm at rest" in warned
+    assert "follows the law" in rest
+    headings = re.findall(r"<h2>([^<]*)</h2>", page)
+    free = headings[headings.index("Without gravity") + 1 : headings.index("How each setting was set")]
+    free = [heading for heading in free if "swatch" not in heading and heading.strip()]
+    assert free
+    assert all(heading.endswith("without gravity") for heading in free)
+
+
+@pytest.mark.parametrize(
+    ("depth", "motion", "lacks"),
+    [
+        (9e-5, 9e-6, ()),
+        (1.1e-4, 0.0, ("sinks 0.11 mm at rest",)),
+        (1e-6, 1.1e-5, ("does not come to rest",)),
+        (math.nan, math.nan, ("does not come to rest",)),
+    ],
+)
+def test_a_setting_that_sinks_or_moves_at_rest_is_not_advised(
+    results: Results, depth: float, motion: float, lacks: tuple[str, ...]
+) -> None:
+    """By g h², 9.81 µm at 1 ms: ten times of it deep, once of it in motion."""
+    view = View(under(dropped(results, 9.81, impulse=(depth, motion)), 9.81))
+    found = tuple(text.replace(wording.NBSP, " ") for text in ranking.lacks(view, IMPULSE))
+    assert found == lacks
+    assert (IMPULSE in ranking.best(view, [IMPULSE])) == (not lacks)
+    assert (ranking.verdict(view, IMPULSE).grade == "bad") == bool(lacks)
+
+
+def test_a_contact_deeper_than_any_step_needs_is_not_advised(results: Results) -> None:
+    heavy, limit = dropped(results, 9.81), ranking.DEEP * SPEEDS[-1] * 1e-3
+    for share, advised in ((0.99, True), (1.01, False)):
+        impacts = heavy.impacts.assign(penetration_max_m=share * limit)
+        view = View(under(dataclasses.replace(heavy, impacts=impacts), 9.81))
+        assert (ranking.best(view, [IMPULSE]) == [IMPULSE]) == advised
+
+
+def test_what_ran_on_the_flat_alone_stands_in_and_is_marked(results: Results) -> None:
+    flat = {"scene": "elsewhere"}
+    moved = dropped(results, 0.0)
+    scenes = {name: {"form": "plane", "relative_radius_m": 0.05} for name in (SCENE, "elsewhere")}
+    own = [record for record in results.settings if record["setting"] != "law"]
+    there = [{**record, **flat} for record in results.settings]
+
+    def also_there(table: pd.DataFrame) -> pd.DataFrame:
+        return pd.concat([table[table["setting"] != "law"], table.assign(**flat)])
+
+    found = dataclasses.replace(
+        moved,
+        study={**results.study, "scenes": scenes},
+        settings=[*own, *there],
+        impacts=also_there(results.impacts),
+        loops=also_there(results.loops),
+        scores=also_there(results.scores),
+    )
+    view = View(under(found, 0.0))
+    assert RunKey(*LAW[:3], "on a flat plate") in view.band_runs
+    assert IMPULSE in view.band_runs
+    assert RunKey(*IMPULSE[:3], "on a flat plate") not in view.band_runs
+    sentences = " ".join(advice.headline(view)).replace(wording.NBSP, " ")
+    assert "In explicit set law on a flat plate at 1 µs" in sentences
