@@ -115,7 +115,7 @@ def energy_exponent(speed_in: Floats, loss: Floats) -> float:
 
 def fit_alpha(speed_in: Floats, restitution: Floats) -> tuple[float, float]:
     """α (s/m) whose e of (16) is nearest to measured pairs by least squares, and what is left (rms)."""
-    from scipy.optimize import minimize_scalar  # here, as who flies and does not score needs none of it
+    from scipy.optimize import minimize_scalar  # here, as simulating without scoring needs none of it
 
     def misfit(log_alpha: float) -> float:
         return float(np.mean((closed_form.restitution(math.exp(log_alpha), speed_in) - restitution) ** 2))

@@ -108,7 +108,7 @@ class EngineConformance:
     """Subclass it as `Test...` and name the engine.
 
     scenes: names of those that it has files for. stock_damping: share of its speed that a body may lose in
-    flight in the engine as it comes.
+    flight in the engine with nothing set.
     """
 
     engine: ClassVar[str]

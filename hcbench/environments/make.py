@@ -33,7 +33,7 @@ def add(
     """Install an engine into an environment of its own, in place of one of the same version.
 
     package: whose version is the engine's. requirements: what to install, as pip writes it. python: a version
-    or a path, of an interpreter that is there. trial: uses the environment; what it raises ends all.
+    or a path, of an installed interpreter. trial: uses the environment; what it raises ends all.
     progress: called with (steps done, steps in all).
     Raises UserError for a version or a Python that is not to be had, CannotRun and OutputError; then nothing
     is left of it.

@@ -61,7 +61,7 @@ def home() -> Path:
 
 
 def environments(engine: str = "*") -> list[Environment]:
-    """All that are there and whole, or those of one engine, by engine and version."""
+    """All that are whole, or those of one engine, by engine and version."""
     found = []
     for folder in home().glob(f"{engine}@*"):
         with suppress(OSError, ValueError, KeyError, TypeError):

@@ -15,7 +15,7 @@ from hcbench.setting import Setting
 class Role(StrEnum):
     """What a recipe's settings match of a target."""
 
-    STOCK = "stock"  # nothing: the engine as it comes
+    STOCK = "stock"  # nothing: the engine's default
     CONSTANT_E = "constant-e"  # one restitution for all speeds
     FALLING_E = "falling-e"  # any restitution that falls with speed
     LAW = "law"  # the restitution of eq. (16)
@@ -39,12 +39,12 @@ class Recipe:
     SettingError for a target that it cannot serve.
     notes: where it holds and what a user must know, a sentence each.
     native: the engine's own contact is set; else a law stands in for it, as a plug-in does.
-    one_step: the bounce happens in a single step, whatever the step is: forces and times mean nothing.
+    one_step: the bounce happens in a single step, of any length: forces and times mean nothing.
     kinds: of targets that it serves. instead: recipes to use for others, as a message says it.
     forms: of scenes that can have such a contact. steps_min: in the law's shortest contact; "auto" tries it
     from there on, and not at all without `by_auto`.
     within: how far e may be from what the role promises; 0: what `hcbench.testing` asks of all.
-    ends: how every launch ends, of an engine that as it comes does not bounce a body at all.
+    ends: how every launch ends, of an engine that by default does not bounce a body at all.
     """
 
     engine: str
@@ -110,5 +110,5 @@ def on_a_plane(
 
 
 def stock(engine: str, summary: str, *notes: str, **more: Any) -> Recipe:
-    """The engine as it comes: nothing is set but the step. more: of `Recipe`."""
+    """The engine with nothing set but the step. more: of `Recipe`."""
     return Recipe(engine, "stock", Role.STOCK, lambda target: {}, summary, notes, **more)

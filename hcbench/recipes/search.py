@@ -23,7 +23,7 @@ _progress: ContextVar[Progress | None] = ContextVar("progress", default=None)
 class SearchInterrupted(KeyboardInterrupt):
     """An interrupt in the middle of a search, with the best result until then.
 
-    best: whatever is searched for; from a recipe, a Setting. error: its largest error of e, by the search's
+    best: what is searched for; from a recipe, a Setting. error: its largest error of e, by the search's
     own model of the contact. done, budget: evaluations until then, and at most.
     """
 

@@ -102,6 +102,6 @@ def require(engine: Engine) -> str:
     return version
 
 
-@cache  # once, whatever Python's own filters make of it
+@cache  # once, regardless of Python's own filters
 def _warn(untried: str) -> None:
     warnings.warn(untried, UntriedVersionWarning, stacklevel=4)

@@ -32,7 +32,7 @@ _VERSION = re.compile(r"\d[\w.+!-]*")
 def add(
     name: str, python: str | None = None, progress: Callable[[int, int], None] = lambda done, total: None
 ) -> Environment:
-    """Install an engine into an environment of its own; the one that is there where it is what was asked for.
+    """Install an engine into an environment of its own, or return the one installed that fits the request.
 
     name: "myengine", for the newest version, or "myengine@1.2". python: a version or path of an interpreter;
     None for that of this process, or the newest that the engine has wheels for. progress: called with

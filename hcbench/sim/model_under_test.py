@@ -15,7 +15,7 @@ from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.world import World
 
 if TYPE_CHECKING:
-    from hcbench.sim.shared_model import BorrowingEngine
+    from hcbench.sim.shared_model import SharedModelEngine
 
 DEFAULT_SPEEDS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0)
 DEFAULT_PHASES = 4
@@ -35,7 +35,7 @@ class Request:
     height: clearance at release, m; None: two to three steps of flight.
     pose: (joint, values) to start from in place of the keyframe's, m and rad; or fields of a state such as
         "qpos", whole.
-    coming_from: unit vector from the other to where the moving one comes from; None: the nearest way.
+    coming_from: unit vector from the other to where the moving body comes from; None: the nearest way.
     actuators: whether the model's actuators hold and push as it says; else they are off.
     angle: from the normal, rad; each launch is made at each of them. along: the way that oblique launches
         take, any vector that is not normal to the two; None: x, or y where the normal is along x.
@@ -76,8 +76,8 @@ class Suspect:
 
     code: short and stable. title: the sentence that names it. evidence: numbers found. fix: text to paste.
     apply: makes the fix in the engine's own form of the model; None where it cannot be tried.
-    always_reported: even where the measured e is as asked, as it speaks of what the model asks for.
-    assumed_e: e that the fix is written for, where nobody said which e is wanted; e is then compared with it.
+    always_reported: even if e is correct, because it concerns the model's settings.
+    assumed_e: e that the fix is written for, where the user named no target; e is then compared with it.
     apply_last: its fix depends on the step and integrator, so it is made after those that change them.
     """
 
@@ -95,9 +95,9 @@ class Suspect:
 class Facts:
     """What a model says of itself and of its pair, SI.
 
-    pair: as the model names the two, the moving one first. moved: what moves it, as a phrase.
+    pair: as the model names the two, the moving body first. moved: what moves it, as a phrase.
     effective_mass: 1 / (J M^-1 J^T) along the contact normal, kg. normal: unit vector, from the moving
-    one towards the other. settings: the engine's own words for what decides the bounce.
+    body towards the other. settings: the engine's own words for what decides the bounce.
     asked: e that the model asks for at each speed of the request; () where it cannot be said.
     asked_description: what in the model asks for it. notes: sentences a reader must know. friction: Coulomb's
     μ of the pair, NaN where it cannot be said.
@@ -125,13 +125,13 @@ class Facts:
 
     @property
     def more_than_contact(self) -> float:
-        """What joints and actuators took off the approach speed, over that at touch; NaN where unknown."""
+        """Approach speed lost to joints and actuators, over that at touch; NaN where unknown."""
         own = (CONTACT, WEIGHT)
         return sum(abs(s) for name, s in self.shares.items() if name not in own) if self.shares else math.nan
 
     @property
     def meeting(self) -> str:
-        """Where the two meet, and from which side the moving one comes, in words."""
+        """Where the two meet, and from which side the moving body comes, in words."""
         axis = max(range(3), key=lambda i: abs(self.normal[i]))
         side = ["from the side", "from the side", "from below" if self.normal[2] > 0 else "from above"][axis]
         way, point = (" ".join(f"{x + 0.0:.3g}" for x in vector) for vector in (self.normal, self.point))
@@ -168,9 +168,11 @@ class ModelUnderTest(World):
     def fixed(self, suspects: Sequence[Suspect]) -> ModelUnderTest:
         """The same pair with the fixes of `suspects` made, in a copy of the model."""
 
-    def stepped_by(self, engine: BorrowingEngine) -> ModelUnderTest:
-        """The same pair, read as here and stepped by an engine that borrows models from this one."""
-        raise EngineFailed(engine.name, f"borrows a {type(self).__name__}", "one of its lender's models")
+    def stepped_by(self, engine: SharedModelEngine) -> ModelUnderTest:
+        """The same pair, read as here and stepped by another engine."""
+        raise EngineFailed(
+            engine.name, f"cannot step a {type(self).__name__}", "a model of its `model_engine`"
+        )
 
     @property
     def step_cost(self) -> float:

@@ -87,7 +87,7 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
         if options.law is not None and not isinstance(options.law, self.laws):
             got, expected = ("'restitution'", "'force'")[:: 1 if HuntCrossley in self.laws else -1]
             raise SettingError(
-                f"{self.name} option 'law.kind'", got, f"{expected}, which it has a way in for"
+                f"{self.name} option 'law.kind'", got, f"{expected}, which this engine supports"
             )
         return options
 
@@ -147,7 +147,7 @@ class ScriptWorld(World):
         self.names: dict[str, Any] = {"__name__": f"hcbench_{engine.name}"}
         try:
             exec(compile(script, f"<{engine.name} script>", "exec"), self.names)
-        except ImportError as error:  # of a package that is there
+        except ImportError as error:  # of an installed package
             got, todo = f"cannot be imported: {error}", f"Try: {engine.backend.command}"
             raise EngineMissing(f"engine {engine.name!r}", got, "", todo) from None
 

@@ -1,6 +1,6 @@
 """Engines that step what another one loads: its scenes and its users' models, in many copies at once.
 
-The lender reads a file, prepares the launches and reads the bounces; the borrower takes the steps.
+The other engine compiles a file, prepares the launches and reads the bounces; this one takes the steps.
 """
 
 from __future__ import annotations
@@ -78,14 +78,15 @@ class CopiesWorld(BatchWorld):
         return self._copies.step(steps)[:, :, self._at].transpose(0, 2, 1)
 
 
-class BorrowingEngine(OpensModels, SteppedEngine):
+class SharedModelEngine(OpensModels, SteppedEngine):
     """An engine that steps what another one loads.
 
-    lender: its name. own: words of the options that the lender does not have. lacks: features of the lender
-    that it passes over without a word, as the lender names them. exact: how to have it compute in 64 bits.
+    model_engine: the one that compiles the model. own: words of the options that it does not have. lacks: its
+    features that this engine ignores without a warning, as it names them. exact: how to
+    have it compute in 64 bits.
     """
 
-    lender: str
+    model_engine: str
     own: tuple[str, ...] = ("law",)
     lacks: frozenset[str] = frozenset()
     exact = ""
@@ -93,9 +94,9 @@ class BorrowingEngine(OpensModels, SteppedEngine):
 
     @abstractmethod
     def copies(self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0) -> Copies:
-        """Copies of a model that the lender compiled. Raises SceneError for what the engine does not have.
+        """Copies of a model that `model_engine` compiled. Raises SceneError for what this one does not have.
 
-        start: the lender's own state, of all that does not move by itself. bits: of the numbers; 0 for those
+        start: that engine's own state, of all that does not move by itself. bits: of the numbers; 0 for those
         that its users get who set nothing. law: `law_lines`, of a ball of this radius, m, above z = 0.
         """
 
@@ -112,10 +113,10 @@ class BorrowingEngine(OpensModels, SteppedEngine):
         return 0.9999
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> CopiesWorld:
-        """A scene under a setting. Raises SettingError for what it would do otherwise than the lender."""
+        """A scene under a setting. Raises SettingError for what it would do otherwise than `model_engine`."""
         bits, law = self.bits_of(setting), self.law(setting)
         require_motion(scene, setting.timestep, fastest, bits)
-        lent = registry.submodule(self.lender, "scene.shared_scene")
+        lent = registry.submodule(self.model_engine, "scene.shared_scene")
         loaded = lent.load_scene(self.script(scene, setting), contact=not isinstance(law, HuntCrossley))
         for found in lent.differences(loaded.model, self, bits):
             slot, got = (
@@ -127,51 +128,53 @@ class BorrowingEngine(OpensModels, SteppedEngine):
         return CopiesWorld(scene, setting.timestep, copies, loaded.rest, reading_of(law, loaded.exact_flight))
 
     def accepts(self, source: Any) -> bool:
-        """Nothing: who names no engine is given the lender."""
+        """Never chosen automatically: without --engine, `model_engine` opens the file."""
         return False
 
     def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> ModelUnderTest:
-        """The lender's model, stepped by this engine."""
+        """The model of `model_engine`, stepped by this engine."""
         return self._opener().open(source, request, rebuild).stepped_by(self)
 
     def pairs(
         self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
     ) -> list[CandidatePair]:
-        """The lender's."""
+        """Those of `model_engine`."""
         return self._opener().pairs(source, request, rebuild)
 
     def _opener(self) -> OpensModels:
-        return opener(registry.engine(self.lender))
+        return opener(registry.engine(self.model_engine))
 
-    def lent(self, setting: Setting) -> Setting:
-        """What of a setting the lender reads; e(v) needs a contact whose solref a step can set."""
+    def _shared(self, setting: Setting) -> Setting:
+        """What of a setting `model_engine` reads; e(v) needs a contact whose solref a step can set."""
         options = {word: value for word, value in setting.options.items() if word not in self.own}
         if isinstance(self.law(setting), Restitution):
             d = self.impedance(setting)
             options["rows"] = [{"solref": [0.0, -1.0 / setting.timestep], "solimp": [d, d, 0.001, 0.5, 2.0]}]
-        return replace(setting, engine=self.lender, options=options)
+        return replace(setting, engine=self.model_engine, options=options)
 
     def law(self, setting: Setting) -> PythonLaw | None:
         """What of a setting Python does."""
         return python_law_of(setting.options["law"]) if "law" in setting.options else None
 
     def script(self, scene: Scene, setting: Setting) -> str:
-        """The lender's scene."""
+        """The scene of `model_engine`."""
         if scene.form != "plane":
             got = f"the form {scene.form!r}"
             raise SettingError(f"{setting.engine} {setting.name!r}", got, "the form 'plane'")
-        return registry.engine(self.lender).script(scene, self.lent(setting))
+        return registry.engine(self.model_engine).script(scene, self._shared(setting))
 
     def snippet(self, setting: Setting, form: str) -> str:
-        """The law's lines, or the lender's."""
+        """The law's lines, or those of `model_engine`."""
         lines = self.law_lines(self.law(setting))
-        return lines or registry.engine(self.lender).snippet(self.lent(setting), form)
+        return lines or registry.engine(self.model_engine).snippet(self._shared(setting), form)
 
 
-def borrowed(engine: str, lender: str, changes: Mapping[str, Mapping[str, Any]]) -> tuple[Recipe, ...]:
+def shared_recipes(
+    engine: str, model_engine: str, changes: Mapping[str, Mapping[str, Any]]
+) -> tuple[Recipe, ...]:
     """Recipes of another engine as this one's. changes: their names, with the fields that differ."""
     return tuple(
-        replace(registry.recipe(f"{lender}.{name}"), engine=engine, **{"forms": ("plane",), **change})
+        replace(registry.recipe(f"{model_engine}.{name}"), engine=engine, **{"forms": ("plane",), **change})
         for name, change in changes.items()
     )
 
@@ -181,7 +184,7 @@ def changed(
 ) -> Callable[..., Mapping[str, Any]]:
     """A recipe's function with its options changed, in what an interrupted search hands out too.
 
-    more: what else the function is told.
+    more: further arguments of the function.
     """
 
     def function(target: Target, integrator: str = "Euler") -> Mapping[str, Any]:

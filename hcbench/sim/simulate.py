@@ -88,7 +88,7 @@ def trajectory(
 
 
 def impacts_in(world: World, launches: Sequence[Launch]) -> list[Impact]:
-    """One impact for each launch in a world that is there already, in order."""
+    """One impact for each launch in a loaded world, in order."""
     return [impact for group in run_launches(world, launches) for impact in group]
 
 
@@ -103,7 +103,7 @@ def run_launches(
     """
     for launch in launches:
         if launch.speed == 0.0 and math.isinf(launch.flight_time(world.timestep, world.gravity)):
-            raise SettingError("speed", "0 m/s without gravity", "a speed above 0, or gravity to fall by")
+            raise SettingError("speed", "0 m/s without gravity", "a speed above 0, or gravity")
     groups = max(1, math.ceil(len(launches) / (places or world.places)))
     size = max(1, math.ceil(len(launches) / groups))
     first, whole = round(_GUESS_SHARE * expected), expected
@@ -127,7 +127,7 @@ def _run_group(
 ) -> tuple[list[Impact], int]:
     """The impacts of launches that are simulated side by side, and how many steps that took.
 
-    first, expected: steps to take before anything is looked at, and probably in all; 0 where nobody knows.
+    first, expected: steps to take before anything is looked at, and probably in all; 0 where unknown.
     """
     try:
         with closing(world.release(launches)) as simulation:
@@ -150,7 +150,7 @@ def _until_ended(
         history.append(chunk)
         counts, ends = rule.add(*chunk[:3])
         ended = counts > 0
-        # Nobody knows how long a contact lasts that is longer than expected: a share of what was.
+        # How long a contact lasts that is longer than expected is unknown: a share of what was.
         most = max(expected - rule.steps, rule.steps // _CHUNK_SHARE)
         steps = int(min(most, _steps_to_part(chunk[:2, ~ended, -1], world.timestep)))
         if not ended.any():

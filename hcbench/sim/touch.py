@@ -1,4 +1,4 @@
-"""Brings two bodies just to touch, whatever the engine, and refuses those that cannot be brought there.
+"""Brings two bodies just to touch, in any engine, and refuses those that cannot be brought there.
 
 An engine moves one of the two along a line and says how far apart they are, or whether it makes a contact.
 """
@@ -68,7 +68,7 @@ def require_reachable(
     """Raise UserError for a touch at which another part of what moves is deep in something.
 
     depth: of that part, m. size: of the smaller one, m. pair: names of the two that should meet, the moving
-    one first. blocked: the part that moves with it, and what it would be in, as an error calls them.
+    body first. blocked: the part that moves with it, and what it would be in, as an error calls them.
     """
     if depth > DEEPEST * size:
         raise UserError(

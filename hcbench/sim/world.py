@@ -62,7 +62,7 @@ class Simulation(ABC):
 
     @abstractmethod
     def advance(self, steps: int) -> Record:
-        """Take at least one step and `steps` at the most; what was seen of the launches that are kept.
+        """Take at least one step and at most `steps`; what was seen of the launches that are kept.
 
         Raises CannotShareError where several launches are no longer what each would be alone.
         """
@@ -99,7 +99,7 @@ class World(ABC):
 
     @abstractmethod
     def release(self, launches: Sequence[Launch]) -> Simulation:
-        """Bodies at their starting points, `places` of them at the most, with nothing remembered."""
+        """Bodies at their starting points, at most `places` of them, with nothing remembered."""
 
     def follow(self, launch: Launch) -> Simulation:
         """One launch to be followed as far as one likes, stepped exactly as the engine's users do it."""

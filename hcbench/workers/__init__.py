@@ -126,7 +126,7 @@ class WorkerPool:
     """Up to `jobs` worker processes, each with a thread of this process that waits for it.
 
     threads: an executor; what its functions `call` runs in the worker process of their thread.
-    Left by an exception, the pool kills its processes at whatever they do.
+    Left by an exception, the pool kills its processes regardless of what they do.
     """
 
     def __init__(self, jobs: int) -> None:

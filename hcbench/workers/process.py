@@ -109,7 +109,7 @@ class Worker:
         _workers.add(self)
 
     def reset_after_fork(self) -> None:
-        """Begin anew: in the child of a fork, the process is its parent's."""
+        """Begin again: in the child of a fork, the process is its parent's."""
         if self._process is not None:
             self._process.returncode = 0  # nothing to wait for here
         self._process, self._is_up = None, False
@@ -164,7 +164,7 @@ class Worker:
         path = [str(entry) for entry in sys.path]
         setup, command, name = f"import sys; sys.path[:] = {path!r}", [sys.executable], ""
         if self._interpreter is not None:
-            # -I: nothing of this process' environment is found there, whatever PYTHONPATH says.
+            # -I: nothing of this process' environment is found there, regardless of PYTHONPATH.
             setup, command = self._interpreter.setup, [self._interpreter.python, "-I"]
             name = self._interpreter.name
             if not Path(command[0]).exists():
@@ -202,7 +202,7 @@ class Worker:
         return f"its process ended with exit code {code}"
 
     def close(self) -> None:
-        """End the process for good, whatever it does: who waits for it gets WorkerDied or CannotRun."""
+        """End the process for good, at any point: who waits for it gets WorkerDied or CannotRun."""
         self._closed = True
         for other in list(self._others.values()):
             other.close()

@@ -111,7 +111,8 @@ def test_a_model_that_hangs_is_left_alone_when_interrupted(
     tmp_path: Path, command: str, number: signal.Signals
 ) -> None:
     (tmp_path / "hangs.py").write_text(HANGS, encoding="utf-8")
-    process = start([command, "--python", "hangs.py:model", "--pair", "ball,plate"], tmp_path)
+    target = ["--measure-only"] if command == "check" else []
+    process = start([command, "--python", "hangs.py:model", "--pair", "ball,plate", *target], tmp_path)
     wait_for("its worker", lambda: len(session(process.pid)) >= 2)
     end(process, number)
 
@@ -123,7 +124,7 @@ def test_what_is_ignored_stays_ignored(tmp_path: Path) -> None:
         "import signal, runpy; signal.signal(signal.SIGHUP, signal.SIG_IGN);"
         + "from hcbench.cli import main; main()"
     )
-    arguments = ["check", "--python", "hangs.py:model", "--pair", "ball,plate"]
+    arguments = ["check", "--python", "hangs.py:model", "--pair", "ball,plate", "--measure-only"]
     with subprocess.Popen(
         [sys.executable, "-c", script, *arguments],
         cwd=tmp_path,

@@ -40,7 +40,7 @@ def restitutions(setting: Setting, scene: Scene = PLANE) -> tuple[Floats, Floats
     return np.array([i.speed_in for i in impacts]), np.array([i.restitution for i in impacts])
 
 
-def lent(recipe: str, engine: str, timestep: float) -> Setting:
+def shared_setting(recipe: str, engine: str, timestep: float) -> Setting:
     """MuJoCo's own setting, in another engine."""
     return dataclasses.replace(registry.recipe(f"mujoco.{recipe}")(target(timestep)), engine=engine)
 
@@ -83,12 +83,12 @@ def test_the_law_is_followed_as_far_as_float32_lets_it(recipe: str, timestep: fl
 @pytest.mark.parametrize("recipe", ["two-pair", "staggered"])
 def test_mjx_refuses_pairs_that_pull(recipe: str) -> None:
     with pytest.raises(SettingError, match=r"MJX drops a pair's adhesion.*`staggered-push`"):
-        restitutions(lent(recipe, "mjx", 1e-3))
+        restitutions(shared_setting(recipe, "mjx", 1e-3))
 
 
 @pytest.mark.needs_engine("mjx")
 def test_mjx_refuses_an_impedance_that_float32_does_not_keep_and_takes_it_in_float64() -> None:
-    setting = lent("impulse", "mjx", 1e-3)
+    setting = shared_setting("impulse", "mjx", 1e-3)
     with pytest.raises(SettingError, match=r"float32 keeps too little.*'float64'"):
         restitutions(setting)
     exact = dataclasses.replace(setting, options={**setting.options, "precision": "float64"})

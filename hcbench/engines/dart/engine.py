@@ -45,7 +45,7 @@ class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
     table = DartOptions
     features = Features(
         law=Feature("Newton's e in one step: e of both shapes multiplied", "measured, to 1e-14"),
-        exponent=Feature("none: rigid", "one step whatever the step"),
+        exponent=Feature("none: rigid", "one step, of any length"),
         threshold=Feature(
             "e v of 0.1 units of length a second; nothing faster than 100", "measured, to 1e-13"
         ),
@@ -97,7 +97,7 @@ def _hook(options: DartOptions) -> str:
 
 _SET_BALL = "ball_shape.getDynamicsAspect().setRestitutionCoeff({})"
 _SET_EACH = f"""\
-v = -ball.getVelocities()[5] / L  # DART turns round v + g h, at the end of the step; wanted is e v
+v = -ball.getVelocities()[5] / L  # DART reverses v + g h, at the end of the step; the target is e v
 share = e(v) * v / (v + gravity * timestep) if v > 0 else 0.0
 {_SET_BALL.format("min(1.0, (1 + share) * (1 + 1e-5) - 1)")}"""
 _PUSH = """\

@@ -42,7 +42,7 @@ _UNITS = (
 _NATIVE = (
     stock(
         "dart",
-        "DART as it comes: a shape's restitution is 0 and nothing bounces.",
+        "DART with nothing set: a shape's restitution is 0 and nothing bounces.",
         "URDF, SDF and SKEL files cannot say restitution: it always comes from Python.",
         forms=("plane",),
     ),

@@ -1,7 +1,7 @@
 """Settings of Drake in closed form, the preferred ones of each role first.
 
 Point contact is F = max(0, k x (1 + d v)), k and d of the pair: eq. (16) with n = 1 and d = 1.5 α. So e is
-the law's, whatever k is, and the loop is not. k = k1 k2/(k1 + k2): each body is given twice the pair's.
+the law's, for any k, and the loop is not. k = k1 k2/(k1 + k2): each body is given twice the pair's.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _HALF = "The pair has half of the point_stiffness of the two bodies, and their d
 _NATIVE = (
     stock(
         "drake",
-        "Drake as it comes: a discrete plant with dissipation 50 s/m, so e below .4 at 1 in/s and .04 at 20.",
+        "Drake with nothing set: a discrete plant with dissipation 50 s/m, e < .4 at 1 in/s and < .04 at 20.",
         "dissipation 50 s/m is α = 33 s/m, a hundred times that of steel; point_stiffness is 1e6 N/m.",
         forms=("plane",),
     ),

@@ -43,7 +43,7 @@ _GAIN = "Few steps a contact gain energy: e is .007 too high at 20, so below 10 
 _NATIVE = (
     stock(
         "exudyn",
-        "Exudyn as it comes: contactStiffness is 0 and the ball goes through the plate, without a word.",
+        "Exudyn with nothing set: contactStiffness is 0, the ball falls through the plate without a warning.",
         ends=Status.DIVERGED,
     ),
     Recipe(

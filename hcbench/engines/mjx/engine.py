@@ -1,11 +1,11 @@
-"""MJX behind the contract of an engine: it flies MJCF, written by `hcbench tune mujoco` or a user's, by vmap.
+"""MJX behind the contract of an engine: it steps MJCF models in one vmap.
 
 Options of a setting: those of MuJoCo, and
     precision: "float32", JAX's own, or "float64", by jax_enable_x64, which is one for a whole process.
     law: {"kind": "restitution", ...} for e(v) set in each step, or {"kind": "force", ...} in place of the
         contact, as `hcbench.laws.contact_law.law_of` reads them.
 
-A user's model is flown in JAX's own precision, or that of the environment variable JAX_ENABLE_X64.
+A user's model is simulated in JAX's own precision, or that of the environment variable JAX_ENABLE_X64.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
 from hcbench.sim.parallel import law_text
-from hcbench.sim.shared_model import BorrowingEngine, Copies
+from hcbench.sim.shared_model import Copies, SharedModelEngine
 from hcbench.workers import in_worker
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ _BITS = {"float32": 32, "float64": 64}
 _CAVEATS = ("MJX drops a pair's adhesion; in float32 it wants solimp .9 where MuJoCo takes .9999.",)
 
 
-class MjxEngine(DescribesContact, BorrowingEngine):
+class MjxEngine(DescribesContact, SharedModelEngine):
     """MuJoCo in JAX, 3.17."""
 
     name = "mjx"
@@ -50,7 +50,7 @@ class MjxEngine(DescribesContact, BorrowingEngine):
     limit = 600.0  # JAX compiles for up to minutes
     together = _PLACES
     suffixes = (".xml", ".mjcf", ".mjb")
-    lender = "mujoco"
+    model_engine = "mujoco"
     own = ("law", "precision")
     lacks = frozenset({"adhesion", "impedance in float32"})
     exact = "JAX_ENABLE_X64=1 (a setting: precision = 'float64')"

@@ -8,7 +8,7 @@ from typing import Any
 from hcbench.engines.mjx.engine import IMPEDANCE
 from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Integrators
-from hcbench.sim.shared_model import borrowed, changed
+from hcbench.sim.shared_model import changed, shared_recipes
 
 _STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MJX does not have it")
 _SCATTER = 4e-3  # of e: a float32 position at R has steps of 4 nm, and 1e-5 s moves it by 250 and more
@@ -24,7 +24,7 @@ def _coarser(options: Mapping[str, Any]) -> dict[str, Any]:
     return {**options, "rows": rows}
 
 
-_NATIVE = borrowed(
+_NATIVE = shared_recipes(
     "mjx",
     "mujoco",
     {

@@ -64,7 +64,7 @@ def captured_warnings() -> Iterator[list[str]]:
 
 
 def forget_resets(data: Any) -> None:
-    """Begin to count anew what `resets` tells."""
+    """Start counting what `resets` reports from 0."""
     for warning in data.warning:
         warning.number = 0
 

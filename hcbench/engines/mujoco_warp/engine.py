@@ -1,4 +1,4 @@
-"""MuJoCo Warp behind the contract of an engine: it flies MJCF, of `hcbench tune mujoco` or a user's.
+"""MuJoCo Warp behind the contract of an engine: it steps MJCF models, many at once.
 
 Options of a setting: those of MuJoCo, and
     law: {"kind": "restitution", ...} for e(v) set in each step, or {"kind": "force", ...} in place of the
@@ -21,7 +21,7 @@ from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
 from hcbench.sim.parallel import law_text, run_lines
-from hcbench.sim.shared_model import BorrowingEngine, Copies
+from hcbench.sim.shared_model import Copies, SharedModelEngine
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -39,7 +39,7 @@ _CAVEATS = (
 )
 
 
-class MujocoWarpEngine(DescribesContact, BorrowingEngine):
+class MujocoWarpEngine(DescribesContact, SharedModelEngine):
     """MuJoCo in Warp, 4.0."""
 
     name = "mujoco-warp"
@@ -50,7 +50,7 @@ class MujocoWarpEngine(DescribesContact, BorrowingEngine):
     limit = 600.0  # Warp compiles some 40 kernels when first used
     together = _PLACES
     suffixes = (".xml", ".mjcf", ".mjb")
-    lender = "mujoco"
+    model_engine = "mujoco"
     lacks = frozenset({"several pairs"})
 
     def script(self, scene: Scene, setting: Setting) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Integrators
 from hcbench.recipes.target import Target
-from hcbench.sim.shared_model import borrowed, changed
+from hcbench.sim.shared_model import changed, shared_recipes
 
 _STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MuJoCo Warp does not have it")
 _SCATTER = 4e-3  # of e: a float32 position at R has steps of 4 nm
@@ -31,7 +31,7 @@ def compliant_pairs(target: Target, integrator: str = "Euler") -> Mapping[str, A
     return changed("mujoco.compliant-pairs", held)(target, integrator)
 
 
-_NATIVE = borrowed(
+_NATIVE = shared_recipes(
     "mujoco-warp",
     "mujoco",
     {

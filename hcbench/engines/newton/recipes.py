@@ -8,7 +8,7 @@ from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Role, on_a_plane, stock
 from hcbench.recipes.target import Target
 from hcbench.resolution import STEPS_OF_AN_EXPLICIT_SPRING
-from hcbench.sim.shared_model import borrowed, changed
+from hcbench.sim.shared_model import changed, shared_recipes
 
 _SCATTER = 6e-3  # of e by float32, in contacts of many steps
 
@@ -36,9 +36,9 @@ _LENT = (
     ("staggered-push", 4e-3, "float32: e to .003 at 1e-5 s; softened, to 5e-4 at 1e-4 s and 1e-3 s."),
 )
 _NATIVE = (
-    stock("newton", "Newton as it comes: SolverXPBD ignores restitutions: e of .03.", forms=("plane",)),
+    stock("newton", "Newton with nothing set: SolverXPBD ignores restitutions: e of .03.", forms=("plane",)),
     on_a_plane("newton", "stock-mujoco", Role.STOCK, lambda target: {"solver": "MuJoCo"})(
-        "SolverMuJoCo as it comes: critically damped, e about 0.13, and restitutions are ignored.",
+        "SolverMuJoCo with nothing set: critically damped, e about 0.13, and restitutions are ignored.",
         "ke and kd become a solref: time constant 2/kd, damping ratio kd/(2 sqrt(ke)), per unit mass.",
         "Never give both shapes a mu of 0: unlike MuJoCo's, its states turn to NaN.",
     ),
@@ -53,7 +53,7 @@ _NATIVE = (
         "ke and kd are for this mass; both shapes have them, as they are averaged.",
         "It damps the way in only. e is off by up to .006, of 40 steps a contact and float32.",
     ),
-    *borrowed("newton", "mujoco", {
+    *shared_recipes("newton", "mujoco", {
         name: {
             "function": changed(f"mujoco.{name}", _without_friction), "notes": (_PAIRS, note),
             "integrators": None, "within": within,

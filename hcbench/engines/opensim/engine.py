@@ -1,6 +1,6 @@
 """OpenSim behind the contract of an engine: a ball on a half space, by Simbody's contact forces.
 
-Options of a setting (all optional; none means as it comes):
+Options of a setting (all optional; none means OpenSim's default):
     stiffness: K of F = K x^1.5 (1 + 1.5 c x'), N/m^1.5, of the pair: HuntCrossleyForce, with one set of
         parameters for both geometries, is given S = 2^1.5 K/((4/3) sqrt(R)). dissipation: c, s/m.
     accuracy: of the Manager's error control (RungeKuttaMerson), looked at once a step.

@@ -38,7 +38,7 @@ _SHARED = "One set of numbers for both geometries: addGeometry both, then set th
 _NATIVE = (
     stock(
         "opensim",
-        "OpenSim as it comes: the force's stiffness is 0, and the state turns to NaN without a word.",
+        "OpenSim with nothing set: the force's stiffness is 0, and the state turns to NaN without a warning.",
         forms=("plane",),
         ends=Status.DIVERGED,
     ),

@@ -39,7 +39,7 @@ class RapierEngine(DescribesContact, ScriptedEngine[RapierOptions]):
     table = RapierOptions
     features = Features(
         law=Feature("Newton's e in one step: average of both colliders", "measured, to 3e-7"),
-        exponent=Feature("none: rigid", "one step whatever the step"),
+        exponent=Feature("none: rigid", "one step, of any length"),
         threshold=Feature(
             "none; under gravity what rebounds below 1.3 g h stays",
             "measured; without gravity down to 0.1 mm/s",

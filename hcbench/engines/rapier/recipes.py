@@ -18,13 +18,13 @@ def restitution(target: Target) -> dict[str, Any]:
 _NATIVE = (
     stock(
         "rapier",
-        "Rapier as it comes: restitution 0 and nothing bounces.",
+        "Rapier with nothing set: restitution 0 and nothing bounces.",
         forms=("plane",),
     ),
     on_a_plane("rapier", "restitution", Role.CONSTANT_E, restitution, one_step=True, within=1e-6)(
         "Rapier's restitution: the best constant e, at any step and phase, to 32-bit rounding.",
         "Stock averages the restitutions of both colliders: set the same on both.",
-        "It has no threshold, and under gravity turns round the speed of the step's start.",
+        "It has no threshold, and under gravity reverses the speed of the step's start.",
         "Under gravity a ball that rebounds slower than 1.3 g h (5 cm/s at 1/240 s) is back within two steps"
         " and stays: it counts as at rest, with e 0.",
         "Its numbers have 32 bits: a ball that moves under half an ulp of its height a step stands still.",

@@ -41,7 +41,7 @@ def _cells(view: FieldView, engine: str, probe: Probe | None) -> list[Feature]:
     base = registry.base_name(engine)
     adapter = registry.adapter(base)
     # An engine that steps another's models has that engine's contact, except what its notes say.
-    contact = registry.adapter(getattr(adapter, "lender", base))
+    contact = registry.adapter(getattr(adapter, "model_engine", base))
     stated: dict[str, Feature] = {}
     if isinstance(contact, DescribesContact) and contact.features is not None:
         stated = {f.name: getattr(contact.features, f.name) for f in fields(Features)}

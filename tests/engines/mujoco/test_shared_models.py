@@ -20,7 +20,7 @@ from hcbench.measuring.request import make_request
 from hcbench.sim import registry, simulate
 from hcbench.sim.capabilities import opener
 from hcbench.sim.model_under_test import ModelUnderTest
-from hcbench.sim.shared_model import BorrowingEngine, Copies
+from hcbench.sim.shared_model import Copies, SharedModelEngine
 
 SPEEDS = [0.07, 0.33, 0.9]
 STIFF = PAIR.format('solref="0 -1900" solimp=".9999 .9999 .001"')
@@ -53,12 +53,12 @@ class MujocoCopies(Copies):
         return np.array(path)
 
 
-class ItselfEngine(BorrowingEngine):
+class ItselfEngine(SharedModelEngine):
     """MuJoCo under another name."""
 
     name = "itself"
     title = "Itself"
-    lender = "mujoco"
+    model_engine = "mujoco"
 
     def __init__(self, bits: int = 64, lacks: frozenset[str] = frozenset()) -> None:
         self.own_bits, self.lacks = bits, lacks

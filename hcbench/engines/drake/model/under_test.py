@@ -155,7 +155,7 @@ class DrakeModel(ModelUnderTest):
         )
 
     def fixed(self, suspects: Sequence[Suspect]) -> DrakeModel:
-        """The same pair, loaded anew with some fixes made."""
+        """The same pair, loaded again with some fixes made."""
         changes = dict(self._changes)
         for suspect in suspects:
             if suspect.apply is not None:

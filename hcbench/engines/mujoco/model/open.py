@@ -1,4 +1,4 @@
-"""A user's own MuJoCo model, from whatever holds it: loaded and checked, with its start configuration."""
+"""A user's own MuJoCo model, from a file or an object: loaded and checked, with its start configuration."""
 
 from __future__ import annotations
 

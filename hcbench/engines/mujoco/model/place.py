@@ -27,7 +27,7 @@ _MISSED = 1e-6  # m: two that are still so far apart at the end of a way have pa
 
 @dataclass(frozen=True, slots=True)
 class PairAtTouch:
-    """A pair that just touches, the moving one first.
+    """A pair that just touches, the moving body first.
 
     joint: what moves it. qpos: (nq,), at touch. direction: (nv,), the velocity that approaches at 1 m/s.
     effective_mass: along the normal, kg. gravity: acceleration of the approach in
@@ -49,7 +49,7 @@ class PairAtTouch:
 def bring_to_touch(pair: ContactPair, data: Any, coming_from: Vector | None = None) -> PairAtTouch:
     """Bring the two just to touch, by moving the first (or else the second) along their common normal.
 
-    data: at rest in the start configuration. coming_from: where the moving one comes from, a unit vector away
+    data: at rest in the start configuration. coming_from: the side of the moving body, a unit vector away
     from the other; None: the nearest way. Raises UserError with the reason where that cannot be done.
     """
     model = pair.model
@@ -230,7 +230,7 @@ def _acceleration_in_flight(model: Any, data: Any, row: Floats) -> float:
 def _at_touch(
     pair: ContactPair, data: Any, joint: MovingJoint, move: Floats, contact: PairContact, overlap: float
 ) -> PairAtTouch:
-    """pair: with the moving one first. data: at touch."""
+    """pair: with the moving body first. data: at touch."""
     model, normal = pair.model, contact.normal
     row = pair.approach_row(data, contact.point, normal)
     if float(row @ move) < 0:  # the contact was read with the two the other way round

@@ -27,14 +27,14 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.under_test import MujocoModel
     from hcbench.impact import Floats
     from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.sim.shared_model import BorrowingEngine, Copies
+    from hcbench.sim.shared_model import Copies, SharedModelEngine
     from hcbench.sim.world import Flags
 
 _SMOOTH = 100.0  # units in the last place that a step moves the bodies by, from which e does not scatter
 
 
 class LentModel(ModelUnderTest):
-    """A MuJoCo model in the copies of an engine that borrows it.
+    """A MuJoCo model in the copies of another engine that steps it.
 
     as_given: without fixes. Raises SceneError for what the engine does not have, SettingError for a step too
     short for its numbers.
@@ -42,7 +42,7 @@ class LentModel(ModelUnderTest):
 
     diverged = NOT_FINITE
 
-    def __init__(self, own: MujocoModel, engine: BorrowingEngine, as_given: bool = True) -> None:
+    def __init__(self, own: MujocoModel, engine: SharedModelEngine, as_given: bool = True) -> None:
         self._own, self._engine, self._as_given = own, engine, as_given
         self._copies = engine.copies(own.model, own.start)
         self.places, self.timestep, self.mass = self._copies.places, own.timestep, own.mass
@@ -72,7 +72,7 @@ class LentModel(ModelUnderTest):
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """What the engine does otherwise than MuJoCo, and then what MuJoCo itself does."""
         own = self._own.suspects(impacts, wanted)
-        if not self._as_given:  # what the engine does otherwise is said of the user's own contact
+        if not self._as_given:  # what the engine does otherwise concerns the user's own contact
             return own
         rows = [(solref, solimp) for solref, solimp, _ in self._own.place.contact.rows]
         geoms = [geom for _, _, both in self._own.place.contact.rows for geom in both]
@@ -198,6 +198,6 @@ class LentSimulation(Simulation):
         return "; ".join(dict.fromkeys(filter(None, (flight.remark(steps) for flight in self._flights))))
 
     def close(self) -> None:
-        """Hand on what was told apart."""
+        """Return the speed lost to each cause."""
         for flight in self._flights:
             flight.close()

@@ -49,7 +49,7 @@ class MujocoUserSimulation(Simulation):
     """One launch of a placed pair; the model is only read.
 
     others: geoms that touched the two in launches until now; those of this one are added.
-    shares: of the speed at touch, what each cause took off the approach, in the launch until now in which
+    shares: of the speed at touch, what the approach lost to each cause, in the launch until now in which
         joints and actuators took the most; kept up.
     along: the way that oblique launches take. gravity: as a `World` has it, m/s².
     """
@@ -126,7 +126,7 @@ class MujocoUserSimulation(Simulation):
         return f"other contacts acted: {names}" if names else ""
 
     def close(self) -> None:
-        """Hand on what was told apart."""
+        """Return the speed lost to each cause."""
         if self._causes is not None and self._touched and self._touch_speed > 0:
             shares = dict(zip(NAMES, (self._causes.taken / self._touch_speed).tolist(), strict=True))
             if not self._shares or strange_share(shares) > strange_share(self._shares):
@@ -253,7 +253,7 @@ class _Reader:
         _, contact, turned = mine[0]
         self.normal = -contact.frame[:3] if turned else contact.frame[:3].copy()
         self._row = None
-        if self.along is not None:  # on the moving one's surface; MuJoCo has it halfway to the other's
+        if self.along is not None:  # on the moving body's surface; MuJoCo has it halfway to the other's
             self.point = self.point - 0.5 * distance * self.normal
             self.along.seen(data)
         rate = -sum(acting) / len(acting) if acting else float(self.row(data) @ velocity)

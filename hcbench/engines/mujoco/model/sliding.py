@@ -17,7 +17,7 @@ _MISSED = 1e-9  # of the motion asked for, that joints may leave out
 
 
 class MujocoAlongPlate:
-    """One launch along the plate. friction: on the moving one in the step that is read, N, in the world."""
+    """One launch along the plate. friction: on the moving body in the step that is read, N, in the world."""
 
     def __init__(self, place: PairAtTouch, launch: Launch, along: Vector | None) -> None:
         self.place, self.pair, self.launch = place, place.pair, launch

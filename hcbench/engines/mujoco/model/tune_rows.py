@@ -36,13 +36,13 @@ _FEWEST = 3  # impacts with a loop, from which what a contact feels is read
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """What a contact has to turn round, and by which steps.
+    """The load on a contact, and the integrator that steps it.
 
     strength: what all its points together do, over what one does on a free ball: MuJoCo scales a soft row by
         an estimate of the mass (body_invweight0), at each point. gravity: of the approach, m/s².
     points: of contact. timestep: s. rk4: the integrator. slides: whether it has friction.
-    carried: damping (1/s) and stiffness (1/s²) by which the rest of the robot, that goes on as it came, takes
-        the contact along.
+    carried: damping (1/s) and stiffness (1/s²) by which the rest of the robot, which keeps its momentum,
+        drags the contact along.
     """
 
     strength: float

@@ -22,7 +22,7 @@ from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
 
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.shared_model import LentModel
-    from hcbench.sim.shared_model import BorrowingEngine
+    from hcbench.sim.shared_model import SharedModelEngine
 
 Flight = TypeVar("Flight", bound=MujocoUserSimulation)
 
@@ -66,8 +66,8 @@ class MujocoModel(ModelUnderTest):
             self.gravity,
         )
 
-    def stepped_by(self, engine: BorrowingEngine) -> LentModel:
-        """The same pair, stepped by an engine that borrows MuJoCo's models."""
+    def stepped_by(self, engine: SharedModelEngine) -> LentModel:
+        """The same pair, stepped by another engine."""
         from hcbench.engines.mujoco.model.shared_model import LentModel
 
         return LentModel(self, engine)

@@ -72,7 +72,7 @@ static void constraint_row(const mjModel* m, const mjData* d, int k, double* row
 
 /* Takes from `count` rows J what the equalities of a model hold: an impulse p along such a row, with those by which
    they answer it, is J^T p, and changes no rate of theirs. Kinetic energy then changes by p.(u before + u after)/2
-   with u = J v, whatever rates the equalities have. Softer ones act as forces, in the solver alone. */
+   with u = J v, for any rates of the equalities. Softer ones act as forces, in the solver alone. */
 static void hold_equalities(const mjModel* m, mjData* d, int count, double* J) {
   int n = 0, nv = m->nv;
   if (d->ne == 0) return;

@@ -12,7 +12,7 @@ from hcbench.recipes.recipe import stock
 
 STOCK = stock(
     "mujoco",
-    'MuJoCo as it comes, solref "0.02 1": critically damped, e about 0.13; slow drops stay down.',
+    'MuJoCo with nothing set, solref "0.02 1": critically damped, e about 0.13; slow drops stay down.',
     "Knows nothing of the law: the contact time, depth and restitution are the engine's defaults.",
 )
 _NATIVE = (

@@ -40,7 +40,7 @@ def compliant_pairs(
 ) -> dict[str, Any]:
     """Two rows with an e that falls with speed; SettingError for a target without loss or without bounce.
 
-    adhesive: whether the damper may pull; None for what the MuJoCo that is there can do.
+    adhesive: whether the damper may pull; None for what the installed MuJoCo can do.
     """
     if not 0 < (lowest := float(target.restitution(target.speed_max))) < 1:
         got = f"{lowest:.4g} at {target.speed_max:.4g} m/s"

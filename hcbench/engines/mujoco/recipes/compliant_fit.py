@@ -25,7 +25,7 @@ IMPRATIO = 1e4  # about the inverse of the spring's impedance
 _SEED, _MEMBERS, _GENERATIONS, _BEST, _POLISH = 1975, 48, 90, 40, 60
 _ALONE, _ALL = 28, -0.01  # members and generations of a row by itself; log of its highest D h
 _NO_DAMPER = np.log([1e-12, 0.3, 1.0, 0.5])
-_SAG = 0.2  # m of rest depth a second of step, at the most
+_SAG = 0.2  # m of rest depth a second of step, at most
 _CALM = 3.6  # 1/s: the spring's least damping; a body at rest has calmed down by exp(-9) after 5 s
 # Of the spring's damping D h: enough for a body to calm down, the least that will, and of the loss allowed.
 _ENOUGH, _LEAST, _SHARE = 6.5e-3, 4e-3, 0.4

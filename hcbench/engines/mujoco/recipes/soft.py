@@ -2,7 +2,7 @@
 
 One row gives a = d (S d/dw² r + D/dw v). The best that its numbers can do is a step: an impedance that stays
 at its floor until half its width and jumps to its top there holds the ball up with a nearly constant force
-F (1 + a v), and the restitution of that is the restitution of eq. (16), whatever the exponent. How sharp the
+F (1 + a v), and the restitution of that is the restitution of eq. (16), for any exponent. How sharp the
 step can be is set by MuJoCo's arithmetic, which underflows beyond a power of about 1020 (at midpoint 0.5).
 """
 

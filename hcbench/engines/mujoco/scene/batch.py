@@ -95,7 +95,7 @@ class BatchedModel:
 
     @property
     def whole(self) -> bool:
-        """Whether states are those of the model of one as they are, with whatever else it has."""
+        """Whether states are those of the model of one as they are, with all else it has."""
         return self.size == 1 and not self.sliding
 
     @property

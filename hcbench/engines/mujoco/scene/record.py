@@ -100,7 +100,7 @@ def record(
     if gave_up and batch.size > 1:
         return None
     paths = _Paths(batch, states, path, sensed)
-    with np.errstate(all="ignore"):  # what is not finite is told by the record
+    with np.errstate(all="ignore"):  # the record shows what is not finite
         seen = _on_plane(model, paths) if model.clearance is None else _in_cup(model, paths, model.clearance)
         if oblique:
             seen = np.concatenate([seen, _along_plate(model, paths)])

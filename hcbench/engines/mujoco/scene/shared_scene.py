@@ -17,7 +17,7 @@ from hcbench.sim.read_impact import SpeedReading
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats, Impact
-    from hcbench.sim.shared_model import BorrowingEngine
+    from hcbench.sim.shared_model import SharedModelEngine
 
     Rows = Sequence[tuple[Sequence[float], Sequence[float]]]
 
@@ -51,7 +51,7 @@ def load_scene(xml: str, contact: bool) -> LentScene:
 
 def differences(
     model: Any,
-    engine: BorrowingEngine,
+    engine: SharedModelEngine,
     bits: int,
     geoms: Sequence[int] = (),
     rows: Rows = (),
@@ -71,7 +71,7 @@ def differences(
     return found
 
 
-def _adhesion(model: Any, engine: BorrowingEngine, pairs: Any) -> Iterator[Suspect]:
+def _adhesion(model: Any, engine: SharedModelEngine, pairs: Any) -> Iterator[Suspect]:
     adhesion = getattr(model, "pair_adhesion", np.zeros(model.npair))[pairs]
     if ADHESION in engine.lacks and adhesion.any():
         yield Suspect(
@@ -84,7 +84,7 @@ def _adhesion(model: Any, engine: BorrowingEngine, pairs: Any) -> Iterator[Suspe
 
 
 def rounded_adhesion(
-    model: Any, engine: BorrowingEngine, bits: int, geoms: Sequence[int], impacts: Sequence[Impact]
+    model: Any, engine: SharedModelEngine, bits: int, geoms: Sequence[int], impacts: Sequence[Impact]
 ) -> Iterator[Suspect]:
     """A pair's adhesion beside which float32 has too few digits for the contact's force."""
     pairs = explicit_pairs(model, geoms) if ADHESION not in engine.lacks and bits == 32 else []
@@ -107,7 +107,7 @@ def _hold_adhesion(model: Any, pairs: Sequence[int], enough: float) -> None:
     model.pair_adhesion[pairs] = np.minimum(model.pair_adhesion[pairs], enough)
 
 
-def _several(model: Any, engine: BorrowingEngine, pairs: Any) -> Iterator[Suspect]:
+def _several(model: Any, engine: SharedModelEngine, pairs: Any) -> Iterator[Suspect]:
     both = zip(model.pair_geom1[pairs].tolist(), model.pair_geom2[pairs].tolist(), strict=True)
     (geoms, count), *_ = [*Counter(tuple(sorted(two)) for two in both).most_common(1), ((), 1)]
     if PAIRS in engine.lacks and count > 1:
@@ -121,7 +121,7 @@ def _several(model: Any, engine: BorrowingEngine, pairs: Any) -> Iterator[Suspec
         )
 
 
-def _power(engine: BorrowingEngine, rows: Rows) -> Iterator[Suspect]:
+def _power(engine: SharedModelEngine, rows: Rows) -> Iterator[Suspect]:
     power = max(float(solimp[4]) for _, solimp in rows)
     if power > _HIGHEST_POWER:
         yield Suspect(
@@ -133,7 +133,7 @@ def _power(engine: BorrowingEngine, rows: Rows) -> Iterator[Suspect]:
         )
 
 
-def _impedance(model: Any, engine: BorrowingEngine, rows: Rows, geoms: Sequence[int]) -> Iterator[Suspect]:
+def _impedance(model: Any, engine: SharedModelEngine, rows: Rows, geoms: Sequence[int]) -> Iterator[Suspect]:
     def bounces_in_one_step(solref: Sequence[float]) -> bool:
         return float(solref[0]) == 0 and -solref[1] * model.opt.timestep > 1
 
@@ -151,5 +151,5 @@ def _impedance(model: Any, engine: BorrowingEngine, rows: Rows, geoms: Sequence[
         )
 
 
-def _or_exact(fix: str, engine: BorrowingEngine) -> str:
+def _or_exact(fix: str, engine: SharedModelEngine) -> str:
     return f"{fix}; or {engine.exact}" if engine.exact else fix

@@ -69,7 +69,7 @@ class BatchPool:
         return cls(model, most, threads, kind == "sliding")
 
     def whole(self) -> BatchedModel:
-        """The model of one ball as it was authored: free, with whatever else it has."""
+        """The model of one ball as it was authored: free, with all else it has."""
         return BatchedModel(self.model.model, 1, self.model.at, sliding=False)
 
     def batch(self, size: int) -> BatchedModel:

@@ -227,7 +227,7 @@ def _few_steps(c: BulletContext) -> Iterator[Suspect]:
     if first * second > 1:
         yield Suspect(
             "energy-gain",
-            "The restitutions of the two multiply to more than 1: every bounce makes energy from nothing.",
+            "The restitutions of the two multiply to more than 1: every bounce adds energy.",
             f"{first:g} x {second:g} = {first * second:.4g}",
             *_fix_restitutions(c.sides, (1.0, 1.0)),
         )

@@ -20,7 +20,7 @@ ANY_LINK = -2  # whichever link touches, as in PyBullet
 class LiveWorld:
     """A live PyBullet world of the user's.
 
-    client: physics client id. first, second: what shall meet, the moving one first, each a body id or a
+    client: physics client id. first, second: what shall meet, the moving body first, each a body id or a
     (body id, link index); None where the request's pair names them.
     """
 

@@ -94,7 +94,7 @@ Mover = FreeBase | SlidingJoint | SwingingLink
 class BulletPlacement:
     """Where launches start from: the two touch once `mover` has travelled `travel` m.
 
-    first, second: the links that touch, the moving one first. normal: unit vector from the first to the
+    first, second: the links that touch, the moving body first. normal: unit vector from the first to the
     second. point: where they touch, m. effective_mass: along the normal, kg. overlap: of the two at
     the start, m. remark: how they were brought together, where that was a choice.
     """
@@ -110,7 +110,7 @@ class BulletPlacement:
     remark: str = ""
 
     def launch(self, bullet: BulletClient, speed: float, clearance: float) -> None:
-        """Put the moving one `clearance` m before the touch, at `speed` m/s."""
+        """Put the moving body `clearance` m before the touch, at `speed` m/s."""
         self.mover.put(bullet, self.travel - clearance, speed)
 
 
@@ -120,7 +120,7 @@ def place(
     """Bring the two just to touch. Raises UserError with the reason where that cannot be done.
 
     coming_from: where the first comes from, a unit vector away from the second; None: the nearest way. In a
-        world made of files all stand at the origin: the moving one then comes from above.
+        world made of files all stand at the origin: the first body then approaches from above.
     """
     bullet = world.bullet
     for part in (first, second):
@@ -128,7 +128,7 @@ def place(
     remark = ""
     if coming_from is None and len(world.files) > 1 and first.body != second.body:
         coming_from = ABOVE
-        remark = "Files stand at the origin: the moving one comes down from above; --from chooses."
+        remark = "Files stand at the origin: the first body approaches from above; --from chooses."
     for moving, other, sign in ((first, second, 1.0), (second, first, -1.0)):
         if BulletBody(bullet, moving.body).mass > 0.0 and moving.body != other.body:
             text = f"{moving.name!r} by its free base"

@@ -29,7 +29,7 @@ def pair_friction(bullet: BulletClient, place: BulletPlacement) -> float:
 
 
 def surface_point(contacts: Sequence[Any]) -> list[float]:
-    """Where contacts are on the moving one, m, without those that have slid apart, which Bullet keeps."""
+    """Where contacts are on the moving body, m, without those that have slid apart, which Bullet keeps."""
 
     def slid(contact: Any) -> float:
         apart, normal = np.subtract(contact[5], contact[6]), np.array(contact[7])
@@ -93,7 +93,7 @@ class BulletAlongPlate:
         return np.array([*(self.axes[:2] @ slip), *(self.axes @ spin), 0.0, 0.0, energy - normal])
 
     def friction(self, contacts: Sequence[Any], slip: Floats) -> Floats:
-        """Friction on the moving one in the step after `motion`, with these contacts, N, (2,).
+        """Friction on the moving body in the step after `motion`, with these contacts, N, (2,).
 
         Bullet tells it without its sign.
         """

@@ -47,7 +47,7 @@ _UNKNOWN_RESTITUTIONS = "restitutions that PyBullet does not tell of bodies with
 class PybulletModel(ModelUnderTest):
     """A PyBullet world with a pair in it.
 
-    build: makes the world anew, for trials; None for a live client, on which nothing is tried.
+    build: makes the world again, for trials; None for a live client, on which nothing is tried.
     """
 
     diverged = "velocity is not finite"
@@ -181,9 +181,9 @@ class PybulletModel(ModelUnderTest):
         return suspects if self.build else [dataclasses.replace(s, apply=None) for s in suspects]
 
     def fixed(self, suspects: Sequence[Suspect]) -> PybulletModel:
-        """The same world made anew, with some fixes made; a live client is not touched."""
+        """The same world made again, with some fixes made; a live client is not touched."""
         if self.build is None:
-            raise UserError("model", "a live client cannot be made anew", "files, or a function for it")
+            raise UserError("model", "a live client cannot be made again", "files, or a function for it")
         return PybulletModel(self.build(), self.build, self.request, suspects)
 
     def close(self) -> None:
@@ -194,7 +194,7 @@ class PybulletModel(ModelUnderTest):
 def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None) -> PybulletModel:
     """A world from files (paths), from a `World`, or from a client.
 
-    rebuild: makes the `World` or client anew, where a function built it.
+    rebuild: makes the `World` or client again, where a function built it.
     """
     return PybulletModel(*_loaded(source, rebuild), request)
 
@@ -217,7 +217,7 @@ def _listed(world: LoadedWorld, request: Request) -> list[CandidatePair]:
 def _loaded(
     source: Any, rebuild: Callable[[], Any] | None
 ) -> tuple[LoadedWorld, Callable[[], LoadedWorld] | None]:
-    """(the world, what makes it anew)."""
+    """(the world, what makes it again)."""
     if isinstance(source, str | list | tuple) or hasattr(source, "__fspath__"):
         paths: Sequence[str | Path] = source if isinstance(source, list | tuple) else [source]
         files = [str(path) for path in paths]
@@ -242,7 +242,7 @@ def model_settings(
     world, build = _loaded(source, rebuild)
     if build is None:
         world.bullet.disconnect() if world.disconnect else None
-        raise UserError("model", "a live client cannot be made anew", "files, or a function for it")
+        raise UserError("model", "a live client cannot be made again", "files, or a function for it")
     e, suspects, sides = 0.0, list[Suspect](), dict[tuple[int, int], int]()
     for i, request in enumerate(requests):
         with PybulletModel(build() if i else world, build, request) as model:

@@ -8,7 +8,7 @@ from hcbench.recipes.recipe import stock
 
 STOCK = stock(
     "pybullet",
-    "PyBullet as it loads the model: restitution 0, and no bounce below 0.2 m/s whatever is set.",
+    "PyBullet as it loads the model: restitution 0, and no bounce below 0.2 m/s with any setting.",
     "Knows nothing of the law. Bullet acts on a contact it predicts for the coming step,"
     " so what bounce there is depends on the phase.",
 )

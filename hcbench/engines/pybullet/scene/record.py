@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def speed_reading(at_plane: bool, rigid: bool) -> SpeedReading:
-    """Which speeds a contact of Bullet's turns round.
+    """Which speeds a contact of Bullet's reverses.
 
     at_plane: it has a contactStiffness, or a law, and is of the touch plane. Else its restitution
     is of the speed at the step's end; of that at its start where `rigid`: of a body with maximal coordinates.

@@ -58,12 +58,12 @@ class Context:
 
     @property
     def geoms(self) -> tuple[int, int]:
-        """The first two geoms that touch, the moving one first."""
+        """The first two geoms that touch, the moving body first."""
         return _in_order(self.place, self.place.contact.rows[0][2])
 
     @property
     def all_geoms(self) -> tuple[int, ...]:
-        """All geoms that touch, the moving ones first."""
+        """All geoms that touch, those of the moving body first."""
         moving, others = zip(*(_in_order(self.place, row[2]) for row in self.place.contact.rows), strict=True)
         return tuple(dict.fromkeys(moving + others))
 
@@ -115,7 +115,7 @@ def written_contact(place: PairAtTouch) -> tuple[SoftConstraint | None, str]:
 
 
 def _in_order(place: PairAtTouch, geoms: tuple[int, int]) -> tuple[int, int]:
-    """The moving one first."""
+    """The moving body first."""
     return geoms if place.pair.sides[geoms[0]] == 1 else (geoms[1], geoms[0])
 
 

@@ -115,7 +115,7 @@ def margin(context: Context) -> Iterator[Suspect]:
     where = "before the surfaces meet" if onset > 0 else "only below the surface"
     yield Suspect(
         "margin",
-        f"margin and gap make the contact act {where}: the body turns round in the wrong place.",
+        f"margin and gap make the contact act {where}: the body reverses in the wrong place.",
         f"the force begins at a distance of {onset:g} m",
         f'{context.names}: margin="0" gap="0"',
         partial(fixes.no_margin, geoms=context.all_geoms),
