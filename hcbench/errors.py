@@ -31,9 +31,9 @@ class HcbenchError(Exception):
 
     exit_code = 3
 
-    def __init__(self, slot: str, got: str, expected: str, todo: str = "") -> None:
-        self.slot, self.got, self.expected, self.todo = slot, got, expected, todo
-        parts = [sanitized(" ".join(part.split()), LONGEST) for part in (slot, got, expected, todo)]
+    def __init__(self, slot: str, got: str, expected: str, advice: str = "") -> None:
+        self.slot, self.got, self.expected, self.advice = slot, got, expected, advice
+        parts = [sanitized(" ".join(part.split()), LONGEST) for part in (slot, got, expected, advice)]
         while (excess := len(_message(*parts)) - LONGEST) > 0:  # the longest part gives way
             i = max(range(4), key=lambda i: len(parts[i]))
             parts[i] = sanitized(parts[i], max(20, len(parts[i]) - excess - 3))
@@ -41,12 +41,12 @@ class HcbenchError(Exception):
 
     def __reduce__(self) -> tuple[type[HcbenchError], tuple[str, str, str, str]]:
         # Crosses process borders whole: Exception's own pickling keeps the message only.
-        return type(self), (self.slot, self.got, self.expected, self.todo)
+        return type(self), (self.slot, self.got, self.expected, self.advice)
 
 
-def _message(slot: str, got: str, expected: str, todo: str) -> str:
+def _message(slot: str, got: str, expected: str, advice: str) -> str:
     message = f"{slot}: {got}; expected {expected}" if expected else f"{slot}: {got}"
-    return f"{message}. {todo}" if todo else message
+    return f"{message}. {advice}" if advice else message
 
 
 class UserError(HcbenchError):

@@ -54,9 +54,9 @@ class ResultTable(FileTable):
     versions: dict[str, str]
 
 
-def mistake(expected: str, got: str = "", todo: str = "") -> PydanticCustomError:
+def mistake(expected: str, got: str = "", advice: str = "") -> PydanticCustomError:
     """The error that a validator raises. got: "" for the value as it came."""
-    return PydanticCustomError("mistake", "{expected}", {"expected": expected, "got": got, "todo": todo})
+    return PydanticCustomError("mistake", "{expected}", {"expected": expected, "got": got, "advice": advice})
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +89,7 @@ class InUnits:
             values = units.parse_values(value, self.quantity, least=self.least, above=self.above)
             return tuple(dict.fromkeys(values.tolist()))
         except QuantityError as error:
-            raise mistake(error.expected, error.got, error.todo) from None
+            raise mistake(error.expected, error.got, error.advice) from None
 
 
 def _finite(value: Any) -> float:
@@ -102,7 +102,7 @@ def _spin(value: Any) -> tuple[float, float, float]:
     try:
         return units.parse_spin(value)
     except QuantityError as error:
-        raise mistake(error.expected, error.got, error.todo) from None
+        raise mistake(error.expected, error.got, error.advice) from None
 
 
 Spin = Annotated[tuple[float, float, float], PlainValidator(_spin)]
@@ -147,16 +147,16 @@ def validate(table: type[T], content: Mapping[str, Any], error: type[UserError],
     except ValidationError as caught:
         first = caught.errors(include_url=False)[0]
     path, inner, expected = _place(table, first["loc"])
-    got, todo = f"{first['input']!r:.60}", ""
+    got, advice = f"{first['input']!r:.60}", ""
     if first["type"] == "mistake":
-        got, expected, todo = first["ctx"]["got"] or got, first["ctx"]["expected"], first["ctx"]["todo"]
+        got, expected, advice = first["ctx"]["got"] or got, first["ctx"]["expected"], first["ctx"]["advice"]
     elif first["type"] == "missing":
         got, expected = "missing", expected or "a value"
     elif first["type"] == "extra_forbidden":
         got, one_of = inner.unknown
         expected = f"{one_of}: {', '.join(_fields(inner))}"
     expected = expected or first["msg"].removeprefix("Input should be ")
-    raise error(slot.replace("{}", sanitized(path)), got, expected, todo)
+    raise error(slot.replace("{}", sanitized(path)), got, expected, advice)
 
 
 def _place(table: type[FileTable], location: Sequence[int | str]) -> tuple[str, type[FileTable], str]:

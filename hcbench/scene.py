@@ -231,7 +231,7 @@ def read_scene(folder: Path) -> Scene:
     try:
         return _scene(file, folder.resolve())
     except (SceneError, QuantityError) as error:
-        raise SceneError(f"{path}: {error.slot}", error.got, error.expected, error.todo) from None
+        raise SceneError(f"{path}: {error.slot}", error.got, error.expected, error.advice) from None
 
 
 def _scene(file: _File, folder: Path) -> Scene:

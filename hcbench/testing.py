@@ -222,17 +222,17 @@ class EngineConformance:
     def test_a_drop_under_gravity_touches_at_the_speed_of_its_fall(self, recipe: str, scene: str) -> None:
         """v² = 2 g h: exactly at the touch plane, else to what a step adds."""
         setting = setting_for(recipe, scene)
-        heavy = dataclasses.replace(load_scene(scene), gravity=GRAVITY)
+        with_gravity = dataclasses.replace(load_scene(scene), gravity=GRAVITY)
         height = 1e-4 if setting.timestep < 1e-4 else 1e-2
         engine, fall = registry.engine(setting.engine), GRAVITY * setting.timestep
-        (impact,) = engine.run(heavy, setting, [Launch(0.0, height=height)])
+        (impact,) = engine.run(with_gravity, setting, [Launch(0.0, height=height)])
         speed, off = (2 * GRAVITY * height) ** 0.5, 2 * fall
         if isinstance(adapter_of(engine), SteppedEngine):
-            reading = _run_where(engine, _reading_of, heavy, setting, BAND[1])
+            reading = _run_where(engine, _reading_of, with_gravity, setting, BAND[1])
             if reading is SpeedReading.TOUCH_PLANE:  # a body released at rest moves by g h² in its first step
                 speed = math.hypot(speed, fall / 2)
             if "touch plane" in reading:  # where it is enters by v² - 2 g x
-                off = 1e-8 * speed + GRAVITY * rounding(recipe) * heavy.touch_radius / speed
+                off = 1e-8 * speed + GRAVITY * rounding(recipe) * with_gravity.touch_radius / speed
         assert impact.speed_in == pytest.approx(speed, abs=off)
 
     @_claim(_bounces, _promises_e)

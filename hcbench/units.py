@@ -111,11 +111,11 @@ def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float)
     if not unit:
         return 1.0
     si = kind.unit.replace("^n", f"^{exponent!r}")
-    expected, todo = f"a unit that converts to {si}", f"Write for example {kind.example!r}"
+    expected, advice = f"a unit that converts to {si}", f"Write for example {kind.example!r}"
     if len(unit) > _LONGEST_UNIT or _TOWER.search(unit) or not _UNIT.fullmatch(unit):
-        raise QuantityError(slot, f"{text[:80]!r}: not a unit", expected if si else "a plain number", todo)
+        raise QuantityError(slot, f"{text[:80]!r}: not a unit", expected if si else "a plain number", advice)
     if not si:
-        raise QuantityError(slot, f"{text!r} has the unit {unit!r}", "a plain number", todo)
+        raise QuantityError(slot, f"{text!r} has the unit {unit!r}", "a plain number", advice)
     if (usual := _USUAL.get(si, {}).get(unit)) is not None:
         return usual
     try:
@@ -126,7 +126,7 @@ def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float)
             raise QuantityError(slot, f"{text!r} is {what} in time", expected, _ANGLE[kind.name]) from None
         why = "is not a known unit" if "Undefined" in type(error).__name__ else "does not fit"
         got = f"{text!r}: {unit!r} {why}"
-        raise QuantityError(slot, got, expected, f"{todo}; plain numbers are SI") from None
+        raise QuantityError(slot, got, expected, f"{advice}; plain numbers are SI") from None
 
 
 def parse(
@@ -149,8 +149,8 @@ def parse(
         match = _NUMBER.fullmatch(value)
         if match is None:
             near = _near(value)
-            todo = f"Write {near!r} if that is meant" if near else "Plain numbers are SI"
-            raise QuantityError(slot, f"{value!r} is not a number", f"one like {kind.example!r}", todo)
+            advice = f"Write {near!r} if that is meant" if near else "Plain numbers are SI"
+            raise QuantityError(slot, f"{value!r} is not a number", f"one like {kind.example!r}", advice)
         number = float(match[1]) * _scale(match[2].strip(), kind, slot, value, exponent)
     elif isinstance(value, int | float | np.number) and not isinstance(value, bool):
         try:
@@ -251,11 +251,11 @@ def _require_bounds(
     if lowest <= above or lowest < least:
         bound = f"{least:g} {kind.unit}".strip()
         expected = f"a value above {above:g}" if lowest <= above else f"{bound} or more"
-        todo = f"Write for example {kind.example!r}"
-        raise QuantityError(slot, f"{lowest:g} {kind.unit}".strip(), expected, todo)
+        advice = f"Write for example {kind.example!r}"
+        raise QuantityError(slot, f"{lowest:g} {kind.unit}".strip(), expected, advice)
     if (highest := max(numbers)) >= kind.below:
-        todo = f"Write for example {kind.example!r}; plain numbers are {kind.unit}"
-        raise QuantityError(slot, f"{highest:g} {kind.unit}", f"below {kind.below:.6g} {kind.unit}", todo)
+        advice = f"Write for example {kind.example!r}; plain numbers are {kind.unit}"
+        raise QuantityError(slot, f"{highest:g} {kind.unit}", f"below {kind.below:.6g} {kind.unit}", advice)
 
 
 def parse_spin(value: object, slot: str = "spin") -> tuple[float, float, float]:

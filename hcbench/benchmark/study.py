@@ -266,7 +266,7 @@ def _run(table: _RunTable, where: str, file: _StudyFile, scene: Scene, folder: P
     try:
         own = dataclasses.replace(own, off_axis=table.off_axis, **_stated(table))
     except SceneError as error:
-        raise StudyError(f"{where}: {error.slot}", error.got, error.expected, error.todo) from None
+        raise StudyError(f"{where}: {error.slot}", error.got, error.expected, error.advice) from None
     speeds = table.speeds or file.speeds
     if table.heights is not None:
         if not own.gravity or table.speeds is not None:

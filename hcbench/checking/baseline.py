@@ -135,8 +135,8 @@ def read_baseline(path: Path, name: str) -> Baseline:
     try:
         content = parse_json(read_text(path))
     except OSError as error:
-        todo = "Write one with --write-baseline"
-        raise UserError("baseline", f"{path}: {error.strerror}", "a file", todo) from None
+        advice = "Write one with --write-baseline"
+        raise UserError("baseline", f"{path}: {error.strerror}", "a file", advice) from None
     except ValueError:
         raise UserError("baseline", f"{path} is not JSON", "what --write-baseline wrote") from None
     if not isinstance(content, dict) or content.get("kind") != KIND:

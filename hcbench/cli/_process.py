@@ -143,7 +143,7 @@ def translate_errors(command: click.Command) -> click.Command:
         except UserError as error:
             if (option := _option_of(error.slot, click.get_current_context())) is None:
                 raise
-            raise type(error)(option, error.got, error.expected, error.todo) from error
+            raise type(error)(option, error.got, error.expected, error.advice) from error
         except KeyboardInterrupt:  # for which Click would print an empty line
             raise click.Abort from None
         except BrokenPipeError:  # the reader of our output went away, as `head` does; Click would exit with 1

@@ -117,8 +117,8 @@ def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
 
     pairs = [pair for pair in list_pairs(job, limit) if pair.touching]
     if not pairs:
-        todo = "`hcbench pairs` lists what can meet; name one by --pair, or start from another --key"
-        raise UserError("all", "no two parts touch at the start", "a pose in which some do", todo)
+        advice = "`hcbench pairs` lists what can meet; name one by --pair, or start from another --key"
+        raise UserError("all", "no two parts touch at the start", "a pose in which some do", advice)
     records: list[object] = []
     for pair in pairs:
         one, two = pair.pair.split(",")

@@ -139,8 +139,8 @@ def _setup(options: _SetupOptions) -> MeasurementSetup:
 def _known_gravity(text: str) -> str:
     """The text; UserError where it says that g is not known."""
     if text.strip().lower() in ("unknown", "?", "none", "free"):
-        todo = "Flights give α g only: measure where g is known, or give pairs of speeds"
-        raise UserError("--gravity", f"{text!r}", "a number such as '9.81 m/s^2'", todo)
+        advice = "Flights give α g only: measure where g is known, or give pairs of speeds"
+        raise UserError("--gravity", f"{text!r}", "a number such as '9.81 m/s^2'", advice)
     return text
 
 

@@ -65,8 +65,8 @@ def add(
 def interpreters() -> list[str]:
     """Versions of the Pythons on this machine that uv finds, newest first."""
     done = _run_uv(["python", "list", "--only-installed"], Path.cwd())
-    found = re.findall(r"(?m)^cpython-(\d+\.\d+\.\d+)\S*\s", done.stdout)
-    return list(dict.fromkeys(found))
+    versions = re.findall(r"(?m)^cpython-(\d+\.\d+\.\d+)\S*\s", done.stdout)
+    return list(dict.fromkeys(versions))
 
 
 def _make(folder: Path, python: str) -> None:
@@ -139,22 +139,22 @@ def _explained(text: str, about: str, folder: Path) -> HcbenchError:
 
 
 def _first(pattern: str, text: str) -> str:
-    found = re.search(pattern, text)
-    return found[0] if found else text
+    match = re.search(pattern, text)
+    return match[0] if match else text
 
 
 def _python_version(folder: Path) -> str:
     """Of the interpreter that an environment was made with."""
-    found = re.search(r"(?m)^version_info = (\S+)", (folder / "pyvenv.cfg").read_text(encoding="utf-8"))
-    assert found is not None, "uv says which"
-    return found[1]
+    match = re.search(r"(?m)^version_info = (\S+)", (folder / "pyvenv.cfg").read_text(encoding="utf-8"))
+    assert match is not None, "uv says which"
+    return match[1]
 
 
 def _version_in(folder: Path, package: str) -> str:
     """Of a package in an environment."""
     places = [str(place) for place in folder.glob("[Ll]ib/**/site-packages")]
-    (found,) = metadata.Distribution.discover(name=package, path=places)
-    return found.version
+    (distribution,) = metadata.Distribution.discover(name=package, path=places)
+    return distribution.version
 
 
 def _size(folder: Path) -> int:

@@ -62,17 +62,17 @@ def home() -> Path:
 
 def environments(engine: str = "*") -> list[Environment]:
     """All that are whole, or those of one engine, by engine and version."""
-    found = []
+    whole = []
     for folder in home().glob(f"{engine}@*"):
         with suppress(OSError, ValueError, KeyError, TypeError):
-            found.append(_read(folder))
-    return sorted(found, key=lambda environment: (environment.engine, _order(environment.version)))
+            whole.append(_read(folder))
+    return sorted(whole, key=lambda environment: (environment.engine, _order(environment.version)))
 
 
 def find(engine: str, version: str = "") -> Environment | None:
     """The environment of an engine in a version; the newest where none is named. None where there is none."""
-    found = [e for e in environments(engine) if version in ("", e.version)]
-    return found[-1] if found else None
+    matching = [e for e in environments(engine) if version in ("", e.version)]
+    return matching[-1] if matching else None
 
 
 def remove(environment: Environment) -> None:
@@ -97,10 +97,10 @@ def _read(folder: Path) -> Environment:
         raise ValueError("of another hcbench")
     engine, version, python = (str(record[key]) for key in ("engine", "version", "python"))
     size, requirements = int(record["size_bytes"]), tuple(map(str, record["requirements"]))
-    found = Environment(engine, version, python, size, requirements, folder)
-    if folder.name != found.name or not f"{found.name}{python}".isprintable():
+    environment = Environment(engine, version, python, size, requirements, folder)
+    if folder.name != environment.name or not f"{environment.name}{python}".isprintable():
         raise ValueError("not in its place")
-    return found
+    return environment
 
 
 def _order(version: str) -> list[tuple[int, str]]:

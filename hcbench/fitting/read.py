@@ -203,15 +203,15 @@ def _touch_times(name: str, setup: MeasurementSetup, times: Floats) -> Dataset:
 
 def _require_few(name: str, count: int, what: str) -> None:
     if count > _MOST_TOUCHES:
-        got, todo = f"{count} {what}", "Leave out the rattle at the end"
-        raise UserError(name, got, f"up to {_MOST_TOUCHES} touches of one ball", todo)
+        got, advice = f"{count} {what}", "Leave out the rattle at the end"
+        raise UserError(name, got, f"up to {_MOST_TOUCHES} touches of one ball", advice)
 
 
 def too_few_touches(name: str, count: int, least: int) -> UserError:
     """What is refused, and why."""
     why = "Times alone give the speeds of the flights only: two flights are one e, with no check of it"
-    todo = why if count == 3 else "Record more bounces" + ("" if least == 3 else ", or give --height")
-    return UserError(name, f"{count} touches", f"{least} or more{' without --height' * (least == 4)}", todo)
+    advice = why if count == 3 else "Record more bounces" + ("" if least == 3 else ", or give --height")
+    return UserError(name, f"{count} touches", f"{least} or more{' without --height' * (least == 4)}", advice)
 
 
 def _heights(columns: Columns, setup: MeasurementSetup) -> Dataset:

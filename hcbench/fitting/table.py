@@ -88,8 +88,8 @@ def unit_scale(file: str, name: str, unit: str, quantity: str) -> float:
     """What one unit of a column is in SI. Raises UserError for none and for one that does not fit."""
     example = units.QUANTITIES[quantity].example.split()[-1]
     if not unit and units.QUANTITIES[quantity].unit:
-        todo = f"Write it with one, such as: {sanitized(name)} [{example}]"
-        raise UserError(file, f"the header {sanitized(name)!r} names no unit", "one in brackets", todo)
+        advice = f"Write it with one, such as: {sanitized(name)} [{example}]"
+        raise UserError(file, f"the header {sanitized(name)!r} names no unit", "one in brackets", advice)
     try:
         return units.parse(f"1 {unit}", quantity, file) if unit else 1.0
     except QuantityError:
@@ -117,8 +117,8 @@ def read_lines(path: Path) -> list[tuple[int, str]]:
 def _not_text(path: Path) -> UserError:
     name = sanitized(path.name)
     if path.suffix.lower() in _SOUNDS:
-        todo = _CONVERT.format(name=name, stem=sanitized(path.stem))
-        return UserError(name, f"a {path.suffix.lower()} file, which is not read", "a .wav recording", todo)
+        advice = _CONVERT.format(name=name, stem=sanitized(path.stem))
+        return UserError(name, f"a {path.suffix.lower()} file, which is not read", "a .wav recording", advice)
     if path.suffix.lower() == ".zip":
         return UserError(name, "a zip archive", "a file of numbers", "Unpack it and give its .csv")
     return UserError(name, "is neither UTF-8 text nor a WAV recording", "text in columns, or .wav")
@@ -145,9 +145,9 @@ def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
         "," if comma else ".",
     )  # fmt: skip
     if all(math.isfinite(table.number(cell)) for cell in rows[0] if cell.strip()):
-        todo = "Begin the file with a line like: time [s]"
+        advice = "Begin the file with a line like: time [s]"
         raise UserError(
-            name, f"begins with the numbers {sanitized(lines[0][1].strip())!r:.60}", "a header", todo
+            name, f"begins with the numbers {sanitized(lines[0][1].strip())!r:.60}", "a header", advice
         )
     if not table.cells:
         raise UserError(name, "has a header and no rows", "rows of numbers")

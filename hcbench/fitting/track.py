@@ -193,8 +193,8 @@ def _extended(
 
 
 def _too_few(name: str, count: int) -> UserError:
-    todo = "Film the fall and more bounces, or faster: a flight needs four frames"
-    return UserError(name, f"{count} touches in the track", "more", todo)
+    advice = "Film the fall and more bounces, or faster: a flight needs four frames"
+    return UserError(name, f"{count} touches in the track", "more", advice)
 
 
 def scale_warnings(fit: LawFit, sets: Sequence[Dataset]) -> list[str]:

@@ -18,13 +18,13 @@ def require(
     value: object,
     good: bool,
     expected: str,
-    todo: str = "",
+    advice: str = "",
     *,
     error: type[UserError] = UserError,
 ) -> None:
     """Raise `error` unless `good`."""
     if not good:
-        raise error(slot, f"{value!r}", expected, todo)
+        raise error(slot, f"{value!r}", expected, advice)
 
 
 def positive(slot: str, value: float, unit: str) -> None:

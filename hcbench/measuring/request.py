@@ -29,8 +29,8 @@ def make_request(pair: Sequence[str] | str | None = None, **launch: Unpack[Launc
             "along", f"{launch['along']!r}, and nothing oblique", "an angle or a spin beside it"
         )
     if "height" in given and "angle" in given:
-        todo = "It is the angle at touch, of launches; spin goes with a height"
-        raise UserError("angle", "given beside height", "one of the two", todo)
+        advice = "It is the angle at touch, of launches; spin goes with a height"
+        raise UserError("angle", "given beside height", "one of the two", advice)
     pose = (*read_state(given.pop("state", None)), *read_joints(given.pop("qpos", None)))
     fields = {name: _READ[name](value) if name in _READ else value for name, value in given.items()}
     return Request(pair=_pair(pair), pose=pose, adapt_phases="phases" not in given, **fields)

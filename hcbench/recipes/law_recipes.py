@@ -43,8 +43,8 @@ def plug_in_recipes(engine: str, native: Sequence[Recipe], common: Options) -> t
     plug_in = partial(Recipe, engine, native=False, instead=_any_of([*falling, *at_any_step]))
 
     def published_law(target: Target, law: TouchSpeedLaw) -> Options:
-        todo = f"Use {_any_of(at_any_step)}, which has one restitution at any step"
-        _require_resolved(target, law.at(target.speed_max), todo)
+        advice = f"Use {_any_of(at_any_step)}, which has one restitution at any step"
+        _require_resolved(target, law.at(target.speed_max), advice)
         options = {"kind": "force", "law": law.family.slug, **published_law_options(target, law)}
         return {"law": options, **common}
 
@@ -168,7 +168,7 @@ def _any_of(names: Sequence[str]) -> str:
     return f"{', '.join(others)} or {last}" if others else last
 
 
-def _require_resolved(target: Target, law: HuntCrossley, todo: str) -> None:
+def _require_resolved(target: Target, law: HuntCrossley, advice: str) -> None:
     """Refuse a step that does not resolve the shortest contact of the band: SettingError."""
     steps = float(closed_form.duration(law, target.mass, target.speed_max)) / target.timestep
     if steps < STEPS_OF_A_LAW:
@@ -176,5 +176,5 @@ def _require_resolved(target: Target, law: HuntCrossley, todo: str) -> None:
             "timestep",
             f"{target.timestep:g} s, {steps:.2g} of which are the law's shortest contact",
             f"{target.timestep * steps / STEPS_OF_A_LAW:.2g} s or less",
-            todo,
+            advice,
         )

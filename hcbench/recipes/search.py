@@ -111,11 +111,11 @@ def evolve(
     (k,). towards_best: mutants differ from the best member, which is faster and finds less; else from their
     own.
     """
-    found = errors(members)
+    worst = errors(members)
     (count, size), each = members.shape, np.arange(len(members))
     for _ in range(generations):
         one, other = members[random.integers(0, count, (2, count))]
-        base = members[found.argmin()] if towards_best else members
+        base = members[worst.argmin()] if towards_best else members
         mutants = base + random.uniform(*_MUTATION) * (one - other)
         crossed = random.random(members.shape) < _CROSSED
         crossed[each, random.integers(0, size, count)] = True
@@ -123,6 +123,6 @@ def evolve(
         outside = (trials < bounds[0]) | (trials > bounds[1])
         trials = np.where(outside, random.uniform(*bounds, members.shape), trials)
         off = errors(trials)
-        better = off <= found
-        members, found = np.where(better[:, None], trials, members), np.where(better, off, found)
-    return members[found.argsort()]
+        better = off <= worst
+        members, worst = np.where(better[:, None], trials, members), np.where(better, off, worst)
+    return members[worst.argsort()]

@@ -64,8 +64,8 @@ class Backend:
             raise self._missing(f"cannot be imported: {error}") from None
 
     def _missing(self, got: str, expected: str = "") -> EngineMissing:
-        todo = f"Try: {self.add_command()}, or: {self.command}"
-        return EngineMissing(f"engine {self.engine!r}", got, expected, todo)
+        advice = f"Try: {self.add_command()}, or: {self.command}"
+        return EngineMissing(f"engine {self.engine!r}", got, expected, advice)
 
     def untried(self, version: str) -> str:
         """What is to be said of a version outside those tried; "" of one within."""

@@ -51,12 +51,12 @@ def adapter(name: str) -> Engine:
         raise unknown("engine", name, _entry_points())
     entry, slot = _entry_points()[name], f"{GROUP} {name}"
     try:
-        found = entry.load()()
+        loaded = entry.load()()
     except Exception as error:
         raise EngineFailed(slot, f"could not be loaded: {error}", "") from error
-    if (own := getattr(found, "name", None)) != name:
+    if (own := getattr(loaded, "name", None)) != name:
         raise EngineFailed(slot, f"{entry.value} has the name {own!r}", f"an Engine whose name is {name!r}")
-    return found  # type: ignore[no-any-return]
+    return loaded  # type: ignore[no-any-return]
 
 
 @cache

@@ -46,9 +46,9 @@ def add(
     if python == "":
         raise UserError("python", "''", "a version or a path", "Leave the option out for this one")
     asked = _requirements(base, backend, version)
-    found = store.find(base, version) if at else None
-    if found and set(asked) <= set(found.requirements) and python in (None, found.python):
-        return found
+    present = store.find(base, version) if at else None
+    if present and set(asked) <= set(present.requirements) and python in (None, present.python):
+        return present
     return make.add(base, backend.package, asked, python or _own_python(backend), _try, progress)
 
 
@@ -79,9 +79,9 @@ def files_of(name: str) -> tuple[int, str]:
     """(bytes, folder) of the package of an engine that is installed beside hcbench; (0, "") for none."""
     backend, size, where = registry.engine(name).backend, 0, ""
     for package in (backend.package, backend.instead) if backend else ():
-        for found in metadata.Distribution.discover(name=package) if package else ():
-            size += sum(file.size or 0 for file in found.files or ())
-            where = str(found.locate_file(""))
+        for distribution in metadata.Distribution.discover(name=package) if package else ():
+            size += sum(file.size or 0 for file in distribution.files or ())
+            where = str(distribution.locate_file(""))
     return size, where
 
 

@@ -26,8 +26,8 @@ def find_part(parts: Sequence[tuple[str, str, Id]], request: str) -> tuple[str, 
         return (by_id | by_kind | by_name)[request]
     except KeyError:
         kinds = " or ".join(dict.fromkeys(kind for kind, _, _ in parts))
-        expected, todo = suggest_names(request, (name for _, name, _ in parts))
-        raise UserError("pair", f"no {kinds} {request!r}", expected, todo) from None
+        expected, advice = suggest_names(request, (name for _, name, _ in parts))
+        raise UserError("pair", f"no {kinds} {request!r}", expected, advice) from None
 
 
 def suggest_names(request: str, names: Iterable[str]) -> tuple[str, str]:

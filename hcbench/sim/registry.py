@@ -36,8 +36,8 @@ def engine(name: str) -> Engine:
         return here(name)
     if not at and version_beside(base):
         return own
-    if found := store.find(base, version):
-        return remote(own, name, found)
+    if installed := store.find(base, version):
+        return remote(own, name, installed)
     if not at:
         return own
     return here(name) if version_beside(base) == version else missing(own, name)
@@ -72,10 +72,10 @@ def submodule(name: str, part: str) -> Any:
 def preferred(name: str) -> list[Recipe]:
     """An engine's recipes, of each role the preferred one first; UserError for an unknown engine."""
     try:
-        found = engine(name).recipes()
+        own = engine(name).recipes()
     except ImportError as error:
         raise EngineFailed(f"recipes of {name}", f"could not be loaded: {error}", "") from error
-    return [recipe if recipe.engine == name else replace(recipe, engine=name) for recipe in found]
+    return [recipe if recipe.engine == name else replace(recipe, engine=name) for recipe in own]
 
 
 def recipes(name: str) -> dict[str, Recipe]:

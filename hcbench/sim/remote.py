@@ -123,8 +123,8 @@ class RemoteEngine(Wrapped):
 
     def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         """The engine's, there."""
-        found: list[Impact] = self._call("impacts", scene, setting, launches, launches=len(launches))
-        return found
+        impacts: list[Impact] = self._call("impacts", scene, setting, launches, launches=len(launches))
+        return impacts
 
     def trajectory(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
         """The engine's, there."""
@@ -150,8 +150,8 @@ class RemoteEngine(Wrapped):
 
 
 def _options_there(name: str, recipe: str, target: Target, *integrator: str) -> Mapping[str, Any]:
-    (found,) = (own for own in here(name).recipes() if own.name == recipe)
-    return found.function(target, *integrator)
+    (known,) = (own for own in here(name).recipes() if own.name == recipe)
+    return known.function(target, *integrator)
 
 
 def _call_there(name: str, method: str, *args: Any) -> Any:

@@ -148,8 +148,8 @@ class ScriptWorld(World):
         try:
             exec(compile(script, f"<{engine.name} script>", "exec"), self.names)
         except ImportError as error:  # of an installed package
-            got, todo = f"cannot be imported: {error}", f"Try: {engine.backend.command}"
-            raise EngineMissing(f"engine {engine.name!r}", got, "", todo) from None
+            got, advice = f"cannot be imported: {error}", f"Try: {engine.backend.command}"
+            raise EngineMissing(f"engine {engine.name!r}", got, "", advice) from None
 
     def release(self, launches: Sequence[Launch]) -> BallSimulation:
         """The ball of one launch."""
@@ -166,13 +166,13 @@ class BallSimulation(Simulation):
 
     def advance(self, steps: int) -> Record:
         """`steps` steps."""
-        world, states, told = self.world, [self.state], []
+        world, states, reported = self.world, [self.state], []
         step: Any = world.names["step"]
         force, law = world.names.get("force"), world.names.get("law")
         for _ in range(steps):
             z, v = states[-1]
             at_start = law(world.radius - z, -v) if law and z < world.radius else None
-            told.append(force() if force else at_start)
+            reported.append(force() if force else at_start)
             try:
                 states.append(step())
             except RuntimeError as error:  # the engine gave up
@@ -183,7 +183,7 @@ class BallSimulation(Simulation):
         fall = world.gravity * world.timestep
         speeds = np.abs(v[:-1]) + np.abs(v[1:]) + fall
         by_momentum = momentum_force(world.mass, world.timestep, np.diff(v) + fall, speeds, world.bits)
-        read = np.array([math.nan if f is None else f for f in told])
+        read = np.array([math.nan if f is None else f for f in reported])
         return Record(
             (world.radius - z[:-1])[None], -v[None, :-1], np.where(np.isnan(read), by_momentum, read)[None]
         )

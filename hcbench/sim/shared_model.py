@@ -118,12 +118,12 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         require_motion(scene, setting.timestep, fastest, bits)
         lent = registry.submodule(self.model_engine, "scene.shared_scene")
         loaded = lent.load_scene(self.script(scene, setting), contact=not isinstance(law, HuntCrossley))
-        for found in lent.differences(loaded.model, self, bits):
+        for difference in lent.differences(loaded.model, self, bits):
             slot, got = (
                 f"{setting.engine} {setting.name!r}",
-                f"{found.title.removesuffix('.')} ({found.evidence})",
+                f"{difference.title.removesuffix('.')} ({difference.evidence})",
             )
-            raise SettingError(slot, got, "", found.fix)
+            raise SettingError(slot, got, "", difference.fix)
         copies = self.copies(loaded.model, loaded.start, bits, self.law_lines(law), scene.touch_radius)
         return CopiesWorld(scene, setting.timestep, copies, loaded.rest, reading_of(law, loaded.exact_flight))
 

@@ -55,15 +55,17 @@ def travel_by_scan(touches: Callable[[float], bool], start: float, stop: float) 
     return float(high)
 
 
-def require_apart(distance: float, size: float, first: str, second: str, todo: str = "Move one away") -> None:
+def require_apart(
+    distance: float, size: float, first: str, second: str, advice: str = "Move one away"
+) -> None:
     """Raise SceneError for two that start deep in each other. distance: signed, m. first, second: names."""
     if distance < -DEEPEST * size:
         got = f"{first!r} starts {-distance:.4g} m inside {second!r}"
-        raise SceneError("model", got, "the two apart, or touching", todo)
+        raise SceneError("model", got, "the two apart, or touching", advice)
 
 
 def require_reachable(
-    depth: float, size: float, pair: tuple[str, str], blocked: tuple[str, str], todo: str = ""
+    depth: float, size: float, pair: tuple[str, str], blocked: tuple[str, str], advice: str = ""
 ) -> None:
     """Raise UserError for a touch at which another part of what moves is deep in something.
 
@@ -76,5 +78,5 @@ def require_reachable(
             f"{pair[0]!r} cannot reach {pair[1]!r}: {blocked[0]}, which moves with it, would be "
             f"{depth:.3g} m inside {blocked[1]}",
             "two that meet before anything else does",
-            f"Name the parts that meet first{todo}",
+            f"Name the parts that meet first{advice}",
         )

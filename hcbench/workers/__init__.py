@@ -132,8 +132,8 @@ class WorkerPool:
     def __init__(self, jobs: int) -> None:
         self.jobs = max(1, jobs)
         self._workers = [Worker() for _ in range(self.jobs)]
-        free = iter(self._workers)
-        self.threads = ThreadPoolExecutor(self.jobs, initializer=lambda: use_own_worker(next(free)))
+        idle = iter(self._workers)
+        self.threads = ThreadPoolExecutor(self.jobs, initializer=lambda: use_own_worker(next(idle)))
 
     def __enter__(self) -> Self:
         return self

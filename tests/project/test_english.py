@@ -68,21 +68,14 @@ TO_DO = {
     "hcbench/checking",
     "hcbench/cli",
     "hcbench/engines",
-    "hcbench/environments",
-    "hcbench/errors.py",
     "hcbench/fields.py",
     "hcbench/fitting",
     "hcbench/laws",
     "hcbench/measuring",
     "hcbench/pytest_plugin.py",
-    "hcbench/recipes",
     "hcbench/reporting",
-    "hcbench/scoring.py",
-    "hcbench/sim",
-    "hcbench/testing.py",
     "hcbench/tuning",
     "hcbench/units.py",
-    "hcbench/workers",
 }
 
 SUFFIXES = (".py", ".md", ".html", ".js", ".css", ".toml", ".yml", ".c", ".h", ".mplstyle")

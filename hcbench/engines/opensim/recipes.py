@@ -23,8 +23,8 @@ def stock_accuracy(target: Target) -> dict[str, Any]:
     """The law's own numbers, c = α; SettingError for an exponent that Simbody's contact does not have."""
     law = target.law
     if law.exponent != _HERTZ:
-        given, todo = f"n = {law.exponent:g} in opensim", "The plug-in `hunt-crossley` has any"
-        raise SettingError("exponent", given, "n = 1.5 for HuntCrossleyForce", todo)
+        given, advice = f"n = {law.exponent:g} in opensim", "The plug-in `hunt-crossley` has any"
+        raise SettingError("exponent", given, "n = 1.5 for HuntCrossleyForce", advice)
     return {"stiffness": law.stiffness, "dissipation": law.alpha}
 
 

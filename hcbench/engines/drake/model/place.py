@@ -99,8 +99,8 @@ def _only_pair(loaded: LoadedPlant) -> tuple[str, str]:
     ]
     if len(pairs) != 1:
         got = f"none given, and the model leaves a choice of {len(pairs)}"
-        todo = "`hcbench pairs` lists all"
-        raise UserError("pair", got, "the names of two bodies or geoms", todo)
+        advice = "`hcbench pairs` lists all"
+        raise UserError("pair", got, "the names of two bodies or geoms", advice)
     return f"geom:{loaded.short(pairs[0][0])}", f"geom:{loaded.short(pairs[0][1])}"
 
 

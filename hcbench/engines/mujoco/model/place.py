@@ -64,8 +64,8 @@ def bring_to_touch(pair: ContactPair, data: Any, coming_from: Vector | None = No
     if coming_from is not None:
         return _from_there(pair, data, coming_from)
     if pair.height_field < 0:
-        todo = "Move one away, or start from another keyframe or --qpos"
-        require_apart(near.distance, pair.size, pair.first.name, pair.second.name, todo)
+        advice = "Move one away, or start from another keyframe or --qpos"
+        require_apart(near.distance, pair.size, pair.first.name, pair.second.name, advice)
         overlap = max(0.0, -float(near.distance))
     if not near.normal.any():
         near = near._replace(normal=_guess_normal(pair, data))
@@ -263,5 +263,5 @@ def _require_room(pair: ContactPair, data: Any) -> None:
         if moves == [True, False]:
             size = min(r for r in (*model.geom_rbound[geoms], np.inf) if r > 0)
             part, third = (repr(geom_name(model, geom)) for geom in geoms)
-            todo = ", or start from a keyframe or --qpos in which these do"
-            require_reachable(-contact.dist, size, names, (part, third), todo)
+            advice = ", or start from a keyframe or --qpos in which these do"
+            require_reachable(-contact.dist, size, names, (part, third), advice)

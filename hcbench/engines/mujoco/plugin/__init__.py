@@ -71,8 +71,8 @@ def load() -> None:
     """Make the plug-ins known to MuJoCo, for this process: before a model that has them is read."""
     mujoco, built = backend(), library()
     if (there := _installed()).exists() and there.read_bytes() != built.read_bytes():
-        todo = "Run `hcbench plugin mujoco --install` again, or delete it"
-        raise CannotRun(str(there), "of another version of hcbench or MuJoCo", "this one's plug-ins", todo)
+        advice = "Run `hcbench plugin mujoco --install` again, or delete it"
+        raise CannotRun(str(there), "of another version of hcbench or MuJoCo", "this one's plug-ins", advice)
     mujoco.mj_loadPluginLibrary(str(built))
 
 
@@ -155,8 +155,8 @@ def add_to_spec(
         if is_force(law):
             _exclude(spec, kind, parts)
     if not hasattr(spec, "activate_plugin"):
-        version, todo = backend().__version__, "Or name the plug-in in MJCF: docs/howto/plugins.md"
-        raise EngineMissing(f"mujoco {version}", "its MjSpec takes no plug-ins", "a later version", todo)
+        version, advice = backend().__version__, "Or name the plug-in in MJCF: docs/howto/plugins.md"
+        raise EngineMissing(f"mujoco {version}", "its MjSpec takes no plug-ins", "a later version", advice)
     load()
     name = name or f"{plugin} {len(spec.plugins) + 1}"
     spec.activate_plugin(plugin)

@@ -104,9 +104,9 @@ def _write_friction(root: ET.Element, scene: Scene, path: Path, in_rows: bool) -
     """
     if scene.form == "cup":
         given = f"{scene.friction!r} in the form 'cup'"
-        todo = "Use the same pair in the form 'plane'"
+        advice = "Use the same pair in the form 'plane'"
         raise SettingError(
-            "friction", given, "0: a cup's contact is a tendon's limit, without friction", todo
+            "friction", given, "0: a cup's contact is a tendon's limit, without friction", advice
         )
     sliding, ball = numbers_text([scene.friction]), named(root, "body", "ball", path)
     for inertial in ball.findall("inertial"):

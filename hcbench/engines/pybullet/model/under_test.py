@@ -251,8 +251,8 @@ def model_settings(
             for side, part in enumerate((model.place.first, model.place.second)):
                 if sides.setdefault((part.body, part.link), side) != side:
                     got = f"{part.name!r} is the first of one pair and the second of another"
-                    todo = "Restitutions multiply: tune one pair after the other"
-                    raise UserError("pair", got, "each part on one side", todo)
+                    advice = "Restitutions multiply: tune one pair after the other"
+                    raise UserError("pair", got, "each part on one side", advice)
     lines = dict.fromkeys(line for suspect in suspects for line in suspect.fix.split("; "))
     notes = (
         f"Restitutions multiply: {e:.4g} is on the first, 1 on the second. Set all before the first step.",

@@ -115,8 +115,8 @@ def _check(keywords: Mapping[str, Any], part: str, types: Mapping[str, type], ca
         if types[key] is int and not (isinstance(value, int) and value < 2**31):
             raise SettingError(slot, repr(value), f"a whole number below {2**31}")
         if not (math.isfinite(value) and value >= 0):
-            todo = "Bullet ignores others silently"
-            raise SettingError(slot, repr(value), "a finite number of 0 or more", todo)
+            advice = "Bullet ignores others silently"
+            raise SettingError(slot, repr(value), "a finite number of 0 or more", advice)
     alone = {"contactStiffness", "contactDamping"} & keywords.keys()
     if len(alone) == 1:
         got = f"{alone.pop()} alone"
