@@ -78,7 +78,7 @@ class LentModel(ModelUnderTest):
         geoms = [geom for _, _, both in self._own.place.contact.rows for geom in both]
         named = differences(self._own.model, self._engine, self._copies.bits, geoms, rows)
         named += rounded_adhesion(self._own.model, self._engine, self._copies.bits, geoms, impacts)
-        return [*named, *self._too_fine(impacts), *self._unlike_lender(impacts), *own]
+        return [*named, *self._too_fine(impacts), *self._unlike_mujoco(impacts), *own]
 
     def _too_fine(self, impacts: Sequence[Impact]) -> Iterator[Suspect]:
         """Steps that move the bodies by few of the coordinates that the numbers have."""
@@ -94,7 +94,7 @@ class LentModel(ModelUnderTest):
                 always_reported=True,
             )
 
-    def _unlike_lender(self, impacts: Sequence[Impact]) -> Iterator[Suspect]:
+    def _unlike_mujoco(self, impacts: Sequence[Impact]) -> Iterator[Suspect]:
         """Where the same launches bounce otherwise in MuJoCo itself."""
         sent = {impact.launch.at_any_phase: impact for impact in impacts}.values()
         theirs = simulate.impacts_in(self._own, [impact.launch for impact in sent])
