@@ -48,7 +48,7 @@ def without_digest(library: Path) -> None:
 @pytest.mark.parametrize(
     "damage", [cut, empty, edited, writable_by_others, linked, without_digest], ids=lambda d: d.__name__
 )
-def test_a_library_that_is_not_as_it_was_compiled_is_compiled_anew(
+def test_a_library_that_is_not_as_it_was_compiled_is_compiled_again(
     library: Path, damage: Callable[[Path], None]
 ) -> None:
     """A cut one ended the process by SIGBUS."""

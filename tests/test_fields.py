@@ -87,7 +87,7 @@ def test_numbers_are_read_by_name() -> None:
             read_numbers(options, ["k"], [], SettingError, "option '{}'")
 
 
-def test_a_file_that_is_no_toml_is_told_so(tmp_path: Path) -> None:
+def test_a_file_that_is_no_toml_is_refused_as_such(tmp_path: Path) -> None:
     file = tmp_path / "scene.toml"
     with pytest.raises(SceneError, match=r"scene\.toml does not exist; expected a scene"):
         read_toml(file, SceneError, "scene", "a scene")

@@ -80,7 +80,7 @@ def test_the_line_to_beat_for_the_papers_four_alphas(alpha: float, e: float, err
     assert largest == pytest.approx(error, abs=5e-5)
 
 
-def test_law_and_linear_are_told_apart() -> None:
+def test_law_and_linear_are_distinguished() -> None:
     linear = [constant_impact(v, 1 - LAW.alpha * v) for v in SPEEDS]
     score = scoring.score(linear, LAW, MASS)
     assert score.max_error_linear < 1e-15

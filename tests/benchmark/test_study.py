@@ -56,7 +56,7 @@ def test_loops_are_kept_where_asked_and_nowhere_else(results: Results) -> None:
     assert set(results.loops["engine"]) >= {"reference", "mujoco"}
 
 
-def test_what_was_measured_is_told_in_ten_digits_and_what_was_asked_in_all(results: Results) -> None:
+def test_what_was_measured_is_written_in_ten_digits_and_what_was_asked_in_all(results: Results) -> None:
     """Another processor's arithmetic differs in the last ones of sixteen."""
     for table in (results.impacts, results.loops, results.scores):
         for name in set(table.select_dtypes("float").columns) - {*RUN_KEY, "speed_m_per_s", "phase"}:

@@ -119,7 +119,7 @@ def test_resume_begins_where_there_is_nothing(tmp_path: Path, undisturbed: dict[
     ids=["cut short", "emptied", "edited"],
 )
 @pytest.mark.parametrize("which", ["part-0000001-*", "_loops/*"])
-def test_a_damaged_part_is_put_aside_and_flown_again(
+def test_a_damaged_part_is_put_aside_and_simulated_again(
     tmp_path: Path, harm: Callable[[Path], None], which: str
 ) -> None:
     sweep(study_from(small()), tmp_path)
@@ -138,7 +138,7 @@ def test_a_damaged_part_is_put_aside_and_flown_again(
     assert len(read(tmp_path).impacts) == 80
 
 
-def test_a_part_under_another_s_number_is_flown_again(tmp_path: Path) -> None:
+def test_a_part_under_another_s_number_is_simulated_again(tmp_path: Path) -> None:
     sweep(study_from(small()), tmp_path)
     before = whole(tmp_path)
     first, second = sorted(tmp_path.glob("part-*"))[:2]
@@ -165,7 +165,7 @@ def test_a_table_that_is_no_part_is_named_and_left_alone(tmp_path: Path, name: s
     assert whole(tmp_path) == before
 
 
-def test_a_lost_loop_file_is_flown_again(tmp_path: Path) -> None:
+def test_a_lost_loop_file_is_simulated_again(tmp_path: Path) -> None:
     sweep(study_from(small()), tmp_path)
     before = whole(tmp_path)
     next(iter((tmp_path / "_loops").iterdir())).unlink()

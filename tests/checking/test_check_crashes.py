@@ -35,7 +35,7 @@ NOTHING = "def build():\n    pass\n"
         (NOTHING, 2, "returned None"),
     ],
 )
-def test_a_model_that_takes_its_process_down_is_told_and_the_rest_runs(
+def test_a_model_that_takes_its_process_down_is_reported_and_the_rest_runs(
     tmp_path: Path, code: str, exit_code: int, words: str
 ) -> None:
     (tmp_path / "setup.py").write_text(code)

@@ -36,7 +36,7 @@ def test_the_limit_is_the_limit() -> None:
 
 
 @pytest.mark.parametrize("reading", ["law", "linear"])
-def test_the_law_and_its_linear_reading_are_told_apart(reading: Reading) -> None:
+def test_the_law_and_its_linear_reading_are_distinguished(reading: Reading) -> None:
     outcome = one(check(ask(alpha="0.016 s/in", reading=reading, speeds="0.5 m/s", max_error=1)))
     wanted = Wanted(alpha=0.016 / 0.0254, reading=reading)
     (row,) = outcome.rows

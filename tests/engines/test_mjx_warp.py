@@ -1,4 +1,4 @@
-"""MJX and MuJoCo Warp fly what `tune mujoco` writes as it is meant, or refuse it by name."""
+"""MJX and MuJoCo Warp simulate what `tune mujoco` writes as it is meant, or refuse it by name."""
 
 from __future__ import annotations
 

@@ -124,7 +124,7 @@ def test_restitution_agrees_with_50_digits_over_sixteen_decades() -> None:
     assert relative_errors(_restitution_series.one_minus_restitution(d), [1 - e for e in truth]).max() < 1e-15
 
 
-def test_a_speed_has_the_same_bits_in_any_company() -> None:
+def test_a_speed_has_the_same_bits_in_any_batch() -> None:
     d = np.concatenate([np.linspace(0.0, 2.0, 301), np.logspace(0, 3, 99)])
     alone = [_restitution_series.restitution_of(np.array([x])).item() for x in d]
     assert _restitution_series.restitution_of(d).tolist() == alone

@@ -54,13 +54,13 @@ def test_every_way_in_gives_the_same_contact() -> None:
 
 
 @pytest.mark.parametrize("nth", [1, 2])
-def test_mujoco_bounces_with_the_solref_as_told(nth: int) -> None:
+def test_mujoco_bounces_with_the_solref_that_convert_prints(nth: int) -> None:
     mujoco = pytest.importorskip("mujoco")
     solref = _row(_full(timestep=None), "MuJoCo", "solref", nth - 1).text
     assert _bounce(mujoco, solref, 1e-6) == pytest.approx(E, abs=2e-4)
 
 
-def test_mujoco_bounces_in_one_step_with_the_solref_as_told() -> None:
+def test_mujoco_bounces_in_one_step_with_the_solref_that_convert_prints() -> None:
     mujoco = pytest.importorskip("mujoco")
     assert _bounce(mujoco, _row(_full(), "MuJoCo", "solref").text, 1e-3) == pytest.approx(E, rel=1e-9)
 
@@ -115,7 +115,7 @@ def test_the_reading_decides_which_e_the_engines_get() -> None:
     assert linear[0] == pytest.approx(1.0 - ALPHA * SPEED, rel=1e-15)
 
 
-def test_what_cannot_be_said_is_told_why() -> None:
+def test_what_has_no_conversion_has_a_reason() -> None:
     assert convert(alpha=ALPHA).missing == (
         "Restitutions and solref: they need the speed at which they should hold.",
     )

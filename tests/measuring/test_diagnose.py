@@ -223,7 +223,7 @@ def test_gravity_at_coarse_steps_is_named() -> None:
 
 
 @pytest.mark.parametrize("margin", ['margin=".01"', 'margin=".01" gap=".002"'])
-def test_a_margin_is_told_though_it_leaves_e_alone(margin: str) -> None:
+def test_a_margin_is_reported_though_it_leaves_e_alone(margin: str) -> None:
     found = measure(Planted(f"{IMPULSE} {margin}", IMPULSE).text(), ("ball", "plate"))
     assert [c.code for c in found.causes] == ["margin"]
     assert off(found, None) < 1e-6
@@ -250,7 +250,7 @@ def test_an_explicit_pair_is_what_counts() -> None:
     assert "promises e = 0.4" in found.causes[0].evidence
 
 
-def test_what_is_tried_is_told_alone_and_left_out() -> None:
+def test_what_is_tried_is_reported_alone_and_left_out() -> None:
     found = measure(PLANTED["solimp mixed"][0].text(), ("ball", "plate"))
     (cause,) = found.causes
     assert cause.alone < 1e-6
@@ -409,7 +409,7 @@ FALLING = ((0.1, 0.99), (0.5, 0.9), (1.0, 0.8))
 
 
 @pytest.mark.parametrize(("timestep", "why"), [(".002", "takes one step and has"), ("2e-5", "contact has")])
-def test_one_e_for_all_speeds_is_told_where_several_are_wanted(timestep: str, why: str) -> None:
+def test_one_e_for_all_speeds_is_reported_where_several_are_wanted(timestep: str, why: str) -> None:
     pairs = IMPULSE if timestep == ".002" else f'solref="-4e6 -98" {STIFF}'
     planted = Planted(pairs, pairs, f'{STILL} timestep="{timestep}"')
     model = mujoco.MjModel.from_xml_string(planted.text())
@@ -420,7 +420,7 @@ def test_one_e_for_all_speeds_is_told_where_several_are_wanted(timestep: str, wh
     assert "No constant comes nearer than 0.095" in found.remedy
 
 
-def test_a_contact_that_is_off_by_a_constant_is_not_told_that_it_has_one_e() -> None:
+def test_a_contact_that_is_off_by_a_constant_is_not_said_to_have_one_e() -> None:
     model = mujoco.MjModel.from_xml_string(Planted(IMPULSE, IMPULSE).text())
     found = measure(model, pair="sphere,plate", speeds=[0.1, 1.0], wanted=Wanted(constant=0.7))
     assert "for all speeds" not in found.remedy

@@ -187,7 +187,7 @@ def test_e_of_a_shape_is_that_of_a_loop_written_by_hand(name: str, speed: float)
     assert impact.restitution == pytest.approx((data.qvel[2] - data.qvel[8]) / speed, abs=1e-4)
 
 
-def test_what_an_actuator_adds_is_told_apart_and_can_be_left_out() -> None:
+def test_what_an_actuator_adds_is_distinguished_and_can_be_left_out() -> None:
     touch = touching_pose(mujoco.MjModel.from_xml_string(ARM.format(kp=0)), [0.2, 0.5])
     pose = {"qpos": touch, "ctrl": touch[0] + 0.02}  # it presses on
     held = measure(ARM.format(kp=2000), "hand,floor", qpos=pose, speeds=[0.3], phases=1, diagnose=False)
@@ -292,7 +292,7 @@ def test_a_tether_that_holds_a_body_back_is_named() -> None:
     assert slack.curve[0].samples > 0
 
 
-def test_bodies_that_pass_at_different_heights_are_told_so() -> None:
+def test_bodies_that_pass_at_different_heights_are_reported() -> None:
     text = f"""{HEAD}<geom name="post" type="box" pos="1 0 1" size=".1 .1 .1"/><body name="puck" pos="0 0 .1">
       <joint type="slide" axis="1 0 0"/><geom size=".05"/></body></worldbody></mujoco>"""
     with pytest.raises(UserError, match=r"passes 'post' 0\.\d+ m away.*heights of 0.1 and 1 m"):

@@ -316,7 +316,7 @@ def test_every_frequency_is_run_as_if_it_were_alone() -> None:
         assert many.touches[i].sum() == touched
 
 
-def test_a_lane_has_the_same_bits_alone_and_in_company() -> None:
+def test_a_lane_has_the_same_bits_alone_and_in_a_batch() -> None:
     system, drive = _alike(1e-3, HuntCrossley(K, 0.6)), Sinusoid(100.0, 1.0)
     values = np.linspace(60.0, 120.0, 37)
     many = orbits(system, drive, "frequency", values, 4, 4)
@@ -411,7 +411,7 @@ def test_a_drive_that_gives_no_force_is_one_line(value: Any, named: str) -> None
         simulate(_alike(1e-4), 0.0, 0.1, 0.01, lambda _: value)
 
 
-def test_what_a_drive_raises_is_told_with_its_time() -> None:
+def test_what_a_drive_raises_is_reported_with_its_time() -> None:
     said = r"drive: raised ZeroDivisionError: .* at t = 0\.00\d+ s; expected a finite force"
     with pytest.raises(UserError, match=said) as caught:
         simulate(_alike(1e-4), 0.0, 0.1, 0.01, lambda t: 1.0 / float(t < 5e-3))

@@ -48,7 +48,7 @@ def test_no_panel_stands_alone_in_the_last_row(count: int) -> None:
     assert count == columns or count % columns != 1
 
 
-def test_a_plug_in_is_told_apart_from_what_can_be_set(results: Results) -> None:
+def test_a_plug_in_is_distinguished_from_what_can_be_set(results: Results) -> None:
     settings = [
         {**s, "options": {"law": {"alpha": 1.0}}} if s["setting"] == "law" else s for s in results.settings
     ]
@@ -146,7 +146,7 @@ def test_one_bad_alpha_fails_a_claim(results: Results) -> None:
     assert [cell["words"] for cell in cells] == ["pass", "fail for 1 of 2 α", "pass", "pass"]
 
 
-def test_lost_impacts_are_told_not_dropped(view: View) -> None:
+def test_lost_impacts_are_reported_not_dropped(view: View) -> None:
     lost = {row["run"].setting: row for row in tables.failed_impacts(Views(None, view))}
     assert lost["broken"]["impacts"] == len(SPEEDS) * 2 * len(ALPHAS)
     assert lost["broken"]["reason"] == "the engine's process died on it"

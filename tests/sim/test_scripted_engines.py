@@ -83,7 +83,7 @@ def test_a_missing_engine_is_one_line_with_the_command() -> None:
         Backend("sled", "no-such-package", "1.0", "1.0").version()
 
 
-def test_a_version_never_tried_is_said() -> None:
+def test_an_untested_version_is_named() -> None:
     here = metadata.version("numpy")
     assert Backend("sled", "numpy", "1.0", "999").untried(here) == ""
     assert Backend("sled", "numpy", here, here).untried(here) == ""
@@ -97,7 +97,7 @@ def test_a_version_never_tried_is_said() -> None:
 
 @pytest.mark.needs_engine
 @pytest.mark.parametrize("name", SCRIPTED)
-def test_a_run_with_a_version_never_tried_warns(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_with_an_untested_version_warns(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     from hcbench.sim import simulate
 
     engine: Any = registry.engine(name)

@@ -68,7 +68,7 @@ def test_the_written_model_bounces_as_tune_prints(
     mujoco.mj_step(after, data)
 
 
-def test_two_bodies_of_one_size_have_half_the_mass_and_are_told_so(
+def test_two_bodies_of_one_size_have_half_the_mass_and_a_note_says_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "balls.xml").write_text(BALL.format(condim="", other=OTHER))

@@ -285,7 +285,7 @@ PAIRS = "4:0.969, 8:0.94, 12:0.912, 16:0.886 in/s"  # e of (16) for 0.008 s/in, 
     ("speeds", "band"),
     [([], (0.1016, 0.4064)), (["--speeds", "2:20 in/s"], (0.0508, 0.508))],
 )
-def test_pairs_are_judged_over_their_own_span_unless_told_otherwise(
+def test_pairs_are_judged_over_their_own_span_unless_an_option_says_otherwise(
     capsys: pytest.CaptureFixture[str], speeds: list[str], band: tuple[float, float]
 ) -> None:
     arguments = ["tune", "mujoco", "--points", PAIRS, "--timestep", "1e-4", "--recipe", "impulse", "--json"]
@@ -303,7 +303,7 @@ def test_measured_pairs_get_an_e_that_falls_as_theirs_at_a_coarse_step_too(
     assert json.loads(capsys.readouterr().out)["recipe"] == "compliant-pairs"
 
 
-def test_pairs_near_the_law_are_told_its_alpha_and_no_plug_in_that_needs_one(
+def test_pairs_near_the_law_are_given_its_alpha_and_no_plug_in_that_needs_one(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     asked = ["tune", "mujoco", "--timestep", "1e-4", "--recipe", "impulse", "--points"]

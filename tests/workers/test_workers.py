@@ -188,7 +188,7 @@ def die(_: int) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def test_a_pool_that_is_begun_calls_what_it_is_told_before_any_job() -> None:
+def test_a_pool_that_is_begun_calls_its_start_function_before_any_job() -> None:
     with WorkerPool(2) as pool:
         pool.begin(__name__, "remember", 7)
         assert pool.map(what_was_called_first, [0, 0]) == [[7], [7]]

@@ -1,4 +1,4 @@
-"""Launches fly in company because that is cheap; nothing else about them may change by it, not a bit."""
+"""Launches are simulated in batches because that is cheap; no result may change by it, not a bit."""
 
 from __future__ import annotations
 
@@ -202,7 +202,7 @@ JOINT = '<freejoint name="ball"/>'
         ),
     ],
 )
-def test_what_a_free_ball_does_not_feel_a_ball_in_company_does_not_either(
+def test_what_a_free_ball_does_not_feel_a_ball_in_a_batch_does_not_either(
     old: str, new: str, tmp_path: Any, sizes: Any
 ) -> None:
     path = tmp_path / "scene.xml"
@@ -218,7 +218,7 @@ def test_what_a_free_ball_does_not_feel_a_ball_in_company_does_not_either(
 
 @NEEDS_CROWDS
 @FORMS
-def test_models_that_pay_fly_in_crowds(
+def test_models_that_pay_are_simulated_many_in_one(
     form: Scene, monkeypatch: pytest.MonkeyPatch, nothing_kept: None
 ) -> None:
     made_of: list[int] = []
@@ -258,7 +258,7 @@ def test_models_that_pay_fly_in_crowds(
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_a_model_with_more_to_it_flies_alone_and_bounces_alike(
+def test_a_model_with_more_to_it_is_simulated_alone_and_bounces_alike(
     name: str, edit: tuple[str, str], tmp_path: Any, sizes: Any
 ) -> None:
     path = tmp_path / "scene.xml"

@@ -452,7 +452,7 @@ def test_mujocos_own_errors_come_out_as_ours(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("nothing_kept")
-def test_a_missing_mujoco_is_told_with_the_way_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_mujoco_is_reported_with_the_way_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     def nothing(name: str) -> str:
         raise metadata.PackageNotFoundError(name)
 
@@ -473,7 +473,7 @@ def test_a_missing_mujoco_is_told_with_the_way_to_get_it(monkeypatch: pytest.Mon
         (spring_damper(integrator="discrete"), "mujoco 3.3.0: has no integrator 'discrete'; expected 3.13"),
     ],
 )
-def test_a_mujoco_too_old_for_a_setting_is_told(
+def test_a_mujoco_too_old_for_a_setting_is_reported(
     own: Setting, said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     old = SimpleNamespace(MjModel=object, mjtIntegrator=object, __version__="3.3.0")

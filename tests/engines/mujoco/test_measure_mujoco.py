@@ -123,7 +123,7 @@ def test_force_is_paired_with_the_state_it_acts_from() -> None:
     assert np.abs(hooke).max() < 1e-3 * loop.force.max() / m, "F = k x + c v at one and the same state"
 
 
-def test_gravity_is_told_apart_from_the_launch() -> None:
+def test_gravity_is_distinguished_from_the_launch() -> None:
     found = measure(world(geom=IMPULSE), speeds=[0.05], phases=[0.5], diagnose=False)
     (point,) = found.curve
     assert point.speed == 0.05
@@ -134,7 +134,7 @@ def test_gravity_is_told_apart_from_the_launch() -> None:
     assert point.restitution == pytest.approx(out / into, abs=1e-9)
 
 
-def test_gravity_and_step_can_be_told_otherwise() -> None:
+def test_gravity_and_step_can_be_set() -> None:
     found = measure(world(), speeds=[0.5], timestep="0.1 ms", gravity=0, diagnose=False)
     assert found.facts.gravity == (0.0, 0.0, 0.0)
     assert found.facts.timestep == pytest.approx(1e-4)
@@ -256,7 +256,7 @@ def test_what_is_in_the_way_is_named() -> None:
         measure(WALKER, ("geom:trunk", "floor"))
 
 
-def test_other_contacts_are_told_as_a_cause() -> None:
+def test_other_contacts_are_reported_as_a_cause() -> None:
     """A dumb-bell that lands on both ends: what is measured of one end is not of that end alone."""
     text = world(option='timestep="1e-4"', geom=IMPULSE).replace(
         "</body>", '<geom name="other end" type="sphere" size=".1" pos="0 .5 0"/></body>'

@@ -150,7 +150,7 @@ def test_laws_that_came_after_are_named_by_their_slug(law: Any) -> None:
         ("restitution", {"restitution": "1", "alfa": "1"}, "", "unrecognized attribute.*alfa"),
     ],
 )
-def test_a_mistake_in_a_config_is_told_with_the_instances_name(
+def test_a_mistake_in_a_config_is_reported_with_the_instances_name(
     plugin: str, keys: dict[str, str], rest: str, says: str
 ) -> None:
     with pytest.raises(ValueError, match=f"(?s){says}"):
@@ -346,7 +346,7 @@ def test_the_command_prints_a_path_that_plain_mujoco_loads(capsys: Any, tmp_path
         assert done.stderr == ""
 
 
-def test_install_puts_it_beside_mujocos_own_and_an_old_one_is_told(
+def test_install_puts_it_beside_mujocos_own_and_an_old_one_is_reported(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Any
 ) -> None:
     place = tmp_path / "plugin" / "libhcbench.so"
@@ -373,7 +373,7 @@ def test_without_a_compiler_one_line_names_the_extra(monkeypatch: pytest.MonkeyP
         contact.library()
 
 
-def test_a_compiler_that_fails_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_compiler_that_fails_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("HCBENCH_CACHE", str(tmp_path))
     monkeypatch.setenv("CC", "false")
     with pytest.raises(_compile.NotCompiled, match="false failed"):

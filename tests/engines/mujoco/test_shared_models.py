@@ -76,7 +76,7 @@ class ItselfEngine(SharedModelEngine):
 
 
 def both(xml: str, pair: str, engine: ItselfEngine, **asked: Any) -> tuple[MujocoModel, ModelUnderTest]:
-    """MuJoCo's own, and the same lent."""
+    """The model in MuJoCo, and the same model stepped by another engine."""
     request = make_request(pair, **{"speeds": SPEEDS, "phases": [0.1, 0.7], **asked})
     own, lent = (MujocoModel(*load(xml, request), request) for _ in range(2))
     return own, lent.stepped_by(engine)
@@ -97,20 +97,20 @@ def require_same(some: list[Impact], others: list[Impact]) -> None:
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
-def test_a_lent_ball_bounces_to_the_bit_as_its_lender_steps_it(integrator: str) -> None:
+def test_a_shared_ball_bounces_to_the_bit_as_in_mujoco(integrator: str) -> None:
     own, lent = both(ball(integrator), "ball,plate", ItselfEngine())
     require_same(impacts(lent), impacts(own))
     assert lent.facts().shares == own.facts().shares
 
 
-def test_a_lent_robot_keeps_its_controls_and_its_loop() -> None:
+def test_a_shared_robot_keeps_its_controls_and_its_loop() -> None:
     own, lent = both(HOPPER, "foot,floor", ItselfEngine())
     require_same(impacts(lent), impacts(own))
     assert lent.facts().shares == own.facts().shares
     assert (lent.facts().engine, lent.facts().version) == ("itself", "1.0")
 
 
-def test_a_lent_body_slides_and_spins_as_its_lender_has_it() -> None:
+def test_a_shared_body_slides_and_spins_as_in_mujoco() -> None:
     sent = {"angle": "50 deg", "spin": 20.0}
     own, lent = both(ball(), "ball,plate", ItselfEngine(), **sent)
     require_same(impacts(lent, **sent), impacts(own, **sent))
@@ -187,7 +187,7 @@ def test_the_fix_for_an_impedance_is_one_that_float32_keeps() -> None:
     assert differences(model, ItselfEngine(lacks=lacks), 32, (0, 1)) == []
 
 
-def test_an_engine_that_borrows_is_asked_by_name_only() -> None:
+def test_an_engine_that_steps_shared_models_is_chosen_by_name_only() -> None:
     for name in ("mjx", "mujoco-warp"):
         engine = opener(registry.engine(name))
         assert ".xml" in engine.suffixes

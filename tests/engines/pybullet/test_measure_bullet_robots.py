@@ -140,7 +140,7 @@ def test_a_fixed_arms_tip_is_that_of_a_loop_written_by_hand(script: Path) -> Non
         assert "by its joints" in found.facts.moved
 
 
-def test_files_come_from_above_unless_told() -> None:
+def test_files_come_from_above_by_default() -> None:
     data = Path(pybullet_data.getDataPath())
     files = [data / "soccerball.urdf", data / "table" / "table.urdf"]
     above = measure(files, speeds=[0.5], phases=1, diagnose=False).facts

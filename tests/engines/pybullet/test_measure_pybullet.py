@@ -228,7 +228,7 @@ def test_a_live_client_is_left_as_it_was(files: tuple[Path, Path]) -> None:
     assert "tried" in told["remedy"]
 
 
-def test_a_restitution_in_another_simulators_tag_is_told(files: tuple[Path, Path]) -> None:
+def test_a_restitution_in_another_simulators_tag_is_reported(files: tuple[Path, Path]) -> None:
     tag = "<restitution_coefficient>0.6</restitution_coefficient>"
     gazebo = f"<gazebo><surface><bounce>{tag}</bounce></surface></gazebo>"
     files[0].write_text(urdf("ball", SPHERE, 0.7).replace("</robot>", f"{gazebo}</robot>"))

@@ -52,7 +52,7 @@ def test_a_live_world_is_left_as_it_was_and_every_launch_in_it_is_the_first(
     assert second.restitution == pytest.approx(first.restitution, abs=1e-6)
 
 
-def test_a_crash_in_a_copy_of_the_process_is_told() -> None:
+def test_a_crash_in_a_copy_of_the_process_is_reported() -> None:
     import os
 
     from hcbench.errors import EngineFailed
