@@ -1,4 +1,4 @@
-"""What one impact is, whoever made it: frozen records that engines and the reference hand back.
+"""What one impact is, from any engine: records that engines and the reference hand back.
 
 Signs throughout: penetration x > 0 in contact (x < 0 is the gap), rate v = dx/dt > 0 on approach,
 normal force F > 0 pushes the bodies apart. SI units.
