@@ -5,6 +5,7 @@
 
 #include <string.h>
 
+#include "contact_rows.c"
 #include "exact_step.c"
 
 #define HCB_SWEEPS 200
@@ -16,7 +17,7 @@ enum { HCB_LAW = 0, HCB_LINEAR = 1, HCB_CONSTANT = 2 };
 /* kind, value: e is that of eq. (16) for alpha = value, or 1 - value v, or value. friction: Coulomb's coefficient.
    still: m/s, approaches up to it are no impacts. lift, (m/s)^2, and lag, m/s: e is of the speeds
    U = sqrt(u^2 - lift) - lag where the rates here are u; hcb_under_gravity sets them. */
-typedef struct {
+typedef struct hcb_contact {
   int kind;
   double value, friction, still, lift, lag;
 } hcb_contact;
@@ -47,22 +48,41 @@ void hcb_under_gravity(hcb_contact* c, double x, double v, double b, double h, i
   c->still = sqrt(fmax(0, still * still + fmin(0, c->lift))); /* turned before touch: as fast there */
 }
 
-/* Contacts that collide together, as local arrays: m rows are 3 each. G is symmetric. */
+/* Contacts `of` a system that collide together, and the parts they touch. Rates are base + J v, with velocities v as
+   long as the system's, of which those of `part` count. */
 typedef struct {
-  int n, m;
-  double *G, *before, *lam, *add, *target, *p, *v, *best_p, *best_v;
+  const hcb_system* s;
+  int n, parts;
+  const int *of, *part;
+  double *base, *before, *block, *lam, *target, *p, *best_p, *v, *add, *best_v; /* block: J M^-1 J^T, 9 each */
 } hcb_group;
 
-static void add_impulse(const hcb_group* g, int row, double impulse, double* v) {
-  const double* column = g->G + (size_t)row * g->m;
-  if (impulse == 0) return;
-  for (int j = 0; j < g->m; j++) v[j] += column[j] * impulse;
+static double rate_in(const hcb_group* g, int i, int k, const double* v) {
+  return g->base[3 * i + k] + rate_of(g->s, g->of[i], k, v);
 }
 
-/* Work of impulses that take the rates from u to v: the change of the kinetic energy. */
-static double work_of(int m, const double* p, const double* u, const double* v) {
+static void add_impulse(const hcb_group* g, int i, int k, double impulse, double* v) {
+  if (impulse != 0) push_system(g->s, g->of[i], k, impulse, v);
+}
+
+/* v = from + share (to - from) over the group's parts; from NULL: 0. */
+static void blend(const hcb_group* g, double* v, const double* from, const double* to, double share) {
+  for (int q = 0; q < g->parts; q++) {
+    for (int j = g->s->at[g->part[q]]; j < g->s->at[g->part[q] + 1]; j++) {
+      v[j] = from ? from[j] + share * (to[j] - from[j]) : share * to[j];
+    }
+  }
+}
+
+static void clear(const hcb_group* g, double* v) {
+  for (int q = 0; q < g->parts; q++) {
+    memset(v + g->s->at[g->part[q]], 0, (g->s->at[g->part[q] + 1] - g->s->at[g->part[q]]) * sizeof(double));
+  }
+}
+
+static double work_of(const hcb_group* g, const double* p, const double* v) {
   double sum = 0;
-  for (int i = 0; i < m; i++) sum += p[i] * (u[i] + v[i]);
+  for (int i = 0; i < 3 * g->n; i++) sum += p[i] * (g->before[i] + rate_in(g, i / 3, i % 3, v));
   return 0.5 * sum;
 }
 
@@ -73,152 +93,165 @@ static double share_within(double e0, double lin, double quad) {
   return fmin(1, fmax(0, t));
 }
 
-static double diagonal(const hcb_group* g, int row) { return g->G[(size_t)row * g->m + row]; }
-
 /* 1/largest eigenvalue of a contact's tangential block. */
 static double tangential_step(const hcb_group* g, int i) {
-  double a = diagonal(g, 3 * i + 1), b = g->G[(size_t)(3 * i + 1) * g->m + 3 * i + 2], d = diagonal(g, 3 * i + 2);
+  const double* block = g->block + 9 * i;
+  double a = block[4], b = block[5], d = block[8];
   double largest = 0.5 * (a + d) + sqrt(0.25 * (a - d) * (a - d) + b * b);
   return largest > 0 ? 1 / largest : 0;
 }
 
 /* Frictionless compression into p and v; lam keeps its normal impulses. */
 static void compress(hcb_group* g) {
-  double fastest = 0, lin = 0, quad = 0;
-  memcpy(g->v, g->before, g->m * sizeof(double));
+  double fastest = 0;
   for (int i = 0; i < g->n; i++) {
     double u = g->before[3 * i];
-    g->lam[i] = -u / diagonal(g, 3 * i);
+    g->lam[i] = -u / g->block[9 * i];
     fastest = fmax(fastest, -u);
-    add_impulse(g, 3 * i, g->lam[i], g->v);
+    add_impulse(g, i, 0, g->lam[i], g->v);
   }
   if (g->n == 1) {
-    g->v[0] = 0;
+    g->v[0] = 0; /* its velocities are its rates: see alone() in impacts.c */
     return;
   }
   for (int round = 0; round < 2; round++) { /* the same share of all, then sweeps; the last scaling bounds energy */
+    double lin = 0, quad = 0;
     for (int sweep = 0; round && sweep < HCB_SWEEPS; sweep++) {
       double change = 0;
       for (int i = 0; i < g->n; i++) {
-        double W = diagonal(g, 3 * i), d = fmax(-g->lam[i], -g->v[3 * i] / W);
+        double W = g->block[9 * i], d = fmax(-g->lam[i], -rate_in(g, i, 0, g->v) / W);
         g->lam[i] += d;
-        add_impulse(g, 3 * i, d, g->v);
+        add_impulse(g, i, 0, d, g->v);
         change = fmax(change, fabs(d) * W);
       }
       if (change < HCB_SETTLED * fastest) break;
     }
-    lin = quad = 0;
     for (int i = 0; i < g->n; i++) {
       lin -= g->lam[i] * g->before[3 * i];
-      quad += g->lam[i] * (g->v[3 * i] - g->before[3 * i]);
+      quad += g->lam[i] * (rate_in(g, i, 0, g->v) - g->before[3 * i]);
     }
     double scale = quad > 0 ? lin / quad : 0;
     for (int i = 0; i < g->n; i++) g->lam[i] *= scale;
-    for (int j = 0; j < g->m; j++) g->v[j] = g->before[j] + scale * (g->v[j] - g->before[j]);
+    blend(g, g->v, NULL, g->v, scale);
   }
 }
 
 /* What each contact gives back, as far as the energy of the compression reaches; p and v are after it. */
-static void restitute(hcb_group* g, const hcb_contact* c, const int* of) {
+static void restitute(hcb_group* g) {
   double loss = 0, lin = 0, quad = 0, s = 1;
-  memset(g->p, 0, g->m * sizeof(double));
-  memset(g->add, 0, g->m * sizeof(double));
+  memset(g->p, 0, 3 * g->n * sizeof(double));
+  clear(g, g->add);
   for (int i = 0; i < g->n; i++) {
-    g->p[3 * i] = hcb_contact_restitution(c + of[i], -g->before[3 * i]) * g->lam[i];
-    add_impulse(g, 3 * i, g->p[3 * i], g->add);
-    loss -= 0.5 * g->lam[i] * (g->before[3 * i] + g->v[3 * i]);
+    g->p[3 * i] = hcb_contact_restitution(g->s->c + g->of[i], -g->before[3 * i]) * g->lam[i];
+    add_impulse(g, i, 0, g->p[3 * i], g->add);
   }
   for (int i = 0; i < g->n; i++) {
-    lin += g->p[3 * i] * g->v[3 * i];
-    quad += g->p[3 * i] * g->add[3 * i];
+    double compressed = rate_in(g, i, 0, g->v);
+    loss -= 0.5 * g->lam[i] * (g->before[3 * i] + compressed);
+    lin += g->p[3 * i] * compressed;
+    quad += g->p[3 * i] * rate_of(g->s, g->of[i], 0, g->add);
   }
   if (g->n > 1 && 0.5 * quad + lin > loss) s = share_within(-loss, lin, 0.5 * quad);
   for (int i = 0; i < g->n; i++) g->p[3 * i] = g->lam[i] + s * g->p[3 * i];
-  for (int j = 0; j < g->m; j++) g->v[j] += s * g->add[j];
+  for (int q = 0; q < g->parts; q++) {
+    for (int j = g->s->at[g->part[q]]; j < g->s->at[g->part[q] + 1]; j++) g->v[j] += s * g->add[j];
+  }
 }
 
 /* One sweep of Coulomb's law with the parting speeds held, tangential steps scaled by `scale`; largest change. */
-static double friction_sweep(hcb_group* g, const hcb_contact* c, const int* of, double scale, int tangents) {
+static double friction_sweep(hcb_group* g, double scale, int tangents) {
   double change = 0;
   for (int i = 0; i < g->n; i++) {
-    double W = diagonal(g, 3 * i), *p = g->p + 3 * i, *v = g->v + 3 * i, d = fmax(-p[0], (g->target[i] - v[0]) / W);
+    double W = g->block[9 * i], *p = g->p + 3 * i, d = fmax(-p[0], (g->target[i] - rate_in(g, i, 0, g->v)) / W);
     p[0] += d;
-    add_impulse(g, 3 * i, d, g->v);
+    add_impulse(g, i, 0, d, g->v);
     change = fmax(change, fabs(d) * W);
-    double step = scale * tangential_step(g, i), limit = c[of[i]].friction * p[0];
+    double step = scale * tangential_step(g, i), limit = g->s->c[g->of[i]].friction * p[0];
     if (!tangents || step == 0) continue;
-    double t1 = p[1] - step * v[1], t2 = p[2] - step * v[2], size = hypot(t1, t2), share = size > limit ? limit / size : 1;
+    double t1 = p[1] - step * rate_in(g, i, 1, g->v), t2 = p[2] - step * rate_in(g, i, 2, g->v);
+    double size = hypot(t1, t2), share = size > limit ? limit / size : 1;
     double d1 = share * t1 - p[1], d2 = share * t2 - p[2];
     p[1] += d1;
     p[2] += d2;
-    add_impulse(g, 3 * i + 1, d1, g->v);
-    add_impulse(g, 3 * i + 2, d2, g->v);
+    add_impulse(g, i, 1, d1, g->v);
+    add_impulse(g, i, 2, d2, g->v);
     change = fmax(change, hypot(d1, d2) / step * scale);
   }
   return change;
 }
 
-static int cones_kept(const hcb_group* g, const hcb_contact* c, const int* of) {
+static int cones_kept(const hcb_group* g) {
   for (int i = 0; i < g->n; i++) {
-    if (hypot(g->p[3 * i + 1], g->p[3 * i + 2]) > 1.01 * c[of[i]].friction * g->p[3 * i]) return 0;
+    double limit = g->s->c[g->of[i]].friction * g->p[3 * i];
+    if (hypot(g->p[3 * i + 1], g->p[3 * i + 2]) > 1.01 * limit) return 0;
   }
   return 1;
 }
 
 /* The same start for all contacts at once, so that what is symmetric stays so. */
-static void start_friction(hcb_group* g, const hcb_contact* c, const int* of) {
+static void start_friction(hcb_group* g) {
   double lin = 0, quad = 0;
-  memset(g->add, 0, g->m * sizeof(double));
+  clear(g, g->add);
   for (int i = 0; i < g->n; i++) {
-    double step = tangential_step(g, i), *t = g->p + 3 * i, limit = c[of[i]].friction * t[0], *v = g->v + 3 * i;
-    double size = step * hypot(v[1], v[2]), share = size > limit ? limit / size : 1;
+    double step = tangential_step(g, i), *t = g->p + 3 * i, limit = g->s->c[g->of[i]].friction * t[0];
+    double u[3] = {0, rate_in(g, i, 1, g->v), rate_in(g, i, 2, g->v)};
+    double size = step * hypot(u[1], u[2]), share = size > limit ? limit / size : 1;
     for (int k = 1; k < 3; k++) {
-      t[k] = -share * step * v[k];
-      add_impulse(g, 3 * i + k, t[k], g->add);
-      lin -= t[k] * v[k];
+      t[k] = -share * step * u[k];
+      add_impulse(g, i, k, t[k], g->add);
+      lin -= t[k] * u[k];
     }
   }
   for (int i = 0; i < g->n; i++) {
-    for (int k = 1; k < 3; k++) quad += g->p[3 * i + k] * g->add[3 * i + k];
+    for (int k = 1; k < 3; k++) quad += g->p[3 * i + k] * rate_of(g->s, g->of[i], k, g->add);
   }
   double scale = quad > 0 ? fmin(1, lin / quad) : 0;
   for (int i = 0; i < g->n; i++) {
     for (int k = 1; k < 3; k++) g->p[3 * i + k] *= scale;
   }
-  for (int j = 0; j < g->m; j++) g->v[j] += scale * g->add[j];
+  for (int q = 0; q < g->parts; q++) {
+    for (int j = g->s->at[g->part[q]]; j < g->s->at[g->part[q] + 1]; j++) g->v[j] += scale * g->add[j];
+  }
 }
 
-static void rub(hcb_group* g, const hcb_contact* c, const int* of) {
-  double most = 0, fastest = 0, change = INFINITY, e0, e1, lin = 0, quad = 0, th = 1;
+/* Sweeps until they settle; whether they did, and the cones are kept. */
+static int settle(hcb_group* g, double fastest) {
+  double change = INFINITY, settled = HCB_SETTLED * fastest;
+  for (double scale = 1; scale > 0.1 && change > settled; scale *= 0.5) {
+    for (int sweep = 0; sweep < HCB_SWEEPS && change > settled; sweep++) change = friction_sweep(g, scale, 1);
+  }
+  for (int sweep = 0; sweep < HCB_SWEEPS && change > 0.01 * settled; sweep++) {
+    change = friction_sweep(g, 1, 0); /* the parting speeds come last: they are exact, the cones nearly */
+    if (g->n == 1) break;
+  }
+  return (change <= 1e-6 * fastest || g->n == 1) && cones_kept(g);
+}
+
+static void rub(hcb_group* g) {
+  double most = 0, fastest = 0, lin = 0, quad = 0, th = 1;
   for (int i = 0; i < g->n; i++) {
-    if (g->p[3 * i] > 0) most = fmax(most, c[of[i]].friction);
+    if (g->p[3 * i] > 0) most = fmax(most, g->s->c[g->of[i]].friction);
     for (int k = 0; k < 3; k++) fastest = fmax(fastest, fabs(g->before[3 * i + k]));
   }
   if (most < HCB_LEAST_FRICTION) return;
-  memcpy(g->best_p, g->p, g->m * sizeof(double));
-  memcpy(g->best_v, g->v, g->m * sizeof(double));
-  for (int i = 0; i < g->n; i++) g->target[i] = g->p[3 * i] > 0 ? g->v[3 * i] : fmin(g->v[3 * i], 0);
-  if (g->n > 1) start_friction(g, c, of);
-  double settled = HCB_SETTLED * fastest;
-  for (double scale = 1; scale > 0.1 && change > settled; scale *= 0.5) {
-    for (int sweep = 0; sweep < HCB_SWEEPS && change > settled; sweep++) change = friction_sweep(g, c, of, scale, 1);
+  memcpy(g->best_p, g->p, 3 * g->n * sizeof(double));
+  blend(g, g->best_v, NULL, g->v, 1);
+  for (int i = 0; i < g->n; i++) {
+    double u = rate_in(g, i, 0, g->v);
+    g->target[i] = g->p[3 * i] > 0 ? u : fmin(u, 0);
   }
-  for (int sweep = 0; sweep < HCB_SWEEPS && change > 0.01 * settled; sweep++) {
-    change = friction_sweep(g, c, of, 1, 0); /* the parting speeds come last: they are exact, the cones nearly */
-    if (g->n == 1) break;
-  }
-  e0 = work_of(g->m, g->best_p, g->before, g->best_v);
-  e1 = work_of(g->m, g->p, g->before, g->v);
-  if (!(change <= 1e-6 * fastest || g->n == 1) || !cones_kept(g, c, of)) th = 0;
-  for (int j = 0; j < g->m; j++) {
-    lin += (g->p[j] - g->best_p[j]) * g->best_v[j];
-    quad += 0.5 * (g->p[j] - g->best_p[j]) * (g->v[j] - g->best_v[j]);
+  if (g->n > 1) start_friction(g);
+  if (!settle(g, fastest)) th = 0;
+  double e0 = work_of(g, g->best_p, g->best_v), e1 = work_of(g, g->p, g->v);
+  for (int i = 0; i < 3 * g->n; i++) {
+    double held = rate_in(g, i / 3, i % 3, g->best_v), rubbed = rate_in(g, i / 3, i % 3, g->v);
+    lin += (g->p[i] - g->best_p[i]) * held;
+    quad += 0.5 * (g->p[i] - g->best_p[i]) * (rubbed - held);
   }
   if (e1 > 0 && th > 0) th = share_within(e0, lin, quad);
-  for (int j = 0; th < 1 && j < g->m; j++) {
-    g->p[j] = g->best_p[j] + th * (g->p[j] - g->best_p[j]);
-    g->v[j] = g->best_v[j] + th * (g->v[j] - g->best_v[j]);
-  }
+  if (th >= 1) return;
+  for (int i = 0; i < 3 * g->n; i++) g->p[i] = g->best_p[i] + th * (g->p[i] - g->best_p[i]);
+  blend(g, g->v, g->best_v, g->v, th);
 }
 
 #endif

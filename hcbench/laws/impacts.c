@@ -1,23 +1,22 @@
 /* Impacts of rigid bodies in one instant, several contacts at once, with friction; the kinetic energy never grows.
 
-   INTERFACE (no engine's types; include this file, which brings collision.c and exact_step.c along):
+   INTERFACE (no engine's types; include this file, which brings collision.c, contact_rows.c and exact_step.c along):
 
      hcb_contact c[n]   what each contact is: e over its approach speed, friction, what counts as rest
-     double J[3n][nv]   rates of the contacts u = J v: row 3i of the normal (u > 0 parts, u < 0 approaches),
-                        rows 3i+1, 3i+2 of two tangents perpendicular to it and to each other
-     double B[3n][nv]   M^-1 J^T, row by row: B[k] is what an impulse of 1 along row k adds to v
-     hcb_coupling(n, nv, J, B, G)            G[3n][3n] = J M^-1 J^T (or fill G yourself)
+     hcb_rows r[n]      rates of the contacts u = J v over the velocities of the (at most two) parts that meet, and M^-1 J^T
+     int at[parts + 1]  part q, a body or tree, has the velocities at[q] ... at[q + 1] - 1; one not touched has none
+     hcb_system s = {n, parts, at, r, c}
      double u[3n]       rates before the impacts, without what this step's forces add; after: rates after them
      double p[3n]       out: impulses along the rows, N s; v after = v + sum of p[k] B[k]
-     double work[hcb_impacts_work(n)]        room; nothing is allocated
-     rounds = hcb_impacts(n, G, c, u, p, work)
+     double work[hcb_impacts_work(n, parts, at[parts])]   room; nothing is allocated
+     rounds = hcb_impacts(&s, u, p, work)
 
    Then give the bodies the impulses p, before the step's own forces act, and let contacts that are left without
    approach, or with no more than `still`, rest by the engine's own contact with e = 0. Bodies that cannot move
    have no part in J. A one-sided limit is a contact with friction 0 and e 0, its tangent rows 0.
 
    RULE. Contacts that approach faster than `still` collide, in rounds, until none is left; those that share no
-   coupling in G do so independently. In a round:
+   part do so independently. In a round:
      1. compression without friction: impulses lam >= 0, no contact approaches any more;
      2. restitution: impulses e_i lam_i more, e_i of the contact's own approach in this round, all scaled by one
         s <= 1 if they would add energy together (never for a single contact);
@@ -34,96 +33,153 @@
 
 #define HCB_RESTING_SWEEPS 30
 
-size_t hcb_impacts_work(int n) { return 9 * (size_t)n * n + 21 * (size_t)n; }
+typedef struct { /* room, as `work` is divided */
+  double *block, *first, *total, *group;
+  int *of, *part, *next, *taken, *head, *seen;
+} hcb_room;
 
-void hcb_coupling(int n, int nv, const double* J, const double* B, double* G) {
+size_t hcb_impacts_work(int n, int parts, int nv) {
+  return 35 * (size_t)n + 4 * ((size_t)nv + 3) + (5 * (size_t)n + 3 * (size_t)parts) / 2 + 2;
+}
+
+static hcb_room divide(const hcb_system* s, double* work) {
+  int n = s->n, nv = s->at[s->parts];
+  hcb_room r = {.block = work, .first = work + 9 * (size_t)n, .total = work + 12 * (size_t)n};
+  r.group = r.total + nv + 3;
+  r.of = (int*)(r.group + 23 * (size_t)n + 3 * ((size_t)nv + 3));
+  r.next = r.of + n;
+  r.taken = r.next + 2 * (size_t)n;
+  r.part = r.taken + n;
+  r.head = r.part + s->parts;
+  r.seen = r.head + s->parts;
+  for (int i = 0; i < n; i++) block_of(s, i, r.block + 9 * (size_t)i);
+  return r;
+}
+
+/* The contacts r->of, n of them, which touch `parts` of r->part; room as for all. */
+static hcb_group group_of(const hcb_system* s, const hcb_room* r, int n, int parts, const double* u) {
+  hcb_group g = {.s = s, .n = n, .parts = parts, .of = r->of, .part = r->part};
+  size_t nv = s->at[s->parts] + 3, rows = 3 * (size_t)n;
+  double **threes[] = {&g.base, &g.before, &g.p, &g.best_p}, **velocities[] = {&g.v, &g.add, &g.best_v}, *next = r->group;
+  for (int k = 0; k < 4; k++, next += rows) *threes[k] = next;
+  for (int k = 0; k < 3; k++, next += nv) *velocities[k] = next;
+  g.block = next;
+  g.lam = g.block + 9 * (size_t)n;
+  g.target = g.lam + n;
+  for (int i = 0; i < n; i++) {
+    memcpy(g.before + 3 * i, u + 3 * r->of[i], 3 * sizeof(double));
+    memcpy(g.block + 9 * i, r->block + 9 * (size_t)r->of[i], 9 * sizeof(double));
+  }
+  memcpy(g.base, g.before, rows * sizeof(double));
+  clear(&g, g.v);
+  return g;
+}
+
+typedef struct { /* a single contact, whose velocities are its rates: no dofs come between them */
+  hcb_system s;
+  hcb_rows rows;
+  int at[2], of, part;
+} hcb_alone;
+
+static void make_alone(hcb_group* g, hcb_alone* one) {
+  static const double unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+  *one = (hcb_alone){.rows = {{0, -1}, {unit, NULL}, {g->block, NULL}}, .at = {0, 3}};
+  one->s = (hcb_system){1, 1, one->at, &one->rows, g->s->c + g->of[0]};
+  g->s = &one->s;
+  g->of = &one->of;
+  g->part = &one->part;
+  g->parts = 1;
+  memset(g->base, 0, 3 * sizeof(double));
+  memcpy(g->v, g->before, 3 * sizeof(double));
+}
+
+static void collide_group(const hcb_system* s, const hcb_room* r, int n, int parts, double* u, double* p) {
+  hcb_group g = group_of(s, r, n, parts, u);
+  hcb_alone one;
+  if (n == 1) make_alone(&g, &one);
+  compress(&g);
+  restitute(&g);
+  rub(&g);
   for (int i = 0; i < 3 * n; i++) {
-    for (int j = 0; j <= i; j++) {
-      double sum = 0;
-      for (int k = 0; k < nv; k++) sum += J[(size_t)i * nv + k] * B[(size_t)j * nv + k];
-      G[(size_t)i * 3 * n + j] = G[(size_t)j * 3 * n + i] = sum;
-    }
+    p[3 * r->of[i / 3] + i % 3] += g.p[i];
+    if (g.p[i] != 0) push_system(s, r->of[i / 3], i % 3, g.p[i], r->total);
   }
+  if (s->n == 1) memcpy(u, g.v, 3 * sizeof(double));
 }
 
-static int coupled(const double* G, int rows, int i, int j) {
-  for (int k = 0; k < 9; k++) {
-    if (G[(size_t)(3 * i + k / 3) * rows + 3 * j + k % 3] != 0) return 1;
-  }
-  return 0;
-}
-
-/* Takes from `waiting` the contacts that are coupled to its last one, directly or by others; into `of`. */
-static int take_group(const double* G, int rows, int* waiting, int* left, int* of) {
+/* Takes into r->of the contacts that are joined to the first one of r->of by parts, in ascending order from each; how many. */
+static int take_group(const hcb_system* s, const hcb_room* r, int* parts) {
   int n = 1;
-  of[0] = waiting[--*left];
+  r->taken[r->of[0]] = 1;
+  *parts = 0;
   for (int k = 0; k < n; k++) {
-    for (int j = *left - 1; j >= 0; j--) {
-      if (!coupled(G, rows, of[k], waiting[j])) continue;
-      of[n++] = waiting[j];
-      memmove(waiting + j, waiting + j + 1, (--*left - j) * sizeof(int));
+    int list[2] = {-1, -1};
+    for (int side = 0; side < 2; side++) {
+      int q = s->rows[r->of[k]].part[side];
+      if (q < 0 || r->seen[q]) continue;
+      r->seen[q] = 1;
+      r->part[(*parts)++] = q;
+      list[side] = r->head[q];
+    }
+    while (list[0] >= 0 || list[1] >= 0) {
+      int side = list[0] < 0 || (list[1] >= 0 && list[1] / 2 < list[0] / 2), i = list[side] / 2;
+      list[side] = r->next[list[side]];
+      if (!r->taken[i]) r->taken[i] = 1, r->of[n++] = i;
     }
   }
   return n;
 }
 
-static hcb_group group_of(int n, const int* of, const double* G, int rows, const double* u, double* work) {
-  int m = 3 * n;
-  hcb_group g = {.n = n, .m = m, .G = work};
-  double** arrays[] = {&g.before, &g.add, &g.p, &g.v, &g.best_p, &g.best_v};
-  double* next = work + (size_t)m * m;
-  for (int k = 0; k < 6; k++, next += m) *arrays[k] = next;
-  g.lam = next;
-  g.target = next + n;
-  for (int i = 0; i < m; i++) {
-    int row = 3 * of[i / 3] + i % 3;
-    g.before[i] = u[row];
-    for (int j = 0; j < m; j++) g.G[(size_t)i * m + j] = G[(size_t)row * rows + 3 * of[j / 3] + j % 3];
+/* Contacts that approach into the lists of their parts; how many. */
+static int list_approaching(const hcb_system* s, const hcb_room* r, const double* u) {
+  int left = 0;
+  for (int q = 0; q < s->parts; q++) r->head[q] = -1, r->seen[q] = 0;
+  for (int i = s->n - 1; i >= 0; i--) {
+    r->taken[i] = !(-u[3 * i] > fmax(s->c[i].still, 0) && r->block[9 * (size_t)i] > 0);
+    for (int side = 0; side < 2 && !r->taken[i]; side++) {
+      int q = s->rows[i].part[side];
+      if (q >= 0) r->next[2 * i + side] = r->head[q], r->head[q] = 2 * i + side;
+    }
+    left += !r->taken[i];
   }
-  return g;
-}
-
-static void collide_group(int n, const int* of, const double* G, int rows, const hcb_contact* c, double* u, double* p,
-                          double* work) {
-  hcb_group g = group_of(n, of, G, rows, u, work);
-  compress(&g);
-  restitute(&g, c, of);
-  rub(&g, c, of);
-  for (int i = 0; i < g.m; i++) {
-    int row = 3 * of[i / 3] + i % 3;
-    p[row] += g.p[i];
-    for (int j = 0; j < rows && g.p[i] != 0; j++) u[j] += G[(size_t)row * rows + j] * g.p[i];
-  }
+  return left;
 }
 
 /* How fast contacts that rest will slip: about, by a few sweeps with e = 0 from the rates u that they would have
    without each other. rests[i]: which ones; slip[i] of the others is 0. */
-void hcb_resting_slip(int n, const double* G, const hcb_contact* c, const double* u, const int* rests, double* slip,
-                      double* work) {
-  int *of = (int*)(work + 9 * (size_t)n * n + 20 * (size_t)n), count = 0;
-  for (int i = 0; i < n; i++) {
+void hcb_resting_slip(const hcb_system* s, const double* u, const int* rests, double* slip, double* work) {
+  hcb_room r = divide(s, work);
+  hcb_alone one;
+  int count = 0;
+  for (int q = 0; q < s->parts; q++) r.part[q] = q;
+  for (int i = 0; i < s->n; i++) {
     slip[i] = 0;
-    if (rests[i] && G[(size_t)9 * n * i + 3 * i] > 0) of[count++] = i;
+    if (rests[i] && r.block[9 * (size_t)i] > 0) r.of[count++] = i;
   }
-  hcb_group g = group_of(count, of, G, 3 * n, u, work);
-  memset(g.p, 0, g.m * sizeof(double));
+  hcb_group g = group_of(s, &r, count, s->parts, u);
+  if (count == 1) make_alone(&g, &one);
+  memset(g.p, 0, 3 * count * sizeof(double));
   memset(g.target, 0, count * sizeof(double));
-  memcpy(g.v, g.before, g.m * sizeof(double));
-  for (int sweep = 0; sweep < HCB_RESTING_SWEEPS; sweep++) friction_sweep(&g, c, of, 1, 1);
-  for (int i = 0; i < count; i++) slip[of[i]] = hypot(g.v[3 * i + 1], g.v[3 * i + 2]);
+  for (int sweep = 0; sweep < HCB_RESTING_SWEEPS; sweep++) friction_sweep(&g, 1, 1);
+  for (int i = 0; i < count; i++) slip[r.of[i]] = hypot(rate_in(&g, i, 1, g.v), rate_in(&g, i, 2, g.v));
 }
 
-/* See the top of the file. Contacts whose normal row cannot move (G 0) are left alone. */
-int hcb_impacts(int n, const double* G, const hcb_contact* c, double* u, double* p, double* work) {
-  int rows = 3 * n, round, *waiting = (int*)(work + 9 * (size_t)n * n + 20 * (size_t)n), *of = waiting + n;
-  memset(p, 0, rows * sizeof(double));
-  for (round = 0; round < 4 * n + 40; round++) {
-    int left = 0;
-    for (int i = n - 1; i >= 0; i--) {
-      if (-u[3 * i] > fmax(c[i].still, 0) && G[(size_t)3 * i * rows + 3 * i] > 0) waiting[left++] = i;
+/* See the top of the file. Contacts whose normal row cannot move are left alone. */
+int hcb_impacts(const hcb_system* s, double* u, double* p, double* work) {
+  hcb_room r = divide(s, work);
+  int n = s->n, round;
+  memset(p, 0, 3 * (size_t)n * sizeof(double));
+  memset(r.total, 0, s->at[s->parts] * sizeof(double));
+  memcpy(r.first, u, 3 * (size_t)n * sizeof(double));
+  for (round = 0; round < 4 * n + 40 && list_approaching(s, &r, u) > 0; round++) {
+    for (int i = 0; i < n; i++) {
+      int parts, count;
+      if (r.taken[i]) continue;
+      r.of[0] = i;
+      count = take_group(s, &r, &parts);
+      collide_group(s, &r, count, parts, u, p);
     }
-    if (left == 0) break;
-    while (left > 0) collide_group(take_group(G, rows, waiting, &left, of), of, G, rows, c, u, p, work);
+    for (int k = 0; n > 1 && k < 3 * n; k++) u[k] = r.first[k] + rate_of(s, k / 3, k % 3, r.total);
   }
   return round;
 }

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from hcbench.impact import Floats
 
-    System = tuple[Floats, Floats, Floats, list["Contact"]]
+    Problem = tuple[Floats, Floats, Floats, list["Contact"]]
 
 LAW, LINEAR, CONSTANT = 0, 1, 2
 DOUBLES = ctypes.POINTER(ctypes.c_double)
@@ -27,6 +27,20 @@ class Contact(ctypes.Structure):
     _fields_ = [
         ("kind", ctypes.c_int),
         *((name, ctypes.c_double) for name in ("value", "friction", "still", "lift", "lag")),
+    ]
+
+
+class Rows(ctypes.Structure):
+    _fields_ = [("part", ctypes.c_int * 2), ("J", DOUBLES * 2), ("B", DOUBLES * 2)]
+
+
+class System(ctypes.Structure):
+    _fields_ = [
+        ("n", ctypes.c_int),
+        ("parts", ctypes.c_int),
+        ("at", ctypes.POINTER(ctypes.c_int)),
+        ("rows", ctypes.POINTER(Rows)),
+        ("contacts", ctypes.POINTER(Contact)),
     ]
 
 
@@ -43,13 +57,27 @@ def collide(M: Floats, J: Floats, v: Floats, contacts: Sequence[Contact]) -> Aft
     lib = _compile.law_library()
     lib.hcb_impacts_work.restype = ctypes.c_size_t
     n, nv = len(contacts), len(v)
-    J, B = np.ascontiguousarray(J), np.ascontiguousarray(np.linalg.solve(M, J.T).T)
-    G, p, u = np.zeros((3 * n, 3 * n)), np.zeros(3 * n), J @ v
-    work = np.full(lib.hcb_impacts_work(n), np.nan)
-    ptr = [a.ctypes.data_as(DOUBLES) for a in (J, B, G, u, p, work)]
-    lib.hcb_coupling(n, nv, *ptr[:3])
-    rows = (Contact * n)(*contacts)
-    rounds = lib.hcb_impacts(n, ptr[2], rows, *ptr[3:])
+    # A body a velocity where contacts are between two of them, else one part with all velocities.
+    most = np.count_nonzero(J.reshape(n, 3, nv).any(axis=1), axis=1).max()
+    apart = np.count_nonzero(M) == nv and most <= 2
+    at = np.arange(nv + 1, dtype=np.intc) if apart else np.array([0, nv], dtype=np.intc)
+    B, p, u = np.linalg.solve(M, J.T).T, np.zeros(3 * n), J @ v
+    kept: list[Floats] = []
+    rows = (Rows * n)()
+    for i in range(n):
+        own = J[3 * i : 3 * i + 3]
+        touched = [int(q) for q in np.flatnonzero(own.any(axis=0))] if apart else [0]
+        rows[i].part[:] = [*touched, -1, -1][:2]
+        for side, part in enumerate(touched):
+            columns = slice(int(at[part]), int(at[part + 1]))
+            pair = [np.ascontiguousarray(full[3 * i : 3 * i + 3, columns]) for full in (J, B)]
+            rows[i].J[side], rows[i].B[side] = (one.ctypes.data_as(DOUBLES) for one in pair)
+            kept += pair
+    laws = (Contact * n)(*contacts)
+    system = System(n, len(at) - 1, at.ctypes.data_as(ctypes.POINTER(ctypes.c_int)), rows, laws)
+    work = np.full(lib.hcb_impacts_work(n, len(at) - 1, nv), np.nan)
+    ptr = [a.ctypes.data_as(DOUBLES) for a in (u, p, work)]
+    rounds = lib.hcb_impacts(ctypes.byref(system), *ptr)
     return After(u, p, v + B.T @ p, rounds)
 
 
@@ -57,7 +85,7 @@ def energy(M: Floats, v: Floats) -> float:
     return 0.5 * float(v @ M @ v)
 
 
-def row_of_balls(masses: Sequence[float], v: Sequence[float], e: float) -> System:
+def row_of_balls(masses: Sequence[float], v: Sequence[float], e: float) -> Problem:
     """Balls on a line that touch: one contact between neighbours."""
     n = len(masses)
     J = np.zeros((3 * (n - 1), n))
@@ -67,7 +95,7 @@ def row_of_balls(masses: Sequence[float], v: Sequence[float], e: float) -> Syste
     return np.diag(np.array(masses, float)), J, np.array(v, float), contacts
 
 
-def random_system(rng: np.random.Generator) -> System:
+def random_system(rng: np.random.Generator) -> Problem:
     """Bodies with a dense mass matrix, contacts some of which are doubled, any e and friction."""
     nv, n = 3 * int(rng.integers(1, 6)), int(rng.integers(1, 13))
     A = rng.normal(size=(nv, nv))

@@ -62,6 +62,11 @@ def library() -> Path:
         "HCB_TENDON_ROWS_IN_MODEL": "ten_J_rownnz;" in text["mjmodel.h"],
     }
     flags = [f"-I{include}", *(f"-D{name}" for name, is_so in differs.items() if is_so)]
+    for name in ("M", "C"):  # the rows of the inertia matrix: once in mjData, by other names
+        if f" {name}_rownnz;" in text["mjdata.h"] and " M_rownnz;" not in text["mjmodel.h"]:
+            rows = ",".join(f"d->{name}_{part}" for part in ("rownnz", "rowadr", "colind"))
+            flags.append(f"-DHCB_M_ROWS={rows}")
+            break
     link = [str(engine[0]), f"-Wl,-rpath,{folder}"]
     return _compile.build("engines/mujoco/plugin/plugin.c", flags, link, headers)
 

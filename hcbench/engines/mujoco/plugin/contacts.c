@@ -1,8 +1,5 @@
 /* What both plug-ins need of a contact: velocities, rows of the Jacobian, gravity, and the stages of RK4. */
 
-#define HCB_RIGID 0.5        /* impedance from which on an equality answers an impact within it */
-#define HCB_REDUNDANT 1e-10 /* of an equality's own inverse mass */
-
 static double dot(const double* a, const double* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 static double row_dot(int nv, const double* a, const double* b) {
@@ -21,82 +18,6 @@ static void velocity_at(const mjModel* m, const mjData* d, int body, const doubl
 
 static double* stack(mjData* d, size_t count) { return mj_stackAllocByte(d, (count + 1) * sizeof(double), sizeof(double)); }
 
-/* Rows of b2's velocity minus b1's at a point along `count` directions. */
-static void make_rows(const mjModel* m, mjData* d, const int body[2], const double* point, const double* directions,
-                      int count, double* rows) {
-  int nv = m->nv;
-  mj_markStack(d);
-  double* jac = stack(d, 3 * (size_t)nv);
-  memset(rows, 0, (size_t)count * nv * sizeof(double));
-  for (int side = 0; side < 2; side++) {
-    if (m->body_weldid[body[side]] == 0) continue;
-    mj_jac(m, d, jac, NULL, point, body[side]);
-    for (int k = 0; k < count; k++) {
-      const double* n = directions + 3 * k;
-      for (int j = 0; j < nv; j++) {
-        double along = n[0] * jac[j] + n[1] * jac[nv + j] + n[2] * jac[2 * nv + j];
-        rows[(size_t)k * nv + j] += side ? along : -along;
-      }
-    }
-  }
-  mj_freeStack(d);
-}
-
-/* The row of the rate at which a tendon leaves its upper limit. */
-static void tendon_row(const mjModel* m, const mjData* d, int tendon, double* row) {
-  memset(row, 0, m->nv * sizeof(double));
-#ifdef HCB_TENDON_ROWS_IN_MODEL
-  const int *count = m->ten_J_rownnz, *start = m->ten_J_rowadr, *column = m->ten_J_colind;
-#else
-  const int *count = d->ten_J_rownnz, *start = d->ten_J_rowadr, *column = d->ten_J_colind;
-  if (!(m->opt.jacobian == mjJAC_SPARSE || (m->opt.jacobian == mjJAC_AUTO && m->nv >= 60))) {
-    for (int j = 0; j < m->nv; j++) row[j] = -d->ten_J[(size_t)tendon * m->nv + j];
-    return;
-  }
-#endif
-  for (int j = 0; j < count[tendon]; j++) row[column[start[tendon] + j]] = -d->ten_J[start[tendon] + j];
-}
-
-/* A row of all constraints, shape (nv,). */
-static void constraint_row(const mjModel* m, const mjData* d, int k, double* row) {
-  if (!mj_isSparse(m)) {
-    memcpy(row, d->efc_J + (size_t)k * m->nv, m->nv * sizeof(double));
-    return;
-  }
-  memset(row, 0, m->nv * sizeof(double));
-  for (int j = 0; j < d->efc_J_rownnz[k]; j++) {
-    int at = d->efc_J_rowadr[k] + j;
-    row[d->efc_J_colind[at]] = d->efc_J[at];
-  }
-}
-
-/* Takes from `count` rows J what the equalities of a model hold: an impulse p along such a row, with those by which
-   they answer it, is J^T p, and changes no rate of theirs. Kinetic energy then changes by p.(u before + u after)/2
-   with u = J v, for any rates of the equalities. Softer ones act as forces, in the solver alone. */
-static void hold_equalities(const mjModel* m, mjData* d, int count, double* J) {
-  int n = 0, nv = m->nv;
-  if (d->ne == 0) return;
-  mj_markStack(d);
-  double *E = stack(d, (size_t)d->ne * nv), *B = stack(d, (size_t)d->ne * nv), *y = stack(d, d->ne);
-  double* K = stack(d, (size_t)d->ne * d->ne);
-  for (int k = 0; k < d->ne; k++) {
-    if (d->efc_KBIP[4 * k + 2] >= HCB_RIGID) constraint_row(m, d, k, E + (size_t)nv * n++);
-  }
-  mj_solveM(m, d, B, E, n);
-  for (int i = 0; i < n; i++) {
-    for (int k = 0; k < n; k++) K[i * n + k] = row_dot(nv, E + (size_t)i * nv, B + (size_t)k * nv);
-    K[i * n + i] = K[i * n + i] * (1 + HCB_REDUNDANT) + mjMINVAL; /* several may hold the same */
-  }
-  mju_cholFactor(K, n, mjMINVAL);
-  for (int i = 0; i < count; i++) {
-    double* row = J + (size_t)i * nv;
-    for (int k = 0; k < n; k++) y[k] = row_dot(nv, B + (size_t)k * nv, row);
-    mju_cholSolve(y, K, y, n);
-    for (int k = 0; k < n; k++) mju_addToScl(row, E + (size_t)k * nv, -y[k], nv);
-  }
-  mj_freeStack(d);
-}
-
 /* Coriolis and gyroscopic forces and gravity at these velocities; comVel of the data is of them from then on. */
 static void bias_at(const mjModel* m, mjData* d, const double* velocity, double* bias) {
   mju_copy(d->qvel, velocity, m->nv);
@@ -112,7 +33,7 @@ static int is_lone(const mjModel* m, int dof) {
 }
 
 /* Gyroscopic and centrifugal forces of a free body with all that is fixed to it, at velocities v of its six dofs. */
-static void lone_bias(const mjModel* m, const mjData* d, int body, const double* v, double* bias) {
+static void lone_bias(const mjData* d, int body, const double* v, double* bias) {
   const double *R = d->xmat + 9 * body, *I = d->crb + 10 * body; /* I: about its centre of mass, along world axes */
   double w[3], r[3], spin[3], torque[3], arm[3];
   mju_mulMatVec3(w, R, v + 3);
@@ -157,9 +78,9 @@ static void shift_bias(const mjModel* m, mjData* d, const double* impulse, doubl
   for (int j = 0; j < nv; j++) {
     int body = m->dof_bodyid[j];
     if (!is_lone(m, j) || j != m->body_dofadr[body] || mju_norm(impulse + j, 6) == 0) continue;
-    lone_bias(m, d, body, d->qvel + j, f[0]);
-    lone_bias(m, d, body, after + j, f[1]);
-    lone_bias(m, d, body, change + j, f[2]);
+    lone_bias(d, body, d->qvel + j, f[0]);
+    lone_bias(d, body, after + j, f[1]);
+    lone_bias(d, body, change + j, f[2]);
     for (int k = 0; k < 6; k++) force[j + k] += (1 - by) * (f[0][k] - f[1][k]) - by * f[2][k];
   }
   if (jointed) {
@@ -182,15 +103,23 @@ static void gravity_on(const mjModel* m, int body, double* out) {
 }
 
 /* The force of gravity alone, shape (nv,); whether there is any. */
-static int gravity_force(const mjModel* m, mjData* d, double* force) {
-  double g[3], zero[3] = {0, 0, 0};
+static int gravity_force(const mjModel* m, const mjData* d, double* force) {
+  double g[3];
   int any = 0;
   memset(force, 0, m->nv * sizeof(double));
   for (int body = 1; body < m->nbody; body++) {
+    int b = m->body_weldid[body];
     gravity_on(m, body, g);
     if (!dot(g, g) || !m->body_mass[body]) continue;
+    const double *com = d->subtree_com + 3 * m->body_rootid[body], *at = d->xipos + 3 * body;
+    double r[3] = {at[0] - com[0], at[1] - com[1], at[2] - com[2]};
     for (int i = 0; i < 3; i++) g[i] *= m->body_mass[body];
-    mj_applyFT(m, d, g, zero, d->xipos + 3 * body, body, force);
+    for (int j = m->body_dofadr[b] + m->body_dofnum[b] - 1; j >= 0; j = m->dof_parentid[j]) {
+      const double* w = d->cdof + 6 * j;
+      double v[3] = {w[3] + (w[1] * r[2] - w[2] * r[1]), w[4] + (w[2] * r[0] - w[0] * r[2]),
+                     w[5] + (w[0] * r[1] - w[1] * r[0])};
+      force[j] += dot(v, g);
+    }
     any = 1;
   }
   return any;
@@ -214,10 +143,13 @@ static int stage_of(const mjModel* m, const mjData* d, instance* memory) {
   return memory->stage;
 }
 
-static plan* planned(const instance* memory, int instance_, int id, int order) {
+/* Stages ask in the order in which plans were made, so that the search begins where the last one ended. */
+static plan* planned(instance* memory, int instance_, int id, int order) {
   for (int i = 0; i < memory->plans; i++) {
-    plan* p = memory->planned + i;
-    if (p->instance == instance_ && p->id == id && p->order == order) return p;
+    plan* p = memory->planned + (memory->next_plan + i) % memory->plans;
+    if (p->instance != instance_ || p->id != id || p->order != order) continue;
+    memory->next_plan = (int)(p - memory->planned) + 1;
+    return p;
   }
   return NULL;
 }

@@ -5,7 +5,8 @@
 
 typedef struct {
   int instance, id, order, body[2];
-  double x, v, inverse_mass, force, point[3], normal[3], slip[3], *row, *solved;
+  double x, v, inverse_mass, force, point[3], normal[3], slip[3], *row[2], *solved[2];
+  int part[2]; /* whose dofs row and solved are over */
   hcb_law law;
 } touch;
 
@@ -100,32 +101,77 @@ static hcb_law law_of(const mjModel* m, const instance* own, double inverse_mass
   return law;
 }
 
-/* What the other contacts do to the approach of one, to first order, enters as an acceleration. */
-static void couple(const mjModel* m, touch* all, int count) {
-  for (int i = 0; i < count; i++) {
+static double couple_of(const tree_parts* t, const touch* a, const touch* b) {
+  double sum = 0;
+  for (int k = 0; k < 4; k++) {
+    int own = a->part[k / 2], other = b->part[k % 2];
+    if (own >= 0 && own == other) sum += row_dot(part_size(t, own), a->row[k / 2], b->solved[k % 2]);
+  }
+  return sum;
+}
+
+/* What the other contacts do to the approach of one, to first order, enters as an acceleration. Only those that share a
+   part do: each part has a list of its contacts, in ascending order. */
+static void couple(mjData* d, const tree_parts* t, touch* all, int count) {
+  mj_markStack(d);
+  int *head = ints(d, t->parts), *next = ints(d, 2 * (size_t)count);
+  for (int q = 0; q < t->parts; q++) head[q] = -1;
+  for (int i = count - 1; i >= 0; i--) {
     hcb_law own = all[i].law;
     own.b = 0;
     all[i].force = -acceleration(&own, all[i].x, all[i].v) / all[i].inverse_mass;
+    for (int s = 0; s < 2 && all[i].part[s] >= 0; s++) {
+      next[2 * i + s] = head[all[i].part[s]];
+      head[all[i].part[s]] = 2 * i + s;
+    }
   }
   for (int i = 0; i < count; i++) {
-    for (int j = 0; j < count; j++) {
-      if (i != j && all[j].force != 0) all[i].law.b -= row_dot(m->nv, all[i].row, all[j].solved) * all[j].force;
+    int list[2];
+    for (int s = 0; s < 2; s++) list[s] = all[i].part[s] >= 0 ? head[all[i].part[s]] : -1;
+    while (list[0] >= 0 || list[1] >= 0) {
+      int a = list[0] >= 0 ? list[0] / 2 : count, b = list[1] >= 0 ? list[1] / 2 : count, j = a < b ? a : b;
+      if (a == j) list[0] = next[list[0]];
+      if (b == j) list[1] = next[list[1]];
+      if (i != j && all[j].force != 0) all[i].law.b -= couple_of(t, all + i, all + j) * all[j].force;
     }
+  }
+  mj_freeStack(d);
+}
+
+/* Rows of a contact along a direction and M^-1 of them, and its inverse mass along it. */
+static double solve_rows(const mjModel* m, mjData* d, const tree_parts* t, const touch* c, const double* along,
+                         double* const row[2], double* const solved[2]) {
+  double sum = 0;
+  make_rows(m, d, t, c->body, c->point, along, 1, c->part, row);
+  for (int s = 0; s < 2 && c->part[s] >= 0; s++) {
+    int size = part_size(t, c->part[s]);
+    memcpy(solved[s], row[s], size * sizeof(double));
+    solve_part(m, d, t, c->part[s], solved[s]);
+    for (int j = 0; j < size; j++) sum += row[s][j] * solved[s][j];
+  }
+  return sum;
+}
+
+static void allot(mjData* d, const tree_parts* t, const int part[2], double* row[2], double* solved[2]) {
+  for (int s = 0; s < 2 && part[s] >= 0; s++) {
+    row[s] = stack(d, part_size(t, part[s]));
+    solved[s] = stack(d, part_size(t, part[s]));
   }
 }
 
-static void push(const mjModel* m, mjData* d, const touch* c, double* work) {
+static void push(const mjModel* m, mjData* d, const tree_parts* t, const touch* c) {
   const instance* own = instance_of(d, c->instance);
-  double slip = sqrt(dot(c->slip, c->slip)), *row = work, *solved = work + m->nv;
-  for (int j = 0; j < m->nv; j++) d->qfrc_passive[j] += c->force * c->row[j];
+  double slip = sqrt(dot(c->slip, c->slip)), *row[2], *solved[2];
+  for (int s = 0; s < 2 && c->part[s] >= 0; s++) part_add(t, c->part[s], c->row[s], c->force, d->qfrc_passive);
   if (own->tendon >= 0 || own->static_friction == 0 || slip == 0) return;
   double along[3] = {c->slip[0] / slip, c->slip[1] / slip, c->slip[2] / slip};
-  make_rows(m, d, c->body, c->point, along, 1, row);
-  mj_solveM(m, d, solved, row, 1);
+  mj_markStack(d);
+  allot(d, t, c->part, row, solved);
   /* A step can stop the slip, never turn it around. */
-  double most = slip / (m->opt.timestep * row_dot(m->nv, row, solved));
+  double most = slip / (m->opt.timestep * solve_rows(m, d, t, c, along, row, solved));
   double drag = fmin(hcb_friction(own->static_friction, own->dynamic_friction, own->slip_speed, slip) * c->force, most);
-  for (int j = 0; j < m->nv; j++) d->qfrc_passive[j] -= drag * row[j];
+  for (int s = 0; s < 2 && c->part[s] >= 0; s++) part_add(t, c->part[s], row[s], -drag, d->qfrc_passive);
+  mj_freeStack(d);
 }
 
 static void set_force(const mjModel* m, instance* memory, touch* c, int stage) {
@@ -156,58 +202,73 @@ static void set_force(const mjModel* m, instance* memory, touch* c, int stage) {
 }
 
 /* Rows, masses and laws of what was found. */
-static void prepare(const mjModel* m, mjData* d, touch* all, int count, double* rows) {
-  int nv = m->nv;
-  double *gravity = rows, *solved;
-  rows += nv;
-  solved = rows + (size_t)count * nv;
-  for (int i = 0; i < count; i++) {
-    touch* c = all + i;
-    const instance* own = instance_of(d, c->instance);
-    c->row = rows + (size_t)i * nv;
-    c->solved = solved + (size_t)i * nv;
-    if (own->tendon >= 0) {
-      tendon_row(m, d, own->tendon, c->row);
-    } else {
-      make_rows(m, d, c->body, c->point, c->normal, 1, c->row);
-    }
-  }
-  mj_solveM(m, d, solved, rows, count);
+static void prepare(const mjModel* m, mjData* d, const tree_parts* t, touch* all, int count) {
+  double* gravity = stack(d, m->nv);
   int falls = gravity_force(m, d, gravity);
   for (int i = 0; i < count; i++) {
     touch* c = all + i;
-    c->inverse_mass = row_dot(nv, c->row, c->solved);
-    c->law = law_of(m, instance_of(d, c->instance), c->inverse_mass, falls ? -row_dot(nv, c->solved, gravity) : 0);
+    const instance* own = instance_of(d, c->instance);
+    if (own->tendon >= 0) {
+      tendon_row(m, d, t, own->tendon, c->part, NULL);
+    } else {
+      set_parts(m, t, c->body, c->part);
+    }
+    allot(d, t, c->part, c->row, c->solved);
+    if (own->tendon < 0) {
+      c->inverse_mass = solve_rows(m, d, t, c, c->normal, c->row, c->solved);
+    } else if (c->part[0] >= 0) {
+      tendon_row(m, d, t, own->tendon, c->part, c->row[0]);
+      memcpy(c->solved[0], c->row[0], part_size(t, c->part[0]) * sizeof(double));
+      solve_part(m, d, t, c->part[0], c->solved[0]);
+      c->inverse_mass = row_dot(part_size(t, c->part[0]), c->row[0], c->solved[0]);
+    }
+    const double* const solved[2] = {c->solved[0], c->solved[1]};
+    c->law = law_of(m, own, c->inverse_mass, falls ? -along_dofs(t, c->part, solved, 0, gravity) : 0);
     if (c->x > 0) set_touch_speed(&c->law, c->x, c->v);
   }
 }
 
+/* What touches of the near pairs, in mjData's stack; `count` of them. */
+static touch* find_touches(const mjModel* m, mjData* d, const candidate* near, int pairs, int* count) {
+  touch *all = NULL, found[mjMAXCONPAIR];
+  int room = 0;
+  *count = 0;
+  for (int k = 0; k < pairs; k++) {
+    int tendon = instance_of(d, near[k].instance)->tendon, n = 1;
+    if (tendon < 0) {
+      n = narrow_phase(m, d, near + k, found);
+    } else {
+      double x = d->ten_length[tendon] - m->tendon_range[2 * tendon + 1];
+      found[0] = (touch){.instance = near[k].instance, .x = x, .v = d->ten_velocity[tendon]};
+    }
+    if (*count + n > room) { /* twice as much, so that what is left behind is no more than what is used */
+      room = 2 * (*count + n) + 4 * pairs;
+      touch* more = mj_stackAllocByte(d, room * sizeof(touch), sizeof(double));
+      if (*count) memcpy(more, all, *count * sizeof(touch));
+      all = more;
+    }
+    memcpy(all + *count, found, n * sizeof(touch));
+    *count += n;
+  }
+  return all;
+}
+
 static void add_forces(const mjModel* m, mjData* d, int first) {
   instance* memory = instance_of(d, first);
-  int stage = stage_of(m, d, memory), pairs = 0, count = 0, nv = m->nv;
+  int stage = stage_of(m, d, memory), pairs = 0, count;
   for (int i = first; i < m->nplugin; i++) {
     if (m->plugin[i] == m->plugin[first]) pairs += 1 + instance_of(d, i)->pairs;
   }
   mj_markStack(d);
   candidate* near = mj_stackAllocByte(d, pairs * sizeof(candidate), sizeof(double));
-  pairs = near_pairs(m, d, first, near);
-  touch* all = pairs ? mj_stackAllocByte(d, pairs * mjMAXCONPAIR * sizeof(touch), sizeof(double)) : NULL;
-  for (int k = 0; k < pairs; k++) {
-    int tendon = instance_of(d, near[k].instance)->tendon;
-    if (tendon < 0) {
-      count += narrow_phase(m, d, near + k, all + count);
-    } else {
-      double x = d->ten_length[tendon] - m->tendon_range[2 * tendon + 1];
-      all[count++] = (touch){.instance = near[k].instance, .x = x, .v = d->ten_velocity[tendon]};
-    }
-  }
+  touch* all = find_touches(m, d, near, near_pairs(m, d, first, near), &count);
   if (count) {
-    double* rows = stack(d, (2 * (size_t)count + 3) * nv);
-    prepare(m, d, all, count, rows);
-    if (count > 1 && stage < 2) couple(m, all, count);
+    tree_parts t = make_parts(m, d, first, 0);
+    prepare(m, d, &t, all, count);
+    if (count > 1 && stage < 2) couple(d, &t, all, count);
     for (int i = 0; i < count; i++) {
       set_force(m, memory, all + i, stage);
-      if (all[i].force > 0) push(m, d, all + i, rows + (2 * (size_t)count + 1) * nv);
+      if (all[i].force > 0) push(m, d, &t, all + i);
     }
   }
   mj_freeStack(d);

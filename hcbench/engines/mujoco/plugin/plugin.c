@@ -46,8 +46,10 @@ typedef struct { /* an instance, in mjData.plugin_data */
   int length;
   /* of the first instance: the Runge-Kutta step that is under way */
   double time, step, *impulse;
-  int stage, plans, room;
+  int stage, plans, next_plan, room, dofs;
   plan* planned;
+  struct pair_entry* table; /* of the first instance: the pairs of all, sorted */
+  int entries;
 } instance;
 
 static instance* instance_of(const mjData* d, int i) { return (instance*)d->plugin_data[i]; }
@@ -99,66 +101,7 @@ static int read_id(const mjModel* m, int i, const char* key, int type, const cha
   return id;
 }
 
-static int masks_meet(const mjModel* m, int g1, int g2) {
-  return (m->geom_contype[g1] & m->geom_conaffinity[g2]) || (m->geom_contype[g2] & m->geom_conaffinity[g1]);
-}
-
-/* Whether MuJoCo makes contacts of two geoms itself. */
-static int is_native(const mjModel* m, int g1, int g2) {
-  int b1 = m->geom_bodyid[g1], b2 = m->geom_bodyid[g2], w1 = m->body_weldid[b1], w2 = m->body_weldid[b2];
-  int p1 = m->body_weldid[m->body_parentid[w1]], p2 = m->body_weldid[m->body_parentid[w2]];
-  for (int k = 0; k < m->npair; k++) {
-    int a = m->pair_geom1[k], b = m->pair_geom2[k];
-    if ((a == g1 && b == g2) || (a == g2 && b == g1)) return 1;
-  }
-  for (int k = 0; k < m->nexclude; k++) {
-    if (m->exclude_signature[k] == (b1 << 16) + b2 || m->exclude_signature[k] == (b2 << 16) + b1) return 0;
-  }
-  if (w1 && w2 && (w1 == p2 || w2 == p1) && !(m->opt.disableflags & mjDSBL_FILTERPARENT)) return 0;
-  return w1 != w2 && masks_meet(m, g1, g2);
-}
-
-static void add_pair(const mjModel* m, int i, instance* own, int g1, int g2) {
-  if (m->body_weldid[m->geom_bodyid[g1]] == m->body_weldid[m->geom_bodyid[g2]]) {
-    fail(m, i, "geoms \"%s\" and \"%s\" are fixed to the same body", mj_id2name(m, mjOBJ_GEOM, g1),
-         mj_id2name(m, mjOBJ_GEOM, g2));
-  }
-  if (is_force(m, i) && is_native(m, g1, g2)) {
-    const char *n1 = mj_id2name(m, mjOBJ_GEOM, g1), *n2 = mj_id2name(m, mjOBJ_GEOM, g2);
-    fail(m, i, "MuJoCo's own contact of the geoms \"%s\" and \"%s\" is on as well: add <exclude body1=.. body2=..> "
-         "to <contact>, or contype=\"0\" conaffinity=\"0\" to one", n1 ? n1 : "", n2 ? n2 : "");
-  }
-  int type1 = m->geom_type[g1], type2 = m->geom_type[g2], swap = type1 > type2;
-  if (type1 == mjGEOM_PLANE && type2 == mjGEOM_PLANE) fail(m, i, "two planes have no contact");
-  own->pair = realloc(own->pair, 2 * (own->pairs + 1) * sizeof(int));
-  own->pair[2 * own->pairs] = swap ? g2 : g1; /* as collision functions want them */
-  own->pair[2 * own->pairs++ + 1] = swap ? g1 : g2;
-}
-
-static void read_pairs(const mjModel* m, int i, instance* own) {
-  own->pairs = 0;
-  own->tendon = -1;
-  if (*config(m, i, "tendon")) {
-    own->tendon = read_id(m, i, "tendon", mjOBJ_TENDON, "tendon");
-    if (is_force(m, i) == m->tendon_limited[own->tendon]) {
-      fail(m, i, "tendon \"%s\" must have a range and limited=\"%s\"", config(m, i, "tendon"),
-           is_force(m, i) ? "false: the force takes the place of its limit" : "true");
-    }
-  } else if (*config(m, i, "body1") || *config(m, i, "body2")) {
-    int b1 = read_id(m, i, "body1", mjOBJ_BODY, "body"), b2 = read_id(m, i, "body2", mjOBJ_BODY, "body");
-    for (int masked = 1; masked >= 0 && own->pairs == 0; masked--) { /* geoms that may meet, or else all */
-      for (int k = 0; k < m->body_geomnum[b1] * m->body_geomnum[b2]; k++) {
-        int g1 = m->body_geomadr[b1] + k / m->body_geomnum[b2], g2 = m->body_geomadr[b2] + k % m->body_geomnum[b2];
-        int planes = m->geom_type[g1] == mjGEOM_PLANE && m->geom_type[g2] == mjGEOM_PLANE;
-        if (!planes && (!masked || masks_meet(m, g1, g2))) add_pair(m, i, own, g1, g2);
-      }
-    }
-    if (own->pairs == 0) fail(m, i, "the two bodies have no geoms that could meet");
-  } else {
-    int g1 = read_id(m, i, "geom1", mjOBJ_GEOM, "geom"), g2 = read_id(m, i, "geom2", mjOBJ_GEOM, "geom");
-    add_pair(m, i, own, g1, g2);
-  }
-}
+#include "pairs.c"
 
 static void read_force(const mjModel* m, int i, instance* own) {
   int named = *config(m, i, "law") != 0;
@@ -193,11 +136,11 @@ static void read_restitution(const mjModel* m, int i, instance* own) {
   if (*reading && !own->linear && strcmp(reading, "law")) fail(m, i, "config \"reading\": \"%s\", needs law or linear", reading);
 }
 
-/* Reads the config if it is not what was read before: `rollout` steps other models with the same mjData. */
-static void refresh(const mjModel* m, instance* own, int i) {
+/* Reads the config if it is not what was read before: `rollout` steps other models with the same mjData. Whether it was. */
+static int refresh(const mjModel* m, instance* own, int i) {
   const char* text = m->plugin_attr + m->plugin_attradr[i];
   int end = i + 1 < m->nplugin ? m->plugin_attradr[i + 1] : (int)m->npluginattr, length = end - m->plugin_attradr[i];
-  if (own->text && own->length == length && !memcmp(own->text, text, length)) return;
+  if (own->text && own->length == length && !memcmp(own->text, text, length)) return 0;
   read_pairs(m, i, own);
   if (is_force(m, i)) {
     read_force(m, i, own);
@@ -207,6 +150,7 @@ static void refresh(const mjModel* m, instance* own, int i) {
   own->text = realloc(own->text, length);
   own->length = length;
   memcpy(own->text, text, length);
+  return 1;
 }
 
 static int is_first(const mjModel* m, int i) {
@@ -217,6 +161,7 @@ static int is_first(const mjModel* m, int i) {
 }
 
 #include "contacts.c"
+#include "trees.c"
 
 #include "force.c"
 #include "restitution.c"
@@ -224,9 +169,11 @@ static int is_first(const mjModel* m, int i) {
 static void compute(const mjModel* m, mjData* d, int i, int capability) {
   (void)capability;
   if (!is_first(m, i) || m->opt.disableflags & (mjDSBL_CONTACT | mjDSBL_CONSTRAINT)) return;
+  int changed = !instance_of(d, i)->table;
   for (int j = i; j < m->nplugin; j++) {
-    if (m->plugin[j] == m->plugin[i]) refresh(m, instance_of(d, j), j);
+    if (m->plugin[j] == m->plugin[i]) changed |= refresh(m, instance_of(d, j), j);
   }
+  if (changed) make_table(m, d, i);
   if (instance_of(d, i)->is_force) {
     add_forces(m, d, i);
   } else {
@@ -247,6 +194,7 @@ static void destroy(mjData* d, int i) {
   instance* own = instance_of(d, i);
   if (!own) return;
   free(own->pair);
+  free(own->table);
   free(own->text);
   free(own->impulse);
   free(own->planned);

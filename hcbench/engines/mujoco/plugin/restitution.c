@@ -4,91 +4,8 @@
    that part. So resting loads, stacks and friction at rest are the solver's. */
 
 #define HCB_STILL 1.1      /* steps of falling whose speed counts as rest */
-#define HCB_REST 1e-9      /* compliance of a resting row, in units of the pair's own inverse mass, under Newton; ... */
-#define HCB_REST_CG 1e-3   /* ... under CG, which does not settle stiffer rows in its iterations; ... */
-#define HCB_FORCE 1e-6     /* ... where the step takes the solver's forces and a pair has one contact; ... */
-#define HCB_SHARED 1e3     /* ... where several share what they bear: this times Newton's tolerance, if it is more */
-#define HCB_PUSH 0.05      /* of that speed: how fast at most depth that a landing has left is pushed out, ... */
-#define HCB_SLOP 1         /* ... down to so many times what that speed moves in a step: no lower, no contact is lost */
-#define HCB_SILENT -1e10   /* m/s^2: a row that never pushes */
 
-typedef struct { /* a contact of a law: rows of the solver from `row` on */
-  int instance, id, order, tendon, body[2], row, rows, dim, cone, touches, rests, several; /* of the pair */
-  double rate[6], friction[5], slip, parting, x, depth; /* depth: of the pair's shallowest */
-  const double *point, *frame;
-  hcb_contact law;
-} blow;
-
-/* Whether the step takes M^-1 J^T efc_force in place of the solver's qacc (mj_dualFinish). */
-static int is_dual(const mjModel* m) { return m->opt.solver == mjSOL_PGS || m->opt.noslip_iterations > 0; }
-
-/* PGS and noslip use J M^-1 J^T + R, worked out before the passive forces: its diagonal follows R. */
-static void add_to_AR(const mjModel* m, mjData* d, int row, double change) {
-  if (!is_dual(m)) return;
-  if (!mj_isSparse(m)) {
-    d->efc_AR[(size_t)row * d->nefc + row] += change;
-    return;
-  }
-  for (int k = d->efc_AR_rowadr[row]; k < d->efc_AR_rowadr[row] + d->efc_AR_rownnz[row]; k++) {
-    if (d->efc_AR_colind[k] == row) d->efc_AR[k] += change;
-  }
-}
-
-static void set_row(const mjModel* m, mjData* d, int row, double acceleration_, double compliance) {
-  double *KBIP = d->efc_KBIP + 4 * row, before = d->efc_R[row];
-  d->efc_R[row] = fmax(d->efc_R[row] * KBIP[2] / (1 - KBIP[2]) * compliance, mjMINVAL);
-  d->efc_D[row] = 1 / d->efc_R[row];
-  add_to_AR(m, d, row, d->efc_R[row] - before);
-  KBIP[0] = 1; /* mj_referenceConstraint comes next and computes -B vel - K I (pos - margin) */
-  KBIP[1] = 0;
-  d->efc_margin[row] = d->efc_pos[row] + acceleration_ / KBIP[2];
-#ifdef HCB_ISLAND_ROWS
-  if (d->nisland > 0) {
-    int island_row = d->map_efc2iefc[row];
-    d->iefc_R[island_row] = d->efc_R[row];
-    d->iefc_D[island_row] = d->efc_D[row];
-  }
-#endif
-}
-
-/* Whether the step takes the forces of Newton or CG in place of their qacc. */
-static int takes_forces(const mjModel* m) {
-  int damped = 0;
-  for (int j = 0; j < m->nv && m->opt.integrator == mjINT_EULER; j++) damped |= m->dof_damping[j] != 0;
-  return m->opt.integrator == mjINT_IMPLICIT || m->opt.integrator == mjINT_IMPLICITFAST ||
-         (damped && !(m->opt.disableflags & mjDSBL_EULERDAMP));
-}
-
-/* The solver's qacc is right however stiff the rows are. Where the step takes its forces instead, their error is the root
-   of tolerance over compliance (a cost within tolerance), and what a resting contact sinks is compliance times weight. */
-static void rest_compliance(const mjModel* m, double* one, double* several) {
-  *one = *several = m->opt.solver == mjSOL_CG ? HCB_REST_CG : HCB_REST;
-  if (!is_dual(m) && !takes_forces(m)) return;
-  *one = *several = HCB_FORCE;
-  if (!is_dual(m)) *several = fmin(fmax(HCB_SHARED * m->opt.tolerance, HCB_FORCE), HCB_REST_CG);
-}
-
-static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, double compliance) {
-  plan now = {.rows = b->rows}, *made = stage > 1 ? planned(memory, b->instance, b->id, b->order) : NULL;
-  double h = m->opt.timestep, mu = b->friction[0];
-  double push = fmin(HCB_PUSH * b->law.still, fmax(0, b->depth - HCB_SLOP * h * b->law.still) / h);
-  if (compliance > HCB_REST) push = 0; /* forces that are not exact would turn what they lift */
-  double closing = (stage ? fmax(0, b->parting) : 0) - push; /* RK4 moves on the way: back to where it was, for no work */
-  for (int i = 0; i < b->rows; i++) {
-    int k = b->cone ? 1 + i / 2 : i;
-    double tangential = b->cone ? (i % 2 ? -1 : 1) * b->friction[k - 1] * b->rate[k] : 0;
-    now.value[i] = i && !b->cone ? -b->rate[k] / h : (-b->rate[0] - tangential - mu * b->slip - closing) / h;
-    if (!b->rests || stage > 1) now.value[i] = i && !b->cone ? 0 : HCB_SILENT; /* new ones wait for the next step */
-  }
-  if (stage == 1) {
-    made = new_plan(memory, b->instance, b->id, b->order);
-    made->rows = now.rows;
-    memcpy(made->value, now.value, sizeof(now.value));
-  }
-  if (made && made->rows == now.rows) now = *made;
-  if (b->cone) compliance /= fmax(2 * mu * mu, 1e-12); /* a pyramid's rows have 2 mu^2 in theirs */
-  for (int i = 0; i < now.rows; i++) set_row(m, d, b->row + i, now.value[i], compliance);
-}
+#include "rest.c"
 
 /* Speed that gravity gives in a step to one of the bodies alone, which the other may bear. */
 static double fall(const mjModel* m, const int body[2], const double* normal) {
@@ -134,104 +51,147 @@ static void read_contact(const mjModel* m, const mjData* d, const mjContact* c, 
   }
 }
 
-static int pair_of(const instance* own, int g1, int g2) {
-  for (int k = 0; k < own->pairs; k++) {
-    int a = own->pair[2 * k], b = own->pair[2 * k + 1];
-    if ((a == g1 && b == g2) || (a == g2 && b == g1)) return k;
+/* Adds contact k of MuJoCo, which is of entry `e` of the table, after those of the same pair. */
+static void add_contact(const mjModel* m, const mjData* d, int k, int i, int id, blow* b, int is_next) {
+  const mjContact* c = d->contact + k;
+  int order = is_next ? b[-1].order + 1 : 0;
+  *b = (blow){.instance = i, .id = id, .order = order};
+  read_contact(m, d, c, b);
+  b->law = law_of_contact(m, instance_of(d, i), b->friction[0], fall(m, b->body, c->frame));
+  for (int j = order; j > 0; j--) { /* pushed evenly: no tilt */
+    b[-j].depth = b->depth = fmin(b->depth, b[-j].depth);
+    b[-j].several = b->several = 1;
   }
-  return -1;
 }
 
-static int gather(const mjModel* m, mjData* d, int first, blow* all) {
+static int add_limit(const mjModel* m, const mjData* d, int i, blow* all) {
+  const instance* own = instance_of(d, i);
   int count = 0;
-  for (int i = first; i < m->nplugin; i++) {
-    const instance* own = instance_of(d, i);
-    int order = 0;
-    if (m->plugin[i] != m->plugin[first]) continue;
-    for (int k = 0; k < d->ncon && own->tendon < 0; k++) {
-      const mjContact* c = d->contact + k;
-      int id = c->efc_address >= 0 && c->geom[0] >= 0 && c->geom[1] >= 0 ? pair_of(own, c->geom[0], c->geom[1]) : -1;
-      if (id < 0) continue;
-      blow* b = all + count;
-      order = count && all[count - 1].instance == i && all[count - 1].id == id ? order + 1 : 0;
-      *b = (blow){.instance = i, .id = id, .order = order};
-      read_contact(m, d, c, b);
-      b->law = law_of_contact(m, own, b->friction[0], fall(m, b->body, c->frame));
-      count++;
-      for (int j = order; j > 0; j--) { /* pushed evenly: no tilt */
-        b[-j].depth = b->depth = fmin(b->depth, b[-j].depth);
-        b[-j].several = b->several = 1;
-      }
-    }
-    for (int k = 0; k < d->nefc && own->tendon >= 0; k++) {
-      if (d->efc_type[k] != mjCNSTR_LIMIT_TENDON || d->efc_id[k] != own->tendon) continue;
-      double length = d->ten_length[own->tendon], *range = m->tendon_range + 2 * own->tendon;
-      if (range[1] - length != d->efc_pos[k]) continue; /* the lower limit */
-      blow* b = all + count++;
-      *b = (blow){.instance = i, .tendon = own->tendon, .row = k, .rows = 1, .dim = 1};
-      b->x = b->depth = length - range[1];
-      b->touches = b->depth >= 0;
-      b->rate[0] = -d->ten_velocity[own->tendon];
-      b->law = law_of_contact(m, own, 0, 0);
-    }
+  for (int k = 0; k < d->nefc && own->tendon >= 0; k++) {
+    if (d->efc_type[k] != mjCNSTR_LIMIT_TENDON || d->efc_id[k] != own->tendon) continue;
+    double length = d->ten_length[own->tendon], *range = m->tendon_range + 2 * own->tendon;
+    if (range[1] - length != d->efc_pos[k]) continue; /* the lower limit */
+    blow* b = all + count++;
+    *b = (blow){.instance = i, .tendon = own->tendon, .row = k, .rows = 1, .dim = 1};
+    b->x = b->depth = length - range[1];
+    b->touches = b->depth >= 0;
+    b->rate[0] = -d->ten_velocity[own->tendon];
+    b->law = law_of_contact(m, own, 0, 0);
   }
   return count;
 }
 
-/* Impacts of contacts that touch, into d->qfrc_passive and `impulse`; which of them rest then, and slip how fast. */
-static void collide(const mjModel* m, mjData* d, blow* all, int count, double* impulse, const double* gravity,
-                    int falls) {
-  int n = 0, nv = m->nv, *rests;
-  double h = m->opt.timestep;
-  size_t rows = 3 * (size_t)count;
+/* Contacts of MuJoCo that have a law, by instance, in MuJoCo's order within each; how many. */
+static int gather(const mjModel* m, mjData* d, int first, blow* all) {
+  const instance* memory = instance_of(d, first);
+  int count = 0, kept = 0, size = d->ncon + 1;
   mj_markStack(d);
-  hcb_contact* c = mj_stackAllocByte(d, count * sizeof(hcb_contact), sizeof(double));
-  blow** of = mj_stackAllocByte(d, count * sizeof(blow*), sizeof(double));
-  for (int i = 0; i < count; i++) {
-    if (all[i].touches) of[n++] = all + i;
+  int *start = ints(d, m->nplugin + 1), *of = ints(d, size), *id = ints(d, size), *sorted = ints(d, size);
+  memset(start, 0, (m->nplugin + 1) * sizeof(int));
+  for (int k = 0; k < d->ncon; k++) {
+    const mjContact* c = d->contact + k;
+    int is_of_geoms = c->efc_address >= 0 && c->geom[0] >= 0 && c->geom[1] >= 0;
+    const pair_entry* e = is_of_geoms ? entry_of(memory, c->geom[0], c->geom[1]) : NULL;
+    of[k] = e ? e->instance : -1;
+    id[k] = e ? e->id : -1;
+    if (e) start[e->instance + 1]++, kept++;
   }
-  rests = mj_stackAllocByte(d, count * sizeof(int), sizeof(double));
-  double* calm = stack(d, count);
-  double* J = malloc((2 * rows * nv + rows * rows + hcb_impacts_work(count) + 4 * rows) * sizeof(double));
-  double *B = J + rows * nv, *G = B + rows * nv, *u = G + rows * rows, *p = u + rows, *slip = p + rows;
-  double *free_ = slip + rows, *work = free_ + rows;
-  for (int i = 0; i < n; i++) {
-    const blow* b = of[i];
-    double* row = J + 3 * (size_t)i * nv;
-    memset(row, 0, 3 * (size_t)nv * sizeof(double));
-    if (b->tendon >= 0) {
-      tendon_row(m, d, b->tendon, row);
-    } else {
-      make_rows(m, d, b->body, b->point, b->frame, b->dim > 1 ? 3 : 1, row);
+  for (int i = 0; i < m->nplugin; i++) start[i + 1] += start[i];
+  for (int k = 0; k < d->ncon; k++) {
+    if (of[k] >= 0) sorted[start[of[k]]++] = k; /* start[i] is then where i ends */
+  }
+  for (int i = first, k = 0; i < m->nplugin; i++) {
+    if (m->plugin[i] != m->plugin[first]) continue;
+    for (int begin = k; k < kept && of[sorted[k]] == i; k++, count++) {
+      add_contact(m, d, sorted[k], i, id[sorted[k]], all + count, k > begin && id[sorted[k - 1]] == id[sorted[k]]);
     }
-    for (int k = 0; k < 3; k++) u[3 * i + k] = k && b->dim == 1 ? 0 : b->rate[k] - row_dot(nv, row + k * nv, d->qvel);
-    c[i] = b->law;
+    count += add_limit(m, d, i, all + count);
   }
-  hold_equalities(m, d, 3 * n, J);
-  for (int i = 0; i < 3 * n; i++) u[i] += row_dot(nv, J + (size_t)i * nv, d->qvel);
-  mj_solveM(m, d, B, J, 3 * n);
-  hcb_coupling(n, nv, J, B, G);
-  for (int i = 0; i < 3 * n; i++) free_[i] = falls ? h * row_dot(nv, B + (size_t)i * nv, gravity) : 0;
+  mj_freeStack(d);
+  return count;
+}
+
+/* The rows of a contact, and in u its rates without what its velocities and those of the equalities it meets differ by. */
+static hcb_rows rows_of(const mjModel* m, mjData* d, const tree_parts* t, const blow* b, double* u) {
+  hcb_rows r = {.part = {-1, -1}};
+  double *J[2] = {NULL, NULL}, *B[2] = {NULL, NULL};
+  if (b->tendon >= 0) {
+    tendon_row(m, d, t, b->tendon, r.part, NULL);
+  } else {
+    set_parts(m, t, b->body, r.part);
+  }
+  for (int s = 0; s < 2 && r.part[s] >= 0; s++) {
+    size_t size = 3 * (size_t)part_size(t, r.part[s]);
+    r.J[s] = J[s] = stack(d, size);
+    r.B[s] = B[s] = stack(d, size);
+    memset(J[s], 0, size * sizeof(double));
+  }
+  if (b->tendon >= 0) {
+    tendon_row(m, d, t, b->tendon, r.part, J[0]);
+  } else {
+    make_rows(m, d, t, b->body, b->point, b->frame, b->dim > 1 ? 3 : 1, r.part, J);
+  }
+  for (int k = 0; k < 3; k++) u[k] = k && b->dim == 1 ? 0 : b->rate[k] - along_dofs(t, r.part, r.J, k, d->qvel);
+  for (int s = 0; s < 2 && r.part[s] >= 0; s++) {
+    int size = part_size(t, r.part[s]);
+    for (int k = 0; k < 3; k++) hold(t, d, r.part[s], J[s] + (size_t)k * size);
+    memcpy(B[s], J[s], 3 * (size_t)size * sizeof(double));
+    for (int k = 0; k < 3; k++) solve_part(m, d, t, r.part[s], B[s] + (size_t)k * size);
+  }
+  for (int k = 0; k < 3; k++) u[k] += along_dofs(t, r.part, r.J, k, d->qvel);
+  return r;
+}
+
+/* Contacts that touch, as what impacts.c works on; `of`: which of all, `u`: rates, `gains`: what gravity adds to them in
+   the step, `calm`: the speed that counts as rest. */
+static hcb_system make_system(const mjModel* m, mjData* d, const tree_parts* t, blow** of, int n, const double* gravity,
+                              double* u, double* gains, double* calm) {
+  double h = m->opt.timestep;
+  hcb_rows* rows = mj_stackAllocByte(d, (n + 1) * sizeof(hcb_rows), sizeof(double));
+  hcb_contact* c = mj_stackAllocByte(d, (n + 1) * sizeof(hcb_contact), sizeof(double));
   for (int i = 0; i < n; i++) {
-    double gained = -free_[3 * i];
+    rows[i] = rows_of(m, d, t, of[i], u + 3 * i);
+    c[i] = of[i]->law;
+    for (int k = 0; k < 3; k++) gains[3 * i + k] = gravity ? h * along_dofs(t, rows[i].part, rows[i].B, k, gravity) : 0;
+    double gained = -gains[3 * i];
     if (of[i]->tendon >= 0) c[i].still += HCB_STILL * fmax(0, gained);
     calm[i] = c[i].still;
     hcb_under_gravity(c + i, of[i]->x, -u[3 * i], gained / h, h, m->opt.integrator == mjINT_RK4);
   }
-  for (int i = 0; i < 3 * n; i++) u[i] += free_[i] / 2;
-  hcb_impacts(n, G, c, u, p, work);
-  for (int i = 0; i < 3 * n; i++) {
-    u[i] -= free_[i] / 2;
-    free_[i] += u[i];
-    for (int j = 0; j < nv && p[i] != 0; j++) impulse[j] += p[i] * J[(size_t)i * nv + j];
+  return (hcb_system){n, t->parts, t->at, rows, c};
+}
+
+/* Impacts of contacts that touch, into `impulse`; which of them rest then, and slip how fast. gravity: NULL without. */
+static void collide(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse, const double* gravity) {
+  int n = 0;
+  mj_markStack(d);
+  blow** of = mj_stackAllocByte(d, (count + 1) * sizeof(blow*), sizeof(double));
+  for (int i = 0; i < count; i++) {
+    if (all[i].touches) of[n++] = all + i;
+  }
+  tree_parts t = make_parts(m, d, first, 1);
+  factor_held(m, d, &t);
+  size_t rows = 3 * (size_t)n;
+  double *u = stack(d, 4 * rows + n), *p = u + rows, *gains = p + rows, *slip = gains + rows, *calm = slip + rows;
+  hcb_system s = make_system(m, d, &t, of, n, gravity, u, gains, calm);
+  double* work = stack(d, hcb_impacts_work(n, t.parts, m->nv));
+  for (size_t i = 0; i < rows; i++) u[i] += gains[i] / 2;
+  hcb_impacts(&s, u, p, work);
+  int* rests = ints(d, n);
+  for (int i = 0; i < (int)rows; i++) {
+    u[i] -= gains[i] / 2;
+    gains[i] += u[i];
+    const hcb_rows* r = s.rows + i / 3;
+    for (int side = 0; side < 2 && r->part[side] >= 0 && p[i] != 0; side++) {
+      part_add(&t, r->part[side], r->J[side] + (size_t)(i % 3) * part_size(&t, r->part[side]), p[i], impulse);
+    }
   }
   for (int i = 0; i < n; i++) rests[i] = of[i]->rests = u[3 * i] <= calm[i];
-  hcb_resting_slip(n, G, c, free_, rests, slip, work);
+  hcb_resting_slip(&s, gains, rests, slip, work);
   for (int i = 0; i < n; i++) {
     of[i]->parting = u[3 * i];
     of[i]->slip = fmin(slip[i], hypot(u[3 * i + 1], u[3 * i + 2]));
   }
-  free(J);
   mj_freeStack(d);
 }
 
@@ -262,13 +222,13 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
       busy |= b->touches && (-b->rate[0] > b->law.still || slides || b->tendon >= 0);
     }
     if (stage) {
-      memory->impulse = realloc(memory->impulse, (nv + 1) * sizeof(double));
+      if (memory->dofs < nv) memory->impulse = realloc(memory->impulse, (memory->dofs = nv) * sizeof(double));
       mju_zero(memory->impulse, nv);
     }
     if (busy) {
       double *impulse = stage ? memory->impulse : stack(d, nv), *gravity = stack(d, nv);
       mju_zero(impulse, nv);
-      collide(m, d, all, count, impulse, gravity, gravity_force(m, d, gravity));
+      collide(m, d, first, all, count, impulse, gravity_force(m, d, gravity) ? gravity : NULL);
       for (int j = 0; j < nv; j++) d->qfrc_passive[j] += impulse[j] / h;
       shift_bias(m, d, impulse, 1, d->qfrc_passive);
     }

@@ -81,22 +81,69 @@ static int sort_out(world* w, int count, hcb_contact* laws, int* near) {
   return busy;
 }
 
+/* Numbers the bodies that can move by their first contact; at[q]: where the velocities of part q begin. How many. */
+static int number_parts(const world* w, int n, int* part_of, int* at) {
+  int parts = 0;
+  for (int i = 0; i < w->body_count; i++) part_of[i] = -1;
+  at[0] = 0;
+  for (int i = 0; i < 2 * n; i++) {
+    const body* b = w->contacts[i / 2].body[i % 2];
+    if (b->freedoms == 0 || part_of[b->id] >= 0) continue;
+    part_of[b->id] = parts++;
+    at[parts] = at[parts - 1] + b->freedoms;
+  }
+  return parts;
+}
+
+/* The rows of a contact over its bodies; of two links of one body as one part. */
+static hcb_rows rows_of(world* w, const contact* c, const int* part_of) {
+  hcb_rows r = {.part = {-1, -1}};
+  int own[2] = {part_of[c->body[0]->id], part_of[c->body[1]->id]}, lower = own[1] >= 0 && (own[0] < 0 || own[1] < own[0]);
+  for (int k = 0, s = 0; k < 2; k++) {
+    int side = k ? !lower : lower, size = c->body[side]->freedoms, again = s && own[side] == r.part[0];
+    if (own[side] < 0) continue;
+    double *J = take(w, 6 * (size_t)size), *B = J + 3 * (size_t)size;
+    for (int row = 0; row < 3; row++) {
+      const double* along = c->frame[row];
+      make_row(c->body[side], c->link[side], c->at, along, sign_of(side), J + row * size, B + row * size);
+    }
+    for (int j = 0; again && j < 3 * size; j++) J[j] += r.J[0][j], B[j] += r.B[0][j];
+    s -= again;
+    r.part[s] = own[side];
+    r.J[s] = J;
+    r.B[s++] = B;
+  }
+  return r;
+}
+
+static double fall_along(const contact* c, const hcb_rows* r, int k, const int* part_of) {
+  double sum = 0;
+  for (int side = 0; side < 2; side++) {
+    const body* b = c->body[side];
+    int s = part_of[b->id] == r->part[0] ? 0 : 1;
+    if (part_of[b->id] < 0 || (side && b == c->body[0])) continue;
+    for (int j = 0; j < b->freedoms; j++) sum -= r->J[s][k * b->freedoms + j] * b->falling[j];
+  }
+  return sum;
+}
+
+static int* take_ints(world* w, size_t count) { return (int*)take(w, count / 2 + 1); }
+
 static void add_impacts(world* w) {
   int n = 0, count = find_contacts(w);
   if (count == 0) return;
   hcb_contact* c = (hcb_contact*)take(w, (size_t)count * sizeof(hcb_contact) / sizeof(double) + 1);
   if (!sort_out(w, count, c, &n)) return;
-  size_t rows = 3 * (size_t)n;
-  double *G = take(w, rows * rows), *u = take(w, rows), *p = take(w, rows), *work = take(w, hcb_impacts_work(n));
   contact* all = w->contacts;
-  for (int i = 0; i < n; i++) add_rows(w, all + i, 1, 2);
-  for (size_t i = 0; i < rows; i++) {
-    u[i] = all[i / 3].rate[i % 3] - w->h / 2 * falling(all + i / 3, i % 3);
-    for (size_t j = 0; j <= i; j++) {
-      G[i * rows + j] = G[j * rows + i] = coupling(all + i / 3, i % 3, all + j / 3, j % 3);
-    }
+  int *part_of = take_ints(w, w->body_count), *at = take_ints(w, 2 * (size_t)n + 1), parts = number_parts(w, n, part_of, at);
+  hcb_rows* rows = (hcb_rows*)take(w, (size_t)n * sizeof(hcb_rows) / sizeof(double) + 1);
+  hcb_system s = {n, parts, at, rows, c};
+  double *u = take(w, 6 * (size_t)n), *p = u + 3 * (size_t)n;
+  for (int i = 0; i < n; i++) {
+    rows[i] = rows_of(w, all + i, part_of);
+    for (int k = 0; k < 3; k++) u[3 * i + k] = all[i].rate[k] - w->h / 2 * fall_along(all + i, rows + i, k, part_of);
   }
-  hcb_impacts(n, G, c, u, p, work);
+  hcb_impacts(&s, u, p, take(w, hcb_impacts_work(n, parts, at[parts])));
   for (int i = 0; i < n; i++) {
     double force[3] = {0, 0, 0};
     if (p[3 * i] == 0) continue;
