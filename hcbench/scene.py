@@ -15,6 +15,7 @@ from hcbench._arguments import checked, checked_fields
 from hcbench.errors import QuantityError, SceneError
 from hcbench.fields import (
     Acceleration,
+    Exponent,
     FileTable,
     Friction,
     Length,
@@ -174,7 +175,7 @@ class _Ball(_Body):
 
 class _Law(FileTable):
     stiffness: Any = Field(description="k in N/m^exponent, or text like '3.1e7 lbf/in^1.5'")
-    exponent: Number = 1.5
+    exponent: Exponent = 1.5
 
 
 class _File(FileTable):

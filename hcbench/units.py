@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench._bounds import require_bounds
 from hcbench.errors import QuantityError
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ POUND = 0.45359237  # kg
 POUND_FORCE = 4.4482216152605  # N
 PSI = 6894.757293168361  # Pa
 STANDARD_GRAVITY = 9.80665  # m/s²
-SMALLEST, LARGEST = 1e-30, 1e30  # of a quantity but 0: the squares of others leave a float's range
 RANGE_COUNT = 20  # "1:20 in/s" without a count: 1, 2, ..., 20
 
 
@@ -41,9 +41,11 @@ QUANTITIES = {
     for q in (
         QuantityKind("alpha", "s/m", "0.008 s/in"),
         QuantityKind("speed", "m/s", "16 in/s"),
-        QuantityKind("timestep", "s", "1e-3 or 1 ms"),
+        QuantityKind("timestep", "s", "1e-3, 1 ms or 1/240 s"),
+        QuantityKind("time", "s", "10 ms"),
         QuantityKind("mass", "kg", "1 lb"),
         QuantityKind("length", "m", "1 in"),
+        QuantityKind("position", "m", "1 in"),
         QuantityKind("pressure", "Pa", "30e6 psi"),
         QuantityKind("acceleration", "m/s^2", "9.81 m/s^2"),
         QuantityKind("force", "N", "600 lbf"),
@@ -51,15 +53,18 @@ QUANTITIES = {
         QuantityKind("frequency", "Hz", "100 Hz"),
         QuantityKind("stiffness", "N/m^n", "3.1e7 lbf/in^1.5"),
         QuantityKind("number", "", "1.5"),
+        QuantityKind("restitution", "", "0.9"),
+        QuantityKind("exponent", "", "1.5"),
+        QuantityKind("friction", "", "0.5"),
         QuantityKind("angle", "rad", "60 deg", below=math.pi / 2),  # from the normal
         QuantityKind("spin", "rad/s", "40 rad/s"),
     )
 }
 
 _PLAIN = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_NUMBER = re.compile(rf"\s*({_PLAIN})\s*+(?!,)(.*)", re.DOTALL)
+_NUMBER = re.compile(rf"\s*({_PLAIN}(?:/\d+)?)\s*+(?!,)(.*)", re.DOTALL)
 _PIECE = re.compile(
-    rf"\s*(?P<range>{_PLAIN}(?:\s*:\s*{_PLAIN}){{0,2}})\s*(?P<unit>[^\d\s.:+\-].*)?", re.DOTALL
+    rf"\s*(?P<range>{_PLAIN}(?:/\d+)?(?:\s*:\s*{_PLAIN}){{0,2}})\s*(?P<unit>[^\d\s.:+\-].*)?", re.DOTALL
 )
 _UNIT = re.compile(r"[\w\s*/^().·+-]+")  # Pint would pass over comments, and read quotes as inches or feet
 # Pint takes a radian for 1: off by 2π.
@@ -71,6 +76,7 @@ _UNCERTAIN = re.compile(
     r"\s*\(?\s*(?P<value>[^()±]*?)\s*(?:±|\+/?-)\s*(?P<by>[^()±]*?)\s*(?:\)\s*(?P<unit>.*?))?\s*", re.DOTALL
 )
 _LONGEST_UNIT = 60
+_SIGN = re.compile(r"(?<![\^*(eE])[-+]")  # but of an exponent: Pint would add or negate
 _TOWER = re.compile(r"(\*\*|\^)[^*^/]*(\*\*|\^)|\d{4}")  # powers of powers: Pint would compute them
 
 
@@ -112,7 +118,7 @@ def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float)
         return 1.0
     si = kind.unit.replace("^n", f"^{exponent!r}")
     expected, advice = f"a unit that converts to {si}", f"Write for example {kind.example!r}"
-    if len(unit) > _LONGEST_UNIT or _TOWER.search(unit) or not _UNIT.fullmatch(unit):
+    if len(unit) > _LONGEST_UNIT or any((_TOWER.search(unit), _SIGN.search(unit), not _UNIT.fullmatch(unit))):
         raise QuantityError(slot, f"{text[:80]!r}: not a unit", expected if si else "a plain number", advice)
     if not si:
         raise QuantityError(slot, f"{text!r} has the unit {unit!r}", "a plain number", advice)
@@ -151,7 +157,7 @@ def parse(
             near = _near(value)
             advice = f"Write {near!r} if that is meant" if near else "Plain numbers are SI"
             raise QuantityError(slot, f"{value!r} is not a number", f"one like {kind.example!r}", advice)
-        number = float(match[1]) * _scale(match[2].strip(), kind, slot, value, exponent)
+        number = _fraction(match[1]) * _scale(match[2].strip(), kind, slot, value, exponent)
     elif isinstance(value, int | float | np.number) and not isinstance(value, bool):
         try:
             number = float(value)
@@ -161,6 +167,12 @@ def parse(
         raise QuantityError(slot, f"{value!r}", f"a number or text like {kind.example!r}")
     _require_bounds([number], value, kind, slot, least, above)
     return number
+
+
+def _fraction(text: str) -> float:
+    """A number, or one over a whole one: "1/240"."""
+    over, _, under = text.partition("/")
+    return float(over) / float(under or 1) if float(under or 1) else math.inf
 
 
 def _near(text: str) -> str:
@@ -228,7 +240,7 @@ def parse_values(
 
 def _expand(text: str, slot: str, value: str) -> Floats:
     """The numbers of "first", "first:last" or "first:last:count"."""
-    first, *rest = (float(part) for part in text.split(":"))
+    first, *rest = map(_fraction, text.split(":"))
     if not rest:
         return np.array([first])
     count = rest[1] if len(rest) == 2 else RANGE_COUNT
@@ -243,10 +255,6 @@ def _require_bounds(
 ) -> None:
     if not np.isfinite(numbers).all():
         raise QuantityError(slot, f"{value!r:.80} is not finite", f"a finite number like {kind.example!r}")
-    sizes = np.abs([number for number in numbers if number])
-    if sizes.size and not SMALLEST <= sizes.min() <= sizes.max() <= LARGEST:
-        got = f"{value!r:.80} is not within what is computed"
-        raise QuantityError(slot, got, f"0, or a size of {SMALLEST:g} ... {LARGEST:g} {kind.unit}".strip())
     lowest = min(numbers)
     if lowest <= above or lowest < least:
         bound = f"{least:g} {kind.unit}".strip()
@@ -256,6 +264,7 @@ def _require_bounds(
     if (highest := max(numbers)) >= kind.below:
         advice = f"Write for example {kind.example!r}; plain numbers are {kind.unit}"
         raise QuantityError(slot, f"{highest:g} {kind.unit}", f"below {kind.below:.6g} {kind.unit}", advice)
+    require_bounds(slot, numbers, kind.name, kind.unit)
 
 
 def parse_spin(value: object, slot: str = "spin") -> tuple[float, float, float]:

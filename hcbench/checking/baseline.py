@@ -18,6 +18,7 @@ from pydantic import (
     model_validator,
 )
 
+from hcbench._bounds import BOUNDS
 from hcbench._files import json_text, parse_json, read_text
 from hcbench._outputs import write_output
 from hcbench.errors import UserError
@@ -25,7 +26,6 @@ from hcbench.impact import Launch, Status
 from hcbench.measuring.measurement import Measurement
 from hcbench.measuring.request import MAX_HEIGHT
 from hcbench.sim.model_under_test import Request
-from hcbench.units import LARGEST, SMALLEST
 
 SCHEMA = 1
 KIND = "hcbench baseline"
@@ -37,7 +37,7 @@ class BaselineImpact(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    speed_m_per_s: _Number = Field(ge=SMALLEST, le=LARGEST)
+    speed_m_per_s: _Number = Field(gt=0, le=BOUNDS["speed"][1])
     phase: _Number = Field(ge=0, lt=1)
     height_m: Annotated[_Number, Field(gt=0, le=MAX_HEIGHT)] | None
     slip_m_per_s: tuple[_Number, _Number] = (0.0, 0.0)
@@ -65,7 +65,7 @@ class Baseline(BaseModel):
 
     engine: str
     version: str
-    timestep_s: _Number = Field(ge=SMALLEST, le=LARGEST)
+    timestep_s: _Number = Field(gt=0, le=BOUNDS["timestep"][1])
     impacts: tuple[BaselineImpact, ...] = Field(min_length=1)
 
     @model_validator(mode="after")

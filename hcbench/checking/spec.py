@@ -172,7 +172,7 @@ def read_limit(value: Quantity | None) -> float | None:
     """The time after which a model counts as hung, s; None where nobody says. Raises QuantityError."""
     if value is None:
         return None
-    limit = units.parse(value, "timestep", "limit")
+    limit = units.parse(value, "time", "limit")
     if not 0 < limit <= LONGEST_LIMIT_S:
         raise QuantityError("limit", f"{limit:g} s", f"above 0 s, up to {LONGEST_LIMIT_S:g} s")
     return limit
@@ -183,7 +183,7 @@ def _wanted(spec: CheckSpec) -> RestitutionCurve | None:
         alpha, uncertainty = units.parse_uncertain(spec.alpha, "alpha", "alpha")
         return Restitution(alpha, cast("Reading", spec.reading), uncertainty)
     if spec.restitution is not None:
-        return ConstantRestitution(units.parse(spec.restitution, "number", "restitution"))
+        return ConstantRestitution(units.parse(spec.restitution, "restitution", "restitution", least=0.0))
     if spec.pairs is not None:
         return MeasuredRestitution(read_pairs(spec.pairs))
     return None

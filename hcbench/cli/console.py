@@ -49,11 +49,14 @@ def launch_options(
 class QuantityType(click.types.StringParamType):
     """A number with or without a unit as a float in SI, or several, such as "1:20 in/s", as an array.
 
-    quantity: a name in `units.QUANTITIES`. positive: whether only values above 0 will do.
+    quantity: a name in `units.QUANTITIES`. positive: whether only values above 0 will do. least: SI.
     """
 
-    def __init__(self, quantity: str, *, several: bool = False, positive: bool = False) -> None:
-        self.quantity, self.several, self.positive = quantity, several, positive
+    def __init__(
+        self, quantity: str, *, several: bool = False, positive: bool = False, least: float = -math.inf
+    ) -> None:
+        self.quantity, self.several = quantity, several
+        self.bounds = {"above": 0.0 if positive else -math.inf, "least": least}
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Read the text; QuantityError names the option."""
@@ -61,7 +64,7 @@ class QuantityType(click.types.StringParamType):
 
         slot = param.opts[0] if param else ""
         read = units.parse_values if self.several else units.parse
-        return read(value, self.quantity, slot, above=0.0 if self.positive else -math.inf)
+        return read(value, self.quantity, slot, **self.bounds)
 
 
 class UncertainType(click.types.StringParamType):
@@ -77,7 +80,8 @@ class UncertainType(click.types.StringParamType):
         return units.parse_uncertain(value, self.quantity, param.opts[0] if param else "", above=self.above)
 
 
-NUMBER = QuantityType("number")
+NUMBER, EXPONENT = QuantityType("number"), QuantityType("exponent")
+RESTITUTION, FRICTION = QuantityType("restitution", least=0.0), QuantityType("friction", least=0.0)
 ALPHA, ALPHAS = QuantityType("alpha"), QuantityType("alpha", several=True)
 SPEED, SPEEDS = QuantityType("speed"), QuantityType("speed", several=True, positive=True)
 TIME, STEP = QuantityType("timestep"), QuantityType("timestep", positive=True)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hcbench.cli.console import ALPHA, NUMBER, SPEED, TIME, as_json, print_json, target_option
+from hcbench.cli.console import ALPHA, RESTITUTION, SPEED, TIME, as_json, print_json, target_option
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 @click.option("--alpha", type=ALPHA, help="α of e = 1 - α v, such as '0.008 s/in'.")
 @click.option("--drake", type=ALPHA, help="Drake's hunt_crossley_dissipation.")
 @click.option("--simbody", type=ALPHA, help="Simbody's dissipation.")
-@click.option("--restitution", type=NUMBER, help="e at --speed.")
+@click.option("--restitution", type=RESTITUTION, help="e at --speed.")
 @click.option("--solref", help="The two numbers of a soft constraint's solref, such as '-2.7e8 -815'.")
 @click.option("--speed", type=SPEED, help="Where engines with one e for all speeds should match.")
 @click.option("--contact-time", type=TIME, help="Duration of a contact by solref's spring, such as '0.2 ms'.")

@@ -48,7 +48,7 @@ class _SetupOptions(TypedDict):
     "--timing", type=QuantityType("timestep", positive=True), help="Uncertainty of a time, where known."
 )
 @click.option("--speed", type=UncertainType("speed"), help="Of the approach, for forces over time.")
-@click.option("--exponent", type=QuantityType("number", positive=True), help="n of the law, for forces.")
+@click.option("--exponent", type=QuantityType("exponent"), help="n of the law, for forces.")
 @click.option("--touches", help="Of a recording, which of the touches found to take: '2:14'.")
 @click.option("--law", type=click.Choice(_LAWS), default="auto", show_default=True)
 @output_option("--page", help="Also write a one-page report (HTML).")

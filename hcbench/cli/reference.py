@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from hcbench._text import table
-from hcbench.cli.console import ALPHAS, MASS, NUMBER, SPEEDS, as_json, print_json
+from hcbench.cli.console import ALPHAS, EXPONENT, MASS, SPEEDS, as_json, print_json
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
@@ -25,7 +25,9 @@ _several = partial(click.option, multiple=True, required=True)
 @_several("--speed", type=SPEEDS, help="Impact speeds: '16 in/s', '4, 8 in/s', '1:20 in/s'. Repeatable.")
 @click.option("--mass", type=MASS, default="1 lb", show_default=True, help="Effective mass.")
 @click.option("--stiffness", help=f"k of F = k x^n; plain: N/m^n.  [default for n = 1.5: {PAPER_STIFFNESS}]")
-@click.option("--exponent", type=NUMBER, default="1.5", show_default=True, help="n of F = k x^n, 1 or more.")
+@click.option(
+    "--exponent", type=EXPONENT, default="1.5", show_default=True, help="n of F = k x^n, 1 or more."
+)
 @as_json
 def reference(
     alpha: tuple[Floats, ...],

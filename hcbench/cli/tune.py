@@ -9,10 +9,13 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from hcbench._bounds import BOUNDS
 from hcbench.cli.console import (
     ACCELERATION,
+    EXPONENT,
+    FRICTION,
     MASS,
-    NUMBER,
+    RESTITUTION,
     SPEEDS,
     STEP,
     UncertainType,
@@ -41,7 +44,7 @@ _model_option = partial(click.option, cls=_ModelOption)
 @click.option(
     "--alpha", type=UncertainType("alpha"), help="α of e = 1 - α v: '0.008 s/in' or '0.31 +- 0.004 s/m'."
 )
-@click.option("--restitution", type=NUMBER, help="One e for all speeds, in place of --alpha.")
+@click.option("--restitution", type=RESTITUTION, help="One e for all speeds, in place of --alpha.")
 @click.option(
     "--points", help="Pairs v:e in place of --alpha, such as '0.1:0.95, 0.5:0.85 m/s', or a CSV file."
 )
@@ -74,11 +77,11 @@ _model_option = partial(click.option, cls=_ModelOption)
 @_engine_option("--scene", default="steel-plane", show_default=True, help="A scene's name or folder.")
 @_engine_option("--mass", type=MASS, help="Effective mass.  [default: the scene's]")
 @_engine_option("--stiffness", help="k of the law, N/m^n or with units.  [default: the scene's]")
-@_engine_option("--exponent", type=NUMBER, help="n of the law.  [default: the scene's]")
-@_engine_option("--friction", type=NUMBER, default="0", show_default=True, help="Coulomb's μ of the contact.")
+@_engine_option("--exponent", type=EXPONENT, help="n of the law.  [default: the scene's]")
+@_engine_option("--friction", type=FRICTION, default="0", show_default=True, help="Coulomb's μ of the contact.")
 @_engine_option(
     "--corners",
-    type=int,
+    type=click.IntRange(1, int(BOUNDS["corners"][1])),
     default=1,
     show_default=True,
     help="Contact points that land together; 4 for the face of a box.",

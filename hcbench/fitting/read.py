@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 
 # What columns may be called, and the kind of number in them.
 _NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
-    "time": ("timestep", ("time", "t", "touch", "touch time", "impact time", "time of impact")),
-    "height": ("length", ("height", "h", "y", "z", "position", "bounce height")),
+    "time": ("time", ("time", "t", "touch", "touch time", "impact time", "time of impact")),
+    "height": ("position", ("height", "h", "y", "z", "position", "bounce height")),
     "speed": ("speed", ("speed", "v", "impact speed", "approach speed")),
     "speed_in": ("speed", ("v_in", "vin", "v in", "speed_in", "speed in", "v_i")),
     "speed_out": ("speed", ("v_out", "vout", "v out", "speed_out", "speed out", "v_o")),
     "restitution": ("number", ("restitution", "e", "cor", "coefficient of restitution")),
-    "penetration": ("length", ("penetration", "x", "depth", "indentation", "approach")),
+    "penetration": ("position", ("penetration", "x", "depth", "indentation", "approach")),
     "rate": ("speed", ("rate", "xdot", "penetration rate", "indentation rate")),
     "force": ("force", ("force", "f", "load")),
 }

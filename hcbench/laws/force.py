@@ -13,9 +13,9 @@ from typing import Protocol
 import numpy as np
 
 from hcbench._arguments import checked_fields
+from hcbench._bounds import LARGEST
 from hcbench.impact import Floats
 from hcbench.laws.require import positive, require
-from hcbench.units import LARGEST
 
 
 class ForceLaw(Protocol):

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench._bounds import LARGEST, SMALLEST
 from hcbench.errors import UserError
-from hcbench.units import LARGEST, SMALLEST
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats

@@ -54,7 +54,7 @@ def _values(name: str, text: str) -> list[float]:
     try:
         return list(_numbers(name, text.split()))
     except QuantityError:
-        return [units.parse(text, "length", f"qpos: {name}")]
+        return [units.parse(text, "position", f"qpos: {name}")]
 
 
 def _numbers(name: Any, values: Any) -> tuple[float, ...]:

@@ -27,6 +27,7 @@ FLOORS = [
         "launch_options",
         "resolution",
         "_arguments",
+        "_bounds",
         "_compile",
         "_files",
         "_notebook",

@@ -1,0 +1,68 @@
+"""What a number can be in physics: one table of bounds for options, studies, data, states and models.
+
+A number beyond its bounds is nearly always a wrong unit. `--beyond-bounds` admits it, and `beyond_bounds()` in
+Python.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+from hcbench.errors import QuantityError
+
+SMALLEST, LARGEST = 1e-30, 1e30  # of a quantity but 0: the squares of others leave a float's range
+# Quantity -> (smallest, largest) size in SI units. 0 and negative numbers are the caller's to admit.
+BOUNDS: dict[str, tuple[float, float]] = {
+    "alpha": (0.0, 1e4),
+    "speed": (1e-6, 1e4),
+    "timestep": (1e-9, 1.0),
+    "time": (0.0, 1e6),
+    "mass": (1e-12, 1e9),
+    "length": (1e-9, 1e4),
+    "position": (0.0, 1e4),
+    "pressure": (1.0, 1e14),
+    "acceleration": (0.0, 1e3),
+    "force": (0.0, 1e12),
+    "stiffness": (1e-9, 1e30),
+    "spin": (0.0, 1e6),
+    "frequency": (1e-9, 1e9),
+    "restitution": (0.0, 1.0),
+    "exponent": (1.0, 5.0),
+    "friction": (0.0, 10.0),
+    "corners": (1.0, 100.0),
+}
+_beyond: ContextVar[bool] = ContextVar("hcbench beyond bounds", default=False)
+
+
+@contextmanager
+def beyond_bounds(admitted: bool = True) -> Iterator[None]:
+    """Admit, or refuse, numbers beyond BOUNDS within a block."""
+    token = _beyond.set(admitted)
+    try:
+        yield
+    finally:
+        _beyond.reset(token)
+
+
+def admit_beyond_bounds() -> None:
+    """Admit numbers beyond BOUNDS, until the block of a surrounding `beyond_bounds` ends."""
+    _beyond.set(True)
+
+
+def require_bounds(
+    slot: str, values: Iterable[float], quantity: str, unit: str = "", smallest: float | None = None
+) -> None:
+    """Raise QuantityError for the first value beyond its bounds; 0 is none.
+
+    smallest: in place of the table's.
+    """
+    low, high = (0.0, math.inf) if _beyond.get() else BOUNDS.get(quantity, (0.0, math.inf))
+    low, high = max(SMALLEST, low if smallest is None else smallest), min(LARGEST, high)
+    for value in values:
+        if not math.isfinite(value) or (value and not low <= abs(value) <= high):
+            zero = "0 ... " if low == SMALLEST else f"{low:g} ... "
+            advice = "" if _beyond.get() else "--beyond-bounds admits it, if it is meant"
+            raise QuantityError(slot, f"{value:.6g} {unit}".strip(), f"{zero}{high:g} {unit}".strip(), advice)
