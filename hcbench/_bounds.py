@@ -1,7 +1,7 @@
 """What a number can be in physics: one table of bounds for options, studies, data, states and models.
 
-A number beyond its bounds is nearly always a wrong unit. `--beyond-bounds` admits it, and `beyond_bounds()` in
-Python.
+A number beyond its bounds is nearly always a wrong unit. `--beyond-bounds` admits it; in Python,
+`with beyond_bounds():`.
 """
 
 from __future__ import annotations
@@ -50,6 +50,11 @@ def beyond_bounds(admitted: bool = True) -> Iterator[None]:
 def admit_beyond_bounds() -> None:
     """Admit numbers beyond BOUNDS, until the block of a surrounding `beyond_bounds` ends."""
     _beyond.set(True)
+
+
+def admits_beyond_bounds() -> bool:
+    """Whether numbers beyond BOUNDS are admitted."""
+    return _beyond.get()
 
 
 def require_bounds(

@@ -24,7 +24,6 @@ from hcbench._outputs import write_output
 from hcbench.errors import UserError
 from hcbench.impact import Launch, Status
 from hcbench.measuring.measurement import Measurement
-from hcbench.measuring.request import MAX_HEIGHT
 from hcbench.sim.model_under_test import Request
 
 SCHEMA = 1
@@ -39,7 +38,7 @@ class BaselineImpact(BaseModel):
 
     speed_m_per_s: _Number = Field(gt=0, le=BOUNDS["speed"][1])
     phase: _Number = Field(ge=0, lt=1)
-    height_m: Annotated[_Number, Field(gt=0, le=MAX_HEIGHT)] | None
+    height_m: Annotated[_Number, Field(gt=0, le=BOUNDS["length"][1])] | None
     slip_m_per_s: tuple[_Number, _Number] = (0.0, 0.0)
     spin_rad_per_s: tuple[_Number, _Number, _Number] = (0.0, 0.0, 0.0)
     status: Status

@@ -50,5 +50,5 @@ def parse_points(text: str) -> Pairs:
             expected = "pairs like '0.1:0.95, 0.5:0.85 m/s' or a CSV file that exists"
             raise UserError("--points", repr(text), expected)
         v = units.parse(f"{speed} {unit}".strip(), "speed", "--points", above=0)
-        points.append((v, units.parse(e, "number", "--points")))
+        points.append((v, units.parse(e, "restitution", "--points", least=0)))
     return tuple(points)

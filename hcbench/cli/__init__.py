@@ -14,6 +14,7 @@ from contextlib import suppress
 
 import click
 
+from hcbench._bounds import beyond_bounds
 from hcbench._text import sanitized
 from hcbench.cli._process import (
     INTERRUPTS,
@@ -23,6 +24,7 @@ from hcbench.cli._process import (
     wrap_stdio,
 )
 from hcbench.cli.check import check, measure, pairs
+from hcbench.cli.console import beyond_bounds_option
 from hcbench.cli.convert import convert
 from hcbench.cli.engines import engines, plugin
 from hcbench.cli.fit import fit
@@ -47,6 +49,7 @@ def app() -> None:
 
 COMMANDS = (report, sweep, fit, tune, pairs, measure, check, paper, reference, convert, engines, plugin)
 for command in COMMANDS:
+    command.params.append(beyond_bounds_option())
     app.add_command(translate_errors(command))
 
 
@@ -71,6 +74,11 @@ def main() -> None:
 
 def run(arguments: list[str]) -> int:
     """Run one command and return its exit code; nothing but Ctrl-C's own signal escapes."""
+    with beyond_bounds(False):
+        return _run(arguments)
+
+
+def _run(arguments: list[str]) -> int:
     try:
         # Not app(...): at Ctrl-C it prints an empty line before anything of ours is asked.
         with app.make_context("hcbench", list(arguments)) as context:

@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from hcbench._bounds import admit_beyond_bounds
 from hcbench._files import json_text
 from hcbench.cli.outputs import PathType
 from hcbench.launch_options import OPTIONS
@@ -80,13 +81,26 @@ class UncertainType(click.types.StringParamType):
         return units.parse_uncertain(value, self.quantity, param.opts[0] if param else "", above=self.above)
 
 
-NUMBER, EXPONENT = QuantityType("number"), QuantityType("exponent")
+EXPONENT = QuantityType("exponent")
 RESTITUTION, FRICTION = QuantityType("restitution", least=0.0), QuantityType("friction", least=0.0)
 ALPHA, ALPHAS = QuantityType("alpha"), QuantityType("alpha", several=True)
 SPEED, SPEEDS = QuantityType("speed"), QuantityType("speed", several=True, positive=True)
 TIME, STEP = QuantityType("timestep"), QuantityType("timestep", positive=True)
 ACCELERATION = QuantityType("acceleration")
 MASS = QuantityType("mass", positive=True)
+
+
+def beyond_bounds_option() -> click.Option:
+    """Read before all other options, whose values it admits."""
+
+    def admit(_: click.Context, __: click.Parameter, given: bool) -> None:
+        if given:
+            admit_beyond_bounds()
+
+    words = "Admit numbers that hcbench takes for wrong units."
+    return click.Option(
+        ["--beyond-bounds"], is_flag=True, is_eager=True, expose_value=False, callback=admit, help=words
+    )
 
 
 @contextmanager

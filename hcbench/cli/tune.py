@@ -78,7 +78,9 @@ _model_option = partial(click.option, cls=_ModelOption)
 @_engine_option("--mass", type=MASS, help="Effective mass.  [default: the scene's]")
 @_engine_option("--stiffness", help="k of the law, N/m^n or with units.  [default: the scene's]")
 @_engine_option("--exponent", type=EXPONENT, help="n of the law.  [default: the scene's]")
-@_engine_option("--friction", type=FRICTION, default="0", show_default=True, help="Coulomb's μ of the contact.")
+@_engine_option(
+    "--friction", type=FRICTION, default="0", show_default=True, help="Coulomb's μ of the contact."
+)
 @_engine_option(
     "--corners",
     type=click.IntRange(1, int(BOUNDS["corners"][1])),

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench import units
+from hcbench._bounds import beyond_bounds, require_bounds
 from hcbench._files import read_text
 from hcbench._text import sanitized
 from hcbench.errors import QuantityError, UserError
@@ -70,6 +71,9 @@ class Table:
                     f"{sanitized(cell.strip())} under {sanitized(name)!r}",
                 )
                 raise UserError(where, got, f"0, or {_SMALLEST:g} ... {1 / _SMALLEST:g} in SI units")
+        require_bounds(
+            f"{self.name}: {name}", (values * scale).tolist(), quantity, units.QUANTITIES[quantity].unit, 0.0
+        )
         return values * scale
 
 
@@ -91,7 +95,8 @@ def unit_scale(file: str, name: str, unit: str, quantity: str) -> float:
         advice = f"Write it with one, such as: {sanitized(name)} [{example}]"
         raise UserError(file, f"the header {sanitized(name)!r} names no unit", "one in brackets", advice)
     try:
-        return units.parse(f"1 {unit}", quantity, file) if unit else 1.0
+        with beyond_bounds():
+            return units.parse(f"1 {unit}", quantity, file) if unit else 1.0
     except QuantityError:
         got = f"{sanitized(unit)!r} under {sanitized(name)!r} is not such a unit"
         raise UserError(file, got, f"one that converts to {units.QUANTITIES[quantity].unit}") from None

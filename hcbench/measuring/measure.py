@@ -8,12 +8,13 @@ import re
 import runpy
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar, Unpack
 
 from hcbench._arguments import checked
+from hcbench._bounds import admits_beyond_bounds, beyond_bounds
 from hcbench._text import sanitized
 from hcbench.errors import EngineFailed, HcbenchError, SceneError, UserError
 from hcbench.launch_options import LaunchOptions
@@ -43,7 +44,10 @@ _PYTHON = re.compile(r"(?P<file>.+\.py):(?P<function>[A-Za-z_]\w*)")
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One measurement. source: see `measure`; only files cross to the worker, objects stay here."""
+    """One measurement. source: see `measure`; only files cross to the worker, objects stay here.
+
+    beyond_bounds: whether numbers beyond physical bounds are admitted.
+    """
 
     source: Any
     engine: str | None
@@ -51,6 +55,7 @@ class Job:
     wanted: RestitutionCurve | None
     tolerance: float
     diagnose: bool
+    beyond_bounds: bool = field(default=False, kw_only=True)
 
 
 @checked
@@ -108,7 +113,7 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
     name, where = (job.engine, None) if engine is None else (engine.name, interpreter_of(engine))
     limit = max(LIMIT_S, getattr(engine, "limit", 0.0)) if limit is None else limit
     try:
-        job = dataclasses.replace(job, source=source, engine=name)
+        job = dataclasses.replace(job, source=source, engine=name, beyond_bounds=admits_beyond_bounds())
         answer: Answer = call(_in_worker, work, job, limit=limit, at=where)
         return answer
     except WorkerDied as death:
@@ -144,7 +149,7 @@ def _label(source: str | tuple[str, ...]) -> str:
 
 def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
     try:
-        with _memory_limit():
+        with _memory_limit(), beyond_bounds(job.beyond_bounds):
             return work(job)
     except MemoryError:
         needs = f"{_label(job.source)} needs more than {_memory() >> 30} GiB of memory"

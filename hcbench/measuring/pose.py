@@ -59,7 +59,8 @@ def _values(name: str, text: str) -> list[float]:
 
 def _numbers(name: Any, values: Any) -> tuple[float, ...]:
     try:
-        numbers = tuple(float(x) for x in np.asarray(values, dtype=float).reshape(-1))
+        array = np.asarray(values)
+        numbers = () if array.dtype.kind == "c" else tuple(array.astype(float).reshape(-1).tolist())
     except (TypeError, ValueError):
         numbers = ()
     if not numbers or not all(map(math.isfinite, numbers)):

@@ -7,12 +7,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from hcbench.engines.mujoco import plugin
 from hcbench.engines.mujoco.backend import backend, captured_warnings
+from hcbench.engines.mujoco.model.plausible import require_plausible_model
 from hcbench.errors import EngineFailed, SceneError
-from hcbench.units import LARGEST, SMALLEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -63,7 +61,7 @@ def load(source: Any, request: Request) -> tuple[Any, str, Any]:
             model, label = _from_file(mujoco, Path(source)), Path(source).name
     if any("NaN" in line for line in warnings):
         raise SceneError("model", f"{label} has a NaN in it", "numbers", "Look for 'nan' in the file")
-    _require_sound(model, label)
+    require_plausible_model(model, label)
     if request.timestep is not None:
         model.opt.timestep = request.timestep
     if request.gravity is not None:
@@ -93,17 +91,3 @@ def _compiled(compile_model: Callable[[], Any], label: str) -> Any:
         if "allocate" in words:
             raise EngineFailed("model", f"{label}: {words}", "a model that fits into memory") from None
         raise SceneError("model", f"{label}: {words}", "a model that MuJoCo compiles") from None
-
-
-def _require_sound(model: Any, label: str) -> None:
-    """Refuse what the compiler lets through and no simulation survives."""
-    for kind, field in (("body", "mass"), ("body", "inertia"), ("geom", "size")):
-        values = getattr(model, f"{kind}_{field}")
-        bad = np.argwhere(~np.isfinite(values))
-        if bad.size:
-            raise SceneError("model", f"{label}: {field} of {kind} {bad[0][0]} is not finite", "numbers")
-    if (model.body_mass < 0).any():
-        raise SceneError("model", f"{label}: a body of negative mass", "masses of 0 kg or more")
-    if not SMALLEST <= model.opt.timestep <= LARGEST:
-        expected = f"a step of {SMALLEST:g} ... {LARGEST:g} s"
-        raise SceneError("timestep", f"{label}: {model.opt.timestep!r} s", expected)

@@ -8,6 +8,7 @@ import numpy as np
 from hcbench._text import sanitized
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import joint_name
+from hcbench.engines.mujoco.model.plausible import require_plausible_state
 from hcbench.errors import UserError
 from hcbench.sim.model_under_test import Request
 from hcbench.sim.names import suggest_names
@@ -37,6 +38,7 @@ def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, st
         name += " with " + ", ".join(joint for joint, _ in request.pose)
     data.qvel[:] = 0.0
     data.time = 0.0
+    require_plausible_state(model, data)
     mujoco.mj_normalizeQuat(model, data.qpos)
     return data, name
 

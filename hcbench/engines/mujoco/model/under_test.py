@@ -12,6 +12,7 @@ from hcbench.engines.mujoco.model.causes import find_suspects
 from hcbench.engines.mujoco.model.causes.context import Context, written_contact
 from hcbench.engines.mujoco.model.list_pairs import find_pair
 from hcbench.engines.mujoco.model.place import bring_to_touch
+from hcbench.engines.mujoco.model.plausible import require_plausible_contact
 from hcbench.engines.mujoco.model.plugin_contact import restitution_law
 from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation
 from hcbench.engines.mujoco.model.start_pose import start_pose
@@ -42,6 +43,7 @@ class MujocoModel(ModelUnderTest):
             self.start, self.start_name = start_pose(model, request, state)
             pair = find_pair(model, request, state)
             self.place = bring_to_touch(pair, start_pose(model, request, state)[0], request.coming_from)
+        require_plausible_contact(model, self.place)
         self.timestep, self.mass = float(model.opt.timestep), self.place.effective_mass
         self.gravity = self.place.gravity
         self.speed_reading = speed_reading(model)

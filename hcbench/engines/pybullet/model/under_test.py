@@ -29,6 +29,7 @@ from hcbench.engines.pybullet.model.in_child import release_aside, run_aside
 from hcbench.engines.pybullet.model.list_pairs import find_pair, list_pairs
 from hcbench.engines.pybullet.model.open import LoadedWorld, load_files, open_live
 from hcbench.engines.pybullet.model.place import FreeBase, place
+from hcbench.engines.pybullet.model.plausible import require_plausible
 from hcbench.engines.pybullet.model.simulation import LaunchInUserWorld
 from hcbench.engines.pybullet.model.sliding import pair_friction
 from hcbench.engines.pybullet.model.start_pose import joint_states, set_pose
@@ -71,6 +72,7 @@ class PybulletModel(ModelUnderTest):
                 if fix.apply is not None:
                     fix.apply(self.bullet)
             self.place = run_aside(self.bullet, lambda: place(world, first, second, request.coming_from))
+            require_plausible(self.bullet, self.place)
             sides = ((part.body, part.link) for part in (self.place.first, self.place.second))
             self.law = None if world.files else plugin.find(*sides, client=self.bullet.client)
             parameters = self.bullet.getPhysicsEngineParameters()

@@ -1,0 +1,70 @@
+"""Refuses a model whose numbers MuJoCo would replace, or that no bouncing body has."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench._bounds import BOUNDS, admits_beyond_bounds, require_bounds
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import geom_name
+from hcbench.errors import QuantityError, SceneError, UserError
+
+if TYPE_CHECKING:
+    from hcbench.engines.mujoco.model.place import PairAtTouch
+
+_LEAST_QUATERNION = 1e-3  # length of one that still names an attitude
+
+
+def require_plausible_model(model: Any, label: str) -> None:
+    """Refuse what the compiler lets through and no simulation survives.
+
+    Raises SceneError and QuantityError.
+    """
+    for kind, field in (("body", "mass"), ("body", "inertia"), ("geom", "size"), ("geom", "friction")):
+        values = getattr(model, f"{kind}_{field}")
+        bad = np.argwhere(~(np.isfinite(values) & ((values >= 0) | (field == "size"))))
+        if bad.size:
+            number = int(bad[0][0])
+            value = float(values[tuple(bad[0])])
+            got = f"{label}: {field} {value:g} of {kind} {getattr(model, kind)(number).name or number}"
+            raise SceneError("model", got, "numbers of 0 or more")
+    require_bounds(f"{label}: timestep", [float(model.opt.timestep)], "timestep", "s")
+    if model.opt.timestep <= 0:
+        raise SceneError(f"{label}: timestep", f"{model.opt.timestep:g} s", "a step above 0 s")
+    require_bounds(f"{label}: gravity", model.opt.gravity.tolist(), "acceleration", "m/s^2")
+    require_bounds(f"{label}: mass", model.body_mass.tolist(), "mass", "kg", smallest=0.0)
+    kinds = backend().mjtGeom
+    flat = np.isin(model.geom_type, [int(kinds.mjGEOM_PLANE), int(kinds.mjGEOM_HFIELD)])
+    require_bounds(f"{label}: size", model.geom_size[~flat].ravel().tolist(), "length", "m", smallest=0.0)
+
+
+def require_plausible_state(model: Any, data: Any) -> None:
+    """Refuse a pose of which a quaternion is 0 or a position is nowhere. Raises UserError, QuantityError."""
+    kinds = backend().mjtJoint
+    if not np.isfinite(data.qpos).all():
+        raise UserError("qpos", "a number that is not finite", "finite numbers")
+    for joint in range(model.njnt):
+        kind, at = int(model.jnt_type[joint]), int(model.jnt_qposadr[joint])
+        name = model.joint(joint).name or str(joint)
+        turns = {int(kinds.mjJNT_FREE): at + 3, int(kinds.mjJNT_BALL): at}.get(kind)
+        if turns is not None and np.linalg.norm(data.qpos[turns : turns + 4]) < _LEAST_QUATERNION:
+            raise QuantityError("qpos", f"the quaternion of {name!r} is 0", "one of length 1, w x y z")
+        places = {int(kinds.mjJNT_FREE): 3, int(kinds.mjJNT_SLIDE): 1}.get(kind, 0)
+        require_bounds(f"qpos: {name}", data.qpos[at : at + places].tolist(), "position", "m")
+
+
+def require_plausible_contact(model: Any, place: PairAtTouch) -> None:
+    """Refuse a contact that MuJoCo replaces, or whose friction no surface has."""
+    for solref, _, geoms in place.contact.rows:
+        names = " and ".join(geom_name(model, geom) for geom in geoms)
+        if (solref[0] > 0) != (solref[1] > 0) and not admits_beyond_bounds():
+            got = f"{solref[0]:g} {solref[1]:g} of {names}, which MuJoCo replaces by its default"
+            expected = "both positive (time, damping ratio), or none above 0 (-stiffness, -damping)"
+            raise QuantityError("solref", got, expected)
+    largest = BOUNDS["friction"][1]
+    for geom in {geom for _, _, geoms in place.contact.rows for geom in geoms}:
+        if (friction := float(model.geom_friction[geom, 0])) > largest and not admits_beyond_bounds():
+            got, expected = f"{friction:g} of geom {geom_name(model, geom)}", f"0 ... {largest:g}"
+            raise QuantityError("friction", got, expected, "--beyond-bounds admits it, if it is meant")
