@@ -50,3 +50,9 @@ def number(value: float, digits: str = ".4f") -> str:
 def arguments(values: Mapping[str, Any]) -> str:
     """Keyword arguments of a call."""
     return ", ".join(f"{k}={shortest(v) if isinstance(v, float) else repr(v)}" for k, v in values.items())
+
+
+def time_step(step: float) -> str:
+    """A time step in s; as 1/240 where that is exact and no short decimal is."""
+    plain, rate = f"{step:.6g}", round(1.0 / step) if step > 0 else 0
+    return f"1/{rate}" if float(plain) != step and rate and step == 1.0 / rate else plain

@@ -35,6 +35,7 @@ from hcbench.fields import (
 from hcbench.scene import Scene, load_scene
 
 _MOST_PHASES = 1000
+_MOST_STEPS = 1e9  # of a drop
 _PACKAGE = Path(__file__).parents[1]
 _BUILT_IN = (_PACKAGE.parent / "reports", _PACKAGE / "data" / "studies")  # a checkout's, a wheel's
 
@@ -240,6 +241,13 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
     lines = [(f"{where}: run {i}", run) for i, run in enumerate(file.run, 1)]
     tables = [(line, validate(_RunTable, run, StudyError, f"{line}: {{}}")) for line, run in lines]
     runs = tuple(_run(table, line, file, scene, folder) for line, table in tables)
+    if file.train_height is not None:
+        steps = [step for run in runs if run.dropped for step in run.timesteps]
+        seconds = 42.0 * math.sqrt(file.train_height / 5.0)  # in which ten bounces are over, twice
+        count = seconds / min(*steps, file.train_step or math.inf, math.inf)
+        if count > _MOST_STEPS:
+            got = f"{file.train_height:g} m, a drop of {count:.2g} steps"
+            raise StudyError(f"{where}: train_height", got, f"up to {_MOST_STEPS:g} steps")
     return Study(
         title=file.title or scene.title,
         scene=scene,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from hcbench._text import sanitized
+from hcbench._text import sanitized, time_step
 from hcbench.benchmark.results import CONDITIONS, RUN_KEY, Results
 from hcbench.checking.outcome import Outcome, Report, SpeedRow, Verdict, speed_row, worst_of
 from hcbench.errors import HcbenchError, UserError
@@ -145,7 +145,7 @@ def _changes(check: Check, measurement: Measurement) -> str:
     if baseline.version != facts.version:
         changes.append(f"{facts.engine} was {baseline.version}, is {facts.version}")
     if baseline.timestep_s != facts.timestep:
-        changes.append(f"the step was {baseline.timestep_s:g} s, is {facts.timestep:g} s")
+        changes.append(f"the step was {time_step(baseline.timestep_s)} s, is {time_step(facts.timestep)} s")
     return f" ({'; '.join(changes)})" if changes else ""
 
 

@@ -76,6 +76,7 @@ def fit(
     from hcbench._outputs import write_output
     from hcbench.fitting import force as forces_of
     from hcbench.fitting.fit import fit as fit_sets
+    from hcbench.fitting.plausible import require_different
     from hcbench.fitting.read import KINDS, read_dataset, read_force
     from hcbench.fitting.text import as_record, as_text, points_text, with_uncertainty
 
@@ -95,6 +96,7 @@ def fit(
         else:
             print(forces_of.as_text(forces, with_uncertainty, engine), end="")
         return
+    require_different(files)
     result = fit_sets([read_dataset(path, setup, kind, _touches(touches)) for path in files], law)
     if page is not None:
         from hcbench.reporting.fit_page import fit_page

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import click
 
+from hcbench._text import time_step
 from hcbench.cli.console import print_json, progress
 from hcbench.errors import LimitPassed, UserError
 
@@ -163,7 +164,7 @@ def _print(tuned: Tuned, text: str, margin: float) -> None:
         **({"uncertainty of α": f"e is known to ± {margin:.2g} (95 %)"} if margin else {}),
         **({"friction": _friction(result, target)} if target.friction else {}),
         "best constant e": f"{result.constant:.6g}, off by {result.constant_error:.2g}",
-        "steps in contact": f"{result.steps_min} ... {result.steps_max} of {target.timestep:g} s",
+        "steps in contact": f"{result.steps_min} ... {result.steps_max} of {time_step(target.timestep)} s",
         "largest penetration": f"{result.penetration_max:.3g} m",
         "largest force": f"{result.force_max:.4g} N",
         **({"force loop": loop} if has_loop else {}),

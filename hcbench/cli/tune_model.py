@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hcbench._text import time_step
 from hcbench.cli.console import print_json
 from hcbench.errors import LimitPassed, UserError
 
@@ -93,7 +94,7 @@ def _pair_record(tuned: TunedPair) -> dict[str, Any]:
 def _print(tuned: TunedModel) -> None:
     facts = tuned.pairs[0].facts
     gravity = " ".join(f"{g + 0.0:.4g}" for g in facts.gravity)
-    print(f"{facts.model}, step {facts.timestep:g} s, gravity {gravity} m/s^2")
+    print(f"{facts.model}, step {time_step(facts.timestep)} s, gravity {gravity} m/s^2")
     print(f"setting: {tuned.name}")
     for pair in tuned.pairs:
         facts = pair.facts

@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench._bounds import require_bounds
 from hcbench._text import sanitized
 from hcbench.errors import UserError
 from hcbench.fitting.datasets import Heights, TouchTimes
 from hcbench.fitting.exports import phyphox_times, tracker_table
 from hcbench.fitting.force import fit_loop, fit_pulse
 from hcbench.fitting.pairs import SpeedPairs
+from hcbench.fitting.plausible import require_a_ball
 from hcbench.fitting.sound import find_touches, is_wav, read_recording
 from hcbench.fitting.table import computed, read_lines, read_table
 from hcbench.fitting.track import track_of
@@ -179,6 +181,7 @@ def _sound(path: Path, setup: MeasurementSetup, touches: range | None) -> Datase
     least = 3 if setup.height is not None else 4
     if len(picks.times) < least:
         raise too_few_touches(recording.name, len(picks.times), least)
+    require_a_ball(recording.name, setup, picks.times)
     return TouchTimes(recording.name, setup, picks.times, picks.numbers, picks, recording)
 
 
@@ -198,6 +201,7 @@ def _touch_times(name: str, setup: MeasurementSetup, times: Floats) -> Dataset:
     if setup.contact_time.value >= np.diff(times).min():
         got = f"{setup.contact_time.value:g} s, and two touches {np.diff(times).min():.3g} s apart"
         raise UserError("contact-time", got, "less than from one touch to the next")
+    require_a_ball(name, setup, times)
     return TouchTimes(name, setup, times)
 
 
@@ -217,6 +221,7 @@ def too_few_touches(name: str, count: int, least: int) -> UserError:
 def _heights(columns: Columns, setup: MeasurementSetup) -> Dataset:
     heights = columns.get("height")
     columns.require("height", heights > 0, "above 0: the bottom of the ball above the plate")
+    require_bounds(f"{columns.table.name}: height", heights.tolist(), "length", "m")
     if setup.height is not None and len(heights) and abs(heights[0] / setup.height.value - 1.0) < 1e-6:
         heights = heights[1:]  # the drop itself
     columns.require(
@@ -238,6 +243,7 @@ def _pairs(columns: Columns, setup: MeasurementSetup) -> Dataset:
     role = "speed" if "speed" in columns.places else "speed_in"
     speed, e = columns.get(role), columns.get("restitution")
     columns.require(role, speed > 0, "a speed above 0")
+    require_bounds(f"{columns.table.name}: {role}", speed.tolist(), "speed", "m/s")
     columns.require("restitution", (e >= 0) & (e <= 1.2), "0 ... 1")
     uncertain = columns.uncertainty(role), columns.uncertainty("restitution")
     return _checked_pairs(SpeedPairs(columns.table.name, setup, speed, e, *uncertain))
@@ -246,6 +252,7 @@ def _pairs(columns: Columns, setup: MeasurementSetup) -> Dataset:
 def _speeds(columns: Columns, setup: MeasurementSetup) -> Dataset:
     before, after = columns.get("speed_in"), columns.get("speed_out")
     columns.require("speed_in", before > 0, "a speed above 0")
+    require_bounds(f"{columns.table.name}: speed_in", before.tolist(), "speed", "m/s")
     columns.require("speed_out", (after >= 0) & (after <= 1.2 * before), "from 0 to the speed in")
     u_in, u_out = columns.uncertainty("speed_in"), columns.uncertainty("speed_out")
     name = columns.table.name

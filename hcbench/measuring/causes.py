@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from hcbench._text import time_step
 from hcbench.impact import Impact, Status
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.measurement import NOTABLE_GAIN, TOLERANCE
@@ -76,7 +77,7 @@ def few_steps(impacts: Sequence[Impact], step: StepFix, softer: str) -> Iterator
     yield Suspect(
         "few-steps",
         "Too few steps in contact: where in a step the touch falls decides about e.",
-        f"{samples} steps in contact at {step.timestep:g} s; 20 or more are needed",
+        f"{samples} steps in contact at {time_step(step.timestep)} s; 20 or more are needed",
         f"{text} or {softer}",
         apply,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
+from hcbench._text import time_step
 from hcbench.errors import SettingError
 from hcbench.recipes.recipe import Recipe, Role, first
 from hcbench.recipes.softening import steps_per_contact
@@ -26,7 +27,7 @@ def candidates(engine: str, target: Target, scene: Scene, match: Match) -> list[
     """
     recipes, form = registry.preferred(engine), scene.form
     steps = steps_per_contact(target)
-    contact = f"the law's contact lasts {steps:.3g} steps of {target.timestep:g} s"
+    contact = f"the law's contact lasts {steps:.3g} steps of {time_step(target.timestep)} s"
     if match != "restitution":
         return [_choose_for_loop(engine, recipes, target, form, match, contact)]
     promises = {Role.CONSTANT_E: "one restitution for all speeds"}

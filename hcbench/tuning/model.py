@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hcbench._arguments import checked
-from hcbench.errors import UserError
+from hcbench.errors import EngineFailed, UserError
 from hcbench.laws.require import require
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.measure import LONGEST_LIMIT_S, Job, run_job, source_of
@@ -110,6 +110,9 @@ def _tuned(job: Job) -> TunedModel:
         _tuned_pair(setting, request, _speeds(request, held_out=True), _HELD_OUT_PHASES, wanted)
         for request in requests
     )
+    if not all(math.isfinite(pair.max_error) for pair in pairs):
+        got = f"launches with the setting {setting.name!r} gave no restitution"
+        raise EngineFailed("model", got, "a bounce from each", "Try other --speeds, or a smaller --timestep")
     notes = dict.fromkeys((*setting.notes, *(note for pair in pairs for note in pair.facts.notes)))
     return TunedModel(setting.name, setting.paste, setting.written, tuple(notes), pairs)
 
@@ -136,5 +139,5 @@ def _tuned_pair(
             v = float(np.mean(touched)) if touched else speed
             points.append((v, float(wanted.at(v)), min(found), max(found)))
             errors = [abs(i.restitution - float(wanted.at(i.speed_in))) for i in impacts]
-            worst = max(worst, *(1.0 if math.isnan(error) else error for error in errors))
+            worst = max(worst, *(math.inf if math.isnan(error) else error for error in errors))
         return TunedPair(model.facts(), worst, tuple(points))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from hcbench._notebook import Shown
-from hcbench.errors import EngineMissing, HcbenchError, SettingError, UserError
+from hcbench.errors import EngineFailed, EngineMissing, HcbenchError, SettingError, UserError
 from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.recipe import Recipe, Role, first
 from hcbench.recipes.search import report_progress
@@ -89,13 +89,24 @@ def tune(
     recipes = registry.recipes(engine)
     if recipe == "auto":
         with report_progress(progress):
-            return _first_that_holds(
-                candidates(engine, target, scene, match), target, scene, integrator, max_error
-            )
+            found = candidates(engine, target, scene, match)
+            return _measured(_first_that_holds(found, target, scene, integrator, max_error))
     if recipe not in recipes:
         raise UserError("recipe", f"{recipe!r} for {engine!r}", f"one of: auto, {', '.join(recipes)}")
     with report_progress(progress):
-        return _tuned(recipes[recipe], "the recipe asked for", target, scene, integrator)
+        return _measured(_tuned(recipes[recipe], "the recipe asked for", target, scene, integrator))
+
+
+def _measured(tuned: Tuned) -> Tuned:
+    """The result. Raises EngineFailed where launches gave no restitution: they are never a verdict."""
+    evaluation = tuned.evaluation
+    if evaluation.failed or not math.isfinite(evaluation.max_error):
+        slot = f"{tuned.setting.engine} {tuned.recipe.name!r}"
+        got = f"{evaluation.failed} launches gave no restitution: {evaluation.reason or 'not a number'}"
+        raise EngineFailed(
+            slot, got, "a bounce from each", "Try other speeds, another step or another --recipe"
+        )
+    return tuned
 
 
 def _tuned(recipe: Recipe, why: str, target: Target, scene: Scene, integrator: str | None) -> Tuned:
@@ -164,8 +175,6 @@ def _advice(
 ) -> Iterator[str]:
     """What to know of a setting of a recipe, a sentence each. recipes: all of its engine's."""
     depth, radius = evaluation.penetration_max, scene.relative_radius
-    if evaluation.failed:
-        yield f"{evaluation.failed} impacts gave no restitution: {evaluation.reason}"
     if not evaluation.max_error < _BETTER * evaluation.constant_error and evaluation.constant_error > 0:
         better = _better(target, scene, recipes) if recipe.native else ""
         yield f"no better than the best constant e = {evaluation.constant:.6g}{better}"
