@@ -104,7 +104,7 @@ def _registry() -> Any:
 
 @cache
 def _factor(unit: str, si: str) -> float:
-    """What one `unit` is in `si`; raises whatever Pint raises for text that is not such a unit."""
+    """What one `unit` is in `si`; raises Pint's own error for text that is not such a unit."""
     registry = _registry()
     quantity = registry.Quantity(1.0, registry.parse_units(unit))
     if ("radian" in str(quantity.to_root_units().units)) != ("rad" in si):

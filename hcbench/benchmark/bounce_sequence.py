@@ -42,12 +42,12 @@ class Bounce:
 
 
 def bounces(path: Trajectory, count: int) -> list[Bounce]:
-    """The first `count` bounces of a body, at the most.
+    """The first `count` bounces of a body, or fewer.
 
     A height over the surface is the highest sample of a flight and its two neighbours', by the parabola
     through them.
     """
-    gap, acting, found = -path.penetration, path.force != 0, []
+    gap, acting, bounces = -path.penetration, path.force != 0, []
     partings = np.flatnonzero(acting[:-1] & ~acting[1:] & (path.rate[1:] < 0))
     for before, start, end in zip([-1, *partings], partings, [*partings[1:], len(gap) - 1], strict=False):
         top = start + int(gap[start : end + 1].argmax())
@@ -56,8 +56,8 @@ def bounces(path: Trajectory, count: int) -> list[Bounce]:
             bend = low - 2 * here + high
             height = float(here - (high - low) ** 2 / (8 * bend)) if bend < 0 else float(here)
             touch = before + 1 + int(acting[before + 1 :].argmax())
-            found.append(Bounce(float(path.time[touch]), float(path.time[start + 1]), height))
-    return found[:count]
+            bounces.append(Bounce(float(path.time[touch]), float(path.time[start + 1]), height))
+    return bounces[:count]
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,9 +135,9 @@ def plan_drops(plan: Plan, mapper: Callable[..., Iterable[Any]] = map) -> list[D
 
 def simulate_bounces(scene: Scene, drop: Drop) -> Dropped:
     """A drop under the scene's gravity, or the standard one where it has none."""
-    heavy = dataclasses.replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
+    with_gravity = dataclasses.replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
     engine, launch = registry.engine(drop.setting.engine), Launch(0.0, height=drop.height)
-    path = engine.trajectory(heavy, drop.setting, launch, drop.duration)
+    path = engine.trajectory(with_gravity, drop.setting, launch, drop.duration)
     return Dropped(bounces(path, BOUNCES), rest(path) if drop.rests else None)
 
 

@@ -24,7 +24,7 @@ _INSTALL = "pip install 'hcbench[cluster]'"
 def connected(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
     """The executor behind a scheduler's address, and how many tasks its workers run at once.
 
-    Raises CannotRun where nobody answers, where no worker comes, and where one has another hcbench.
+    Raises CannotRun without an answer, without a worker, and where a worker has another hcbench.
     """
     try:
         from distributed import Client

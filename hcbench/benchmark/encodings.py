@@ -115,8 +115,8 @@ def metadata_in(content: bytes) -> dict[str, bytes]:
     if content.startswith(_PARQUET):
         import pyarrow.parquet as pq
 
-        found = pq.read_metadata(io.BytesIO(content)).metadata or {}
-        return {key.decode(): text for key, text in found.items()}
+        metadata_of_file = pq.read_metadata(io.BytesIO(content)).metadata or {}
+        return {key.decode(): text for key, text in metadata_of_file.items()}
     with np.load(io.BytesIO(content), allow_pickle=False) as file:
         names = [name for name in file.files if name.startswith(_ABOUT)]
         return {name.removeprefix(_ABOUT): file[name].tobytes() for name in names}
@@ -153,5 +153,5 @@ def _parquet_frame(contents: Sequence[bytes]) -> pd.DataFrame:
         [pq.ParquetFile(pa.BufferReader(content)).read(use_threads=False) for content in contents]
     ).to_pandas()
     texts = {name: str for name in table if isinstance(table[name].dtype, pd.CategoricalDtype)}
-    found: pd.DataFrame = table.astype(texts)
-    return found
+    frame: pd.DataFrame = table.astype(texts)
+    return frame

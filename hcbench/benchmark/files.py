@@ -26,7 +26,10 @@ from hcbench._files import parse_json, replace_file
 from hcbench.errors import CannotRun, UserError
 
 LOCK = "_lock"
-_FRESHEN_S, _STALE_S = 30.0, 300.0  # how often a lock file is written, and how old it is when nobody does
+_FRESHEN_S, _STALE_S = (
+    30.0,
+    300.0,
+)  # how often a lock file is written, and how old it is when its owner has ended
 
 
 class Files:

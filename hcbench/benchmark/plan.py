@@ -182,7 +182,7 @@ def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
         study = study.of_engines(registry.is_there)
     recipes = [_recipe(run) for run in study.runs]
     engines = sorted({run.engine for run in study.runs})
-    versions = versions_here(*engines)  # a missing engine is said before any recipe runs
+    versions = versions_here(*engines)  # a missing engine is an error before any recipe runs
     scenes = {scene.name: scene for scene in (study.scene, *(run.scene for run in study.runs))}
     inputs = {
         name: Inputs(scene, {engine: digests_of(scene, engine) for engine in engines}, versions)

@@ -69,17 +69,17 @@ def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Resu
     truth = _Truth(study["stiffness"], study["exponent"], study["mass_kg"], tuple(study["loop_speeds"]))
     scored = {one.key: one for some in mapper(partial(_score, truth), shards.values()) for one in some}
     keys = dict.fromkeys(tuple(setting[name] for name in RUN_KEY) for setting in about["settings"])
-    found = [scored[key] for key in keys]
+    results = [scored[key] for key in keys]
     return Results(
         study=study,
         settings=about["settings"],
         versions=_versions(about["versions"]),
-        impacts=_rounded(pd.concat([one.impacts for one in found], ignore_index=True)),
+        impacts=_rounded(pd.concat([one.impacts for one in results], ignore_index=True)),
         loops=_rounded(
-            _loop_table([((*one.key, *launch), loop) for one in found for launch, loop in one.loops])
+            _loop_table([((*one.key, *launch), loop) for one in results for launch, loop in one.loops])
         ),
         scores=_rounded(
-            pd.DataFrame([one.score for one in found], columns=[*RUN_KEY, *scoring.SCORE_FIELDS])
+            pd.DataFrame([one.score for one in results], columns=[*RUN_KEY, *scoring.SCORE_FIELDS])
         ),
         **{name: _rounded(table) for name, table in _drops(store, study).items()},
     )
@@ -111,7 +111,7 @@ class _Scored:
 def _score(truth: _Truth, shards: Sequence[tuple[bytes, bytes]]) -> list[_Scored]:
     """Of all shards of one setting and step, for each α."""
     samples = _by_key(loops for _, loops in shards if loops)
-    found = []
+    results = []
     for key, impacts in _by_key(rows for rows, _ in shards).items():
         by_launch = samples[key].groupby(_LAUNCH) if key in samples else ()
         kept = {launch: _loop(table) for launch, table in by_launch}
@@ -119,8 +119,8 @@ def _score(truth: _Truth, shards: Sequence[tuple[bytes, bytes]]) -> list[_Scored
         law = HuntCrossley(truth.stiffness, key[RUN_KEY.index("alpha_s_per_m")], truth.exponent)
         score = dataclasses.astuple(scoring.score(_impacts(impacts, compared), law, truth.mass))
         loops = [(launch, loop.simplified(LOOP_TOLERANCE)) for launch, loop in kept.items()]
-        found.append(_Scored(key, impacts, (*key, *score), loops))
-    return found
+        results.append(_Scored(key, impacts, (*key, *score), loops))
+    return results
 
 
 def _rounded(table: pd.DataFrame) -> pd.DataFrame:

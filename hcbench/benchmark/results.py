@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 SCHEMA, FORMER = 2, 1
 TABLES = ("restitution", "loops", "scores", "trains", "rests")
-CONDITIONS = ["gravity_m_per_s2", "off_axis_m", "friction"]  # under which a setting ran, beside its scene
+CONDITIONS = ["gravity_m_per_s2", "off_axis_m", "friction"]  # under which a setting ran in its scene
 _SINCE_2 = ("rests",)  # tables that schema 1 has not
 RUN_KEY = [
     "scene",

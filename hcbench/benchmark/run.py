@@ -45,7 +45,7 @@ _TRIES = 2  # of a job that its executor fails
 class Progress:
     """Where a run is. impacts, shards: in the store, and `of` how many impacts.
 
-    resumed: shards that were there when it began. damaged: those that were, and are run again.
+    resumed: shards that existed when it began. damaged: those that were, and are run again.
     """
 
     impacts: int
@@ -68,7 +68,7 @@ class Workers:
 def run_study(study: Study, jobs: int = 1, progress: Callable[[int, int], None] | None = None) -> Results:
     """Run all of a study and score it.
 
-    progress: called with (impacts done, impacts in all) as they come in.
+    progress: called with (impacts done, impacts in all) while it runs.
     Raises UserError for what the study asks wrongly, and EngineMissing, before anything runs.
     """
     with WorkerPool(jobs) as pool:
@@ -183,7 +183,7 @@ def _run(
 def _imap_unordered(
     workers: Workers, function: Callable[[Job, Timeouts], Result], jobs: Iterable[Job], timeouts: Timeouts
 ) -> Iterator[tuple[Job, Result]]:
-    """(job, its result), as they come in; few are handed out ahead. What an executor fails is tried again."""
+    """(job, its result), the first to finish first; few are handed out ahead. A failed job is tried again."""
     waiting = iter(jobs)
     running: dict[Future[Result], tuple[Job, int]] = {}
 

@@ -87,7 +87,7 @@ class Store:
             raise UserError("folder", got, "a new folder", "Go on with it by --resume")
 
     def verified(self, count: int) -> Iterator[tuple[int, list[Summary] | None]]:
-        """Each of `count` shards that is there, by number: its part of the summary, or None if damaged.
+        """Each of `count` shards that exists, by number: its part of the summary, or None if damaged.
 
         Damaged: cut short, edited or under another's number, it or its loops. It is put aside, out of the
         table.
@@ -114,7 +114,7 @@ class Store:
             yield tables
 
     def _shards(self, count: int) -> dict[int, str]:
-        """The names of the shards that are there, by number. UserError for what is none of `count` shards."""
+        """The names of the existing shards, by number. UserError for what is none of `count` shards."""
         shards: dict[int, str] = {}
         with self._output_errors("a folder that can be read"):
             tables = [n for n in self._files.names() if n.endswith(".parquet") and not _BOUNCES.fullmatch(n)]
@@ -146,7 +146,7 @@ class Store:
         return None
 
     def write_shard(self, shard: ShardFiles) -> None:
-        """A shard, whole or not at all: it is there when its impacts are, which come last."""
+        """A shard, completely or not at all: it exists when its impacts do, which are written last."""
         if shard.loops:
             self._write(_loops_name(shard.number, digest(shard.loops)), shard.loops)
         self._write(_shard_name(shard.number, shard.impacts), shard.impacts)
@@ -161,7 +161,7 @@ class Store:
         return None
 
     def write_bounces(self, table: bytes) -> None:
-        """The table of bounces under gravity. Whatever is there instead of it is damaged, and put aside."""
+        """The table of bounces under gravity. A damaged file in its place is moved aside."""
         with self._output_errors("a folder that can be read and written to"):
             for name in filter(_BOUNCES.fullmatch, self._files.names()):
                 self._files.move(name, f"{DAMAGED}/{name}")

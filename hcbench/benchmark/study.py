@@ -83,7 +83,7 @@ class Study:
     scene: the main one; each run has its own. main_alpha, step_speed: the α and the speed that figures of one
     α or one speed show. train_height, m: settings that run under gravity are dropped from there and followed
     bounce after bounce until they rest; those at the step train_step, s, too, without having to. page: what
-    is written of it; "field": every engine that is there, beside each other. missing: those that are not.
+    is written of it; "field": all installed engines side by side. missing: those that are not.
     speed_unit: that its speeds are shown in, "in/s" or "m/s", as they were written. left_out: of a preview,
     what of its study it has and what not, in words.
     """
@@ -136,7 +136,9 @@ class Study:
         missing = dict.fromkeys(run.engine for run in self.runs if not there(run.engine))
         runs = tuple(run for run in self.runs if run.engine not in missing)
         if not runs:
-            raise StudyError("study", "none of its engines is there", "one", "`hcbench engines` lists them")
+            raise StudyError(
+                "study", "none of its engines is installed", "one", "`hcbench engines` lists them"
+            )
         return dataclasses.replace(self, runs=runs, missing=(*self.missing, *missing))
 
     def quick(self) -> Study:
@@ -278,7 +280,7 @@ def _run(table: _RunTable, where: str, file: _StudyFile, scene: Scene, folder: P
     speeds = table.speeds or file.speeds
     if table.heights is not None:
         if not own.gravity or table.speeds is not None:
-            given = "given beside speeds" if table.speeds is not None else "given without gravity"
+            given = "given with speeds" if table.speeds is not None else "given without gravity"
             raise StudyError(f"{where}: heights", given, 'heights alone, with gravity = "9.81 m/s^2"')
         speeds = tuple(math.sqrt(2.0 * own.gravity * height) for height in table.heights)
     alphas, dropped = table.alphas or file.alphas, table.heights is not None

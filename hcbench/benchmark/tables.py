@@ -105,7 +105,7 @@ def metadata_of(impacts: bytes) -> tuple[str, list[Summary]]:
 
 
 def summed(summaries: Iterable[Summary]) -> dict[tuple[Any, ...], Summary]:
-    """Lines of the summary by key, the same whatever the order of the shards: sums are rounded once."""
+    """Lines of the summary by key, the same for every order of the shards: sums are rounded once."""
     by_key: dict[tuple[Any, ...], list[Summary]] = {}
     for summary in summaries:
         by_key.setdefault(tuple(summary[name] for name in RUN_KEY), []).append(summary)

@@ -80,7 +80,7 @@ def _run(spec: CheckSpec, outputs: Outputs, jobs: int, progress: Progress, measu
             return run_checks(_with_targets(_listed(source, spec), measure_only), progress)
     if len(models) == 1 and (is_toml or source.is_dir()):
         if outputs.baseline is not None:
-            raise UserError("write-baseline", f"given beside {source}, a study", "a model to check")
+            raise UserError("write-baseline", f"given with {source}, a study", "a model to check")
         return _check_study(source, spec, jobs, progress)
     return run_checks(_with_targets([plan(spec)], measure_only), progress)
 
@@ -95,9 +95,9 @@ def _with_targets(checks: list[Check], measure_only: bool) -> list[Check]:
 
 
 def _listed(path: Path, spec: CheckSpec) -> list[Check]:
-    """The checks of a file; a limit or baseline given beside the file counts for all of them."""
+    """The checks of a file; a limit or baseline given with the file holds for all of them."""
     _require_only(
-        spec, {"baseline", "max_error", "limit"}, f"given beside {path}", "it in the file, for each check"
+        spec, {"baseline", "max_error", "limit"}, f"given with {path}", "it in the file, for each check"
     )
     changes: dict[str, float | None] = {}
     if spec.max_error is not None:
@@ -113,7 +113,7 @@ def _check_study(path: Path, spec: CheckSpec, jobs: int, progress: Progress) -> 
     from hcbench.benchmark.run import run_study
     from hcbench.benchmark.study import find_study, load_study
 
-    got = f"given beside {path}: something else than the study's own"
+    got = f"given with {path}: differs from the study"
     _require_only(spec, {"reading", "max_error"}, got, "the α, speeds and steps of the study itself")
     limit = read_max_error(spec.max_error)
     if path.is_dir() and (path / "summary.json").is_file():
@@ -132,7 +132,7 @@ def _require_only(spec: CheckSpec, used: set[str], got: str, expected: str) -> N
 
 
 def _write(report: Report, outputs: Outputs) -> None:
-    """Write the files asked for, each whole or not at all.
+    """Write the output files, each completely or not at all.
 
     A baseline is written only when everything in it was measured; else OutputError says what was not.
     """

@@ -28,7 +28,7 @@ _NO_END = (Status.CRASHED, Status.UNFINISHED)
 
 
 def run_checks(checks: Sequence[Check], progress: Callable[[int, int], None] | None = None) -> Report:
-    """All of them; whatever one of them does, the others still run.
+    """Run all checks; the others still run after one fails.
 
     progress: called with (done, in all).
     """
@@ -159,7 +159,7 @@ def judge_results(results: Results, max_error: float, reading: Reading = "law") 
 
 
 def _conditions(run: Mapping[str, Any]) -> str:
-    """What a setting ran under beside its scene, in words; "" for launches without any of it."""
+    """Gravity and other conditions of a setting, as a phrase; "" where there are none."""
     words = ("gravity {:g} m/s^2", "{:g} m off the axis", "friction {:g}")
     return "".join(
         f", {text.format(run[key])}" for key, text in zip(CONDITIONS, words, strict=True) if run[key]

@@ -115,7 +115,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """All checks of a run, in the order asked for."""
+    """All checks of a run, in order."""
 
     outcomes: tuple[Outcome, ...] = ()
 

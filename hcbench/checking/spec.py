@@ -1,4 +1,4 @@
-"""A check as a user writes it, on the command line, in a file or in a test, and what is to be run for it."""
+"""A check: how a user writes it on the command line, in a file or in a test, and the measurement it needs."""
 
 import math
 from collections.abc import Sequence
@@ -96,7 +96,7 @@ class CheckSpec(SharedSpec):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One model held against one thing: `wanted` or `baseline`; neither: only measured, for a new baseline.
+    """One model compared with one target: `wanted` or `baseline`; neither: only measured, for a new baseline.
 
     source: as in `measure`.
     max_error: largest |e - wanted| allowed at any speed and phase. limit: s, after which it counts as hung;
@@ -114,7 +114,7 @@ class Check:
 
     @property
     def against(self) -> str:
-        """What the model is held against, in words."""
+        """What the model is compared with, as a phrase."""
         if self.baseline is not None:
             return f"the baseline of {self.baseline.engine} {self.baseline.version}"
         return self.wanted.description if self.wanted is not None else "nothing: measured only"
@@ -126,13 +126,13 @@ class Check:
 
 
 def plan(spec: CheckSpec) -> Check:
-    """Look at names, units and files before anything runs. Raises UserError, and its kinds."""
+    """Read names, units and files before anything runs. Raises UserError, and its kinds."""
     if spec.reading != "law" and spec.alpha is None:
-        raise UserError("target", f"{spec.reading!r}, a reading of α", "an α beside it")
+        raise UserError("target", f"{spec.reading!r}, a reading of α", "an α too")
     name = sanitized(spec.name if spec.name is not None else " + ".join(Path(m).name for m in spec.models))
     against = [k for k in ("alpha", "restitution", "pairs", "baseline") if getattr(spec, k) is not None]
     if len(against) > 1:
-        raise UserError(name, f"{' and '.join(against)} are given", "one thing to hold the model against")
+        raise UserError(name, f"{' and '.join(against)} are given", "one target")
     wanted = _wanted(spec)
     launch = spec.launch
     request = make_request(spec.pair, **launch)
@@ -169,7 +169,7 @@ def read_max_error(value: Quantity | None, default: float = MAX_ERROR) -> float:
 
 
 def read_limit(value: Quantity | None) -> float | None:
-    """The time after which a model counts as hung, s; None where nobody says. Raises QuantityError."""
+    """The time after which a model counts as hung, s; None for the default. Raises QuantityError."""
     if value is None:
         return None
     limit = units.parse(value, "time", "limit")

@@ -116,7 +116,7 @@ def _hint(error: Exception) -> str:
 
 
 def _fail_on(error: OSError) -> int:
-    """A file that nobody expected to fail."""
+    """An error of a file that no command expected."""
     name = str(error.filename or "a file")
     mistake = error.errno == errno.ENAMETOOLONG
     return _fail(

@@ -1,4 +1,4 @@
-"""hcbench measure, hcbench check: a user's own model, and the gate for its CI."""
+"""hcbench measure, pairs and check: measure a user's model; fail CI when its restitution is wrong."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ def _source(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
-_PAIR = click.option("--pair", help="Two bodies or geoms, the moving one first: 'ball,plate'.")
+_PAIR = click.option("--pair", help="Two bodies or geoms, first the one that moves: 'ball,plate'.")
 
 
 def _spec(
     models: tuple[str, ...], python: str | None, options: dict[str, object], required: bool = False
 ) -> CheckSpec:
-    """What was asked for, with the names of options as those of the fields."""
+    """The check that the options describe."""
     _begin(models, options["engine"])
     from hcbench.checking.spec import CheckSpec
 
@@ -55,7 +55,7 @@ def _spec(
 
 
 def _begin(models: tuple[str, ...], engine: object) -> None:
-    """Let a worker process import an engine while this one imports what it needs itself."""
+    """Let a worker process import an engine while this process imports its own modules."""
     first = Path(models[0] if models else "")
     if first.is_file() and first.suffix.lower() != ".toml" and "@" not in str(engine):
         from hcbench.workers import begin
@@ -67,9 +67,9 @@ def _begin(models: tuple[str, ...], engine: object) -> None:
 @_PAIR
 @launch_options()
 @_source
-@click.option("--alpha", help="α to look for causes against.")
-@click.option("--restitution", help="e to look for causes against.")
-@click.option("--all", "each", is_flag=True, help="Each pair that touches at the start.")
+@click.option("--alpha", help="Target α; look for causes where the model misses it.")
+@click.option("--restitution", help="Target e; look for causes where the model misses it.")
+@click.option("--all", "each", is_flag=True, help="Measure each pair that touches at the start.")
 @output_option("--page", help="Also write a one-page report (HTML).")
 @force_option
 @as_json
@@ -84,7 +84,7 @@ def measure(
 ) -> None:
     """Measure how a pair bounces in your own model.
 
-    Restitution, loops, and why it is not as asked, of the model as you have it.
+    Report restitution over speed, force loops, and why it differs from the target.
     """
     from hcbench._outputs import write_output
     from hcbench.checking.spec import plan
@@ -111,7 +111,7 @@ def measure(
 
 
 def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
-    """Every pair that touches at the start; what cannot be measured is told and passed over."""
+    """Every pair that touches at the start; pairs that cannot be measured are reported and skipped."""
     from hcbench.measuring.measure import list_pairs, measure_job
     from hcbench.measuring.text import as_record, as_text
 
@@ -144,7 +144,7 @@ def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
 def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options: object) -> None:
     """List which parts of your model can meet, and which do.
 
-    With what moves them, effective mass and the contact parameters in force.
+    Show what moves them, their effective mass and their contact parameters.
     """
     from hcbench.checking.spec import plan
     from hcbench.measuring.measure import Job, list_pairs
@@ -152,27 +152,27 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
     from hcbench.sim.candidate_pairs import as_records, as_table
 
     asked = plan(_spec(models, python, options, required=True))
-    found = list_pairs(Job(asked.source, asked.engine, asked.request, None, TOLERANCE, False), asked.limit)
+    parts = list_pairs(Job(asked.source, asked.engine, asked.request, None, TOLERANCE, False), asked.limit)
     if as_json:
-        print_json(as_records(found))
+        print_json(as_records(parts))
     else:
-        click.echo(as_table(found), nl=False)
+        click.echo(as_table(parts), nl=False)
 
 
 @click.command()
 @_PAIR
 @launch_options()
 @_source
-@click.option("--alpha", help="Hold it against the law with this α.")
+@click.option("--alpha", help="Compare with the law of this α.")
 @target_option("Read α as the law's e(v), or as e = 1 - α v.")
-@click.option("--restitution", help="Hold it against one e.")
-@_file("--pairs", help="Hold it against measured pairs (v, e): a CSV with units in its header.")
-@_file("--baseline", help="Hold it against what --write-baseline wrote.")
+@click.option("--restitution", help="Compare with one e.")
+@_file("--pairs", help="Compare with measured pairs (v, e): a CSV file with units in its header.")
+@_file("--baseline", help="Compare with a baseline that --write-baseline wrote.")
 @click.option("--measure-only", is_flag=True, help="Measure without a target; nothing can fail.")
-@output_option("--write-baseline", help="Write what was measured, to hold later versions against.")
-@click.option("--max-error", help="Largest error of e, up or down, that passes.")
+@output_option("--write-baseline", help="Write the result as a baseline for later versions.")
+@click.option("--max-error", help="Fail above this error of e, up or down.  [default: 0.02]")
 @output_option("--junit", help="Write JUnit XML.")
-@output_option("--markdown", help="Write a Markdown summary, as for a CI step.")
+@output_option("--markdown", help="Write a Markdown summary, for a CI step.")
 @output_option("--png", help="Write the error curve.")
 @force_option
 @as_json
@@ -190,7 +190,7 @@ def check(
     jobs: int,
     **options: object,
 ) -> int:
-    """Fail when restitution is off, for your CI.
+    """Fail when restitution is wrong, for your CI.
 
     MODELS are a model, a study, or a TOML file with a [tool.hcbench] table.
     Exit 0 within limits, 1 a limit passed, 2 a mistake, 3 could not run.
@@ -206,5 +206,5 @@ def check(
     else:
         print(as_text(report), end="")
         if write_baseline is not None:
-            print(f"written: {write_baseline}, to hold later versions against with --baseline")
+            print(f"written: {write_baseline}: compare later versions with --baseline")
     return report.exit_code

@@ -105,7 +105,7 @@ def beyond_bounds_option() -> click.Option:
 
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar on stderr with rate and time left, unless nobody looks; hands out `tick(done, total)`."""
+    """A bar on stderr with rate and time left, on a terminal; yields `tick(done, total)`."""
     if not sys.stderr.isatty():  # asked before Rich, which takes a while to import, and knows more terminals
         yield lambda done, total: None
         return

@@ -1,4 +1,4 @@
-"""hcbench convert: one contact in every library's words."""
+"""hcbench convert: the same contact in the parameters of other libraries."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 @click.option("--simbody", type=ALPHA, help="Simbody's dissipation.")
 @click.option("--restitution", type=RESTITUTION, help="e at --speed.")
 @click.option("--solref", help="The two numbers of a soft constraint's solref, such as '-2.7e8 -815'.")
-@click.option("--speed", type=SPEED, help="Where engines with one e for all speeds should match.")
+@click.option("--speed", type=SPEED, help="Impact speed to match, for engines with one e for all speeds.")
 @click.option("--contact-time", type=TIME, help="Duration of a contact by solref's spring, such as '0.2 ms'.")
 @click.option("--timestep", type=TIME, help="Step of a one-step bounce by solref.")
 @target_option("Write α as the law's e(v), or as e = 1 - α v.")
 @as_json
 def convert(as_json: bool, reading: Reading, solref: str | None, **quantities: float | None) -> None:
-    """Translate one contact between libraries.
+    """Convert a contact between libraries.
 
     Between α, an e at a speed, and the parameters of Drake, Simbody, Chrono, LAMMPS and other engines.
     """

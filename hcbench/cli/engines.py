@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def engines(context: click.Context, as_json: bool) -> None:
     """List the engines and their settings; add or remove versions.
 
-    With version, Python, size and place of each, and how to install a missing one.
+    The table has version, Python, size and folder of each, and how to install a missing one.
     """
     if context.invoked_subcommand is None:
         _list(as_json)
@@ -28,19 +28,17 @@ def engines(context: click.Context, as_json: bool) -> None:
 @engines.command("list")
 @as_json
 def list_engines(as_json: bool) -> None:
-    """As without a command."""
+    """Same as plain `hcbench engines`."""
     _list(as_json)
 
 
 @engines.command()
 @click.argument("names", metavar="ENGINE[@VERSION]...", nargs=-1, required=True)
-@click.option(
-    "--python", help="Version or path of its Python, of those on this machine.  [default: this one]"
-)
+@click.option("--python", help="Python to use, a version or a path on this machine.  [default: this one]")
 def add(names: tuple[str, ...], python: str | None) -> None:
     """Install engines, each in an environment of its own.
 
-    Settings, studies, measure and check then know it as ENGINE@VERSION, beside any other version.
+    Settings, studies, measure and check then take it as ENGINE@VERSION.
     """
     from hcbench.sim import install
 
@@ -53,16 +51,16 @@ def add(names: tuple[str, ...], python: str | None) -> None:
 @engines.command()
 @click.argument("names", metavar="ENGINE[@VERSION]...", nargs=-1, required=True)
 def remove(names: tuple[str, ...]) -> None:
-    """Take away the environments of engines."""
+    """Remove engines that `add` installed."""
     from hcbench.environments import store
 
     for name in names:
-        found = [e for e in store.environments() if name in (e.name, e.engine)]
-        if len(found) != 1:
-            there = ", ".join(e.name for e in found or store.environments()) or "none"
+        matching = [e for e in store.environments() if name in (e.name, e.engine)]
+        if len(matching) != 1:
+            there = ", ".join(e.name for e in matching or store.environments()) or "none"
             raise UserError("engine", f"{name!r}", f"an engine in an environment of its own: {there}")
-        store.remove(found[0])
-        print(f"removed: {found[0].name}")
+        store.remove(matching[0])
+        print(f"removed: {matching[0].name}")
 
 
 def _list(as_json: bool) -> None:
@@ -99,7 +97,7 @@ def _settings(name: str) -> dict[str, str]:
 
 
 def _beside(name: str) -> dict[str, Any]:
-    """Of an engine that is installed beside hcbench, or how to install it."""
+    """The engine of this Python, or how to install it."""
     import platform
 
     from hcbench.sim import install, registry
@@ -134,11 +132,13 @@ def _about(made: Environment) -> str:
 
 @click.command()
 @click.argument("engine")
-@click.option("--install", is_flag=True, help="Put it where the engine loads its own plug-ins from.")
+@click.option(
+    "--install", is_flag=True, help="Install it in the folder from which the engine loads plug-ins."
+)
 def plugin(engine: str, install: bool) -> None:
-    """Print where the contact laws' plug-in is.
+    """Print the path of the plug-in with the contact laws.
 
-    The one for ENGINE: it is compiled against the installed engine when first asked for.
+    It is compiled for the installed ENGINE at the first call.
     """
     from hcbench.sim import registry
     from hcbench.sim.capabilities import plugin_of

@@ -37,9 +37,9 @@ def reference(
     exponent: float,
     as_json: bool,
 ) -> None:
-    """Say what the law says of an impact.
+    """Compute an impact by the law.
 
-    Restitution, depth, force, duration, loss and stress.
+    Print restitution, depth, force, duration, energy loss and stress.
     """
     import dataclasses
 

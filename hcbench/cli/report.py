@@ -68,12 +68,12 @@ def _engines_in(folder: Path) -> set[str]:
 @click.command()
 @click.argument("study", default="steel-1lb", type=PathType())
 @click.option("--out", type=PathType(path_type=Path), help="Folder to write to.  [default: reports/NAME]")
-@click.option("--quick", is_flag=True, help="One α, fewer speeds, phases and steps: a preview.")
+@click.option("--quick", is_flag=True, help="Preview with one α and fewer speeds, phases and steps.")
 @jobs_option
 def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
     """Run a study and write its page.
 
-    With tables and figures beside it.
+    The folder has tables and figures too.
 
     STUDY is a study.toml, its folder, or a built-in name; or the folder of a finished sweep.
     """
@@ -112,7 +112,7 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
 )
 @jobs_option
 @click.option(
-    "--resume", is_flag=True, help="Go on with what is in the folder; whole parts are not run again."
+    "--resume", is_flag=True, help="Continue the sweep in the folder; finished parts are not run again."
 )
 @click.option("--scheduler", help="Address of a Dask scheduler, tcp://HOST:8786, to run on its workers.")
 def sweep(study: str, out: str | None, jobs: int, resume: bool, scheduler: str | None) -> None:
@@ -139,7 +139,7 @@ def sweep(study: str, out: str | None, jobs: int, resume: bool, scheduler: str |
 
 @click.command()
 @click.option("--out", type=PathType(path_type=Path), help="Folder to write to.  [default: reports/paper]")
-@click.option("--quick", is_flag=True, help="Fewer parameters in the forced figures: a preview.")
+@click.option("--quick", is_flag=True, help="Preview with fewer parameters in the forced figures.")
 @jobs_option
 def paper(out: Path | None, quick: bool, jobs: int) -> None:
     """Redraw and check Hunt and Crossley 1975.

@@ -48,13 +48,15 @@ _model_option = partial(click.option, cls=_ModelOption)
 @click.option(
     "--points", help="Pairs v:e in place of --alpha, such as '0.1:0.95, 0.5:0.85 m/s', or a CSV file."
 )
-@click.option("--timestep", type=STEP, help="The engine's step, such as '1 ms'.  [a model: its own]")
+@click.option("--timestep", type=STEP, help="Time step, such as '1 ms'.  [a model: its own]")
 @click.option(
-    "--speeds", type=SPEEDS, help="The band of impact speeds.  [default: 1:20 in/s, or that of --points]"
+    "--speeds", type=SPEEDS, help="Band of impact speeds.  [default: 1:20 in/s, or that of --points]"
 )
 @target_option("Read α as the law's e(v), or as e = 1 - α v.")
 @click.option(
-    "--gravity", type=ACCELERATION, help="Into the plate; 0 for none.  [default: 9.81; a model: its own]"
+    "--gravity",
+    type=ACCELERATION,
+    help="Gravity into the plate; 0 for none.  [default: 9.81; a model: its own]",
 )
 @click.option(
     "--max-error",
@@ -89,7 +91,7 @@ _model_option = partial(click.option, cls=_ModelOption)
     help="Contact points that land together; 4 for the face of a box.",
 )
 @output_option("--write-scene", cls=_EngineOption, help="Write a file that runs in the plain engine.")
-@_model_option("--pair", multiple=True, help="Two bodies or geoms, the moving one first. Repeatable.")
+@_model_option("--pair", multiple=True, help="Two bodies or geoms, first the one that moves. Repeatable.")
 @launch_options("key", "qpos", "state", "coming_from", "actuators", cls=_ModelOption)
 @output_option("--write-model", cls=_ModelOption, help="Write the model with the setting in it.")
 @force_option
@@ -125,7 +127,7 @@ def _drop(options: dict[str, Any], others: type[click.Option], got: str, expecte
 
 
 def _is_model(name: str) -> bool:
-    """Whether what stands where an engine's name would is a model: a file, or FILE.py:FUNCTION."""
+    """Whether the argument is a model, a file or FILE.py:FUNCTION, and not an engine's name."""
     from hcbench.sim import registry
 
     if registry.base_name(name) in registry.names():  # whose version may look like a suffix

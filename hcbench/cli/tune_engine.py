@@ -137,7 +137,7 @@ def _snippet(setting: Setting, scene: Scene) -> str:
 
 
 def _margin(target: Target, alpha: tuple[float, float] | None) -> float:
-    """How far an uncertain α lets e be off over the band (95 %); 0 for one that is not."""
+    """Error of e from the uncertainty of α over the band (95 %); 0 for an exact α."""
     import numpy as np
 
     from hcbench.laws.restitution import Restitution
@@ -150,7 +150,7 @@ def _margin(target: Target, alpha: tuple[float, float] | None) -> float:
 
 def _print(tuned: Tuned, text: str, margin: float) -> None:
     result, target, rest = tuned.evaluation, tuned.target, tuned.rest
-    truth = {"law": "e of (16)", "linear": "1 - α v", "points": "the e asked for"}[target.reading]
+    truth = {"law": "e of (16)", "linear": "1 - α v", "points": "the target e"}[target.reading]
     band = f"{target.speed_min:.4g} ... {target.speed_max:.4g} m/s"
     moves = f"creep {rest.creep:.1e} m/s, depth {rest.depth:.1e} m, buzz {rest.buzz:.1e} m/s"
     loop = f"{_percent(result.loop_rms)} of the largest force from the law's (rms)"
@@ -163,7 +163,7 @@ def _print(tuned: Tuned, text: str, margin: float) -> None:
         ),
         **({"uncertainty of α": f"e is known to ± {margin:.2g} (95 %)"} if margin else {}),
         **({"friction": _friction(result, target)} if target.friction else {}),
-        "best constant e": f"{result.constant:.6g}, off by {result.constant_error:.2g}",
+        "best constant e": f"{result.constant:.6g}, wrong by at most {result.constant_error:.2g}",
         "steps in contact": f"{result.steps_min} ... {result.steps_max} of {time_step(target.timestep)} s",
         "largest penetration": f"{result.penetration_max:.3g} m",
         "largest force": f"{result.force_max:.4g} N",
@@ -174,7 +174,7 @@ def _print(tuned: Tuned, text: str, margin: float) -> None:
     }
     for name, value in rows.items():
         print(f"{name:<20}  {value}")
-    print(f"\npaste:\n\n{text or 'nothing: the engine as it comes'}\n\nknow:")
+    print(f"\npaste:\n\n{text or 'nothing: the defaults of the engine'}\n\nNotes:")
     for line in (*tuned.advice, *tuned.recipe.notes):
         print(f"- {line}")
 
@@ -187,7 +187,7 @@ def _conditions(target: Target) -> str:
 
 def _friction(result: Evaluation, target: Target) -> str:
     off = f"{_percent(result.friction_error)} of {target.friction:g} times the normal impulse"
-    return f"impulse off Coulomb's by at most {off}"
+    return f"impulse wrong by at most {off}"
 
 
 def _percent(share: float) -> str:  # three digits, and no power of ten above 1 %
@@ -195,7 +195,7 @@ def _percent(share: float) -> str:  # three digits, and no power of ten above 1 
 
 
 def _print_interrupted(interrupt: SearchInterrupted, scene: Scene, as_json: bool) -> None:
-    """What a search had found when it was interrupted; the engine has not judged it."""
+    """The best setting when a search was interrupted; it has not been simulated."""
     best, text = interrupt.best, _snippet(interrupt.best, scene)
     if as_json:
         progress_made = {
@@ -206,7 +206,7 @@ def _print_interrupted(interrupt: SearchInterrupted, scene: Scene, as_json: bool
         head = {"schema": 1, "engine": best.engine, "recipe": best.name, "cut_short": progress_made}
         print_json({**head, "timestep_s": best.timestep, "options": dict(best.options), "paste": text})
         return
-    error = f"{interrupt.error:.2g} by the search's own model; the engine has not judged it"
+    error = f"{interrupt.error:.2g} by the search's own model; not simulated yet"
     print(f"{'setting':<20}  {best.engine} {best.name}, the best so far: {interrupt}")
     print(f"{'largest error of e':<20}  {error}\n\npaste:\n\n{text}", flush=True)
 
@@ -220,9 +220,9 @@ def _as_json(tuned: Tuned, text: str) -> dict[str, Any]:
         "target": dataclasses.asdict(tuned.target),
         "timestep_s": tuned.setting.timestep,
         "options": dict(tuned.setting.options),
-        "verdict": dataclasses.asdict(tuned.evaluation),
+        "evaluation": dataclasses.asdict(tuned.evaluation),
         "rest": dataclasses.asdict(tuned.rest),
         "advice": list(tuned.advice),
-        "holds": list(tuned.recipe.notes),
+        "notes": list(tuned.recipe.notes),
         "paste": text,
     }

@@ -99,11 +99,11 @@ def _print(tuned: TunedModel) -> None:
     for pair in tuned.pairs:
         facts = pair.facts
         print(f"\n{facts.pair[0]} on {facts.pair[1]}, effective mass {facts.effective_mass:.4g} kg")
-        print(f"they meet {facts.meeting}; what moves: {facts.moved}")
-        print(f"largest error of e: {pair.max_error:.2g}, in the model with it, held-out speeds, 8 phases")
+        print(f"contact {facts.meeting}; moved by {facts.moved}")
+        print(f"largest error of e: {pair.max_error:.2g}, tuned, at other speeds, 8 phases")
         print("at touch:")
         for speed, wanted, low, high in pair.points:
-            print(f"  {speed:.3g} m/s: wanted {wanted:.4f}, {low:.4f} ... {high:.4f}")
-    print(f"\npaste:\n\n{tuned.paste}\n\nknow:")
+            print(f"  {speed:.3g} m/s: target {wanted:.4f}, {low:.4f} ... {high:.4f}")
+    print(f"\npaste:\n\n{tuned.paste}\n\nNotes:")
     for note in tuned.notes:
         print(f"- {note}")

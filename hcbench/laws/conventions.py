@@ -43,7 +43,7 @@ class SystemValue:
 
 @dataclass(frozen=True, slots=True)
 class Vocabulary:
-    """One contact as one system writes it. missing: what could not be said, and why, a sentence each."""
+    """One contact as one system writes it. missing: what has no value, and why, a sentence each."""
 
     rows: tuple[SystemValue, ...] = ()
     missing: tuple[str, ...] = ()
@@ -88,7 +88,7 @@ class Conversion:
     """One contact in all conventions.
 
     alpha: α, s/m. speed: where the restitution holds, m/s, or None. restitution: e of the law there,
-    restitution_linear: 1 - α v. missing: what could not be said, and why, a sentence each.
+    restitution_linear: 1 - α v. missing: what has no value, and why, a sentence each.
     """
 
     alpha: float
@@ -212,7 +212,7 @@ def _others(contact: OneContact) -> Iterator[SystemValue]:
     at = contact.at
     yield SystemValue("Chrono", "restitution", (e,), "", f"{at}; NSC")
     if (asked := _smc_for(e)) is not None:
-        note = f"{at}; Hooke or Hertz, which do not pull: asked for {e:.4g}, they give {_smc_delivers(e):.4g}"
+        note = f"{at}; Hooke or Hertz, which do not pull: set to {e:.4g}, they give {_smc_delivers(e):.4g}"
         yield SystemValue("Chrono", "restitution (SMC)", (asked,), "", note)
     flores = _flores_for(alpha * contact.speed)
     note = "SMC with the Flores model at that impact speed: what it must be asked to deliver this e"
@@ -233,7 +233,7 @@ def _smc_delivers(asked: float) -> float:
 
 
 def _smc_for(e: float) -> float | None:
-    """What to ask SMC for, to be given e; None below what it gives whatever it is asked."""
+    """The e to set in SMC so that it gives e; None below the least that it can give."""
     from scipy.optimize import brentq
 
     least = 1e-300

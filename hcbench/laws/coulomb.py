@@ -1,4 +1,4 @@
-"""Coulomb's friction in the impact of a sphere: closed form, whatever the law of the normal force.
+"""Coulomb's friction in the impact of a sphere: closed form, for every law of the normal force.
 
 Friction acts at the contact point, against the way it slides, with μ times the normal force, until it slides
 no more. A sphere's normal force turns and shifts nothing along the plate, so the direction of sliding never

@@ -19,7 +19,7 @@ from hcbench.laws.require import positive, require
 
 
 class ForceLaw(Protocol):
-    """Anything that gives a normal force at x > 0; nobody asks it at x <= 0."""
+    """Anything that gives a normal force at x > 0; it is never evaluated at x <= 0."""
 
     def force(self, x: Floats | float, v: Floats | float) -> Floats:
         """F(x, v) in N; x and v broadcast."""

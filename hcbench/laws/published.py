@@ -1,6 +1,6 @@
 """Contact laws published after 1975: F = k x^n (1 + χ v/v_i), each with another χ(e) for a wanted e.
 
-For every law of this form the restitution delivered follows exactly, whatever k, n and m are (see
+For every law of this form the restitution delivered follows exactly for all k, n and m (see
 `closed_form`): with χ as d, d (1 + e) = ln(1 + d) - ln(1 - d e). So each law's promise can be compared with
 what it delivers. As e nears 1 that relation is χ = (3/2)(1 - e): of the laws below Lee-Wang starts at half of
 it, Gonthier at 4/3, Flores at 16/15, the others on it.
@@ -201,7 +201,7 @@ def law_named(name: str) -> PublishedLaw:
 class TouchSpeedLaw:
     """One of these laws as it is published: v_i is the touch speed of each impact.
 
-    So every impact has the same χ and delivers the same e, whatever its speed: α falls as 1/v_i.
+    So every impact has the same χ and delivers the same e at every speed: α falls as 1/v_i.
 
     family: the law, such as Flores. stiffness: k, N/m^n. restitution: e asked for. exponent: n >= 1.
     chi, delivered: χ(e), and the restitution that follows from it. Raises UserError for numbers that no law

@@ -16,7 +16,7 @@ from hcbench.resolution import STEPS_BY_CHANCE
 from hcbench.sim.model_under_test import Suspect
 
 NOTABLE_GRAVITY = TOLERANCE  # of the impact speed, gained in a step or a contact: e then shifts by as much
-BOUNCY = 0.9  # the e that a fix is written for where nobody said which is wanted
+BOUNCY = 0.9  # the e that a fix is written for where no target is given
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ def speeds_of(impacts: Sequence[Impact]) -> list[float]:
 
 def constant_e(impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> float | None:
     """The one e for a fix that is constant in speed: the mean of what is wanted at the lowest and the highest
-    speed. None where nobody said what is wanted.
+    speed. None without a target.
     """
     if wanted is None:
         return None
@@ -61,7 +61,7 @@ def energy_gain(impacts: Sequence[Impact], step: StepFix) -> Iterator[Suspect]:
     text, apply = step.to(step.timestep * min(0.05, max(samples, 1) / 200))
     yield Suspect(
         "energy-gain",
-        "The bounce makes energy from nothing: the step does not resolve the contact.",
+        "The contact adds energy: the step does not resolve it.",
         f"e up to {gain:.4g} with {samples} steps in contact",
         text,
         apply,

@@ -35,7 +35,7 @@ _FLAT = 0.1  # of the span of e that is wanted: a contact whose own e spans less
 
 def goal_of(asked: Sequence[float], speeds: Sequence[float], wanted: RestitutionCurve | None) -> Goal:
     """e that a bounce at an approach speed (m/s) should have: what is wanted, or else what the model asks for
-    at `speeds`; NaN where nobody said.
+    at `speeds`; NaN without a target.
     """
     if wanted is not None:
         return lambda speed: float(wanted.at(speed))
@@ -73,7 +73,7 @@ def diagnose(
     hint = _constant_e_hint(impacts, goal, tolerance) if trials.max_error(fixes) > tolerance else ""
     if not causes:
         return (), hint or "No cause was found among those that hcbench knows."
-    basis = "" if assumed is None else f"Nobody said which e is wanted: e = {assumed:.4g} was assumed."
+    basis = "" if assumed is None else f"No target e is given: e = {assumed:.4g} is assumed."
     return tuple(causes), " ".join(filter(None, (_summary(fixes, trials, tolerance), basis, hint)))
 
 
@@ -196,7 +196,7 @@ def _constant_e_hint(impacts: Sequence[Impact], goal: Goal, tolerance: float) ->
         return ""
     one = "takes one step and " if max(i.samples for i in parted) <= 1 else ""
     return (
-        f"This contact {one}has one e for all speeds, {float(np.mean(e)):.4g}, and wanted are"
-        f" {max(wanted):.4g} ... {min(wanted):.4g}. No constant comes nearer than {span / 2:.2g};"
+        f"This contact {one}gives the same e at every speed, {float(np.mean(e)):.4g}, but the target is"
+        f" {max(wanted):.4g} ... {min(wanted):.4g}. The best constant e is wrong by {span / 2:.2g};"
         " `hcbench tune` makes contacts whose e falls with speed."
     )

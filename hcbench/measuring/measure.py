@@ -1,4 +1,4 @@
-"""`measure`: one call from a user's model to its restitution over speed, and the causes of what is off."""
+"""`measure`: one call from a user's model to its restitution over speed, and the causes of its errors."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def measure(
         returns a model; or an object that an engine opens (`Engine.opens`), such as a compiled model, or an
         environment or client in the pose that it is in.
         Files are measured in a process of their own; objects in this one, and left as they were.
-    pair: names of two bodies or geoms (URDF: links or files), the moving one first; "a,b" or ("a", "b").
+    pair: names of two bodies or geoms (URDF: links or files), first the one that moves; "a,b" or ("a", "b").
     engine: the name of one; None: the first that opens such a model.
     wanted: e to compare with. tolerance: |e - wanted| from which causes are looked for, if `diagnose`.
     limit: s, after which a model in a file counts as hung; None: 60 s, or what the engine takes to compile.
@@ -127,10 +127,10 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
 
 def prepare(models: Sequence[str], engine: str | None) -> None:
     """Import what measuring these files takes: in a worker process, while its parent reads what is asked."""
-    found = _engine_for(models[0] if len(models) == 1 else tuple(models), engine)
-    registry.submodule(found.name, "model.under_test")
-    if found.backend is not None:
-        found.backend.module()
+    opener = _engine_for(models[0] if len(models) == 1 else tuple(models), engine)
+    registry.submodule(opener.name, "model.under_test")
+    if opener.backend is not None:
+        opener.backend.module()
 
 
 def _as_files(model: Any) -> str | tuple[str, ...] | None:
@@ -181,7 +181,7 @@ def _measured(job: Job) -> Measurement:
 
 
 def _memory() -> int:
-    """Bytes that a model may take, whatever the machine: an engine reserves more than it uses."""
+    """Bytes that a model may take on any machine: an engine reserves more than it uses."""
     try:
         installed = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, ValueError, OSError):
@@ -215,7 +215,7 @@ def _open(job: Job) -> ModelUnderTest:
 
 
 def source_of(job: Job) -> tuple[OpensModels, Any, Callable[[], Any] | None]:
-    """(engine, model, what makes it anew) where a function of a Python file makes it; else None last."""
+    """(engine, model, function that makes the model again, or None)."""
     source, rebuild = job.source, None
     if isinstance(source, str) and (match := _PYTHON.fullmatch(source)):
         rebuild = partial(_call_python, match["file"], match["function"])
@@ -228,8 +228,8 @@ def source_of(job: Job) -> tuple[OpensModels, Any, Callable[[], Any] | None]:
 def _engine_for(source: Any, name: str | None) -> OpensModels:
     """The engine of that name, or the first that opens such a model."""
     if name is not None:
-        if registry.base_name(name) in registry.names() and _opens(found := registry.engine(name)):
-            return found
+        if registry.base_name(name) in registry.names() and _opens(opener := registry.engine(name)):
+            return opener
         raise UserError("engine", repr(name), f"one of: {', '.join(engine.name for engine in _openers())}")
     for engine in _openers():
         if engine.accepts(source):

@@ -104,7 +104,7 @@ class Measurement(Shown):
 
     @property
     def curve(self) -> list[CurvePoint]:
-        """e over speed, a point a launch speed and angle, in the order asked for."""
+        """e over speed, one point for each launch speed and angle, in the order of the request."""
         groups: dict[Launch, list[Impact]] = {}
         for impact in self.impacts:
             groups.setdefault(impact.launch.at_any_phase, []).append(impact)

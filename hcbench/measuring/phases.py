@@ -21,7 +21,7 @@ _PHASES_MAX = 32  # a speed
 
 
 def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
-    """One for each launch asked for, in order; where no phases were asked for, those that matter.
+    """One for each launch of the request, in order; without given phases, the phases that matter.
 
     A long contact is launched at one phase, others at those of the request. Where few steps decide, the gap
     between two neighbours that differ is halved until the scatter of e is found.
@@ -35,10 +35,11 @@ def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
     short = [i for i, (impact,) in enumerate(groups) if impact.samples < STEPS_WITHOUT_CHANCE]
     new = {i: wanted[i][1:] for i in short}
     while new:
-        found = iter(simulate.impacts_in(model, list(itertools.chain.from_iterable(new.values()))))
+        impacts = iter(simulate.impacts_in(model, list(itertools.chain.from_iterable(new.values()))))
         for i, launches in new.items():
             groups[i] = sorted(
-                [*groups[i], *itertools.islice(found, len(launches))], key=lambda impact: impact.launch.phase
+                [*groups[i], *itertools.islice(impacts, len(launches))],
+                key=lambda impact: impact.launch.phase,
             )
         new = {i: launches for i in new if (launches := _between(groups[i]))}
     return list(itertools.chain.from_iterable(groups))

@@ -94,7 +94,7 @@ def _arrays(content: bytes) -> dict[str, Any]:
 
 
 def read_direction(text: Any) -> Vector:
-    """A unit vector of "above", "-x" or "0,1,1"; where the moving one comes from. Raises QuantityError."""
+    """A unit vector of "above", "-x" or "0,1,1"; the side of the first body. Raises QuantityError."""
     if isinstance(text, str) and text.strip() in _DIRECTIONS:
         return _DIRECTIONS[text.strip()]
     parts = text.split(",") if isinstance(text, str) else list(text)

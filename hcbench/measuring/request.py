@@ -19,17 +19,15 @@ MAX_PHASES = 1000
 def make_request(pair: Sequence[str] | str | None = None, **launch: Unpack[LaunchOptions]) -> Request:
     """A request from what a user writes, text with units parsed.
 
-    pair: "a,b" or ("a", "b"), the moving one first. launch: as `LaunchOptions` describes it.
+    pair: "a,b" or ("a", "b"), first the one that moves. launch: as `LaunchOptions` describes it.
     Raises UserError, and QuantityError for numbers and units.
     """
     given: dict[str, Any] = {name: value for name, value in launch.items() if value is not None}
     if "along" in given and "angle" not in given and "spin" not in given:
-        raise QuantityError(
-            "along", f"{launch['along']!r}, and nothing oblique", "an angle or a spin beside it"
-        )
+        raise QuantityError("along", f"{launch['along']!r}, and nothing oblique", "an angle or a spin too")
     if "height" in given and "angle" in given:
-        advice = "It is the angle at touch, of launches; spin goes with a height"
-        raise UserError("angle", "given beside height", "one of the two", advice)
+        advice = "An angle holds at the first contact, a height at release; spin can be given with a height"
+        raise UserError("angle", "given with height", "one of the two", advice)
     pose = (*read_state(given.pop("state", None)), *read_joints(given.pop("qpos", None)))
     fields = {name: _READ[name](value) if name in _READ else value for name, value in given.items()}
     return Request(pair=_pair(pair), pose=pose, adapt_phases="phases" not in given, **fields)
@@ -61,7 +59,7 @@ def _pair(pair: Sequence[str] | str | None) -> tuple[str, str] | None:
     names = [str(name).strip() for name in names]
     if len(names) != 2 or not all(names):
         raise UserError(
-            "pair", repr(pair), "two names, the moving one first", "Write for example --pair ball,plate"
+            "pair", repr(pair), "two names, first the one that moves", "Write for example --pair ball,plate"
         )
     return names[0], names[1]
 

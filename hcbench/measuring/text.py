@@ -16,7 +16,7 @@ from hcbench.sim.tangential import ALONG_COLUMNS
 SCHEMA = 1
 _LOOP_SAMPLES = 200
 _LOSSY = 1e-3  # α v from which a loop of the law has an area to compare with
-_NOTABLE_SHARE = 0.005  # of the speed at touch: what else than the contact took off, and is told
+_NOTABLE_SHARE = 0.005  # of the impact speed: speed lost other than to the contact, reported above this share
 _FAILURES = 3  # impacts without an e that are listed
 
 

@@ -36,18 +36,18 @@ def candidates(engine: str, target: Target, scene: Scene, match: Match) -> list[
         if target.reading == "law":
             as_law = "restitution that falls with speed as the law's does"
             promises |= {Role.LAW: as_law, Role.LAW_AND_LOOP: as_law}
-    found = [
+    chosen = [
         (recipe, f"{promise}; {contact}")
         for role, promise in promises.items()
         for recipe in recipes
         if recipe.native and recipe.role is role and recipe.by_auto
         if form in recipe.forms and recipe.steps_min <= steps
     ]
-    if not found:
+    if not chosen:
         names = ", ".join(registry.recipes(engine))
         got = f"'auto' knows none for {engine!r}"
         raise SettingError("recipe", got, f"one of: {names}", "Name one with --recipe")
-    return found
+    return chosen
 
 
 def _choose_for_loop(

@@ -199,8 +199,8 @@ def rest_test(engine: Engine, scene: Scene, setting: Setting, seconds: float = 5
     if _error_controlled(engine, setting):
         seconds = _REST_CONTROLLED  # it takes thousands of steps for each swing of the spring
     steps = min(max(seconds / setting.timestep, _REST_STEPS_MIN), _REST_STEPS_MAX)
-    heavy = replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
-    path = engine.trajectory(heavy, setting, Launch(0.0, height=1e-9), steps * setting.timestep)
+    with_gravity = replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
+    path = engine.trajectory(with_gravity, setting, Launch(0.0, height=1e-9), steps * setting.timestep)
     quarter = len(path.time) // 4
     before, last = slice(2 * quarter, 3 * quarter), slice(3 * quarter, None)
     time, x, v = path.time[last], path.penetration[last], path.rate[last]

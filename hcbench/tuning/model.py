@@ -84,7 +84,16 @@ def tune_model(
     require("max_error", max_error, 0 <= max_error <= 1, "0 ... 1, a difference in e")
     require("limit", limit, 0 < limit <= LONGEST_LIMIT_S, f"above 0 s, up to {LONGEST_LIMIT_S:g} s")
     first, *others = requests
-    job = _TuneJob(source, engine, first, wanted, 0.0, False, tuple(others), max_error)
+    job = _TuneJob(
+        source=source,
+        engine=engine,
+        request=first,
+        wanted=wanted,
+        tolerance=0.0,
+        diagnose=False,
+        others=tuple(others),
+        max_error=max_error,
+    )
     return run_job(_tuned, job, limit)
 
 
@@ -96,16 +105,16 @@ def _tuned(job: Job) -> TunedModel:
     if not isinstance(engine, TunesModels):
         expected = "an engine that tunes models of users"
         raise UserError("engine", repr(engine.name), expected, f"{source!r}")
-    found: list[tuple[float, ModelSetting]] = []
+    tries: list[tuple[float, ModelSetting]] = []
     for setting in engine.model_settings(source, requests, wanted, rebuild):
         tried = [
             _tuned_pair(setting, request, _speeds(request, held_out=False), _TRIED_PHASES, wanted)
             for request in requests
         ]
-        found.append((max(pair.max_error for pair in tried), setting))
-        if found[-1][0] <= job.max_error:
+        tries.append((max(pair.max_error for pair in tried), setting))
+        if tries[-1][0] <= job.max_error:
             break
-    _, setting = min(found, key=lambda each: each[0])
+    _, setting = min(tries, key=lambda each: each[0])
     pairs = tuple(
         _tuned_pair(setting, request, _speeds(request, held_out=True), _HELD_OUT_PHASES, wanted)
         for request in requests
@@ -134,10 +143,10 @@ def _tuned_pair(
         for speed in speeds:
             launches = dataclasses.replace(request, speeds=(speed,), phases=each).launches()
             impacts = simulate.impacts_in(model, launches)
-            found = [i.restitution for i in impacts]
+            restitutions = [i.restitution for i in impacts]
             touched = [i.speed_in for i in impacts if math.isfinite(i.speed_in)]
             v = float(np.mean(touched)) if touched else speed
-            points.append((v, float(wanted.at(v)), min(found), max(found)))
+            points.append((v, float(wanted.at(v)), min(restitutions), max(restitutions)))
             errors = [abs(i.restitution - float(wanted.at(i.speed_in))) for i in impacts]
             worst = max(worst, *(math.inf if math.isnan(error) else error for error in errors))
         return TunedPair(model.facts(), worst, tuple(points))

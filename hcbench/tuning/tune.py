@@ -94,7 +94,7 @@ def tune(
     if recipe not in recipes:
         raise UserError("recipe", f"{recipe!r} for {engine!r}", f"one of: auto, {', '.join(recipes)}")
     with report_progress(progress):
-        return _measured(_tuned(recipes[recipe], "the recipe asked for", target, scene, integrator))
+        return _measured(_tuned(recipes[recipe], "the given recipe", target, scene, integrator))
 
 
 def _measured(tuned: Tuned) -> Tuned:
@@ -122,7 +122,7 @@ def _tuned(recipe: Recipe, why: str, target: Target, scene: Scene, integrator: s
 
 
 def _first_that_holds(
-    found: Sequence[tuple[Recipe, str]],
+    to_try: Sequence[tuple[Recipe, str]],
     target: Target,
     scene: Scene,
     integrator: str | None,
@@ -134,29 +134,24 @@ def _first_that_holds(
     Raises the first candidate's error where none can be made at all.
     """
     _, constant_error = minimax_constant(target)
+    constants = [each for each in to_try if each[0].role is Role.CONSTANT_E]
+    others = [each for each in to_try if each not in constants]
+    # A constant e is the simplest: first where it can hold, else last, to compare the others with.
+    enough = constant_error <= max_error
     tried: list[Tuned] = []
-    refused: HcbenchError | None = None
-
-    def attempt(recipe: Recipe, why: str) -> Tuned | None:
-        nonlocal refused
+    refused: list[HcbenchError] = []
+    for recipe, why in [*constants, *others] if enough else [*others, *constants]:
         try:
-            tried.append(_tuned(recipe, why, target, scene, integrator))
+            tuned = _tuned(recipe, why, target, scene, integrator)
         except (SettingError, EngineMissing) as error:  # such as a version that lacks what one recipe needs
-            refused = refused or error
-            return None
-        return tried[-1]
-
-    constants = [candidate for candidate in found if candidate[0].role is Role.CONSTANT_E]
-    others = [candidate for candidate in found if candidate not in constants]
-    for recipe, why in (constants if constant_error <= max_error else []) + others:
-        tuned = attempt(recipe, why)
-        if tuned and (tuned.holds(max_error) or len(found) == 1):
+            refused.append(error)
+            continue
+        tried.append(tuned)
+        may_hold = enough or recipe.role is not Role.CONSTANT_E
+        if may_hold and (tuned.holds(max_error) or len(to_try) == 1):
             return tuned
-    if constant_error > max_error:
-        for recipe, why in constants:
-            attempt(recipe, why)
     if not tried:
-        raise refused or AssertionError("there is a candidate")
+        raise refused[0]
     usable = [t for t in tried if t.holds(math.inf)] or tried
     nearest = min(t.error for t in usable)
     simplest = sorted(usable, key=lambda t: (t.recipe.role is not Role.CONSTANT_E, t.error))

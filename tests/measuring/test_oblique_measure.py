@@ -164,5 +164,5 @@ def test_a_drop_touches_in_its_phase_at_the_speed_of_its_fall(phase: float) -> N
 
 
 def test_an_angle_is_that_of_the_touch() -> None:
-    with pytest.raises(UserError, match="given beside height"):
+    with pytest.raises(UserError, match="given with height"):
         measure(model(), "ball,plate", height="10 cm", angle="45 deg")

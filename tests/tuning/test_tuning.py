@@ -174,7 +174,7 @@ def test_the_written_scene_does_in_plain_mujoco_what_tune_says(
     )
     v, e = np.array([line.split() for line in done.stdout.splitlines()], dtype=float).T
     error = np.abs(e - closed_form.restitution(ALPHA, v)).max()
-    assert error <= said["verdict"]["max_error"] * 1.2 + 1e-9
+    assert error <= said["evaluation"]["max_error"] * 1.2 + 1e-9
     if within is not None:
         assert error < within
 
