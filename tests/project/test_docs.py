@@ -131,7 +131,7 @@ def test_the_commands_of_the_tutorial_do_what_it_says(
     assert of_law == pytest.approx([0.971, 0.869, 0.768], abs=5e-4)
     (error,) = re.findall(r"largest error of e\s+(\S+) ", shown["tune"])
     assert float(error) == pytest.approx(0.03, abs=0.006)
-    assert re.search(r"best constant e .* off by 0\.18\n", shown["tune"])
+    assert re.search(r"best constant e .* wrong by at most 0\.18\n", shown["tune"])
     measured = [
         float(line.split()[2]) for line in re.findall(r"^ +[\d.]+ +[\d.]+ +0\..*$", shown["measure"], re.M)
     ]

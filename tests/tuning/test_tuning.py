@@ -344,7 +344,7 @@ def test_notes_of_a_softened_contact_do_not_contradict_what_was_measured(
     arguments = ["tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-3", "--recipe", "staggered"]
     assert run([*arguments, "--gravity", "0"]) == 0
     told = capsys.readouterr().out
-    assert "mujoco staggered: the recipe asked for" in told
+    assert "mujoco staggered: the given recipe" in told
     assert "99.7 % of the largest force" in told
     assert "- under gravity it rests 9.7e-04 m deep, 1.9 % of the radius; --recipe impulse" in told
     assert "- As stiff as the law it rests without creep" in told
