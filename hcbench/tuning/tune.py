@@ -89,8 +89,8 @@ def tune(
     recipes = registry.recipes(engine)
     if recipe == "auto":
         with report_progress(progress):
-            found = candidates(engine, target, scene, match)
-            return _measured(_first_that_holds(found, target, scene, integrator, max_error))
+            to_try = candidates(engine, target, scene, match)
+            return _measured(_first_that_holds(to_try, target, scene, integrator, max_error))
     if recipe not in recipes:
         raise UserError("recipe", f"{recipe!r} for {engine!r}", f"one of: auto, {', '.join(recipes)}")
     with report_progress(progress):
