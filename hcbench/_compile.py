@@ -5,6 +5,7 @@ A C compiler is looked for under $CC, then as cc, gcc and clang, then as the `zi
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import functools
 import hashlib
@@ -80,9 +81,17 @@ def _digest(library: Path) -> str:
     return hashlib.sha256(library.read_bytes()).hexdigest()
 
 
+@functools.cache
+def _temporary_folder() -> Path:
+    """Where no cache can be written to: gone when this process ends."""
+    folder = Path(tempfile.mkdtemp(prefix="hcbench-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
 def _folder() -> Path:
     folder = user_folder("cache")
-    return folder if _private(folder) else Path(tempfile.mkdtemp(prefix="hcbench-"))
+    return folder if _private(folder) else _temporary_folder()
 
 
 def _compile(command: list[str], target: Path) -> None:

@@ -245,7 +245,8 @@ class Impact:
         """e = v_o / v_i, eq. (1) of Hunt & Crossley 1975; 0 for a body that rested, NaN for any other end."""
         if self.status is Status.RESTED:
             return 0.0
-        return self.speed_out / self.speed_in if self.status is Status.PARTED else np.nan
+        measured = self.status is Status.PARTED and self.speed_in > 0
+        return self.speed_out / self.speed_in if measured else np.nan
 
     @property
     def energy_lost(self) -> float:

@@ -11,6 +11,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
 from hcbench._files import parse_json
+from hcbench._text import sanitized
 from hcbench.benchmark.files import LOCK, Files
 from hcbench.benchmark.plan import SCHEMA, Plan
 from hcbench.benchmark.results import RUN_KEY
@@ -59,7 +60,10 @@ class Store:
         if description.get("schema") != SCHEMA or description.get("kind") != "hcbench sweep":
             got = f"schema {description.get('schema')!r:.40}" if description else "no table in JSON"
             what = f"{self.where}: {DESCRIPTION} has {got}"
-            raise UserError("folder", what, f"schema {SCHEMA}", "Another hcbench made it")
+            versions = description.get("versions")
+            by = sanitized(versions.get("hcbench")) if isinstance(versions, dict) else "unknown"
+            advice = f"hcbench {by} wrote it: finish it with that one, or sweep into a new folder"
+            raise UserError("folder", what, f"schema {SCHEMA}", advice)
         validate(ResultTable, description, UserError, f"{self.where}/{DESCRIPTION}: {{}}")
         if not isinstance(parts := description.get("parts"), int) or isinstance(parts, bool) or parts < 1:
             got = f"{self.where}: {DESCRIPTION} has parts {parts!r:.40}"

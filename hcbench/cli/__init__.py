@@ -57,6 +57,7 @@ def main() -> None:
     """Run the command line; every way out is an exit code and at most one line."""
     try:
         install_signal_handlers()
+        os.environ.pop("MPLBACKEND", None)  # of a notebook: here figures are files
         warnings.formatwarning = lambda message, *_, **__: f"hcbench: {message}\n"
         wrap_stdio()
         code = run(sys.argv[1:])
@@ -89,7 +90,8 @@ def _run(arguments: list[str]) -> int:
     except HcbenchError as error:
         return _fail(error.exit_code, str(error))
     except click.exceptions.NoArgsIsHelpError as error:
-        print(error.format_message())
+        with suppress(BrokenPipeError):
+            print(error.format_message(), flush=True)
         return UserError.exit_code
     except click.ClickException as error:
         hint = _hint(error)

@@ -84,7 +84,7 @@ def computed(name: str) -> Iterator[None]:
         with np.errstate(all="ignore"):
             yield
     except (ArithmeticError, ValueError) as error:  # NumPy's LinAlgError is a ValueError
-        got = f"numbers that cannot be computed with: {error}"
+        got = "numbers that lead to no finite result"
         raise UserError(name, got, "bounces of one ball on one plate", "Look at the units") from error
 
 

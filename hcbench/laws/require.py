@@ -24,7 +24,8 @@ def require(
 ) -> None:
     """Raise `error` unless `good`."""
     if not good:
-        raise error(slot, f"{value!r}", expected, advice)
+        shown = f"{value:.6g}" if isinstance(value, float) else f"{value!r}"
+        raise error(slot, shown, expected, advice)
 
 
 def positive(slot: str, value: float, unit: str) -> None:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from shlex import quote
 from typing import Any
 
 from hcbench._text import number, sanitized, table
@@ -102,5 +103,5 @@ def choice_error(pairs: Sequence[CandidatePair]) -> UserError:
         "pair",
         f"none given, and the model leaves a choice of {len(pairs)}: {some}{more}",
         "the names of two bodies or geoms",
-        f"Try --pair {pairs[0].pair}; `hcbench pairs` lists all, and --all measures those that touch",
+        f"Try --pair {quote(pairs[0].pair)}; `hcbench pairs` lists all, and --all measures those that touch",
     )

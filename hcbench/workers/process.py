@@ -26,6 +26,7 @@ from hcbench.workers.message import CallEnd, pickled, portable
 
 Result = TypeVar("Result")
 
+_IDLE = 0.05  # share of the time that a process at work gets, on the busiest machine
 _START_S = 60.0  # for a new interpreter to come up on a busy machine
 
 
@@ -183,12 +184,26 @@ class Worker:
 
     def _receive(self, results: list[Any], limit: float | None) -> Exception | None:
         """Append what the worker sends to `results`, and return the error that ended it."""
-        while self._pipe.poll(limit):
+        while self._answers(limit):
             answer = self._pipe.recv()
             if isinstance(answer, CallEnd):
                 return answer.error
             results.append(answer)
         raise TimeoutError(f"no answer within {limit:g} s")
+
+    def _answers(self, limit: float | None) -> bool:
+        """Whether something comes within `limit` s, as long as the process takes them of a processor.
+
+        On a busy machine that is longer by the clock; a process that hardly runs at all counts as hung.
+        """
+        if limit is None or self._process is None:
+            return self._pipe.poll(limit)
+        begun = used = _processor_seconds(self._process.pid)
+        while not self._pipe.poll(limit):
+            before, used = used, _processor_seconds(self._process.pid)
+            if used - before < _IDLE * limit or used - begun >= limit:
+                return False
+        return True
 
     def _cause_of_death(self, error: Exception) -> str:
         if isinstance(error, TimeoutError):
@@ -220,6 +235,15 @@ class Worker:
             process.kill()
             process.wait()
             self._pipe.close()
+
+
+def _processor_seconds(number: int) -> float:
+    """What a process and its children took of a processor, s; 0 where the system does not tell."""
+    try:
+        fields = Path(f"/proc/{number}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2]
+        return sum(map(int, fields.split()[11:15])) / os.sysconf("SC_CLK_TCK")
+    except (OSError, ValueError, AttributeError):
+        return 0.0
 
 
 def _inherit(handle: int) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -208,7 +209,8 @@ def _set(element: Any, names: tuple[str, str], values: dict[str, Any]) -> str:
         f'{name}="{_numbers(value) if isinstance(value, list) else f"{value:g}"}"'
         for name, value in values.items()
     )
-    return f'<pair geom1="{names[0]}" geom2="{names[1]}" {attributes}/>'
+    first, second = (quoteattr(name) for name in names)
+    return f"<pair geom1={first} geom2={second} {attributes}/>"
 
 
 def _friction_damping(place: PairAtTouch, load: Load) -> float:
