@@ -100,3 +100,8 @@ def test_both_encodings_of_a_table_read_back_the_same() -> None:
     assert one.equals(two)
     assert one.dtypes.tolist() == two.dtypes.tolist()
     assert [metadata_in(content)["about"] for content in encoded] == [b"1", b"1"]
+
+
+def test_engines_without_a_module_have_none() -> None:
+    assert registry.submodule("dart", "scene.two_blocks") is None
+    assert registry.submodule("mujoco", "scene.two_blocks") is not None
