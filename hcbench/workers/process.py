@@ -22,6 +22,7 @@ from weakref import WeakSet
 
 from hcbench.environments import ADD
 from hcbench.errors import CannotRun, EngineFailed, EngineMissing
+from hcbench.workers.clock import processor_seconds
 from hcbench.workers.message import CallEnd, pickled, portable
 
 Result = TypeVar("Result")
@@ -198,9 +199,9 @@ class Worker:
         """
         if limit is None or self._process is None:
             return self._pipe.poll(limit)
-        begun = used = _processor_seconds(self._process.pid)
+        begun = used = processor_seconds(self._process.pid)
         while not self._pipe.poll(limit):
-            before, used = used, _processor_seconds(self._process.pid)
+            before, used = used, processor_seconds(self._process.pid)
             if used - before < _IDLE * limit or used - begun >= limit:
                 return False
         return True
@@ -235,15 +236,6 @@ class Worker:
             process.kill()
             process.wait()
             self._pipe.close()
-
-
-def _processor_seconds(number: int) -> float:
-    """What a process and its children took of a processor, s; 0 where the system does not tell."""
-    try:
-        fields = Path(f"/proc/{number}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2]
-        return sum(map(int, fields.split()[11:15])) / os.sysconf("SC_CLK_TCK")
-    except (OSError, ValueError, AttributeError):
-        return 0.0
 
 
 def _inherit(handle: int) -> dict[str, Any]:
