@@ -21,10 +21,10 @@ from hcbench.workers.process import (
     environment,
     in_worker,
     mark_as_worker,
-    redirect_output,
     use_own_worker,
     worker_of_thread,
 )
+from hcbench.workers.redirect import redirect_output
 
 __all__ = [
     "Interpreter",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import atexit
-import ctypes
 import os
 import pickle
 import signal
@@ -11,7 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
@@ -74,28 +73,6 @@ def in_worker() -> bool:
 def environment() -> str:
     """The name of the environment that this worker process was started in; "" for the user's own."""
     return _environment
-
-
-@contextmanager
-def redirect_output() -> Iterator[None]:
-    """Discard what is printed, also by C code. It concerns all threads, so it is for worker processes."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    copies = [(fd, os.dup(fd)) for fd in (1, 2)]
-    null = os.open(os.devnull, os.O_WRONLY)
-    try:
-        for fd, _ in copies:
-            os.dup2(null, fd)
-        yield
-    finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        with suppress(OSError, TypeError, AttributeError):  # C keeps a buffer of its own
-            ctypes.CDLL(None).fflush(None)
-        for fd, copy in copies:
-            os.dup2(copy, fd)
-            os.close(copy)
-        os.close(null)
 
 
 class Worker:

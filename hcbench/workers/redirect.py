@@ -1,0 +1,29 @@
+"""Discards the output of a worker process."""
+
+import ctypes
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+
+@contextmanager
+def redirect_output() -> Iterator[None]:
+    """Discard what is printed, also by C code. It concerns all threads, so it is for worker processes."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    copies = [(fd, os.dup(fd)) for fd in (1, 2)]
+    null = os.open(os.devnull, os.O_WRONLY)
+    try:
+        for fd, _ in copies:
+            os.dup2(null, fd)
+        yield
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        with suppress(OSError, TypeError, AttributeError):  # C keeps a buffer of its own
+            ctypes.CDLL(None).fflush(None)
+        for fd, copy in copies:
+            os.dup2(copy, fd)
+            os.close(copy)
+        os.close(null)
