@@ -19,7 +19,7 @@ _MARKS = {
     Verdict.MISTAKE: "⚠️",
     Verdict.COULD_NOT_RUN: "💥",
 }
-_HEADER = ("launched m/s", "deg", "at touch m/s", "e", "lowest", "highest", "wanted", "error")
+_HEADER = ("launch m/s", "deg", "impact m/s", "e", "lowest", "highest", "target", "error")
 
 
 def as_text(report: Report) -> str:

@@ -150,9 +150,9 @@ def _margin(target: Target, alpha: tuple[float, float] | None) -> float:
 
 def _print(tuned: Tuned, text: str, margin: float) -> None:
     result, target, rest = tuned.evaluation, tuned.target, tuned.rest
-    truth = {"law": "e of (16)", "linear": "1 - α v", "points": "the target e"}[target.reading]
+    truth = {"law": "e of the law", "linear": "1 - α v", "points": "the target e"}[target.reading]
     band = f"{target.speed_min:.4g} ... {target.speed_max:.4g} m/s"
-    moves = f"creep {rest.creep:.1e} m/s, depth {rest.depth:.1e} m, buzz {rest.buzz:.1e} m/s"
+    moves = f"drift {rest.creep:.1e} m/s, penetration {rest.depth:.1e} m, vibration {rest.buzz:.1e} m/s"
     loop = f"{_percent(result.loop_rms)} of the largest force from the law's (rms)"
     has_loop = not math.isnan(result.loop_rms) and target.reading == "law"
     rows = {

@@ -70,7 +70,7 @@ class Dataset(ABC):
         return []
 
     def doubts(self, fit: LawFit) -> Iterator[str]:
-        """Why the data may not be what they seem, whatever law is fitted: each a reason to give no number."""
+        """Why the data may not be what they seem, under any law: each a reason to give no number."""
         yield from ()
 
     def with_setup(self, setup: MeasurementSetup) -> Self:

@@ -57,7 +57,7 @@ def shared_value(each: Sequence[Estimate]) -> Drops:
 def odd_drops(each: Sequence[Estimate]) -> list[tuple[int, float]]:
     """Drops that do not go with the others: their place, and how many standard deviations they are off."""
     x, s = _logs(each)
-    found = []
+    doubtful = []
     for k in range(len(each)):
         others = np.arange(len(each)) != k
         if others.sum() < _LEAST_OTHERS:
@@ -68,8 +68,8 @@ def odd_drops(each: Sequence[Estimate]) -> list[tuple[int, float]]:
         variance = float(share @ (sd**2 + (mean - middle) ** 2))
         off = float((x[k] - middle) / np.sqrt(s[k] ** 2 + between**2 + variance))
         if abs(off) > _ODD:
-            found.append((k, off))
-    return sorted(found, key=lambda one: -abs(one[1]))[:1]
+            doubtful.append((k, off))
+    return sorted(doubtful, key=lambda one: -abs(one[1]))[:1]
 
 
 def ratio(one: Sequence[Estimate], other: Sequence[Estimate]) -> Estimate:

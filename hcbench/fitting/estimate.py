@@ -165,9 +165,9 @@ def _law_step(
     move = np.linalg.lstsq(hessian, slope, rcond=1e-12)[0]
     held = move > room
     if held.any():
-        move, free = np.where(held, room, move), ~held
-        left = slope[free] - hessian[np.ix_(free, held)] @ move[held]
-        move[free] = np.linalg.lstsq(hessian[np.ix_(free, free)], left, rcond=1e-12)[0]
+        move, unheld = np.where(held, room, move), ~held
+        left = slope[unheld] - hessian[np.ix_(unheld, held)] @ move[held]
+        move[unheld] = np.linalg.lstsq(hessian[np.ix_(unheld, unheld)], left, rcond=1e-12)[0]
     return np.minimum(move, room), hessian
 
 

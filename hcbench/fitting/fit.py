@@ -143,9 +143,9 @@ def _require_loss(sets: Sequence[Dataset], whole: _Fitted) -> None:
 
 def _lack(each: Sequence[_Fitted]) -> LackOfFit:
     """Of all files: the product of their odds, and the shape in the file that asks for it most."""
-    found = [_lack_of_one(one) for one in each]
-    log_odds = sum(math.log(max(one.odds, 1e-300)) for one in found)
-    return LackOfFit(math.exp(min(log_odds, 700.0)), max(found, key=lambda one: one.odds).shape)
+    lacks = [_lack_of_one(one) for one in each]
+    log_odds = sum(math.log(max(one.odds, 1e-300)) for one in lacks)
+    return LackOfFit(math.exp(min(log_odds, 700.0)), max(lacks, key=lambda one: one.odds).shape)
 
 
 def _lack_of_one(one: _Fitted) -> LackOfFit:
@@ -240,8 +240,8 @@ def _constant(
     lost = [_lost(estimate_of(one.fits["constant"], "restitution")) for one in used]
     drops = shared_value(lost)
     at = drops.estimate().value
-    found = _lost(drops.estimate(inputs / at if at else 0.0))
-    return found, drops.between, [(used[k].sets[0].name, off) for k, off in odd_drops(lost)]
+    per_drop = _lost(drops.estimate(inputs / at if at else 0.0))
+    return per_drop, drops.between, [(used[k].sets[0].name, off) for k, off in odd_drops(lost)]
 
 
 def _lost(e: Estimate) -> Estimate:
@@ -255,14 +255,14 @@ def _odd_one(name: str, off: float) -> str:
 
 
 def _warnings(whole: _Fitted, each: Sequence[_Fitted]) -> list[str]:
-    found = []
+    warnings = []
     for one in each:
         if one.impacts:
             shown = ", ".join(one.impacts[:_SHOWN])
             more = f" and {len(one.impacts) - _SHOWN} more" if len(one.impacts) > _SHOWN else ""
-            found.append(f"these impacts scatter far more than the others and count little: {shown}{more}")
+            warnings.append(f"these impacts scatter far more than the others and count little: {shown}{more}")
         if len(each) > 1 and (doubts := list(one.sets[0].doubts(one.likeliest))):
-            found.append(f"{one.sets[0].name} is left out: {doubts[0]}")
+            warnings.append(f"{one.sets[0].name} is left out: {doubts[0]}")
     if whole.likeliest.scatter > 0.9 * MOST_SCATTER:
-        found.append(f"e scatters by {100 * MOST_SCATTER:.0f} % or more, the end of what is tried")
-    return found
+        warnings.append(f"e scatters by {100 * MOST_SCATTER:.0f} % or more, the end of what is tried")
+    return warnings

@@ -38,8 +38,8 @@ class Flag:
 def flagged_touches(fit: LawFit, sets: Sequence[Dataset]) -> Iterator[Flag]:
     """Each touch by itself: would one more parameter, its own error, make the data much likelier?"""
     for i, (s, model) in enumerate(zip(sets, fit.models, strict=True)):
-        free = len(model.residual) - model.by_own.shape[1] - model.by_law.shape[1]
-        if free < _LEAST_FREE:
+        degrees = len(model.residual) - model.by_own.shape[1] - model.by_law.shape[1]
+        if degrees < _LEAST_FREE:
             continue
         names = s.touches()
         scatter = model.by_scatter

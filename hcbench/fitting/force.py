@@ -97,14 +97,16 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
         return np.asarray(force - np.interp(time, loop.time + p[2], loop.force, left=0.0, right=0.0)) / top
 
     start = [math.log(start_k), math.log(e), float(time[inside][0]) - 0.05 * lasts, start_n]
-    free = 3 if setup.exponent else 4
-    low = [-np.inf, -8.0, float(time[0]) - lasts, 1.0 - 1e-6][:free]
-    high = [np.inf, -1e-6, float(time[inside][-1]), 4.0][:free]
-    scale = [1.0, 0.1, lasts, 0.3][:free]
-    done = least_squares(residual, start[:free], bounds=(low, high), x_scale=scale, diff_step=[1e-5] * free)
+    varied = 3 if setup.exponent else 4
+    low = [-np.inf, -8.0, float(time[0]) - lasts, 1.0 - 1e-6][:varied]
+    high = [np.inf, -1e-6, float(time[inside][-1]), 4.0][:varied]
+    scale = [1.0, 0.1, lasts, 0.3][:varied]
+    done = least_squares(
+        residual, start[:varied], bounds=(low, high), x_scale=scale, diff_step=[1e-5] * varied
+    )
     alpha = dissipation_of(float(done.x[1])) / (1.5 * speed)
     by_log_e = (dissipation_of(float(done.x[1]) + 1e-5) / (1.5 * speed) - alpha) / 1e-5
-    covariance = _covariance(done, [0, 3, 1] if free == 4 else [0, None, 1])
+    covariance = _covariance(done, [0, 3, 1] if varied == 4 else [0, None, 1])
     covariance[2, :] *= by_log_e
     covariance[:, 2] *= by_log_e
     covariance[2, 2] += (by_log_e * u_e / e) ** 2
@@ -172,8 +174,8 @@ def fit_loop(name: str, penetration: Floats, rate: Floats, force: Floats, expone
 def _covariance(done: object, order: list[int | None]) -> Floats:
     """Of the parameters in this order, 0 for one that was given, from the scatter about the fit."""
     jacobian, fun = done.jac, done.fun  # type: ignore[attr-defined]
-    free = max(len(fun) - jacobian.shape[1], 1)
-    whole = np.linalg.pinv(jacobian.T @ jacobian) * float((fun**2).sum()) / free
+    degrees = max(len(fun) - jacobian.shape[1], 1)
+    whole = np.linalg.pinv(jacobian.T @ jacobian) * float((fun**2).sum()) / degrees
     out = np.zeros((3, 3))
     for i, a in enumerate(order):
         for j, b in enumerate(order):
@@ -182,55 +184,57 @@ def _covariance(done: object, order: list[int | None]) -> Floats:
     return out
 
 
-def as_record(found: ForceFit) -> dict[str, object]:
+def as_record(force_fit: ForceFit) -> dict[str, object]:
     """What `--json` prints."""
-    low, high = found.alpha_interval
+    low, high = force_fit.alpha_interval
     return {
         "schema": 1,
         "kind": "hcbench fit",
-        "files": [{"name": found.file, "kind": found.kind}],
-        "law": "hunt-crossley" if found.is_law else None,
+        "files": [{"name": force_fit.file, "kind": force_fit.kind}],
+        "law": "hunt-crossley" if force_fit.is_law else None,
         "law_asked": "hunt-crossley",
-        "alpha_s_per_m": found.alpha,
-        "alpha_standard_uncertainty_s_per_m": found.alpha_uncertainty,
+        "alpha_s_per_m": force_fit.alpha,
+        "alpha_standard_uncertainty_s_per_m": force_fit.alpha_uncertainty,
         "alpha_interval_95_s_per_m": [low, high],
-        "restitution": found.e,
+        "restitution": force_fit.e,
         "restitution_interval_95": [
-            found.e - SIGMAS_95 * found.e_uncertainty,
-            found.e + SIGMAS_95 * found.e_uncertainty,
+            force_fit.e - SIGMAS_95 * force_fit.e_uncertainty,
+            force_fit.e + SIGMAS_95 * force_fit.e_uncertainty,
         ],
         "laws": [],
         "flagged": [],
-        "stiffness_n_per_m_n": found.stiffness,
-        "exponent": found.exponent,
-        "covariance_ln_k_n_alpha": found.covariance.tolist(),
-        "misfit": found.misfit,
-        "speed_range_m_per_s": list(found.speeds),
+        "stiffness_n_per_m_n": force_fit.stiffness,
+        "exponent": force_fit.exponent,
+        "covariance_ln_k_n_alpha": force_fit.covariance.tolist(),
+        "misfit": force_fit.misfit,
+        "speed_range_m_per_s": list(force_fit.speeds),
     }
 
 
-def as_text(found: ForceFit, describe: Callable[[float, float], str], engine: str) -> str:
+def as_text(force_fit: ForceFit, describe: Callable[[float, float], str], engine: str) -> str:
     """For a terminal. describe: a value and its standard uncertainty as text."""
-    sd = np.sqrt(np.diag(found.covariance))
-    low, high = found.alpha_interval
-    k, n = found.stiffness, found.exponent
+    sd = np.sqrt(np.diag(force_fit.covariance))
+    low, high = force_fit.alpha_interval
+    k, n = force_fit.stiffness, force_fit.exponent
     lines = [
-        f"data      {found.file}: {found.kind}, fitted with eq. (16)",
+        f"data      {force_fit.file}: {force_fit.kind}, fitted with eq. (16)",
         f"k         {describe(k, k * sd[0])} N/m^{n:.4g}",
         f"n         {describe(n, sd[1])}",
-        f"α         {describe(found.alpha, sd[2])} s/m, 95 %: {low:.4g} ... {high:.4g} s/m",
+        f"α         {describe(force_fit.alpha, sd[2])} s/m, 95 %: {low:.4g} ... {high:.4g} s/m",
     ]
-    if not math.isnan(found.e):
-        lines.append(f"e         {found.e:.4f} by the impulse, without k and n, at {found.speeds[1]:.3g} m/s")
+    if not math.isnan(force_fit.e):
+        lines.append(
+            f"e         {force_fit.e:.4f} by the impulse, without k and n, at {force_fit.speeds[1]:.3g} m/s"
+        )
     if sd[0] and sd[1]:
-        together = found.covariance[0, 1] / (sd[0] * sd[1])
+        together = force_fit.covariance[0, 1] / (sd[0] * sd[1])
         lines.append(f"ln k, n   correlation {together:.3f}: --exponent fixes n where it is known")
-    lines.append(f"misfit    {100 * found.misfit:.2g} % of the largest force (rms)")
-    if not found.is_law:
+    lines.append(f"misfit    {100 * force_fit.misfit:.2g} % of the largest force (rms)")
+    if not force_fit.is_law:
         lines.append("law       not eq. (16): the force goes otherwise, and α says little")
         return "\n".join(lines) + "\n"
     stiffness = f'--stiffness "{k:.5g}" --exponent {n:.5g}'
-    tuned = f'--alpha "{describe(max(found.alpha, 0.0), sd[2])} s/m" {stiffness}'
+    tuned = f'--alpha "{describe(max(force_fit.alpha, 0.0), sd[2])} s/m" {stiffness}'
     return (
         "\n".join([*lines, "", "next:", f"  hcbench tune {engine} {tuned} --timestep 1e-5 --match both"])
         + "\n"

@@ -46,10 +46,10 @@ def lack_of_fit(fit: LawFit, sets: Sequence[Dataset]) -> LackOfFit:
     The change is a sum of Legendre polynomials of ln v, degrees 1 to 3, with normal coefficients; scatter and
     noise are integrated out on both sides.
     """
-    found = [_of_set(fit, i, s) for i, s in enumerate(sets)]
-    worst = max(range(len(found)), key=lambda i: found[i][0])
-    total = sum(log_odds for log_odds, _ in found)
-    return LackOfFit(math.exp(min(total, 700.0)), _shape(found[worst][1]))
+    odds_of_sets = [_of_set(fit, i, s) for i, s in enumerate(sets)]
+    worst = max(range(len(odds_of_sets)), key=lambda i: odds_of_sets[i][0])
+    total = sum(log_odds for log_odds, _ in odds_of_sets)
+    return LackOfFit(math.exp(min(total, 700.0)), _shape(odds_of_sets[worst][1]))
 
 
 def _of_set(fit: LawFit, i: int, s: Dataset) -> tuple[float, Floats]:

@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 
 
 def as_html(result: FitResult) -> str:
-    """What was found, every law with its odds, and what to look at, as HTML tables."""
-    found = _rows((name, value) for name, value in headline(result).items())
+    """The result, every law with its odds, and readings to check, as HTML tables."""
+    facts = _rows((name, value) for name, value in headline(result).items())
     laws = _rows(
         (fit.law.name, LAWS[fit.law.name].formula, odds_text(odds))
         for fit, odds in zip(result.fits, result.odds, strict=True)
     )
     head = "<thead><tr><th>law</th><th>e</th><th>odds</th></tr></thead>"
-    notes = "".join(f"<p>look at: {escape(flag.file)}, {escape(flag.touch)}</p>" for flag in result.flags)
-    return f"<table>{found}</table><table>{head}{laws}</table>{notes}"
+    notes = "".join(f"<p>check: {escape(flag.file)}, {escape(flag.touch)}</p>" for flag in result.flags)
+    return f"<table>{facts}</table><table>{head}{laws}</table>{notes}"
 
 
 def _rows(rows: Iterable[tuple[str, ...]]) -> str:

@@ -47,7 +47,7 @@ def require_different(files: tuple[Path, ...]) -> None:
     for path in files if len(files) > 1 else ():
         try:
             content = read_bytes(path)
-        except OSError:  # what is wrong with it is told where it is read
+        except OSError:  # what is wrong with it is reported where it is read
             continue
         if (other := seen.setdefault(content, path)) is not path:
             got = f"{path} has the same content as {other}"

@@ -71,7 +71,7 @@ class Columns:
     places: dict[str, int]
 
     def get(self, role: str) -> Floats:
-        """A column that is there."""
+        """A column of the file."""
         return self.table.column(self.places[role], _NAMES[role.removeprefix("u_")][0])
 
     def uncertainty(self, role: str) -> Floats:
@@ -136,18 +136,18 @@ def read_dataset(
     table = (tracker_table(path, lines) if kind in (None, "track") else None) or read_table(path, lines)
     columns = columns_of(table)
     named = frozenset(role for role in columns.places if not role.startswith("u_"))
-    found = _KINDS.get(named) if kind is None else kind
-    if found is None:
+    data_kind = _KINDS.get(named) if kind is None else kind
+    if data_kind is None:
         names = ", ".join(columns.table.header[i][0] for i in columns.places.values())
         raise UserError(columns.table.name, f"columns {sanitized(names)}", _EXPECTED)
-    if found in ("force", "loop"):
+    if data_kind in ("force", "loop"):
         raise UserError(columns.table.name, "forces among other files", "one file of forces alone")
-    needed = next(roles for roles, name in _KINDS.items() if name == found)
+    needed = next(roles for roles, name in _KINDS.items() if name == data_kind)
     if kind is not None and not needed <= named:
         missing = ", ".join(sorted(needed - named))
         raise UserError(columns.table.name, f"no column {missing}", f"what --as {kind} needs")
     with computed(columns.table.name):
-        return _READERS[found](columns, setup)
+        return _READERS[data_kind](columns, setup)
 
 
 def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> ForceFit | None:

@@ -84,7 +84,7 @@ class MeasurementSetup:
 
     @property
     def ballistics(self) -> Ballistics:
-        """How the ball flies."""
+        """The flight of the ball."""
         if self.mass is None or self.diameter is None:
             return Ballistics(self.gravity.value)
         return in_air(self.gravity.value, self.mass.value, self.diameter.value, self.drag_coefficient.value)

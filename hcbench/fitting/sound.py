@@ -57,7 +57,7 @@ class Picks:
 
 
 def is_wav(path: Path) -> bool:
-    """Whether a file begins as WAV files do, whatever its name; False where it cannot be read."""
+    """Whether a file begins as WAV files do, under any name; False where it cannot be read."""
     try:
         with path.open("rb") as file:
             head = file.read(12)

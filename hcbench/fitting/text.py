@@ -95,10 +95,10 @@ def as_text(result: FitResult, engine: str) -> str:
     top = [f"{name:<{width}}  {value}" for name, value in rows.items()]
     lines = [*top, *_heard(result), "", *_laws(result), "", *_budget(result)]
     lines += [
-        f"look at: {flag.file}, {flag.touch}: {flag.what} by {flag.sigmas:.1f} standard deviations; kept"
+        f"check: {flag.file}, {flag.touch}: {flag.what} by {flag.sigmas:.1f} standard deviations; kept"
         for flag in result.flags
     ]
-    lines += [f"look at: {warning}" for warning in result.warnings]
+    lines += [f"warning: {warning}" for warning in result.warnings]
     return "\n".join([*lines, "", *next_lines(result, engine)]) + "\n"
 
 
@@ -135,10 +135,10 @@ def _law_row(result: FitResult) -> str:
     if result.law:
         return result.law + (", as asked for" if result.asked != "auto" else "")
     if result.doubts:
-        return "cannot tell: " + "; ".join(result.doubts)
+        return "undecided: " + "; ".join(result.doubts)
     if result.lack.is_certain:
         return f"none of these laws ({odds_text(result.lack.odds)}): {result.lack.shape}"
-    return "cannot tell: several laws are left, below"
+    return "undecided: several laws fit (see below)"
 
 
 def _shown(estimate: Estimate, unit: str = "") -> str:

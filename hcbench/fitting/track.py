@@ -29,7 +29,7 @@ _LEAST_FRAMES = 4  # of a flight
 _UNSURE = 0.1  # of the last flight: whether its end is still flight, nothing after it tells
 _FALLEN = 0.05  # share of the drop after which the ball is falling freely for sure
 _OFF = 3.0  # standard deviations of g from which on the scale or the clock is called wrong
-_NEAR = 0.01  # of g: less is no concern, whatever the standard deviation
+_NEAR = 0.01  # of g: less is no concern, at any standard deviation
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,9 +200,9 @@ def _too_few(name: str, count: int) -> UserError:
 def scale_warnings(fit: LawFit, sets: Sequence[Dataset]) -> list[str]:
     """Tracks whose flights fall with another g than the one given: a wrong scale or frame rate.
 
-    What the fit leaves of each flight is a parabola then, whatever the law.
+    What the fit leaves of each flight is a parabola then, for any law.
     """
-    found = []
+    warnings = []
     for s, left, noise in zip(sets, fit.measured_off(), fit.noise, strict=True):
         if not isinstance(s, Track):
             continue
@@ -217,8 +217,8 @@ def scale_warnings(fit: LawFit, sets: Sequence[Dataset]) -> list[str]:
         g = s.setup.ballistics.gravity
         off, sd = float(np.average(values, weights=weights)) / g, 1.0 / (g * math.sqrt(sum(weights)))
         if abs(off) > max(_OFF * sd, _NEAR):
-            found.append(
+            warnings.append(
                 f"{s.name}: its flights fall with {100 * (1 + off):.1f} +- {100 * sd:.1f} % of the g given: "
                 "look at the scale and the frame rate, which count fully in α"
             )
-    return found
+    return warnings

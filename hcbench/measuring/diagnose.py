@@ -181,8 +181,10 @@ def _summary(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -> str
     before, after = trials.max_error([]), trials.max_error(fixes)
     e = [i.restitution for i in trials.impacts(fixes) if math.isfinite(i.restitution)]
     if not e or after > max(tolerance, _HALF * before):
-        return f"These do not explain all of it: with all of them fixed e is still off by {after:.2g}."
-    return f"With these fixed e = {float(np.mean(e)):.4g} at the speeds that were worst, off by {after:.2g}."
+        return f"These do not explain all of it: with all of them fixed e is still wrong by {after:.2g}."
+    return (
+        f"With these fixed e = {float(np.mean(e)):.4g} at the speeds that were worst, wrong by {after:.2g}."
+    )
 
 
 def _constant_e_hint(impacts: Sequence[Impact], goal: Goal, tolerance: float) -> str:

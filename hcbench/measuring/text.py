@@ -144,7 +144,7 @@ def as_text(measurement: Measurement) -> str:
         )
         for p in measurement.curve
     ]
-    header = ("launched m/s", "deg", "at touch m/s", "e", "spread", "asked", "steps", "failed")
+    header = ("launch m/s", "deg", "impact m/s", "e", "varies by", "model asks", "steps", "failed")
     shown = without_empty(*without_empty(header, rows, "deg"), "failed")
     lines += ["", *table(*shown), *_along_lines(measurement), ""]
     for impact in measurement.failed[:_FAILURES]:
@@ -171,7 +171,7 @@ def _along_lines(measurement: Measurement) -> list[str]:
     friction = measurement.facts.friction
     limit = "" if math.isnan(friction) else f"; by Coulomb's law at most the friction, {friction:g}"
     words = f"along the plate, J the impulse of friction over the normal one{limit}"
-    header = ("launched m/s", "deg", "slip m/s", "after", "spin rad/s", "after", "J", "energy lost")
+    header = ("launch m/s", "deg", "slip m/s", "after", "spin rad/s", "after", "J", "energy lost")
     rows = [
         (
             f"{p.speed:.4g}",
@@ -202,8 +202,8 @@ def _score_lines(measurement: Measurement) -> list[str]:
         lossy = law.alpha * max(i.speed_in for i in measurement.measured) > _LOSSY
         area = f"area x {number(score.area_ratio, '.3g')}, " if lossy else ""
         lines.append(
-            f"loops against eq. (16) of that α: force {score.loop_rms:.2g} rms of the largest, {area}largest "
-            f"force x {score.force_ratio:.3g}, duration x {score.duration_ratio:.3g}, first force "
+            f"loops against the law with that α: force {score.loop_rms:.2g} rms of the largest, {area}"
+            f"largest force x {score.force_ratio:.3g}, duration x {score.duration_ratio:.3g}, first force "
             f"{score.touch_force:.2g} of the largest"
         )
     for name, claim in scoring.CLAIMS.items():
@@ -226,9 +226,9 @@ def cause_lines(causes: tuple[Cause, ...], remedy: str) -> list[str]:
             f"  fix    {sanitized(cause.fix)}",
         ]
         if math.isfinite(cause.alone):
-            tried = f"with this alone fixed e is off by {cause.alone:.2g}"
+            tried = f"with this fix alone e is wrong by {cause.alone:.2g}"
             if len(causes) > 1 and math.isfinite(cause.without):
-                tried += f", with the others fixed and not this by {cause.without:.2g}"
+                tried += f", with all other fixes by {cause.without:.2g}"
             lines.append(f"  tried  {tried}")
     if remedy:
         lines += ["", remedy]

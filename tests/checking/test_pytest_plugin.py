@@ -36,7 +36,7 @@ def test_a_good_model_passes_and_a_broken_one_shows_why(models: pytest.Pytester)
     result.stdout.fnmatch_lines(
         [
             "*largest error -0.05* at 0.105* m/s, limit 0.02*",
-            "*launched m/s*at touch m/s*",
+            "*launch m/s*impact m/s*",
             "*solimp-mixing*averages the solimp*",
             '*fix *ball and plate: solimp="0.9999*',
         ]

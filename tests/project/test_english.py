@@ -61,12 +61,11 @@ NAMES = {
     "lender": "the engine that compiles the model",
 }
 
+# Where a name has another sense: joints are free there.
+OTHER_SENSE = {("hcbench/engines", "free")}
+
 # Rooms that are not clean yet.
-TO_DO = {
-    "hcbench/engines",
-    "hcbench/fitting",
-    "hcbench/reporting",
-}
+TO_DO: set[str] = set()
 
 SUFFIXES = (".py", ".md", ".html", ".js", ".css", ".toml", ".yml", ".c", ".h", ".mplstyle")
 BESIDE = ("docs", "examples", "benchmarks", "scenes")
@@ -163,7 +162,7 @@ def test_a_name_says_what_it_is(room: str) -> None:
         for path in FILES
         if _room(path) == room and path.suffix == ".py"
         for line, name in _named(ast.parse(path.read_text(encoding="utf-8")))
-        if name.strip("_") in NAMES
+        if name.strip("_") in NAMES and (room, name.strip("_")) not in OTHER_SENSE
     ]
     assert not hits, "\n".join(hits)
 

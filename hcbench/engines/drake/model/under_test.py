@@ -111,11 +111,14 @@ class DrakeModel(ModelUnderTest):
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """What may keep this pair from bouncing as asked."""
         step = causes.StepFix(self.timestep, "time_step={} of the plant, or --timestep", _set_step)
-        found = (
+        suspects_of_pair = (
             [*self._implicit_step(), *self._dissipation(impacts, wanted)] if self._is_point_contact() else []
         )
-        found += [*causes.energy_gain(impacts, step), *causes.few_steps(impacts, step, "a softer contact")]
-        return [*found, *causes.other_contacts(sorted(self.others))]
+        suspects_of_pair += [
+            *causes.energy_gain(impacts, step),
+            *causes.few_steps(impacts, step, "a softer contact"),
+        ]
+        return [*suspects_of_pair, *causes.other_contacts(sorted(self.others))]
 
     def _implicit_step(self) -> Iterator[Suspect]:
         """The discrete plant's implicit step damps by itself."""
@@ -217,8 +220,8 @@ class DrakeSimulation(Simulation):
         total = 0.0
         for i in range(results.num_point_pair_contacts()):
             info = results.point_pair_contact_info(i)
-            found = info.point_pair()
-            total += self._of_pair((found.id_B, found.id_A), info.contact_force(), normal)
+            point = info.point_pair()
+            total += self._of_pair((point.id_B, point.id_A), info.contact_force(), normal)
         for i in range(results.num_hydroelastic_contacts()):
             surface = results.hydroelastic_contact_info(i)
             ids = surface.contact_surface().id_M(), surface.contact_surface().id_N()

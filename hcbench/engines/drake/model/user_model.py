@@ -93,13 +93,15 @@ class LoadedPlant:
 
     def property(self, geometry: Any, name: str) -> float:
         """Of a shape's contact: of its file, or Drake's own."""
-        found = self.inspector.GetProximityProperties(geometry)
-        return float(found.GetProperty("material", name) if self.says(geometry, name) else _DEFAULTS[name])
+        properties = self.inspector.GetProximityProperties(geometry)
+        return float(
+            properties.GetProperty("material", name) if self.says(geometry, name) else _DEFAULTS[name]
+        )
 
     def is_hydroelastic(self, geometry: Any) -> bool:
         """Whether a file asks for pressure fields there."""
-        found = self.inspector.GetProximityProperties(geometry)
-        return bool(found.HasProperty("hydroelastic", "compliance_type"))
+        properties = self.inspector.GetProximityProperties(geometry)
+        return bool(properties.HasProperty("hydroelastic", "compliance_type"))
 
     def body_of(self, geometry: Any) -> Any:
         """The body that has a shape."""
@@ -113,10 +115,10 @@ class LoadedPlant:
         bodies += [self.plant.world_body(), *map(self.body_of, self._geometries)]
         parts = [("body", body.name(), body) for body in dict.fromkeys(bodies) if self._shapes(body)]
         parts += [("geom", self.short(g), g) for g in self._geometries]
-        kind, found = find_part(parts, name)
+        kind, identifier = find_part(parts, name)
         if kind == "geom":
-            return Part(name, self.body_of(found), (found,))
-        return Part(name, found, tuple(self._shapes(found)))
+            return Part(name, self.body_of(identifier), (identifier,))
+        return Part(name, identifier, tuple(self._shapes(identifier)))
 
     def _shapes(self, body: Any) -> list[Any]:
         return [g for g in self._geometries if self.body_of(g).index() == body.index()]

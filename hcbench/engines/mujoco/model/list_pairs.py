@@ -62,16 +62,16 @@ def _rank(model: Any, geom: int) -> tuple[bool, int]:
 
 def _touching(model: Any) -> dict[_Geoms, list[str]]:
     """Names of the poses in which two geoms touch: qpos0 and keyframes."""
-    found: dict[_Geoms, list[str]] = {}
+    names_of: dict[_Geoms, list[str]] = {}
     poses = ["qpos0", *(str(i) for i in range(min(model.nkey, _POSES_MAX)))]
     for key in poses:
         data, name = start_pose(model, Request(key=key))
         backend().mj_fwdPosition(model, data)
         for contact in data.contact:
-            names = found.setdefault(tuple(sorted(contact.geom.tolist())), [])
+            names = names_of.setdefault(tuple(sorted(contact.geom.tolist())), [])
             if contact.dist <= 0.0 and name not in names:
                 names.append(name)
-    return found
+    return names_of
 
 
 def _described(

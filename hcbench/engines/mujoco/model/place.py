@@ -74,14 +74,14 @@ def bring_to_touch(pair: ContactPair, data: Any, coming_from: Vector | None = No
     joints = _joints(pair)
     for ordered, joint in joints:
         try:
-            found = _along_nearest(ordered, data, joint, row, overlap)
+            placed = _along_nearest(ordered, data, joint, row, overlap)
         except _PassedError as error:
             errors.insert(0, error)
         except UserError as error:
             errors.append(error)
         else:
-            if found is not None:
-                return found
+            if placed is not None:
+                return placed
     if errors:
         raise errors[0]
     if any(not joint.turns for _, joint in joints):

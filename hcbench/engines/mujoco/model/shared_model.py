@@ -99,11 +99,11 @@ class LentModel(ModelUnderTest):
         sent = {impact.launch.at_any_phase: impact for impact in impacts}.values()
         theirs = simulate.impacts_in(self._own, [impact.launch for impact in sent])
         both = [(abs(a.restitution - b.restitution), a, b) for a, b in zip(sent, theirs, strict=True)]
-        found = [each for each in both if math.isnan(each[0]) or each[0] > TOLERANCE]
-        found = [each for each in found if each[1].is_measured or each[2].is_measured]
-        if not found:
+        differing = [each for each in both if math.isnan(each[0]) or each[0] > TOLERANCE]
+        differing = [each for each in differing if each[1].is_measured or each[2].is_measured]
+        if not differing:
             return
-        _, mine, its = max(found, key=lambda each: (math.isnan(each[0]), each[0]))
+        _, mine, its = max(differing, key=lambda each: (math.isnan(each[0]), each[0]))
         words = [f"{i.restitution:.4g}" if i.is_measured else i.status.value for i in (mine, its)]
         yield Suspect(
             "unlike-mujoco",

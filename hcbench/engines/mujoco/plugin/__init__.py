@@ -188,11 +188,11 @@ def _exclude(spec: Any, kind: str, parts: Sequence[Any]) -> None:
 
 
 def _element(spec: Any, kind: str, name: str) -> Any:
-    found = getattr(spec, kind)(name) if isinstance(name, str) else None
-    if found is None:
+    element = getattr(spec, kind)(name) if isinstance(name, str) else None
+    if element is None:
         names = [one.name for one in getattr(spec, "bodies" if kind == "body" else f"{kind}s") if one.name]
         raise SettingError(f"{kind} {name!r}", "not in the model", *suggest_names(str(name), names))
-    return found
+    return element
 
 
 def _warn_of_shapes(geoms: Sequence[Any]) -> None:

@@ -131,7 +131,7 @@ def pushing_row(
     search, random = Search(_ALONE * (1 + _ALONE)), np.random.default_rng(_SEED)
     first = random.uniform(*bounds, (_ALONE, len(lowest)))
     first[0, :2] = whole
-    with map_result(lambda found: fit.rows(found, timestep, high)[0]), search.return_best_on_interrupt():
+    with map_result(lambda best: fit.rows(best, timestep, high)[0]), search.return_best_on_interrupt():
         best = evolve(search.recorded(fit.errors), first, _ALONE, bounds, random)
     return fit.rows(best[0], timestep, high)[0]
 
@@ -156,6 +156,6 @@ def _search(coarse: RowFit, fine: RowFit) -> Floats:
     first[: len(_STARTS)] = np.clip(_STARTS, fine.lowest, fine.highest)
     bounds = fine.lowest, fine.highest
     with search.return_best_on_interrupt():
-        found = evolve(search.recorded(coarse.errors), first, _GENERATIONS, bounds, random)
-        polished = evolve(search.recorded(fine.errors), found[:_BEST], _POLISH, bounds, random, True)
+        best = evolve(search.recorded(coarse.errors), first, _GENERATIONS, bounds, random)
+        polished = evolve(search.recorded(fine.errors), best[:_BEST], _POLISH, bounds, random, True)
     return np.asarray(polished[0])

@@ -65,10 +65,10 @@ def differences(
     if not rows:
         solrefs = np.concatenate([model.pair_solref, model.geom_solref])
         rows = list(zip(solrefs, np.concatenate([model.pair_solimp, model.geom_solimp]), strict=True))
-    found = [*_adhesion(model, engine, pairs), *_several(model, engine, pairs)]
+    differences = [*_adhesion(model, engine, pairs), *_several(model, engine, pairs)]
     if bits == 32:
-        found += [*_power(engine, rows), *_impedance(model, engine, rows, geoms)]
-    return found
+        differences += [*_power(engine, rows), *_impedance(model, engine, rows, geoms)]
+    return differences
 
 
 def _adhesion(model: Any, engine: SharedModelEngine, pairs: Any) -> Iterator[Suspect]:

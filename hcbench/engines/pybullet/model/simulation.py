@@ -126,10 +126,10 @@ class LaunchInUserWorld(Simulation):
     def _gap(self) -> tuple[float, Sequence[float]]:
         """Penetration now and the point, of the shapes themselves: a force law's pair has no contacts."""
         first, second = self.place.first, self.place.second
-        found = self.bullet.getClosestPoints(first.body, second.body, _SEEN, first.link, second.link)
-        if not found:
+        points = self.bullet.getClosestPoints(first.body, second.body, _SEEN, first.link, second.link)
+        if not points:
             return self._x, self._point
-        nearest = min(found, key=lambda point: float(point[8]))
+        nearest = min(points, key=lambda point: float(point[8]))
         return -nearest[8], [0.5 * (a + b) for a, b in zip(nearest[5], nearest[6], strict=True)]
 
     def _contacts(self) -> Sequence[Any]:

@@ -111,9 +111,9 @@ class PybulletModel(ModelUnderTest):
 
     def _reading(self) -> SpeedReading:
         infos = [self.bullet.getDynamicsInfo(s.body, s.link) for s in (self.place.first, self.place.second)]
-        told = [info for info in infos if info[BODY_TYPE] != MAXIMAL_COORDINATES]  # as of `restitutions`
-        at_plane = self.law is not None or any(info[STIFFNESS] > 0 for info in told)
-        return speed_reading(at_plane, rigid=not told)
+        jointed = [info for info in infos if info[BODY_TYPE] != MAXIMAL_COORDINATES]  # as of `restitutions`
+        at_plane = self.law is not None or any(info[STIFFNESS] > 0 for info in jointed)
+        return speed_reading(at_plane, rigid=not jointed)
 
     def _falls_alone(self) -> bool:
         """Whether gravity makes the two approach: not when both fall."""

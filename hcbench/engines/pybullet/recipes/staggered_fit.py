@@ -157,8 +157,8 @@ class _Loops:
         for _ in range(8):
             columns = np.concatenate([depth * pushes, rate * pushes], axis=1) * self.scale[:, None]
             unit = np.linalg.norm(columns, axis=0) + 1e-300
-            found = nnls(columns / unit, self.force * self.scale, maxiter=10_000)[0] / unit
-            k, c = np.split(found, 2)
+            solution = nnls(columns / unit, self.force * self.scale, maxiter=10_000)[0] / unit
+            k, c = np.split(solution, 2)
             pushes = (depth > 0) & (k * depth + c * rate > 0)
         least = _FAINTEST * np.median(c)
         k = np.maximum(k, max(_FAINTEST * np.median(k), 1e-3 * k.max()))
@@ -208,10 +208,10 @@ class _Misfit:
         """Better ones by least squares; `record` is shown parameters, (1, n), and the largest error of e."""
 
         def residuals(parameters: Floats, power: int) -> Floats:
-            found = self.residuals(parameters[None], power)
-            worst = np.abs(found[:, : self.wanted.size]).max(axis=1) * np.sqrt(self.wanted.size)
+            residuals = self.residuals(parameters[None], power)
+            worst = np.abs(residuals[:, : self.wanted.size]).max(axis=1) * np.sqrt(self.wanted.size)
             record(parameters[None], self.unit * worst ** (1 / power))
-            return np.asarray(found[0])
+            return np.asarray(residuals[0])
 
         for power in _POWERS:
             fit = least_squares(
@@ -241,13 +241,13 @@ def fit_contacts(
     top = float(closed_form.penetration_max(replace(law, alpha=0.0), target.mass, target.speed_max))
     first = min(max(_FIRST * top, _FIRST_STEP * launches.h * target.speed_max), 0.5 * top)
     search = Search(len(_FIRST_TRIED) * len(_POWERS) * _EVALUATIONS)
-    found = []
+    fits = []
     with map_result(lambda best: result(misfit.contacts(best))), search.return_best_on_interrupt():
         for tried in _FIRST_TRIED:
             onset = np.concatenate([[0.0], np.geomspace(tried * first, top, count)[:-1]])
             start = misfit.parameters(loops.first_guess(onset, launches.h))
-            found.append(misfit.fitted(start, search.record))
+            fits.append(misfit.fitted(start, search.record))
     its = closed_form.restitution(law.alpha, others.speeds)
-    off = others.restitution(misfit.contacts(np.array(found))) - its
+    off = others.restitution(misfit.contacts(np.array(fits))) - its
     search.add(len(_FIRST_TRIED) * len(_POWERS) * _EVALUATIONS)
-    return misfit.contacts(found[int(np.abs(off).max(axis=1).argmin())])
+    return misfit.contacts(fits[int(np.abs(off).max(axis=1).argmin())])

@@ -44,12 +44,12 @@ def _reached(context: Context) -> tuple[list[int], list[int]]:
     backend().mj_integratePos(model, data.qpos, place.direction, _DEEPER * max(depths, default=0.0))
     backend().mj_forward(model, data)
     kinds = backend().mjtConstraint
-    found = [
+    sides = [
         [int(i) for i in data.efc_id[data.efc_type == int(kind)]]
         for kind in (kinds.mjCNSTR_LIMIT_JOINT, kinds.mjCNSTR_LIMIT_TENDON)
     ]
-    if any(found):
-        return found[0], found[1]
+    if any(sides):
+        return sides[0], sides[1]
     return np.flatnonzero(model.jnt_limited).tolist(), np.flatnonzero(model.tendon_limited).tolist()
 
 
