@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from hcbench._bounds import require_bounds
+from hcbench.engines.pybullet.model.causes import BODY_TYPE, MAXIMAL_COORDINATES
 from hcbench.errors import SceneError
 
 if TYPE_CHECKING:
@@ -30,6 +31,8 @@ def require_plausible(bullet: BulletClient, place: BulletPlacement) -> None:
             require_bounds(slot, [value], quantity, "kg" if quantity == "mass" else "")
         if not all(value >= 0 for value in info[_INERTIA]):
             raise SceneError(f"inertia of {side.name!r}", f"{info[_INERTIA]}", "numbers of 0 or more")
-        for shape in bullet.getCollisionShapeData(side.body, side.link):
+        # PyBullet has no shapes to read of bodies with maximal coordinates.
+        has_shapes = info[BODY_TYPE] != MAXIMAL_COORDINATES
+        for shape in bullet.getCollisionShapeData(side.body, side.link) if has_shapes else ():
             if shape[2] not in (_PLANE, _MESH):
                 require_bounds(f"size of {side.name!r}", shape[3], "length", "m", smallest=0.0)
