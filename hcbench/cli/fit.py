@@ -35,21 +35,25 @@ class _SetupOptions(TypedDict):
 
 @click.command()
 @click.argument("files", nargs=-1, type=PathType(path_type=Path))
-@click.option("--as", "kind", help="The kind of data, in place of what the header says.")
-@click.option("--height", type=UncertainType("length"), help="Where the ball was let go: '30 +- 0.1 cm'.")
+@click.option("--as", "kind", help="Kind of data, if not that of the header.")
+@click.option("--height", type=UncertainType("length"), help="Height of release: '30 +- 0.1 cm'.")
 @click.option("--gravity", help="g, such as '9.81 m/s^2'.  [default: 9.80665 +- 0.02 m/s^2]")
+@click.option("--mass", type=UncertainType("mass"), help="Mass of the ball, for air drag or for forces.")
+@click.option("--diameter", type=UncertainType("length"), help="Diameter of the ball, for air drag.")
 @click.option(
-    "--mass", type=UncertainType("mass"), help="Of the ball, for the drag of the air, or for forces."
+    "--drag-coefficient",
+    type=UncertainType("number"),
+    help="Drag coefficient.  [default: 0.47 +- 0.05, a sphere]",
 )
-@click.option("--diameter", type=UncertainType("length"), help="Of the ball, for the drag of the air.")
-@click.option("--drag-coefficient", type=UncertainType("number"), help="[default: 0.47 +- 0.05, a sphere]")
-@click.option("--contact-time", type=UncertainType("timestep"), help="Of the first impact.  [default: 0]")
+@click.option(
+    "--contact-time", type=UncertainType("timestep"), help="Duration of the first impact.  [default: 0]"
+)
 @click.option(
     "--timing", type=QuantityType("timestep", positive=True), help="Uncertainty of a time, where known."
 )
-@click.option("--speed", type=UncertainType("speed"), help="Of the approach, for forces over time.")
+@click.option("--speed", type=UncertainType("speed"), help="Approach speed, for forces over time.")
 @click.option("--exponent", type=QuantityType("exponent"), help="n of the law, for forces.")
-@click.option("--touches", help="Of a recording, which of the touches found to take: '2:14'.")
+@click.option("--touches", help="Touches of a recording to use: '2:14'.")
 @click.option("--law", type=click.Choice(_LAWS), default="auto", show_default=True)
 @output_option("--page", help="Also write a one-page report (HTML).")
 @output_option("--write-points", help="Write e over speed, for `tune --points` and `check --pairs`.")
