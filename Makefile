@@ -21,7 +21,7 @@ define NEW_ENVIRONMENT
 endef
 UV_INSTALL = $(@D)/bin/uv pip install --quiet --python $(@D)/bin/python
 
-.PHONY: report test fuzz test-random docs test-lowest test-models test-engines bench check format lock clean
+.PHONY: report test test-pythons fuzz test-random docs test-lowest test-models test-engines bench check format lock clean
 
 report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/
 	$(BIN)/hcbench report steel-1lb
@@ -31,6 +31,9 @@ test: check  ## lint, types, then every test
 
 test-random: $(INSTALLED)  ## the tests of properties, with a thousand random examples each in place of the same hundred
 	$(BIN)/python -m pytest -n 2 -m hypothesis --hypothesis-profile=random
+
+test-pythons: $(INSTALLED)  ## the wheel in environments of every Python of this machine, from 3.11 on
+	HCBENCH_PYTHONS=1 $(BIN)/python -m pytest tests/project/test_pythons.py
 
 fuzz: $(INSTALLED)  ## 20 000 random inputs in one process, 300 as processes, and 100 signals at random times
 	PYTHONPATH=tests/support $(BIN)/python -m fuzz

@@ -61,7 +61,7 @@ class Job:
 @checked
 def measure(
     model: Any,
-    pair: Sequence[str] | str | None = None,
+    pair: Sequence[str | int] | str | None = None,
     *,
     engine: str | None = None,
     wanted: RestitutionCurve | float | None = None,

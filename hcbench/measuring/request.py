@@ -16,7 +16,7 @@ MAX_PHASES = 1000
 
 
 @checked
-def make_request(pair: Sequence[str] | str | None = None, **launch: Unpack[LaunchOptions]) -> Request:
+def make_request(pair: Sequence[str | int] | str | None = None, **launch: Unpack[LaunchOptions]) -> Request:
     """A request from what a user writes, text with units parsed.
 
     pair: "a,b" or ("a", "b"), first the one that moves. launch: as `LaunchOptions` describes it.
@@ -52,11 +52,11 @@ def _direction(along: Any) -> Vector:
     return values[0], values[1], values[2]
 
 
-def _pair(pair: Sequence[str] | str | None) -> tuple[str, str] | None:
+def _pair(pair: Sequence[str | int] | str | None) -> tuple[str, str] | None:
     if pair is None:
         return None
     names = pair.split(",") if isinstance(pair, str) else list(pair)
-    names = [str(name).strip() for name in names]
+    names = [f"body:{name}" if isinstance(name, int) else name.strip() for name in names]
     if len(names) != 2 or not all(names):
         raise UserError(
             "pair", repr(pair), "two names, first the one that moves", "Write for example --pair ball,plate"

@@ -194,7 +194,9 @@ def _score_lines(measurement: Measurement) -> list[str]:
     score, law = measurement.score, measurement.law
     if score is None or law is None or score.rested:
         return []
-    lines = [f"fitted α {score.alpha_fit:.4g} s/m (rms {score.alpha_fit_rms:.2g})"]
+    lines = []
+    if math.isfinite(score.alpha_fit):  # not of one speed
+        lines.append(f"fitted α {score.alpha_fit:.4g} s/m (rms {score.alpha_fit_rms:.2g})")
     if math.isfinite(score.energy_exponent):
         powers = f"v^{score.energy_exponent:.3g}, the law's as v^{number(score.energy_exponent_law, '.3g')}"
         lines.append(f"energy lost goes as {powers}")

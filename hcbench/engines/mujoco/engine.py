@@ -51,7 +51,7 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
     title = "MuJoCo"
     backend = BACKEND
     suffixes = (".xml", ".mjcf", ".mjb", ".mjz")
-    opens = ("an MjModel", "an MjSpec")
+    opens = ("an MjModel", "an MjData", "an MjSpec")
     features = Features(
         law=Feature("F = m d (k x + b v), clipped at 0; k, b by solref, d(x) by solimp", _DOCS),
         exponent=Feature("1; d(x) or several pairs give others", _DOCS),
