@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import re
 import shutil
+import signal
 import subprocess
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -16,6 +19,7 @@ from hcbench.environments import store
 from hcbench.environments.store import Environment
 from hcbench.errors import CannotRun, HcbenchError, OutputError, UserError
 
+_END_WITH_PARENT = 1  # PR_SET_PDEATHSIG
 LOWEST_PYTHON = (3, 11)  # that hcbench runs on
 _NO_NETWORK = re.compile(r"(?i)failed to fetch|error sending request|dns error|network (is|was) |timed? ?out")
 _NO_WHEEL = re.compile(r"(?i)no (usable )?wheels|wheels are required|only found wheels")
@@ -101,14 +105,32 @@ def _run_uv(arguments: Sequence[str], folder: Path) -> subprocess.CompletedProce
         raise CannotRun(
             "uv", "not installed", "the package that makes environments", "Try: pip install uv"
         ) from None
-    return subprocess.run(
+    return run_with_parent(
         [command, *arguments],
         cwd=folder,  # a project's own settings of uv, where the user happens to be, are not meant
         env={**os.environ, "UV_PYTHON_DOWNLOADS": "never", "NO_COLOR": "1"},
+    )
+
+
+def run_with_parent(
+    command: Sequence[str], cwd: Path, env: Mapping[str, str]
+) -> subprocess.CompletedProcess[str]:
+    """Run a program that ends with this process, however that ends; on Linux."""
+    library = ctypes.CDLL(None) if sys.platform == "linux" else None
+
+    def begin() -> None:
+        if library is not None:
+            library.prctl(_END_WITH_PARENT, signal.SIGKILL)
+
+    return subprocess.run(
+        command,
+        cwd=cwd,
+        env=env,
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
         check=False,
+        preexec_fn=begin if library is not None else None,
     )
 
 

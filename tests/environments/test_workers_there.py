@@ -1,9 +1,13 @@
-"""What a worker process in an engine's environment imports: no package that such an environment lacks."""
+"""Processes for environments: what a worker there imports; what installs one ends with its command."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+import time
+from pathlib import Path
+
+import pytest
 
 _CODE = """
 import pickle, sys
@@ -31,6 +35,24 @@ shard = pickle.loads(pickle.dumps(plan.shard(0)))
 batch = Batch(study.scene, shard.setting, shard.launches, shard.kept)
 assert run_batch(batch).columns["restitution"][0] > 0.9
 """
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux ends a process with its parent")
+def test_what_installs_an_environment_ends_with_a_killed_command(tmp_path: Path) -> None:
+    code = "import os, pathlib; from hcbench.environments.make import run_with_parent; "
+    child = "import os, time; open('pid', 'w').write(str(os.getpid())); time.sleep(60)"
+    code += f"run_with_parent([{sys.executable!r}, '-c', {child!r}], pathlib.Path.cwd(), os.environ)"
+    with subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path) as command:
+        written = tmp_path / "pid"
+        while not (written.exists() and written.read_text()):
+            time.sleep(0.05)
+        command.kill()
+    number = int(written.read_text())
+    for _ in range(100):
+        if not Path(f"/proc/{number}").exists() or " Z " in Path(f"/proc/{number}/stat").read_text():
+            return
+        time.sleep(0.05)
+    raise AssertionError("it runs on")
 
 
 def test_batches_and_drops_need_no_more_than_an_environment_has() -> None:
