@@ -126,6 +126,8 @@ def signals(count: int, folder: Path) -> list[str]:
         ["reference", "--alpha=0.1", "--speed=1:2:2000", "--json"],
         ["convert", "--alpha=0.3"], ["engines"], ["pairs", model], ["paper", "--quick", "--out", str(folder / "paper"), "-j", "1"],
     ]  # fmt: skip
+    for kind in _SIGNALS:  # which a job in the background may ignore, and its processes with it
+        signal.signal(kind, signal.default_int_handler if kind is signal.SIGINT else signal.SIG_DFL)
     chance, wrong, codes = random.Random(1), [], Counter[int]()
     for number in range(count):
         arguments, kind = commands[number % len(commands)], chance.choice(_SIGNALS)
@@ -135,7 +137,7 @@ def signals(count: int, folder: Path) -> list[str]:
             time.sleep(chance.uniform(0.02, 6.0))
             process.send_signal(kind)
             try:
-                _, err = process.communicate(timeout=120)
+                _, err = process.communicate(timeout=300)
             except subprocess.TimeoutExpired:
                 process.kill()
                 wrong.append(_told(number, arguments, f"hung after {kind.name}", ""))
