@@ -19,12 +19,14 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "examples" / "recording"))
 import synthesise as synth
 
 from hcbench.fitting.candidates import LAWS
-from hcbench.fitting.datasets import Dataset, Heights, TouchTimes
+from hcbench.fitting.datasets import Dataset, TouchTimes
 from hcbench.fitting.estimate import LawFit, fit_law
 from hcbench.fitting.fit import fit
+from hcbench.fitting.heights import Heights
+from hcbench.fitting.listening import find_touches
 from hcbench.fitting.pairs import SpeedPairs
+from hcbench.fitting.recording import Recording
 from hcbench.fitting.setup import Known, MeasurementSetup
-from hcbench.fitting.sound import Recording, find_touches
 from hcbench.fitting.track import track_of
 
 EXACT = MeasurementSetup(gravity=Known(synth.GRAVITY))

@@ -18,7 +18,7 @@ def read_pairs(path: Path) -> Pairs:
     Separators: comma, semicolon or tab; # begins a comment. Columns of uncertainties are left aside.
     Raises UserError with the file, the line, what it has and what was expected.
     """
-    from hcbench.fitting.read import columns_of
+    from hcbench.fitting.columns import columns_of
     from hcbench.fitting.table import read_lines, read_table
 
     columns = columns_of(read_table(path, read_lines(path)))

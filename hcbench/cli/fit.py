@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict, Unpack
 
@@ -33,7 +34,24 @@ class _SetupOptions(TypedDict):
     exponent: float | None
 
 
-@click.command()
+class _FilesAfterAgainst(click.Command):
+    """Lets --against take all files that follow it, as a shell expands `b*.wav`."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """`--against b1 b2` as `--against b1 --against b2`."""
+        spread, after = [], False
+        for one in args:
+            if one == "--against":
+                after = True
+            elif one.startswith("-") or not after:
+                after = False if one.startswith("-") else after
+                spread.append(one)
+            else:
+                spread += ["--against", one]
+        return super().parse_args(ctx, spread)
+
+
+@click.command(cls=_FilesAfterAgainst)
 @click.argument("files", nargs=-1, type=PathType(path_type=Path))
 @click.option("--as", "kind", help="Kind of data, if not that of the header.")
 @click.option("--height", type=UncertainType("length"), help="Height of release: '30 +- 0.1 cm'.")
@@ -53,7 +71,10 @@ class _SetupOptions(TypedDict):
 )
 @click.option("--speed", type=UncertainType("speed"), help="Approach speed, for forces over time.")
 @click.option("--exponent", type=QuantityType("exponent"), help="n of the law, for forces.")
-@click.option("--touches", help="Touches of a recording to use: '2:14'.")
+@click.option("--touches", help="Touches of a recording to use: '2:14', train 'B', or 'B2:14'.")
+@click.option("--against", multiple=True, type=PathType(path_type=Path), help="Files of another material to compare.")
+@click.option("--from", "begin", type=QuantityType("timestep"), help="Begin of the part to read: '12 s'.")
+@click.option("--to", "end", type=QuantityType("timestep", positive=True), help="End of the part to read: '18 s'.")
 @click.option("--law", type=click.Choice(_LAWS), default="auto", show_default=True)
 @output_option("--page", help="Also write a one-page report (HTML).")
 @output_option("--write-points", help="Write e over speed, for `tune --points` and `check --pairs`.")
@@ -63,6 +84,9 @@ def fit(
     files: tuple[Path, ...],
     kind: str | None,
     touches: str | None,
+    against: tuple[Path, ...],
+    begin: float | None,
+    end: float | None,
     law: str,
     page: Path | None,
     write_points: Path | None,
@@ -79,9 +103,10 @@ def fit(
     """
     from hcbench._outputs import write_output
     from hcbench.fitting import force as forces_of
+    from hcbench.fitting.comparison import against_record, against_text
     from hcbench.fitting.fit import fit as fit_sets
     from hcbench.fitting.plausible import require_different
-    from hcbench.fitting.read import KINDS, read_dataset, read_force
+    from hcbench.fitting.read import KINDS, Part, read_dataset, read_force
     from hcbench.fitting.text import as_record, as_text, points_text, with_uncertainty
 
     if not files:
@@ -100,8 +125,13 @@ def fit(
         else:
             print(forces_of.as_text(forces, with_uncertainty, engine), end="")
         return
-    require_different(files)
-    result = fit_sets([read_dataset(path, setup, kind, _touches(touches)) for path in files], law)
+    require_different((*files, *against))
+    part = Part(begin or 0.0, end, *_touches(touches))
+    result, *others = (
+        fit_sets([read_dataset(path, setup, kind, part) for path in group], law)
+        for group in (files, against)
+        if group
+    )
     if page is not None:
         from hcbench.reporting.fit_page import fit_page
 
@@ -109,19 +139,23 @@ def fit(
     if write_points is not None:
         write_output(write_points, points_text(result), "--write-points", force)
     if as_json:
-        print_json(as_record(result))
+        print_json(as_record(result) | {"against": [against_record(result, other) for other in others]})
     else:
         print(as_text(result, engine), end="")
+        for other in others:
+            print(against_text(result, other), end="")
 
 
-def _touches(text: str | None) -> range | None:
-    """ "2:14" as a range of both ends."""
+def _touches(text: str | None) -> tuple[int | None, range | None]:
+    """The train, from 0, and its touches, from 1, of "2:14", "B" or "B2:14"; None for what is not given."""
     if text is None:
-        return None
-    first, colon, last = text.partition(":")
-    if not (colon and first.strip().isdecimal() and last.strip().isdecimal() and 0 < int(first) < int(last)):
-        raise UserError("--touches", repr(text), "the first and the last to take, such as 2:14")
-    return range(int(first), int(last) + 1)
+        return None, None
+    match = re.fullmatch(r"\s*([A-Fa-f])?\s*(?:([0-9]{1,6}):([0-9]{1,6}))?\s*", text)
+    if match is None or not text.strip() or (match[2] and not 0 < int(match[2]) < int(match[3])):
+        expected = "the first and the last to take, such as 2:14, or a train, such as B"
+        raise UserError("--touches", repr(text), expected)
+    train = ord(match[1].upper()) - ord("A") if match[1] else 0
+    return train, range(int(match[2]), int(match[3]) + 1) if match[2] else None
 
 
 def _setup(options: _SetupOptions) -> MeasurementSetup:

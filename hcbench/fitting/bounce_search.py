@@ -1,4 +1,7 @@
-"""The longest train of bounces among clicks, some of which are echoes, knocks or rattle."""
+"""Trains of bounces among clicks, some of which are echoes, knocks or rattle: the likeliest few.
+
+A train's score is the log-likelihood ratio of its clicks being touches of one ball against clutter.
+"""
 
 from __future__ import annotations
 
@@ -17,53 +20,173 @@ if TYPE_CHECKING:
 
 _LONGEST = 2.5  # s, of a flight: 7.6 m high
 _LEAST_E, _MOST_E = 0.05, 1.01
-# e from one bounce to the next: as every law has it, it rises by less than (1 - e)², as eq. (16) does at low
-# speeds; around that, what it scatters by, and what short flights are mistimed by.
-_SCATTER = 0.05
+# Clutter: clicks at least as loud as this one less 3 dB, a second of the recording, and some never seen.
+_AS_LOUD, _UNSEEN = 3.0, 0.3
+_ECHO, _ECHO_WITHIN, _ECHO_OVER = 1.5, 40e-3, 1.0  # price, s, dB: a louder click just before is the touch
+# e from one bounce to the next rises by about 0.4 (1 - e)²; around that, what it scatters and is mistimed by.
+_RISE, _RISE_SD, _SCATTER, _TIMING = 0.4, 0.35, 0.008, 2e-4
+_WILD, _WILDER = 0.1, 5.0  # share of bounces that scatter this many times as much
+_LOUDNESS, _LOUDEST, _CUT = 4.0, 30.0, 16.0  # dB: sd over speed; range of clutter; cut of the square, in sd
+_UNHEARD, _MOST_UNHEARD = 3.0, 2
+_INSIDE, _INSIDE_FROM, _MOST_INSIDE = 2.0, 60e-3, 4  # dB, s: loud clicks within a flight speak against it
+_LEAST_GAIN, _LEAST_OF_WEAK = 2.0, 5.0  # of the score by the last touch; less is what a chance click adds
+_SHARED = 0.7  # of the clicks, from which on two trains are one
 _SAME = 3e-4  # s
-_QUIETER = 10.0  # dB that a touch may be quieter than its speed has it
-_LOUDER = 8.0  # dB that a touch may be louder than the one before, though slower
-_UNHEARD_PRICE = 4.5  # paid back by four touches after it: at the end of a train nothing is skipped
-_LOUD = 40.0  # dB over the noise that count as one touch more
+_ENDS = 3000  # flights tried as the last of a train
 
 
-@dataclass(slots=True)
-class _PartialTrain:
-    """The best train that ends with the flight between two clicks.
+@dataclass(frozen=True, slots=True)
+class Train:
+    """clicks: (n,), which of the clicks. numbers: (n,), which touch each is, from 0: some may be unheard."""
 
-    last: its last flight, s: the second of two where a touch between them is unheard. e: of its last impact,
-    NaN for none.
-    """
-
+    clicks: Indices
+    numbers: Indices
     score: float
-    last: float
-    e: float
-    before: tuple[int, int] | None
-    skipped: bool
 
 
-def longest_train(times: Floats, level: Floats, shortest: float) -> tuple[Indices, Indices, float]:
-    """Clicks of the best train, the number of each touch from 0, and its score.
+def likeliest_trains(
+    times: Floats, level: Floats, duration: float, shortest: float, most: int = 6
+) -> list[Train]:
+    """Trains of three clicks or more that share few of them, the likeliest first.
 
-    times: (n,), s, rising. level: (n,), dB. shortest: s, of a flight. One touch of a train may be unheard.
-    Dynamic programming over flights: e lies between 0.05 and 1 and changes little from bounce to bounce.
+    times: (n,), s, rising. level: (n,), dB. duration: of the recording, s. shortest: s, of a flight.
+    Dynamic programming over flights, each from a click i to a later click j.
     """
-    worth = 1.0 + np.clip(level, 0.0, None) / _LOUD
-    steps: dict[tuple[int, int], _PartialTrain] = {}
-    for j in range(len(times)):
-        for i in range(j - 1, -1, -1):
-            flight = times[j] - times[i]
-            if flight > _LONGEST:
+    if len(times) < 3:
+        return []
+    search = _Search(times, level, duration, shortest)
+    for i in range(len(times)):
+        search.extend(i)
+    order = np.argsort(search.score, axis=None)[::-1][:_ENDS]
+    found: list[Train] = []
+    for flat in order:
+        i, j = divmod(int(flat), len(times))
+        if not search.score[i, j] > 0.0 or len(found) == most:
+            break
+        train = search.walk_back(i, j)
+        if len(train.clicks) > 2 and not any(_shared(train, better) for better in found):
+            found.append(train)
+    return found
+
+
+def _shared(train: Train, better: Train) -> bool:
+    common = int(np.isin(train.clicks, better.clicks).sum())
+    return common >= _SHARED * min(len(train.clicks), len(better.clicks))
+
+
+class _Search:
+    """Of the flight from click i to click j, over (n, n): the score of the best train that ends with it.
+
+    last: that flight, s; the second of two where a touch between them is unheard. e: of its last impact, NaN
+    for none. before: the click at which the flight before began, -1 for none. gap: whether a touch within
+    the flight is unheard; unheard: how many are in the train.
+    """
+
+    def __init__(self, times: Floats, level: Floats, duration: float, shortest: float) -> None:
+        n = len(times)
+        self.times, self.level, self.shortest = times, level, shortest
+        rate = (level[:, None] - _AS_LOUD <= level).sum(axis=1) / duration + _UNSEEN
+        apart = times[:, None] - times
+        louder = level > level[:, None] + _ECHO_OVER
+        is_echo = ((apart > 0) & (apart < _ECHO_WITHIN) & louder).any(axis=1)
+        self.worth = -np.log(rate) - _ECHO * is_echo
+        self.score = np.full((n, n), -math.inf)
+        self.last, self.e = np.zeros((n, n)), np.full((n, n), math.nan)
+        self.before = np.full((n, n), -1)
+        self.gap, self.unheard = np.zeros((n, n), dtype=bool), np.zeros((n, n), dtype=np.int64)
+
+    def extend(self, i: int) -> None:
+        """All flights that begin at click i, when those that end there are known."""
+        flight = self.times - self.times[i]
+        to = np.flatnonzero((flight >= self.shortest) & (flight <= _LONGEST))
+        if not to.size:
+            return
+        flight = flight[to]
+        inside = self._inside(i, to)
+        louder = np.maximum(self.level[to] - self.level[i], 0.0) / _LOUDNESS
+        start = (
+            self.worth[i] + self.worth[to] - math.log(_LONGEST) - 0.5 * np.minimum(louder**2, _CUT) - inside
+        )
+        self.score[i, to], self.last[i, to] = start, flight
+        heard = np.flatnonzero(self.score[:, i] > -math.inf)
+        if not heard.size:
+            return
+        last, e_before = self.last[heard, i][:, None], self.e[heard, i][:, None]
+        change = self.level[to] - self.level[i]
+        for gap in (False, True):
+            ratio = flight / last
+            e = 0.5 * (np.sqrt(1.0 + 4.0 * ratio) - 1.0) if gap else ratio  # both flights: e + e² of the last
+            gain = self._ln_step(e, e_before, last) + _ln_loud(change, e, gap) - _UNHEARD * gap
+            allowed = (e >= _LEAST_E) & (e <= _MOST_E)
+            if gap:
+                allowed &= (self.unheard[heard, i] < _MOST_UNHEARD)[:, None] & ~np.isnan(e_before)
+            score = self.score[heard, i][:, None] + self.worth[to] + gain - inside
+            score = np.where(allowed, score, -math.inf)
+            best = score.argmax(axis=0)
+            top = score[best, np.arange(len(to))]
+            better = top > self.score[i, to]
+            j, h, e_now = to[better], heard[best[better]], e[best, np.arange(len(to))][better]
+            self.score[i, j], self.e[i, j], self.before[i, j] = top[better], e_now, h
+            self.last[i, j] = flight[better] * (e_now / (1.0 + e_now) if gap else 1.0)
+            self.gap[i, j], self.unheard[i, j] = gap, self.unheard[h, i] + gap
+
+    @staticmethod
+    def _ln_step(e: Floats, e_before: Floats, flight_before: Floats) -> Floats:
+        """ln of the density of a flight's length: e goes on smoothly; the first e may be any."""
+        is_first = np.isnan(e_before)
+        e_before = np.where(is_first, 0.5, e_before)
+        rise = (1.0 - e_before) ** 2
+        sd = np.hypot(1.5 * np.hypot(_SCATTER, 2.5 * _TIMING / flight_before), _RISE_SD * rise)
+        away = e - e_before - _RISE * rise
+        smooth = np.logaddexp(
+            math.log(1.0 - _WILD) + _ln_normal(away, sd), math.log(_WILD) + _ln_normal(away, _WILDER * sd)
+        )
+        return np.asarray(np.where(is_first, 0.0, smooth) - np.log(flight_before))
+
+    def _inside(self, i: int, to: Indices) -> Floats:
+        """The price of clicks within the flight from i to each of `to` that are as loud as its ends."""
+        after = self.times > self.times[i] + _INSIDE_FROM
+        limit = np.maximum(self.level[i], self.level[to]) - _INSIDE
+        counted = (
+            after & (self.times < self.times[to][:, None] - self.shortest) & (self.level > limit[:, None])
+        )
+        return np.asarray(np.minimum(counted.sum(axis=1), _MOST_INSIDE), dtype=float)
+
+    def walk_back(self, i: int, j: int) -> Train:
+        """The train that ends with a flight, without last clicks that add little or are echoes."""
+        weak = self.level.min() + _AS_LOUD  # as many clicks again are too weak to be seen
+        while (h := int(self.before[i, j])) >= 0:
+            if self.score[i, j] - self.score[h, i] > (
+                _LEAST_OF_WEAK if self.level[j] < weak else _LEAST_GAIN
+            ):
                 break
-            if flight >= shortest and level[j] < level[i] + _LOUDER:
-                steps[i, j] = _best_step(i, j, flight, steps, times, level, worth)
-    if not steps:
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), 0.0
-    last = max(steps, key=lambda pair: steps[pair].score)
-    clicks, numbers = _walk_back(last, steps)
-    while len(clicks) > 2 and _ends_in_echo(times, clicks):
-        clicks, numbers = clicks[:-1], numbers[:-1]
-    return clicks, numbers, steps[last].score
+            i, j = h, i
+        score = float(self.score[i, j])
+        clicks, gaps = [j, i], []
+        while True:
+            gaps.append(2 if self.gap[i, j] else 1)
+            h = int(self.before[i, j])
+            if h < 0:
+                break
+            clicks.append(h)
+            i, j = h, i
+        at = np.array(clicks[::-1])
+        numbers = np.concatenate([[0], np.cumsum(gaps[::-1])]).astype(np.int64)
+        while len(at) > 2 and _ends_in_echo(self.times, at):
+            at, numbers = at[:-1], numbers[:-1]
+        return Train(at, numbers, score)
+
+
+def _ln_normal(away: Floats, sd: Floats) -> Floats:
+    return np.asarray(-0.5 * (away / sd) ** 2 - np.log(sd * math.sqrt(2.0 * math.pi)))
+
+
+def _ln_loud(change: Floats, e: Floats, gap: bool) -> Floats:
+    """ln of the odds of a touch against clutter by the change of level, dB: loudness goes as speed."""
+    away = (change - 20.0 * np.log10(np.maximum(e, 0.05)) * (2.0 if gap else 1.0)) / _LOUDNESS
+    return np.asarray(
+        math.log(_LOUDEST / (_LOUDNESS * math.sqrt(2.0 * math.pi))) - 0.5 * np.minimum(away**2, _CUT)
+    )
 
 
 def _ends_in_echo(times: Floats, clicks: Indices) -> bool:
@@ -74,58 +197,3 @@ def _ends_in_echo(times: Floats, clicks: Indices) -> bool:
         return False
     off = np.abs(others[:, None] - times[clicks[:-2]] - delay).min(axis=0)
     return int((off < _SAME).sum()) >= 2
-
-
-def _most_rise(e: float) -> float:
-    return _SCATTER + (1.0 - e) ** 2
-
-
-def _best_step(
-    i: int,
-    j: int,
-    flight: float,
-    steps: dict[tuple[int, int], _PartialTrain],
-    times: Floats,
-    level: Floats,
-    worth: Floats,
-) -> _PartialTrain:
-    best = _PartialTrain(float(worth[i] + worth[j]), flight, math.nan, None, False)
-    for h in range(i - 1, -1, -1):
-        earlier = steps.get((h, i))
-        if earlier is None:
-            if times[i] - times[h] > _LONGEST:
-                break
-            continue
-        ratio = flight / earlier.last
-        options = [(ratio, False)]
-        if not earlier.skipped and ratio > _LEAST_E:  # flight and next flight: e + e² of the last one
-            options.append((0.5 * (math.sqrt(1.0 + 4.0 * ratio) - 1.0), True))
-        for e, skipped in options:
-            if not _LEAST_E <= e <= _MOST_E or (skipped and math.isnan(earlier.e)):
-                continue
-            if level[j] < level[i] + 20.0 * math.log10(e) - _QUIETER:
-                continue
-            if not math.isnan(earlier.e) and not -_SCATTER <= e - earlier.e <= _most_rise(earlier.e):
-                continue
-            score = earlier.score + float(worth[j]) - _UNHEARD_PRICE * skipped
-            if score > best.score:
-                last = flight * e / (1.0 + e) if skipped else flight
-                best = _PartialTrain(score, last, e, (h, i), skipped or earlier.skipped)
-    return best
-
-
-def _walk_back(last: tuple[int, int], steps: dict[tuple[int, int], _PartialTrain]) -> tuple[Indices, Indices]:
-    """The clicks of the train that ends with a flight, and the number of each touch."""
-    clicks, gaps = [last[1], last[0]], []
-    pair: tuple[int, int] = last
-    while True:
-        step = steps[pair]
-        if step.before is None:
-            gaps.append(1)
-            break
-        earlier = steps[step.before]
-        gaps.append(2 if step.skipped and not earlier.skipped else 1)
-        clicks.append(step.before[0])
-        pair = step.before
-    numbers = np.concatenate([[0], np.cumsum(gaps[::-1])])
-    return np.array(clicks[::-1]), numbers.astype(np.int64)

@@ -1,4 +1,4 @@
-"""Kinds of data, each as a linear model about parameters: touch times, heights, pairs of speed and e."""
+"""Kinds of data, each as a linear model about parameters: what they share, and touch times."""
 
 from __future__ import annotations
 
@@ -10,16 +10,19 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from hcbench.fitting.linear import LinearModel
+from hcbench.fitting.picks import doubts_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Self
 
     from hcbench.fitting.candidates import FittedCurve
+    from hcbench.fitting.clicks import Indices
     from hcbench.fitting.estimate import LawFit
     from hcbench.fitting.flight import Ballistics
+    from hcbench.fitting.picks import Picks
+    from hcbench.fitting.recording import Recording
     from hcbench.fitting.setup import Known, MeasurementSetup
-    from hcbench.fitting.sound import Indices, Picks, Recording
     from hcbench.impact import Floats
 
 
@@ -133,6 +136,7 @@ class TouchTimes(Dataset):
     """times: (n,), s, of successive touches. Own parameters: time of the first, ln of the first speed.
 
     numbers: (n,), which touch each is, from 0; None: none is missing. picks, recording: where they come from.
+    heard: all trains of the recording, the one taken first; empty where the user chose the touches.
     """
 
     name: str
@@ -141,6 +145,7 @@ class TouchTimes(Dataset):
     numbers: Indices | None = None
     picks: Picks | None = None
     recording: Recording | None = None
+    heard: tuple[Picks, ...] = ()
     noise_scale: ClassVar[float] = 2e-4
     noise_unit: ClassVar[str] = "s"
 
@@ -208,6 +213,12 @@ class TouchTimes(Dataset):
         """What each row of the residual is."""
         return [f"touch {i + 1} at {t:.4f} s" for i, t in zip(self._which, self.times, strict=True)]
 
+    def doubts(self, fit: LawFit) -> Iterator[str]:
+        """Why the touches may not be the ball's; none where the user chose them."""
+        if self.heard:
+            fastest = float(fit.models[0].speed.max())
+            yield from doubts_of(self.heard, fit.scatter, fastest, self.setup.height is not None)
+
     def touches(self) -> list[str]:
         """What each column of by_scatter is."""
         at = dict(zip(self._which.tolist(), self.rows(), strict=True))
@@ -223,75 +234,3 @@ def pairs_of_launches(launches: Floats, setup: MeasurementSetup, drop: float | N
         return touch, launches[1:] / touch
     touch = np.concatenate([[ballistics.dropped(drop)[0]], touch])
     return touch, launches / touch
-
-
-@dataclass(frozen=True, slots=True)
-class Heights(Dataset):
-    """heights: (n,), m, of successive bounces; the first may be where the ball was let go.
-
-    Own parameter: ln of the speed of the first touch where the drop height is given, else of the first
-    launch.
-    """
-
-    name: str
-    setup: MeasurementSetup
-    heights: Floats
-    uncertainty: float | None = None
-    noise_scale: ClassVar[float] = 1e-3
-    noise_unit: ClassVar[str] = "m"
-
-    @property
-    def kind(self) -> str:
-        """What it is called."""
-        return "heights"
-
-    @property
-    def known_noise(self) -> float | None:
-        """s_m where it is given."""
-        return self.uncertainty
-
-    def _launches(self) -> Floats:
-        g, drag = self.setup.ballistics.gravity, self.setup.ballistics.drag
-        if not drag:
-            return np.sqrt(2.0 * g * self.heights)
-        return np.sqrt(np.expm1(2.0 * drag * g * self.heights) / drag)
-
-    def pairs(self) -> tuple[Floats, Floats]:
-        """Impact speeds (m/s) and e as one would read them off."""
-        return pairs_of_launches(self._launches(), self.setup, self.setup.drop)
-
-    def start(self) -> Floats:
-        """Own parameters to start from."""
-        height = self.setup.height
-        if height is None:
-            return np.log(self._launches()[:1])
-        return np.log([self.setup.ballistics.dropped(height.value)[0]])
-
-    def linearise(self, curve: FittedCurve, own: Floats, latent: Floats) -> LinearModel:
-        """The linear model about a law, own parameters and relative changes of each e, `latent` (m,).
-
-        Its residual is that at no changes: what the ones given do is added back to first order.
-        """
-        dropped, ballistics = self.setup.height is not None, self.setup.ballistics
-        train = bounce_train(curve, ballistics, math.exp(own[0]), latent, dropped)
-        apex = np.array([ballistics.apex(w) for w in train.launch])
-        by = apex[:, 1:] * train.by
-        q = curve.count
-        return LinearModel(
-            residual=self.heights - apex[:, 0] + by[:, 1 + q :] @ latent,
-            by_own=by[:, :1],
-            by_law=by[:, 1 : 1 + q],
-            by_scatter=by[:, 1 + q :],
-            shape=np.ones(len(self.heights)),
-            prior=np.array([drop_prior(self.setup, own[0]) if dropped else (0.0, math.inf)]),
-            speed=train.touch,
-        )
-
-    def touches(self) -> list[str]:
-        """What each column of by_scatter is."""
-        count = len(self.heights) - (self.setup.height is None)
-        return [f"bounce {i + 1}" for i in range(count)]
-
-    def rows(self) -> list[str]:
-        """What each row of the residual is."""
-        return [f"height {i + 1}" for i in range(len(self.heights))]

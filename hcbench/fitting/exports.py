@@ -30,7 +30,9 @@ def tracker_table(path: Path, lines: list[tuple[int, str]]) -> Table | None:
     """
     rows = [(n, line.rstrip("\r\n").split("\t")) for n, line in lines]
     at = next((i for i, (_, row) in enumerate(rows[:4]) if "t" in row and "y" in row), None)
-    if at is None:
+    if at is None or (
+        at + 1 < len(rows) and rows[at + 1][1][0].strip().isalpha()
+    ):  # units follow: no Tracker
         return None
     if lines[0][1].startswith("#multi:"):
         raise UserError(path.name, "several tracks", "one", "Export the ball's track alone")

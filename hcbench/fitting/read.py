@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,42 +10,27 @@ import numpy as np
 from hcbench._bounds import require_bounds
 from hcbench._text import sanitized
 from hcbench.errors import UserError
-from hcbench.fitting.datasets import Heights, TouchTimes
+from hcbench.fitting.columns import EXPECTED_COLUMNS, Columns, columns_of
+from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.exports import phyphox_times, tracker_table
 from hcbench.fitting.force import fit_loop, fit_pulse
+from hcbench.fitting.heights import Heights
+from hcbench.fitting.listening import listen, quick_score
 from hcbench.fitting.pairs import SpeedPairs
 from hcbench.fitting.plausible import require_a_ball
-from hcbench.fitting.sound import find_touches, is_wav, read_recording
+from hcbench.fitting.recording import is_sound, read_recording
 from hcbench.fitting.table import computed, read_lines, read_table
-from hcbench.fitting.track import track_of
+from hcbench.fitting.track import track_of, upright
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from numpy.typing import ArrayLike
-
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.force import ForceFit
     from hcbench.fitting.setup import MeasurementSetup
-    from hcbench.fitting.table import Table
     from hcbench.impact import Floats
 
-# What columns may be called, and the kind of number in them.
-_NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
-    "time": ("time", ("time", "t", "touch", "touch time", "impact time", "time of impact")),
-    "height": ("position", ("height", "h", "y", "z", "position", "bounce height")),
-    "speed": ("speed", ("speed", "v", "impact speed", "approach speed")),
-    "speed_in": ("speed", ("v_in", "vin", "v in", "speed_in", "speed in", "v_i")),
-    "speed_out": ("speed", ("v_out", "vout", "v out", "speed_out", "speed out", "v_o")),
-    "restitution": ("number", ("restitution", "e", "cor", "coefficient of restitution")),
-    "penetration": ("position", ("penetration", "x", "depth", "indentation", "approach")),
-    "rate": ("speed", ("rate", "xdot", "penetration rate", "indentation rate")),
-    "force": ("force", ("force", "f", "load")),
-}
-_ROLE_OF = {name: role for role, (_, names) in _NAMES.items() for name in names}
-_BEFORE = ("u_", "u ", "sigma_", "sigma ", "sd_", "sd ", "uncertainty of ", "uncertainty ", "±", "d_")
-_AFTER = ("_uncertainty", " uncertainty", "_error", " error", "_sd", " sd", "_sigma", " sigma", "_u", "_std")
 _KINDS: dict[frozenset[str], str] = {
     frozenset({"time"}): "times",
     frozenset({"height"}): "heights",
@@ -53,83 +38,41 @@ _KINDS: dict[frozenset[str], str] = {
     frozenset({"speed", "restitution"}): "pairs",
     frozenset({"speed_in", "restitution"}): "pairs",
     frozenset({"speed_in", "speed_out"}): "speeds",
+    frozenset({"interval"}): "times",
+    frozenset({"height_in", "height_out"}): "rises",
     frozenset({"time", "force"}): "force",
     frozenset({"penetration", "rate", "force"}): "loop",
 }
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Of a recording. begin, end: s. train: from 0, and touches, from 1: None where not chosen."""
+
+    begin: float = 0.0
+    end: float | None = None
+    train: int | None = None
+    touches: range | None = None
+
+
+WHOLE = Part()
 KINDS = ("sound", *dict.fromkeys(_KINDS.values()))
-_EXPECTED = "columns such as time [s], height [cm], speed [m/s],restitution or v_in [m/s],v_out [m/s]"
 _MOST_TOUCHES = 60
 _MOST_PAIRS = 500  # a dozen seconds; they are as many unknowns
 _LEAST_SAMPLES = 12
 
 
-@dataclass(frozen=True, slots=True)
-class Columns:
-    """The columns of a table by what they are: SI, shape (n,); uncertainties under "u_" and the name."""
-
-    table: Table
-    places: dict[str, int]
-
-    def get(self, role: str) -> Floats:
-        """A column of the file."""
-        return self.table.column(self.places[role], _NAMES[role.removeprefix("u_")][0])
-
-    def uncertainty(self, role: str) -> Floats:
-        """The standard uncertainties of a column, 0 where none are given."""
-        name = f"u_{role}"
-        if name not in self.places:
-            return np.zeros(len(self.table.cells))
-        values = self.get(name)
-        self.require(name, values >= 0, "0 or more")
-        return values
-
-    def require(self, role: str, good: ArrayLike, expected: str) -> None:
-        """Raise UserError for the first row that is not good."""
-        bad = np.flatnonzero(~np.asarray(good, dtype=bool))
-        if bad.size:
-            i = int(bad[0])
-            cell = self.table.cells[i][self.places[role]].strip()
-            name = self.table.header[self.places[role]][0]
-            where = f"{self.table.name}, line {self.table.lines[i]}"
-            raise UserError(where, f"{sanitized(name)} {sanitized(cell)}", expected)
-
-
-def columns_of(table: Table) -> Columns:
-    """Which column is what, by the names in the header. Raises UserError for a name that says nothing."""
-    places: dict[str, int] = {}
-    for i, (name, _) in enumerate(table.header):
-        role = _role(name)
-        if not role:
-            got = f"a column {sanitized(name)!r}"
-            raise UserError(table.name, got, _EXPECTED, "Leave other columns out")
-        if role in places:
-            raise UserError(table.name, f"two columns of {role.replace('u_', 'uncertainty of ')}", "one")
-        places[role] = i
-    return Columns(table, places)
-
-
-def _role(name: str) -> str:
-    name = " ".join(name.split())
-    if name in _ROLE_OF:
-        return _ROLE_OF[name]
-    for bare in [name.removeprefix(b) for b in _BEFORE] + [name.removesuffix(a) for a in _AFTER]:
-        if bare != name and bare.strip() in _ROLE_OF:
-            return f"u_{_ROLE_OF[bare.strip()]}"
-    return ""
-
-
-def read_dataset(
-    path: Path, setup: MeasurementSetup, kind: str | None = None, touches: range | None = None
-) -> Dataset:
+def read_dataset(path: Path, setup: MeasurementSetup, kind: str | None = None, part: Part = WHOLE) -> Dataset:
     """The data set in a file.
 
-    kind: one of KINDS, in place of what the header says. touches: of a recording, which of the touches found
-    to take, from 1. Raises UserError with the file, the line, what it has and what was expected.
+    kind: one of KINDS, in place of what the header says. part: of a recording, what to take. Raises UserError
+    with the file, the line, what it has and what was expected.
     """
-    if kind == "sound" or (kind is None and is_wav(path)):
-        return _sound(path, setup, touches)
-    if touches is not None:
-        raise UserError("touches", f"given for {sanitized(path.name)}, which is no recording", "a .wav")
+    if kind == "sound" or (kind is None and is_sound(path)):
+        return _sound(path, setup, part)
+    if part != WHOLE:
+        slot = "--touches" if part.train is not None else "--from"
+        raise UserError(slot, f"given for {sanitized(path.name)}, which is no recording", "a .wav")
     lines = read_lines(path)
     if kind in (None, "times") and (times := phyphox_times(path, lines)) is not None:
         return _touch_times(sanitized(path.name), setup, times)
@@ -139,11 +82,11 @@ def read_dataset(
     data_kind = _KINDS.get(named) if kind is None else kind
     if data_kind is None:
         names = ", ".join(columns.table.header[i][0] for i in columns.places.values())
-        raise UserError(columns.table.name, f"columns {sanitized(names)}", _EXPECTED)
+        raise UserError(columns.table.name, f"columns {sanitized(names)}", EXPECTED_COLUMNS)
     if data_kind in ("force", "loop"):
         raise UserError(columns.table.name, "forces among other files", "one file of forces alone")
     needed = next(roles for roles, name in _KINDS.items() if name == data_kind)
-    if kind is not None and not needed <= named:
+    if kind is not None and data_kind != _KINDS.get(named) and not needed <= named:
         missing = ", ".join(sorted(needed - named))
         raise UserError(columns.table.name, f"no column {missing}", f"what --as {kind} needs")
     with computed(columns.table.name):
@@ -152,7 +95,7 @@ def read_dataset(
 
 def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> ForceFit | None:
     """The fit of a file of forces; None for any other. kind: as for `read_dataset`."""
-    if kind not in (None, "force", "loop") or is_wav(path):
+    if kind not in (None, "force", "loop") or is_sound(path):
         return None
     lines = read_lines(path)
     if phyphox_times(path, lines) is not None or tracker_table(path, lines) is not None:
@@ -165,27 +108,35 @@ def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> 
         with computed(columns.table.name):
             return fit_loop(columns.table.name, x, v, force, setup.exponent)
     if "time" not in columns.places:
-        raise UserError(columns.table.name, "force without time, or penetration and rate", _EXPECTED)
+        raise UserError(columns.table.name, "force without time, or penetration and rate", EXPECTED_COLUMNS)
     time = columns.get("time")
     columns.require("time", np.concatenate([[True], np.diff(time) > 0]), "times that rise")
     with computed(columns.table.name):
         return fit_pulse(columns.table.name, setup, time, columns.get("force"))
 
 
-def _sound(path: Path, setup: MeasurementSetup, touches: range | None) -> Dataset:
-    recording = read_recording(path)
-    picks = find_touches(recording)
-    if touches is not None:
-        kept = np.isin(np.arange(1, len(picks.times) + 1), touches)
-        picks = replace(picks, times=picks.times[kept], numbers=picks.numbers[kept], level=picks.level[kept])
+def _sound(path: Path, setup: MeasurementSetup, part: Part) -> Dataset:
+    recording = read_recording(path, quick_score, part.begin, part.end)
+    heard = listen(recording, setup)
+    if (part.train or 0) >= len(heard):
+        trains = ", ".join("ABCDEF"[: len(heard)])
+        raise UserError("--touches", f"train {'ABCDEF'[part.train or 0]}", f"one that is heard: {trains}")
+    picks = heard[part.train or 0]
+    if part.touches is not None:
+        picks = picks.taken(part.touches)
     least = 3 if setup.height is not None else 4
     if len(picks.times) < least:
         raise too_few_touches(recording.name, len(picks.times), least)
     require_a_ball(recording.name, setup, picks.times)
-    return TouchTimes(recording.name, setup, picks.times, picks.numbers, picks, recording)
+    trains_in_question = tuple(heard) if part.train is None else ()
+    return TouchTimes(recording.name, setup, picks.times, picks.numbers, picks, recording, trains_in_question)
 
 
 def _times(columns: Columns, setup: MeasurementSetup) -> Dataset:
+    if "interval" in columns.places:
+        intervals = columns.get("interval")
+        columns.require("interval", intervals > 0, "above 0")
+        return _touch_times(columns.table.name, setup, np.concatenate([[0.0], np.cumsum(intervals)]))
     times = columns.get("time")
     columns.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
     return _touch_times(columns.table.name, setup, times)
@@ -259,6 +210,18 @@ def _speeds(columns: Columns, setup: MeasurementSetup) -> Dataset:
     return _checked_pairs(SpeedPairs(name, setup, before, after / before, u_in, u_out / before, twice=True))
 
 
+def _rises(columns: Columns, setup: MeasurementSetup) -> Dataset:
+    """Heights of drops and of the rebounds: the speeds in and out of each impact."""
+    before, after = columns.get("height_in"), columns.get("height_out")
+    columns.require("height_in", before > 0, "above 0")
+    columns.require("height_out", (after >= 0) & (after <= before), "from 0 to the height of the drop")
+    v_in = np.array([setup.ballistics.dropped(h)[0] for h in before])
+    v_out = np.sqrt(2.0 * setup.ballistics.gravity * after)
+    nothing = np.zeros(len(before))
+    name = columns.table.name
+    return _checked_pairs(SpeedPairs(name, setup, v_in, v_out / v_in, nothing, nothing, twice=True))
+
+
 def _checked_pairs(pairs: SpeedPairs) -> SpeedPairs:
     if len(pairs.speed) > _MOST_PAIRS:
         got = f"{len(pairs.speed)} impacts"
@@ -278,7 +241,7 @@ def _track(columns: Columns, setup: MeasurementSetup) -> Dataset:
     columns.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
     if len(times) < _LEAST_SAMPLES:
         raise UserError(columns.table.name, f"{len(times)} points", f"{_LEAST_SAMPLES} or more of a track")
-    return track_of(columns.table.name, setup, times, heights)
+    return track_of(columns.table.name, setup, times, upright(times, heights, setup))
 
 
 _READERS: dict[str, Callable[[Columns, MeasurementSetup], Dataset]] = {
@@ -287,4 +250,5 @@ _READERS: dict[str, Callable[[Columns, MeasurementSetup], Dataset]] = {
     "heights": _heights,
     "pairs": _pairs,
     "speeds": _speeds,
+    "rises": _rises,
 }

@@ -17,6 +17,7 @@ from hcbench._bounds import beyond_bounds, require_bounds
 from hcbench._files import read_text
 from hcbench._text import sanitized
 from hcbench.errors import QuantityError, UserError
+from hcbench.fitting.dialects import joined_header, plain, with_unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -26,12 +27,11 @@ if TYPE_CHECKING:
 
 _LARGEST = 16 << 20  # bytes
 _SMALLEST = 1e-12  # of what anybody measures of bounces, SI; its inverse is the largest
+_NO_LENGTHS = ("px", "pixel", "pixels", "dot", "pt")  # of a picture, though of some length in print
 _NAMED = re.compile(
     r"\s*(?P<name>[^\[\]{}]*?)\s*"
     r"(?:\[\s*(?P<square>[^\]]*?)\s*\]|\(\s*(?P<round>[^()]*?)\s*\)|\{\s*(?P<curly>[^{}]*?)\s*\})\s*"
 )
-_CONVERT = "Convert it first: ffmpeg -i {name} {stem}.wav"
-_SOUNDS = (".m4a", ".mp3", ".aac", ".ogg", ".opus", ".flac", ".wma", ".amr", ".caf", ".3gp", ".mp4", ".mov")
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +95,8 @@ def unit_scale(file: str, name: str, unit: str, quantity: str) -> float:
         advice = f"Write it with one, such as: {sanitized(name)} [{example}]"
         raise UserError(file, f"the header {sanitized(name)!r} names no unit", "one in brackets", advice)
     try:
+        if unit in _NO_LENGTHS:
+            raise QuantityError(file, unit, "a length")
         with beyond_bounds():
             return units.parse(f"1 {unit}", quantity, file) if unit else 1.0
     except QuantityError:
@@ -106,7 +108,7 @@ def read_lines(path: Path) -> list[tuple[int, str]]:
     """Lines that have something in them, with their numbers. Raises UserError for what is not text."""
     name = sanitized(path.name)
     try:
-        text = read_text(path, "utf-8-sig", _LARGEST)
+        text = _decoded(path)
     except FileNotFoundError:
         raise UserError(sanitized(path), "does not exist", "a file of measurements") from None
     except UnicodeDecodeError:
@@ -119,11 +121,23 @@ def read_lines(path: Path) -> list[tuple[int, str]]:
     return lines
 
 
+def _decoded(path: Path) -> str:
+    """UTF-8, UTF-16 with its mark, and what spreadsheets in Windows write."""
+    try:
+        return read_text(path, "utf-8-sig", _LARGEST)
+    except UnicodeDecodeError:
+        raw = path.read_bytes()
+        if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            text = raw.decode("utf-16")
+            if any(letter.isdecimal() for letter in text):
+                return text
+        if any(byte < 9 for byte in raw):
+            raise
+        return raw.decode("cp1252")
+
+
 def _not_text(path: Path) -> UserError:
     name = sanitized(path.name)
-    if path.suffix.lower() in _SOUNDS:
-        advice = _CONVERT.format(name=name, stem=sanitized(path.stem))
-        return UserError(name, f"a {path.suffix.lower()} file, which is not read", "a .wav recording", advice)
     if path.suffix.lower() == ".zip":
         return UserError(name, "a zip archive", "a file of numbers", "Unpack it and give its .csv")
     return UserError(name, "is neither UTF-8 text nor a WAV recording", "text in columns, or .wav")
@@ -142,8 +156,16 @@ def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
     name = sanitized(path.name)
     if not lines:
         raise UserError(name, "has comments only", "a header and rows of numbers")
+    if len(lines) > 2 and _is_title(lines[0][1], lines[1][1]):
+        lines = lines[1:]
     separator = next((s for s in ("\t", ";", ",") if s in lines[0][1]), ",")
+    single = re.compile(r"\s*[-+]?\d+,\d+\s*")
+    if "," not in lines[0][1] and all(single.fullmatch(line) for _, line in lines[1:]):
+        separator = ";"  # one column, and commas for points
     rows = [tuple(next(csv.reader(io.StringIO(line), delimiter=separator))) for _, line in lines]
+    if (joined := joined_header(rows)) is not None:
+        begin, header = joined
+        rows, lines = [header, *rows[begin:]], [lines[0], *lines[begin:]]
     comma = separator != "," and any("," in cell for row in rows[1:] for cell in row)
     table = Table(
         name, tuple(split_header(cell) for cell in rows[0]), tuple(rows[1:]), tuple(n for n, _ in lines[1:]),
@@ -159,13 +181,20 @@ def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
     for row, line in zip(table.cells, table.lines, strict=True):
         if len(row) > len(rows[0]) and any(cell.strip() for cell in row[len(rows[0]) :]):
             raise UserError(f"{name}, line {line}", f"{len(row)} cells", f"{len(rows[0])}, as the header has")
-    return table
+    return plain(table)
+
+
+def _is_title(first: str, second: str) -> bool:
+    """Whether a line is a name alone, over a header of several columns."""
+    below = [cell.strip() for cell in re.split(r"[\t;,]", second)]
+    titles = [cell for cell in re.split(r"[\t;,]", first) if cell.strip()]
+    return len(titles) == 1 and len(below) > 1 and all(re.match(r"[^\d+-]", cell) for cell in below)
 
 
 def split_header(cell: str) -> tuple[str, str]:
     """(name in lower case, unit) of "name [unit]", "name (unit)" or "name {unit}"; the unit "" for none."""
     match = _NAMED.fullmatch(cell)
     if match is None:
-        return cell.strip().lower(), ""
+        return with_unit(cell.lower(), "")
     unit = next(text for text in match.group("square", "round", "curly") if text is not None)
-    return match["name"].lower(), unit
+    return with_unit(match["name"].lower(), unit)

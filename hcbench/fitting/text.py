@@ -155,7 +155,38 @@ def _heard(result: FitResult) -> list[str]:
             rows = [(f"{n + 1}", f"{t:.5f}", f"{level:.0f}") for n, t, level in shown]
             lines += ["", f"{s.name}: touches heard above {s.picks.band:g} Hz"]
             lines += table(("touch", "s", "dB over the noise"), rows)
+            lines += _trains(s)
     return lines
+
+
+def trains_of(s: TouchTimes) -> list[tuple[str, ...]]:
+    """The trains of clicks that may be the ball's: letter, touches, from, to, α, s_e, ln of the odds."""
+    return [
+        (
+            "ABCDEF"[i],
+            f"{len(one.times)}",
+            f"{one.times[0]:.3f} s",
+            f"{one.times[-1]:.3f} s",
+            f"{with_uncertainty(one.alpha.value, one.alpha.uncertainty)} s/m" if one.alpha else "",
+            f"{100 * one.scatter:.2g} %" if one.scatter else "",
+            f"{one.score:.0f}",
+        )
+        for i, one in enumerate(s.heard)
+    ]
+
+
+TRAIN_COLUMNS = ("train", "touches", "from", "to", "α", "e scatters by", "ln odds of a ball")
+
+
+def _trains(s: TouchTimes) -> list[str]:
+    """The other trains, where there are any, and how to choose one."""
+    if len(s.heard) < 2:
+        return []
+    return [
+        "",
+        *table(TRAIN_COLUMNS, trains_of(s)),
+        "choose one with --touches A, --touches B, --touches A2:14 ...",
+    ]
 
 
 def _laws(result: FitResult) -> list[str]:

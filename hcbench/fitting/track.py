@@ -122,6 +122,13 @@ class Track(Dataset):
         return named[0 if self._dropped else 1 : -1]
 
 
+def upright(times: Floats, heights: Floats, setup: MeasurementSetup) -> Floats:
+    """Heights that rise upwards: pictures count downwards, and flights then curve the other way."""
+    steps = np.diff(times)
+    bend = np.diff(np.diff(heights) / steps) / (0.5 * (steps[1:] + steps[:-1]))
+    return -heights if float(np.median(bend)) > 0.5 * setup.ballistics.gravity else heights
+
+
 def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats) -> Track:
     """A track with its touches found. Raises UserError where there are too few."""
     noise = float(np.median(np.abs(np.diff(heights, 3)))) / (0.6745 * math.sqrt(20.0))

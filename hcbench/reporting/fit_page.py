@@ -84,13 +84,13 @@ def _residual_figure(result: FitResult) -> Figure:
 def _sound_figure(s: TouchTimes) -> Figure:
     """The waveform with the touches found, and the first of them from near."""
     assert s.recording is not None
-    sound, rate = s.recording.sound, s.recording.rate
+    sound, rate, begin = s.recording.sound, s.recording.rate, s.recording.begin
     figure = new_figure(6.4, 4.2)
     grid = figure.add_gridspec(2, 4)
     whole = figure.add_subplot(grid[0, :])
     part = -(-len(sound) // _MOST_SAMPLES)
     blocks = np.pad(sound, (0, -len(sound) % part)).reshape(-1, part)
-    t = np.arange(len(blocks)) * part / rate
+    t = s.recording.begin + np.arange(len(blocks)) * part / rate
     whole.fill_between(t, blocks.min(axis=1), blocks.max(axis=1), color=SLATE, linewidth=0.3)
     for time in s.times:
         whole.axvline(time, color=LIMIT, linewidth=0.7)
@@ -98,9 +98,14 @@ def _sound_figure(s: TouchTimes) -> Figure:
     numbers = range(len(s.times)) if s.numbers is None else s.numbers
     for i, (number, time) in enumerate(list(zip(numbers, s.times, strict=True))[:4]):
         axes = figure.add_subplot(grid[1, i])
-        first, last = max(0, round((time - _WINDOW) * rate)), round((time + 2 * _WINDOW) * rate)
+        first, last = (
+            max(0, round((time - begin - _WINDOW) * rate)),
+            round((time - begin + 2 * _WINDOW) * rate),
+        )
         axes.plot(
-            (np.arange(first, min(last, len(sound))) / rate - time) * 1e3, sound[first:last], color=SLATE
+            (begin + np.arange(first, min(last, len(sound))) / rate - time) * 1e3,
+            sound[first:last],
+            color=SLATE,
         )
         axes.axvline(0.0, color=LIMIT, linewidth=0.9)
         axes.set_title(f"touch {number + 1}", loc="left")

@@ -10,8 +10,9 @@ import pytest
 from measured_bounces import EXACT, G, synthesise, times_of, trials, write
 
 from hcbench.fitting import fit_files
-from hcbench.fitting.datasets import Heights, TouchTimes
+from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.fit import fit
+from hcbench.fitting.heights import Heights
 from hcbench.fitting.pairs import SpeedPairs
 from hcbench.fitting.setup import Known, MeasurementSetup
 

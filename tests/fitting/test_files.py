@@ -106,7 +106,7 @@ PAIRS = "speed [m/s],restitution\n" + "".join(f"{0.1 + 1e-3 * i:.4f},0.9\n" for 
         (TIMES.replace("\n0.", "\n0.0000000000000"), (), "line 3: .* under 'time'; expected 0, or 1e-12"),
         (LOOP.format(force=0), (), "numbers that cannot be computed with"),
         (PAIRS, (), "501 impacts; expected up to 500"),
-        (FALLS.format(power=0) + "".join(f"{0.7**i}\n" for i in range(1, 60)), (), "up to 60 touches"),
+        (FALLS.format(power=0) + "".join(f"{0.9**i}\n" for i in range(1, 60)), (), "up to 60 touches"),
     ],
 )
 def test_numbers_that_nobody_measures_are_refused_by_name(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ from measured_bounces import synthesise, wav
 
 from hcbench.cli import run
 from hcbench.errors import UserError
-from hcbench.fitting.sound import Recording, find_touches
+from hcbench.fitting.listening import find_touches
+from hcbench.fitting.recording import Recording
 
 
 @pytest.mark.parametrize("surface", synthesise.SURFACES)
@@ -45,7 +47,11 @@ def test_all_kinds_of_wav_are_read(tmp_path: Path, capsys: pytest.CaptureFixture
 @pytest.mark.parametrize(
     ("name", "content", "says"),
     [
-        ("drop.m4a", b"\0\0\0 ftypM4A \xff\xfe", "ffmpeg -i drop.m4a drop.wav"),
+        (
+            "drop.m4a",
+            b"\0\0\0 ftypM4A \xff\xfe",
+            r"hcbench\[sound\].*ffmpeg -i drop.m4a|cannot be read",
+        ),
         ("drop.wav", b"RIFF\0\0\0\0WAVEjunk", "cannot be read as WAV"),
         ("data.zip", b"PK\3\4\xff\xfe", "Unpack"),
         ("data.bin", b"\xff\xfe\0\1", "neither UTF-8 text nor a WAV"),
@@ -57,7 +63,7 @@ def test_what_is_no_sound_is_one_line_and_exit_2(
     (tmp_path / name).write_bytes(content)
     assert run(["fit", str(tmp_path / name)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert says in line
+    assert re.search(says, line)
 
 
 def test_noise_has_no_train_of_bounces() -> None:

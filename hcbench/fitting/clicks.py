@@ -1,0 +1,146 @@
+"""Clicks in a recording, in bands above several frequencies, and when each began."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.signal import butter, find_peaks, resample_poly, sosfilt
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from hcbench.fitting.recording import Recording
+    from hcbench.impact import Floats
+
+    Indices = NDArray[np.int64]
+
+# Hz, lower and upper ends: ringing and speech are low and clicks reach high, but so does noise.
+_BANDS = ((1200.0, None), (4000.0, None), (8000.0, None), (1200.0, 5000.0), (500.0, 2500.0))
+_NEXT, _LAST = 0.6e-3, 4e-3  # s: a click is what is louder for this long than before it
+_RISE = 2.5
+_OVER_NOISE = 6.0
+_APART = 6e-3  # s
+_MOST_CLICKS = 150
+_OVERSAMPLING = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """What is heard above a frequency (Hz), and below another. sound: (n,), filtered; rate: Hz.
+
+    places, level: (m,), samples at which clicks are, and how loud each is, dB over the noise.
+    """
+
+    frequency: float
+    sound: Floats
+    rate: int
+    places: Indices
+    level: Floats
+
+    @property
+    def duration(self) -> float:
+        """s."""
+        return len(self.sound) / self.rate
+
+
+def bands(recording: Recording) -> Iterator[Band]:
+    """The recording above each frequency that its rate allows."""
+    for frequency, upper in _BANDS:
+        if (upper or frequency) > 0.4 * recording.rate:
+            continue
+        filtered = _filtered(recording, frequency, upper)
+        places, level = _clicks(filtered, recording.rate, recording.step)
+        yield Band(frequency, filtered, recording.rate, places, level)
+
+
+def _filtered(recording: Recording, lower: float, upper: float | None) -> Floats:
+    if upper is None:
+        sections = butter(4, lower, "highpass", fs=recording.rate, output="sos")
+    else:
+        sections = butter(4, [lower, upper], "bandpass", fs=recording.rate, output="sos")
+    return np.asarray(sosfilt(sections, recording.sound))
+
+
+def _clicks(sound: Floats, rate: int, step: float) -> tuple[Indices, Floats]:
+    """Samples at which something begins that is louder than before, and how loud it is, dB over the noise."""
+    ahead, back = max(4, round(_NEXT * rate)), round(_LAST * rate)
+    energy = np.concatenate([[0.0], np.cumsum(sound**2)])
+    at = np.arange(back, len(sound) - ahead)
+    after = (energy[at + ahead] - energy[at]) / ahead
+    before = (energy[at] - energy[at - back]) / back
+    noise = float(np.percentile(after, 25)) + step**2 + 1e-30  # few bits are silent between steps
+    rise = after / (before + 0.3 * noise)
+    rise[after < _OVER_NOISE * noise] = 0.0
+    peaks, _ = find_peaks(rise, height=_RISE, distance=max(1, round(_APART * rate)))
+    loud = after[peaks]
+    kept = np.sort(np.argsort(-loud)[:_MOST_CLICKS])
+    return at[peaks[kept]], 10.0 * np.log10(loud[kept] / noise)
+
+
+class Timer:
+    """When clicks began: by Akaike's criterion (Maeda 1985), then by correlation with the train's mean."""
+
+    def __init__(self, band: Band, places: Indices) -> None:
+        """places: (n,), samples at which the train's clicks are."""
+        self.band = band
+        pieces = [self._piece(self._onset_of(int(p))) for p in places]
+        shifts = np.zeros(len(pieces))
+        for _ in range(3):
+            self.template = np.mean([_shifted(p, s) for p, s in zip(pieces, shifts, strict=True)], axis=0)
+            shifts = np.array([_shift_to(self.template, p, self._reach) for p in pieces])
+            shifts -= np.median(shifts)
+
+    def times(self, places: Indices) -> Floats:
+        """Of clicks at any places, s: shape (n,)."""
+        onsets = np.array([self._onset_of(int(p)) for p in places])
+        shifts = [_shift_to(self.template, self._piece(onset), self._reach) for onset in onsets]
+        return np.asarray((onsets + np.array(shifts) / _OVERSAMPLING) / self.band.rate)
+
+    @property
+    def _reach(self) -> int:
+        return round(0.25e-3 * self.band.rate) * _OVERSAMPLING
+
+    def _onset_of(self, place: int) -> int:
+        return _onset(self.band.sound, self.band.rate, place)
+
+    def _piece(self, onset: int) -> Floats:
+        """The click from 0.3 ms before its onset to 1.2 ms after, oversampled, of energy 1."""
+        before, after = round(0.3e-3 * self.band.rate), round(1.2e-3 * self.band.rate)
+        margin = before + round(0.5e-3 * self.band.rate)
+        piece = self.band.sound[max(0, onset - margin) : onset + after + margin]
+        piece = np.pad(piece, (max(0, margin - onset), max(0, after + 2 * margin - len(piece))))
+        fine = resample_poly(piece[: after + 2 * margin], _OVERSAMPLING, 1)
+        return np.asarray(fine / (np.sqrt((fine**2).sum()) + 1e-30))
+
+
+def _onset(sound: Floats, rate: int, place: int) -> int:
+    """The sample that parts noise from click: where k ln var(before) + (n - k) ln var(after) is least."""
+    first = max(0, place - round(2.5e-3 * rate))
+    window = sound[first : place + round(0.8e-3 * rate)]
+    n = len(window)
+    k = np.arange(4, n - 4)
+    sums, squares = np.cumsum(window), np.cumsum(window**2)
+    left = squares[k - 1] / k - (sums[k - 1] / k) ** 2
+    right = (squares[-1] - squares[k - 1]) / (n - k) - ((sums[-1] - sums[k - 1]) / (n - k)) ** 2
+    criterion = k * np.log(left + 1e-30) + (n - k) * np.log(right + 1e-30)
+    return first + int(k[int(np.argmin(criterion))])
+
+
+def _shifted(piece: Floats, shift: float) -> Floats:
+    return np.asarray(np.interp(np.arange(len(piece)) + shift, np.arange(len(piece)), piece))
+
+
+def _shift_to(template: Floats, piece: Floats, reach: int) -> float:
+    """By how many samples a piece lies after the template, to fractions of one."""
+    core = template[reach : len(template) - reach]
+    score = np.correlate(piece, core, "valid")
+    top = int(np.argmax(score))
+    if not 0 < top < len(score) - 1:
+        return float(top - reach)
+    left, middle, right = score[top - 1 : top + 2]
+    curvature = left - 2.0 * middle + right
+    return top - reach + (0.5 * (left - right) / curvature if curvature else 0.0)

@@ -1,0 +1,212 @@
+"""From a recording to the touches of one ball, and how sure it is that these are they.
+
+Several trains of clicks are kept, each is fitted, and the choice among them is by how smoothly e goes on.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.errors import UserError
+from hcbench.fitting.bounce_search import likeliest_trains
+from hcbench.fitting.candidates import LAWS
+from hcbench.fitting.clicks import Timer, bands
+from hcbench.fitting.datasets import TouchTimes
+from hcbench.fitting.estimate import fit_law
+from hcbench.fitting.estimates import alpha_of
+from hcbench.fitting.flags import flagged_touches
+from hcbench.fitting.picks import Picks
+from hcbench.fitting.which_law import PLAIN, WITH_E0
+
+if TYPE_CHECKING:
+    from hcbench.fitting.bounce_search import Train
+    from hcbench.fitting.clicks import Band, Indices
+    from hcbench.fitting.estimate import LawFit
+    from hcbench.fitting.recording import Recording
+    from hcbench.fitting.setup import MeasurementSetup
+    from hcbench.impact import Floats
+
+SHORTEST = 0.02  # s between touches, below which a train ends
+_MOST = 6  # trains kept
+_SAME = 2e-3  # s within which clicks of two bands are one
+_SHARED = 0.7
+_NEAR, _QUIETER = 45e-3, 15.0  # s, dB: clicks that may be the touch in place of one nearby
+_NOT_MUCH_QUIETER = 6.0  # dB
+_SWAPS = 4
+_ROUGH, _SMOOTHER = 8e-3, 1.6  # s_e from which on a touch is left out where that divides s_e by so much
+_CLOSE, _SMOOTH = 0.7, 0.5  # share of the best score of a train that is taken if its s_e is this share
+_HALF = 0.5  # of the best score, below which a train is no rival
+
+
+def listen(recording: Recording, setup: MeasurementSetup) -> list[Picks]:
+    """The trains of touches that may be the ball's, the one to take first.
+
+    Raises UserError where there are not three clicks that can be bounces of one ball.
+    """
+    found = _trains(recording)
+    if not found:
+        raise UserError(
+            recording.name,
+            "no train of bounces is heard",
+            "clicks of one ball, each flight shorter than the one before",
+            "Record nearer to the plate and in quiet, or give the times in a file",
+        )
+    heard = [_Heard.of(band, train, setup, recording) for band, train in found]
+    best = heard[0].improved()
+    others = [one.improved() if one.train.score > _CLOSE * best.train.score else one for one in heard[1:]]
+    for other in others:
+        if (
+            other.train.score > _CLOSE * best.train.score
+            and other.scatter < _SMOOTH * best.scatter
+            and len(other.places) >= 0.5 * len(best.places)
+        ):
+            best, others = other, [best, *(one for one in others if one is not other)]
+            break
+    return [one.picks() for one in (best, *others)]
+
+
+def find_touches(recording: Recording) -> Picks:
+    """The touches of the train to take, under standard gravity and without a drop height."""
+    from hcbench.fitting.setup import MeasurementSetup
+
+    return listen(recording, MeasurementSetup())[0]
+
+
+def quick_score(recording: Recording) -> float:
+    """Of the likeliest train in the first band alone; 0 for none."""
+    band = next(bands(recording))
+    trains = likeliest_trains(band.places / band.rate, band.level, band.duration, SHORTEST, 1)
+    return trains[0].score if trains else 0.0
+
+
+def _trains(recording: Recording) -> list[tuple[Band, Train]]:
+    """Of all bands, without those that share their clicks with a likelier one."""
+    found = []
+    for band in bands(recording):
+        times = band.places / band.rate
+        found += [
+            (band, train) for train in likeliest_trains(times, band.level, band.duration, SHORTEST, _MOST)
+        ]
+    kept: list[tuple[Band, Train]] = []
+    for band, train in sorted(found, key=lambda one: -one[1].score):
+        times = band.places[train.clicks] / band.rate
+        if len(kept) < _MOST and not any(_is_same(times, b.places[t.clicks] / b.rate) for b, t in kept):
+            kept.append((band, train))
+    return [one for one in kept if one[1].score >= _HALF * kept[0][1].score]
+
+
+def _is_same(times: Floats, better: Floats) -> bool:
+    near = np.abs(times[:, None] - better).min(axis=1) < _SAME
+    return bool(near.sum() >= _SHARED * min(len(times), len(better)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Heard:
+    """One train, timed, and the law with e0 fitted to it; None where it has too few touches."""
+
+    band: Band
+    train: Train
+    timer: Timer
+    setup: MeasurementSetup
+    name: str
+    places: Indices
+    numbers: Indices
+    reference: float
+    fit: LawFit | None
+    begin: float  # of the recording in its file, s
+
+    @classmethod
+    def of(cls, band: Band, train: Train, setup: MeasurementSetup, recording: Recording) -> _Heard:
+        places = band.places[train.clicks]
+        timer, name, begin = Timer(band, places), recording.name, recording.begin
+        start = cls(band, train, timer, setup, name, places, train.numbers, 1.0, None, begin)
+        if len(places) < (3 if setup.height is not None else 4):
+            return start
+        speeds = start.data().pairs()[0]
+        if not len(speeds):
+            return start
+        return replace(start, reference=float(np.exp(np.log(speeds).mean()))).fitted()
+
+    def data(self) -> TouchTimes:
+        return TouchTimes(self.name, self.setup, self.timer.times(self.places), self.numbers)
+
+    def fitted(self) -> _Heard:
+        try:
+            with np.errstate(all="ignore"):
+                return replace(self, fit=fit_law(LAWS[WITH_E0], [self.data()], self.reference))
+        except (ArithmeticError, ValueError):  # no train of any law
+            return replace(self, fit=None)
+
+    @property
+    def evidence(self) -> float:
+        return -math.inf if self.fit is None else self.fit.log_evidence
+
+    @property
+    def scatter(self) -> float:
+        return math.inf if self.fit is None else self.fit.scatter
+
+    def improved(self) -> _Heard:
+        """Reflections that were taken for touches exchanged for them; a touch that spoils all left out."""
+        if self.fit is None:
+            return self
+        now = self
+        for _ in range(_SWAPS):
+            gain, swapped = max((now.swaps()), key=lambda one: one[0], default=(0.0, now))
+            if not gain > 0.0:
+                break
+            now = swapped
+        if now.scatter > _ROUGH:
+            left_out = min((now.without(k) for k in now.suspects()), key=lambda one: one.scatter)
+            if left_out.scatter * _SMOOTHER < now.scatter:
+                now = left_out
+        return now
+
+    def suspects(self) -> list[int]:
+        """Places in the train of the first two touches and of the two that go least with the others."""
+        assert self.fit is not None
+        data = self.data()
+        off = np.abs(self.fit.measured_off()[0])
+        worst = np.argsort(-off)[:2].tolist()
+        names = data.rows()
+        flagged = [names.index(f.touch) for f in flagged_touches(self.fit, [data]) if f.touch in names]
+        return list(dict.fromkeys([0, 1, *flagged, *worst]))
+
+    def swaps(self) -> list[tuple[float, _Heard]]:
+        """Each click near a suspect in its place: the gain in ln evidence, and the train with it."""
+        clicks, level = self.band.places, self.band.level
+        reach, found = _NEAR * self.band.rate, []
+        for k in self.suspects():
+            own = float(level[np.searchsorted(clicks, self.places[k])])
+            near = np.abs(clicks - self.places[k]) < reach
+            near &= (level > own - _QUIETER) & ~np.isin(clicks, self.places)
+            for place, loud in zip(clicks[near], level[near], strict=True):
+                places = self.places.copy()
+                places[k] = place
+                if (np.diff(places) <= 0).any():
+                    continue
+                other = replace(self, places=places).fitted()
+                earlier = place < self.places[k] and loud > own - _NOT_MUCH_QUIETER
+                found.append((other.evidence - self.evidence + (1.0 if earlier else -1.0), other))
+        return found
+
+    def without(self, k: int) -> _Heard:
+        """The train without one touch."""
+        if len(self.places) < 6:
+            return self
+        places, numbers = np.delete(self.places, k), np.delete(self.numbers, k)
+        return replace(self, places=places, numbers=numbers - numbers[0]).fitted()
+
+    def picks(self) -> Picks:
+        times = self.timer.times(self.places)
+        level = self.band.level[np.searchsorted(self.band.places, self.places)]
+        scatter = alpha = None
+        if self.fit is not None:
+            plain = fit_law(LAWS[PLAIN], [self.data()], self.reference)
+            scatter, alpha = self.fit.scatter, alpha_of(plain, self.fit)
+        return Picks(
+            self.begin + times, self.numbers, level, self.band.frequency, self.train.score, scatter, alpha
+        )

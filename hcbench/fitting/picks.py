@@ -1,0 +1,76 @@
+"""Touches heard in a recording, and why they may not be the ball's."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.fitting.clicks import Indices
+    from hcbench.fitting.estimates import Estimate
+    from hcbench.impact import Floats
+
+# A rival has five touches, and an α that is off by 3 standard deviations and 2 %.
+_RIVAL_TOUCHES, _RIVAL_SCATTER, _RIVAL_APART, _RIVAL_SHARE = 5, 0.03, 3.0, 0.02
+_LEAST_SCORE, _LEAST_TOUCHES, _MOST_SCATTER, _MOST_SPEED = 10.0, 6, 0.02, 6.0  # m/s: a fall of 1.8 m
+
+
+@dataclass(frozen=True, slots=True)
+class Picks:
+    """Touches heard. times: (n,), s. numbers: (n,), which touch each is, from 0: some may be unheard.
+
+    level: (n,), dB over the noise. band: Hz, above which they were looked for. score: ln of the likelihood
+    ratio of one ball against clutter. scatter, alpha: of a fit to them alone; None where they are too few.
+    """
+
+    times: Floats
+    numbers: Indices
+    level: Floats
+    band: float
+    score: float = math.inf
+    scatter: float | None = None
+    alpha: Estimate | None = None
+
+    def taken(self, touches: range) -> Picks:
+        """Those touches of the list, counted from 1."""
+        kept = np.isin(np.arange(1, len(self.times) + 1), touches)
+        return replace(self, times=self.times[kept], numbers=self.numbers[kept], level=self.level[kept])
+
+
+def rivals(heard: Sequence[Picks]) -> list[Picks]:
+    """Trains that may be the ball's as well as the first, and give another α."""
+    best, found = heard[0], []
+    for other in heard[1:]:
+        if best.alpha is None or other.alpha is None or other.scatter is None:
+            continue
+        if len(other.times) < _RIVAL_TOUCHES or other.scatter > _RIVAL_SCATTER:
+            continue
+        off = abs(other.alpha.value - best.alpha.value)
+        sd = math.hypot(other.alpha.uncertainty, best.alpha.uncertainty)
+        if off > max(_RIVAL_APART * sd, _RIVAL_SHARE * best.alpha.value):
+            found.append(other)
+    return found
+
+
+def doubts_of(heard: Sequence[Picks], scatter: float, fastest: float, height_given: bool) -> list[str]:
+    """Why the first train may not be the ball's: each a reason to give no number.
+
+    scatter: of e, 1. fastest: impact speed, m/s.
+    """
+    best, found = heard[0], []
+    if best.score < _LEAST_SCORE:
+        found.append("the clicks are hardly more regular than noise")
+    if len(best.times) < _LEAST_TOUCHES:
+        found.append(f"only {len(best.times)} touches are heard, and {_LEAST_TOUCHES} are needed")
+    if scatter > _MOST_SCATTER:
+        found.append(f"e varies by {100 * scatter:.2g} % from bounce to bounce, a ball's by 0.1 to 2 %")
+    if fastest > _MOST_SPEED and not height_given:
+        found.append(f"the first impact would be at {fastest:.2g} m/s; give --height for a fall that high")
+    if rivals(heard):
+        found.append("another train of clicks gives another α")
+    return found

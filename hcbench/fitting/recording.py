@@ -1,0 +1,181 @@
+"""Sound recordings, one channel of them: WAV read here, what phones write by PyAV."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.io import wavfile
+
+from hcbench._text import sanitized
+from hcbench.errors import UserError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from hcbench.impact import Floats
+
+_WHOLE = 40.0  # s, up to which a recording is taken whole
+_WINDOW, _OVERLAP = 30.0, 8.0  # s: of a longer one the window is taken in which the best train is heard
+_BLOCK = 1 << 18  # samples read at once
+_PHONES = (".m4a", ".mp4", ".mov", ".aac", ".opus", ".ogg", ".oga", ".mp3", ".flac", ".3gp", ".caf", ".amr",
+           ".wma", ".webm", ".mkv")  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """sound: (n,), one channel, -1 ... 1. rate: Hz. step: between two values that a sample can have.
+
+    begin: when in the file it begins, s.
+    """
+
+    name: str
+    sound: Floats
+    rate: int
+    step: float = 0.0
+    begin: float = 0.0
+
+
+def is_sound(path: Path) -> bool:
+    """Whether a file begins as WAV files do, or is named as phones name recordings."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(12)
+    except OSError:
+        return False
+    return (head[:4] in (b"RIFF", b"RIFX", b"RF64") and head[8:12] == b"WAVE") or _is_of_phone(path)
+
+
+def _is_of_phone(path: Path) -> bool:
+    return path.suffix.lower() in _PHONES
+
+
+def read_recording(
+    path: Path, score: Callable[[Recording], float], begin: float = 0.0, end: float | None = None
+) -> Recording:
+    """WAV (integers of 8 to 32 bits or floats) or what phones write; of several channels the loudest.
+
+    score: how likely a part holds bounces. begin, end: s, the part to read. Of more than 40 s the 30 s with
+    the best score; no more than that is held in memory. Raises UserError for what is no such file, or has no
+    sound.
+    """
+    name = sanitized(path.name)
+    source = _Compressed(path) if _is_of_phone(path) else _Wav(path)
+    if source.rate < 8000:
+        raise UserError(name, f"{source.rate} samples a second", "8000 or more")
+    first, last = round(begin * source.rate), math.inf if end is None else round(end * source.rate)
+    if last <= first:
+        raise UserError("--to", f"{end:g} s", f"after --from, {begin:g} s")
+    window, top = np.zeros((0, 0)), -math.inf
+    best: Recording | None = None
+    at = first  # of the window's first sample
+    for block in source.blocks(first, last):
+        window = block if not window.size else np.concatenate([window, block], axis=1)
+        if not np.isfinite(block).all():
+            raise UserError(name, "samples that are not finite", "a recording")
+        if window.shape[1] > _WHOLE * source.rate:
+            kept = round(_WINDOW * source.rate)
+            part = _one_channel(source, name, window[:, :kept], at)
+            if (likely := score(part)) > top:
+                top, best = likely, part
+            gone = kept - round(_OVERLAP * source.rate)
+            window, at = window[:, gone:].copy(), at + gone
+    if best is None and (not window.size or window.shape[1] < 0.2 * source.rate):
+        got = f"{window.shape[-1] / source.rate:.2g} s of sound"
+        raise UserError(name, got, "a recording of several bounces")
+    rest = _one_channel(source, name, window, at)
+    return rest if best is None or score(rest) > top else best
+
+
+def _one_channel(source: _Wav | _Compressed, name: str, sound: Floats, at: int) -> Recording:
+    loudest = sound[int(np.argmax(sound.std(axis=1)))]
+    if not loudest.std() > 0 and at == 0:
+        raise UserError(name, "silence", "a recording of several bounces")
+    return Recording(name, loudest - loudest.mean(), source.rate, source.step, at / source.rate)
+
+
+class _Wav:
+    """Blocks of a WAV file, mapped into memory where its samples allow."""
+
+    def __init__(self, path: Path) -> None:
+        with _reading(path, "WAV", "a WAV recording, PCM or float"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # chunks that it does not know
+            try:
+                self.rate, samples = wavfile.read(path, mmap=True)
+            except ValueError:  # 24 bits cannot be mapped
+                self.rate, samples = wavfile.read(path)
+        self._samples = samples[:, None] if samples.ndim == 1 else samples
+        is_float = samples.dtype.kind == "f"
+        self.step = 0.0 if is_float else 2.0 ** (1 - 8 * samples.dtype.itemsize)
+        self._middle = 128.0 if samples.dtype == np.uint8 else 0.0
+        self._top = 1.0 if is_float else self._middle or float(np.iinfo(samples.dtype).max)
+
+    def blocks(self, first: int, last: float) -> Iterator[Floats]:
+        """(channels, n), from one sample to another."""
+        last = int(min(last, len(self._samples)))
+        for at in range(first, last, _BLOCK):
+            block = np.asarray(self._samples[at : min(at + _BLOCK, last)].T, dtype=float)
+            yield (block - self._middle) / self._top
+
+
+class _Compressed:
+    """Blocks of a recording as phones write it: AAC, Opus, MP3 and others, decoded by PyAV."""
+
+    step = 0.0
+
+    def __init__(self, path: Path) -> None:
+        self._path, self.name = path, sanitized(path.name)
+        try:
+            import av
+        except ImportError:
+            todo = (
+                f"Install the reader: pip install 'hcbench[sound]', or convert it: "
+                f"ffmpeg -i {self.name} {sanitized(path.stem)}.wav"
+            )
+            raise UserError(
+                self.name, f"a {path.suffix.lower()} file", "PyAV, which reads it", todo
+            ) from None
+        self._av = av
+        with _reading(path, "sound", "a recording"), av.open(str(path)) as file:
+            if not file.streams.audio:
+                raise UserError(self.name, "no sound in it", "a recording with sound")
+            self.rate = int(file.streams.audio[0].codec_context.sample_rate)
+
+    def blocks(self, first: int, last: float) -> Iterator[Floats]:
+        """(channels, n), from one sample to another."""
+        at, held, waiting = 0, [], 0
+        with _reading(self._path, "sound", "a recording"), self._av.open(str(self._path)) as file:
+            to_float = self._av.AudioResampler(format="fltp")
+            for decoded in file.decode(audio=0):
+                for frame in to_float.resample(decoded):
+                    block = frame.to_ndarray().astype(float)
+                    n = block.shape[1]
+                    begin, stop = max(first - at, 0), int(min(max(last - at, 0), n))
+                    if begin < stop:
+                        held.append(block[:, begin:stop])
+                        waiting += stop - begin
+                    at += n
+                    if waiting >= _BLOCK:
+                        yield np.concatenate(held, axis=1)
+                        held, waiting = [], 0
+                if at >= last:
+                    break
+        if held:
+            yield np.concatenate(held, axis=1)
+
+
+@contextmanager
+def _reading(path: Path, kind: str, expected: str) -> Iterator[None]:
+    """Damaged files raise what they like."""
+    try:
+        yield
+    except (UserError, GeneratorExit):
+        raise
+    except Exception as error:
+        what = sanitized(error).rstrip(".")
+        raise UserError(sanitized(path.name), f"cannot be read as {kind}: {what}", expected) from None
