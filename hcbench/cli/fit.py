@@ -72,9 +72,13 @@ class _FilesAfterAgainst(click.Command):
 @click.option("--speed", type=UncertainType("speed"), help="Approach speed, for forces over time.")
 @click.option("--exponent", type=QuantityType("exponent"), help="n of the law, for forces.")
 @click.option("--touches", help="Touches of a recording to use: '2:14', train 'B', or 'B2:14'.")
-@click.option("--against", multiple=True, type=PathType(path_type=Path), help="Files of another material to compare.")
+@click.option(
+    "--against", multiple=True, type=PathType(path_type=Path), help="Files of another material to compare."
+)
 @click.option("--from", "begin", type=QuantityType("timestep"), help="Begin of the part to read: '12 s'.")
-@click.option("--to", "end", type=QuantityType("timestep", positive=True), help="End of the part to read: '18 s'.")
+@click.option(
+    "--to", "end", type=QuantityType("timestep", positive=True), help="End of the part to read: '18 s'."
+)
 @click.option("--law", type=click.Choice(_LAWS), default="auto", show_default=True)
 @output_option("--page", help="Also write a one-page report (HTML).")
 @output_option("--write-points", help="Write e over speed, for `tune --points` and `check --pairs`.")
