@@ -58,15 +58,15 @@ def likeliest_trains(
     for i in range(len(times)):
         search.extend(i)
     order = np.argsort(search.score, axis=None)[::-1][:_ENDS]
-    found: list[Train] = []
+    trains: list[Train] = []
     for flat in order:
         i, j = divmod(int(flat), len(times))
-        if not search.score[i, j] > 0.0 or len(found) == most:
+        if not search.score[i, j] > 0.0 or len(trains) == most:
             break
         train = search.walk_back(i, j)
-        if len(train.clicks) > 2 and not any(_shared(train, better) for better in found):
-            found.append(train)
-    return found
+        if len(train.clicks) > 2 and not any(_shared(train, better) for better in trains):
+            trains.append(train)
+    return trains
 
 
 def _shared(train: Train, better: Train) -> bool:

@@ -29,18 +29,18 @@ def compared(one: FitResult, other: FitResult) -> tuple[str, Estimate]:
 
 def _each(result: FitResult, name: str) -> list[Estimate]:
     drops = [getattr(drop, name) for drop in result.drops] or [getattr(result, name)]
-    found = [one for one in drops if one is not None]
+    estimate = [one for one in drops if one is not None]
     if name == "alpha":
-        return found
-    return [replace(e, value=1.0 - e.value, low=1.0 - e.high, high=1.0 - e.low) for e in found]
+        return estimate
+    return [replace(e, value=1.0 - e.value, low=1.0 - e.high, high=1.0 - e.low) for e in estimate]
 
 
 def against_text(one: FitResult, other: FitResult) -> str:
     """Whether the materials differ, and by how much, for a terminal."""
-    what, found = compared(one, other)
-    interval = f"{found.value:.3g}, 95 %: {found.low:.3g} ... {found.high:.3g}"
+    what, estimate = compared(one, other)
+    interval = f"{estimate.value:.3g}, 95 %: {estimate.low:.3g} ... {estimate.high:.3g}"
     names = ", ".join(s.name for s in other.sets)
-    verdict = "no difference is seen" if found.low <= 1.0 <= found.high else "the materials differ"
+    verdict = "no difference is seen" if estimate.low <= 1.0 <= estimate.high else "the materials differ"
     lines = [f"against {names}", f"  {verdict}: {what} is {interval} times theirs"]
     if min(len(one.sets), len(other.sets)) < 3:
         lines.append("  With three drops or more of each, the difference from drop to drop is known better.")
@@ -49,10 +49,10 @@ def against_text(one: FitResult, other: FitResult) -> str:
 
 def against_record(one: FitResult, other: FitResult) -> dict[str, Any]:
     """The same for `--json`."""
-    what, found = compared(one, other)
+    what, estimate = compared(one, other)
     return {
         "files": [s.name for s in other.sets],
         "compared": "alpha" if what == "α" else "one_minus_e",
-        "ratio": dataclasses.asdict(found),
-        "differ": not found.low <= 1.0 <= found.high,
+        "ratio": dataclasses.asdict(estimate),
+        "differ": not estimate.low <= 1.0 <= estimate.high,
     }

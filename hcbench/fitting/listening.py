@@ -47,15 +47,15 @@ def listen(recording: Recording, setup: MeasurementSetup) -> list[Picks]:
 
     Raises UserError where there are not three clicks that can be bounces of one ball.
     """
-    found = _trains(recording)
-    if not found:
+    trains = _trains(recording)
+    if not trains:
         raise UserError(
             recording.name,
             "no train of bounces is heard",
             "clicks of one ball, each flight shorter than the one before",
             "Record nearer to the plate and in quiet, or give the times in a file",
         )
-    heard = [_Heard.of(band, train, setup, recording) for band, train in found]
+    heard = [_Heard.of(band, train, setup, recording) for band, train in trains]
     best = heard[0].improved()
     others = [one.improved() if one.train.score > _CLOSE * best.train.score else one for one in heard[1:]]
     for other in others:
@@ -85,14 +85,14 @@ def quick_score(recording: Recording) -> float:
 
 def _trains(recording: Recording) -> list[tuple[Band, Train]]:
     """Of all bands, without those that share their clicks with a likelier one."""
-    found = []
+    trains = []
     for band in bands(recording):
         times = band.places / band.rate
-        found += [
+        trains += [
             (band, train) for train in likeliest_trains(times, band.level, band.duration, SHORTEST, _MOST)
         ]
     kept: list[tuple[Band, Train]] = []
-    for band, train in sorted(found, key=lambda one: -one[1].score):
+    for band, train in sorted(trains, key=lambda one: -one[1].score):
         times = band.places[train.clicks] / band.rate
         if len(kept) < _MOST and not any(_is_same(times, b.places[t.clicks] / b.rate) for b, t in kept):
             kept.append((band, train))
@@ -178,7 +178,7 @@ class _Heard:
     def swaps(self) -> list[tuple[float, _Heard]]:
         """Each click near a suspect in its place: the gain in ln evidence, and the train with it."""
         clicks, level = self.band.places, self.band.level
-        reach, found = _NEAR * self.band.rate, []
+        reach, swaps = _NEAR * self.band.rate, []
         for k in self.suspects():
             own = float(level[np.searchsorted(clicks, self.places[k])])
             near = np.abs(clicks - self.places[k]) < reach
@@ -190,8 +190,8 @@ class _Heard:
                     continue
                 other = replace(self, places=places).fitted()
                 earlier = place < self.places[k] and loud > own - _NOT_MUCH_QUIETER
-                found.append((other.evidence - self.evidence + (1.0 if earlier else -1.0), other))
-        return found
+                swaps.append((other.evidence - self.evidence + (1.0 if earlier else -1.0), other))
+        return swaps
 
     def without(self, k: int) -> _Heard:
         """The train without one touch."""

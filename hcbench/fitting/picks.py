@@ -44,7 +44,7 @@ class Picks:
 
 def rivals(heard: Sequence[Picks]) -> list[Picks]:
     """Trains that may be the ball's as well as the first, and give another α."""
-    best, found = heard[0], []
+    best, others = heard[0], []
     for other in heard[1:]:
         if best.alpha is None or other.alpha is None or other.scatter is None:
             continue
@@ -53,8 +53,8 @@ def rivals(heard: Sequence[Picks]) -> list[Picks]:
         off = abs(other.alpha.value - best.alpha.value)
         sd = math.hypot(other.alpha.uncertainty, best.alpha.uncertainty)
         if off > max(_RIVAL_APART * sd, _RIVAL_SHARE * best.alpha.value):
-            found.append(other)
-    return found
+            others.append(other)
+    return others
 
 
 def doubts_of(heard: Sequence[Picks], scatter: float, fastest: float, height_given: bool) -> list[str]:
@@ -62,15 +62,15 @@ def doubts_of(heard: Sequence[Picks], scatter: float, fastest: float, height_giv
 
     scatter: of e, 1. fastest: impact speed, m/s.
     """
-    best, found = heard[0], []
+    best, reasons = heard[0], []
     if best.score < _LEAST_SCORE:
-        found.append("the clicks are hardly more regular than noise")
+        reasons.append("the clicks are hardly more regular than noise")
     if len(best.times) < _LEAST_TOUCHES:
-        found.append(f"only {len(best.times)} touches are heard, and {_LEAST_TOUCHES} are needed")
+        reasons.append(f"only {len(best.times)} touches are heard, and {_LEAST_TOUCHES} are needed")
     if scatter > _MOST_SCATTER:
-        found.append(f"e varies by {100 * scatter:.2g} % from bounce to bounce, a ball's by 0.1 to 2 %")
+        reasons.append(f"e varies by {100 * scatter:.2g} % from bounce to bounce, a ball's by 0.1 to 2 %")
     if fastest > _MOST_SPEED and not height_given:
-        found.append(f"the first impact would be at {fastest:.2g} m/s; give --height for a fall that high")
+        reasons.append(f"the first impact would be at {fastest:.2g} m/s; give --height for a fall that high")
     if rivals(heard):
-        found.append("another train of clicks gives another α")
-    return found
+        reasons.append("another train of clicks gives another α")
+    return reasons

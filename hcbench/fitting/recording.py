@@ -133,12 +133,12 @@ class _Compressed:
         try:
             import av
         except ImportError:
-            todo = (
+            advice = (
                 f"Install the reader: pip install 'hcbench[sound]', or convert it: "
                 f"ffmpeg -i {self.name} {sanitized(path.stem)}.wav"
             )
             raise UserError(
-                self.name, f"a {path.suffix.lower()} file", "PyAV, which reads it", todo
+                self.name, f"a {path.suffix.lower()} file", "PyAV, which reads it", advice
             ) from None
         self._av = av
         with _reading(path, "sound", "a recording"), av.open(str(path)) as file:

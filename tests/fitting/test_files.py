@@ -104,7 +104,7 @@ PAIRS = "speed [m/s],restitution\n" + "".join(f"{0.1 + 1e-3 * i:.4f},0.9\n" for 
         (TIMES, ("--touches", "²:³"), "--touches: '²:³'; expected the first and the last"),
         (FALLS.format(power=149), (), "line 2: 30e149 under 'height'; expected 0, or 1e-12"),
         (TIMES.replace("\n0.", "\n0.0000000000000"), (), "line 3: .* under 'time'; expected 0, or 1e-12"),
-        (LOOP.format(force=0), (), "numbers that cannot be computed with"),
+        (LOOP.format(force=0), (), "numbers that lead to no finite result"),
         (PAIRS, (), "501 impacts; expected up to 500"),
         (FALLS.format(power=0) + "".join(f"{0.9**i}\n" for i in range(1, 60)), (), "up to 60 touches"),
     ],
