@@ -21,8 +21,11 @@ if TYPE_CHECKING:
     from hcbench.scoring import Score, score
     from hcbench.setting import Setting
     from hcbench.sim.registry import engine
+    from hcbench.tuning.answer import Answer
+    from hcbench.tuning.ask import tune
 
 _HOMES = {
+    "Answer": "tuning.answer",
     "HcbenchError": "errors",
     "HuntCrossley": "laws.force",
     "Impact": "impact",
@@ -44,9 +47,11 @@ _HOMES = {
     "measure": "measuring.measure",
     "run_study": "benchmark.run",
     "score": "scoring",
+    "tune": "tuning.ask",
 }
 
 __all__ = [
+    "Answer",
     "HcbenchError",
     "HuntCrossley",
     "Impact",
@@ -68,6 +73,7 @@ __all__ = [
     "measure",
     "run_study",
     "score",
+    "tune",
 ]
 
 

@@ -7,6 +7,9 @@ from typing import Any
 
 from hcbench._arguments import checked_fields
 
+Pair = tuple[str, str]
+PAIR: Pair = ("ball", "plate")  # the body that moves and the other, as texts to paste name them
+
 
 @checked_fields
 @dataclass(frozen=True, slots=True)

@@ -91,7 +91,15 @@ _model_option = partial(click.option, cls=_ModelOption)
     help="Contact points that land together; 4 for the face of a box.",
 )
 @output_option("--write-scene", cls=_EngineOption, help="Write a file that runs in the plain engine.")
-@_model_option("--pair", multiple=True, help="Two bodies or geoms, first the one that moves. Repeatable.")
+@click.option(
+    "--pair",
+    multiple=True,
+    help="Two names, first the one that moves: of your bodies or geoms. A model: repeatable.",
+)
+@_engine_option("--plugin", "kind", flag_value="exact", help="Print the exact plug-in.")
+@_engine_option("--settings", "kind", flag_value="settings", help="Print settings of the engine's own.")
+@_engine_option("--constant", "kind", flag_value="constant", help="Print the best one e for all speeds.")
+@_engine_option("--certify", is_flag=True, help="Run the whole gate on it in the plain engine: a minute.")
 @launch_options("key", "qpos", "state", "coming_from", "actuators", cls=_ModelOption)
 @output_option("--write-model", cls=_ModelOption, help="Write the model with the setting in it.")
 @force_option
@@ -121,7 +129,7 @@ def _drop(options: dict[str, Any], others: type[click.Option], got: str, expecte
     context = click.get_current_context()
     for option in context.command.params:
         if isinstance(option, others) and option.name:
-            del options[option.name]
+            options.pop(option.name, None)
             if context.get_parameter_source(option.name) is ParameterSource.COMMANDLINE:
                 raise UserError(option.opts[0], got, f"{expected}, to which it applies")
 

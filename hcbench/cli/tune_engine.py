@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,126 +14,91 @@ from hcbench.cli.console import print_json, progress
 from hcbench.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
-    from hcbench.laws.restitution import Reading
     from hcbench.recipes.search import SearchInterrupted
     from hcbench.recipes.target import Target
     from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.sim.passivity import Passivity
+    from hcbench.tuning.answer import Answer, Choice, Kind
     from hcbench.tuning.choose import Match
     from hcbench.tuning.evaluate import Evaluation
-    from hcbench.tuning.tune import Tuned
+    from hcbench.tuning.tuned import Tuned
 
-_SPEEDS = [0.0254, 0.508]  # m/s: 1 ... 20 in/s
-_GRAVITY = 9.81  # m/s^2
-
-
-class _TargetOptions(TypedDict):
-    """The options that say what to match, SI."""
-
-    alpha: tuple[float, float] | None
-    restitution: float | None
-    points: tuple[tuple[float, float], ...]
-    speeds: Floats | None
-    reading: Reading
-    scene: str
-    mass: float | None
-    stiffness: str | None
-    exponent: float | None
-    gravity: float | None
-    friction: float
-    corners: int
+_FLAGS: dict[Kind, str] = {"exact": "--plugin", "settings": "--settings", "constant": "--constant"}
 
 
 def tune_engine(
     engine: str,
     *,
     timestep: float | None,
+    alpha: tuple[float, float] | None,
+    points: tuple[tuple[float, float], ...],
+    pair: tuple[str, ...],
+    kind: Kind | None,
     recipe: str,
     match: Match,
     integrator: str | None,
     max_error: float | None,
+    certify: bool,
     write_scene: Path | None,
     force: bool,
     as_json: bool,
-    **options: Unpack[_TargetOptions],
+    **target: Any,
 ) -> None:
-    """Tune an engine, print the setting and how wrong it is, and write a script with it."""
+    """Tune an engine, print the answer, and write a script with its setting."""
     from hcbench._outputs import write_output
-    from hcbench.recipes.search import SearchInterrupted
+    from hcbench.recipes.search import SearchInterrupted, report_progress
     from hcbench.sim import registry
-    from hcbench.tuning import tune as tuning
+    from hcbench.tuning import ask
+    from hcbench.tuning.answer import MAX_ERROR
+    from hcbench.tuning.find import find_answer
 
     if timestep is None:
         raise UserError("--timestep", "missing", "the engine's step, such as '1 ms'")
-    scene, target = _scene_and_target(timestep, options)
+    if len(pair) > 1:
+        raise UserError("--pair", f"given {len(pair)} times", "one pair of names for an engine")
+    value = None if alpha is None else alpha[0]
+    scene, wanted = ask.make_target(timestep=timestep, alpha=value, points=points, **target)
+    names = ask.names_of(pair[0] if pair else None)
+    limit = MAX_ERROR if max_error is None else max_error
     try:
-        with progress("tuning") as report:
-            limit = tuning.MAX_ERROR if max_error is None else max_error
-            tuned = tuning.tune(engine, target, scene, recipe, match, integrator, report, limit)
+        with progress("tuning") as report, report_progress(report):
+            asked = kind or "settings"
+            answer = find_answer(engine, wanted, scene, recipe, match, integrator, limit, names, asked)
     except SearchInterrupted as interrupt:
         _print_interrupted(interrupt, scene, as_json)
         raise click.Abort(f"interrupted: {interrupt}") from None
-    text = _snippet(tuned.setting, scene)
+    best = answer.best
     if write_scene is not None:
-        script = registry.engine(engine).script(tuned.scene, tuned.setting)
+        script = registry.engine(engine).script(answer.scene, best.setting)
         write_output(write_scene, script, "--write-scene", force)
-    margin = _margin(target, options["alpha"])
+    gate = _gate(answer) if certify else None
+    margin = _margin(wanted, alpha)
     if as_json:
-        print_json({**_as_json(tuned, text), "restitution_margin_95": margin})
+        print_json(_as_json(answer, margin, gate))
     else:
-        _print(tuned, text, margin)
-    error = tuned.evaluation.max_error
-    if max_error is not None and not error <= max_error:
-        raise LimitPassed("max-error", f"{error:.3g} with {tuned.recipe.name!r}", f"{max_error:g} or less")
+        _print(answer, margin, gate)
+    _require(answer, kind, max_error, gate)
 
 
-def _scene_and_target(timestep: float, options: _TargetOptions) -> tuple[Scene, Target]:
-    from hcbench import units
-    from hcbench.laws.force import HuntCrossley
-    from hcbench.recipes.target import Target
-    from hcbench.scene import load_scene
-
-    scene = load_scene(options["scene"])
-    ways = {name: options.get(name) for name in ("alpha", "restitution", "points")}
-    given = [f"--{name}" for name, value in ways.items() if value not in (None, ())]
-    if len(given) != 1:
-        got = " and ".join(given) or "none"
-        raise UserError("target", got, "one of --alpha, --restitution, --points")
-    n = scene.exponent if options["exponent"] is None else options["exponent"]
-    k = scene.stiffness
-    if options["stiffness"]:
-        k = units.parse(options["stiffness"], "stiffness", "--stiffness", n)
-    elif n != scene.exponent:
-        raise UserError("--stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
-    mass = scene.mass if options["mass"] is None else options["mass"]
-    points = options["points"]
-    # Outside the band of several points e is not known.
-    speeds = [v for v, _ in points] if len(points) > 1 else _SPEEDS
-    if options["speeds"] is not None:
-        speeds = options["speeds"].tolist()
-    band = min(speeds), max(speeds)
-    if options["restitution"] is not None:
-        points = ((band[0], options["restitution"]),)
-    law = HuntCrossley(k, (options["alpha"] or (0.0, 0.0))[0], n)
-    reading = "points" if points else options["reading"]
-    return scene, Target(
-        law,
-        mass,
-        timestep,
-        *band,
-        reading,
-        points,
-        gravity=_GRAVITY if options["gravity"] is None else options["gravity"],
-        friction=options["friction"],
-        corners=options["corners"],
-    )
+def _require(answer: Answer, kind: Kind | None, max_error: float | None, gate: Passivity | None) -> None:
+    """Raises LimitPassed where the answer is not what was asked for."""
+    best = answer.best
+    if kind is not None and not answer.is_as_asked:
+        got = f"no setting passes; the next is {best.line}"
+        raise LimitPassed(_FLAGS[kind], got, "a setting that follows the target and gains no energy")
+    if max_error is not None and not best.max_error <= max_error:
+        got = f"{best.max_error:.3g} with {best.setting.name!r}"
+        raise LimitPassed("max-error", got, f"{max_error:g} or less")
+    if gate is not None and not gate.sphere:
+        raise LimitPassed("--certify", f"{best.setting.name!r} {gate.warning}", "a setting that passes")
 
 
-def _snippet(setting: Setting, scene: Scene) -> str:
-    from hcbench.tuning.snippet import snippet
+def _gate(answer: Answer) -> Passivity:
+    """What the whole gate says of the best choice, in the plain engine."""
+    from hcbench.sim import registry
 
-    return snippet(setting, scene.form)
+    best = answer.best
+    return registry.engine(answer.engine).passivity(answer.scene, best.setting, best.speeds, whole=True)
 
 
 def _margin(target: Target, alpha: tuple[float, float] | None) -> float:
@@ -148,35 +113,91 @@ def _margin(target: Target, alpha: tuple[float, float] | None) -> float:
     return Restitution(alpha[0], target.reading, alpha[1]).margin(band)
 
 
-def _print(tuned: Tuned, text: str, margin: float) -> None:
-    result, target, rest = tuned.evaluation, tuned.target, tuned.rest
+def _print(answer: Answer, margin: float, gate: Passivity | None) -> None:
+    best, target = answer.best, answer.target
+    spheres = "; for spheres: a flat face gains energy" if best.flat is False else ""
+    why = best.tuned.why if best.tuned else "the plug-in gives each impact the e of its own speed"
+    print(f"{'setting':<20}  {answer.engine} {best.setting.name}: {why}{spheres}")
+    if best.tuned is not None and (warning := best.tuned.passivity.warning):
+        print(f"{'warning':<20}  {warning}")
+    if answer.band_note:
+        print(f"{'band':<20}  {answer.band_note}")
+    rows = _rows(best, target)
+    if margin:
+        rows["uncertainty of α"] = f"e is known to ± {margin:.2g} (95 %)"
+    rows["needs"] = "; ".join(best.needs) or "nothing"
+    for name, value in rows.items():
+        print(f"{name:<20}  {value}")
+    print(f"\npaste:\n\n{best.text or 'nothing: the default'}\n")
+    for choice in answer.choices:
+        if choice is not best:
+            print(f"or {choice.line} ({_FLAGS[choice.kind]})")
+    for never in answer.never:
+        print(f"never {never.setting}: {never.why}")
+    if gate is not None:
+        _print_gate(gate)
+    print("\nNotes:")
+    for line in (*(best.tuned.advice if best.tuned else ()), *best.notes):
+        print(f"- {line}")
+
+
+def _print_gate(gate: Passivity) -> None:
+    verdict = "passed" if gate.sphere else "FAILED"
+    print(f"\ncertified: {verdict} for spheres, {'passed' if gate.flat else 'FAILED'} for boxes")
+    for finding in gate.findings:
+        mark = "ok " if finding.passed else "NOT"
+        value = f"{finding.value:.5g} of at most {finding.limit:.5g} {finding.unit}".rstrip()
+        print(f"  {mark} {finding.name}: {value} ({finding.under})")
+
+
+def _rows(best: Choice, target: Target) -> dict[str, str]:
+    """What is known of a choice, by names."""
     truth = {"law": "e of the law", "linear": "1 - α v", "points": "the target e"}[target.reading]
-    band = f"{target.speed_min:.4g} ... {target.speed_max:.4g} m/s"
-    moves = f"drift {rest.creep:.1e} m/s, penetration {rest.depth:.1e} m, vibration {rest.buzz:.1e} m/s"
-    loop = f"{_percent(result.loop_rms)} of the largest force from the law's (rms)"
+    low, high = best.speeds
+    error = f"{best.max_error:.2g} against {truth} over {low:.4g} ... {high:.4g} m/s"
+    tuned = best.tuned
+    if tuned is None:
+        return {
+            "largest error of e": error,
+            "largest e": f"{best.max_e:.4f}",
+        }
+    result = tuned.evaluation
     has_loop = not math.isnan(result.loop_rms) and target.reading == "law"
-    rows = {
-        "setting": f"{tuned.setting.engine} {tuned.recipe.name}: {tuned.why}",
-        "largest error of e": (
-            f"{result.max_error:.2g} against {truth} over {band}, {_conditions(target)},"
-            f" {result.launches} launches at random and about the worst"
-        ),
-        **({"uncertainty of α": f"e is known to ± {margin:.2g} (95 %)"} if margin else {}),
+    launches = f"{result.launches} launches at random and about the worst"
+    steps = f"{result.steps_min} ... {result.steps_max} of {time_step(target.timestep)} s"
+    loop = f"{_percent(result.loop_rms)} of the largest force from the law's (rms)"
+    return {
+        "largest error of e": f"{error}, {_conditions(target)}, {launches}",
+        "largest e": f"{best.max_e:.4f} there, below and above, {_energy(tuned)}",
         **({"friction": _friction(result, target)} if target.friction else {}),
         "best constant e": f"{result.constant:.6g}, wrong by at most {result.constant_error:.2g}",
-        "steps in contact": f"{result.steps_min} ... {result.steps_max} of {time_step(target.timestep)} s",
+        "steps in contact": steps,
         "largest penetration": f"{result.penetration_max:.3g} m",
         "largest force": f"{result.force_max:.4g} N",
         **({"force loop": loop} if has_loop else {}),
-        "rests under gravity": (
-            f"{'yes' if rest.rests else 'no'}: {'it diverges' if math.isnan(rest.depth) else moves}"
-        ),
+        "rests under gravity": _rest(tuned),
+        **_slope(tuned),
     }
-    for name, value in rows.items():
-        print(f"{name:<20}  {value}")
-    print(f"\npaste:\n\n{text or 'nothing: the defaults of the engine'}\n\nNotes:")
-    for line in (*tuned.advice, *tuned.recipe.notes):
-        print(f"- {line}")
+
+
+def _energy(tuned: Tuned) -> str:
+    passivity = tuned.passivity
+    if passivity.warning:
+        return "energy grew"
+    return f"energy never grew in {passivity.scenes} launches and drops"
+
+
+def _rest(tuned: Tuned) -> str:
+    rest = tuned.rest
+    if math.isnan(rest.penetration):
+        return "no: it diverges"
+    moves = f"drift {rest.sinking:.1e} m/s, penetration {rest.penetration:.1e} m"
+    return f"{'yes' if tuned.rests else 'no'}: {moves}, vibration {rest.vibration:.1e} m/s"
+
+
+def _slope(tuned: Tuned) -> dict[str, str]:
+    drift = tuned.passivity.slope_drift
+    return {} if math.isnan(drift) else {"holds on 10 degrees": f"drift {1e3 * drift:.2g} mm/s"}
 
 
 def _conditions(target: Target) -> str:
@@ -196,7 +217,10 @@ def _percent(share: float) -> str:  # three digits, and no power of ten above 1 
 
 def _print_interrupted(interrupt: SearchInterrupted, scene: Scene, as_json: bool) -> None:
     """The best setting when a search was interrupted; it has not been simulated."""
-    best, text = interrupt.best, _snippet(interrupt.best, scene)
+    from hcbench.tuning.snippet import snippet
+
+    best = interrupt.best
+    text = snippet(best, scene.form)
     if as_json:
         progress_made = {
             "evaluations": interrupt.done,
@@ -211,18 +235,35 @@ def _print_interrupted(interrupt: SearchInterrupted, scene: Scene, as_json: bool
     print(f"{'largest error of e':<20}  {error}\n\npaste:\n\n{text}", flush=True)
 
 
-def _as_json(tuned: Tuned, text: str) -> dict[str, Any]:
+def _as_json(answer: Answer, margin: float, gate: Passivity | None) -> dict[str, Any]:
+    best = answer.best
+    tuned = best.tuned
     return {
         "schema": 1,
-        "engine": tuned.setting.engine,
-        "recipe": tuned.recipe.name,
-        "why": tuned.why,
-        "target": dataclasses.asdict(tuned.target),
-        "timestep_s": tuned.setting.timestep,
-        "options": dict(tuned.setting.options),
-        "evaluation": dataclasses.asdict(tuned.evaluation),
-        "rest": dataclasses.asdict(tuned.rest),
-        "advice": list(tuned.advice),
-        "notes": list(tuned.recipe.notes),
-        "paste": text,
+        "engine": answer.engine,
+        "recipe": best.setting.name,
+        "kind": best.kind,
+        "asked": answer.asked,
+        "pair": list(answer.pair),
+        "why": tuned.why if tuned else "exact at any step: it needs no run",
+        "target": dataclasses.asdict(answer.target),
+        "timestep_s": best.setting.timestep,
+        "options": dict(best.setting.options),
+        "evaluation": dataclasses.asdict(tuned.evaluation) if tuned else None,
+        "rest": {"rests": tuned.rests, **dataclasses.asdict(tuned.rest)} if tuned else None,
+        "slope_drift_m_s": tuned.passivity.slope_drift if tuned else None,
+        "warning": tuned.flaws if tuned else "",
+        "advice": list(tuned.advice) if tuned else [],
+        "notes": list(best.notes),
+        "paste": best.text,
+        "choices": [choice.record for choice in answer.choices],
+        "never": [dataclasses.asdict(never) for never in answer.never],
+        "band_note": answer.band_note,
+        "restitution_margin_95": margin,
+        **({} if gate is None else {"certificate": _certificate(gate)}),
     }
+
+
+def _certificate(gate: Passivity) -> dict[str, Any]:
+    findings = [{**dataclasses.asdict(f), "passed": f.passed} for f in gate.findings]
+    return {"sphere": gate.sphere, "flat": gate.flat, "findings": findings}

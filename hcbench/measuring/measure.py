@@ -175,8 +175,13 @@ def _measured(job: Job) -> Measurement:
     with _open(job) as model:
         impacts = impacts_of(model, request)
         facts = model.facts()
+        promise, chosen = facts.promise, False
+        if promise is not None:
+            facts = dataclasses.replace(facts, notes=(promise.note(impacts), *facts.notes))
+            chosen = promise.is_kept(impacts) and job.wanted in (None, promise.curve)
         goal = goal_of(facts.asked, request.speeds, job.wanted)
-        diagnosis = diagnose(model, impacts, goal, job.wanted, job.tolerance) if job.diagnose else ((), "")
+        searched = job.diagnose and not chosen
+        diagnosis = diagnose(model, impacts, goal, job.wanted, job.tolerance) if searched else ((), "")
     return Measurement(facts, request, tuple(impacts), job.wanted, *diagnosis)
 
 

@@ -30,7 +30,7 @@ def make_request(pair: Sequence[str | int] | str | None = None, **launch: Unpack
         raise UserError("angle", "given with height", "one of the two", advice)
     pose = (*read_state(given.pop("state", None)), *read_joints(given.pop("qpos", None)))
     fields = {name: _READ[name](value) if name in _READ else value for name, value in given.items()}
-    return Request(pair=_pair(pair), pose=pose, adapt_phases="phases" not in given, **fields)
+    return Request(pair=read_pair(pair), pose=pose, adapt_phases="phases" not in given, **fields)
 
 
 def _each_once(quantity: str, name: str, kind: str, **bounds: float) -> Callable[[Any], tuple[float, ...]]:
@@ -52,7 +52,8 @@ def _direction(along: Any) -> Vector:
     return values[0], values[1], values[2]
 
 
-def _pair(pair: Sequence[str | int] | str | None) -> tuple[str, str] | None:
+def read_pair(pair: Sequence[str | int] | str | None) -> tuple[str, str] | None:
+    """Two names of "a,b" or a sequence of two; None for None."""
     if pair is None:
         return None
     names = pair.split(",") if isinstance(pair, str) else list(pair)

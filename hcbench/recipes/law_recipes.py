@@ -31,11 +31,13 @@ _TOUCH_SPEED = "v_i is the speed at touch of each impact: one e for all speeds; 
 _DELIVERED = "What it delivers follows from χ and is not what it was asked for, but for `exact`."
 
 
-def plug_in_recipes(engine: str, native: Sequence[Recipe], common: Options) -> tuple[Recipe, ...]:
+def plug_in_recipes(
+    engine: str, native: Sequence[Recipe], common: Options, exact_above: Callable[[float], float]
+) -> tuple[Recipe, ...]:
     """Recipes for an engine into which hcbench.contact plugs a law.
 
     native: recipes of its own contact, which messages name where a law cannot be had.
-    common: options of each setting, beside "law".
+    common: options of each setting, beside "law". exact_above: as of `Recipe`, of the law at any step.
     """
     constant = first(native, Role.CONSTANT_E, "plane")
     at_any_step = [constant.name] if constant else []
@@ -66,6 +68,8 @@ def plug_in_recipes(engine: str, native: Sequence[Recipe], common: Options) -> t
             (_ATTACH, _IMPULSE, _AT_PLANE),
             one_step=True,
             kinds=("law", "linear"),
+            exact_above=exact_above,
+            flat=True,
         ),
         *published_law_recipes(engine, published_law, _RESOLVED, STEPS_OF_A_LAW),
     )

@@ -45,6 +45,10 @@ class Recipe:
     from there on, and not at all without `by_auto`.
     within: how far e may be from what the role promises; 0: what `hcbench.testing` asks of all.
     ends: how every launch ends, of an engine that by default does not bounce a body at all.
+    steps_min_with_gravity: as `steps_min`, under gravity, for a recipe that is softer than the law below it.
+    exact_above: e to the impact speed over g h from which a law in place of the contact is exact, so that it
+    needs no run; None where that is unknown.
+    flat: whether a box on face, edge and vertex never gains energy with it; None where that was not tried.
     """
 
     engine: str
@@ -60,9 +64,12 @@ class Recipe:
     integrators: Integrators | None = None
     forms: tuple[str, ...] = ("plane", "cup")
     steps_min: float = 0.0
+    steps_min_with_gravity: float = 0.0
     by_auto: bool = True
     within: float = 0.0
     ends: Status | None = None
+    exact_above: Callable[[float], float] | None = None
+    flat: bool | None = None
 
     def __call__(self, target: Target, integrator: str | None = None) -> Setting:
         """The setting; integrator: one of `integrators`, None for the first.

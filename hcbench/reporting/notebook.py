@@ -30,9 +30,10 @@ from hcbench.reporting.plot_style import (
 from hcbench.reporting.ranking import overview_runs
 from hcbench.reporting.restitution_figures import overview_figure
 from hcbench.sim import registry
+from hcbench.tuning.answer import Answer
 from hcbench.tuning.evaluate import held_out_launches
 from hcbench.tuning.snippet import snippet
-from hcbench.tuning.tune import Tuned
+from hcbench.tuning.tuned import Tuned
 
 
 def figure_of(result: Any) -> Figure:
@@ -104,10 +105,31 @@ def _(tuned: Tuned) -> Figure:
     return figure
 
 
+@_figure.register
+def _(answer: Answer) -> Figure:
+    return _figure(answer.tuned)
+
+
+@_words.register
+def _(answer: Answer) -> tuple[str, dict[str, str], str]:
+    best = answer.best
+    others = [choice.line for choice in answer.choices if choice is not best]
+    facts = {
+        "answer": best.line,
+        "instead": wording.listed(others, "or"),
+        "never": "; ".join(f"{never.setting}: {never.why}" for never in answer.never),
+        "needs": wording.listed(best.needs),
+        "band": answer.band_note,
+    }
+    return f"{wording.engine_title(answer.engine)}: {best.setting.name}", facts, best.text
+
+
 @_words.register
 def _(tuned: Tuned) -> tuple[str, dict[str, str], str]:
     target, constant = tuned.target, wording.bound(tuned.evaluation.constant_error)
-    rests = f"comes to rest, {wording.length(tuned.rest.depth)} deep" if tuned.rest.rests else "does not rest"
+    rests = (
+        f"comes to rest, {wording.length(tuned.rest.penetration)} deep" if tuned.rests else "does not rest"
+    )
     facts = {
         "why": tuned.why,
         "largest error of e": f"{wording.bound(tuned.error)}; that of the best constant e: {constant}",

@@ -27,8 +27,10 @@ from typing import TYPE_CHECKING, Any, final
 
 from hcbench.errors import EngineFailed, SettingError
 from hcbench.scene import Scene
-from hcbench.setting import Setting
+from hcbench.setting import PAIR, Pair, Setting
 from hcbench.sim import simulate
+from hcbench.sim.passivity import Passivity, passivity_of
+from hcbench.sim.promise import Promise
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -79,12 +81,29 @@ class Engine(ABC):
         """
         raise EngineFailed(self.name, "knows single impacts only", "an engine that can go on after one")
 
-    def snippet(self, setting: Setting, form: str) -> str:
+    def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
         """What to paste of a setting into a model or script of one's own; "" where nothing is set.
 
-        form: the scene's, "plane" or "cup".
+        form: the scene's, "plane" or "cup". pair: what the two are called there, the body that moves first.
         """
         return setting.options_text
+
+    def promised(self, text: str, pair: Pair, promise: Promise) -> str:
+        """A text to paste with what is promised of it, as `measure` can read it again."""
+        return text
+
+    def needs(self, setting: Setting) -> tuple[str, ...]:
+        """What a user's model or machine must have for the text to work, a phrase each."""
+        return ()
+
+    def passivity(
+        self, scene: Scene, setting: Setting, speeds: tuple[float, float], whole: bool = False
+    ) -> Passivity:
+        """Whether a setting ever gives energy, and how a body rests on it: a screen of about a second.
+
+        speeds: the band, m/s. whole: by the gate that takes its time, drops of half a minute among it.
+        """
+        return passivity_of(self, scene, setting, speeds, whole)
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
         """The same setting with Coulomb's μ of its contact in it, to be pasted."""

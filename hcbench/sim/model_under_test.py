@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from hcbench.errors import EngineFailed
 from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
+from hcbench.sim.promise import Promise
 from hcbench.sim.world import World
 
 if TYPE_CHECKING:
@@ -104,6 +105,7 @@ class Facts:
     point: where the two meet, m. shares: what took how much off the approach speed during the contact, over
     the speed at touch, by cause, in the launch in which joints and actuators took most; empty where there are
     none.
+    promise: what hcbench promised of the pair, where it wrote the setting.
     """
 
     engine: str
@@ -122,6 +124,7 @@ class Facts:
     friction: float = math.nan
     point: Vector = (math.nan, math.nan, math.nan)
     shares: Mapping[str, float] = field(default_factory=dict)
+    promise: Promise | None = None
 
     @property
     def more_than_contact(self) -> float:
@@ -143,7 +146,8 @@ class ModelSetting:
     """A setting for pairs in their own model, to be tried there.
 
     paste: lines for the model or script. written: the whole model with them, or "". open: the model with the
-    setting, for the launches of a request.
+    setting, for the launches of a request. promised: a text of it, `paste` or `written`, with what was
+    promised of each pair.
     """
 
     name: str
@@ -151,6 +155,7 @@ class ModelSetting:
     written: str
     notes: tuple[str, ...]
     open: Callable[[Request], ModelUnderTest]
+    promised: Callable[[str, Sequence[Promise]], str] | None = None
 
 
 class ModelUnderTest(World):

@@ -14,6 +14,7 @@ from importlib import metadata
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from hcbench.errors import EngineMissing, UserError
+from hcbench.setting import PAIR
 from hcbench.sim import entry_points
 from hcbench.sim.capabilities import HasPlugin, OpensModels, TunesModels, plugin_of
 from hcbench.sim.entry_points import here, versioned_title
@@ -29,8 +30,10 @@ if TYPE_CHECKING:
     from hcbench.recipes.recipe import Recipe
     from hcbench.recipes.target import Target
     from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.setting import Pair, Setting
     from hcbench.sim.engine import Engine
+    from hcbench.sim.passivity import Passivity
+    from hcbench.sim.promise import Promise
 
 _WORKER = ("numpy", "scipy", "pint", "pydantic")
 _SETUP = """
@@ -58,9 +61,17 @@ class Wrapped(HasPlugin, TunesModels):
         """The adapter's."""
         return self.adapter.recipes()
 
-    def snippet(self, setting: Setting, form: str) -> str:
+    def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
         """The adapter's."""
-        return self.adapter.snippet(setting, form)
+        return self.adapter.snippet(setting, form, pair)
+
+    def promised(self, text: str, pair: Pair, promise: Promise) -> str:
+        """The adapter's."""
+        return self.adapter.promised(text, pair, promise)
+
+    def needs(self, setting: Setting) -> tuple[str, ...]:
+        """The adapter's."""
+        return self.adapter.needs(setting)
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
         """The adapter's."""
@@ -131,6 +142,13 @@ class RemoteEngine(Wrapped):
         steps = duration / setting.timestep
         path: Trajectory = self._call("trajectory", scene, setting, launch, duration, launches=1, steps=steps)
         return path
+
+    def passivity(
+        self, scene: Scene, setting: Setting, speeds: tuple[float, float], whole: bool = False
+    ) -> Passivity:
+        """The engine's, there."""
+        passivity: Passivity = self._call("passivity", scene, setting, speeds, whole)
+        return passivity
 
     def script(self, scene: Scene, setting: Setting) -> str:
         """The engine's, there."""

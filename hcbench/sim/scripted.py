@@ -27,13 +27,14 @@ from hcbench.fields import OptionTable, validate
 from hcbench.laws.contact_law import law_of
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
+from hcbench.setting import PAIR
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.world import Record, Simulation, World, momentum_force
 
 if TYPE_CHECKING:
     from hcbench.impact import Launch
     from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.setting import Pair, Setting
     from hcbench.sim.read_impact import SpeedReading
     from hcbench.sim.world import Flags
 
@@ -98,7 +99,7 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
         return float(getattr(self.read(setting), "accuracy", None) or 1.0) <= TIGHT
 
     @final
-    def snippet(self, setting: Setting, form: str) -> str:
+    def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
         """What of the script a setting sets; "" where that is nothing."""
         return self.paste(self.read(setting), shortest(setting.timestep)) if setting.options else ""
 

@@ -15,6 +15,7 @@ from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
 from hcbench.recipes.search import map_result
+from hcbench.setting import PAIR
 from hcbench.sim import registry
 from hcbench.sim.capabilities import OpensModels, opener
 from hcbench.sim.engine import SteppedEngine
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from hcbench.recipes.recipe import Recipe
     from hcbench.recipes.target import Target
     from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.setting import Pair, Setting
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.model_under_test import ModelUnderTest, Request
     from hcbench.sim.read_impact import SpeedReading
@@ -163,10 +164,10 @@ class SharedModelEngine(OpensModels, SteppedEngine):
             raise SettingError(f"{setting.engine} {setting.name!r}", got, "the form 'plane'")
         return registry.engine(self.model_engine).script(scene, self._shared(setting))
 
-    def snippet(self, setting: Setting, form: str) -> str:
+    def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
         """The law's lines, or those of `model_engine`."""
         lines = self.law_lines(self.law(setting))
-        return lines or registry.engine(self.model_engine).snippet(self._shared(setting), form)
+        return lines or registry.engine(self.model_engine).snippet(self._shared(setting), form, pair)
 
 
 def shared_recipes(

@@ -42,6 +42,7 @@ def candidates(engine: str, target: Target, scene: Scene, match: Match) -> list[
         for recipe in recipes
         if recipe.native and recipe.role is role and recipe.by_auto
         if form in recipe.forms and recipe.steps_min <= steps
+        if not target.gravity or recipe.steps_min_with_gravity <= steps
     ]
     if not chosen:
         names = ", ".join(registry.recipes(engine))

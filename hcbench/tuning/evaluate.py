@@ -18,6 +18,7 @@ from hcbench.scene import Scene
 from hcbench.setting import Setting
 from hcbench.sim.engine import Engine, SteppedEngine
 from hcbench.sim.remote import adapter_of
+from hcbench.sim.rest import Rest, rest_of
 from hcbench.sim.scripted import ScriptedEngine
 from hcbench.tuning.oblique import friction_error, oblique_launches
 from hcbench.units import STANDARD_GRAVITY
@@ -29,9 +30,6 @@ _SEED = 1609
 _GOLDEN = (math.sqrt(5) - 1) / 2
 _REST_STEPS_MIN, _REST_STEPS_MAX = 200, 400_000
 _REST_CONTROLLED = 0.4  # s: from here on a swing that eq. (16) damps at α of steel's or more dies visibly
-# A body rests that creeps slower (m/s), lies less deep (of R, or so many m a second of the step), and
-# vibrates less (m/s) or less than before.
-_CREEP_MAX, _DEPTH_MAX, _DEPTH_STEP, _VIBRATION_MAX, _DECAY_MAX = 1e-5, 1e-3, 0.2, 1e-4, 0.95
 DEEPEST_STEPS = 2.5  # v h at the highest speed: a deeper contact is deep
 _AS_LAW = 1.5  # unless the law's own is as deep, but for so much
 
@@ -45,7 +43,7 @@ class Evaluation:
     penetration_max: m. force_max: N. deep: whether that is deeper than the step and the law ask for.
     friction_error: largest error of the impulse of friction, over μ times the normal impulse; NaN without.
     loop_rms: distance of the loops from the law's over its largest force; NaN where no loop is resolved.
-    failed: impacts that gave no restitution, with the first reason.
+    failed: impacts that gave no restitution, with the first reason. max_e: the largest e of all.
     """
 
     max_error: float
@@ -63,21 +61,7 @@ class Evaluation:
     launches: int = 0
     friction_error: float = math.nan
     deep: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class RestResult:
-    """A body let down on the plate under gravity, over the last quarter of the time simulated.
-
-    creep: m/s, > 0 sinks. depth: m. buzz: rms rate about the creep, m/s. decay: buzz over that of the quarter
-    before. The law itself damps small motion about rest by exp(-(3/4) α g t) only: seconds, for steel.
-    """
-
-    rests: bool
-    creep: float
-    depth: float
-    buzz: float
-    decay: float
+    max_e: float = math.nan
 
 
 def held_out_launches(target: Target) -> list[Launch]:
@@ -186,45 +170,19 @@ def evaluate_impacts(impacts: Sequence[Impact], target: Target, scene: Scene) ->
         reason=failed[0].reason if failed else "",
         launches=len(impacts),
         friction_error=friction_error(oblique, scene),
+        max_e=max((i.restitution for i in good), default=math.nan),
         deep=deepest > max(DEEPEST_STEPS * target.speed_max * target.timestep, _AS_LAW * law_depth),
     )
 
 
-def rest_test(engine: Engine, scene: Scene, setting: Setting, seconds: float = 5.0) -> RestResult:
-    """Let the body down on the plate under gravity, from next to no height, and see whether it stays.
+def rest_test(engine: Engine, scene: Scene, setting: Setting, seconds: float = 5.0) -> Rest:
+    """Let the body down on the plate under gravity, from next to no height, and see how it stays.
 
-    It rests when it sinks slower than 1e-5 m/s, is less than 1e-3 R or 0.2 mm a ms of step deep, and its buzz
-    is below 1e-4 m/s or dying away. Without gravity of the scene's own, under standard gravity.
+    Without gravity of the scene's own, under standard gravity.
     """
     if _error_controlled(engine, setting):
         seconds = _REST_CONTROLLED  # it takes thousands of steps for each swing of the spring
     steps = min(max(seconds / setting.timestep, _REST_STEPS_MIN), _REST_STEPS_MAX)
     with_gravity = replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
     path = engine.trajectory(with_gravity, setting, Launch(0.0, height=1e-9), steps * setting.timestep)
-    quarter = len(path.time) // 4
-    before, last = slice(2 * quarter, 3 * quarter), slice(3 * quarter, None)
-    time, x, v = path.time[last], path.penetration[last], path.rate[last]
-    if not np.isfinite(path.penetration).all():
-        return RestResult(False, math.nan, math.nan, math.nan, math.nan)
-    creep = float(np.polyfit(time, x, 1)[0])
-    buzz, earlier = (float(np.sqrt(np.mean((rate - creep) ** 2))) for rate in (v, path.rate[before]))
-    decay = buzz / earlier if earlier > 0 else 0.0
-    depth = float(x.max())
-    result = RestResult(True, creep, depth, buzz, decay)
-    return replace(result, rests=not rest_failures(result, scene.relative_radius, setting.timestep))
-
-
-def rest_failures(rest: RestResult, radius: float, timestep: float = 0.0) -> list[str]:
-    """What keeps a body from resting as it should, in words; none where it rests. radius, timestep: m, s."""
-    if math.isnan(rest.depth):
-        return ["it diverges"]
-    failures = []
-    if not abs(rest.creep) < _CREEP_MAX:
-        verb = "sinks" if rest.creep > 0 else "rises"
-        failures.append(f"it still {verb} at {abs(rest.creep):.1e} m/s when the test ends")
-    if not rest.depth < max(_DEPTH_MAX * radius, _DEPTH_STEP * timestep):
-        share = 100 * rest.depth / radius
-        failures.append(f"it rests {rest.depth:.1e} m deep, {share:.2g} % of the radius")
-    if not (rest.buzz < _VIBRATION_MAX or rest.decay < _DECAY_MAX):
-        failures.append(f"it keeps on moving at {rest.buzz:.1e} m/s (rms)")
-    return failures
+    return rest_of(path.time, path.penetration, path.rate, path.force)

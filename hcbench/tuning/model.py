@@ -16,6 +16,7 @@ from hcbench.measuring.measure import LONGEST_LIMIT_S, Job, run_job, source_of
 from hcbench.sim import simulate
 from hcbench.sim.capabilities import TunesModels
 from hcbench.sim.model_under_test import Facts, ModelSetting, Request
+from hcbench.sim.promise import Promise
 from hcbench.tuning.tune import MAX_ERROR
 
 LIMIT_S = 600.0  # for one model, which takes some seconds on an idle machine
@@ -123,7 +124,13 @@ def _tuned(job: Job) -> TunedModel:
         got = f"launches with the setting {setting.name!r} gave no restitution"
         raise EngineFailed("model", got, "a bounce from each", "Try other --speeds, or a smaller --timestep")
     notes = dict.fromkeys((*setting.notes, *(note for pair in pairs for note in pair.facts.notes)))
-    return TunedModel(setting.name, setting.paste, setting.written, tuple(notes), pairs)
+    paste, written = setting.paste, setting.written
+    if setting.promised is not None:
+        bands = [(min(request.speeds), max(request.speeds)) for request in requests]
+        each = zip(pairs, bands, strict=True)
+        promises = [Promise(setting.name, 1, wanted, pair.max_error, band) for pair, band in each]
+        paste, written = (setting.promised(text, promises) if text else "" for text in (paste, written))
+    return TunedModel(setting.name, paste, written, tuple(notes), pairs)
 
 
 def _speeds(request: Request, held_out: bool) -> list[float]:

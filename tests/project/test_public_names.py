@@ -79,6 +79,7 @@ RIGHT: dict[str, dict[str, Any]] = {
     "hcbench.measure": {"model": object(), "pair": "a,b"},
     "hcbench.run_study": {"study": None},
     "hcbench.score": {"impacts": [], "law": LAW, "mass": 0.45},
+    "hcbench.tune": {"engine": "reference", "timestep": 1e-3, "alpha": 0.3},
     "hcbench.contact.mujoco.ConstantRestitution": {"restitution": 0.9},
     "hcbench.contact.mujoco.Restitution": {"alpha": 0.3},
     "hcbench.contact.mujoco.Friction": {"static": 0.5, "dynamic": 0.4},
@@ -106,7 +107,17 @@ RIGHT: dict[str, dict[str, Any]] = {
     "hcbench.contact.pybullet.load": {"client": None},
 }
 # Records of results, which only hcbench makes; exceptions; and what is about a model or client of an engine.
-MADE_BY_HCBENCH = {"Impact", "Loop", "Measurement", "Results", "Score", "Status", "HcbenchError", "Launch"}
+MADE_BY_HCBENCH = {
+    "Answer",
+    "Impact",
+    "Loop",
+    "Measurement",
+    "Results",
+    "Score",
+    "Status",
+    "HcbenchError",
+    "Launch",
+}
 
 
 def calls() -> Iterator[tuple[str, str]]:

@@ -18,8 +18,9 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
 from hcbench.scene import load_scene
 from hcbench.sim import registry
+from hcbench.sim.rest import DIVERGED, Rest
 from hcbench.tuning.choose import Match, candidates
-from hcbench.tuning.evaluate import RestResult, held_out_launches, rest_failures
+from hcbench.tuning.evaluate import held_out_launches
 from hcbench.tuning.snippet import snippet
 from hcbench.tuning.tune import tune
 
@@ -59,7 +60,7 @@ def test_auto_takes_the_simplest_that_holds_under_gravity_and_says_why(
 ) -> None:
     tuned = tune(engine, target(timestep, gravity=9.81), SCENE, match=match)
     assert tuned.recipe.name == recipe
-    assert tuned.rest.rests
+    assert tuned.rests
     assert "steps" in tuned.why or "no native setting holds within 0.05" in tuned.why
 
 
@@ -352,11 +353,11 @@ def test_notes_of_a_softened_contact_do_not_contradict_what_was_measured(
 
 def test_what_keeps_a_body_from_resting_is_named_and_nothing_else() -> None:
     radius = 0.05
-    assert rest_failures(RestResult(True, 1e-7, 1e-6, 1e-3, 0.5), radius) == []
-    (sinks,) = rest_failures(RestResult(False, 1e-4, 1e-6, 0.0, 0.0), radius)
+    assert Rest(1e-6, 1e-7, 1e-3, 0.5).failures(radius, 0.0) == []
+    (sinks,) = Rest(1e-6, 1e-4, 0.0, 0.0).failures(radius, 0.0)
     assert sinks == "it still sinks at 1.0e-04 m/s when the test ends"
-    (deep,) = rest_failures(RestResult(False, 0.0, 1e-3, 1e-3, 0.5), radius)
+    (deep,) = Rest(1e-3, 0.0, 1e-3, 0.5).failures(radius, 0.0)
     assert "2 % of the radius" in deep
-    (moves,) = rest_failures(RestResult(False, 0.0, 1e-6, 1e-3, 1.0), radius)
+    (moves,) = Rest(1e-6, 0.0, 1e-3, 1.0).failures(radius, 0.0)
     assert "keeps on moving" in moves
-    assert rest_failures(RestResult(False, *[float("nan")] * 4), radius) == ["it diverges"]
+    assert DIVERGED.failures(radius, 0.0) == ["it diverges"]

@@ -26,6 +26,7 @@ from hcbench.engines.mujoco.scene.options import Options, read_options
 from hcbench.engines.mujoco.scene.scene_model import load
 from hcbench.engines.mujoco.scene.world import BatchPool, MujocoWorld
 from hcbench.errors import UserError
+from hcbench.setting import PAIR
 from hcbench.sim.capabilities import DescribesContact, Feature, Features, HasPlugin, TunesModels
 from hcbench.sim.engine import SteppedEngine
 
@@ -36,9 +37,11 @@ if TYPE_CHECKING:
     from hcbench.laws.conventions import OneContact, Vocabulary
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.setting import Pair, Setting
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.model_under_test import ModelSetting, Request
+    from hcbench.sim.passivity import Passivity
+    from hcbench.sim.promise import Promise
 
 
 _DOCS = "MuJoCo documentation, Computation: Soft contact model"
@@ -65,15 +68,45 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
 
         return vocabulary(contact)
 
-    def snippet(self, setting: Setting, form: str) -> str:
+    def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
         """What to paste of a setting: MJCF."""
         if "law" not in setting.options:
-            rows = mjcf.rows_snippet(setting, form) if setting.options.get("rows") else ""
+            rows = mjcf.rows_snippet(setting, form, pair) if setting.options.get("rows") else ""
             return rows or setting.options_text
         from hcbench.engines.mujoco.plugin.law_mjcf import law_snippet
         from hcbench.laws.contact_law import law_of
 
-        return law_snippet(law_of(setting.options["law"]), form)
+        return law_snippet(law_of(setting.options["law"]), form, pair)
+
+    def promised(self, text: str, pair: Pair, promise: Promise) -> str:
+        """With a <custom> section."""
+        from hcbench.engines.mujoco.scene.promises import promise_lines
+
+        lines = promise_lines([pair], promise) if "<pair" in text else ""
+        return f"{text}\n{lines}" if lines else text
+
+    def needs(self, setting: Setting) -> tuple[str, ...]:
+        """MuJoCo's version, the plug-in, the cone."""
+        options = read_options(setting.options)
+        needs = []
+        if options.law is not None:
+            needs.append("the plug-in: `pip install hcbench`, once `hcbench plugin mujoco --install`")
+        if any(row.adhesion for row in options.rows):
+            needs.append("MuJoCo 3.11 or later")
+        if options.cone:
+            needs.append(f"the {options.cone} cone and impratio {options.impratio:g}, for all contacts")
+        if options.rows:
+            needs.append("the names of geoms")
+        return tuple(needs)
+
+    def passivity(
+        self, scene: Scene, setting: Setting, speeds: tuple[float, float], whole: bool = False
+    ) -> Passivity:
+        """In the model of the rows; whole: in plain MuJoCo."""
+        from hcbench.engines.mujoco.passivity.judge import certified, screened
+
+        passivity = certified(scene, setting) if whole else screened(scene, setting, speeds)
+        return passivity or super().passivity(scene, setting, speeds, whole)
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
         """Each of its rows with friction, unless it says by itself which of them has."""

@@ -18,6 +18,7 @@ import numpy as np
 
 from hcbench.errors import EngineFailed, SceneError
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
+from hcbench.setting import PAIR
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
 from hcbench.sim.parallel import law_text, run_lines
@@ -26,7 +27,7 @@ from hcbench.sim.shared_model import Copies, SharedModelEngine
 if TYPE_CHECKING:
     from hcbench.impact import Floats
     from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.setting import Pair, Setting
     from hcbench.sim.scripted import PythonLaw
 
 _PLACES = 128  # a step of one world costs as much as of all
@@ -57,9 +58,9 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         """MuJoCo's scene, with a geom for each pair."""
         return with_a_geom_each(super().script(scene, setting))
 
-    def snippet(self, setting: Setting, form: str) -> str:
+    def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
         """MJCF, or the law's lines."""
-        text = super().snippet(setting, form)
+        text = super().snippet(setting, form, pair)
         if text.count("<pair ") > 1:
             text += "\n<!-- each pair wants a massless copy of the ball's geom of its own as geom1 -->"
         return text

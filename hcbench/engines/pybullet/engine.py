@@ -25,6 +25,7 @@ from hcbench.engines.pybullet.scene.options import read_options
 from hcbench.engines.pybullet.scene.world import PybulletWorld
 from hcbench.errors import UserError
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
+from hcbench.setting import PAIR
 from hcbench.sim.capabilities import DescribesContact, Feature, Features, HasPlugin, TunesModels
 from hcbench.sim.engine import SteppedEngine
 
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from hcbench.engines.pybullet.model.under_test import PybulletModel
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.setting import Pair, Setting
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.model_under_test import ModelSetting, Request
 
@@ -64,9 +65,20 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         licence=Feature("zlib", "its wheel"),
     )
 
-    def snippet(self, setting: Setting, form: str) -> str:
+    def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
         """What to paste of a setting."""
-        return snippet.snippet(setting, form)
+        return snippet.snippet(setting, form, pair)
+
+    def needs(self, setting: Setting) -> tuple[str, ...]:
+        """The plug-in, and how the bodies are loaded."""
+        needs = []
+        if "law" in setting.options:
+            needs.append("the plug-in: `pip install hcbench`")
+        if setting.options.get("maximal_coordinates"):
+            needs.append("both bodies loaded with useMaximalCoordinates=True")
+        if setting.options.get("links"):
+            needs.append("radius, mass, inertia and friction of the ball, whose URDF the lines write")
+        return (*needs, "the variables of the two bodies")
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
         """With lateralFriction of ball and plate, which Bullet multiplies."""

@@ -202,7 +202,7 @@ def test_what_tune_prints_is_what_others_find(friction: float) -> None:
     ]
     assert max(found) < 1.1 * tuned.evaluation.max_error
     assert tuned.evaluation.max_error < 1.5 * max(found), "and no more than what they find"
-    assert tuned.rest.rests
+    assert tuned.rests
     assert not tuned.evaluation.deep
 
 

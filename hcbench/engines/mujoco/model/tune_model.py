@@ -26,12 +26,14 @@ from hcbench.engines.mujoco.model.tune_rows import Aim, Load, estimated_mobility
 from hcbench.engines.mujoco.model.under_test import MujocoModel
 from hcbench.engines.mujoco.recipes.compliant_fit import IMPRATIO
 from hcbench.engines.mujoco.scene.mjcf import numbers_text
+from hcbench.engines.mujoco.scene.promises import promise_lines
 from hcbench.engines.mujoco.scene.rows import MIN_IMPEDANCE, ConstraintRow
 from hcbench.errors import UserError
 from hcbench.impact import Impact
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim import simulate
 from hcbench.sim.model_under_test import ModelSetting, Request
+from hcbench.sim.promise import Promise
 
 _PAIRS_MAX = 200
 _SEEN_SPEEDS, _SEEN_PHASES = 5, (0.1, 0.4, 0.7)  # of the launches that a setting is mended by
@@ -147,8 +149,17 @@ def _setting(source: Any, label: str, name: str, pairs: Sequence[tuple[_TunedPai
     def opened(request: Request) -> MujocoModel:
         return MujocoModel(_as_asked(compiled.__copy__(), request), label, None, request)
 
+    def promised(text: str, promises: Sequence[Promise]) -> str:
+        each = zip((pair.geoms for pair, _ in pairs), promises, (rows for _, rows in pairs), strict=True)
+        for geoms, promise, rows in each:
+            called = [(names[first], names[second]) for first, second in geoms]
+            section = promise_lines(called, replace(promise, rows=len(rows)))
+            head, end, tail = text.rpartition("</mujoco>")
+            text = f"{head}{section}\n{end}{tail}" if end else f"{text}\n{section}"
+        return text
+
     paste = f"{option}<contact>\n" + "\n".join(f"  {line}" for line in lines) + "\n</contact>"
-    return ModelSetting(name, paste, written, tuple(dict.fromkeys(notes)), opened)
+    return ModelSetting(name, paste, written, tuple(dict.fromkeys(notes)), opened, promised)
 
 
 def _mass_note(place: PairAtTouch) -> list[str]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
-from hcbench.engines.mujoco.model.bodies import geom_friction, geom_name, speed_reading
+from hcbench.engines.mujoco.model.bodies import explicit_pairs, geom_friction, geom_name, speed_reading
 from hcbench.engines.mujoco.model.causes import find_suspects
 from hcbench.engines.mujoco.model.causes.context import Context, written_contact
 from hcbench.engines.mujoco.model.list_pairs import find_pair
@@ -16,10 +16,12 @@ from hcbench.engines.mujoco.model.plausible import require_plausible_contact
 from hcbench.engines.mujoco.model.plugin_contact import restitution_law
 from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation
 from hcbench.engines.mujoco.model.start_pose import start_pose
+from hcbench.engines.mujoco.scene.promises import promise_in
 from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.causes import other_contacts
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
+from hcbench.sim.promise import Promise
 
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.shared_model import LentModel
@@ -87,6 +89,9 @@ class MujocoModel(ModelUnderTest):
         if (law := restitution_law(model, place.contact.rows[0][2])) is not None:
             asked = tuple(float(law.at(v)) for v in self.request.speeds)
             words = f"plug-in hcbench.restitution: {law.description}"
+        elif (promise := self._promise()) is not None:
+            asked = tuple(float(promise.curve.at(v)) for v in self.request.speeds)
+            words = f"{promise.setting} by hcbench: {promise.curve.description}"
         solref, solimp, geoms = place.contact.rows[0]
         settings = {
             "integrator": mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_").lower(),
@@ -113,7 +118,16 @@ class MujocoModel(ModelUnderTest):
             point=tuple(float(x) for x in place.contact.point),  # type: ignore[arg-type]
             shares=dict(self.shares),
             friction=geom_friction(model, geoms),
+            promise=None if self._lost_pairs() else self._promise(),
         )
+
+    def _promise(self) -> Promise | None:
+        return promise_in(self.model, self.place.contact.rows[0][2])
+
+    def _lost_pairs(self) -> int:
+        """<pair>s that hcbench wrote for the two geoms and that are not in the model."""
+        promise, geoms = self._promise(), self.place.contact.rows[0][2]
+        return 0 if promise is None else promise.rows - len(explicit_pairs(self.model, geoms))
 
     def _gravity(self) -> Sequence[float]:
         off = self.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_GRAVITY
@@ -131,6 +145,8 @@ class MujocoModel(ModelUnderTest):
         """What may keep this pair from bouncing as asked."""
         if restitution_law(self.model, self.place.contact.rows[0][2]) is not None:
             return list(other_contacts(self._others()))  # the others are MuJoCo's own contact's
+        if (lost := self._lost_pairs()) > 0:
+            return [_lost_pair(lost, self._promise()), *other_contacts(self._others())]
         context = Context(self.place, impacts, wanted, tuple(self._gravity()), self.shares)
         return [*find_suspects(context), *other_contacts(self._others())]
 
@@ -144,6 +160,17 @@ class MujocoModel(ModelUnderTest):
             if suspect.apply is not None:
                 suspect.apply(model)
         return MujocoModel(model, self.label, self.state, self.request)
+
+
+def _lost_pair(lost: int, promise: Promise | None) -> Suspect:
+    assert promise is not None
+    return Suspect(
+        "missing-pair",
+        f"{lost} of the {promise.rows} pairs that hcbench wrote for these two geoms is missing.",
+        f"the model keeps the promise of {promise.rows} pairs: {promise.text}",
+        "paste all <pair> elements that `hcbench tune` printed, all of the same two geoms",
+        always_reported=True,
+    )
 
 
 def _shown(model: Any, side: Any, geoms: tuple[int, int]) -> str:

@@ -3,13 +3,15 @@
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
+from xml.sax.saxutils import quoteattr
 
 from hcbench.engines.mujoco.plugin import config
 from hcbench.engines.mujoco.scene.elements import as_text, named, remove_pairs, section
 from hcbench.laws.contact_law import Friction, Law, is_force
 from hcbench.scene import Scene
+from hcbench.setting import PAIR, Pair
 
-_PAIRS = {"cup": {"tendon": "contact"}, "plane": {"geom1": "ball", "geom2": "plate"}}
+_PAIRS = {"cup": {"tendon": "contact"}, "plane": dict(zip(("geom1", "geom2"), PAIR, strict=True))}
 
 
 def write_law(root: ET.Element, scene: Scene, law: Law, path: Path) -> None:
@@ -39,16 +41,17 @@ def extension(law: Law, pair: Mapping[str, str], friction: float = 0.0) -> ET.El
     return made
 
 
-def law_snippet(law: Law, form: str) -> str:
-    """What to paste of a law into a model of one's own, whose bodies and geoms are called as a scene's."""
+def law_snippet(law: Law, form: str, pair: Pair = PAIR) -> str:
+    """What to paste of a law into a model of one's own. pair: its geoms, the moving one first."""
+    config = _PAIRS[form] if form == "cup" else dict(zip(("geom1", "geom2"), pair, strict=True))
     lines = [
         "<!-- once `hcbench plugin mujoco --install` has run -->",
-        as_text(extension(law, _PAIRS[form])).strip(),
+        as_text(extension(law, config)).strip(),
     ]
     if is_force(law) and form == "cup":
         lines.insert(
             1, '<!-- limited="false" on the tendon "contact": the force takes the place of its limit -->'
         )
     elif is_force(law):
-        lines.append('<contact><exclude body1="world" body2="ball"/></contact>')
+        lines.append(f'<contact><exclude body1="world" body2={quoteattr(pair[0])}/></contact>')
     return "\n".join(lines)

@@ -26,4 +26,4 @@ _NATIVE = (
     STAGGERED,
     STAGGERED_PUSH,
 )
-RECIPES = (*_NATIVE, *plug_in_recipes("mujoco", _NATIVE, {}))
+RECIPES = (*_NATIVE, *plug_in_recipes("mujoco", _NATIVE, {}, lambda e: 1.6))

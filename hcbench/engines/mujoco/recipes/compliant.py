@@ -70,7 +70,7 @@ def _rows_for(*case: Any) -> tuple[ConstraintRow, ...]:
 _SHARED = (
     "Euler, implicit and implicitfast; RK4 and discrete are refused.",
     "Numbers are per unit effective mass and for this step and gravity: the same for any mass.",
-    "With friction the model's cone is elliptic and its impratio 10000, for all of its contacts.",
+    "With friction the model's cone is elliptic and its impratio 1000000, for all of its contacts.",
 )
 _ONE_FORCE = Integrators(("Euler", "implicit", "implicitfast"), "its numbers are of one force a step")
 COMPLIANT = Recipe(

@@ -21,14 +21,15 @@ from hcbench.impact import Floats
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.recipes.search import Search, evolve, map_result
 
-IMPRATIO = 1e4  # about the inverse of the spring's impedance
-_SEED, _MEMBERS, _GENERATIONS, _BEST, _POLISH = 1975, 48, 90, 40, 60
+IMPRATIO = 1e6  # a body held by friction slips by 1/impratio; from 1e7 on the solver iterates more
+_SEED, _MEMBERS, _GENERATIONS, _BEST, _POLISH = 1, 48, 90, 40, 60
 _ALONE, _ALL = 28, -0.01  # members and generations of a row by itself; log of its highest D h
 _NO_DAMPER = np.log([1e-12, 0.3, 1.0, 0.5])
 _SAG = 0.2  # m of rest depth a second of step, at most
 _CALM = 3.6  # 1/s: the spring's least damping; a body at rest has calmed down by exp(-9) after 5 s
 # Of the spring's damping D h: enough for a body to calm down, the least that will, and of the loss allowed.
 _ENOUGH, _LEAST, _SHARE = 6.5e-3, 4e-3, 0.4
+_SLOW, _FAST = 0.1, 2.0  # of the band's lowest speed, and m/s: between them no impact may gain energy
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 # Half period in steps; logs of D h of the spring, D h, dmax, width over v h and midpoint of the damper.
 _LOWEST = np.array([4.0, *np.log([_LEAST, 0.05, 5e-3, 0.3, 3e-3])])
@@ -89,25 +90,47 @@ def spring_and_damper_rows(
     low, high = speeds
     bounds = _bounds(1.0 - float(curve.at(low)), timestep, gravity, points or corners)
 
-    def fit_to(speed_count: int, phase_count: int) -> RowFit:
-        u, where = _grid(low / high, speed_count, phase_count)
+    def fit_to(band: tuple[int, int], below: tuple[int, int]) -> RowFit:
         fall, h = gravity * timestep / high, timestep
         along = carried[0] * h, carried[1] * h**2
-        return RowFit(u, where, curve.at(u * high), fall, corners, adhesive, rk4, along, *bounds)
+        launches = _launches(curve, speeds, band, below)
+        return RowFit(*launches, fall, corners, adhesive, rk4, along, *bounds)
 
-    fine = fit_to(25, 10)
+    fine = fit_to((25, 10), (9, 12))
     with map_result(lambda parameters: fine.rows(parameters, timestep, high)):
-        return fine.rows(_search(fit_to(9, 6), fine), timestep, high)
+        return fine.rows(_search(fit_to((9, 6), (6, 6)), fine), timestep, high)
 
 
-def _grid(lowest: float, speeds: int, phases: int) -> tuple[Floats, Floats]:
-    """(speed over the highest, phase) of so many speeds and phases each; (n,) each.
+def _launches(
+    curve: RestitutionCurve,
+    speeds: tuple[float, float],
+    band: tuple[int, int],
+    below: tuple[int, int],
+    above: tuple[int, int] = (0, 0),
+) -> tuple[Floats, Floats, Floats]:
+    """(speed over the highest, phase, e) of so many speeds and phases in, below, above the band; (n,) each.
+
+    Outside of it any e will do that gains no energy: NaN.
+    """
+    low, high = speeds
+    parts = [
+        _grid(low / high, 1.0, *band),
+        _grid(_SLOW * low / high, low / high, *below),
+        _grid(1.0, max(1.0, _FAST / high), *above),
+    ]
+    u, where = (np.concatenate(part) for part in zip(*parts, strict=True))
+    target = np.where(np.arange(u.size) < parts[0][0].size, curve.at(u * high), np.nan)
+    return u, where, target
+
+
+def _grid(lowest: float, highest: float, speeds: int, phases: int) -> tuple[Floats, Floats]:
+    """(speed, phase) of so many speeds and phases each; (n,) each.
 
     At each speed other phases, so that few of them leave none out.
     """
     later = (np.arange(speeds) * _GOLDEN) % 1.0
     where = np.clip((np.arange(phases) + later[:, None]).ravel() / phases, 0.003, 0.997)
-    return np.repeat(np.geomspace(lowest, 1.0, speeds), phases), where
+    return np.repeat(np.geomspace(lowest, highest, speeds), phases), where
 
 
 def pushing_row(
@@ -125,9 +148,9 @@ def pushing_row(
     lowest, highest = bounds = _bounds(1.0 - e, timestep, gravity, corners)
     lowest[:2], highest[1] = np.minimum(lowest[:2], whole), _ALL
     lowest[2:] = highest[2:] = _NO_DAMPER
-    u, where = _grid(low / high, 9, 16)
     fall, still = gravity * timestep / high, (0.0, 0.0)
-    fit = RowFit(u, where, curve.at(u * high), fall, corners, False, False, still, *bounds)
+    launches = _launches(curve, speeds, (9, 16), (6, 12), (9, 16))
+    fit = RowFit(*launches, fall, corners, False, False, still, *bounds)
     search, random = Search(_ALONE * (1 + _ALONE)), np.random.default_rng(_SEED)
     first = random.uniform(*bounds, (_ALONE, len(lowest)))
     first[0, :2] = whole

@@ -29,6 +29,7 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.recipe import Recipe, Role
 from hcbench.recipes.softening import resolvable_law
 from hcbench.recipes.target import Target
+from hcbench.resolution import STEPS_OF_A_LOOP
 
 _GRID = 1200
 _SPEEDS = 50
@@ -285,6 +286,7 @@ STAGGERED = Recipe(
     ),
     kinds=("law",),
     instead="`two-pair` or `soft`",
+    steps_min_with_gravity=STEPS_OF_A_LOOP,
     integrators=DAMPED_STEP,
     forms=("plane",),
 )

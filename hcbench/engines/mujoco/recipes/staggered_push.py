@@ -22,6 +22,7 @@ from hcbench.recipes.recipe import Recipe, Role
 from hcbench.recipes.search import Search
 from hcbench.recipes.softening import resolvable_law
 from hcbench.recipes.target import Target
+from hcbench.resolution import STEPS_OF_A_LOOP
 
 # The best ones of many, tried over n, alpha and bands; dampers are for a band of penetrations of 11 to 1.
 _GUESSES = [
@@ -104,5 +105,6 @@ STAGGERED_PUSH = Recipe(
     ),
     kinds=("law",),
     instead="`soft`",
+    steps_min_with_gravity=STEPS_OF_A_LOOP,
     integrators=DAMPED_STEP,
 )

@@ -10,6 +10,7 @@ import copy
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from xml.sax.saxutils import quoteattr
 
 from hcbench._text import shortest
 from hcbench.engines.mujoco.plugin.law_mjcf import write_law
@@ -18,7 +19,7 @@ from hcbench.engines.mujoco.scene.options import Options, read_options
 from hcbench.engines.mujoco.scene.rows import ConstraintRow
 from hcbench.errors import SceneError, SettingError
 from hcbench.scene import Scene
-from hcbench.setting import Setting
+from hcbench.setting import PAIR, Pair, Setting
 
 _HIDDEN = "3"  # a group that MuJoCo's viewer does not draw: coincident copies would flicker
 
@@ -46,30 +47,37 @@ def model_xml(scene: Scene, setting: Setting) -> str:
     return f"<!-- {head.replace('--', '- -')} At qpos0 the ball just touches the plate. -->\n{body}"
 
 
-def rows_snippet(setting: Setting, form: str) -> str:
-    """What to paste of a setting with rows into a model of one's own: <option>, and <pair>s or, in the form
-    "cup", limits of a tendon."""
+def rows_snippet(setting: Setting, form: str, pair: Pair = PAIR) -> str:
+    """What to paste of a setting with rows into a model of one's own.
+
+    <option>, and <pair>s of two geoms or, in the form "cup", limits of a tendon.
+    """
     options = read_options(setting.options)
     option = {"timestep": shortest(setting.timestep), **options.attributes(shortest)}
-    lines = [f"<option {_written(option)}/>"]
-    if form == "cup":
-        lines.append('<!-- on the tendon "contact"; more rows are copies of it -->')
-        for row in options.rows:
-            deeper = f" <!-- upper end of range: {shortest(row.onset)} m more -->" if row.onset else ""
-            lines.append(_written(limit_attributes(row, shortest)) + deeper)
-        return "\n".join(lines)
-    if len(options.rows) > 1:
-        lines.append("<!-- in <contact>: all of the same two geoms -->")
+    head = f"<option {_written(option)}/>"
+    if form != "cup":
+        return f"{head}\n<contact>\n{pairs_text(options.rows, pair, '  ')}</contact>"
+    lines = [head, '<!-- on the tendon "contact"; more rows are copies of it -->']
     for row in options.rows:
-        attributes = pair_attributes(row, shortest)
-        if not row.onset:
-            del attributes["margin"]
-        lines.append(f'<pair geom1="ball" geom2="plate" {_written(attributes)}/>')
+        deeper = f" <!-- upper end of range: {shortest(row.onset)} m more -->" if row.onset else ""
+        lines.append(_written(limit_attributes(row, shortest)) + deeper)
     return "\n".join(lines)
 
 
+def pairs_text(rows: Sequence[ConstraintRow], pair: tuple[str, str], indent: str = "") -> str:
+    """Each row as a <pair> of two geoms, a line each."""
+    lines = []
+    for row in rows:
+        attributes = pair_attributes(row, shortest)
+        if not row.onset:
+            del attributes["margin"]
+        names = {"geom1": pair[0], "geom2": pair[1]}
+        lines.append(f"{indent}<pair {_written(names | attributes)}/>\n")
+    return "".join(lines)
+
+
 def _written(attributes: Mapping[str, str]) -> str:
-    return " ".join(f'{key}="{value}"' for key, value in attributes.items())
+    return " ".join(f"{key}={quoteattr(value)}" for key, value in attributes.items())
 
 
 def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:

@@ -7,6 +7,7 @@ solref "-S -D" and solimp "d0 dw ..." asks for the acceleration apart
 
 and has the weight w = d/(1 - d). Rows together give a = Σ w_i a_ref,i / (1 + Σ w_i) over those that act: from
 their onset on and, without adhesion, only while they push, a_ref,i > a. One row alone gives a = d a_ref.
+Gravity g, together, takes g off the sum above the line.
 Formulas: MuJoCo's documentation, Modeling (solver parameters) and Computation (constraint model).
 """
 
@@ -114,13 +115,15 @@ def weight(solimp: Sequence[float], depth: Floats) -> Floats:
     return np.where(depth > 0.0, d / (1.0 - d), 0.0)
 
 
-def combine(reference: Floats, weights: Floats, may_pull: Floats | bool, axis: int) -> tuple[Floats, Floats]:
+def combine(
+    reference: Floats, weights: Floats, may_pull: Floats | bool, axis: int, gravity: float = 0.0
+) -> tuple[Floats, Floats]:
     """(acceleration apart, weights of the rows that act) of rows along an axis.
 
-    reference: a_ref of each. may_pull: whether it has adhesion.
+    reference: a_ref of each. may_pull: whether it has adhesion. gravity: together, m/s².
     """
     while True:
-        a = (weights * reference).sum(axis=axis) / (1.0 + weights.sum(axis=axis))
+        a = ((weights * reference).sum(axis=axis) - gravity) / (1.0 + weights.sum(axis=axis))
         # Without a row that pulls a is larger: a row once left out never comes back.
         pulls = (reference < np.expand_dims(a, axis)) & (weights > 0.0) & np.logical_not(may_pull)
         if not pulls.any():
@@ -128,8 +131,10 @@ def combine(reference: Floats, weights: Floats, may_pull: Floats | bool, axis: i
         weights = np.where(pulls, 0.0, weights)
 
 
-def acceleration(rows: Sequence[ConstraintRow], x: Floats, v: Floats) -> Floats:
-    """Acceleration apart, m/s², at penetrations (m) and rates (m/s) of the same shape."""
+def acceleration(rows: Sequence[ConstraintRow], x: Floats, v: Floats, gravity: float = 0.0) -> Floats:
+    """Acceleration apart, m/s², at penetrations (m) and rates (m/s) of the same shape, under a gravity that
+    presses together, m/s².
+    """
     reference, weights = [], []
     for row in rows:
         depth, dw = x - row.onset, row.solimp[1]
@@ -137,7 +142,7 @@ def acceleration(rows: Sequence[ConstraintRow], x: Floats, v: Floats) -> Floats:
         reference.append(stiffness * depth + row.damping / dw * v)
         weights.append(weight(row.solimp, depth))
     may_pull = np.array([row.adhesion != 0.0 for row in rows]).reshape(-1, *[1] * np.ndim(x))
-    return combine(np.stack(reference), np.stack(weights), may_pull, axis=0)[0]
+    return combine(np.stack(reference), np.stack(weights), may_pull, 0, gravity)[0]
 
 
 def restitution(

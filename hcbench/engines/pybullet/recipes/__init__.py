@@ -1,5 +1,7 @@
 """Settings of PyBullet, the preferred ones of each role first."""
 
+import math
+
 from hcbench.engines.pybullet.recipes.restitution import RESTITUTION
 from hcbench.engines.pybullet.recipes.spring_damper import SPRING_DAMPER
 from hcbench.engines.pybullet.recipes.staggered import STAGGERED
@@ -15,4 +17,11 @@ STOCK = stock(
 _NATIVE = (STOCK, RESTITUTION, SPRING_DAMPER, STAGGERED)
 # Bullet slows every body in flight; the law is about contact alone.
 _NO_DRAG = {"ball": {"linearDamping": 0.0, "angularDamping": 0.0}}
-RECIPES = (*_NATIVE, *plug_in_recipes("pybullet", _NATIVE, _NO_DRAG))
+
+
+def _exact_above(e: float) -> float:
+    """Impact speed over g h from which the plug-in's e is exact: Bullet adds g h after the impact."""
+    return (1.0 + math.sqrt(max(0.0, 1.0 - 0.75 * e**2))) / e**2 if e > 0.0 else math.inf
+
+
+RECIPES = (*_NATIVE, *plug_in_recipes("pybullet", _NATIVE, _NO_DRAG, _exact_above))

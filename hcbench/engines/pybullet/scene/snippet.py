@@ -10,22 +10,28 @@ from hcbench.engines.pybullet import plugin
 from hcbench.engines.pybullet.scene.staggered_ball import JOINT, LINK, WRITE
 from hcbench.errors import SettingError
 from hcbench.laws.contact_law import law_of
+from hcbench.setting import PAIR, Pair
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Mapping
 
     from hcbench.scene import Scene
     from hcbench.setting import Setting
 
 
-def snippet(setting: Setting, form: str = "plane") -> str:
-    """What to paste; see `Engine.snippet`."""
-    if {"world", "ball", "plate", "law", "links"} & set(setting.options):
-        calls = _calls(setting, lambda body, keyword: f'loadURDF("{body}.urdf"{keyword})', "path")
-        law = law_of(setting.options["law"]) if "law" in setting.options else None
-        links = f"{_OWN_BALL}\n" if setting.options.get("links") else ""
-        return f"{links}{calls}\n{_CUP}" if form == "cup" and law is not None else f"{links}{calls}"
-    return setting.options_text
+def snippet(setting: Setting, form: str = "plane", pair: Pair = PAIR) -> str:
+    """What to paste into a script in which `pair` are the two bodies; see `Engine.snippet`."""
+    if not {"world", "ball", "plate", "law", "links"} & set(setting.options):
+        return setting.options_text
+    head = ["import pybullet"]
+    if setting.options.get("links"):
+        head += [_OWN_BALL.format(*pair)]
+    if setting.options.get("maximal_coordinates"):
+        head += [_MAXIMAL.format(*pair)]
+    if "law" in setting.options:
+        head.insert(1, "from hcbench.contact import pybullet as contact\n")
+    text = "\n".join([*head, _calls(setting, pair, {}, "str(contact.library())")])
+    return f"{text}\n{_CUP}" if form == "cup" and "law" in setting.options else text
 
 
 def script(scene: Scene, setting: Setting) -> str:
@@ -35,55 +41,56 @@ def script(scene: Scene, setting: Setting) -> str:
         expected = "a setting of Bullet's own contact or a plug-in, in the form 'plane'"
         raise SettingError("write-scene", given, expected)
     radius = shortest(scene.relative_radius)
-    bodies = {
+    keyword = ", useMaximalCoordinates=True" if setting.options.get("maximal_coordinates") else ""
+    made = {
         "ball": f"createMultiBody({shortest(scene.mass)}, pybullet.createCollisionShape("
-        f"pybullet.GEOM_SPHERE, radius={radius}), basePosition=[0, 0, {radius}]",
-        "plate": "createMultiBody(0, pybullet.createCollisionShape(pybullet.GEOM_PLANE)",
+        f"pybullet.GEOM_SPHERE, radius={radius}), basePosition=[0, 0, {radius}]{keyword})",
+        "plate": f"createMultiBody(0, pybullet.createCollisionShape(pybullet.GEOM_PLANE){keyword})",
     }
-    path = repr(str(plugin.library())) if "law" in setting.options else ""
-    setup = _calls(setting, lambda body, keyword: f"{bodies[body]}{keyword})", path)
+    setup = _calls(setting, PAIR, made, repr(str(plugin.library())) if "law" in setting.options else "")
     if setting.options.get("links"):
         of_ball = f"radius, mass, inertia = {radius}, {shortest(scene.mass)}, {shortest(scene.inertia)}"
         setup = f"{of_ball}\nfriction = {shortest(scene.friction)}\n{setup}"
     return _SCRIPT.format(setup=setup, step=shortest(setting.timestep), radius=radius)
 
 
-def _calls(setting: Setting, make: Callable[[str, str], str], path: str) -> str:
-    """The calls, in the order that works.
+def _calls(setting: Setting, pair: Pair, made: Mapping[str, str], path: str) -> str:
+    """The calls, in the order that works. pair: the variables of the two bodies.
 
-    make: a body and the last argument to the call that makes it. path: of the plug-in, as an expression.
+    made: the calls that make them, by ball and plate; none of those that are there already.
+    path: of the plug-in, as an expression.
     """
-    options = setting.options
+    options, names = setting.options, dict(zip(PAIR, pair, strict=True))
     world = {"fixedTimeStep": setting.timestep, **options.get("world", {})}
-    keyword = ", useMaximalCoordinates=True" if options.get("maximal_coordinates") else ""
-    bodies = ("ball", "plate")
     before: list[str] = []
-    made = {body: make(body, keyword) for body in bodies}
+    made = dict(made)
     calls = {
-        body: f"pybullet.changeDynamics({body}, -1, {arguments(options[body])})"
-        for body in bodies
+        body: f"pybullet.changeDynamics({name}, -1, {arguments(options[body])})"
+        for body, name in names.items()
         if options.get(body)
     }
     if links := options.get("links"):
         rows = "".join(f"    ({x['onset']!r}, {x['stiffness']!r}, {x['damping']!r}),\n" for x in links)
-        before = [f"LINK = {LINK!r}", f"JOINT = {JOINT!r}", f"links = [  # start, k, c\n{rows}]", WRITE]
-        made["ball"] = 'loadURDF("ball.urdf", flags=pybullet.URDF_USE_INERTIA_FROM_FILE)'
+        write = WRITE.replace('"ball.urdf"', f'"{pair[0]}.urdf"')
+        before = [f"LINK = {LINK!r}", f"JOINT = {JOINT!r}", f"links = [  # start, k, c\n{rows}]", write]
+        made["ball"] = f'loadURDF("{pair[0]}.urdf", flags=pybullet.URDF_USE_INERTIA_FROM_FILE)'
         each = calls["ball"].replace("-1", "link")
         calls["ball"] = f"for link in range(-1, {len(links) - 1}):\n    {each}"
     lines = [
         f"pybullet.setPhysicsEngineParameter({arguments(world)})",
         *before,
-        *(f"{body} = pybullet.{made[body]}" for body in bodies),
+        *(f"{names[body]} = pybullet.{call}" for body, call in made.items()),
         *calls.values(),
     ]
     if "law" in options:
         law = json.dumps(plugin.command(law_of(options["law"])))
-        lines.append(f"plugin = pybullet.loadPlugin({path})  # `hcbench plugin pybullet` prints the path")
-        lines.append(f"pybullet.executePluginCommand(plugin, {law}, [ball, -1, plate, -1])")
+        lines.append(f"plugin = pybullet.loadPlugin({path})")
+        lines.append(f"pybullet.executePluginCommand(plugin, {law}, [{pair[0]}, -1, {pair[1]}, -1])")
     return "\n".join(lines)
 
 
-_OWN_BALL = "# radius, mass, inertia and friction: of your ball; friction 0 for none"
+_OWN_BALL = "# radius, mass, inertia and friction: of {0}; friction 0 for none"
+_MAXIMAL = "# {0} and {1} were loaded with useMaximalCoordinates=True"
 _CUP = "# with cup=RADIUS,X,Y,Z as well: the cup's, and its centre in the frame of the plate"
 
 _SCRIPT = '''"""A ball dropped on a plane in PyBullet: prints restitution against impact speed (m/s)."""

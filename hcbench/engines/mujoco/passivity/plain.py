@@ -1,0 +1,215 @@
+"""The whole gate, in plain MuJoCo: drops, a slope, a rolling ball, boxes that fall, a stack."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.sim.passivity import (
+    HEIGHTS,
+    LASTS,
+    MOST_DRIFT,
+    MOST_E,
+    MOST_ENERGY,
+    Bounces,
+    DropReader,
+    Finding,
+    Passivity,
+)
+from hcbench.sim.rest import Rest, rest_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+_CHUNK_S = 2.0  # of drops, in one call
+_SLOPE, _SLOPE_S = math.radians(10.0), 3.0
+_ROLLS, _ROLL_S, _KEPT = 1.0, 4.0, 1.0005  # m/s, s, of the energy at most
+_HALF = 0.05  # m, of a box's edges
+_BOX_SPEEDS, _BOX_S, _BOX_STEPS = (0.1, 0.5, 1.5), 1.5, 4000  # m/s at touch; s and steps at most
+_STACK_S, _SINKS = 5.0, 0.3  # m a second of the step, that a box of three may lie too deep
+_SLOWEST = 1.6  # g h: bounces slower than this are no energy to speak of
+# A box on its face, on an edge and on a vertex: quaternions, and how high its centre is then over _HALF.
+_ATTITUDES = {
+    "face": ((1.0, 0.0, 0.0, 0.0), 1.0),
+    "edge": ((math.cos(math.pi / 8), math.sin(math.pi / 8), 0.0, 0.0), math.sqrt(2.0)),
+    "vertex": ((0.888073833977, 0.325057583672, -0.325057583672, 0.0), math.sqrt(3.0)),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What a plain model runs under."""
+
+    integrator: str = "Euler"
+    cone: str = "elliptic"
+    solver: str = "Newton"
+
+    def __str__(self) -> str:
+        return f"{self.integrator}, {self.cone}, {self.solver}"
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """What is tried.
+
+    option: attributes of <option> that it asks for. pairs: the <pair>s of two geoms, as text to paste.
+    radius: of the ball, m.
+    """
+
+    timestep: float
+    gravity: float
+    option: Mapping[str, str]
+    pairs: Callable[[str, str], str]
+    radius: float
+
+    def model(self, bodies: str, options: Options, pairs: Sequence[tuple[str, str]]) -> Any:
+        """A plain model of a plane and these bodies, whose `pairs` have the contact."""
+        plain = {"timestep": repr(self.timestep), "cone": options.cone, "solver": options.solver}
+        option = " ".join(f'{key}="{value}"' for key, value in {**plain, **self.option}.items())
+        integrator = f'integrator="{options.integrator}" gravity="0 0 {-self.gravity!r}"'
+        return backend().MjModel.from_xml_string(
+            f"<mujoco><option {option}/><option {integrator}/><worldbody>"
+            f'<geom name="plate" type="plane" size="9 9 1"/>{bodies}</worldbody>'
+            f"<contact>{''.join(self.pairs(*pair) for pair in pairs)}</contact></mujoco>"
+        )
+
+    def with_ball(self, options: Options, joint: str = "<freejoint/>") -> Any:
+        """A plain model of a ball on the plane."""
+        shape = f'type="sphere" size="{self.radius!r}" mass="0.5"'
+        place = f'name="ball" pos="0 0 {self.radius!r}"'
+        body = f'<body {place}>{joint}<geom name="ball" {shape}/></body>'
+        return self.model(body, options, [("ball", "plate")])
+
+    def with_boxes(self, options: Options, count: int = 1) -> Any:
+        """A plain model of boxes, one on top of the other."""
+        names = [f"box{i}" for i in range(count)]
+        bodies = "".join(
+            f'<body name="{name}" pos="0 0 {(2 * i + 1) * _HALF!r}"><freejoint/>'
+            f'<geom name="{name}" type="box" size="{_HALF} {_HALF} {_HALF}" mass="0.5"/></body>'
+            for i, name in enumerate(names)
+        )
+        return self.model(bodies, options, list(itertools.pairwise(["plate", *names])))
+
+
+def drops(contact: Contact, options: Options, heights: Sequence[float] = HEIGHTS) -> Bounces:
+    """Balls dropped for LASTS."""
+    mujoco, model = backend(), contact.with_ball(options)
+    data, kind = mujoco.MjData(model), mujoco.mjtState.mjSTATE_FULLPHYSICS
+    states = np.empty((len(heights), mujoco.mj_stateSize(model, kind)))
+    for state, height in zip(states, heights, strict=True):
+        mujoco.mj_resetData(model, data)
+        data.qpos[2] += height
+        mujoco.mj_getState(model, data, state, kind)
+    reader = DropReader(contact.timestep, contact.gravity, options.integrator == "RK4")
+    for _ in range(math.ceil(LASTS / _CHUNK_S)):
+        path, _ = mujoco.rollout.rollout(model, [data], states, nstep=math.ceil(_CHUNK_S / contact.timestep))
+        reader.add(contact.radius - path[:, :, 3], -path[:, :, 1 + model.nq + 2])
+        states = path[:, -1].copy()
+    return reader.bounces
+
+
+def rest_on_slope(contact: Contact, options: Options, degrees: float = 10.0) -> Rest:
+    """How a ball that may not turn rests on a slope, held by friction."""
+    slides = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
+    model, angle = contact.with_ball(options, slides), math.radians(degrees)
+    model.opt.gravity[:] = contact.gravity * np.array([math.sin(angle), 0.0, -math.cos(angle)])
+    return _rest(model, _SLOPE_S)
+
+
+def _rest(model: Any, seconds: float) -> Rest:
+    """Of the first body, from where it stands."""
+    mujoco, data, force = backend(), backend().MjData(model), np.zeros(6)
+    path, start = np.empty((round(seconds / model.opt.timestep), 5)), data.qpos[:3].copy()
+    for row in path:
+        row[:3], row[3] = data.qpos[:3] - start, data.qvel[2]
+        mujoco.mj_step(model, data)
+        row[4] = 0.0
+        for i in range(data.ncon):
+            mujoco.mj_contactForce(model, data, i, force)
+            row[4] += force[0]
+    time = np.arange(len(path)) * model.opt.timestep
+    return rest_of(time, -path[:, 2], -path[:, 3], path[:, 4], path[:, :2])
+
+
+def box_growth(contact: Contact, options: Options, attitude: str, speed: float) -> float:
+    """By what energy grew, at the most, from a flight of a box to a later one: above 1 it gained some."""
+    model, (quaternion, high) = contact.with_boxes(options), _ATTITUDES[attitude]
+    data = backend().MjData(model)
+    data.qpos[2:7] = _HALF * high + 2.4 * contact.timestep * speed, *quaternion
+    data.qvel[2] = -speed
+    return _growth(model, data, min(_BOX_S, _BOX_STEPS * contact.timestep))
+
+
+def _growth(model: Any, data: Any, seconds: float) -> float:
+    """The largest energy of a later flight of the first body over that of an earlier one."""
+    mujoco, g, h = backend(), -model.opt.gravity[2], model.opt.timestep
+    half = 0.0 if model.opt.integrator == int(mujoco.mjtIntegrator.mjINT_RK4) else g * h / 2
+    slowest, inertia = (_SLOWEST * g * h) ** 2 / 2, model.body_inertia[1] / model.body_mass[1]
+    least, most = math.inf, 0.0
+    for _ in range(round(seconds / h)):
+        if not data.ncon:
+            v = data.qvel[:3] - [0.0, 0.0, half]
+            energy = (v @ v + inertia @ data.qvel[3:6] ** 2) / 2 + g * (data.qpos[2] - _HALF)
+            most, least = max(most, energy / max(least, slowest)), min(least, energy)
+        mujoco.mj_step(model, data)
+    return most if np.isfinite(data.qpos).all() else math.inf
+
+
+def is_flat_passive(contact: Contact, options: Options) -> bool:
+    """Whether a box that falls on its face, an edge or a vertex never gains energy."""
+    return all(finding.passed for finding in boxes(contact, options))
+
+
+def boxes(contact: Contact, options: Options) -> Iterator[Finding]:
+    """Boxes that fall on face, edge and vertex."""
+    for attitude, speed in itertools.product(_ATTITUDES, _BOX_SPEEDS):
+        grew = box_growth(contact, options, attitude, speed)
+        yield Finding(f"box on {attitude} at {speed:g} m/s", str(options), grew, MOST_ENERGY, "x energy")
+
+
+def certify(contact: Contact, slides: bool, runs: Sequence[Options]) -> Passivity:
+    """All of the gate, under each of the options. slides: whether the contact has friction."""
+    bounces, findings, flat, drift = Bounces(0.0, 0.0, 0, 0), list[Finding](), True, math.nan
+    for options in runs:
+        dropped = drops(contact, options)
+        bounces = bounces.joined(dropped)
+        findings.append(Finding("40 drops: largest e", str(options), dropped.max_e, MOST_E))
+        findings.append(Finding("40 drops: bounce on", str(options), dropped.still_bouncing, 0))
+        if slides:
+            rest = rest_on_slope(contact, options)
+            drift = rest.drift if math.isnan(drift) else max(drift, rest.drift)
+            findings.append(Finding("drift on a slope", str(options), rest.drift, MOST_DRIFT, "m/s"))
+        findings.append(Finding("rolling ball", str(options), _rolling(contact, options), _KEPT, "x energy"))
+        of_boxes = [*boxes(contact, options), _stack(contact, options)]
+        flat = flat and all(finding.passed for finding in of_boxes)
+        findings += of_boxes
+    return Passivity(bounces, flat, drift, tuple(findings))
+
+
+def _rolling(contact: Contact, options: Options) -> float:
+    """Energy of a ball that rolls, at the end over that of the start."""
+    model = contact.with_ball(options)
+    data = backend().MjData(model)
+    data.qvel[0], data.qvel[4] = _ROLLS, _ROLLS / contact.radius
+    start = _kinetic(model, data)
+    for _ in range(round(_ROLL_S / contact.timestep)):
+        backend().mj_step(model, data)
+    return _kinetic(model, data) / start
+
+
+def _kinetic(model: Any, data: Any) -> float:
+    v, w = data.qvel[:3], data.qvel[3:6]
+    return float(model.body_mass[1] * v @ v + model.body_inertia[1] @ w**2) / 2
+
+
+def _stack(contact: Contact, options: Options) -> Finding:
+    """How deep the lowest of three boxes lies after a while; infinite where they do not lie still."""
+    model = contact.with_boxes(options, 3)
+    rest = _rest(model, _STACK_S)
+    deep = rest.penetration if not rest.failures(1.0, 1.0) else math.inf
+    return Finding("stack of three: depth", str(options), deep, _SINKS * contact.timestep, "m")

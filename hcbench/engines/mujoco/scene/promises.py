@@ -1,0 +1,37 @@
+"""Promises of `hcbench tune` in MJCF: a <text> of the <custom> section, named by the two geoms."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+from xml.sax.saxutils import quoteattr
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.sim.promise import Promise
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from hcbench.setting import Pair
+
+
+def promise_lines(pairs: Iterable[Pair], promise: Promise) -> str:
+    """The <custom> section of these pairs, to paste; "" for a target that a text cannot say."""
+    if not promise.text:
+        return ""
+    lines = [f"  <text name={quoteattr(_name(*pair))} data={quoteattr(promise.text)}/>" for pair in pairs]
+    return "\n".join(["<custom>", *lines, "</custom>"])
+
+
+def promise_in(model: Any, geoms: tuple[int, int]) -> Promise | None:
+    """What hcbench promised of two geoms of a compiled model; None for nothing."""
+    names = [str(model.geom(geom).name) for geom in geoms]
+    for pair in (names, names[::-1]):
+        number = backend().mj_name2id(model, backend().mjtObj.mjOBJ_TEXT, _name(*pair))
+        if number >= 0:
+            start, size = int(model.text_adr[number]), int(model.text_size[number])
+            return Promise.read(bytes(model.text_data[start : start + size - 1]).decode())
+    return None
+
+
+def _name(first: str, second: str) -> str:
+    return f"hcbench:{first}:{second}"

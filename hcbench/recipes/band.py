@@ -1,0 +1,22 @@
+"""The band of impact speeds that every command takes where none is given."""
+
+from __future__ import annotations
+
+from hcbench.units import INCH
+
+PAPER = (1.0 * INCH, 20.0 * INCH)  # m/s: what Hunt and Crossley's law was fitted over
+SLOWEST = 1.6  # g h: slower impacts end within the step that finds them, and the body stays down
+
+
+def default_band(timestep: float, gravity: float) -> tuple[float, float]:
+    """The paper's 1:20 in/s, m/s, as far as a body can bounce at a step (s) under gravity (m/s²)."""
+    low = max(PAPER[0], float(f"{SLOWEST * gravity * timestep:.3g}"))
+    return low, max(PAPER[1], 4.0 * low)
+
+
+def why_cut(low: float, timestep: float, gravity: float) -> str:
+    """Why a band begins at `low` m/s, as a sentence; "" where that is the user's or the paper's own speed."""
+    if low <= PAPER[0] or low != default_band(timestep, gravity)[0]:
+        return ""
+    step = f"{1e3 * timestep:.3g} ms"
+    return f"It begins above 1 in/s: below {low:.2g} m/s a {step} step cannot bounce."

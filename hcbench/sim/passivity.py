@@ -1,0 +1,231 @@
+"""Whether a contact ever gives energy: what drops of any engine show, and how it is judged.
+
+In free flight each integrator keeps an energy of its own. Semi-implicit Euler, which moves by the new
+velocity, keeps (v + g h/2)² - 2 g x exactly, penetration x, rate v; exact flight and RK4 keep v² - 2 g x. So
+e is the square root of what an impact leaves of it, whichever step sees the touch.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import closing, nullcontext
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.impact import Launch
+from hcbench.sim.entry_points import here
+from hcbench.sim.read_impact import SpeedReading
+from hcbench.units import STANDARD_GRAVITY
+from hcbench.workers import call, redirect_output
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.impact import Floats
+    from hcbench.scene import Scene
+    from hcbench.setting import Setting
+    from hcbench.sim.engine import Engine, SteppedEngine
+
+HEIGHTS = tuple(np.geomspace(2e-4, 0.2, 40).tolist())  # m, of the drops
+LASTS = 30.0  # s: a body that bounces longer does not come to rest
+MOST_E = 1.002  # a larger e gains energy; 1.0005 is what searches aim at
+MOST_ENERGY = MOST_E**2
+MOST_DRIFT = 1e-4  # m/s down a slope below the friction angle
+_STILL = 1.0  # s before the end in which a body still bounces
+_CHUNK = 1000  # steps
+_SLOW, _FAST = 0.1, 2.0  # of the band's lowest speed, and m/s: between them no impact may gain energy
+_FALLS = 0.6  # g h: a ball that falls by a step at all arrives faster
+_SPEEDS, _PHASES = 8, 8
+
+
+@dataclass(frozen=True, slots=True)
+class Bounces:
+    """What drops from HEIGHTS, and launches below the band, showed.
+
+    max_e: the largest e of all impacts. gains_below: the highest impact speed with an e above MOST_E, m/s; 0
+    where there is none. still_bouncing: drops that go on after LASTS. tried: how many of both.
+    """
+
+    max_e: float
+    gains_below: float
+    still_bouncing: int
+    tried: int
+
+    @property
+    def passive(self) -> bool:
+        """Whether no impact gained energy and all drops came to rest."""
+        return self.max_e <= MOST_E and not self.still_bouncing
+
+    def joined(self, other: Bounces) -> Bounces:
+        """Of both."""
+        return Bounces(
+            max(self.max_e, other.max_e),
+            max(self.gains_below, other.gains_below),
+            self.still_bouncing + other.still_bouncing,
+            self.tried + other.tried,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One scene that was tried. name: what it is. under: options it ran with. value, limit: in `unit`."""
+
+    name: str
+    under: str
+    value: float
+    limit: float
+    unit: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """Whether the value stays within its limit."""
+        return self.value <= self.limit
+
+
+@dataclass(frozen=True, slots=True)
+class Passivity:
+    """What is known of a setting's energy and rest.
+
+    bounces: of a ball. flat: whether a box on face, edge and vertex never gained energy; None where that
+    was not tried. slope_drift: of a ball that may not turn, on 10 degrees, m/s; NaN without friction.
+    findings: of the whole gate, empty for a screen.
+    """
+
+    bounces: Bounces
+    flat: bool | None = None
+    slope_drift: float = math.nan
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def sphere(self) -> bool:
+        """Whether a ball never gains energy, comes to rest, and holds on a slope."""
+        holds = not self.slope_drift > MOST_DRIFT
+        return self.bounces.passive and holds
+
+    @property
+    def scenes(self) -> int:
+        """In how many scenes energy never grew, where it never did."""
+        return self.bounces.tried + len(self.findings)
+
+    @property
+    def warning(self) -> str:
+        """What keeps it from being advised, in words; "" for nothing."""
+        bounces, words = self.bounces, []
+        if bounces.max_e > MOST_E:
+            words.append(f"gains energy below {bounces.gains_below:.2g} m/s (e up to {bounces.max_e:.4g})")
+        if bounces.still_bouncing:
+            words.append(f"does not come to rest ({bounces.still_bouncing} of 40 drops bounce on)")
+        if self.slope_drift > MOST_DRIFT:
+            words.append(f"slides down a slope of 10 degrees at {1e3 * self.slope_drift:.2g} mm/s")
+        return "; ".join(words)
+
+
+@dataclass(slots=True)
+class DropReader:
+    """Reads the impacts of drops, a chunk of steps after another.
+
+    timestep: s. gravity: m/s², into the plate. exact_flight: which energy the integrator keeps.
+    """
+
+    timestep: float
+    gravity: float
+    exact_flight: bool = False
+    max_e: float = 0.0
+    gains_below: float = 0.0
+    _last: Floats | None = None
+    _speed_in: Floats = field(default_factory=lambda: np.zeros(0))
+    _parted: Floats = field(default_factory=lambda: np.zeros(0))
+    _steps: int = 0
+
+    def add(self, penetration: Floats, rate: Floats) -> None:
+        """The next steps of each drop, shape (d, n), m and m/s."""
+        here = np.stack([penetration, rate])
+        if self._last is None:
+            self._last, count = here[..., :1], len(penetration)
+            self._speed_in, self._parted = np.full(count, np.nan), np.full(count, -math.inf)
+        x, v = np.concatenate([self._last, here], axis=2)
+        self._last = here[..., -1:]
+        half = 0.0 if self.exact_flight else self.gravity * self.timestep / 2
+        kept = np.sqrt(np.maximum(0.0, (v + half) ** 2 - 2.0 * self.gravity * x))
+        apart = x <= 0.0
+        changed = apart[:, :-1] != apart[:, 1:]
+        for drop, step in zip(*np.nonzero(changed), strict=True):
+            if apart[drop, step]:
+                self._speed_in[drop] = kept[drop, step]
+            elif v[drop, step + 1] < 0.0:
+                self._parted[drop] = self._steps + step
+                self._judge(self._speed_in[drop], kept[drop, step + 1])
+        self._steps += penetration.shape[1]
+
+    def _judge(self, speed_in: float, speed_out: float) -> None:
+        if not speed_in > 0.0:
+            return
+        e = float(speed_out / speed_in)
+        self.max_e = max(self.max_e, e)
+        if e > MOST_E:
+            self.gains_below = max(self.gains_below, float(speed_in))
+
+    @property
+    def bounces(self) -> Bounces:
+        """What was seen until now."""
+        late = self._steps - _STILL / self.timestep
+        return Bounces(self.max_e, self.gains_below, int((self._parted > late).sum()), len(self._parted))
+
+
+def passivity_of(
+    engine: Engine, scene: Scene, setting: Setting, speeds: tuple[float, float], whole: bool
+) -> Passivity:
+    """By impacts below and above a band (m/s) in the engine itself; whole: by drops too."""
+    low, high = speeds
+    adapter = getattr(engine, "adapter", engine)  # of one in an environment of its own
+    controlled = getattr(adapter, "error_controlled", None)
+    phases = 1 if controlled is None and not hasattr(adapter, "load") else _PHASES
+    if controlled is not None and controlled(setting):
+        phases = 1
+    slowest = max(_SLOW * low, _FALLS * scene.gravity * setting.timestep)
+    launches = [
+        Launch.touching(v, (phase + 0.5) / phases, setting.timestep, scene.gravity)
+        for v in (*np.geomspace(min(slowest, low), low, _SPEEDS), *np.geomspace(high, max(high, _FAST), 3))
+        for phase in range(phases)
+    ]
+    measured = [i for i in engine.run(scene, setting, launches) if i.is_measured and i.speed_in > 0.0]
+    gaining = [i.speed_in for i in measured if i.restitution > MOST_E]
+    largest = max((i.restitution for i in measured), default=0.0)
+    bounces = Bounces(largest, max(gaining, default=0.0), 0, len(measured))
+    if whole and hasattr(adapter, "load"):
+        bounces = bounces.joined(drops_in(engine, scene, setting))  # type: ignore[arg-type]
+    return Passivity(bounces)
+
+
+def drops_in(
+    engine: SteppedEngine, scene: Scene, setting: Setting, heights: Sequence[float] = HEIGHTS
+) -> Bounces:
+    """Drops of LASTS in an engine, by its own steps, under the scene's gravity or the standard one."""
+    with_gravity = replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
+    if not engine.own_process:
+        return _drops_here(engine.name, with_gravity, setting, heights)
+    steps = LASTS / setting.timestep * len(heights)
+    return call(_drops_here, engine.name, with_gravity, setting, heights, limit=engine.limit + steps * 1e-3)
+
+
+def _drops_here(name: str, scene: Scene, setting: Setting, heights: Sequence[float]) -> Bounces:
+    engine: SteppedEngine = here(name)  # type: ignore[assignment]
+    launches = [Launch(0.0, height=height) for height in heights]
+    fastest = launches[-1].touch_speed(setting.timestep, scene.gravity)
+    steps, bounces = round(LASTS / setting.timestep), Bounces(0.0, 0.0, 0, 0)
+    with (
+        redirect_output() if engine.own_process else nullcontext(),
+        engine.load(scene, setting, fastest) as world,
+    ):
+        exact = world.speed_reading is SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
+        for start in range(0, len(launches), world.places):
+            reader, done = DropReader(world.timestep, world.gravity, exact), 0
+            with closing(world.release(launches[start : start + world.places])) as simulation:
+                while done < steps:
+                    record = simulation.advance(min(_CHUNK, steps - done))
+                    reader.add(record.penetration, record.rate)
+                    done += record.force.shape[1]
+            bounces = bounces.joined(reader.bounces)
+    return bounces

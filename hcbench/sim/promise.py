@@ -1,0 +1,82 @@
+"""What `hcbench tune` promised of a pair, written into the model, so that `measure` knows it again."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hcbench.impact import Impact
+from hcbench.laws.restitution import ConstantRestitution, Restitution, RestitutionCurve
+
+_NUMBER = r"([0-9.eE+-]+)"
+_TEXT = re.compile(
+    r"(?P<setting>\S+) by hcbench: (?P<rows>\d+) pairs?; "
+    rf"(?P<goal>alpha|linear|restitution) (?P<value>{_NUMBER})(?: s/m)?; "
+    rf"error (?P<error>{_NUMBER}); speeds (?P<low>{_NUMBER}) (?P<high>{_NUMBER}) m/s"
+)
+_KEPT, _SLACK = 1.25, 0.005  # of the promised error, and of e: other launches find a little more
+
+
+@dataclass(frozen=True, slots=True)
+class Promise:
+    """A setting for a pair.
+
+    rows: <pair>s of the same two geoms. curve: the target. error: of e over `speeds`, m/s.
+    """
+
+    setting: str
+    rows: int
+    curve: RestitutionCurve
+    error: float
+    speeds: tuple[float, float]
+
+    @property
+    def text(self) -> str:
+        """As a model keeps it; "" for a target that is neither one α nor one e."""
+        low, high = self.speeds
+        if isinstance(self.curve, Restitution):
+            goal = f"{'alpha' if self.curve.reading == 'law' else 'linear'} {self.curve.alpha:.6g} s/m"
+        elif isinstance(self.curve, ConstantRestitution):
+            goal = f"restitution {self.curve.restitution:.6g}"
+        else:
+            return ""
+        rows = f"{self.rows} pair{'s' if self.rows > 1 else ''}"
+        head = f"{self.setting.replace(' ', '-')} by hcbench: {rows}"
+        return f"{head}; {goal}; error {self.error:.3g}; speeds {low:.4g} {high:.4g} m/s"
+
+    @classmethod
+    def read(cls, text: str) -> Promise | None:
+        """Of such a text; None for another."""
+        match = _TEXT.fullmatch(text)
+        if match is None:
+            return None
+        value, curve = float(match["value"]), ConstantRestitution
+        goal: RestitutionCurve = curve(value)
+        if match["goal"] != "restitution":
+            goal = Restitution(value, "law" if match["goal"] == "alpha" else "linear")
+        band = float(match["low"]), float(match["high"])
+        return cls(match["setting"], int(match["rows"]), goal, float(match["error"]), band)
+
+    def measured(self, impacts: Sequence[Impact]) -> float:
+        """The largest error of e over the band; 0 where no impact lies in it."""
+        low, high = self.speeds
+        return max(
+            (
+                abs(i.restitution - float(self.curve.at(i.speed_in)))
+                for i in impacts
+                if i.is_measured and 0.999 * low <= i.speed_in <= 1.001 * high
+            ),
+            default=0.0,
+        )
+
+    def is_kept(self, impacts: Sequence[Impact]) -> bool:
+        """Whether e is as near as promised."""
+        return self.measured(impacts) <= _KEPT * self.error + _SLACK
+
+    def note(self, impacts: Sequence[Impact]) -> str:
+        """One sentence: what was promised and what was measured."""
+        low, high = self.speeds
+        count = {1: "One pair", 2: "Two pairs"}.get(self.rows, f"{self.rows} pairs")
+        numbers = f"promised {self.error:.2g}, measured {self.measured(impacts):.2g}"
+        return f"{count} by hcbench for {self.curve.description}: {numbers} from {low:.3g} to {high:.3g} m/s."

@@ -1,0 +1,149 @@
+"""What to write into an engine so that it bounces like a target: the one answer that all commands give.
+
+A page, the command line, Python, README and the docs are made of this value: choices of up to three kinds,
+each with its text, its error and its band, and the settings that are never to be used.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+from hcbench._notebook import Shown
+from hcbench.errors import SettingError
+from hcbench.recipes.band import why_cut
+from hcbench.setting import Pair, Setting
+from hcbench.tuning.tuned import Tuned
+
+if TYPE_CHECKING:
+    from hcbench.recipes.target import Target
+    from hcbench.scene import Scene
+
+MAX_ERROR = 0.05  # of e: what a setting that follows the law should stay within
+Kind = Literal["exact", "settings", "constant"]
+KINDS: dict[Kind, str] = {
+    "exact": "plug-in, exact",
+    "settings": "settings only",
+    "constant": "one e for all speeds",
+}
+_NEXT: dict[Kind, tuple[Kind, ...]] = {
+    "exact": ("exact", "settings", "constant"),
+    "settings": ("settings", "constant", "exact"),
+    "constant": ("constant", "settings", "exact"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A setting to use. tuned: what the engine did with it; None for a plug-in, which needs no run.
+
+    kind: "exact" (a plug-in), "settings" (numbers of the engine's own), "constant" (one e for all speeds).
+    text: to paste, with the user's two names. max_error: the largest error of e over `speeds`, m/s. max_e:
+    the largest e in that band and below. sphere, flat: whether a ball, and a box on face, edge and vertex,
+    never gain energy; None where that was not tried. needs: what a user's model must have.
+    """
+
+    kind: Kind
+    setting: Setting
+    text: str
+    max_error: float
+    speeds: tuple[float, float]
+    max_e: float
+    sphere: bool | None
+    flat: bool | None
+    rests: bool
+    needs: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+    tuned: Tuned | None = None
+
+    @property
+    def line(self) -> str:
+        """In one line: kind, name, error with its band."""
+        low, high = self.speeds
+        band = f"from {low:.3g} to {high:.3g} m/s"
+        return f"{KINDS[self.kind]}: {self.setting.name}, e within {two_digits(self.max_error)} {band}"
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "kind": self.kind,
+            "setting": self.setting.name,
+            "text": self.text,
+            "max_error": self.max_error,
+            "speeds_m_s": list(self.speeds),
+            "max_e": self.max_e,
+            "passive": {"sphere": self.sphere, "flat": self.flat},
+            "rests": self.rests,
+            "needs": list(self.needs),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Never:
+    """A setting never to be used in these conditions, and why."""
+
+    setting: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Answer(Shown):
+    """Choices in the order exact, settings, constant, where they exist; `best` is what was asked for.
+
+    asked: the kind. named: a setting that was asked for by its name, whatever it does.
+    """
+
+    engine: str
+    target: Target
+    scene: Scene
+    pair: Pair
+    asked: Kind
+    choices: tuple[Choice, ...]
+    never: tuple[Never, ...]
+    named: Choice | None = field(default=None)
+
+    def of(self, kind: Kind) -> Choice | None:
+        """The choice of a kind."""
+        return next((choice for choice in self.choices if choice.kind == kind), None)
+
+    @property
+    def best(self) -> Choice:
+        """What was asked for, or else the next kind."""
+        if self.named is not None:
+            return self.named
+        best = next((choice for kind in _NEXT[self.asked] if (choice := self.of(kind))), None)
+        if best is None:
+            why = "; ".join(f"{never.setting}: {never.why}" for never in self.never)
+            raise SettingError(
+                "recipe", f"no setting of {self.engine!r} is to be advised here ({why})", "another step"
+            )
+        return best
+
+    @property
+    def is_as_asked(self) -> bool:
+        """Whether there is a choice of the kind asked for; one e is all that a constant target asks."""
+        return (
+            self.named is not None
+            or self.best.kind == self.asked
+            or (self.target.is_constant and self.best.kind == "constant")
+        )
+
+    @property
+    def tuned(self) -> Tuned:
+        """The chosen setting with what the engine did with it."""
+        tuned = self.best.tuned or next((choice.tuned for choice in self.choices if choice.tuned), None)
+        if tuned is None:
+            raise SettingError("recipe", f"only a plug-in for {self.engine!r}", "a setting of its own")
+        return tuned
+
+    @property
+    def band_note(self) -> str:
+        """Why the default band is cut, as a sentence; "" where it is not."""
+        target = self.target
+        return why_cut(target.speed_min, target.timestep, target.gravity)
+
+
+def two_digits(error: float) -> str:
+    """An error as a line prints it."""
+    return f"{error:.2g}" if error >= 1e-5 else f"{error:.0e}".replace("e-0", "e-")

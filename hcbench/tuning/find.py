@@ -1,0 +1,207 @@
+"""Finds the one answer: the best choice of each kind, and what is never to be used."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.errors import EngineFailed, EngineMissing, HcbenchError, SettingError, UserError
+from hcbench.laws.restitution import ConstantRestitution
+from hcbench.recipes.constant import minimax_constant
+from hcbench.recipes.recipe import Recipe, Role, first
+from hcbench.recipes.softening import require_end
+from hcbench.setting import PAIR, Pair
+from hcbench.sim import registry
+from hcbench.sim.promise import Promise
+from hcbench.tuning.answer import MAX_ERROR, Answer, Choice, Kind, Never, two_digits
+from hcbench.tuning.choose import Match, candidates
+from hcbench.tuning.tuned import Tuned, make_tuned
+
+if TYPE_CHECKING:
+    from hcbench.recipes.target import Target
+    from hcbench.scene import Scene
+
+_EXACT = 1e-7  # of e, what a compiled plug-in stays within
+_NEAR = 1.1  # of the best constant's error: a constant setting need not be nearer
+
+
+def find_answer(
+    engine: str,
+    target: Target,
+    scene: Scene,
+    recipe: str = "auto",
+    match: Match = "restitution",
+    integrator: str | None = None,
+    max_error: float = MAX_ERROR,
+    pair: Pair = PAIR,
+    asked: Kind = "settings",
+) -> Answer:
+    """What to write into an engine for a target, under the target's gravity and friction.
+
+    engine: a registered name. recipe: the name of one of its recipes, or "auto". match: what "auto" aims at.
+    integrator: of an engine that has several; None for the recipe's own. max_error: of e, within which the
+    simplest setting will do. pair: what the two bodies are called in the user's model. asked: the kind.
+    Raises SettingError where no recipe can serve the target, EngineMissing, EngineFailed, and
+    SearchInterrupted with the best so far where an interrupt ends a search.
+    """
+    registry.require(engine)
+    scene = replace(scene, mass=target.mass, gravity=target.gravity, friction=target.friction)
+    if target.friction and scene.form == "plane":  # a solid ball as large as it looks
+        scene = replace(scene, ball_radius=scene.relative_radius, plate_radius=math.inf)
+    require_end(target)
+    finder = _Finder(engine, target, scene, integrator, max_error, pair)
+    if recipe != "auto":
+        named = finder.named(recipe)
+        return _answered(finder, asked, [named], named)
+    recipes = candidates(engine, target, scene, match)
+    if match != "restitution":
+        named = finder.choice("settings", make_tuned(*recipes[0], target, scene, integrator))
+        return _answered(finder, asked, [named], named)
+    return _answered(finder, asked, finder.choices(recipes))
+
+
+def _answered(finder: _Finder, asked: Kind, choices: Sequence[Choice], named: Choice | None = None) -> Answer:
+    advised = [choice for choice in choices if choice.tuned is None or not choice.tuned.passivity.warning]
+    never = [*finder.never]
+    if named is not None and named not in advised and named.tuned is not None:
+        never.append(Never(named.setting.name, named.tuned.flaws))
+    return Answer(
+        finder.engine, finder.target, finder.scene, finder.pair, asked, tuple(advised), tuple(never), named
+    )
+
+
+class _Finder:
+    """Finds the choices of one answer."""
+
+    def __init__(
+        self,
+        engine: str,
+        target: Target,
+        scene: Scene,
+        integrator: str | None,
+        max_error: float,
+        pair: Pair,
+    ) -> None:
+        self.engine, self.target, self.scene, self.pair = engine, target, scene, pair
+        self._integrator, self._max_error = integrator, max_error
+        self.never: list[Never] = []
+        self._refused: HcbenchError | None = None
+        self._adapter = registry.engine(engine)
+
+    def named(self, name: str) -> Choice:
+        """Of a recipe that the user names."""
+        recipes = registry.recipes(self.engine)
+        if name not in recipes:
+            raise UserError("recipe", f"{name!r} for {self.engine!r}", f"one of: auto, {', '.join(recipes)}")
+        recipe = recipes[name]
+        tuned = make_tuned(recipe, "the given recipe", self.target, self.scene, self._integrator)
+        if tuned.evaluation.failed or not math.isfinite(tuned.error):  # never a verdict
+            failed = tuned.evaluation
+            got = f"{failed.failed} launches gave no restitution: {failed.reason or 'not a number'}"
+            todo = "Try other speeds, another step or another --recipe"
+            raise EngineFailed(f"{self.engine} {name!r}", got, "a bounce from each", todo)
+        is_one = recipe.role in (Role.CONSTANT_E, Role.STOCK)
+        return self.choice("constant" if is_one else "settings" if recipe.native else "exact", tuned)
+
+    def choices(self, tried: Sequence[tuple[Recipe, str]]) -> list[Choice]:
+        """The best of each kind. tried: candidates for settings and for one e, the simplest first."""
+        constants = [each for each in tried if each[0].role is Role.CONSTANT_E]
+        others = [each for each in tried if each not in constants]
+        _, least = minimax_constant(self.target)
+        settings = self._best(others, self._max_error)
+        constant = self._best(constants, max(_NEAR * least, 1e-9))
+        chosen: list[Choice] = []
+        if (exact := self._exact()) is not None:
+            chosen.append(exact)
+        if settings is not None and constant is not None and not settings.error < constant.error:
+            why = f"no nearer than one e for all speeds: {two_digits(settings.error)} where that is off by "
+            self.never.append(Never(settings.setting.name, f"{why}{two_digits(constant.error)}"))
+            settings = None
+        if settings is not None:
+            chosen.append(self.choice("settings", settings))
+        if constant is not None:
+            chosen.append(self.choice("constant", constant))
+        nothing = settings is None and constant is None
+        if self._refused is not None and nothing and (not chosen or self._integrator):
+            raise self._refused
+        return chosen
+
+    def _best(self, tried: Sequence[tuple[Recipe, str]], enough: float) -> Tuned | None:
+        """The first that may be advised and whose error is small enough, or else the one with the least."""
+        usable: list[Tuned] = []
+        for recipe, why in tried:
+            try:
+                tuned = make_tuned(recipe, why, self.target, self.scene, self._integrator)
+            except (SettingError, EngineMissing) as error:  # such as a version that lacks what one needs
+                self._refused = self._refused or error
+                continue
+            if tuned.flaws:
+                self.never.append(Never(recipe.name, tuned.flaws))
+                continue
+            usable.append(tuned)
+            if tuned.error <= enough:
+                return tuned
+        return min(usable, key=lambda tuned: tuned.error, default=None)
+
+    def choice(self, kind: Kind, tuned: Tuned) -> Choice:
+        """A setting that was evaluated, as a choice."""
+        setting, passivity, target = tuned.setting, tuned.passivity, self.target
+        band = target.speed_min, target.speed_max
+        text = self._adapter.snippet(setting, self.scene.form, self.pair)
+        if math.isfinite(tuned.error):
+            rows = len(setting.options.get("rows", ()))
+            curve = ConstantRestitution(target.points[0][1]) if len(target.points) == 1 else target.curve
+            promise = Promise(setting.name, rows, curve, tuned.error, band)
+            text = self._adapter.promised(text, self.pair, promise)
+        return Choice(
+            kind,
+            setting,
+            text,
+            tuned.error,
+            band,
+            tuned.max_e,
+            passivity.sphere,
+            passivity.flat,
+            tuned.rests,
+            self._adapter.needs(setting),
+            tuned.recipe.notes,
+            tuned,
+        )
+
+    def _exact(self) -> Choice | None:
+        """The plug-in, which is as good as its card says at any step: it needs no run."""
+        target = self.target
+        recipe = first(registry.preferred(self.engine), Role.LAW, self.scene.form, native=False)
+        if recipe is None or target.reading not in recipe.kinds:
+            return None
+        if recipe.exact_above is None:
+            tuned = self._best([(recipe, "a law in place of the contact")], math.inf)
+            return None if tuned is None else self.choice("exact", tuned)
+        setting, low = recipe(target), target.speed_min
+        for _ in range(3):  # e at that speed says how high it is
+            above = recipe.exact_above(float(target.restitution(low)))
+            low = max(target.speed_min, above * target.gravity * target.timestep)
+        if not low < target.speed_max:
+            return None
+        return Choice(
+            "exact",
+            setting,
+            self._adapter.snippet(setting, self.scene.form, self.pair),
+            recipe.within or _EXACT,
+            (low, target.speed_max),
+            float(np.max(target.restitution(np.array([low])))),
+            True,
+            recipe.flat,
+            True,
+            (*self._adapter.needs(setting), *_above(low, target.speed_min)),
+            recipe.notes,
+        )
+
+
+def _above(low: float, asked: float) -> Iterator[str]:
+    if low > asked:
+        yield f"impacts faster than {low:.2g} m/s: slower bodies may come to rest"

@@ -1,0 +1,122 @@
+"""One setting of a recipe: what the engine did with it, and what to know of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hcbench._notebook import Shown
+from hcbench.recipes.recipe import Recipe, Role, first
+from hcbench.sim import registry
+from hcbench.tuning.evaluate import Evaluation, evaluate, rest_test
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from hcbench.recipes.target import Target
+    from hcbench.scene import Scene
+    from hcbench.setting import Setting
+    from hcbench.sim.passivity import Passivity
+    from hcbench.sim.rest import Rest
+
+_SAME_LOOP = 0.05  # rms of the force over its largest: below it the loop counts as the law's
+_DEEP = 0.02  # of the radius: a deeper contact is called soft
+_BETTER = 0.9  # of the best constant's error: what an e that falls with speed should be below
+
+
+@dataclass(frozen=True, slots=True)
+class Tuned(Shown):
+    """A setting, what the engine does with it, why it was chosen, and advice that follows."""
+
+    target: Target
+    scene: Scene
+    recipe: Recipe
+    setting: Setting
+    evaluation: Evaluation
+    rest: Rest
+    passivity: Passivity
+    why: str
+    advice: tuple[str, ...]
+
+    @property
+    def error(self) -> float:
+        """Largest error of e; infinite where an impact has none."""
+        off = self.evaluation.max_error
+        return math.inf if self.evaluation.failed or math.isnan(off) else off
+
+    @property
+    def max_e(self) -> float:
+        """The largest e in the band, below it and in drops."""
+        return max(self.evaluation.max_e, self.passivity.bounces.max_e)
+
+    @property
+    def rest_failures(self) -> list[str]:
+        """What keeps a body from resting on it, in words."""
+        return self.rest.failures(self.scene.relative_radius, self.setting.timestep)
+
+    @property
+    def rests(self) -> bool:
+        """Whether a body comes to rest on it, from no height and from drops."""
+        return not self.rest_failures and not self.passivity.bounces.still_bouncing
+
+    def holds(self, max_error: float) -> bool:
+        """Whether it can be recommended in the target's conditions."""
+        return self.error <= max_error and not self.flaws
+
+    @property
+    def flaws(self) -> str:
+        """What keeps it from being recommended however well it bounces; "" where nothing does."""
+        deep = "deep" if self.evaluation.deep else ""
+        rests = "" if not self.rest_failures else "does not rest"
+        lost = f"{self.evaluation.failed} impacts gave no restitution" if self.evaluation.failed else ""
+        return ", ".join(filter(None, [self.passivity.warning, deep, rests, lost]))
+
+
+def make_tuned(recipe: Recipe, why: str, target: Target, scene: Scene, integrator: str | None) -> Tuned:
+    """A recipe's setting, evaluated in its engine."""
+    adapter = registry.engine(recipe.engine)
+    setting = recipe(target, integrator)
+    if target.friction:
+        setting = adapter.with_friction(setting, target.friction)
+    evaluation = evaluate(adapter, scene, setting, target)
+    passivity = adapter.passivity(scene, setting, (target.speed_min, target.speed_max))
+    rest = rest_test(adapter, scene, setting)
+    advice = tuple(_advice(target, scene, evaluation, rest, recipe, registry.preferred(recipe.engine)))
+    return Tuned(target, scene, recipe, setting, evaluation, rest, passivity, why, advice)
+
+
+def _advice(
+    target: Target,
+    scene: Scene,
+    evaluation: Evaluation,
+    rest: Rest,
+    recipe: Recipe,
+    recipes: Sequence[Recipe],
+) -> Iterator[str]:
+    """What to know of a setting of a recipe, a sentence each. recipes: all of its engine's."""
+    depth, radius = evaluation.penetration_max, scene.relative_radius
+    if not evaluation.max_error < _BETTER * evaluation.constant_error and evaluation.constant_error > 0:
+        better = _better(target, scene, recipes) if recipe.native else ""
+        yield f"no better than the best constant e = {evaluation.constant:.6g}{better}"
+    if depth > _DEEP * radius:
+        share = f"{100 * depth / radius:.2g} % of the radius"
+        yield f"the contact is soft: {depth:.2g} m deep at the highest speed, {share}"
+    if failures := rest.failures(radius, target.timestep):
+        shallow = first(recipes, Role.CONSTANT_E, scene.form)
+        other = f"; --recipe {shallow.name} rests shallow" if shallow and shallow is not recipe else ""
+        yield f"under gravity {', and '.join(failures)}{other}"
+    if not math.isnan(evaluation.loop_rms) and evaluation.loop_rms > _SAME_LOOP:
+        yield "forces are not the law's: only the restitution is"
+
+
+def _better(target: Target, scene: Scene, recipes: Sequence[Recipe]) -> str:
+    """What follows a restitution that falls with speed, where a constant e was taken."""
+    if target.reading != "points":
+        law = first(recipes, Role.LAW, scene.form, native=False)
+        return f"; the plug-in `{law.name}` follows the law at any step" if law else ""
+    falling = first(recipes, Role.FALLING_E, scene.form)
+    sentences = [target.fitting_law()]
+    if falling:
+        sentences.insert(0, f"--recipe {falling.name} has an e that falls with speed, in a softer contact")
+    return "".join(f"; {sentence}" for sentence in sentences if sentence)

@@ -1,0 +1,48 @@
+"""`measure` knows what `tune` wrote: what was promised, what it measures, and a pair that is missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import hcbench
+from hcbench.laws.restitution import ConstantRestitution, MeasuredRestitution, Restitution
+from hcbench.sim.promise import Promise
+
+MODEL = """<mujoco><option timestep="0.002" cone="elliptic" impratio="1e6"/><worldbody>
+<geom name="floor" type="plane" size="3 3 .1"/>
+<body name="b" pos="0 0 .06"><freejoint/><geom name="foot" type="sphere" size=".06" mass=".3"/></body>
+</worldbody><contact>{}</contact><custom><text name="hcbench:foot:floor" data="spring-and-damper by hcbench:
+ 2 pairs; alpha 0.3 s/m; error 0.022; speeds 0.1 2 m/s"/></custom></mujoco>""".replace("\n 2", " 2")
+SPRING = """<pair geom1="foot" geom2="floor" solref="-47815.1 -3.25003" solimp="0.0001 0.0001 1 0.5 1"
+ condim="3" friction="1 1 0.005 0.0001 0.0001" solreffriction="0 -0.05014284285"/>"""
+DAMPER = """<pair geom1="floor" geom2="foot" condim="1" solref="0 -100.19" adhesion="1e6"
+ solimp="0.0001 0.261561 0.0139437 0.0652291 4"/>"""
+
+
+@pytest.mark.adhesion
+def test_what_tune_wrote_is_no_cause_and_its_promise_is_compared(tmp_path: Path) -> None:
+    file = tmp_path / "tuned.xml"
+    file.write_text(MODEL.format(SPRING + DAMPER))
+    measured = hcbench.measure(file, "foot,floor", speeds="0.15:1.5:4 m/s")
+    assert measured.causes == ()
+    note = measured.facts.notes[0]
+    assert note.startswith("Two pairs by hcbench for α = 0.3 s/m by the law: promised 0.022, measured 0.0")
+    assert measured.facts.asked[0] == pytest.approx(float(Restitution(0.3).at(0.15)))
+
+
+def test_a_missing_second_pair_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "half.xml"
+    file.write_text(MODEL.format(SPRING))
+    measured = hcbench.measure(file, "foot,floor", speeds="0.15:1.5:4 m/s")
+    assert [cause.code for cause in measured.causes] == ["missing-pair"]
+    assert measured.causes[0].title.startswith("1 of the 2 pairs")
+
+
+@pytest.mark.parametrize("curve", [Restitution(0.315), Restitution(0.2, "linear"), ConstantRestitution(0.7)])
+def test_a_promise_reads_back_from_its_text(curve: Restitution | ConstantRestitution) -> None:
+    promise = Promise("compliant-pairs", 2, curve, 0.0284, (0.1, 3.0))
+    assert Promise.read(promise.text) == promise
+    assert Promise.read("something of the user's own") is None
+    assert Promise("x", 1, MeasuredRestitution(((0.1, 0.9), (1.0, 0.8))), 0.1, (0.1, 1.0)).text == ""
