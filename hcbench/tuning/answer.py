@@ -91,7 +91,7 @@ class Never:
 class Answer(Shown):
     """Choices in the order exact, settings, constant, where they exist; `best` is what was asked for.
 
-    asked: the kind. named: a setting that was asked for by its name, whatever it does.
+    asked: the kind. named: a setting that was asked for by its name, even one that fails.
     """
 
     engine: str

@@ -102,8 +102,8 @@ class _Finder:
         if tuned.evaluation.failed or not math.isfinite(tuned.error):  # never a verdict
             failed = tuned.evaluation
             got = f"{failed.failed} launches gave no restitution: {failed.reason or 'not a number'}"
-            todo = "Try other speeds, another step or another --recipe"
-            raise EngineFailed(f"{self.engine} {name!r}", got, "a bounce from each", todo)
+            advice = "Try other speeds, another step or another --recipe"
+            raise EngineFailed(f"{self.engine} {name!r}", got, "a bounce from each", advice)
         is_one = recipe.role in (Role.CONSTANT_E, Role.STOCK)
         return self.choice("constant" if is_one else "settings" if recipe.native else "exact", tuned)
 

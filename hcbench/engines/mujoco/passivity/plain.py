@@ -137,7 +137,7 @@ def _rest(model: Any, seconds: float) -> Rest:
 
 
 def box_growth(contact: Contact, options: Options, attitude: str, speed: float) -> float:
-    """By what energy grew, at the most, from a flight of a box to a later one: above 1 it gained some."""
+    """By what energy grew, at most, from a flight of a box to a later one: above 1 it gained some."""
     model, (quaternion, high) = contact.with_boxes(options), _ATTITUDES[attitude]
     data = backend().MjData(model)
     data.qpos[2:7] = _HALF * high + 2.4 * contact.timestep * speed, *quaternion

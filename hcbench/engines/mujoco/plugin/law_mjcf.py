@@ -42,7 +42,7 @@ def extension(law: Law, pair: Mapping[str, str], friction: float = 0.0) -> ET.El
 
 
 def law_snippet(law: Law, form: str, pair: Pair = PAIR) -> str:
-    """What to paste of a law into a model of one's own. pair: its geoms, the moving one first."""
+    """What to paste of a law into a model of one's own. pair: its geoms, the body that moves first."""
     config = _PAIRS[form] if form == "cup" else dict(zip(("geom1", "geom2"), pair, strict=True))
     lines = [
         "<!-- once `hcbench plugin mujoco --install` has run -->",

@@ -57,7 +57,7 @@ def script(scene: Scene, setting: Setting) -> str:
 def _calls(setting: Setting, pair: Pair, made: Mapping[str, str], path: str) -> str:
     """The calls, in the order that works. pair: the variables of the two bodies.
 
-    made: the calls that make them, by ball and plate; none of those that are there already.
+    made: the calls that make them, by ball and plate; none of those that exist already.
     path: of the plug-in, as an expression.
     """
     options, names = setting.options, dict(zip(PAIR, pair, strict=True))
