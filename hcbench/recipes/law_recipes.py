@@ -22,13 +22,15 @@ if TYPE_CHECKING:
     Options = Mapping[str, Any]
 
 _PLUG_IN = "A plug-in of hcbench.contact"
-_ATTACH = f"{_PLUG_IN}, to attach in your own simulation: no native setting."
-_RESOLVED = f"{_PLUG_IN} for steps that resolve the contact: no native setting."
-_QUARTER = "Steps of a quarter of the shortest contact or less; for longer ones take `restitution-law`."
-_IMPULSE = "Any step; the force is one impulse: forces and contact times mean nothing."
-_AT_PLANE = "Under gravity e is of the speeds at the touch plane; below 1.6 g h a body may come to rest."
-_TOUCH_SPEED = "v_i is the speed at touch of each impact: one e for all speeds; the paper's falls with speed."
-_DELIVERED = "What it delivers follows from χ and is not what it was asked for, but for `exact`."
+_ATTACH = f"{_PLUG_IN}, to attach in your own simulation: not a native setting."
+_RESOLVED = f"{_PLUG_IN} for steps that resolve the contact: not a native setting."
+_QUARTER = "Needs at least 4 steps in the shortest contact; for longer steps use `restitution-law`."
+_IMPULSE = "Works at any step. The bounce takes one step: contact force and contact time mean nothing."
+_AT_PLANE = (
+    "Under gravity e is the ratio of speeds at the touch plane; below 1.6 g h a body may come to rest."
+)
+_TOUCH_SPEED = "v_i is the speed of each impact at touch, so e is the same at every speed; the law's e falls."
+_DELIVERED = "The delivered e follows from χ. It differs from the target, except with `exact`."
 
 
 def plug_in_recipes(
@@ -55,7 +57,7 @@ def plug_in_recipes(
             "hunt-crossley",
             Role.LAW_AND_LOOP,
             lambda target: {"law": _force_law(target), **common},
-            "Plug-in: eq. (16) as contact force, for steps that resolve the contact.",
+            "Plug-in: the law as contact force, for steps that resolve the contact.",
             (_ATTACH, _QUARTER),
             kinds=("law",),
             steps_min=STEPS_OF_A_LAW,
@@ -99,8 +101,8 @@ def python_law_recipes(
             "hunt-crossley",
             Role.LAW_AND_LOOP,
             lambda target: {"law": _force_law(target), **common},
-            "From Python: eq. (16) as contact force, for steps that resolve the contact.",
-            (hook, "Steps of a quarter of the shortest contact or less."),
+            "From Python: the law as contact force, for steps that resolve the contact.",
+            (hook, "Needs at least 4 steps in the shortest contact."),
             kinds=("law",),
             steps_min=STEPS_OF_A_LAW,
             within=force,
@@ -147,7 +149,7 @@ def published_law_recipes(
             family.slug,
             Role.CONSTANT_E,
             function,
-            f"{family.name}, χ = {family.formula}: asked for the best constant e of the band.",
+            f"{family.name}, χ = {family.formula}, with the best constant e of the band as target.",
             (_TOUCH_SPEED, _DELIVERED, note),
             native=False,
             steps_min=steps_min,

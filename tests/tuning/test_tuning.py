@@ -348,7 +348,7 @@ def test_notes_of_a_softened_contact_do_not_contradict_what_was_measured(
     assert "mujoco staggered: the given recipe" in told
     assert "99.7 % of the largest force" in told
     assert "- under gravity it rests 9.7e-04 m deep, 1.9 % of the radius; --recipe impulse" in told
-    assert "- As stiff as the law it rests without creep" in told
+    assert "- With the law's own stiffness, a body rests about as deep as by the law, without drift." in told
 
 
 def test_what_keeps_a_body_from_resting_is_named_and_nothing_else() -> None:

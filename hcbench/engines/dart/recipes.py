@@ -34,27 +34,30 @@ def restitution(target: Target) -> dict[str, Any]:
 
 
 _UNITS = (
-    "Nothing bounces while e v is below 0.1 units of length a second, nor faster than 100: a scene in cm is"
-    " good from 1 mm/s to 1 m/s, one in metres from 0.1 m/s on. All lengths of the scene scale, gravity too.",
-    "With gravity the rebound is e (v + g h): energy grows, and the ball goes on bouncing at e g h/(1 - e):"
-    " .12 m/s for e = .93 at 1 ms, unless the threshold is above; `restitution-law` sets e v/(v + g h).",
+    "Nothing bounces while e v is below 0.1 units of length a second; no rebound is faster than 100.",
+    "So a scene in cm bounces from 1 mm/s to 1 m/s, a scene in metres from 0.1 m/s on.",
+    "Scale all lengths of the scene to your unit, gravity too.",
+    "Under gravity the rebound is e (v + g h): energy grows.",
+    "The ball goes on bouncing at e g h/(1 - e), 0.12 m/s for e = 0.93 at 1 ms.",
+    "It stops where that is below the threshold. `restitution-law` avoids it: it sets e v/(v + g h).",
 )
 _NATIVE = (
     stock(
         "dart",
         "DART with nothing set: a shape's restitution is 0 and nothing bounces.",
-        "URDF, SDF and SKEL files cannot say restitution: it always comes from Python.",
+        "URDF, SDF and SKEL files cannot set restitution: set it in Python.",
         forms=("plane",),
     ),
     on_a_plane("dart", "restitution", Role.CONSTANT_E, restitution, one_step=True)(
-        "DART's restitution: the best constant e, exact at any step and phase, in a unit that it bounces in.",
-        "Restitutions multiply: the plate's must be set to 1, stock is 0.",
-        "Constraint force mixing of 1e-5 takes its part: set (1 + e)(1 + 1e-5) - 1; .99998 is the most.",
+        "DART's restitution: the best constant e, exact at any step and phase, in suitable units of length.",
+        "Restitutions multiply: set the plate's to 1; its default is 0.",
+        "DART's constraint force mixing of 1e-5 lowers e: set (1 + e)(1 + 1e-5) - 1.",
+        "The highest e is 0.99998.",
         *_UNITS,
-        "The force is one impulse of m (1 + e) v / h: forces and contact times mean nothing.",
+        "The bounce takes one step: contact force and contact time mean nothing.",
     ),
 )
-_HOOK = "Lines of Python before each world.step(): addExtForce, or setRestitutionCoeff on the ball's shape."
+_HOOK = "Before each world.step(), call addExtForce, or setRestitutionCoeff on the ball's shape."
 
 
 def _unit_of_law(target: Target) -> dict[str, Any]:

@@ -54,32 +54,34 @@ _HALF = "The pair has half of the point_stiffness of the two bodies, and their d
 _NATIVE = (
     stock(
         "drake",
-        "Drake with nothing set: a discrete plant with dissipation 50 s/m, e < .4 at 1 in/s and < .04 at 20.",
-        "dissipation 50 s/m is α = 33 s/m, a hundred times that of steel; point_stiffness is 1e6 N/m.",
+        "Drake with nothing set: a discrete plant with almost no bounce, e < 0.4 at 1 in/s, < 0.04 at 20.",
+        "The default dissipation of 50 s/m means α = 33 s/m, a hundred times that of steel.",
+        "The default point_stiffness is 1e6 N/m.",
         forms=("plane",),
     ),
     on_a_plane("drake", "continuous", Role.LAW, continuous, within=1e-7, kinds=("law",))(
-        "Continuous plant, d = 1.5 α: the law's e at any step; its force is linear in depth, not Hertz's.",
-        "The plant is continuous (time_step=0): the step only says how often you look at it.",
-        "Stock accuracy, 1e-4, errs by up to .03; a hundredfold one costs four times the time.",
-        "Fixed steps gain energy when coarse: e of 2 at 1e-4 s by runge_kutta3.",
+        "Continuous plant, d = 1.5 α: the law's e at any step, with a force linear in penetration.",
+        "The plant is continuous (time_step=0): the step only sets how often you read the state.",
+        "At Drake's default accuracy of 1e-4, e is wrong by up to 0.03.",
+        "An accuracy a hundred times finer takes four times as long.",
+        "Coarse fixed steps gain energy: e = 2 at 100 µs with runge_kutta3.",
         _HALF,
     ),
     on_a_plane("drake", "discrete", Role.FALLING_E, discrete, within=2.1e-3, kinds=("law",))(
-        "Discrete plant, d = 1.5 α and a spring softened until the plant's own damping takes 1/500 of e.",
-        "A discrete plant multiplies e by exp(-π ω h/2), ω² = k/m, and d cannot be negative to make up.",
-        "Soft: it goes in up to 1 mm deep and stays for milliseconds, so gravity is felt in the contact.",
-        "At steps above 1e-6 s the spring that it would take is too soft to be let: e is low then.",
-        "`lagged`, the default, and `similar` give the same e at more cost; `sap` ignores dissipation.",
+        "Discrete plant, d = 1.5 α, soft spring: the law's e, of which the implicit step takes 0.2 %.",
+        "A discrete plant multiplies e by exp(-π ω h/2), ω² = k/m. No d above 0 makes up for it.",
+        "The contact is soft, up to 1 mm deep and milliseconds long, so gravity acts within it.",
+        "Above 1 µs the spring would have to be softer than hcbench allows: e is too low there.",
+        "`lagged` (the default) and `similar` give the same e and take longer; `sap` ignores dissipation.",
         _HALF,
     ),
     on_a_plane("drake", "spring-damper", Role.CONSTANT_E, spring_damper)(
-        "Discrete plant, `sap`: the best constant e and the law's contact time mid-band.",
-        "The relaxation times of both bodies add up; Drake's default of 0.1 s each lets nothing bounce.",
-        "The implicit step damps by itself: coarse steps soften the spring until that alone is not too much.",
+        "Discrete plant, `sap`: the best constant e and the law's contact time at the band's middle speed.",
+        "The relaxation times of both bodies add up. With Drake's default of 0.1 s each, nothing bounces.",
+        "The implicit step adds damping. At coarse steps hcbench softens the spring to keep it small.",
         _HALF,
     ),
 )
-_HOOK = "A LeafSystem from the plant's state to its applied spatial force; no collision geometry."
+_HOOK = "A LeafSystem turns the plant's state into an applied spatial force; add no collision geometry."
 _CONTINUOUS = {"plant": "continuous", "accuracy": 1e-8}
 RECIPES = (*_NATIVE, *python_law_recipes("drake", _NATIVE, _HOOK, force=1e-6, common=_CONTINUOUS))

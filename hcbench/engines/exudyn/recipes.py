@@ -38,12 +38,15 @@ def restitution(target: Target) -> dict[str, Any]:
     return _contact(target, 2, minimax_constant(target)[0], minimumImpactVelocity=0.0)
 
 
-_STEPS = "timeIntegration.minimumStepSize of 1e-8, the default, ends one impact in five with an error."
-_GAIN = "Few steps a contact gain energy: e is .007 too high at 20, so below 10 the spring is softened to 60."
+_STEPS = "Lower timeIntegration.minimumStepSize: its default, 1e-8, ends one impact in five with an error."
+_GAIN = (
+    "A contact of few steps gains energy: with 20 steps e is 0.007 too high.",
+    "Below 10 steps a contact, hcbench softens the spring to 60.",
+)
 _NATIVE = (
     stock(
         "exudyn",
-        "Exudyn with nothing set: contactStiffness is 0, the ball falls through the plate without a warning.",
+        "Exudyn with nothing set: contactStiffness is 0, and the ball falls through the plate silently.",
         ends=Status.DIVERGED,
     ),
     Recipe(
@@ -51,12 +54,13 @@ _NATIVE = (
         "contact-law",
         Role.LAW_AND_LOOP,
         contact_law,
-        "impactModel 1 with minimumImpactVelocity V above all speeds and e = 1 - α V: eq. (16), e and loop.",
+        "impactModel 1, minimumImpactVelocity V above all speeds, e = 1 - α V: the law, force loop included.",
         (
-            "Impacts faster than V lose less than the law: their α is (1 - e)/v.",
-            "contactStiffness is the pair's own: nothing is combined. A hollow sphere is the true cup.",
+            "Impacts faster than V lose less energy than the law says: their α is (1 - e)/v.",
+            "contactStiffness belongs to the pair: no two values are combined.",
+            "A cup is modelled exactly, as a hollow sphere.",
             _STEPS,
-            _GAIN,
+            *_GAIN,
         ),
         kinds=("law",),
         within=3e-5,
@@ -68,13 +72,13 @@ _NATIVE = (
         restitution,
         "impactModel 2: the best constant e, with the stiffness and exponent of the law.",
         (
-            "It gives the e asked to 2e-5 from .9 up; .3042 for .3.",
+            "e is within 2e-5 of the number that you set from 0.9 up; 0.3 gives 0.3042.",
             "impactModel 0 ignores restitutionCoefficient.",
             _STEPS,
-            _GAIN,
+            *_GAIN,
         ),
         within=5e-5,
     ),
 )
-_HOOK = "springForceUserFunction of a CoordinateSpringDamper between the ball's height and the ground."
+_HOOK = "Runs as springForceUserFunction of a CoordinateSpringDamper between the ball and the ground."
 RECIPES = (*_NATIVE, *python_law_recipes("exudyn", _NATIVE, _HOOK, force=5e-6, common={"solver": "RK44"}))

@@ -10,12 +10,12 @@ from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Integrators
 from hcbench.sim.shared_model import changed, shared_recipes
 
-_STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MJX does not have it")
+_STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MJX does not have this integrator")
 _SCATTER = 4e-3  # of e: a float32 position at R has steps of 4 nm, and 1e-5 s moves it by 250 and more
-_ONE_FORCE = Integrators(("Euler", "implicitfast"), "its numbers are of one force a step")
-_SOFT = "For this step and gravity. e scatters with where in a step a touch falls."
-_FLOAT = "float32: e scatters by .004 at 1e-5 s and 1e-6 s; put the contact near the origin, not 1 m up."
-_PUSHES = "`two-pair` and `staggered` are refused: MJX drops a pair's adhesion without a word."
+_ONE_FORCE = Integrators(("Euler", "implicitfast"), "the recipe assumes one contact force a step")
+_SOFT = "The numbers hold at this step and gravity only. e varies with the phase of the step."
+_FLOAT = "In float32 e varies by 0.004 at 1 µs and 10 µs: put the contact near the origin, not 1 m up."
+_PUSHES = "`two-pair` and `staggered` are refused: MJX ignores a pair's adhesion without a warning."
 
 
 def _coarser(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -32,8 +32,8 @@ _NATIVE = shared_recipes(
         "impulse": {
             "function": changed("mujoco.impulse", _coarser),
             "notes": (
-                "solimp .9, not .9999: of 1 - d float32 keeps too little, and e is off by .0024.",
-                "Under gravity its step carries .9 of the weight only: e is off by .1 g h / v more.",
+                "solimp is 0.9: with MuJoCo's 0.9999, float32 rounding makes e wrong by 0.0024.",
+                "Under gravity the contact carries only 0.9 of the weight: e is wrong by 0.1 g h / v more.",
             ),
             "integrators": _ONE_FORCE,
             "within": 3e-6,
@@ -42,13 +42,13 @@ _NATIVE = shared_recipes(
         "compliant": {"notes": (_SOFT, _FLOAT), "integrators": _ONE_FORCE, "within": 0.01},
         "compliant-pairs": {
             "function": changed("mujoco.compliant-pairs", dict, adhesive=False),
-            "summary": "Two pairs of the same two geoms that only push: e falls with speed nearly as wanted.",
+            "summary": "Two pairs of the same two geoms that only push: e falls with speed, near the target.",
             "notes": (_SOFT, _PUSHES),
             "integrators": _ONE_FORCE,
         },
         "soft": {
             "function": changed("mujoco.soft", lambda options: {**options, "precision": "float64"}),
-            "notes": ("float64 only: in float32 its power underflows, and nothing bounces.",),
+            "notes": ("Needs float64: in float32 the power of solimp underflows, and nothing bounces.",),
             "integrators": _STEPS,
             "within": 0.01,
         },
@@ -60,9 +60,9 @@ RECIPES = (
     *python_law_recipes(
         "mjx",
         _NATIVE,
-        "In the step that jit and vmap take. precision = 'float64' is jax_enable_x64, for the whole process.",
+        "Runs in the step function, for jit and vmap. precision = 'float64' sets jax_enable_x64 globally.",
         force=1e-3,
         common={"precision": "float64"},
     ),
-    *python_law_recipes("mjx", _NATIVE, "In the step that jit and vmap take.", each_impact=5e-6),
+    *python_law_recipes("mjx", _NATIVE, "Runs in the step function, for jit and vmap.", each_impact=5e-6),
 )

@@ -10,13 +10,13 @@ from hcbench.recipes.recipe import Integrators
 from hcbench.recipes.target import Target
 from hcbench.sim.shared_model import changed, shared_recipes
 
-_STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MuJoCo Warp does not have it")
+_STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MuJoCo Warp does not have this integrator")
 _SCATTER = 4e-3  # of e: a float32 position at R has steps of 4 nm
-_COPIES = "It keeps one of several pairs of the same two geoms: each has a massless copy of the ball's geom."
-_FLOAT = "float32: e scatters by .004 at 1e-5 s and 1e-6 s; put the contact near the origin, not 1 m up."
-_ONE_FORCE = Integrators(("Euler", "implicitfast"), "its numbers are of one force a step")
-_SOFT = "For this step and gravity. e scatters with where in a step a touch falls."
-_HUGE = "Keep adhesion about as large as the contact's force: 1e6 N, rounded in float32, lets e be off by .1."
+_COPIES = "MuJoCo Warp keeps one pair of two geoms only: each pair gets a massless copy of the ball's geom."
+_FLOAT = "In float32 e varies by 0.004 at 1 µs and 10 µs: put the contact near the origin, not 1 m up."
+_ONE_FORCE = Integrators(("Euler", "implicitfast"), "the recipe assumes one contact force a step")
+_SOFT = "The numbers hold at this step and gravity only. e varies with the phase of the step."
+_HUGE = "Keep adhesion near the contact force: at 1e6 N, float32 rounding makes e wrong by 0.1."
 _NOTES = {"notes": (_FLOAT, _COPIES), "integrators": _STEPS, "within": _SCATTER}
 
 
@@ -38,8 +38,8 @@ _NATIVE = shared_recipes(
         "stock": {"notes": (_FLOAT,)},
         "impulse": {
             "notes": (
-                "D = (1 + e)/h is of this step only. The force is one impulse.",
-                "float32 costs it nothing: e to 3e-7, 10 m from the origin too.",
+                "D = (1 + e)/h holds at this step only. The bounce takes one step.",
+                "float32 is enough: e is within 3e-7, 10 m from the origin too.",
             ),
             "integrators": _ONE_FORCE,
             "within": 1e-6,
@@ -61,7 +61,7 @@ RECIPES = (
     *python_law_recipes(
         "mujoco-warp",
         _NATIVE,
-        "A kernel in callback.passive, or lines before each step; each world has a solref of its own.",
+        "Runs as a kernel in callback.passive, or as lines before each step; solref differs by world.",
         force=_SCATTER,
         each_impact=3e-6,
     ),

@@ -29,29 +29,33 @@ def _without_friction(options: Mapping[str, Any]) -> dict[str, Any]:
     return {"solver": "MuJoCo", "rows": rows}
 
 
-_PAIRS = "SolverMuJoCo needs newton[sim]. Each row has a sphere and a pair of its own; pairs cannot pull."
+_PAIRS = "SolverMuJoCo needs newton[sim]. Each row needs its own sphere and pair; pairs cannot pull."
 _LENT = (
-    ("impulse", 1e-6, "D = (1 + e)/h is of this step only. Under gravity e scatters by (1 + e) g h / v."),
-    ("compliant", 1e-2, "For this step and gravity, where e scatters less than that of `impulse`."),
-    ("staggered-push", 4e-3, "float32: e to .003 at 1e-5 s; softened, to 5e-4 at 1e-4 s and 1e-3 s."),
+    ("impulse", 1e-6, "D = (1 + e)/h holds at this step only. Under gravity e varies by (1 + e) g h / v."),
+    ("compliant", 1e-2, "The numbers hold at this step and gravity only. e varies less than with `impulse`."),
+    (
+        "staggered-push",
+        4e-3,
+        "e is within 0.003 at 10 µs (float32) and 5e-4 at 100 µs and 1 ms (soft spring).",
+    ),
 )
 _NATIVE = (
-    stock("newton", "Newton with nothing set: SolverXPBD ignores restitutions: e of .03.", forms=("plane",)),
+    stock("newton", "Newton with nothing set: SolverXPBD ignores restitutions, e = 0.03.", forms=("plane",)),
     on_a_plane("newton", "stock-mujoco", Role.STOCK, lambda target: {"solver": "MuJoCo"})(
         "SolverMuJoCo with nothing set: critically damped, e about 0.13, and restitutions are ignored.",
         "ke and kd become a solref: time constant 2/kd, damping ratio kd/(2 sqrt(ke)), per unit mass.",
-        "Never give both shapes a mu of 0: unlike MuJoCo's, its states turn to NaN.",
+        "Never give both shapes a mu of 0: Newton's states turn to NaN, MuJoCo's do not.",
     ),
     on_a_plane("newton", "restitution", Role.CONSTANT_E, best_constant, one_step=True, within=1e-6)(
         "SolverXPBD with enable_restitution=True: the best constant e, at any step and phase.",
-        "The restitutions of both shapes are averaged: e goes on both. MJCF and URDF bring none.",
-        "Under gravity it rebounds with e (v + g h), v of the state before; none below 2 g h.",
-        "The contact force it reports leaves the restitution out: trust none in an impact.",
+        "Newton averages the restitutions of both shapes: set e on both. MJCF and URDF files have none.",
+        "Under gravity a body rebounds with e (v + g h), v its speed before the step; not below 2 g h.",
+        "The reported contact force leaves the restitution out: do not use it in an impact.",
     ),
     on_a_plane("newton", "spring-damper", Role.CONSTANT_E, spring_damper, within=_SCATTER)(
         "SolverSemiImplicit, ke and kd in closed form: the best constant e and the law's contact time.",
-        "ke and kd are for this mass; both shapes have them, as they are averaged.",
-        "It damps the way in only. e is off by up to .006, of 40 steps a contact and float32.",
+        "ke and kd are for this mass. Newton averages those of both shapes: set them on both.",
+        "The damper acts on the way in only. e is wrong by up to 0.006 with 40 steps a contact in float32.",
     ),
     *shared_recipes("newton", "mujoco", {
         name: {
@@ -60,5 +64,5 @@ _NATIVE = (
         } for name, within, note in _LENT
     }),
 )  # fmt: skip
-_HOOK = "Before each step: body_f after clear_forces(), or shape_material_restitution, a value a world."
+_HOOK = "Before each step, set body_f after clear_forces(), or shape_material_restitution for each world."
 RECIPES = (*_NATIVE, *python_law_recipes("newton", _NATIVE, _HOOK, force=_SCATTER, each_impact=2e-6))

@@ -34,11 +34,11 @@ def hunt_crossley_force(target: Target) -> dict[str, Any]:
 
 
 _ON_A_PLANE = partial(Recipe, "opensim", forms=("plane",), kinds=("law",))
-_SHARED = "One set of numbers for both geometries: addGeometry both, then set them on the force."
+_SHARED = "Both geometries share one set of numbers: call addGeometry for both, then set them on the force."
 _NATIVE = (
     stock(
         "opensim",
-        "OpenSim with nothing set: the force's stiffness is 0, and the state turns to NaN without a warning.",
+        "OpenSim with nothing set: the force has stiffness 0, and the state becomes NaN without a warning.",
         forms=("plane",),
         ends=Status.DIVERGED,
     ),
@@ -46,11 +46,12 @@ _NATIVE = (
         "force",
         Role.LAW_AND_LOOP,
         hunt_crossley_force,
-        "HuntCrossleyForce with c = α and accuracy 1e-11: eq. (16), loop included, at any step.",
+        "HuntCrossleyForce with c = α and accuracy 1e-11: the law, force loop included, at any step.",
         (
             "Its dissipation c is α itself, where Drake's d is 1.5 α.",
-            "The step only says how often you look: error control takes smaller ones. e to 5e-9.",
-            "Accuracy 1e-5 errs by .0024, 1e-7 by 5e-5, 1e-9 by 3e-7; fixed steps gain energy when coarse.",
+            "The step only sets how often you read the state; the integrator takes smaller ones.",
+            "e is within 5e-9. At accuracy 1e-5 it is wrong by 0.0024, at 1e-7 by 5e-5, at 1e-9 by 3e-7.",
+            "Coarse fixed steps gain energy.",
             _SHARED,
         ),
         within=1e-8,
@@ -59,10 +60,10 @@ _NATIVE = (
         "stock-accuracy",
         Role.FALLING_E,
         stock_accuracy,
-        "HuntCrossleyForce with c = α at OpenSim's own accuracy of 1e-3: e errs by .2, or gains energy.",
+        "HuntCrossleyForce with c = α at OpenSim's default accuracy, 1e-3: e wrong by 0.2, or energy gained.",
         (
-            "At 1 in/s from 1 mm, looked at once a millisecond, it leaves at 2.9 times its speed.",
-            "Frequent calls of integrate() cut its steps short and hide the error: .001 at 2e-5 s.",
+            "Launched at 1 in/s from 1 mm and read once a millisecond, a ball leaves 2.9 times as fast.",
+            "Frequent calls of integrate() shorten its steps and hide the error: 0.001 at 20 µs.",
             _SHARED,
         ),
         by_auto=False,
@@ -73,7 +74,7 @@ RECIPES = (
     *python_law_recipes(
         "opensim",
         _NATIVE,
-        "An ExpressionBasedCoordinateForce, for any exponent; a Force cannot be written in Python.",
+        "Uses an ExpressionBasedCoordinateForce, for any exponent: Python cannot define a Force.",
         force=1e-8,
         common={"accuracy": _ACCURACY},
     ),

@@ -23,8 +23,8 @@ def restitution(target: Target) -> dict[str, Any]:
 _NATIVE = (
     stock(
         "physx",
-        "PhysX as SAPIEN makes it: nothing bounces below 2 m/s.",
-        "Above 2 m/s it bounces with e = .1, that of the default material.",
+        "PhysX with SAPIEN's defaults: nothing bounces below 2 m/s.",
+        "Above 2 m/s bodies bounce with e = 0.1, that of the default material.",
         forms=("plane",),
     ),
     Recipe(
@@ -32,15 +32,15 @@ _NATIVE = (
         "restitution",
         Role.CONSTANT_E,
         restitution,
-        "PhysX's restitution with no bounce threshold, by TGS: the best constant e, at any step and phase.",
+        "PhysX's restitution, bounce threshold 0, TGS solver: the best constant e, at any step and phase.",
         (
-            "The threshold is set before the system is made: later edits of system.config do nothing.",
-            "The materials of the two are averaged, and SAPIEN cannot change that: e goes on both.",
-            "TGS only: PGS bounces with .77 ... .9 for .9, by luck of the phase.",
-            "A restitution below 0 is a spring's stiffness for PhysX.",
-            "Under gravity it rebounds with e (v + g h), v the speed of the state before the touch.",
-            "The ball turns in the step in which it would touch, above the plate: there is no loop to read.",
-            "float32: e to 1.3e-6 at 1e-5 ... 1/240 s, within metres of the origin; to .003 at 1e-6 s.",
+            "Set the threshold before the system is made: later edits of system.config do nothing.",
+            "PhysX averages the materials of the two, which SAPIEN cannot change: set e on both.",
+            "Use TGS: under PGS a restitution of 0.9 gives 0.77 ... 0.9, by the phase of the step.",
+            "PhysX takes a restitution below 0 as the stiffness of a spring.",
+            "Under gravity a body rebounds with e (v + g h), v its speed before the contact.",
+            "The ball reverses above the plate, in the step in which it would touch: there is no force loop.",
+            "float32, within metres of the origin: e is within 1.3e-6 at 10 µs ... 1/240 s, 0.003 at 1 µs.",
         ),
         one_step=True,
         forms=("plane",),
@@ -52,7 +52,7 @@ RECIPES = (
     *python_law_recipes(
         "physx",
         _NATIVE,
-        f"Called before each step, as PhysX calls nothing back; float32: force laws scatter by {_SCATTER:g}.",
+        f"Call it before each step: PhysX has no callbacks. In float32, force laws vary e by {_SCATTER:g}.",
         force=_SCATTER,
         each_impact=_WITHIN,
         common=_SCENE,

@@ -23,13 +23,13 @@ _NATIVE = (
     ),
     on_a_plane("rapier", "restitution", Role.CONSTANT_E, restitution, one_step=True, within=1e-6)(
         "Rapier's restitution: the best constant e, at any step and phase, to 32-bit rounding.",
-        "Stock averages the restitutions of both colliders: set the same on both.",
-        "It has no threshold, and under gravity reverses the speed of the step's start.",
-        "Under gravity a ball that rebounds slower than 1.3 g h (5 cm/s at 1/240 s) is back within two steps"
-        " and stays: it counts as at rest, with e 0.",
-        "Its numbers have 32 bits: a ball that moves under half an ulp of its height a step stands still.",
-        "The force is one impulse of m (1 + e) v / h: forces and contact times mean nothing.",
+        "Rapier averages the restitutions of both colliders by default: set e on both.",
+        "Rapier has no speed threshold, and reverses the speed of the start of the step.",
+        "Under gravity a rebound slower than 1.3 g h (5 cm/s at 1/240 s) is back within two steps and stays.",
+        "Such a ball counts as at rest, with e = 0.",
+        "In float32, a ball that moves less than half a rounding unit of its height a step does not move.",
+        "The bounce takes one step: contact force and contact time mean nothing.",
     ),
 )
-_HOOK = "Lines of Python before each world.step(): restitution of both colliders."
+_HOOK = "Before each world.step(), lines of Python set the restitution of both colliders."
 RECIPES = (*_NATIVE, *python_law_recipes("rapier", _NATIVE, _HOOK, each_impact=1e-6))

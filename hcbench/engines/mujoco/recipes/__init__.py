@@ -13,7 +13,7 @@ from hcbench.recipes.recipe import stock
 STOCK = stock(
     "mujoco",
     'MuJoCo with nothing set, solref "0.02 1": critically damped, e about 0.13; slow drops stay down.',
-    "Knows nothing of the law: the contact time, depth and restitution are the engine's defaults.",
+    "Contact time, penetration and restitution are the engine's defaults, not the law's.",
 )
 _NATIVE = (
     STOCK,

@@ -11,9 +11,11 @@ from hcbench.recipes.recipe import Integrators
 # Of springs that start at a depth of their own: the least impedance throughout.
 SPRING_SOLIMP = (MIN_IMPEDANCE, MIN_IMPEDANCE, 1.0, 0.5, 1.0)
 # Notes of contacts that are softened where the law's would be too short for the step.
-SOFTENED = "Softened, it is right without gravity only: slow bodies sink, swing or never part."
-HARDLY_RUBS = "With --friction e holds, but a slide hardly slows: its impulse is off by up to .95 Coulomb's."
-DAMPED_STEP = Integrators(("Euler", "implicit", "implicitfast", "RK4"), "its damping is off by the step")
+SOFTENED = "Use a softened spring without gravity only: under gravity slow bodies sink, swing or never part."
+WEAK_FRICTION = "Friction is far too weak: up to 95 % below Coulomb's law. Restitution is unaffected."
+DAMPED_STEP = Integrators(
+    ("Euler", "implicit", "implicitfast", "RK4"), "it changes the damping with the step"
+)
 
 
 def nonnegative_fit(columns: Floats, goal: Floats) -> tuple[Floats, float]:

@@ -68,11 +68,11 @@ def _rows_for(*case: Any) -> tuple[ConstraintRow, ...]:
 
 
 _SHARED = (
-    "Euler, implicit and implicitfast; RK4 and discrete are refused.",
-    "Numbers are per unit effective mass and for this step and gravity: the same for any mass.",
+    "Use the integrator Euler, implicit or implicitfast; RK4 and discrete are refused.",
+    "The numbers hold at this step and gravity, for any mass.",
     "With friction the model's cone is elliptic and its impratio 1000000, for all of its contacts.",
 )
-_ONE_FORCE = Integrators(("Euler", "implicit", "implicitfast"), "its numbers are of one force a step")
+_ONE_FORCE = Integrators(("Euler", "implicit", "implicitfast"), "the recipe assumes one contact force a step")
 COMPLIANT = Recipe(
     "mujoco",
     "compliant",
@@ -81,8 +81,8 @@ COMPLIANT = Recipe(
     "One soft contact of a few steps, spring and damper: the best constant e, with Coulomb friction.",
     (
         *_SHARED,
-        "e scatters with where in a step a touch falls: slow ones by g h / v, all by some .2 (1 - e).",
-        "A flat box meets with 4 corners at once: --corners 4, of 6 steps at least; fewer gain energy.",
+        "e varies with the phase of the step: by about 0.2 (1 - e), and slow impacts by g h / v more.",
+        "A box that lands flat touches with 4 corners at once: use --corners 4, or it gains energy.",
     ),
     within=0.01,  # where there is no gravity, though it is made for some
     integrators=_ONE_FORCE,
@@ -92,12 +92,12 @@ COMPLIANT_PAIRS = Recipe(
     "compliant-pairs",
     Role.FALLING_E,
     compliant_pairs,
-    "Two pairs of the same two geoms, spring and damper, fitted with gravity: e falls with speed as wanted.",
+    "Two pairs of the same two geoms, spring and damper, fitted with gravity: e follows the target.",
     (
         *_SHARED,
-        "The spring carries the friction, the damper has none: over an impact it neither pushes nor pulls.",
-        "Faster impacts than the band's lose less than wanted.",
-        "Before MuJoCo 3.11, which has no adhesion, the damper cannot pull: e is a little further off.",
+        "Friction works as usual: it acts through the spring.",
+        "Impacts faster than the band lose less energy than the target says.",
+        "Before MuJoCo 3.11 pairs have no adhesion and the damper cannot pull: e is a little less exact.",
     ),
     integrators=_ONE_FORCE,
     forms=("plane",),

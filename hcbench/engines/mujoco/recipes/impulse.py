@@ -31,17 +31,19 @@ IMPULSE = Recipe(
     "impulse",
     Role.CONSTANT_E,
     impulse,
-    "One contact step turns v into -e v: the best constant e, exact without gravity and friction; no loop.",
+    "One step turns v into -e v: the best constant e, exact without gravity and friction; no force loop.",
     (
-        "Euler, implicit and implicitfast; RK4 and discrete give e = 0 and are refused.",
-        "Needs no stiffness, mass or speed: the same numbers serve every body, at this step only.",
-        "Change the step and solref changes with it: D = (1 + e)/h.",
+        "Use the integrator Euler, implicit or implicitfast; RK4 and discrete give e = 0 and are refused.",
+        "The numbers serve every body at every speed, at this step only.",
+        "If you change the step, change solref too: D = (1 + e)/h.",
         "Set solref and solimp on both geoms or in a <pair>: MuJoCo mixes those of the two geoms.",
-        "At rest under gravity it creeps into the plate at about 1e-4 g h / (1 + e).",
-        "Without friction only: where the body slides, friction throws it up; take `compliant` then.",
-        "Under gravity e scatters by up to (1 + e) g h / v with where in a step the touch falls.",
-        "The force is one impulse of m (1 + e) v / h: forces, stresses and contact times mean nothing.",
+        "At rest under gravity a body drifts into the plate at about 1e-4 g h / (1 + e).",
+        "Do not use it with friction, which throws a sliding body up: use `compliant`.",
+        "Under gravity e varies by up to (1 + e) g h / v with the phase of the step.",
+        "The bounce takes one step: contact force, stress and contact time mean nothing.",
     ),
     one_step=True,
-    integrators=Integrators(("Euler", "implicit", "implicitfast"), "the bounce needs one force a step"),
+    integrators=Integrators(
+        ("Euler", "implicit", "implicitfast"), "the recipe assumes one contact force a step"
+    ),
 )

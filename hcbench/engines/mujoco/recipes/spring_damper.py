@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, HARDLY_RUBS, SOFTENED, rows_options
+from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, SOFTENED, WEAK_FRICTION, rows_options
 from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, STIFF_SOLIMP, ConstraintRow
 from hcbench.recipes import constant
 from hcbench.recipes.recipe import Recipe, Role
@@ -34,14 +34,14 @@ SPRING_DAMPER = Recipe(
     "spring-damper",
     Role.CONSTANT_E,
     spring_damper,
-    "One contact as a linear spring and damper: the best constant e and the law's contact time mid-band.",
+    "A linear spring and damper: the best constant e, and the law's contact time at the middle speed.",
     (
-        "Euler, implicit, implicitfast and RK4; discrete takes away up to .2 of e and is refused.",
-        "Stiffness and damping are per unit effective mass: the same numbers give the same e for any mass.",
-        "At least 20 steps a contact: the spring is softer where the law has fewer.",
+        "Use the integrator Euler, implicit, implicitfast or RK4; discrete is refused: it lowers e by 0.2.",
+        "The numbers are per unit effective mass, so they give the same e for any mass.",
+        "A contact lasts at least 20 steps: where the law's is shorter, hcbench softens the spring.",
         SOFTENED,
-        HARDLY_RUBS,
-        "e does not depend on speed, and the force jumps at touch: it is not the law's loop.",
+        WEAK_FRICTION,
+        "e does not depend on speed, and the force jumps at touch: the force loop is not the law's.",
         "Set solref and solimp on both geoms or in a <pair>: MuJoCo mixes those of the two geoms.",
     ),
     integrators=DAMPED_STEP,

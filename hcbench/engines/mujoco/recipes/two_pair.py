@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, HARDLY_RUBS, SOFTENED, rows_options
+from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, SOFTENED, WEAK_FRICTION, rows_options
 from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, restitution
 from hcbench.errors import SettingError
 from hcbench.impact import Floats
@@ -148,15 +148,15 @@ TWO_PAIR = Recipe(
     "two-pair",
     Role.FALLING_E,
     two_pair,
-    "A linear spring pair and a damper pair that grows with depth: e(v) as wanted, a smooth loop.",
+    "A linear spring and a damper that grows with depth, one pair each: e follows the target.",
     (
-        "Euler, implicit, implicitfast and RK4; discrete is refused.",
-        "Stiffness and damping are per unit effective mass: the same numbers give the same e for any mass.",
-        "The loop starts and ends at the origin, but its spring is linear: not the law's loop unless n = 1.",
-        "At least 36 steps a contact: the spring is softer where the law has fewer.",
+        "Use the integrator Euler, implicit, implicitfast or RK4; discrete is refused.",
+        "The numbers are per unit effective mass, so they give the same e for any mass.",
+        "The force loop starts and ends at 0. The spring is linear, so it is the law's loop only for n = 1.",
+        "A contact lasts at least 36 steps: where the law's is shorter, hcbench softens the spring.",
         SOFTENED,
-        HARDLY_RUBS,
-        "The damper needs MuJoCo 3.11 or later (pair adhesion). Pairs are frictionless (condim 1).",
+        WEAK_FRICTION,
+        "The pairs are frictionless (condim 1). The damper needs MuJoCo 3.11 or later (pair adhesion).",
     ),
     integrators=DAMPED_STEP,
     steps_min=STEPS_OF_A_FITTED_SPRING,  # softened it sags under its weight

@@ -1,4 +1,4 @@
-"""PyBullet: the restitution that was set is the restitution that happens."""
+"""PyBullet: delivers exactly the restitution that is set."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ RESTITUTION = Recipe(
     "restitution",
     Role.CONSTANT_E,
     restitution,
-    "Bullet's restitution without all that distorts it: the best constant e, at any step and phase.",
+    "Bullet's restitution with what distorts it turned off: the best constant e, at any step and phase.",
     (
-        "The restitutions of the two bodies multiply: e goes on the ball and 1 on the plate.",
-        "All of it must be set before the first step.",
-        "erp is left as it is: 0 would let constraints and the joints of rigid bodies drift apart;"
-        " contactERP=0 is all that a bounce needs.",
-        "contactBreakingThreshold outlives resetSimulation and leaks into other clients of the process.",
-        "Maximal coordinates (loadURDF's useMaximalCoordinates) keep e under gravity;"
-        " Bullet's default rebounds from v + g dt.",
-        "The force is one impulse of m (1 + e) v / dt: forces and contact times mean nothing.",
+        "The restitutions of the two bodies multiply: set e on the ball and 1 on the plate.",
+        "Set all of this before the first step.",
+        "Leave erp at its default: with 0, constraints and joints of rigid bodies would drift apart.",
+        "A bounce needs contactERP=0 only.",
+        "resetSimulation does not reset contactBreakingThreshold, and all clients of the process share it.",
+        "Use maximal coordinates (loadURDF's useMaximalCoordinates) to keep e under gravity.",
+        "By default Bullet reverses the speed v + g dt instead of v.",
+        "The bounce takes one step: contact force and contact time mean nothing.",
     ),
     one_step=True,
 )

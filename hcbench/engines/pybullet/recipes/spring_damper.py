@@ -31,13 +31,12 @@ SPRING_DAMPER = Recipe(
     "spring-damper",
     Role.CONSTANT_E,
     spring_damper,
-    "contactStiffness and contactDamping: the best constant e and the law's contact time mid-band.",
+    "contactStiffness and contactDamping: the best constant e, the law's contact time at middle speed.",
     (
-        "k and c are for this mass (N/m, N s/m), unlike MuJoCo's.",
-        "Bullet's implicit step damps by itself: a coarse step softens the spring until that alone is not"
-        " more than the damping wanted.",
-        "The plate needs contactStiffness 1e30: Bullet puts the two in series.",
-        "e does not depend on speed, and the force jumps at touch: it is not the law's loop.",
-        "contactBreakingThreshold outlives resetSimulation and leaks into other clients of the process.",
+        "k (N/m) and c (N s/m) are for this mass, unlike MuJoCo's.",
+        "Bullet's implicit step adds damping. At coarse steps hcbench softens the spring to keep it small.",
+        "The plate needs contactStiffness 1e30: Bullet puts the springs of the two bodies in series.",
+        "e does not depend on speed, and the force jumps at touch: the force loop is not the law's.",
+        "resetSimulation does not reset contactBreakingThreshold, and all clients of the process share it.",
     ),
 )
