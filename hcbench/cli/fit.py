@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import click
 
@@ -13,6 +13,7 @@ from hcbench.cli.outputs import PathType, force_option, output_option
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
+    from hcbench.fitting.result import FitResult
     from hcbench.fitting.setup import MeasurementSetup
 
     Uncertain = tuple[float, float] | None
@@ -79,6 +80,9 @@ class _FilesAfterAgainst(click.Command):
 @click.option(
     "--to", "end", type=QuantityType("timestep", positive=True), help="End of the part to read: '18 s'."
 )
+@click.option("--engine", help="Engine in which to make a scene that bounces as the recording did.")
+@click.option("--timestep", type=QuantityType("timestep", positive=True), help="Step of that scene.")
+@output_option("--write-scene", help="Write that scene.")
 @click.option("--law", type=click.Choice(_LAWS), default="auto", show_default=True)
 @output_option("--page", help="Also write a one-page report (HTML).")
 @output_option("--write-points", help="Write e over speed, for `tune --points` and `check --pairs`.")
@@ -91,6 +95,9 @@ def fit(
     against: tuple[Path, ...],
     begin: float | None,
     end: float | None,
+    engine: str | None,
+    timestep: float | None,
+    write_scene: Path | None,
     law: str,
     page: Path | None,
     write_points: Path | None,
@@ -111,7 +118,8 @@ def fit(
     from hcbench.fitting.fit import fit as fit_sets
     from hcbench.fitting.plausible import require_different
     from hcbench.fitting.read import KINDS, Part, read_dataset, read_force
-    from hcbench.fitting.text import as_record, as_text, points_text, with_uncertainty
+    from hcbench.fitting.replay import replay_record, replay_text
+    from hcbench.fitting.text import as_record, as_text, with_uncertainty
 
     if not files:
         raise UserError(
@@ -120,14 +128,16 @@ def fit(
     if kind is not None and kind not in KINDS:
         raise UserError("--as", repr(kind), f"one of {', '.join(KINDS)}")
     setup = _setup(options)
-    engine = "" if as_json else _engine()
+    if (engine is None) != (timestep is None) or (write_scene is not None and engine is None):
+        raise UserError("--engine", "given in part", "--engine and --timestep, for a scene")
+    next_engine = "" if as_json else engine or _engine()
     if len(files) == 1 and (forces := read_force(files[0], setup, kind)) is not None:
         if page is not None or write_points is not None:
             raise UserError("--page" if page is not None else "--write-points", "given for forces", "bounces")
         if as_json:
             print_json(forces_of.as_record(forces))
         else:
-            print(forces_of.as_text(forces, with_uncertainty, engine), end="")
+            print(forces_of.as_text(forces, with_uncertainty, next_engine), end="")
         return
     require_different((*files, *against))
     part = Part(begin or 0.0, end, *_touches(touches))
@@ -136,18 +146,33 @@ def fit(
         for group in (files, against)
         if group
     )
+    _write(result, page, write_points, force)
+    scene = None if engine is None or timestep is None else result.scene(engine, timestep)
+    if scene is not None and write_scene is not None:
+        write_output(write_scene, scene.script, "--write-scene", force)
+    if as_json:
+        more: dict[str, Any] = {"against": [against_record(result, other) for other in others]}
+        if scene is not None:
+            more["scene"] = replay_record(scene)
+        print_json(as_record(result) | more)
+        return
+    print(as_text(result, next_engine), end="")
+    for other in others:
+        print(against_text(result, other), end="")
+    if scene is not None:
+        print(replay_text(scene), end="")
+
+
+def _write(result: FitResult, page: Path | None, write_points: Path | None, force: bool) -> None:
+    from hcbench._outputs import write_output
+    from hcbench.fitting.text import points_text
+
     if page is not None:
         from hcbench.reporting.fit_page import fit_page
 
         write_output(page, fit_page(result, _engine()), "--page", force)
     if write_points is not None:
         write_output(write_points, points_text(result), "--write-points", force)
-    if as_json:
-        print_json(as_record(result) | {"against": [against_record(result, other) for other in others]})
-    else:
-        print(as_text(result, engine), end="")
-        for other in others:
-            print(against_text(result, other), end="")
 
 
 def _touches(text: str | None) -> tuple[int | None, range | None]:

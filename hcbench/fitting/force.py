@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
 
 _EDGE = 0.05  # of the largest force: where a pulse begins and ends
+_APART, _NO_CONTRADICTION = (
+    3.0,
+    0.01,
+)  # of e by shape and by impulse: standard deviations, and at least so much
 _LEAST_POINTS = 20
 _OFF_LAW = 0.05  # rms over the largest force from which on the loop is another law's
 
@@ -43,12 +47,24 @@ class ForceFit:
     e_uncertainty: float
     speeds: tuple[float, float]
     misfit: float
+    e_by_shape: float = math.nan
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the shape of the pulse means another e than its impulse."""
+        apart = abs(self.e_by_shape - self.e)
+        return apart > max(_APART * self.e_uncertainty, _NO_CONTRADICTION)
+
+    @property
+    def alpha_by_impulse(self) -> float:
+        """α that goes with the impulse's e, s/m."""
+        return dissipation_of(math.log(self.e)) / (1.5 * self.speeds[1])
 
     @property
     def is_law(self) -> bool:
         """Whether the force goes as eq. (16) has it."""
         is_law = 1.0 <= self.exponent <= 10.0 and self.alpha_interval[1] > 0.0
-        return is_law and self.misfit < _OFF_LAW
+        return is_law and self.misfit < _OFF_LAW and not self.contradicts
 
     @property
     def alpha_uncertainty(self) -> float:
@@ -78,10 +94,11 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
         assert setup.height is not None
         speed, slope = setup.ballistics.dropped(setup.height.value)
         u_speed = slope * setup.height.uncertainty
-    inside, force = _pulse(name, time, force)
+    inside, force, u_impulse = _pulse(name, time, force)
     impulse = float(np.trapezoid(force, time))
     e = impulse / (mass * speed) - 1.0
-    u_e = (1.0 + e) * math.hypot(setup.mass.uncertainty / mass, u_speed / speed)
+    of_inputs = (1.0 + e) * math.hypot(setup.mass.uncertainty / mass, u_speed / speed)
+    u_e = math.hypot(of_inputs, u_impulse / (mass * speed))
     if not 0.0 < e < 1.0:
         got = f"the impulse {impulse:.4g} N s is {impulse / (mass * speed):.3g} times m v"
         raise UserError(name, got, "1 ... 2 times", "Look at mass, speed, units and the sign of the force")
@@ -110,13 +127,19 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
     covariance[2, :] *= by_log_e
     covariance[:, 2] *= by_log_e
     covariance[2, 2] += (by_log_e * u_e / e) ** 2
+    by_shape = math.exp(float(done.x[1]))
     misfit = float(np.sqrt(np.mean(done.fun[inside] ** 2)))
     n = setup.exponent or float(done.x[3])
-    return ForceFit(name, "force", math.exp(done.x[0]), n, alpha, covariance, e, u_e, (speed, speed), misfit)
+    return ForceFit(
+        name, "force", math.exp(done.x[0]), n, alpha, covariance, e, u_e, (speed, speed), misfit, by_shape
+    )
 
 
-def _pulse(name: str, time: Floats, force: Floats) -> tuple[Floats, Floats]:
-    """Which samples are the push, and the force less the load cell's zero and with the push above it."""
+def _pulse(name: str, time: Floats, force: Floats) -> tuple[Floats, Floats, float]:
+    """Which samples are the push; the force less the load cell's zero and upwards; the impulse's uncertainty.
+
+    The noise, and the drift of the zero from before the push to after it, make the impulse uncertain, N s.
+    """
     zero = float(np.median(force))
     force = force - zero
     if abs(force.min()) > force.max():
@@ -134,7 +157,14 @@ def _pulse(name: str, time: Floats, force: Floats) -> tuple[Floats, Floats]:
     noise = float(np.std(quiet))
     if (force[inside] < _EDGE * force.max() - 6.0 * noise).sum() > 0.2 * inside.sum():
         raise UserError(name, "several pushes", "one impact", "Cut out one of them")
-    return np.asarray(inside), np.asarray(force)
+    lasts, step = float(np.ptp(time[inside])), float(np.median(np.diff(time)))
+    before, after = force[: loud[0]], force[loud[-1] + 1 :]
+    drift = (
+        0.5 * abs(float(np.median(before)) - float(np.median(after))) if len(before) and len(after) else 0.0
+    )
+    zero = noise / math.sqrt(len(quiet))
+    of_impulse = math.hypot(lasts * (drift + zero), noise * math.sqrt(lasts * step))
+    return np.asarray(inside), np.asarray(force), of_impulse
 
 
 def _stiffness_for(top: float, mass: float, speed: float, n: float) -> float:
@@ -224,7 +254,13 @@ def as_text(force_fit: ForceFit, describe: Callable[[float, float], str], engine
     ]
     if not math.isnan(force_fit.e):
         lines.append(
-            f"e         {force_fit.e:.4f} by the impulse, without k and n, at {force_fit.speeds[1]:.3g} m/s"
+            f"e         {describe(force_fit.e, force_fit.e_uncertainty)} by the impulse, without k and n, "
+            f"at {force_fit.speeds[1]:.3g} m/s"
+        )
+    if force_fit.contradicts:
+        lines.append(
+            f"          {force_fit.e_by_shape:.4f} by the pulse's shape: they contradict. The impulse "
+            f"means α = {force_fit.alpha_by_impulse:.4g} s/m; do not use k and n"
         )
     if sd[0] and sd[1]:
         together = force_fit.covariance[0, 1] / (sd[0] * sd[1])

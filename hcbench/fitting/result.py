@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.estimates import Estimate
     from hcbench.fitting.flags import Flag
     from hcbench.fitting.lack_of_fit import LackOfFit
+    from hcbench.fitting.replay import Replay
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +55,12 @@ class FitResult(Shown):
     doubts: tuple[str, ...] = ()
     drops: tuple[DropResult, ...] = ()
     between: float | None = None
+
+    def scene(self, engine: str, timestep: float) -> Replay:
+        """A scene that bounces as the recording did, tuned as `hcbench tune` does. timestep: s."""
+        from hcbench.fitting.replay import replay
+
+        return replay(self, engine, timestep)
 
     @property
     def best(self) -> LawFit:

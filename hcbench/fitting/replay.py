@@ -1,0 +1,173 @@
+"""A scene that bounces as the recording did: a tuned setting, the recorded drop in it, and both trains."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench._text import table
+from hcbench.errors import UserError
+from hcbench.fitting.datasets import TouchTimes
+from hcbench.impact import Launch
+from hcbench.laws.force import HuntCrossley
+from hcbench.recipes.target import Target
+from hcbench.scene import load_scene
+from hcbench.sim import registry
+from hcbench.tuning.tune import Tuned, tune
+
+if TYPE_CHECKING:
+    from hcbench.fitting.result import FitResult
+    from hcbench.impact import Floats, Trajectory
+
+NEAR = 0.06  # s, by which the train may be off at its worst
+_POINTS = 20
+_SCENE = "steel-plane"
+_PLUGINS = ("restitution-law",)  # recipes that give the law's e at each impact, at any step
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """recorded, simulated: (n,), times of touches in s from the first of them; the scene may miss some.
+
+    tuned: the setting. Begins with the second touch of the recording, whose speed the flight before it tells.
+    """
+
+    tuned: Tuned
+    recorded: Floats
+    simulated: Floats
+
+    @property
+    def error(self) -> float:
+        """The largest error of a touch time, s; inf where the scene has bounces missing."""
+        if len(self.simulated) < len(self.recorded):
+            return math.inf
+        return float(np.abs(self.simulated - self.recorded).max())
+
+    @property
+    def script(self) -> str:
+        """The scene, in the engine's own format."""
+        return registry.engine(self.tuned.setting.engine).script(self.tuned.scene, self.tuned.setting)
+
+
+def replay(result: FitResult, engine: str, timestep: float, recipe: str = "auto") -> Replay:
+    """Tune an engine to the fit, as `hcbench tune` does, and simulate the recorded drop.
+
+    timestep: s. Where the setting that `tune` chooses is more than 60 ms off, the recipes with a contact
+    plug-in are tried, and the nearest is taken. Raises UserError without touch times or a law.
+    """
+    recorded = _recorded(result)
+    target = _target(result, timestep)
+    names = [recipe]
+    if recipe == "auto":
+        names += [name for name in registry.recipes(engine) if name in _PLUGINS]
+    best: Replay | None = None
+    for name in names:
+        tuned = tune(engine, target, load_scene(_SCENE), name)
+        now = Replay(tuned, recorded, _simulated(tuned, result, recorded))
+        if best is None or now.error < best.error:
+            best = now
+        if best.error <= NEAR:
+            break
+    assert best is not None
+    return best
+
+
+def _touch_times(result: FitResult) -> TouchTimes:
+    for s in result.sets:
+        if isinstance(s, TouchTimes):
+            return s
+    raise UserError("--engine", "no touch times in the files", "a recording, or times of touches")
+
+
+def _recorded(result: FitResult) -> Floats:
+    """From the second touch on, up to the first that is unheard."""
+    s = _touch_times(result)
+    numbers = np.arange(len(s.times)) if s.numbers is None else s.numbers
+    whole = int(np.argmax(np.append(np.diff(numbers) > 1, True))) + 1
+    if whole < 4:
+        raise UserError("--engine", f"{whole} touches in a row", "4 or more, to compare with")
+    return np.asarray(s.times[1:whole] - s.times[1])
+
+
+def _target(result: FitResult, timestep: float) -> Target:
+    if result.law is None:
+        raise UserError("--engine", "no law is certain", "a law to tune to, such as --law hunt-crossley")
+    scene = load_scene(_SCENE)
+    low, high = result.speeds
+    gravity = result.sets[0].setup.gravity.value
+    law = HuntCrossley(scene.stiffness, 0.0, scene.exponent)
+    if result.is_plain and result.alpha is not None:
+        law = dataclasses.replace(law, alpha=result.alpha.value)
+        return Target(law, scene.mass, timestep, low, high, gravity=gravity)
+    speeds = np.linspace(low, high, _POINTS)
+    curve = result.best.curve
+    points = tuple((float(v), min(1.0, curve.at(float(v)))) for v in speeds)
+    return Target(law, scene.mass, timestep, low, high, "points", points, gravity=gravity)
+
+
+def _simulated(tuned: Tuned, result: FitResult, recorded: Floats) -> Floats:
+    """Times of the touches in the scene from its first on, as many as were recorded where it has them."""
+    s = _touch_times(result)
+    gravity = s.setup.gravity.value
+    speed = 0.5 * gravity * float(s.times[1] - s.times[0])
+    launch = Launch.dropped(speed, 0.5, tuned.setting.timestep, gravity)
+    duration = speed / gravity + float(recorded[-1]) * 1.6 + 0.1
+    path = registry.engine(tuned.setting.engine).trajectory(tuned.scene, tuned.setting, launch, duration)
+    touches = touches_of(path)
+    return touches[: len(recorded)] - (touches[0] if len(touches) else 0.0)
+
+
+def touches_of(path: Trajectory) -> Floats:
+    """When the surfaces met before each turn of the body, s."""
+    turns = np.flatnonzero((path.rate[:-1] > 0) & (path.rate[1:] <= 0))
+    touches, last = [], 0
+    for turn in turns:
+        inside = path.penetration[last : turn + 2] > 0
+        if inside.any() and (first := last + int(np.argmax(inside))) > 0:
+            x0, x1 = path.penetration[first - 1], path.penetration[first]
+            share = float(-x0 / (x1 - x0)) if x1 > x0 and x0 < 0 else 0.0
+            touches.append(path.time[first - 1] + share * (path.time[first] - path.time[first - 1]))
+        else:
+            touches.append(path.time[turn])
+        last = int(turn) + 1
+        while last < len(path.rate) - 1 and path.penetration[last] > 0:  # until it has left
+            last += 1
+    return np.array(touches)
+
+
+def replay_text(scene: Replay) -> str:
+    """Both trains and the largest error, for a terminal."""
+    count, missing = len(scene.simulated), len(scene.recorded) - len(scene.simulated)
+    rows = [
+        (f"{i + 2}", f"{a:.4f}", f"{b:.4f}", f"{1e3 * (b - a):+.1f}")
+        for i, (a, b) in enumerate(zip(scene.recorded, scene.simulated, strict=False))
+    ]
+    setting = scene.tuned.setting
+    lines = ["", f"scene     {setting.engine}, {scene.tuned.recipe.name}, step {setting.timestep:g} s"]
+    lines += table(("touch", "recorded, s", "scene, s", "late, ms"), rows)
+    span = 1e3 * float(scene.recorded[-1])
+    if missing:
+        lines.append(f"the scene has {count} of {count + missing} touches: its bounces die early")
+    else:
+        lines.append(f"largest error of a touch time: {1e3 * scene.error:.3g} ms of {span:.0f} ms")
+    if scene.error > NEAR:
+        lines.append(
+            "the scene lags: a contact lasts several steps; use a smaller --timestep or the contact plug-in"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def replay_record(scene: Replay) -> dict[str, Any]:
+    """The same for `--json`."""
+    return {
+        "engine": scene.tuned.setting.engine,
+        "recipe": scene.tuned.recipe.name,
+        "timestep_s": scene.tuned.setting.timestep,
+        "recorded_s": scene.recorded.tolist(),
+        "simulated_s": scene.simulated.tolist(),
+        "largest_error_s": scene.error if math.isfinite(scene.error) else None,
+    }
