@@ -17,8 +17,8 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
 from hcbench.scene import load_scene
 from hcbench.sim import registry
-from hcbench.tuning.model import Tuned
 from hcbench.tuning.tune import tune
+from hcbench.tuning.tuned import Tuned
 
 if TYPE_CHECKING:
     from hcbench.fitting.result import FitResult
