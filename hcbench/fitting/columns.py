@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench._text import sanitized
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
@@ -195,7 +194,7 @@ class Columns:
             cell = self.table.cells[i][self.places[role]].strip()
             name = self.table.header[self.places[role]][0]
             where = f"{self.table.name}, line {self.table.lines[i]}"
-            raise UserError(where, f"{sanitized(name)} {sanitized(cell)}", expected)
+            raise UserError(where, f"{name} {cell}", expected)
 
 
 def columns_of(table: Table) -> Columns:
@@ -210,7 +209,7 @@ def columns_of(table: Table) -> Columns:
         if _is_beside(table, i, role, named):
             continue
         if not role:
-            got = f"a column {sanitized(name)!r}"
+            got = f"a column {name!r}"
             raise UserError(table.name, got, EXPECTED_COLUMNS, "Leave other columns out")
         if role in places:
             raise UserError(table.name, f"two columns of {role.replace('u_', 'uncertainty of ')}", "one")

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hcbench._text import sanitized
 from hcbench.errors import UserError
 from hcbench.fitting.table import Table, table_of
 
@@ -43,7 +44,11 @@ def tracker_table(path: Path, lines: list[tuple[int, str]]) -> Table | None:
     comma = any("," in cell for _, row in filled for cell in row)
     names = (("t", "s"), ("y", "m"))
     return Table(
-        path.name, names, tuple(row for _, row in filled), tuple(n for n, _ in filled), "," if comma else "."
+        sanitized(path.name),
+        names,
+        tuple(row for _, row in filled),
+        tuple(n for n, _ in filled),
+        "," if comma else ".",
     )
 
 

@@ -72,7 +72,7 @@ def read_dataset(path: Path, setup: MeasurementSetup, kind: str | None = None, p
         return _sound(path, setup, part)
     if part != WHOLE:
         slot = "--touches" if part.train is not None else "--from"
-        raise UserError(slot, f"given for {sanitized(path.name)}, which is no recording", "a .wav")
+        raise UserError(slot, f"given for {path.name}, which is no recording", "a .wav")
     lines = read_lines(path)
     if kind in (None, "times") and (times := phyphox_times(path, lines)) is not None:
         return _touch_times(sanitized(path.name), setup, times)
@@ -82,7 +82,7 @@ def read_dataset(path: Path, setup: MeasurementSetup, kind: str | None = None, p
     data_kind = _KINDS.get(named) if kind is None else kind
     if data_kind is None:
         names = ", ".join(columns.table.header[i][0] for i in columns.places.values())
-        raise UserError(columns.table.name, f"columns {sanitized(names)}", EXPECTED_COLUMNS)
+        raise UserError(columns.table.name, f"columns {names}", EXPECTED_COLUMNS)
     if data_kind in ("force", "loop"):
         raise UserError(columns.table.name, "forces among other files", "one file of forces alone")
     needed = next(roles for roles, name in _KINDS.items() if name == data_kind)

@@ -135,7 +135,7 @@ class _Compressed:
         except ImportError:
             advice = (
                 f"Install the reader: pip install 'hcbench[sound]', or convert it: "
-                f"ffmpeg -i {self.name} {sanitized(path.stem)}.wav"
+                f"ffmpeg -i {self.name} {path.stem}.wav"
             )
             raise UserError(
                 self.name, f"a {path.suffix.lower()} file", "PyAV, which reads it", advice
@@ -177,5 +177,5 @@ def _reading(path: Path, kind: str, expected: str) -> Iterator[None]:
     except (UserError, GeneratorExit):
         raise
     except Exception as error:
-        what = sanitized(error).rstrip(".")
-        raise UserError(sanitized(path.name), f"cannot be read as {kind}: {what}", expected) from None
+        what = str(error).rstrip(".")
+        raise UserError(path.name, f"cannot be read as {kind}: {what}", expected) from None

@@ -64,12 +64,9 @@ class Table:
             values[i] = self.number(cell)
             if not math.isfinite(values[i]):
                 where = f"{self.name}, line {line}"
-                raise UserError(where, f"{sanitized(cell.strip())!r} under {sanitized(name)!r}", "a number")
+                raise UserError(where, f"{cell.strip()!r} under {name!r}", "a number")
             if values[i] and not _SMALLEST <= abs(values[i] * scale) <= 1.0 / _SMALLEST:
-                where, got = (
-                    f"{self.name}, line {line}",
-                    f"{sanitized(cell.strip())} under {sanitized(name)!r}",
-                )
+                where, got = f"{self.name}, line {line}", f"{cell.strip()} under {name!r}"
                 raise UserError(where, got, f"0, or {_SMALLEST:g} ... {1 / _SMALLEST:g} in SI units")
         require_bounds(
             f"{self.name}: {name}", (values * scale).tolist(), quantity, units.QUANTITIES[quantity].unit, 0.0
@@ -92,29 +89,34 @@ def unit_scale(file: str, name: str, unit: str, quantity: str) -> float:
     """What one unit of a column is in SI. Raises UserError for none and for one that does not fit."""
     example = units.QUANTITIES[quantity].example.split()[-1]
     if not unit and units.QUANTITIES[quantity].unit:
-        advice = f"Write it with one, such as: {sanitized(name)} [{example}]"
-        raise UserError(file, f"the header {sanitized(name)!r} names no unit", "one in brackets", advice)
+        advice = f"Write it with one, such as: {name} [{example}]"
+        raise UserError(file, f"the header {name!r} names no unit", "one in brackets", advice)
     try:
         if unit in _NO_LENGTHS:
             raise QuantityError(file, unit, "a length")
         with beyond_bounds():
             return units.parse(f"1 {unit}", quantity, file) if unit else 1.0
     except QuantityError:
-        got = f"{sanitized(unit)!r} under {sanitized(name)!r} is not such a unit"
+        got = f"{unit!r} under {name!r} is not such a unit"
         raise UserError(file, got, f"one that converts to {units.QUANTITIES[quantity].unit}") from None
 
 
 def read_lines(path: Path) -> list[tuple[int, str]]:
     """Lines that have something in them, with their numbers. Raises UserError for what is not text."""
-    name = sanitized(path.name)
+    name = path.name
     try:
         text = _decoded(path)
     except FileNotFoundError:
-        raise UserError(sanitized(path), "does not exist", "a file of measurements") from None
+        raise UserError(str(path), "does not exist", "a file of measurements") from None
     except UnicodeDecodeError:
-        raise _not_text(path) from None
+        if path.suffix.lower() == ".zip":
+            raise UserError(
+                name, "a zip archive", "a file of numbers", "Unpack it and give its .csv"
+            ) from None
+        got = "is neither UTF-8 text nor a WAV recording"
+        raise UserError(name, got, "text in columns, or .wav") from None
     except OSError as error:
-        raise UserError(name, sanitized(error.strerror), "a file that can be read") from None
+        raise UserError(name, error.strerror or str(error), "a file that can be read") from None
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
     if not lines:
         raise UserError(name, "is empty", "a header and rows of numbers")
@@ -134,13 +136,6 @@ def _decoded(path: Path) -> str:
         if any(byte < 9 for byte in raw):
             raise
         return raw.decode("cp1252")
-
-
-def _not_text(path: Path) -> UserError:
-    name = sanitized(path.name)
-    if path.suffix.lower() == ".zip":
-        return UserError(name, "a zip archive", "a file of numbers", "Unpack it and give its .csv")
-    return UserError(name, "is neither UTF-8 text nor a WAV recording", "text in columns, or .wav")
 
 
 def read_table(path: Path, lines: list[tuple[int, str]]) -> Table:
@@ -173,9 +168,7 @@ def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
     )  # fmt: skip
     if all(math.isfinite(table.number(cell)) for cell in rows[0] if cell.strip()):
         advice = "Begin the file with a line like: time [s]"
-        raise UserError(
-            name, f"begins with the numbers {sanitized(lines[0][1].strip())!r:.60}", "a header", advice
-        )
+        raise UserError(name, f"begins with the numbers {lines[0][1].strip()!r:.60}", "a header", advice)
     if not table.cells:
         raise UserError(name, "has a header and no rows", "rows of numbers")
     for row, line in zip(table.cells, table.lines, strict=True):
