@@ -16,6 +16,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 C = TypeVar("C", bound=type)
 
+_Parts = tuple[Any, ...]
 _LARGEST_FLOAT = int(np.finfo(float).max)
 _LARGEST_INT = 2**31 - 1  # engines take no larger ones
 _WORDS = {
@@ -66,48 +67,67 @@ def _fits(value: Any, hint: Any) -> bool:
     """Whether a value is of an annotated type; a list serves for a tuple, any real number for a float."""
     if type(value) is hint and hint is not int:  # nearly always, and at once
         return True
-    origin, parts = get_origin(hint), get_args(hint)
-    if origin in (Union, types.UnionType):
-        return any(_fits(value, part) for part in parts)
-    if origin is Literal:
-        return any(type(value) is type(part) and value == part for part in parts)
-    if hint is float:
-        is_real = isinstance(value, int | float | np.number) and not isinstance(
-            value, bool | np.complexfloating
-        )
-        return (is_real and abs(value) <= _LARGEST_FLOAT) or isinstance(value, float)
-    if hint is int:
-        is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-        return is_whole and abs(value) <= _LARGEST_INT
-    if hint is type(None) or hint is None:
-        return value is None
-    if origin is np.ndarray:
-        with suppress(ValueError, TypeError):
-            return np.asarray(value).dtype.kind in "iuf"
+    origin = get_origin(hint)
+    test = _TESTS.get(origin or hint)
+    if test is None and isinstance(origin, type):
+        test = next((test for kind, test in _GENERIC.items() if issubclass(origin, kind)), None)
+    if test is not None:
+        return test(value, get_args(hint))
+    is_class = origin is None and isinstance(hint, type) and not getattr(hint, "_is_protocol", False)
+    return not is_class or hint is Any or isinstance(value, hint)
+
+
+def _is_number(value: Any, _: _Parts) -> bool:
+    if isinstance(value, float):
+        return True
+    is_real = isinstance(value, int | np.number) and not isinstance(value, bool | np.complexfloating)
+    return is_real and bool(abs(value) <= _LARGEST_FLOAT)
+
+
+def _is_whole(value: Any, _: _Parts) -> bool:
+    is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    return is_whole and bool(abs(value) <= _LARGEST_INT)
+
+
+def _is_array(value: Any, _: _Parts) -> bool:
+    with suppress(ValueError, TypeError):
+        return np.asarray(value).dtype.kind in "iuf"
+    return False
+
+
+def _is_tuple(value: Any, parts: _Parts) -> bool:
+    if not isinstance(value, tuple | list):
         return False
-    if origin is tuple:
-        return isinstance(value, tuple | list) and _fit(value, parts)
-    if isinstance(origin, type) and issubclass(origin, Mapping):
-        return isinstance(value, Mapping)
-    if isinstance(origin, type) and issubclass(origin, Iterable):
-        is_text = isinstance(value, str | bytes | Mapping)
-        return isinstance(value, Iterable) and not is_text and all(_fits(part, parts[0]) for part in value)
-    if origin is Callable:
-        return callable(value)
-    is_class = (
-        origin is None
-        and hint is not Any
-        and isinstance(hint, type)
-        and not getattr(hint, "_is_protocol", False)
-    )
-    return not is_class or isinstance(value, hint)
+    if parts[-1] is Ellipsis:
+        parts = parts[:1] * len(value)
+    return len(value) == len(parts) and all(map(_fits, value, parts))
 
 
-def _fit(values: tuple[Any, ...] | list[Any], hints: tuple[Any, ...]) -> bool:
-    """Whether values are of the types of a tuple's parts, or all of one where `...` follows it."""
-    if hints[-1] is Ellipsis:
-        return all(_fits(value, hints[0]) for value in values)
-    return len(values) == len(hints) and all(map(_fits, values, hints))
+def _is_several(value: Any, parts: _Parts) -> bool:
+    is_text = isinstance(value, str | bytes | Mapping)
+    return isinstance(value, Iterable) and not is_text and all(_fits(each, parts[0]) for each in value)
+
+
+def _is_any_of(value: Any, parts: _Parts) -> bool:
+    return any(_fits(value, part) for part in parts)
+
+
+# Whether a value is of a type, by the type's parts.
+_TESTS: dict[Any, Callable[[Any, _Parts], bool]] = {
+    Union: _is_any_of,
+    types.UnionType: _is_any_of,
+    Literal: lambda value, parts: any(type(value) is type(part) and value == part for part in parts),
+    float: _is_number,
+    int: _is_whole,
+    None: lambda value, _: value is None,
+    Callable: lambda value, _: callable(value),
+}
+_GENERIC: dict[type, Callable[[Any, _Parts], bool]] = {  # in this order: the first that the type is one of
+    np.ndarray: _is_array,
+    tuple: _is_tuple,
+    Mapping: lambda value, _: isinstance(value, Mapping),
+    Iterable: _is_several,
+}
 
 
 def _words(hint: Any) -> str:
