@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -208,7 +209,6 @@ def score(impacts: Sequence[Impact], law: HuntCrossley, mass: float) -> Score:
     exponent, law_exponent = energy_exponent(speed_in, loss), energy_exponent(speed_in, law_loss)
     alpha_fit, alpha_fit_rms = fit_alpha(speed_in, e) if len(good) > 1 else (math.nan, math.nan)
     loops = [s for s in (score_loop(i, law, mass) for i in good) if s is not None]
-    gained = any(i.energy_lost < -2 * _GAIN for i in good) or any("energy" in i.reason for i in impacts)
     return Score(
         impacts=len(impacts),
         parted=sum(i.status is Status.PARTED for i in impacts),
@@ -228,18 +228,30 @@ def score(impacts: Sequence[Impact], law: HuntCrossley, mass: float) -> Score:
         alpha_fit_rms=alpha_fit_rms,
         energy_exponent=exponent,
         energy_exponent_law=law_exponent,
-        energy_gained=gained,
+        energy_gained=_gains_energy(impacts),
         samples_min=min((i.samples for i in good), default=0),
-        loops=len(loops),
-        loop_rms=max((s.rms for s in loops), default=math.nan),
-        area_ratio=_furthest([s.area_ratio for s in loops]),
-        force_ratio=_furthest([s.force_ratio for s in loops]),
-        penetration_ratio=_furthest([s.penetration_ratio for s in loops]),
-        duration_ratio=_furthest([s.duration_ratio for s in loops]),
-        touch_force=max((s.touch_force for s in loops), default=math.nan),
-        tension_share=max((s.tension_share for s in loops), default=math.nan),
+        **_of_loops(loops),
         **_claims(loops, exponent, law_exponent),
     )
+
+
+def _gains_energy(impacts: Sequence[Impact]) -> bool:
+    lost = (i.energy_lost for i in impacts if i.is_measured)
+    return any(loss < -2 * _GAIN for loss in lost) or any("energy" in i.reason for i in impacts)
+
+
+def _of_loops(loops: list[LoopScore]) -> dict[str, Any]:
+    """What the loops say together: of each number the worst."""
+    return {
+        "loops": len(loops),
+        "loop_rms": max((s.rms for s in loops), default=math.nan),
+        "area_ratio": _furthest([s.area_ratio for s in loops]),
+        "force_ratio": _furthest([s.force_ratio for s in loops]),
+        "penetration_ratio": _furthest([s.penetration_ratio for s in loops]),
+        "duration_ratio": _furthest([s.duration_ratio for s in loops]),
+        "touch_force": max((s.touch_force for s in loops), default=math.nan),
+        "tension_share": max((s.tension_share for s in loops), default=math.nan),
+    }
 
 
 def _claims(loops: list[LoopScore], exponent: float, law_exponent: float) -> dict[str, bool | None]:

@@ -36,6 +36,9 @@ _REFERENCES = {
     **dict.fromkeys(("site", "sidesite"), "site"),
     "objname": "body",  # of the one sensor there may be, our own
 }
+# What a model may have beside a ball on a joint and what it meets.
+_MORE_SIZES = ("nmocap", "na", "nu", "neq", "nflex", "nplugin", "nuserdata")
+_MORE_ELEMENTS = ("equality", "actuator", "deformable", "extension", "compiler[@settotalmass]")
 _COPY = "#"  # and a number: a copy's name
 _BITS = 15  # of contype and conaffinity that may be in use: two such numbers fit into one
 _MASK = (1 << _BITS) - 1
@@ -112,32 +115,29 @@ class BatchedModel:
 def batch_kind(loaded: SceneModel) -> Kind:
     """How a ball can share a model with others and keep its bits: not at all, free, or on a slide."""
     mujoco, model = loaded.mujoco, loaded.model
-    option = model.opt
-    as_usual = (
-        not option.disableflags & axis.island_flag(mujoco)
-        and not option.enableflags
-        and option.solver == mujoco.mjtSolver.mjSOL_NEWTON
-        and not option.noslip_iterations
-        and option.jacobian != mujoco.mjtJacobian.mjJAC_SPARSE
-    )
-    sizes = ("nmocap", "na", "nu", "neq", "nflex", "nplugin", "nuserdata")
-    sections = ("equality", "actuator", "deformable", "extension")
-    moves_alone = (
-        not loaded.plugged
-        and model.njnt == 1
-        and model.nsensor <= 1
-        and not any(getattr(model, size) for size in sizes)
-        and not any(True for tag in sections for _ in loaded.root.iterfind(tag))
-        and not any("settotalmass" in compiler.attrib for compiler in loaded.root.iterfind("compiler"))
-    )
-    if not (as_usual and moves_alone and _touches_in_one_way(model)):
+    if not (_solves_as_usual(mujoco, model.opt) and _moves_alone(loaded) and _touches_in_one_way(model)):
         return "alone"
     # A <joint type="free"> may bring along what a slide would act on.
-    sliding = any(True for _ in loaded.root.iter("freejoint")) and axis.stays_on_axis(mujoco, model)
+    sliding = loaded.root.find(".//freejoint") is not None and axis.stays_on_axis(mujoco, model)
     version = tuple(int(part) for part in mujoco.__version__.split(".")[:2])
     if version < _SINCE and not (sliding and axis.has_one_constraint(model)):
         return "alone"
     return "sliding" if sliding else "free"
+
+
+def _solves_as_usual(mujoco: Any, option: Any) -> bool:
+    """Whether the solver takes the contacts of each ball apart."""
+    changed = option.disableflags & axis.island_flag(mujoco) or option.enableflags or option.noslip_iterations
+    is_dense = option.jacobian != mujoco.mjtJacobian.mjJAC_SPARSE
+    return not changed and is_dense and option.solver == mujoco.mjtSolver.mjSOL_NEWTON
+
+
+def _moves_alone(loaded: SceneModel) -> bool:
+    """Whether one joint is all that moves, and nothing else of the model acts on it or counts it."""
+    if loaded.plugged or loaded.model.njnt != 1 or loaded.model.nsensor > 1:
+        return False
+    has_more = any(getattr(loaded.model, size) for size in _MORE_SIZES)
+    return not has_more and all(loaded.root.find(element) is None for element in _MORE_ELEMENTS)
 
 
 def _touches_in_one_way(model: Any) -> bool:
