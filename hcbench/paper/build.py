@@ -88,5 +88,5 @@ def _page(figures: dict[str, dict[str, Any]]) -> str:
         asked=ASKED,
         laws=LAWS,
         engine_titles=listed([engine_title(name) for name in engines]),
-        engine_remarks=" ".join(registry.submodule(name, "scene.two_blocks").REMARK for name in engines),
+        engine_notes=" ".join(registry.submodule(name, "scene.two_blocks").NOTE for name in engines),
     )

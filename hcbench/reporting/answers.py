@@ -27,7 +27,7 @@ class Answer:
 
 
 def answer(view: View, with_gravity: View | None, engine: str, step: float, alpha: float) -> Answer:
-    """The answer for the settings that ran so. heavy: the same under gravity, for what is lacking there."""
+    """The answer for the settings that ran so. with_gravity: the same under gravity, for what lacks there."""
     runs = [run for run in view.band_runs if run.engine == engine and run.timestep == step]
     runs = [run for run in runs if view.score(run, alpha) is not None]
     stock = next((run for run in runs if run.setting == STOCK), None)

@@ -25,8 +25,8 @@ _PERCENT = ("loop_rms", "touch_force", "tension_share")
 def ranking(view: View, with_gravity: View | None = None) -> list[Cells]:
     """Band runs in groups, best first: error for each α against the best constant e, loop or rest, verdict.
 
-    Under gravity a group is a step, without it a class of steps. heavy: the same study under gravity, for
-    what a setting lacks there.
+    Under gravity a group is a step, without it a class of steps. with_gravity: the same study under gravity,
+    for what a setting lacks there.
     """
     runs = [run for run in view.band_runs if run.engine != REFERENCE]
     if view.gravity:

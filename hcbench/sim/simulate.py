@@ -175,7 +175,7 @@ def _until_ended(
             whole = zip(read, rows.swapaxes(0, 1), counts.tolist(), strict=True)
             read = [with_tangential(i, r[:, :n], world.timestep, world.mass) for i, r, n in whole]
         for i, impact, count in zip(which, read, counts.tolist(), strict=True):
-            ended_impacts[i] = _explained(impact, simulation.remark(count))
+            ended_impacts[i] = _explained(impact, simulation.note(count))
         if all_ended:
             break
         going = ~ended
@@ -197,11 +197,11 @@ def _steps_to_part(last: Floats, timestep: float) -> float:
         return float((x / -v).max(initial=0.0)) / timestep + 2.0
 
 
-def _explained(impact: Impact, remark: str) -> Impact:
+def _explained(impact: Impact, note: str) -> Impact:
     """With what was in the way of one that went wrong."""
-    if not remark or impact.status not in (Status.NO_TOUCH, Status.DIVERGED):
+    if not note or impact.status not in (Status.NO_TOUCH, Status.DIVERGED):
         return impact
-    return dataclasses.replace(impact, reason=f"{impact.reason}; {remark}")
+    return dataclasses.replace(impact, reason=f"{impact.reason}; {note}")
 
 
 def _simulated(launches: Sequence[Launch], name: str, scene: Scene, setting: Setting) -> Iterator[Impact]:

@@ -8,7 +8,7 @@ An engine that can simulate it has a module `scene.two_blocks` in its package (`
     own_contact(squeezed) -> str
         What the engine's own contact is called, where it is tuned to the law: for a mass that is squeezed
         between the planes, or for one that is clear of them.
-    REMARK
+    NOTE
         A sentence on how the engine's own contact compares with the law.
 """
 

@@ -71,7 +71,7 @@ class Simulation(ABC):
     def keep(self, which: Flags) -> None:
         """Go on with these only, shape (b,): the others have ended."""
 
-    def remark(self, steps: int) -> str:
+    def note(self, steps: int) -> str:
         """What else acted on the bodies in the first `steps` steps, in words; "" where nothing did."""
         return ""
 

@@ -130,10 +130,10 @@ def test_under_gravity_a_spring_alone_still_returns_everything() -> None:
 def test_gravity_presses_deeper_and_takes_more_the_slower_the_impact() -> None:
     law, extra = HuntCrossley(K3, 0.32), []
     for speed in (0.4, 0.1, 0.02, 0.005):
-        free, heavy = (ode.impact(law, MASS, speed, gravity=g) for g in (0.0, 9.81))
-        assert heavy.penetration_max > free.penetration_max
-        assert heavy.duration > free.duration
-        extra.append(free.restitution - heavy.restitution)
+        without_gravity, with_gravity = (ode.impact(law, MASS, speed, gravity=g) for g in (0.0, 9.81))
+        assert with_gravity.penetration_max > without_gravity.penetration_max
+        assert with_gravity.duration > without_gravity.duration
+        extra.append(without_gravity.restitution - with_gravity.restitution)
     assert extra[0] > 0
     assert (np.diff(extra) > 0).all()
 

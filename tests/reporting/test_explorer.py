@@ -58,9 +58,9 @@ def bouncing(step: float) -> pd.DataFrame:
 def results() -> Results:
     """Two engines with and without gravity, one setting dropped too."""
     found = small_results([(*key, h, ALPHAS, SPEEDS) for key, steps in STEPS.items() for h in steps])
-    heavy = {"gravity_m_per_s2": GRAVITY}
+    with_gravity = {"gravity_m_per_s2": GRAVITY}
     tables = {
-        name: pd.concat([getattr(found, name).assign(**heavy), getattr(found, name)])
+        name: pd.concat([getattr(found, name).assign(**with_gravity), getattr(found, name)])
         for name in ("impacts", "loops", "scores")
     }
     speeds = {"speeds": SPEEDS, "loop_speeds": SPEEDS, "step_speed": SPEEDS[1], "train_height": HEIGHT}
@@ -75,7 +75,7 @@ def results() -> Results:
     return dataclasses.replace(
         found,
         study={**found.study, **speeds},
-        settings=[{**setting, **more} for more in (heavy, {}) for setting in found.settings],
+        settings=[{**setting, **more} for more in (with_gravity, {}) for setting in found.settings],
         trains=pd.concat([bouncing(1e-3), bouncing(2e-3)]),
         rests=rests[REST_COLUMNS],
         **tables,

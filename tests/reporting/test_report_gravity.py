@@ -23,11 +23,13 @@ from hcbench.reporting.conditions import under
 from hcbench.reporting.view import RunKey, View
 
 
-def both(free: Results, heavy: Results) -> Results:
+def both(without_gravity: Results, with_gravity: Results) -> Results:
     names = ("impacts", "loops", "scores", "rests")
-    pairs = {name: (getattr(free, name), getattr(heavy, name)) for name in names}
+    pairs = {name: (getattr(without_gravity, name), getattr(with_gravity, name)) for name in names}
     tables_of_both = {name: pd.concat([t for t in pair if len(t)]) for name, pair in pairs.items()}
-    return dataclasses.replace(free, settings=[*free.settings, *heavy.settings], **tables_of_both)
+    return dataclasses.replace(
+        without_gravity, settings=[*without_gravity.settings, *with_gravity.settings], **tables_of_both
+    )
 
 
 def test_the_page_leads_with_what_was_dropped_and_marks_the_rest(results: Results, tmp_path: Path) -> None:
@@ -45,10 +47,12 @@ def test_the_page_leads_with_what_was_dropped_and_marks_the_rest(results: Result
     assert "sinks 5 mm at rest" in warned
     assert "follows the law" in rest
     headings = re.findall(r"<h2>([^<]*)</h2>", page)
-    free = headings[headings.index("Without gravity") + 1 : headings.index("How each setting was set")]
-    free = [heading for heading in free if "swatch" not in heading and heading.strip()]
-    assert free
-    assert all(heading.endswith("without gravity") for heading in free)
+    without_gravity = headings[
+        headings.index("Without gravity") + 1 : headings.index("How each setting was set")
+    ]
+    without_gravity = [heading for heading in without_gravity if "swatch" not in heading and heading.strip()]
+    assert without_gravity
+    assert all(heading.endswith("without gravity") for heading in without_gravity)
 
 
 @pytest.mark.parametrize(
@@ -72,10 +76,10 @@ def test_a_setting_that_sinks_or_moves_at_rest_is_not_advised(
 
 
 def test_a_contact_deeper_than_any_step_needs_is_not_advised(results: Results) -> None:
-    heavy, limit = dropped(results, 9.81), ranking.DEEP * SPEEDS[-1] * 1e-3
+    with_gravity, limit = dropped(results, 9.81), ranking.DEEP * SPEEDS[-1] * 1e-3
     for share, advised in ((0.99, True), (1.01, False)):
-        impacts = heavy.impacts.assign(penetration_max_m=share * limit)
-        view = View(under(dataclasses.replace(heavy, impacts=impacts), 9.81))
+        impacts = with_gravity.impacts.assign(penetration_max_m=share * limit)
+        view = View(under(dataclasses.replace(with_gravity, impacts=impacts), 9.81))
         assert (ranking.best(view, [IMPULSE]) == [IMPULSE]) == advised
 
 

@@ -32,7 +32,7 @@ class PairAtTouch:
     joint: what moves it. qpos: (nq,), at touch. direction: (nv,), the velocity that approaches at 1 m/s.
     effective_mass: along the normal, kg. gravity: acceleration of the approach in
     free flight, by gravity and what the model's springs and actuators add to it, m/s². overlap: how deep
-    the two were in each other at the start, m. remark: how they were brought together, where it was a choice.
+    the two were in each other at the start, m. note: how they were brought together, where it was a choice.
     """
 
     pair: ContactPair
@@ -43,7 +43,7 @@ class PairAtTouch:
     effective_mass: float
     gravity: float
     overlap: float
-    remark: str = ""
+    note: str = ""
 
 
 def bring_to_touch(pair: ContactPair, data: Any, coming_from: Vector | None = None) -> PairAtTouch:
@@ -117,8 +117,8 @@ def _along_nearest(
             return _at_touch(pair, data, joint, move, contact, overlap)
         if len(joint.dofs) == 3 and not joint.turns and search.gap < _MISSED:
             data.qpos[:] = start
-            remark = "The nearest way ends at an edge, where the engine makes no contact: met from above."
-            return replace(_from_there(pair, data, ABOVE), remark=remark)
+            note = "The nearest way ends at an edge, where the engine makes no contact: met from above."
+            return replace(_from_there(pair, data, ABOVE), note=note)
         raise no_contact_error(pair) if search.gap < _MISSED else _passed_error(pair, data, search.gap)
     finally:
         data.qpos[:] = start

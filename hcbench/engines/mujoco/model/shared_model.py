@@ -193,9 +193,9 @@ class LentSimulation(Simulation):
         self._flights = [flight for flight, kept in zip(self._flights, which, strict=True) if kept]
         self._which = self._which[which]
 
-    def remark(self, steps: int) -> str:
+    def note(self, steps: int) -> str:
         """Of all of them."""
-        return "; ".join(dict.fromkeys(filter(None, (flight.remark(steps) for flight in self._flights))))
+        return "; ".join(dict.fromkeys(filter(None, (flight.note(steps) for flight in self._flights))))
 
     def close(self) -> None:
         """Return the speed lost to each cause."""

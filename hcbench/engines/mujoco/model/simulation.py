@@ -114,7 +114,7 @@ class MujocoUserSimulation(Simulation):
     def keep(self, which: Flags) -> None:
         """There is one launch only."""
 
-    def remark(self, steps: int) -> str:
+    def note(self, steps: int) -> str:
         """Which other contacts acted."""
         touched = {geom for geom, step in self._first_touch.items() if step < steps}
         self._others |= touched

@@ -83,7 +83,7 @@ def model_settings(
             return
         each = zip(seen, pairs, aims, strict=True)
         if len(errors) == 1:
-            aims = [aim.as_felt(impacts, pair.place.effective_mass) for impacts, pair, aim in each]
+            aims = [aim.with_measured_load(impacts, pair.place.effective_mass) for impacts, pair, aim in each]
         else:
             aims = [aim.off_by(impacts, goal) for impacts, _, aim in each]
         rows = tuple(aim.rows(pair.band) for pair, aim in zip(pairs, aims, strict=True))

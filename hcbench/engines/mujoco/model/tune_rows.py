@@ -61,7 +61,7 @@ class Load:
         strength = points / (mobility * place.effective_mass) if mobility > 0 else 1.0
         return cls(strength, points, place.gravity, timestep, rk4, slides)
 
-    def as_felt(self, impacts: Sequence[Impact], effective_mass: float) -> Load:
+    def with_measured_load(self, impacts: Sequence[Impact], effective_mass: float) -> Load:
         """This load, of a pair that just touches, as impacts felt it: in each step of a contact, by least
         squares,
 
@@ -140,9 +140,9 @@ class Aim:
             replace(load, strength=strength, gravity=round(load.gravity, 2), carried=(damping, stiffness)),
         )
 
-    def as_felt(self, impacts: Sequence[Impact], effective_mass: float) -> Aim:
+    def with_measured_load(self, impacts: Sequence[Impact], effective_mass: float) -> Aim:
         """For the load that impacts felt."""
-        return replace(self, load=self.load.as_felt(impacts, effective_mass))
+        return replace(self, load=self.load.with_measured_load(impacts, effective_mass))
 
     def off_by(self, impacts: Sequence[Impact], wanted: RestitutionCurve) -> Aim:
         """Moved by what the e of impacts is off by."""

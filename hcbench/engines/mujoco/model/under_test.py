@@ -134,7 +134,7 @@ class MujocoModel(ModelUnderTest):
         return (0.0, 0.0, 0.0) if off else self.model.opt.gravity
 
     def _notes(self) -> list[str]:
-        notes = [self.place.remark] if self.place.remark else []
+        notes = [self.place.note] if self.place.note else []
         if self.place.overlap > 0:
             notes.append(f"The two overlap by {self.place.overlap:.3g} m at the start: moved apart to touch.")
         if self.others:

@@ -14,7 +14,7 @@ from hcbench.impact import Floats
 from hcbench.recipes.target import Target
 from hcbench.sim.two_blocks import SIDES, TwoBlocks, folder
 
-REMARK = "MuJoCo's staggered pairs lie on it too."
+NOTE = "MuJoCo's staggered pairs lie on it too."
 # Both blocks press a squeezed body at once, and all rows share in the highest impedance: 0.05 of four tried
 # leaves the summed loop the nearest.
 IMPEDANCE = 0.05

@@ -96,7 +96,7 @@ class BulletPlacement:
 
     first, second: the links that touch, the moving body first. normal: unit vector from the first to the
     second. point: where they touch, m. effective_mass: along the normal, kg. overlap: of the two at
-    the start, m. remark: how they were brought together, where that was a choice.
+    the start, m. note: how they were brought together, where that was a choice.
     """
 
     first: BodyPart
@@ -107,7 +107,7 @@ class BulletPlacement:
     point: Floats
     effective_mass: float
     overlap: float
-    remark: str = ""
+    note: str = ""
 
     def launch(self, bullet: BulletClient, speed: float, clearance: float) -> None:
         """Put the moving body `clearance` m before the touch, at `speed` m/s."""
@@ -125,10 +125,10 @@ def place(
     bullet = world.bullet
     for part in (first, second):
         require_joints_within_limits(bullet, part.body)
-    remark = ""
+    note = ""
     if coming_from is None and len(world.files) > 1 and first.body != second.body:
         coming_from = ABOVE
-        remark = "Files stand at the origin: the first body approaches from above; --from chooses."
+        note = "Files stand at the origin: the first body approaches from above; --from chooses."
     for moving, other, sign in ((first, second, 1.0), (second, first, -1.0)):
         if BulletBody(bullet, moving.body).mass > 0.0 and moving.body != other.body:
             text = f"{moving.name!r} by its free base"
@@ -139,8 +139,8 @@ def place(
                 direction = -sign * np.array(coming_from)
                 position = _clear_start(bullet, moving, other, direction, np.array(position))
             mover = FreeBase(moving.body, text, np.array(position), quaternion, direction)
-            return _touch(bullet, moving, other, mover, remark)
-    if coming_from is None or remark:
+            return _touch(bullet, moving, other, mover, note)
+    if coming_from is None or note:
         for moving, other in ((first, second), (second, first)):
             for joint in _sliding_joints(bullet, moving, other):
                 return _touch(bullet, moving, other, joint)
@@ -247,7 +247,7 @@ def _sliding_joints(bullet: BulletClient, moving: BodyPart, other: BodyPart) -> 
 
 
 def _touch(
-    bullet: BulletClient, moving: BodyPart, other: BodyPart, mover: Mover, remark: str = ""
+    bullet: BulletClient, moving: BodyPart, other: BodyPart, mover: Mover, note: str = ""
 ) -> BulletPlacement:
     mover.put(bullet, 0.0)
     size, start = _size(bullet, moving, other), float(nearest(bullet, moving, other)[DISTANCE])
@@ -271,8 +271,8 @@ def _touch(
     second = BodyPart(other.name, other.body, int(point[4]))
     _require_room(bullet, first, second)
     mass = _effective_mass(bullet, (first.body, first.link), (second.body, second.link), middle, normal)
-    overlap = 0.0 if remark else max(0.0, -start)
-    return BulletPlacement(first, second, mover, travel, normal, middle, mass, overlap, remark)
+    overlap = 0.0 if note else max(0.0, -start)
+    return BulletPlacement(first, second, mover, travel, normal, middle, mass, overlap, note)
 
 
 def _effective_mass(

@@ -147,7 +147,7 @@ class PybulletModel(ModelUnderTest):
             curve, words = plugin.restitution_of(self.law[1]), f"plug-in hcbench: {self.law[1]}"
             asked = () if curve is None else tuple(float(curve.at(v)) for v in self.request.speeds)
         parameters = self.bullet.getPhysicsEngineParameters()
-        notes = [self.place.remark] if self.place.remark else []
+        notes = [self.place.note] if self.place.note else []
         if self.place.overlap > 0:
             notes.append(f"The two overlap by {self.place.overlap:.3g} m at the start: moved apart to touch.")
         return Facts(

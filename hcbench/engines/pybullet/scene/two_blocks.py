@@ -15,7 +15,7 @@ from hcbench.impact import Floats
 from hcbench.recipes.target import Target
 from hcbench.sim.two_blocks import SIDES, TwoBlocks, folder
 
-REMARK = (
+NOTE = (
     "PyBullet's own contact is right at one speed, here 0.4 m/s, and parts from the reference after the first"
     " impacts; squeezed, it jumps by c v at every touch."
 )
