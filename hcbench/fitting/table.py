@@ -109,12 +109,10 @@ def read_lines(path: Path) -> list[tuple[int, str]]:
     except FileNotFoundError:
         raise UserError(str(path), "does not exist", "a file of measurements") from None
     except UnicodeDecodeError:
+        got, expected, advice = "is neither UTF-8 text nor a WAV recording", "text in columns, or .wav", ""
         if path.suffix.lower() == ".zip":
-            raise UserError(
-                name, "a zip archive", "a file of numbers", "Unpack it and give its .csv"
-            ) from None
-        got = "is neither UTF-8 text nor a WAV recording"
-        raise UserError(name, got, "text in columns, or .wav") from None
+            got, expected, advice = "a zip archive", "a file of numbers", "Unpack it and give its .csv"
+        raise UserError(name, got, expected, advice) from None
     except OSError as error:
         raise UserError(name, error.strerror or str(error), "a file that can be read") from None
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
