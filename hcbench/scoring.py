@@ -254,7 +254,7 @@ def _of_loops(loops: list[LoopScore]) -> dict[str, Any]:
     }
 
 
-def _claims(loops: list[LoopScore], exponent: float, law_exponent: float) -> dict[str, bool | None]:
+def _claims(loops: list[LoopScore], exponent: float, law_exponent: float) -> dict[str, Any]:
     """The paper's claims about a sound contact model, judged on what was measured."""
     seen = bool(loops) and min(s.samples for s in loops) >= STEPS_AT_ITS_ENDS
     zero = all(s.touch_force < _NEAR_ZERO for s in loops)

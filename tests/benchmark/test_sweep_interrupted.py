@@ -55,9 +55,9 @@ def test_killed_at_any_moment_and_resumed_it_is_as_if_nothing_had_been(tmp_path:
     assert {n: (killed / n).stat().st_mtime_ns for n in before} == before, (
         "what is there is not written again"
     )
-    flown = log.read_text().splitlines()
-    assert len(set(flown)) == 80
-    assert len(flown) - 80 <= 2 * 2 * 16, "at most the parts in flight, of two jobs, killed twice"
+    simulated = log.read_text().splitlines()
+    assert len(set(simulated)) == 80
+    assert len(simulated) - 80 <= 2 * 2 * 16, "at most the parts in flight, of two jobs, killed twice"
     note(package)
     sweep(study, tmp_path / "whole")
     assert whole(killed) == whole(tmp_path / "whole")

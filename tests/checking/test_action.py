@@ -24,7 +24,7 @@ from pathlib import Path
 Path(os.environ["SEEN"]).write_text("\\0".join(sys.argv[1:]))
 for argument in sys.argv:
     if argument.startswith("--markdown="):
-        Path(argument.partition("=")[2]).write_text("### told\\n")
+        Path(argument.partition("=")[2]).write_text("### reported\\n")
 sys.exit(int(os.environ["CODE"]))
 """
 
@@ -70,14 +70,14 @@ def test_inputs_become_options(tmp_path: Path) -> None:
         "ball.urdf",
         "plate.urdf",
     ]
-    assert (code, summary, outputs) == (0, "### told\n", "exit-code=0\n")
+    assert (code, summary, outputs) == (0, "### reported\n", "exit-code=0\n")
 
 
 @pytest.mark.parametrize("code", [1, 2, 3])
 def test_the_exit_code_and_the_summary_come_through(tmp_path: Path, code: int) -> None:
     _, returned, summary, outputs = run(tmp_path, code, MAX_ERROR="0.01")
     assert returned == code
-    assert summary == "### told\n"
+    assert summary == "### reported\n"
     assert outputs == f"exit-code={code}\n"
 
 

@@ -34,9 +34,9 @@ def test_the_exit_code_says_how_it_ended(
     arguments: list[str], code: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(["check", "--speeds", SPEEDS, *arguments]) == code
-    told = capsys.readouterr()
-    assert "Traceback" not in told.out + told.err
-    assert told.err.count("\n") <= 1
+    printed = capsys.readouterr()
+    assert "Traceback" not in printed.out + printed.err
+    assert printed.err.count("\n") <= 1
 
 
 def test_writing_a_baseline_judges_nothing_and_says_where_it_is(
@@ -45,11 +45,11 @@ def test_writing_a_baseline_judges_nothing_and_says_where_it_is(
     file = tmp_path / "base.json"
     arguments = ["check", GOOD, "--pair", "ball,plate", "--speeds", SPEEDS]
     assert run([*arguments, "--write-baseline", str(file)]) == 0
-    told = capsys.readouterr().out
-    assert "MEASURED good.xml: at 2 speeds, and held against nothing: no verdict" in told
-    assert f"written: {file}" in told
-    assert "PASSED" not in told
-    assert "limit" not in told
+    printed = capsys.readouterr().out
+    assert "MEASURED good.xml: at 2 speeds, and held against nothing: no verdict" in printed
+    assert f"written: {file}" in printed
+    assert "PASSED" not in printed
+    assert "limit" not in printed
     report = check(ask(), measure_only=True)
     assert report.exit_code == 0
     assert 'failures="0" errors="0"' in as_junit(report)

@@ -19,7 +19,7 @@ from hcbench.setting import Setting
 from hcbench.sim import install, registry
 
 PLANE = load_scene("steel-plane")
-HEAVY = dataclasses.replace(PLANE, gravity=9.80665)
+WITH_GRAVITY = dataclasses.replace(PLANE, gravity=9.80665)
 LAUNCHES = [Launch(v, p) for v in (0.031, 0.13, 0.37, 0.5) for p in (0.07, 0.31, 0.62, 0.88)]
 
 
@@ -38,7 +38,7 @@ def restitutions(setting: Setting, scene: Scene = PLANE) -> tuple[Floats, Floats
 @pytest.mark.parametrize("timestep", [1e-5, 1e-3, 1 / 240])
 def test_xpbd_has_the_restitution_that_is_set(timestep: float) -> None:
     setting = registry.recipe("newton.restitution")(target(timestep))
-    for scene in (PLANE, HEAVY) if timestep < 1e-3 else (PLANE,):
+    for scene in (PLANE, WITH_GRAVITY) if timestep < 1e-3 else (PLANE,):
         _, e = restitutions(setting, scene)
         assert np.abs(e - setting.options["restitution"]).max() < 2e-7
 
@@ -46,7 +46,7 @@ def test_xpbd_has_the_restitution_that_is_set(timestep: float) -> None:
 @pytest.mark.needs_engine("newton")
 def test_xpbd_is_given_the_restitution_of_each_impact() -> None:
     setting = registry.recipe("newton.restitution-law")(target(1e-4))
-    for scene in (PLANE, HEAVY):
+    for scene in (PLANE, WITH_GRAVITY):
         v, e = restitutions(setting, scene)
         assert np.abs(e - target(1e-4).restitution(v)).max() < 2e-7
 
@@ -92,9 +92,11 @@ def test_its_mujoco_solver_as_it_comes_is_critically_damped() -> None:
 
 @pytest.mark.needs_engine("newton")
 def test_its_mujoco_solver_has_mujocos_own_compliant_bounce_under_gravity() -> None:
-    made_for = dataclasses.replace(target(1e-3), gravity=HEAVY.gravity)
-    _, e = restitutions(registry.recipe("newton.compliant")(made_for), HEAVY)
-    impacts = registry.engine("mujoco").run(HEAVY, registry.recipe("mujoco.compliant")(made_for), LAUNCHES)
+    made_for = dataclasses.replace(target(1e-3), gravity=WITH_GRAVITY.gravity)
+    _, e = restitutions(registry.recipe("newton.compliant")(made_for), WITH_GRAVITY)
+    impacts = registry.engine("mujoco").run(
+        WITH_GRAVITY, registry.recipe("mujoco.compliant")(made_for), LAUNCHES
+    )
     assert e == pytest.approx([impact.restitution for impact in impacts], abs=1e-4)
 
 

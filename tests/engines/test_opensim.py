@@ -19,7 +19,7 @@ from hcbench.sim import registry
 from hcbench.sim.convert import convert
 
 PLANE = load_scene("steel-plane")
-HEAVY = dataclasses.replace(PLANE, gravity=9.80665)
+WITH_GRAVITY = dataclasses.replace(PLANE, gravity=9.80665)
 SPEEDS, PHASES = (0.031, 0.13, 0.37, 0.5), (0.07, 0.31, 0.62, 0.88)  # of no search or other test
 ALPHAS = (0.002, 0.004, 0.008, 0.016)  # s/in
 
@@ -52,10 +52,10 @@ def test_is_the_law_with_its_loop(alpha: float) -> None:
 @pytest.mark.needs_engine("opensim")
 def test_bounces_as_the_law_does_under_gravity() -> None:
     wanted = target(0.008, 1e-4)
-    impacts = run(registry.recipe("opensim.force")(wanted), HEAVY)
+    impacts = run(registry.recipe("opensim.force")(wanted), WITH_GRAVITY)
     options = {"alpha": wanted.law.alpha}
     truth = registry.engine("reference").run(
-        HEAVY, Setting("reference", "hunt-crossley", 1e-4, options), [i.launch for i in impacts]
+        WITH_GRAVITY, Setting("reference", "hunt-crossley", 1e-4, options), [i.launch for i in impacts]
     )
     for impact, true in zip(impacts, truth, strict=True):
         assert impact.speed_in == pytest.approx(true.speed_in, rel=1e-9)

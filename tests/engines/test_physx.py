@@ -18,7 +18,7 @@ from hcbench.sim import registry
 from hcbench.sim.convert import convert
 
 PLANE = load_scene("steel-plane")
-HEAVY = dataclasses.replace(PLANE, gravity=9.80665)
+WITH_GRAVITY = dataclasses.replace(PLANE, gravity=9.80665)
 SPEEDS, PHASES = (0.031, 0.13, 0.37, 0.5), (0.07, 0.31, 0.62, 0.88)  # of no search or other test
 ALPHAS = (0.002, 0.004, 0.008, 0.016)  # s/in
 
@@ -43,7 +43,7 @@ def restitutions(impacts: list[Impact]) -> tuple[Floats, Floats]:
 )
 def test_has_the_restitution_that_is_set(timestep: float, within: float) -> None:
     setting = registry.recipe("physx.restitution")(target(0.008, timestep))
-    for scene in (PLANE, HEAVY):
+    for scene in (PLANE, WITH_GRAVITY):
         _, e = restitutions(run(setting, scene))
         assert np.abs(e - setting.options["restitution"]).max() < within
 
@@ -52,7 +52,7 @@ def test_has_the_restitution_that_is_set(timestep: float, within: float) -> None
 @pytest.mark.parametrize("alpha", ALPHAS)
 def test_is_given_the_restitution_of_each_impact(alpha: float) -> None:
     setting = registry.recipe("physx.restitution-law")(target(alpha, 1e-3))
-    for scene in (PLANE, HEAVY):
+    for scene in (PLANE, WITH_GRAVITY):
         v, e = restitutions(run(setting, scene))
         assert np.abs(e - closed_form.restitution(alpha / units.INCH, v)).max() < 1.3e-6
 
@@ -75,7 +75,7 @@ def test_by_pgs_bounces_by_luck_of_the_phase() -> None:
 
 @pytest.mark.needs_engine("physx")
 def test_a_ball_that_float32_cannot_move_any_more_is_at_rest() -> None:
-    impacts = run(Setting("physx", "mine", 1e-5, {}), HEAVY)
+    impacts = run(Setting("physx", "mine", 1e-5, {}), WITH_GRAVITY)
     assert {i.status for i in impacts} <= {Status.RESTED, Status.PARTED}
     assert max(i.samples for i in impacts) < 1000
 

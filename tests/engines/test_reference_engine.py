@@ -65,8 +65,10 @@ def test_laws_that_came_after_have_one_restitution_for_all_speeds(law: Published
 
 
 def test_laws_that_came_after_know_gravity() -> None:
-    heavy = replace(SCENE, gravity=9.81)
-    (impact,) = drop(Setting("reference", "flores", 1e-6, {"restitution": 0.7}), Launch(0.05), scene=heavy)
+    with_gravity = replace(SCENE, gravity=9.81)
+    (impact,) = drop(
+        Setting("reference", "flores", 1e-6, {"restitution": 0.7}), Launch(0.05), scene=with_gravity
+    )
     law = TouchSpeedLaw(Flores, SCENE.stiffness, 0.7)
     truth = ode.impact(law, SCENE.mass, impact.speed_in, gravity=9.81)
     assert impact.restitution == pytest.approx(truth.restitution, rel=1e-12)

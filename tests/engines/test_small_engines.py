@@ -30,7 +30,7 @@ def target(alpha: float, timestep: float, gravity: float = 0.0) -> Target:
     return Target(law, PLANE.mass, timestep, 0.0254, 0.508, gravity=gravity)
 
 
-def fly(setting: Setting, *launches: Launch, scene: Any = PLANE) -> list[Impact]:
+def simulated(setting: Setting, *launches: Launch, scene: Any = PLANE) -> list[Impact]:
     pytest.importorskip(
         {"drake": "pydrake", "dart": "dartpy", "rapier": "rapier3d"}.get(setting.engine, "exudyn")
     )
@@ -39,7 +39,7 @@ def fly(setting: Setting, *launches: Launch, scene: Any = PLANE) -> list[Impact]
 
 def off_law(recipe: str, alpha: float, timestep: float, scene: Any = PLANE) -> float:
     launches = [Launch(v, p) for v in SPEEDS for p in PHASES]
-    impacts = fly(registry.recipe(recipe)(target(alpha, timestep)), *launches, scene=scene)
+    impacts = simulated(registry.recipe(recipe)(target(alpha, timestep)), *launches, scene=scene)
     law = closed_form.restitution(alpha, np.array([i.speed_in for i in impacts]))
     return float(np.abs(np.array([i.restitution for i in impacts]) - law).max())
 
@@ -68,7 +68,7 @@ def test_drakes_continuous_plant_has_the_laws_e_at_any_step() -> None:
 def test_restitution_set_is_restitution_got(engine: str, most: float, timestep: float) -> None:
     setting = registry.recipe(f"{engine}.restitution")(target(ALPHAS[2], timestep))
     ends = closed_form.restitution(ALPHAS[2], np.array([0.0254, 0.508]))
-    for impact in fly(setting, *(Launch(v, p) for v in SPEEDS for p in PHASES)):
+    for impact in simulated(setting, *(Launch(v, p) for v in SPEEDS for p in PHASES)):
         assert impact.restitution == pytest.approx(float(ends.mean()), abs=most)
 
 
@@ -83,7 +83,7 @@ def test_drakes_discrete_plant_damps_by_itself(stiffness: float, off: float) -> 
     contact = {"point_stiffness": 2 * stiffness, "dissipation": 1.5 * alpha}
     for approximation in ("tamsi", "lagged"):
         options = {"approximation": approximation, **contact}
-        for impact in fly(Setting("drake", "mine", h, options), Launch(0.033, 0.3), Launch(0.49, 0.8)):
+        for impact in simulated(Setting("drake", "mine", h, options), Launch(0.033, 0.3), Launch(0.49, 0.8)):
             law = float(closed_form.restitution(alpha, impact.speed_in))
             assert impact.restitution == pytest.approx(share * law, abs=0.05 * (1 - share))
             assert impact.restitution - law == pytest.approx(off * law, rel=0.05)
@@ -92,14 +92,14 @@ def test_drakes_discrete_plant_damps_by_itself(stiffness: float, off: float) -> 
 def test_drakes_stock_dissipation_is_a_hundred_times_that_of_steel() -> None:
     free = Setting("drake", "mine", 1e-3, {"plant": "continuous", "accuracy": 1e-8})
     for speed, e in ((0.0254, 0.53), (0.508, 0.039)):
-        (impact,) = fly(free, Launch(speed))
+        (impact,) = simulated(free, Launch(speed))
         assert impact.restitution == pytest.approx(float(closed_form.restitution(50 / 1.5, speed)), abs=1e-6)
         assert impact.restitution == pytest.approx(e, abs=0.005)
 
 
 def test_drakes_contact_is_linear_in_depth() -> None:
     setting = registry.recipe("drake.continuous")(target(ALPHAS[2], 1e-6))
-    (impact,) = fly(setting, Launch(0.3))
+    (impact,) = simulated(setting, Launch(0.3))
     assert impact.loop is not None
     x, v = impact.loop.penetration[1:], impact.loop.rate[1:]
     law = HuntCrossley(setting.options["point_stiffness"] / 2, ALPHAS[2], 1.0).force(np.maximum(x, 0), v)
@@ -145,8 +145,8 @@ def dart_bounce(speed: float, e: float, gravity: float = 0.0) -> float:
 @pytest.mark.parametrize("gravity", [0.0, G])
 def test_darts_loop_of_our_own_gives_what_the_engine_gives(gravity: float) -> None:
     setting = Setting("dart", "mine", 1e-3, {"restitution": 0.9})
-    heavy = dataclasses.replace(PLANE, gravity=gravity)
-    (impact,) = fly(setting, Launch(0.4), scene=heavy)
+    with_gravity = dataclasses.replace(PLANE, gravity=gravity)
+    (impact,) = simulated(setting, Launch(0.4), scene=with_gravity)
     assert impact.restitution == pytest.approx(1.9 / (1 + 1e-5) - 1, abs=1e-14)
     assert dart_bounce(0.4, 0.9, gravity) == pytest.approx(impact.restitution, abs=1e-13)
 
@@ -154,7 +154,7 @@ def test_darts_loop_of_our_own_gives_what_the_engine_gives(gravity: float) -> No
 def test_dart_does_not_bounce_below_a_tenth_of_a_unit_a_second() -> None:
     def in_metres(speed: float, units: float = 1.0) -> float:
         options = {"restitution": 0.9, "units_per_metre": units}
-        return fly(Setting("dart", "mine", 1e-4, options), Launch(speed))[0].restitution
+        return simulated(Setting("dart", "mine", 1e-4, options), Launch(speed))[0].restitution
 
     assert in_metres(0.1112) == pytest.approx(0.9, abs=2e-5)
     assert in_metres(0.1110) < 0.02
@@ -165,10 +165,10 @@ def test_dart_does_not_bounce_below_a_tenth_of_a_unit_a_second() -> None:
 def test_dart_rests_by_its_law_and_goes_on_bouncing_by_one_restitution() -> None:
     """At e g h/(1 - e), where the threshold lets it; from 20 mm at 1 ms."""
     pytest.importorskip("dartpy")
-    engine, heavy = registry.engine("dart"), dataclasses.replace(PLANE, gravity=G)
+    engine, with_gravity = registry.engine("dart"), dataclasses.replace(PLANE, gravity=G)
     for recipe, speed in (("restitution-law", 0.0), ("restitution", 0.9269 * G * 1e-3 / (1 - 0.9269))):
         setting = registry.recipe(f"dart.{recipe}")(target(ALPHAS[2], 1e-3))
-        path = engine.trajectory(heavy, setting, Launch(0.0, height=0.02), 6.0)
+        path = engine.trajectory(with_gravity, setting, Launch(0.0, height=0.02), 6.0)
         assert np.abs(path.rate[-1000:]).max() == pytest.approx(speed, rel=0.1, abs=1e-6)
 
 
@@ -184,7 +184,7 @@ def test_a_band_that_dart_cannot_bounce_is_refused() -> None:
 def test_exudyns_force_is_the_laws_in_the_cup_and_on_the_plane() -> None:
     setting = registry.recipe("exudyn.contact-law")(target(ALPHAS[3], 1e-6))
     for scene in (PLANE, CUP):
-        (impact,) = fly(setting, Launch(0.4), scene=scene)
+        (impact,) = simulated(setting, Launch(0.4), scene=scene)
         assert impact.loop is not None
         x, v = impact.loop.penetration[1:-1], impact.loop.rate[1:-1]
         law = HuntCrossley(PLANE.stiffness, ALPHAS[3], 1.5).force(np.maximum(x, 0), v)
@@ -198,13 +198,13 @@ def test_exudyn_loses_less_than_the_law_above_its_threshold() -> None:
         setting.options["minimumImpactVelocity"],
     )
     assert loss / threshold == pytest.approx(ALPHAS[2])
-    (impact,) = fly(setting, Launch(2 * threshold))
+    (impact,) = simulated(setting, Launch(2 * threshold))
     expected = float(closed_form.restitution(loss / (2 * threshold), 2 * threshold))
     assert impact.restitution == pytest.approx(expected, abs=2e-4)
 
 
 def test_exudyns_stock_ball_goes_through_the_plate() -> None:
-    (impact,) = fly(registry.recipe("exudyn.stock")(target(ALPHAS[2], 1e-3)), Launch(0.4))
+    (impact,) = simulated(registry.recipe("exudyn.stock")(target(ALPHAS[2], 1e-3)), Launch(0.4))
     assert impact.status is Status.DIVERGED
     assert "went through the plate" in impact.reason
 
@@ -230,16 +230,20 @@ def test_rapier_turns_round_the_speed_of_the_steps_start(gravity: float) -> None
         before = -body.linvel.z
         world.step()
     assert body.linvel.z / before == pytest.approx(e, abs=2e-7)
-    heavy = dataclasses.replace(PLANE, gravity=gravity)
-    (impact,) = fly(Setting("rapier", "mine", step, {"restitution": e}), Launch(0.5), scene=heavy)
+    with_gravity = dataclasses.replace(PLANE, gravity=gravity)
+    (impact,) = simulated(
+        Setting("rapier", "mine", step, {"restitution": e}), Launch(0.5), scene=with_gravity
+    )
     assert impact.restitution == pytest.approx(e, abs=2e-7)
 
 
 @pytest.mark.parametrize("step", [1e-3, 1 / 240, 1 / 60])
 def test_a_ball_that_leaves_rapier_slower_than_1_3_g_h_stays(step: float) -> None:
-    heavy, phases = dataclasses.replace(PLANE, gravity=G), (0.2, 0.5, 0.8)
+    with_gravity, phases = dataclasses.replace(PLANE, gravity=G), (0.2, 0.5, 0.8)
     for e, share in itertools.product((0.9, 0.5), (0.5, 0.8, 1.1, 1.2, 1.3, 1.5, 2.0)):
         speed = share * G * step / e  # that of the step's start, which it touches in
         launches = [Launch(speed, phase, height=phase * step * speed) for phase in phases]
-        for impact in fly(Setting("rapier", "mine", step, {"restitution": e}), *launches, scene=heavy):
+        for impact in simulated(
+            Setting("rapier", "mine", step, {"restitution": e}), *launches, scene=with_gravity
+        ):
             assert impact.status is (Status.PARTED if share >= 1.3 else Status.RESTED)

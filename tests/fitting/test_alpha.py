@@ -88,10 +88,10 @@ def test_alpha_goes_as_one_over_g_and_the_budget_says_so() -> None:
 
 def test_drag_that_is_left_out_makes_a_table_tennis_ball_lossy() -> None:
     ball: Any = {"mass": Known(2.7e-3), "diameter": Known(0.04), "drag_coefficient": Known(0.47)}
-    fly = lambda w: synthesise.flight_in_air(w, 2.7e-3, 0.04, 0.47)  # noqa: E731
+    fall = lambda w: synthesise.flight_in_air(w, 2.7e-3, 0.04, 0.47)  # noqa: E731
     rng, times = np.random.default_rng(0), [0.0]
     speed = MeasurementSetup(gravity=G, **ball).ballistics.dropped(0.3)[0]
-    for _, _, aloft in synthesise.flights(synthesise.hunt_crossley(0.1), 0.3, 0.0, rng, fly, speed):
+    for _, _, aloft in synthesise.flights(synthesise.hunt_crossley(0.1), 0.3, 0.0, rng, fall, speed):
         times.append(times[-1] + aloft)
         if len(times) == 15:
             break

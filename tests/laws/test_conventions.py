@@ -104,8 +104,8 @@ def test_the_old_tsuji_damping_of_lammps_delivered_something_else(e: float) -> N
         return float(-run.y_events[0][0][1])
 
     note = _row(convert(restitution=e, speed=0.4), "LAMMPS", "damping tsuji").note
-    told = float(note.split("delivered ")[1].split()[0])
-    assert told == pytest.approx(delivered(factor), abs=1e-4)
+    stated = float(note.split("delivered ")[1].split()[0])
+    assert stated == pytest.approx(delivered(factor), abs=1e-4)
     assert delivered(factor * np.sqrt(2.0)) == pytest.approx(e, abs=0.01)
 
 

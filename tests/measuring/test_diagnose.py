@@ -70,7 +70,7 @@ def _last(attributes: str) -> str:
 
 
 def off(found: Measurement, goal: float | None, asked: tuple[float, ...] = ()) -> float:
-    """The largest |e - goal|, the goal being what the model asks for unless told otherwise."""
+    """The largest |e - goal|, the goal being what the model asks for by default."""
     held = dict(zip(found.request.speeds, asked or found.facts.asked, strict=True)) if goal is None else {}
     return max(
         abs(i.restitution - held.get(i.launch.speed, goal or 0.0)) if i in found.measured else 9.0
@@ -374,7 +374,7 @@ def test_a_cause_planted_in_pybullet_is_named(name: str, tmp_path: Path) -> None
     with beyond_bounds(name == "energy from nothing"):  # e above 1 is refused without
         found = measure(world(tmp_path, **changes), speeds=SPEEDS)
     codes = [cause.code for cause in found.causes]
-    first = 1 if name == "too few steps on a spring" else 0  # its restitutions, both 0, are told before
+    first = 1 if name == "too few steps on a spring" else 0  # its restitutions, both 0, are printed before
     assert codes[first] == code, [(c.code, c.evidence) for c in found.causes]
 
 

@@ -44,8 +44,8 @@ def model(plate: str = "", joint: str = "<freejoint/>", condim: int = 3) -> str:
 
 def test_benchmark_and_measure_agree_obliquely() -> None:
     measured = measure(model_xml(SCENE, IMPULSE), "ball,plate", diagnose=False, **ASKED).impacts
-    flown = registry.engine("mujoco").run(SCENE, IMPULSE, LAUNCHES)
-    for one, other in zip(measured, flown, strict=True):
+    simulated = registry.engine("mujoco").run(SCENE, IMPULSE, LAUNCHES)
+    for one, other in zip(measured, simulated, strict=True):
         assert one.tangential is not None
         assert other.tangential is not None
         assert one.launch == other.launch

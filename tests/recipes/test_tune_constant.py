@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, fly, pasted
+from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, pasted, simulated
 
 from hcbench.engines.mujoco.recipes.impulse import IMPULSE
 from hcbench.engines.mujoco.recipes.spring_damper import SPRING_DAMPER
@@ -41,7 +41,9 @@ def test_the_best_constant_and_what_it_leaves(alpha: float, constant: float, res
 @pytest.mark.parametrize("alpha", ALPHAS)
 def test_impulse_leaves_what_theory_leaves(alpha: float, timestep: float) -> None:
     target = target_of(alpha, timestep)
-    flight = fly(pasted(dict(IMPULSE(target).options), timestep, STEEL_MASS), timestep, SPEEDS, 10 * timestep)
+    flight = simulated(
+        pasted(dict(IMPULSE(target).options), timestep, STEEL_MASS), timestep, SPEEDS, 10 * timestep
+    )
     error = np.abs(flight.restitution - target.restitution(SPEEDS)[:, None]).max()
     assert error == pytest.approx(minimax_constant(target)[1], abs=1e-6)
 
@@ -49,7 +51,7 @@ def test_impulse_leaves_what_theory_leaves(alpha: float, timestep: float) -> Non
 def test_impulse_rests_under_gravity() -> None:
     target = target_of(0.008, 1e-3)
     xml = pasted(dict(IMPULSE(target).options), 1e-3, STEEL_MASS, gravity=9.81)
-    flight = fly(xml, 1e-3, np.array([0.44]), 6.0, phases=2)
+    flight = simulated(xml, 1e-3, np.array([0.44]), 6.0, phases=2)
     x, v = flight.x[0, :, -2000:], flight.v[0, :, -2000:]
     assert np.abs(v).max() < 1e-5
     assert 0 < x.max() < 1e-3 * 2 * INCH
@@ -62,7 +64,7 @@ def test_spring_damper_has_the_constant_at_every_speed(timestep: float, integrat
     e, _ = minimax_constant(target)
     setting = SPRING_DAMPER(target, integrator)
     lasts = contact_time(target)
-    flight = fly(
+    flight = simulated(
         pasted(dict(setting.options), timestep, STEEL_MASS), timestep, SPEEDS, 1.3 * lasts + 4 * timestep
     )
     # The phase of the touch is what 20 steps leave; it has no mean.

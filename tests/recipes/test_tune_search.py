@@ -50,11 +50,11 @@ def searched(recipe: str, progress: Any = None) -> Setting:
 
 @pytest.mark.parametrize("recipe", ["soft", "two-pair"])
 def test_a_search_tells_how_far_it_is_and_is_not_changed_by_that(recipe: str) -> None:
-    told: list[tuple[int, int]] = []
-    seen = searched(recipe, lambda done, total: told.append((done, total)))
+    reported: list[tuple[int, int]] = []
+    seen = searched(recipe, lambda done, total: reported.append((done, total)))
     soft._search.cache_clear()
     assert seen.key == searched(recipe).key
-    done, totals = np.array(told).T
+    done, totals = np.array(reported).T
     assert (np.diff(done) >= 0).all()
     assert len(set(totals)) == 1
     assert 0 < done[0] <= totals[0] / 4
@@ -62,11 +62,11 @@ def test_a_search_tells_how_far_it_is_and_is_not_changed_by_that(recipe: str) ->
 
 
 def test_a_fit_in_stages_tells_them_to_the_end() -> None:
-    told: list[tuple[int, int]] = []
-    searched("staggered-push", lambda done, total: told.append((done, total)))
-    done, totals = np.array(told).T
+    reported: list[tuple[int, int]] = []
+    searched("staggered-push", lambda done, total: reported.append((done, total)))
+    done, totals = np.array(reported).T
     assert (np.diff(done) >= 0).all()
-    assert len(told) > 50
+    assert len(reported) > 50
     assert set(totals) == {done[-1]}
 
 

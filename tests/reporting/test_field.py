@@ -142,8 +142,8 @@ def test_each_cell_of_the_committed_page_is_of_the_committed_run(committed: Fiel
     entries = (page._best_entry, page._stock_entry)
     for entry, gravity in itertools.product(entries, committed.gravities):
         made = page._table(committed, gravity, partial(entry, committed))["rows"]
-        told = [[name, *(f"{cell.text}{cell.setting}" for cell in cells)] for name, cells in made]
-        assert told in tables
+        expected = [[name, *(f"{cell.text}{cell.setting}" for cell in cells)] for name, cells in made]
+        assert expected in tables
     energy = [
         [committed.title(e), *(f"{c.text}{c.setting}" for c in page._energy(committed, e))]
         for e in committed.engines
@@ -201,7 +201,7 @@ def test_each_engine_at_its_best_is_as_good_as_by_hand(
 @pytest.mark.needs_engine
 @pytest.mark.parametrize(
     ("engine", "setting", "wanted", "most", "steps"),
-    [row for row in BY_HAND if row[0] != "pybullet"],  # whose own tests fly it
+    [row for row in BY_HAND if row[0] != "pybullet"],  # which has tests of its own
 )
 def test_and_bounces_so_where_it_is_installed(
     engine: str, setting: str, wanted: str, most: float, steps: tuple[float, ...]

@@ -1,4 +1,4 @@
-"""Plain MuJoCo, nothing of hcbench's engines: rows pasted as pairs of a fresh scene, flown and read."""
+"""Plain MuJoCo, nothing of hcbench's engines: rows pasted as pairs of a fresh scene, simulated and read."""
 
 from __future__ import annotations
 
@@ -51,15 +51,15 @@ class Flight:
     v: Floats
 
 
-def fly(xml: str, timestep: float, speeds: Floats, duration: float, phases: int = 8) -> Flight:
+def simulated(xml: str, timestep: float, speeds: Floats, duration: float, phases: int = 8) -> Flight:
     model = mujoco.MjModel.from_xml_string(xml)
     phase = (np.arange(phases) + 0.37) / phases
     v_i, before = (grid.ravel() for grid in np.meshgrid(speeds, phase, indexing="ij"))
     state = np.zeros((len(v_i), mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
     state[:, 1], state[:, 2] = (1 + before) * timestep * v_i, -v_i
     steps = int(duration / timestep) + 4
-    flown, _ = rollout.rollout(model, mujoco.MjData(model), state, nstep=steps)
-    path = np.concatenate([state[:, None], flown], axis=1)
+    states, _ = rollout.rollout(model, mujoco.MjData(model), state, nstep=steps)
+    path = np.concatenate([state[:, None], states], axis=1)
     x, v = -path[:, :, 1], -path[:, :, 2]
     apart = (x[:, -1] < 0) & (v[:, -1] < 0)
     e = np.where(apart, -v[:, -1] / v_i, np.nan)

@@ -31,7 +31,7 @@ PHASES = (0.25, 0.75)
 SCENE = "steel-plane"
 
 
-def fly(force: Force, launch: Launch, step: float) -> Impact:
+def simulated(force: Force, launch: Launch, step: float) -> Impact:
     """One impact by semi-implicit Euler."""
     x, v = -launch.clearance(step), launch.speed
     samples = []
@@ -74,7 +74,7 @@ def flights(engine: str, setting: str, alpha: float, step: float, speeds: Sequen
     launches = [Launch(v, phase) for v in speeds for phase in PHASES]
     if setting == "broken":
         return [Impact(launch, Status.CRASHED, "the engine's process died on it") for launch in launches]
-    return [fly(forces[setting], launch, step) for launch in launches]
+    return [simulated(forces[setting], launch, step) for launch in launches]
 
 
 RUNS = (

@@ -309,10 +309,10 @@ def test_pairs_near_the_law_are_given_its_alpha_and_no_plug_in_that_needs_one(
 ) -> None:
     asked = ["tune", "mujoco", "--timestep", "1e-4", "--recipe", "impulse", "--points"]
     assert run([*asked, PAIRS]) == 0
-    told = capsys.readouterr().out
-    assert "restitution-law" not in told
-    assert "try --alpha 0.31" in told
-    assert "--recipe compliant-pairs" in told
+    printed = capsys.readouterr().out
+    assert "restitution-law" not in printed
+    assert "try --alpha 0.31" in printed
+    assert "--recipe compliant-pairs" in printed
     assert run([*asked, "0.1:0.9, 0.2:0.3 m/s"]) == 0
     assert "--alpha" not in capsys.readouterr().out  # no α has such a fall
 
@@ -344,11 +344,13 @@ def test_notes_of_a_softened_contact_do_not_contradict_what_was_measured(
 ) -> None:
     arguments = ["tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-3", "--recipe", "staggered"]
     assert run([*arguments, "--gravity", "0"]) == 0
-    told = capsys.readouterr().out
-    assert "mujoco staggered: the given recipe" in told
-    assert "99.7 % of the largest force" in told
-    assert "- under gravity it rests 9.7e-04 m deep, 1.9 % of the radius; --recipe impulse" in told
-    assert "- With the law's own stiffness, a body rests about as deep as by the law, without drift." in told
+    printed = capsys.readouterr().out
+    assert "mujoco staggered: the given recipe" in printed
+    assert "99.7 % of the largest force" in printed
+    assert "- under gravity it rests 9.7e-04 m deep, 1.9 % of the radius; --recipe impulse" in printed
+    assert (
+        "- With the law's own stiffness, a body rests about as deep as by the law, without drift." in printed
+    )
 
 
 def test_what_keeps_a_body_from_resting_is_named_and_nothing_else() -> None:

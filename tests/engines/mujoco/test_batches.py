@@ -37,8 +37,10 @@ FORMS = pytest.mark.parametrize("form", [PLANE, CUP], ids=["plane", "cup"])
 SCENES = pytest.mark.parametrize(
     "scene", [dataclasses.replace(PLANE, gravity=9.80665), CUP], ids=["plane under gravity", "cup without"]
 )
-CROWDS = tuple(int(n) for n in mujoco.__version__.split(".")[:2]) >= (3, 17)
-NEEDS_CROWDS = pytest.mark.skipif(not CROWDS, reason="this MuJoCo has no islands with a scale of their own")
+SHARES_MODELS = tuple(int(n) for n in mujoco.__version__.split(".")[:2]) >= (3, 17)
+NEEDS_SHARED_MODELS = pytest.mark.skipif(
+    not SHARES_MODELS, reason="this MuJoCo has no islands with a scale of their own"
+)
 STIFF = [0.9999, 0.9999, 0.001, 0.5, 2.0]
 
 
@@ -109,7 +111,7 @@ def test_mujoco_alone_together_in_threads_and_in_any_chunks_is_the_same(
     assert same(alone[::-1], MUJOCO.run(scene, setting, launches[::-1]))
 
 
-@NEEDS_CROWDS
+@NEEDS_SHARED_MODELS
 def test_one_balls_end_is_not_another_s(sizes: Any) -> None:
     # Deep enough, the damper is beyond what the step can follow: fast balls diverge, slow ones bounce.
     deep = {"solref": [-1e9, -1e12], "solimp": STIFF, "onset": 1e-5}
@@ -145,7 +147,7 @@ def test_a_ball_on_the_axis_bounces_on_a_slide_as_it_does_free(
         setting = made(f"mujoco.{recipe}", scene, timestep, integrator=integrator)
     model = load(scene, timestep, read_options(setting.options))
     rows = len(setting.options.get("rows", [1]))
-    assert batch_kind(model) == ("sliding" if CROWDS or rows == 1 else "alone")
+    assert batch_kind(model) == ("sliding" if SHARES_MODELS or rows == 1 else "alone")
     on_a_slide = MUJOCO.run(scene, setting, launches)
     monkeypatch.setattr(world, "batch_kind", lambda _: "alone")
     mujoco_engine._cached_pool.cache_clear()
@@ -216,7 +218,7 @@ def test_what_a_free_ball_does_not_feel_a_ball_in_a_batch_does_not_either(
         assert one.force_max == pytest.approx(other.force_max, rel=1e-12)
 
 
-@NEEDS_CROWDS
+@NEEDS_SHARED_MODELS
 @FORMS
 def test_models_that_pay_are_simulated_many_in_one(
     form: Scene, monkeypatch: pytest.MonkeyPatch, nothing_kept: None
@@ -236,7 +238,7 @@ def test_models_that_pay_are_simulated_many_in_one(
     assert made_of == [48, 1], "a few steps are not worth compiling a model for"
 
 
-@NEEDS_CROWDS
+@NEEDS_SHARED_MODELS
 @pytest.mark.parametrize(
     ("name", "edit"),
     [
@@ -265,9 +267,9 @@ def test_a_model_with_more_to_it_is_simulated_alone_and_bounces_alike(
     path.write_text(PLANE.models["mujoco"]["scene"].read_text("utf-8").replace(*edit), "utf-8")
     scene = dataclasses.replace(PLANE, models={"mujoco": {"scene": path}})
     sizes(_COMPILE_S=0.0)
-    for own, crowds in ((PLANE, True), (scene, False)):
+    for own, shares in ((PLANE, True), (scene, False)):
         model = load(own, 1e-4, read_options({}))
-        assert (batch_kind(model) != "alone") is crowds, name
+        assert (batch_kind(model) != "alone") is shares, name
     stock = Setting("mujoco", "stock", 1e-4)
     found, plain = (MUJOCO.run(own, stock, at_random(4)) for own in (scene, PLANE))
     assert [i.restitution for i in found] == pytest.approx([i.restitution for i in plain], abs=1e-6)
@@ -345,30 +347,30 @@ def test_bullet_recorded_is_bullet_asked(scene: Scene, recipe: str, timestep: fl
         assert same(ours, theirs)
 
 
-def _told_and_worked_out(scene: Scene, setting: Setting, launches: Sequence[Launch]) -> tuple[Any, Any]:
+def _reported_and_worked_out(scene: Scene, setting: Setting, launches: Sequence[Launch]) -> tuple[Any, Any]:
     """Forces of each ball at each step, (n, b): by Bullet's contact points, and from the balls' momentum."""
     options = pybullet_options(setting.options)
     with PybulletWorld(scene, setting.timestep, options, 1.0) as balls:
         assert not balls.reports_force
         balls.release(launches)
-        bullet, told, rates = balls.bullet, [], []
+        bullet, reported, rates = balls.bullet, [], []
         # What is apart was not solved for; it still says the force of when it last was.
         for _ in range(120):
             rates.append([bullet.getBaseVelocity(ball)[0][2] for ball in balls.balls])
             balls.step()
             points = [bullet.getContactPoints(ball) for ball in balls.balls]
-            told.append([sum(point[9] for point in own if point[8] <= 0.0) for own in points])
+            reported.append([sum(point[9] for point in own if point[8] <= 0.0) for own in points])
         gained = np.diff(np.array(rates), axis=0) + scene.gravity * setting.timestep
-        return np.array(told)[:-1], scene.mass * gained / setting.timestep
+        return np.array(reported)[:-1], scene.mass * gained / setting.timestep
 
 
 @SCENES
 @pytest.mark.parametrize(("recipe", "timestep"), [("spring-damper", 1e-5), ("restitution", 1e-3)])
 def test_momentum_tells_the_force_that_bullet_tells(scene: Scene, recipe: str, timestep: float) -> None:
     setting = made(f"pybullet.{recipe}", scene, timestep)
-    told, worked_out = call(_told_and_worked_out, scene, setting, at_random(4), limit=60)
-    assert (told.max(axis=0) > 0).all()
-    assert np.abs(worked_out - told).max() < 1e-12 * told.max()
+    reported, worked_out = call(_reported_and_worked_out, scene, setting, at_random(4), limit=60)
+    assert (reported.max(axis=0) > 0).all()
+    assert np.abs(worked_out - reported).max() < 1e-12 * reported.max()
 
 
 def _die_in_fast_company(

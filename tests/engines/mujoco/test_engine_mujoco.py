@@ -196,8 +196,8 @@ def test_stock_mujoco_hardly_bounces_and_under_gravity_not_at_all(scene: Scene) 
     for impact in ENGINE.run(scene, stock, launches(phases=0.5)):
         assert impact.status is Status.PARTED
         assert impact.restitution == pytest.approx(0.135, abs=0.002)
-    heavy = dataclasses.replace(scene, gravity=G)
-    for impact in ENGINE.run(heavy, stock, launches(phases=0.5)):
+    with_gravity = dataclasses.replace(scene, gravity=G)
+    for impact in ENGINE.run(with_gravity, stock, launches(phases=0.5)):
         assert impact.status is Status.RESTED
         assert impact.restitution == 0.0
 
@@ -271,8 +271,8 @@ def test_any_mass_bounces_the_same_on_settings_per_unit_mass(scene: Scene, mass:
 @FORMS
 @pytest.mark.parametrize("timestep", [1e-4, 1e-3])
 def test_a_drop_meets_the_plate_with_the_speed_of_free_fall(scene: Scene, timestep: float) -> None:
-    heavy = dataclasses.replace(scene, gravity=G)
-    (impact,) = ENGINE.run(heavy, impulse(0.9, timestep), [Launch(0.0, height=0.010)])
+    with_gravity = dataclasses.replace(scene, gravity=G)
+    (impact,) = ENGINE.run(with_gravity, impulse(0.9, timestep), [Launch(0.0, height=0.010)])
     fall = G * timestep
     assert impact.speed_in == pytest.approx(math.hypot(math.sqrt(2 * G * 0.010), fall / 2), rel=1e-9)
     # One step is early or late by up to one: gravity acts on the way there and back.
@@ -280,8 +280,8 @@ def test_a_drop_meets_the_plate_with_the_speed_of_free_fall(scene: Scene, timest
 
 
 def test_a_bounce_train_loses_e_squared_of_its_height_each_time() -> None:
-    heavy, e = dataclasses.replace(PLANE, gravity=G), 0.8
-    path = ENGINE.trajectory(heavy, impulse(e, 1e-4), Launch(0.0, height=0.010), 0.35)
+    with_gravity, e = dataclasses.replace(PLANE, gravity=G), 0.8
+    path = ENGINE.trajectory(with_gravity, impulse(e, 1e-4), Launch(0.0, height=0.010), 0.35)
     assert len(path.time) == 3500
     height = -path.penetration
     tops = height[1:-1][(height[1:-1] > height[:-2]) & (height[1:-1] >= height[2:])]
@@ -309,7 +309,7 @@ def test_launches_that_cannot_arrive_are_refused() -> None:
 def test_repeated_and_single_launches_give_the_same_bits(scene: Scene, integrator: str) -> None:
     own, all_launches = spring_damper(2e-6, integrator), launches(0.0254 * np.linspace(1, 20, 7))
     together = ENGINE.run(scene, own, all_launches)
-    assert len(together) == 56, "more than fly side by side"
+    assert len(together) == 56, "more than are simulated at once"
     for some in (all_launches, *([launch] for launch in all_launches[::11]), all_launches[::-1]):
         for impact in ENGINE.run(scene, own, some):
             assert same_bits(impact, together[all_launches.index(impact.launch)])

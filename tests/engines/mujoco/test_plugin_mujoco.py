@@ -172,15 +172,15 @@ def test_a_step_too_coarse_is_warned_of_once(
 ) -> None:
     monkeypatch.chdir(tmp_path)  # MuJoCo writes a log
     model = compiled("hcbench.hunt_crossley", FORCE_KEYS, h=1e-3, rest=EXCLUDE)
-    told: list[str] = []
-    mujoco.set_mju_user_warning(told.append)
+    warnings: list[str] = []
+    mujoco.set_mju_user_warning(warnings.append)
     try:
         bounce(model)
     finally:
         mujoco.set_mju_user_warning(None)
-    assert len(told) == 1
-    assert "too coarse" in told[0]
-    assert "hcbench.restitution" in told[0]
+    assert len(warnings) == 1
+    assert "too coarse" in warnings[0]
+    assert "hcbench.restitution" in warnings[0]
 
 
 # In Python, by names

@@ -78,8 +78,8 @@ class ItselfEngine(SharedModelEngine):
 def both(xml: str, pair: str, engine: ItselfEngine, **asked: Any) -> tuple[MujocoModel, ModelUnderTest]:
     """The model in MuJoCo, and the same model stepped by another engine."""
     request = make_request(pair, **{"speeds": SPEEDS, "phases": [0.1, 0.7], **asked})
-    own, lent = (MujocoModel(*load(xml, request), request) for _ in range(2))
-    return own, lent.stepped_by(engine)
+    own, shared = (MujocoModel(*load(xml, request), request) for _ in range(2))
+    return own, shared.stepped_by(engine)
 
 
 def impacts(model: ModelUnderTest, **asked: Any) -> list[Impact]:
@@ -98,32 +98,32 @@ def require_same(some: list[Impact], others: list[Impact]) -> None:
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
 def test_a_shared_ball_bounces_to_the_bit_as_in_mujoco(integrator: str) -> None:
-    own, lent = both(ball(integrator), "ball,plate", ItselfEngine())
-    require_same(impacts(lent), impacts(own))
-    assert lent.facts().shares == own.facts().shares
+    own, shared = both(ball(integrator), "ball,plate", ItselfEngine())
+    require_same(impacts(shared), impacts(own))
+    assert shared.facts().shares == own.facts().shares
 
 
 def test_a_shared_robot_keeps_its_controls_and_its_loop() -> None:
-    own, lent = both(HOPPER, "foot,floor", ItselfEngine())
-    require_same(impacts(lent), impacts(own))
-    assert lent.facts().shares == own.facts().shares
-    assert (lent.facts().engine, lent.facts().version) == ("itself", "1.0")
+    own, shared = both(HOPPER, "foot,floor", ItselfEngine())
+    require_same(impacts(shared), impacts(own))
+    assert shared.facts().shares == own.facts().shares
+    assert (shared.facts().engine, shared.facts().version) == ("itself", "1.0")
 
 
 def test_a_shared_body_slides_and_spins_as_in_mujoco() -> None:
     sent = {"angle": "50 deg", "spin": 20.0}
-    own, lent = both(ball(), "ball,plate", ItselfEngine(), **sent)
-    require_same(impacts(lent, **sent), impacts(own, **sent))
+    own, shared = both(ball(), "ball,plate", ItselfEngine(), **sent)
+    require_same(impacts(shared, **sent), impacts(own, **sent))
 
 
 def test_float32_is_read_to_its_own_precision_and_scatters_where_it_must() -> None:
-    own, lent = both(ball(), "ball,plate", ItselfEngine(32))
-    e = np.array([[i.restitution for i in impacts(model)] for model in (own, lent)])
+    own, shared = both(ball(), "ball,plate", ItselfEngine(32))
+    e = np.array([[i.restitution for i in impacts(model)] for model in (own, shared)])
     assert 0 < np.abs(np.diff(e, axis=0)).max() < 2e-5
-    assert not [s.code for s in lent.suspects(impacts(lent), None) if s.code == "rounded-positions"]
+    assert not [s.code for s in shared.suspects(impacts(shared), None) if s.code == "rounded-positions"]
     short = {"timestep": 5e-6, "speeds": 0.07, "phases": [0.5]}
-    own, lent = both(ball(), "ball,plate", ItselfEngine(32), **short)
-    (found,) = [s for s in lent.suspects(impacts(lent, **short), None) if s.code == "rounded-positions"]
+    own, shared = both(ball(), "ball,plate", ItselfEngine(32), **short)
+    (found,) = [s for s in shared.suspects(impacts(shared, **short), None) if s.code == "rounded-positions"]
     assert "3.5e-07 m where coordinates of 0.05 m are 3.7e-09 m apart" in found.evidence
     with pytest.raises(SettingError, match=r"1e-06 s in float32: at 0\.9 m/s .* 9e-07 m; .*Use 4e-06"):
         both(ball(height=9.0), "ball,plate", ItselfEngine(32), timestep=1e-6)
@@ -132,9 +132,9 @@ def test_float32_is_read_to_its_own_precision_and_scatters_where_it_must() -> No
 @pytest.mark.adhesion
 def test_what_an_engine_drops_is_named_and_seen_in_its_bounce() -> None:
     pulls = PAIR.format('solref="-90000 -200" adhesion="1e9"')
-    _, lent = both(ball(pairs=pulls), "ball,plate", ItselfEngine(lacks=frozenset({"adhesion"})))
-    seen = impacts(lent)
-    causes, _ = diagnose(lent, seen, goal_of((), SPEEDS, None))
+    _, shared = both(ball(pairs=pulls), "ball,plate", ItselfEngine(lacks=frozenset({"adhesion"})))
+    seen = impacts(shared)
+    causes, _ = diagnose(shared, seen, goal_of((), SPEEDS, None))
     assert [cause.code for cause in causes[:2]] == ["adhesion-dropped", "unlike-mujoco"]
     assert causes[0].evidence == "adhesion of up to 1e+09 N"
     assert f"e at 0.07 m/s: {seen[1].restitution:.4g}, where MuJoCo has" in causes[1].evidence
@@ -167,13 +167,13 @@ def test_a_contact_that_becomes_another_is_named(pairs: str, lacks: str, bits: i
 def test_an_adhesion_that_float32_forgets_a_force_beside_is_held_to_its_size() -> None:
     pulls = PAIR.format('solref="-90000 -20" adhesion="{}"')
     for adhesion, codes in (("1e4", []), ("1e6", ["adhesion-rounding"])):
-        _, lent = both(ball(pairs=pulls.format(adhesion)), "ball,plate", ItselfEngine(32))
-        found = [s for s in lent.suspects(impacts(lent), None) if s.code.startswith("adhesion")]
+        _, shared = both(ball(pairs=pulls.format(adhesion)), "ball,plate", ItselfEngine(32))
+        found = [s for s in shared.suspects(impacts(shared), None) if s.code.startswith("adhesion")]
         assert [suspect.code for suspect in found] == codes
     model = mujoco.MjModel.from_xml_string(ball(pairs=pulls.format("1e6")))
     assert found[0].apply is not None
     found[0].apply(model)
-    force = max(impact.force_max for impact in impacts(lent))
+    force = max(impact.force_max for impact in impacts(shared))
     assert model.pair_adhesion[0] == pytest.approx(2 * force, rel=0.06)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, fly, pasted
+from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, pasted, simulated
 
 from hcbench.engines.mujoco.recipes.soft import SOFT, largest_power
 from hcbench.engines.mujoco.scene.rows import impedance
@@ -23,7 +23,7 @@ def target_of(alpha: float, timestep: float) -> Target:
 @pytest.mark.parametrize(("alpha", "must"), [(0.002, 0.0018), (0.016, 0.011)])
 def test_restitution_follows_speed(alpha: float, must: float) -> None:
     target = target_of(alpha, 1e-5)
-    flight = fly(pasted(dict(SOFT(target).options), 1e-5, STEEL_MASS), 1e-5, HELD_OUT, 0.4)
+    flight = simulated(pasted(dict(SOFT(target).options), 1e-5, STEEL_MASS), 1e-5, HELD_OUT, 0.4)
     error = np.abs(flight.restitution - target.restitution(HELD_OUT)[:, None]).max()
     assert error < must
     assert error < 0.1 * minimax_constant(target)[1]

@@ -7,7 +7,7 @@ import time
 import mujoco
 import numpy as np
 import pytest
-from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, Flight, fly, pasted
+from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, Flight, pasted, simulated
 
 from hcbench.engines.mujoco.recipes.staggered import STAGGERED, staggered_rows
 from hcbench.errors import SettingError
@@ -39,7 +39,7 @@ def measured(target: Target, speeds: np.ndarray, integrator: str = "Euler", phas
     law = resolvable_law(target)
     longest = float(closed_form.duration(law, target.mass, speeds[[0, -1]]).max())
     xml = pasted(dict(setting.options), target.timestep, target.mass)
-    return fly(xml, target.timestep, speeds, 1.1 * longest + 4 * target.timestep, phases)
+    return simulated(xml, target.timestep, speeds, 1.1 * longest + 4 * target.timestep, phases)
 
 
 def restitution_error(flight: Flight, target: Target, speeds: np.ndarray) -> float:
@@ -206,7 +206,7 @@ def test_under_gravity_it_is_the_law_under_gravity() -> None:
     target = target_of(0.008, timestep)
     speeds = np.array([2.0, 16.0]) * INCH
     xml = pasted(dict(STAGGERED(target).options), timestep, STEEL_MASS, gravity=gravity)
-    flight = fly(xml, timestep, speeds, 3e-4)
+    flight = simulated(xml, timestep, speeds, 3e-4)
     # The law by the same step, from the same states.
     x, v = flight.x[..., 0].copy(), flight.v[..., 0].copy()
     for _ in range(flight.x.shape[-1] - 1):

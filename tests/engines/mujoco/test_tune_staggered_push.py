@@ -8,7 +8,7 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
-from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, fly, pasted
+from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, pasted, simulated
 
 from hcbench.engines.mujoco.recipes.staggered_push import STAGGERED_PUSH, staggered_push
 from hcbench.errors import SettingError
@@ -53,7 +53,7 @@ def test_restitution_is_the_laws_without_adhesion(alpha: float, limit: float) ->
     target = target_of(alpha, 1e-6)
     setting = setting_for(target)
     assert all(row["adhesion"] == 0.0 for row in setting.options["rows"])
-    flight = fly(pasted(dict(setting.options), 1e-6, STEEL_MASS), 1e-6, HELD_OUT, 3.5e-4)
+    flight = simulated(pasted(dict(setting.options), 1e-6, STEEL_MASS), 1e-6, HELD_OUT, 3.5e-4)
     assert np.abs(flight.restitution - target.restitution(HELD_OUT)[:, None]).max() < limit
 
 
@@ -88,7 +88,7 @@ def test_in_a_true_cup_on_and_off_the_axis(angle: float) -> None:
 def test_coarse_steps_soften_the_spring() -> None:
     target = target_of(0.008, 1e-3)
     setting = setting_for(target)
-    flight = fly(pasted(dict(setting.options), 1e-3, STEEL_MASS), 1e-3, HELD_OUT, 0.06)
+    flight = simulated(pasted(dict(setting.options), 1e-3, STEEL_MASS), 1e-3, HELD_OUT, 0.06)
     assert np.abs(flight.restitution - target.restitution(HELD_OUT)[:, None]).max() < 1e-3
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, fly, pasted
+from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, pasted, simulated
 
 from hcbench.engines.mujoco.recipes.two_pair import TWO_PAIR, contact_duration, two_pair_rows
 from hcbench.engines.mujoco.scene.rows import ConstraintRow, acceleration, restitution
@@ -21,7 +21,7 @@ def target_of(alpha: float, timestep: float, mass: float = STEEL_MASS) -> Target
 
 def errors(target: Target, integrator: str | None = None) -> np.ndarray:
     xml = pasted(dict(TWO_PAIR(target, integrator).options), target.timestep, target.mass)
-    flight = fly(xml, target.timestep, HELD_OUT, 1.6 * contact_duration(target))
+    flight = simulated(xml, target.timestep, HELD_OUT, 1.6 * contact_duration(target))
     return np.asarray(flight.restitution - target.restitution(HELD_OUT)[:, None])
 
 
@@ -59,7 +59,7 @@ def test_the_model_of_rows_is_the_engine() -> None:
     rows.append(ConstraintRow.direct(200.0, 0.3, (0.1, 0.4, 0.002, 0.3, 2.5), onset=0.001))
     speeds = np.array([2.0, 20.0]) * INCH
     xml = pasted({"integrator": "Euler", "rows": [row.option() for row in rows]}, 1e-3, STEEL_MASS)
-    engine = fly(xml, 1e-3, speeds, 0.08, phases=8).restitution
+    engine = simulated(xml, 1e-3, speeds, 0.08, phases=8).restitution
     # The same phases: the engine's flights start 0.37 of a phase late, the model's half.
     x, v = -(np.arange(8) + 0.37) / 8 * 1e-3 * speeds[:, None], np.tile(speeds[:, None], 8)
     for _ in range(84):

@@ -76,7 +76,7 @@ def spring_damper(stiffness: float, damping: float, timestep: float, maximal: bo
     return {"world": WORLD, "ball": ball, "plate": plate, "maximal_coordinates": maximal}
 
 
-def fly(
+def simulated(
     form: Form, timestep: float, options: dict[str, Any], launches: Sequence[Launch], gravity: float = 0.0
 ) -> list[Impact]:
     return ENGINE.run(steel(form, gravity), Setting("pybullet", "test", timestep, options), launches)
@@ -90,7 +90,7 @@ def fly(
 @pytest.mark.parametrize("form", FORMS)
 def test_the_restitution_set_is_the_restitution_had(form: Form, timestep: float, maximal: bool) -> None:
     for e in (0.25, 0.92694, 1.0):
-        impacts = fly(form, timestep, restitution(e, maximal), EVERY_PHASE)
+        impacts = simulated(form, timestep, restitution(e, maximal), EVERY_PHASE)
         assert {impact.status for impact in impacts} == {Status.PARTED}
         assert {impact.samples for impact in impacts} == {1}  # one impulse
         np.testing.assert_allclose([impact.restitution for impact in impacts], e, rtol=0, atol=1e-12)
@@ -98,8 +98,8 @@ def test_the_restitution_set_is_the_restitution_had(form: Form, timestep: float,
 
 def test_under_gravity_restitution_is_of_the_speed_at_the_steps_end_or_start() -> None:
     h, g, fall = 1e-3, 9.80665, Launch(speed=0.0, height=2e-3)
-    (rigid,) = fly("plane", h, restitution(0.9, maximal=True), [fall], g)
-    (multibody,) = fly("plane", h, restitution(0.9, maximal=False), [fall], g)
+    (rigid,) = simulated("plane", h, restitution(0.9, maximal=True), [fall], g)
+    (multibody,) = simulated("plane", h, restitution(0.9, maximal=False), [fall], g)
     assert rigid.speed_in == pytest.approx(math.sqrt(2 * g * 2e-3), rel=0.05)  # a step's worth late
     assert rigid.restitution == pytest.approx(0.9, abs=1e-12)
     assert multibody.restitution == pytest.approx(0.9, abs=1e-12)
@@ -108,14 +108,14 @@ def test_under_gravity_restitution_is_of_the_speed_at_the_steps_end_or_start() -
 
 def test_out_of_the_box_nothing_rebounds_from_the_plane() -> None:
     for timestep in (1e-3, 1e-6):
-        impacts = fly("plane", timestep, {}, EVERY_PHASE)
+        impacts = simulated("plane", timestep, {}, EVERY_PHASE)
         assert all(impact.restitution < 1e-9 for impact in impacts)
 
 
 def test_predictive_contact_acts_no_earlier_than_the_step_of_the_touch() -> None:
     # Stock: contact before the touch, in a flight that air damping slows all the way.
     h = 1e-3
-    (impact,) = fly("plane", h, {}, [Launch(0.2, height=5e-3)])
+    (impact,) = simulated("plane", h, {}, [Launch(0.2, height=5e-3)])
     assert impact.loop is not None
     assert -0.2 * h <= impact.loop.penetration[0] < 0.0
     assert 0.19 < impact.speed_in < 0.2
@@ -128,7 +128,7 @@ def test_predictive_contact_acts_no_earlier_than_the_step_of_the_touch() -> None
 @pytest.mark.parametrize("form", FORMS)
 def test_force_is_kelvin_voigt_and_belongs_to_the_state_it_acts_from(form: Form, maximal: bool) -> None:
     k, c, h = 1.2e8, 364.5, 1e-6
-    (impact,) = fly(form, h, spring_damper(k, c, h, maximal), [Launch(0.2, 0.3)])
+    (impact,) = simulated(form, h, spring_damper(k, c, h, maximal), [Launch(0.2, 0.3)])
     loop = impact.loop
     assert loop is not None and impact.status is Status.PARTED
     x, v, v_next, force = loop.penetration[:-1], loop.rate[:-1], loop.rate[1:], loop.force[:-1]
@@ -144,7 +144,7 @@ def test_force_is_kelvin_voigt_and_belongs_to_the_state_it_acts_from(form: Form,
 @pytest.mark.parametrize("form", FORMS)
 def test_the_loop_holds_the_energy_lost(form: Form) -> None:
     h = 1e-6
-    for impact in fly(form, h, spring_damper(1.2e8, 364.5, h), EVERY_PHASE):
+    for impact in simulated(form, h, spring_damper(1.2e8, 364.5, h), EVERY_PHASE):
         assert impact.loop is not None
         lost = 0.5 * MASS * (impact.speed_in**2 - impact.speed_out**2)
         assert np.trapezoid(impact.loop.force, impact.loop.penetration) == pytest.approx(lost, rel=0.01)
@@ -154,7 +154,7 @@ def test_the_implicit_step_meets_the_bounce_of_the_continuous_damper() -> None:
     k, c = 1.2e8, 364.5
     zeta = c / (2 * math.sqrt(k * MASS))
     e = math.exp(-zeta / math.sqrt(1 - zeta**2) * math.acos(2 * zeta**2 - 1))  # until F, not x, is 0 again
-    impacts = fly("plane", 1e-6, spring_damper(k, c, 1e-6), EVERY_PHASE)
+    impacts = simulated("plane", 1e-6, spring_damper(k, c, 1e-6), EVERY_PHASE)
     np.testing.assert_allclose([impact.restitution for impact in impacts], e, rtol=0, atol=5e-4)
 
 
@@ -165,13 +165,13 @@ def test_the_implicit_step_meets_the_bounce_of_the_continuous_damper() -> None:
 def test_runs_repeat_bit_by_bit_whatever_ran_between(form: Form) -> None:
     a = (form, 1e-5, spring_damper(1e6, 40.0, 1e-5), EVERY_PHASE[::3])
     leaky = {"world": {**WORLD, "contactBreakingThreshold": 1e-4, "numSolverIterations": 3}}
-    first = fly(*a)
-    fly("plane", 2e-3, {**restitution(0.3), **leaky}, EVERY_PHASE[:4], gravity=3.0)
-    assert _same(first, fly(*a))
+    first = simulated(*a)
+    simulated("plane", 2e-3, {**restitution(0.3), **leaky}, EVERY_PHASE[:4], gravity=3.0)
+    assert _same(first, simulated(*a))
     stock: dict[str, Any] = {}
-    before = fly(form, 1e-3, stock, EVERY_PHASE[::5])
-    fly("cup", 1e-6, {**restitution(0.5), **leaky}, EVERY_PHASE[:2])
-    assert _same(before, fly(form, 1e-3, stock, EVERY_PHASE[::5]))
+    before = simulated(form, 1e-3, stock, EVERY_PHASE[::5])
+    simulated("cup", 1e-6, {**restitution(0.5), **leaky}, EVERY_PHASE[:2])
+    assert _same(before, simulated(form, 1e-3, stock, EVERY_PHASE[::5]))
 
 
 @pytest.mark.parametrize("gravity", [0.0, 9.8])
@@ -181,8 +181,8 @@ def test_a_batch_is_its_launches_one_by_one(form: Form, options: dict[str, Any],
     # Also after a launch that ends at rest, in contact: what Bullet remembers of it must not act on the next.
     launches = [Launch(0.3, 0.1), Launch(0.05, 0.9), Launch(0.508, 0.5), Launch(0.3, 0.1), Launch(0.01, 0.3)]
     h = 1e-3 if "ball" not in options or "restitution" in options["ball"] else 1e-5
-    together = fly(form, h, options, launches, gravity)
-    assert _same(together, [fly(form, h, options, [launch], gravity)[0] for launch in launches])
+    together = simulated(form, h, options, launches, gravity)
+    assert _same(together, [simulated(form, h, options, [launch], gravity)[0] for launch in launches])
 
 
 def _same(one: Sequence[Impact], other: Sequence[Impact]) -> bool:
@@ -222,14 +222,14 @@ def test_nothing_leaks_between_the_users_pybullet_and_ours() -> None:
     import pybullet as bullet
 
     ours = (1e-3, {**restitution(0.9), "world": {**WORLD, "contactBreakingThreshold": 0.5}}, EVERY_PHASE[:3])
-    unseen = fly("plane", *ours)
+    unseen = simulated("plane", *ours)
     client = bullet.connect(bullet.DIRECT)
     try:
         bullet.setPhysicsEngineParameter(
             contactBreakingThreshold=1e-4, fixedTimeStep=2e-3, numSubSteps=2, physicsClientId=client
         )
         theirs = _drop_of_their_own(bullet, client)
-        assert _same(unseen, fly("plane", *ours))
+        assert _same(unseen, simulated("plane", *ours))
         assert _drop_of_their_own(bullet, client) == theirs
         assert bullet.getPhysicsEngineParameters(physicsClientId=client)["fixedTimeStep"] == 2e-3
         # It would have shown: another client of this process does reach into the first one.
@@ -245,7 +245,7 @@ def test_nothing_leaks_between_the_users_pybullet_and_ours() -> None:
 def test_pybullet_is_never_imported_in_the_users_process_and_never_prints() -> None:
     code = (
         f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import test_engine_pybullet as t;"
-        "e = t.fly('cup', 1e-3, t.restitution(.5), t.EVERY_PHASE[:1])[0].restitution;"
+        "e = t.simulated('cup', 1e-3, t.restitution(.5), t.EVERY_PHASE[:1])[0].restitution;"
         "assert abs(e - .5) < 1e-12 and 'pybullet' not in sys.modules"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -262,7 +262,7 @@ def _die_on_fast_ones(launches: Sequence[Launch], *_: Any) -> Iterator[Impact]:
 def test_a_launch_that_kills_the_engine_is_a_record(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulate, "_simulated", _die_on_fast_ones)
     launches = [Launch(0.1), Launch(0.5), Launch(0.2)]
-    impacts = fly("plane", 1e-3, {}, launches)
+    impacts = simulated("plane", 1e-3, {}, launches)
     assert [impact.launch for impact in impacts] == launches
     assert [impact.status for impact in impacts] == [Status.NO_TOUCH, Status.CRASHED, Status.NO_TOUCH]
     assert impacts[1].reason == "crashed with SIGSEGV"
@@ -277,12 +277,12 @@ def test_a_file_of_the_same_name_in_the_working_directory_is_not_taken(
 ) -> None:
     (tmp_path / "cup.cdf").write_bytes(b"not a field")
     monkeypatch.chdir(tmp_path)
-    (impact,) = fly("cup", 1e-3, restitution(0.9), [Launch(0.2)])
+    (impact,) = simulated("cup", 1e-3, restitution(0.9), [Launch(0.2)])
     assert impact.restitution == pytest.approx(0.9, abs=1e-12)
 
 
 def test_a_model_may_be_named_from_the_working_directory(monkeypatch: pytest.MonkeyPatch) -> None:
-    fly("plane", 1e-3, {}, [Launch(0.2)])  # the worker is there before the user moves
+    simulated("plane", 1e-3, {}, [Launch(0.2)])  # the worker is there before the user moves
     monkeypatch.chdir(SCENES)
     models = {"pybullet": {role: Path("steel-cup") / f"{role}.urdf" for role in ("ball", "plate")}}
     setting = Setting("pybullet", "test", 1e-3, restitution(0.9))
@@ -343,13 +343,13 @@ def test_a_scene_that_cannot_be_loaded_or_says_something_else(change: dict[str, 
 )
 def test_a_word_that_bullet_does_not_have_is_named(options: dict[str, Any], message: str) -> None:
     with pytest.raises(SettingError, match=message) as error:
-        fly("plane", 1e-3, options, [Launch(0.2)])
+        simulated("plane", 1e-3, options, [Launch(0.2)])
     assert error.value.exit_code == 2
 
 
 def test_a_launch_that_cannot_arrive_is_refused() -> None:
     with pytest.raises(SettingError, match="0 m/s without gravity"):
-        fly("plane", 1e-3, {}, [Launch(0.0, height=0.01)])
+        simulated("plane", 1e-3, {}, [Launch(0.0, height=0.01)])
 
 
 def _ask_for_a_file_that_is_not_there() -> None:
@@ -372,12 +372,12 @@ def test_a_missing_pybullet_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) 
     installed_version.cache_clear()
     simulate._require_installed.cache_clear()
     with pytest.raises(EngineMissing, match=r"pip install 'pybullet>=3\.2\.7'"):
-        fly("plane", 1e-3, {}, [Launch(0.2)])
+        simulated("plane", 1e-3, {}, [Launch(0.2)])
 
 
 def test_a_plate_that_is_never_reached_is_no_touch() -> None:
     syrup = {"ball": {"linearDamping": 10.0}}
-    (impact,) = fly("plane", 1e-3, syrup, [Launch(0.1, height=0.05)])  # stops after 10 mm
+    (impact,) = simulated("plane", 1e-3, syrup, [Launch(0.1, height=0.05)])  # stops after 10 mm
     assert impact.status is Status.NO_TOUCH
 
 

@@ -13,7 +13,7 @@ p = pytest.importorskip("pybullet")
 DATA = Path(pytest.importorskip("pybullet_data").getDataPath())
 
 
-def flown(files: tuple[str, str], speeds: list[float], gravity: float) -> Measurement:
+def simulated(files: tuple[str, str], speeds: list[float], gravity: float) -> Measurement:
     paths = [str(DATA / name) for name in files]
     return measure(paths, speeds=speeds, phases=1, gravity=gravity, diagnose=False)
 
@@ -28,8 +28,8 @@ def flown(files: tuple[str, str], speeds: list[float], gravity: float) -> Measur
 )
 def test_a_launch_has_the_bits_of_one_in_a_fresh_world(files: tuple[str, str], gravity: float) -> None:
     speeds = [0.1, 0.100001, 0.5]
-    together = flown(files, speeds, gravity).impacts
-    alone = [flown(files, [speed], gravity).impacts[0] for speed in speeds]
+    together = simulated(files, speeds, gravity).impacts
+    alone = [simulated(files, [speed], gravity).impacts[0] for speed in speeds]
     assert [i.speed_out for i in together] == [i.speed_out for i in alone]
     assert all(i.is_measured for i in together)
 

@@ -221,11 +221,11 @@ def measured_live(ball: str, plate: str) -> dict[str, Any]:
 
 
 def test_a_live_client_is_left_as_it_was(files: tuple[Path, Path]) -> None:
-    told = call(measured_live, str(files[0]), str(files[1]), limit=30)
-    assert told["after"] == told["before"]
-    assert told["e"] == told["named"]
-    assert "erp" in told["causes"]
-    assert "tried" in told["remedy"]
+    outcome = call(measured_live, str(files[0]), str(files[1]), limit=30)
+    assert outcome["after"] == outcome["before"]
+    assert outcome["e"] == outcome["named"]
+    assert "erp" in outcome["causes"]
+    assert "tried" in outcome["remedy"]
 
 
 def test_a_restitution_in_another_simulators_tag_is_reported(files: tuple[Path, Path]) -> None:

@@ -68,7 +68,7 @@ MUST = {
 }
 
 
-def fly(launches: list[Launch], **scene: Any) -> list[Impact]:
+def simulated(launches: list[Launch], **scene: Any) -> list[Impact]:
     return registry.engine("pybullet").run(replace(SCENE, **scene), SETTING, launches)
 
 
@@ -78,13 +78,13 @@ def test_the_fits_model_of_bullets_step_is_bullets(gravity: float) -> None:
     launches = [Launch(v, p) for v, p in zip(speeds.tolist(), phases.tolist(), strict=True)]
     contacts = Contacts(np.array([ONSET]), np.array([STIFFNESS]), np.array([DAMPING]))
     model = Impacts(speeds, phases, SCENE.mass, H, gravity, 400).restitution(contacts)[0]
-    seen = [impact.restitution for impact in fly(launches, gravity=gravity)]
+    seen = [impact.restitution for impact in simulated(launches, gravity=gravity)]
     assert seen == pytest.approx(model, abs=1e-6 if gravity == 0 else 2e-5)  # it takes off a little lower
     assert seen == pytest.approx(closed_form.restitution(ALPHA, speeds), abs=2e-3)
 
 
 def test_a_ball_that_slides_loses_mu_times_the_normal_impulse_and_no_e() -> None:
-    straight, oblique = fly([Launch(0.2, 0.3), Launch(0.2, 0.3, slip=(2.0, 0.0))], friction=0.1)
+    straight, oblique = simulated([Launch(0.2, 0.3), Launch(0.2, 0.3, slip=(2.0, 0.0))], friction=0.1)
     assert oblique.restitution == pytest.approx(straight.restitution, abs=1e-4)
     assert oblique.tangential is not None
     rubbed = math.hypot(*oblique.tangential.impulse)
@@ -120,11 +120,11 @@ def test_what_the_recipe_has_found_follows_the_law_and_its_loop_under_gravity(fo
     links = [{"onset": x, "stiffness": k, "damping": c} for x, k, c in found["links"]]
     launches = [Launch.touching(v * INCH, 0.2, timestep, 9.81) for v in (2, 8, 16, 1, 11, 20)]
     setting = replace(SETTING, timestep=timestep, options={**OPTIONS, "links": links})
-    flown = registry.engine("pybullet").run(replace(SCENE, gravity=9.81), setting, launches)
-    for impact in flown:
+    impacts = registry.engine("pybullet").run(replace(SCENE, gravity=9.81), setting, launches)
+    for impact in impacts:
         wanted = closed_form.restitution(law.alpha, impact.speed_in)
         assert impact.restitution == pytest.approx(wanted, abs=error)
-    scores = [score_loop(impact, law, SCENE.mass) for impact in flown[:3]]
+    scores = [score_loop(impact, law, SCENE.mass) for impact in impacts[:3]]
     assert max(score.rms for score in scores if score is not None) < loop
 
 
