@@ -70,6 +70,8 @@ static double* take(world* w, size_t count) { /* until the tick's end */
   return w->memory->data + w->memory->used - count;
 }
 
+static int* take_ints(world* w, size_t count) { return (int*)take(w, count / 2 + 1); }
+
 static void free_taken(world* w) {
   while (w->memory && w->memory->next) {
     block* next = w->memory->next;

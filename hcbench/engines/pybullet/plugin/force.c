@@ -52,15 +52,28 @@ static hcb_law motion_of(const contact* c) {
   return motion;
 }
 
-/* What the other contacts do to the approach of each, to first order, enters as an acceleration. */
-static void couple(contact* all, int count, hcb_law* motions, double* plain) {
-  for (int i = 0; i < count; i++) {
+/* What the other contacts do to the approach of each, to first order, enters as an acceleration. Only those of the same
+   bodies do: each body that can move has a list of its contacts, in ascending order. */
+static void couple(world* w, contact* all, int count, hcb_law* motions, double* plain) {
+  int *head = take_ints(w, w->body_count), *next = take_ints(w, 2 * (size_t)count);
+  for (int k = 0; k < w->body_count; k++) head[k] = -1;
+  for (int i = count - 1; i >= 0; i--) {
     hcb_law own = motions[i];
     own.b = 0;
     plain[i] = -acceleration(&own, -all[i].distance, -all[i].rate[0]) / all[i].inverse_mass;
+    for (int s = 0; s < 2; s++) {
+      if (!moves(all + i, s)) continue;
+      next[2 * i + s] = head[all[i].body[s]->id];
+      head[all[i].body[s]->id] = 2 * i + s;
+    }
   }
   for (int i = 0; i < count; i++) {
-    for (int j = 0; j < count; j++) {
+    int list[2];
+    for (int s = 0; s < 2; s++) list[s] = moves(all + i, s) ? head[all[i].body[s]->id] : -1;
+    while (list[0] >= 0 || list[1] >= 0) {
+      int a = list[0] >= 0 ? list[0] / 2 : count, b = list[1] >= 0 ? list[1] / 2 : count, j = a < b ? a : b;
+      while (list[0] >= 0 && list[0] / 2 == j) list[0] = next[list[0]];
+      while (list[1] >= 0 && list[1] / 2 == j) list[1] = next[list[1]];
       if (i != j && plain[j] != 0) motions[i].b -= coupling(all + i, 0, all + j, 0) * plain[j];
     }
   }
@@ -108,6 +121,6 @@ static void add_forces(world* w) {
   if (count == 0) return;
   hcb_law* motions = (hcb_law*)take(w, (size_t)count * (sizeof(hcb_law) / sizeof(double)));
   for (int i = 0; i < count; i++) motions[i] = motion_of(w->contacts + i);
-  if (count > 1) couple(w->contacts, count, motions, take(w, count));
+  if (count > 1) couple(w, w->contacts, count, motions, take(w, count));
   for (int i = 0; i < count; i++) add_force(w, w->contacts + i, motions + i);
 }

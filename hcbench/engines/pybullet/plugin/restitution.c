@@ -7,8 +7,25 @@
 #define HCB_STILL 1.1 /* steps of falling whose speed counts as rest */
 #define HCB_NEAR 4    /* contacts farther than so many steps of the fastest one have no part in what happens */
 
-static law* law_of(const world* w, const b3Contact* p) {
-  for (int i = 0; i < w->law_count; i++) {
+typedef struct { /* the laws of each body that is the later one of its pair, in their order */
+  int *head, *next;
+} law_lists;
+
+static law_lists list_laws(world* w) {
+  law_lists lists = {take_ints(w, w->body_count), take_ints(w, w->law_count)};
+  for (int k = 0; k < w->body_count; k++) lists.head[k] = -1;
+  for (int i = w->law_count - 1; i >= 0; i--) {
+    const law* l = w->laws + i;
+    int* head = lists.head + (l->body[0] > l->body[1] ? l->body[0] : l->body[1]);
+    lists.next[i] = *head;
+    *head = i;
+  }
+  return lists;
+}
+
+static law* law_of(const world* w, const law_lists* lists, const b3Contact* p) {
+  int later = p->body[0] > p->body[1] ? p->body[0] : p->body[1];
+  for (int i = later < w->body_count ? lists->head[later] : -1; i >= 0; i = lists->next[i]) {
     law* l = w->laws + i;
     for (int s = 0; s < 2 && !l->is_force; s++) {
       int fits = l->body[s] == p->body[0] && l->body[!s] == p->body[1];
@@ -49,8 +66,9 @@ static int find_contacts(world* w) {
   }
   send(w, query);
   b3GetContactPointInformation(w->client, &found);
+  law_lists lists = list_laws(w);
   for (int i = 0; i < found.count; i++) {
-    law* l = law_of(w, found.points + i);
+    law* l = law_of(w, &lists, found.points + i);
     if (l && !l->shape[0]) count = add_contact(w, l, found.points + i, count);
   }
   return count;
@@ -126,8 +144,6 @@ static double fall_along(const contact* c, const hcb_rows* r, int k, const int* 
   }
   return sum;
 }
-
-static int* take_ints(world* w, size_t count) { return (int*)take(w, count / 2 + 1); }
 
 static void add_impacts(world* w) {
   int n = 0, count = find_contacts(w);
