@@ -21,7 +21,7 @@ define NEW_ENVIRONMENT
 endef
 UV_INSTALL = $(@D)/bin/uv pip install --quiet --python $(@D)/bin/python
 
-.PHONY: report test test-pythons fuzz test-random docs test-lowest test-models test-engines bench check format lock clean
+.PHONY: report test test-pythons fuzz test-random docs test-plugins test-lowest test-models test-engines bench check format lock clean
 
 report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/
 	$(BIN)/hcbench report steel-1lb
@@ -37,6 +37,10 @@ test-pythons: $(INSTALLED)  ## the wheel in environments of every Python of this
 
 fuzz: $(INSTALLED)  ## 20 000 random inputs in one process, 300 as processes, and 100 signals at random times
 	PYTHONPATH=tests/support $(BIN)/python -m fuzz
+
+test-plugins: $(INSTALLED)  ## the plug-ins' long measurements: energy by option, a thousand random scenes, a minute at rest
+	HCBENCH_PLUGINS=1 $(BIN)/python -m pytest -q -s -n 2 tests/engines/mujoco/test_plugin_options.py \
+	  tests/engines/mujoco/test_plugin_random_scenes.py tests/engines/mujoco/test_plugin_rest.py
 
 test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyproject.toml allows
 	$(LOWEST)/bin/python -m pytest -n 2 --dist loadfile

@@ -1,6 +1,6 @@
 """The contact plug-ins: how near to the law, what becomes of energy, and what a step costs.
 
-    python benchmarks/bench_plugins.py [--quick]
+    python benchmarks/bench_plugins.py [--quick] [--costs]
 
 One line a claim: what must be, what was measured. e: worst error over the paper's four α, 1 ... 20 in/s, 8
 phases of touch, sphere on plane and in the cup; under gravity of the speeds at the touch plane. Energy, as
@@ -25,10 +25,12 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "engines" / "mujoco"))
 
 import bullet_scenes
 import contact_scenes as scenes
+from _many_contacts import in_bullet_steps, in_mujoco_steps
 from test_plugin_mujoco import oblique
 
 from hcbench.contact.mujoco import ConstantRestitution, HuntCrossley, Restitution
@@ -221,25 +223,40 @@ def costs_in_bullet(rounds: int) -> Iterator[Claim]:
         yield f"pybullet {name}, {laws[name][0]:g} s: {took:.2f} us a step, over the bare step", must, ratio
 
 
+def costs_of_many(rounds: int) -> Iterator[Claim]:
+    """Many contacts in one step."""
+    for steps in (in_mujoco_steps, in_bullet_steps):
+        for what, must, ratio in steps(rounds):
+            yield what, f"{must:g}", ratio
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--quick", action="store_true", help="fewer α, 1 s instead of 10 s")
-    quick = parser.parse_args().quick
+    parser.add_argument("--costs", action="store_true", help="only the cost of steps with many contacts")
+    given = parser.parse_args()
+    quick = given.quick
     print(f"mujoco {mujoco.__version__}, pybullet {registry.engine('pybullet').version()}")
     print(f"{'':84s} {'must':>8s} {'is':>8s}")
+    many = costs_of_many(3 if quick else 7)
     for claims in (
-        e_of_recipes("mujoco", quick),
-        e_of_recipes("pybullet", quick),
-        e_of_drops("mujoco"),
-        e_of_drops("pybullet"),
-        oblique_impacts(100 if quick else 500),
-        energies("mujoco", quick),
-        energies("pybullet", quick),
-        drift(1.0 if quick else 10.0),
-        costs(7 if quick else 21),
-        costs_in_bullet(7 if quick else 21),
+        [many]
+        if given.costs
+        else (
+            e_of_recipes("mujoco", quick),
+            e_of_recipes("pybullet", quick),
+            e_of_drops("mujoco"),
+            e_of_drops("pybullet"),
+            oblique_impacts(100 if quick else 500),
+            energies("mujoco", quick),
+            energies("pybullet", quick),
+            drift(1.0 if quick else 10.0),
+            costs(7 if quick else 21),
+            costs_in_bullet(7 if quick else 21),
+            many,
+        )
     ):
         for what, must, measured in claims:
             print(

@@ -147,14 +147,17 @@ def cradle(n: int, h: float, law: Law | None, angle: float = 0.5) -> Scene:
     return made
 
 
-def pile(seed: int, h: float, law: Law | None, n: int = 8, integrator: str = "implicit") -> Scene:
+def pile(
+    seed: int, h: float, law: Law | None, n: int = 8, integrator: str = "implicit", **options: Any
+) -> Scene:
     """Boxes and balls of 100:1 in mass that fall on each other.
 
     By the integrator `implicit`: under Euler a box that spins fast about unequal axes wins energy in flight.
     """
     rng = np.random.default_rng(seed)
     friction = float(rng.choice([0.0, 0.001, 0.1, 0.5, 1.0]))
-    spec = world(h, friction=friction, cone=str(rng.choice(["pyramidal", "elliptic"])), integrator=integrator)
+    cone = {"cone": str(rng.choice(["pyramidal", "elliptic"]))}
+    spec = world(h, friction=friction, integrator=integrator, **(cone | options))
     for i in range(n):
         quat = rng.normal(size=4)
         size = rng.uniform(0.03, 0.06, 3)
@@ -217,6 +220,16 @@ def add_equality(spec: Any, kind: str, one: str, two: str, numbers: ArrayLike) -
     )
     made.data[:] = 0.0
     made.data[: np.size(numbers)] = numbers
+
+
+def full_mass(model: Any, data: Any) -> Floats:
+    """The mass matrix, shape (nv, nv)."""
+    mass = np.zeros((model.nv, model.nv))
+    try:
+        mujoco.mj_fullM(model, data, mass)
+    except TypeError:  # as it was before MuJoCo 3.10
+        mujoco.mj_fullM(model, mass, data.qM)
+    return mass
 
 
 def kept_in_flight(model: Any, data: Any) -> float:

@@ -19,6 +19,7 @@ from contact_scenes import (
     Scene,
     add_body,
     cradle,
+    full_mass,
     pile,
     plugged,
     rack,
@@ -435,8 +436,7 @@ def oblique(seed: int, cone: str) -> tuple[float, float, float, float]:
     u = rows @ before
     free.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     start, blow = copy.copy(data), np.zeros(model.nv)
-    mass = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, mass, data.qM) if hasattr(data, "qM") else mujoco.mj_fullM(model, data, mass)
+    mass = full_mass(model, data)
     mujoco.mj_step(model, data)
     for _ in range(12):  # the impulse acts first, then the body flies on for a step
         apart = copy.copy(start)

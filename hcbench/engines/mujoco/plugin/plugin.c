@@ -46,7 +46,7 @@ typedef struct { /* an instance, in mjData.plugin_data */
   int length;
   /* of the first instance: the Runge-Kutta step that is under way */
   double time, step, *impulse;
-  int stage, plans, next_plan, room, dofs;
+  int stage, plans, next_plan, room, dofs, flags[2];
   plan* planned;
   struct pair_entry* table; /* of the first instance: the pairs of all, sorted */
   int entries;

@@ -195,20 +195,43 @@ static void collide(const mjModel* m, mjData* d, int first, blow* all, int count
   mj_freeStack(d);
 }
 
-static void check_options(const mjModel* m, int first) {
+/* Flags under which energy was measured, by MuJoCo's names: their bits differ between versions. */
+static const char* const tried_flags =
+    " Constraint Equality Frictionloss Limit Contact Passive Spring Damper Gravity Clampctrl Warmstart Filterparent Actuation"
+    " Refsafe Sensor Midphase Eulerdamp AutoReset NativeCCD Island MultiCCD Energy Fwdinv InvDiscrete Sleep DiagExact"
+    " Speculative ";
+
+static void warn_of_flags(int flags, const char* const* names, int count) {
+  for (int k = 0; k < 31; k++) {
+    char name[NAME];
+    if (!(flags & (1 << k))) continue;
+    snprintf(name, sizeof(name), " %s ", k < count ? names[k] : "without a name");
+    if (!strstr(tried_flags, name)) mju_warning("plugin %s was never tried with the flag%s", RESTITUTION_NAME, name);
+  }
+}
+
+/* Refuses what it is wrong under, and names once what it was never tried with: an option of a later MuJoCo. */
+static void check_options(const mjModel* m, instance* memory, int first) {
   if (m->opt.solver == mjSOL_CG && !is_dual(m) && takes_forces(m)) {
     fail(m, first, "the solver CG does not settle the forces that implicit integrators and joint damping take: set "
          "solver=\"Newton\", or integrator=\"Euler\" with the flag eulerdamp off");
   }
   if (m->opt.integrator > mjINT_IMPLICITFAST) fail(m, first, "the integrator must be Euler, implicit, implicitfast or RK4");
+  if (m->opt.solver > mjSOL_NEWTON) fail(m, first, "the solver must be Newton, CG or PGS");
+  if (m->opt.cone > mjCONE_ELLIPTIC) fail(m, first, "the cone must be pyramidal or elliptic");
   if (m->opt.enableflags & mjENBL_OVERRIDE) fail(m, first, "the flag override must be off");
+  if (memory->flags[0] == m->opt.enableflags && memory->flags[1] == m->opt.disableflags) return;
+  memory->flags[0] = m->opt.enableflags;
+  memory->flags[1] = m->opt.disableflags;
+  warn_of_flags(m->opt.enableflags, mjENABLESTRING, mjNENABLE);
+  warn_of_flags(m->opt.disableflags, mjDISABLESTRING, mjNDISABLE);
 }
 
 static void add_impacts(const mjModel* m, mjData* d, int first) {
   instance* memory = instance_of(d, first);
   int stage = stage_of(m, d, memory), nv = m->nv, busy = 0;
   double h = m->opt.timestep;
-  check_options(m, first);
+  check_options(m, memory, first);
   mj_markStack(d);
   blow* all = mj_stackAllocByte(d, (d->ncon + d->nefc + 1) * sizeof(blow), sizeof(double));
   int count = gather(m, d, first, all);
