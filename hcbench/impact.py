@@ -221,7 +221,11 @@ Loop = Trajectory  # of the contact alone: force over penetration
 
 @dataclass(slots=True)  # not frozen: thousands are made a second, each in a quarter of the time
 class Impact:
-    """One impact. Speeds are >= 0, m/s; NaN only where `status` says that there is nothing to report."""
+    """One impact. Speeds are >= 0, m/s; NaN only where `status` says that there is nothing to report.
+
+    speed_in, speed_out: at the touch plane. speed_after_force: of a user's model, in the first state that the
+    contact force no longer acts in, from where joints and servos act on until the bodies part; else NaN.
+    """
 
     launch: Launch
     status: Status
@@ -234,6 +238,7 @@ class Impact:
     samples: int = 0  # steps in which the contact force acted
     loop: Loop | None = None
     tangential: Tangential | None = None  # of a measured impact whose launch is oblique
+    speed_after_force: float = np.nan
 
     @property
     def is_measured(self) -> bool:
@@ -247,6 +252,11 @@ class Impact:
             return 0.0
         measured = self.status is Status.PARTED and self.speed_in > 0
         return self.speed_out / self.speed_in if measured else np.nan
+
+    @property
+    def restitution_after_force(self) -> float:
+        """The ratio of speeds once the contact force has ceased; NaN where it was not recorded."""
+        return self.speed_after_force / self.speed_in if self.is_measured else np.nan
 
     @property
     def energy_lost(self) -> float:

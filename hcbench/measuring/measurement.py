@@ -74,7 +74,8 @@ class CurvePoint:
 
     speed: at launch, m/s. speed_in: mean at touch, m/s; gravity makes the two differ. restitution: mean of e
     over the step. lowest, highest: e. samples: fewest steps in contact. failed: impacts without an e.
-    angle: from the normal, rad. along: what it does along the plate, means.
+    angle: from the normal, rad. along: what it does along the plate, means. restitution_after_force: mean of
+    the ratio once the contact force has ceased; e differs where joints or servos act until the bodies part.
     """
 
     speed: float
@@ -86,6 +87,7 @@ class CurvePoint:
     failed: int
     angle: float
     along: AlongPlate
+    restitution_after_force: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,16 +198,19 @@ class Measurement(Shown):
 def _point(launch: Launch, impacts: list[Impact]) -> CurvePoint:
     good = [i for i in impacts if i.is_measured]
     e = [i.restitution for i in good] or [math.nan]
+    weights = _phase_weights([i.launch.phase for i in good] or [0.5])
+    after_force = [i.restitution_after_force for i in good] or [math.nan]
     return CurvePoint(
         speed=launch.speed,
         speed_in=float(np.mean([i.speed_in for i in good])) if good else math.nan,
-        restitution=float(np.average(e, weights=_phase_weights([i.launch.phase for i in good] or [0.5]))),
+        restitution=float(np.average(e, weights=weights)),
         lowest=min(e),
         highest=max(e),
         samples=min((i.samples for i in good), default=0),
         failed=len(impacts) - len(good),
         angle=launch.angle,
         along=AlongPlate(*np.mean([along_plate(i) for i in good or impacts[:1]], axis=0).tolist()),
+        restitution_after_force=float(np.average(after_force, weights=weights)),
     )
 
 

@@ -17,6 +17,8 @@ SCHEMA = 1
 _LOOP_SAMPLES = 200
 _LOSSY = 1e-3  # α v from which a loop of the law has an area to compare with
 _NOTABLE_SHARE = 0.005  # of the impact speed: speed lost other than to the contact, reported above this share
+_FASTER = 1.5  # times the launch speed, from which the impact speed is warned of
+_FLIGHT_STEPS = 5  # of a launch: two to three, and as many again for what a body falls meanwhile
 _FAILURES = 3  # impacts without an e that are listed
 
 
@@ -67,6 +69,7 @@ def _point(point: CurvePoint, is_oblique: bool) -> dict[str, Any]:
         "restitution": point.restitution,
         "restitution_min": point.lowest,
         "restitution_max": point.highest,
+        "restitution_after_force": point.restitution_after_force,
         "samples": point.samples,
         "failed": point.failed,
         **(_along(point) if is_oblique else {}),
@@ -87,6 +90,7 @@ def _impact(impact: Impact) -> dict[str, Any]:
         "speed_in_m_per_s": impact.speed_in,
         "speed_out_m_per_s": impact.speed_out,
         "restitution": impact.restitution,
+        "restitution_after_force": impact.restitution_after_force,
         "duration_s": impact.duration,
         "penetration_max_m": impact.penetration_max,
         "force_max_n": impact.force_max,
@@ -128,15 +132,17 @@ def as_text(measurement: Measurement) -> str:
     ]
     if measurement.facts.asked_description:
         lines.append(f"the model asks for: {sanitized(measurement.facts.asked_description)}")
-    lines += [f"note: {sanitized(note)}" for note in (*measurement.facts.notes, *shares_note(measurement))]
+    lines += [f"note: {sanitized(note)}" for note in (*measurement.facts.notes, *motion_notes(measurement))]
     speeds = measurement.request.speeds
     asked = dict(zip(speeds, measurement.facts.asked or (math.nan,) * len(speeds), strict=True))
+    acted_after = _acted_after(measurement)
     rows = [
         (
             f"{p.speed:.4g}",
             f"{math.degrees(p.angle):.4g}" if measurement.request.is_oblique else "",
             number(p.speed_in, ".4g"),
             number(p.restitution),
+            number(p.restitution_after_force) if p in acted_after else "",
             number(p.highest - p.lowest, ".1e"),
             number(asked[p.speed]),
             str(p.samples),
@@ -144,8 +150,11 @@ def as_text(measurement: Measurement) -> str:
         )
         for p in measurement.curve
     ]
-    header = ("launch m/s", "deg", "impact m/s", "e", "varies by", "model asks", "steps", "failed")
-    shown = without_empty(*without_empty(header, rows, "deg"), "failed")
+    header = (
+        *("launch m/s", "deg", "impact m/s", "e", "after force"),
+        *("varies by", "model asks", "steps", "failed"),
+    )
+    shown = without_empty(*without_empty(*without_empty(header, rows, "deg"), "after force"), "failed")
     lines += ["", *table(*shown), *_along_lines(measurement), ""]
     for impact in measurement.failed[:_FAILURES]:
         where = f"{impact.launch.speed:.4g} m/s, phase {impact.launch.phase:.3g}"
@@ -155,7 +164,51 @@ def as_text(measurement: Measurement) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def shares_note(measurement: Measurement) -> list[str]:
+def motion_notes(measurement: Measurement) -> list[str]:
+    """Sentences on what other than the contact changed the speed, before it, during it and after it."""
+    return [*_approach_note(measurement), *_shares_note(measurement), *_parting_note(measurement)]
+
+
+def _approach_note(measurement: Measurement) -> list[str]:
+    """That gravity, joints or servos changed a launch on its way, if it was not meant to fall."""
+    if measurement.request.height is not None:
+        return []
+    strange = [p for p in measurement.curve if p.speed > 0 and not p.speed_in < _FASTER * p.speed]
+    strange = [p for p in strange if p.speed_in - p.speed > _gained(measurement)]
+    if not strange:
+        return []
+    worst = max(strange, key=lambda p: p.speed_in / p.speed)
+    return [
+        f"Launched at {worst.speed:.4g} m/s, the bodies meet at {worst.speed_in:.4g} m/s: joints or"
+        " servos speed them up on the way. Start from a pose in which they are at rest."
+    ]
+
+
+def _gained(measurement: Measurement) -> float:
+    """Speed that gravity gives within the steps of flight before a touch, m/s."""
+    gravity = float(np.linalg.norm(measurement.facts.gravity))
+    return _FLIGHT_STEPS * gravity * measurement.facts.timestep
+
+
+def _acted_after(measurement: Measurement) -> list[CurvePoint]:
+    """Where joints or servos change the speed between the contact's force and the touch plane."""
+    if not measurement.facts.shares:
+        return []
+    return [p for p in measurement.curve if abs(p.restitution_after_force - p.restitution) >= _NOTABLE_SHARE]
+
+
+def _parting_note(measurement: Measurement) -> list[str]:
+    """That joints or servos act on until the bodies part."""
+    if not (points := _acted_after(measurement)):
+        return []
+    worst = max(points, key=lambda p: abs(p.restitution_after_force - p.restitution))
+    return [
+        "Joints, servos or gravity change the speed between the contact's force and the touch plane: "
+        f"at {worst.speed:.4g} m/s from {worst.restitution_after_force:.3g} to e = {worst.restitution:.3g}."
+    ]
+
+
+def _shares_note(measurement: Measurement) -> list[str]:
     """One sentence on what changed the speed during the contact, where it was not the contact alone."""
     shares = measurement.facts.shares
     notable = [f"{share:+.2g} by {name}" for name, share in shares.items() if abs(share) >= _NOTABLE_SHARE]

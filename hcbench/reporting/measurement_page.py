@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hcbench.measuring.measurement import Measurement
-from hcbench.measuring.text import setting_text, shares_note
+from hcbench.measuring.text import motion_notes, setting_text
 from hcbench.reporting.explorer import explorer_script
 from hcbench.reporting.measurement_explorer import explorer_of
 from hcbench.reporting.page import Drawing, draw, render
@@ -33,7 +33,7 @@ def measurement_page(measurement: Measurement) -> str:
         explorer=explored,
         measurement=measurement,
         summary=summary(measurement),
-        notes=(*measurement.facts.notes, *shares_note(measurement)),
+        notes=(*measurement.facts.notes, *motion_notes(measurement)),
         curve=draw(Drawing("curve", lambda: curve_figure(measurement))),
         loops=draw(Drawing("loops", (lambda: _loops_figure(measurement)) if measurement.loops else None)),
         points=[

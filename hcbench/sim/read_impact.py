@@ -41,12 +41,20 @@ class SpeedReading(StrEnum):
     TOUCH_PLANE_EXACT_FLIGHT: as well, of steps that are exact in free flight and keep v² - 2 g x, as RK4.
     STEP_END: an engine that reverses the speed at the end of the step, v + g h.
     STEP_START: an engine that reverses the speed at the start of the step, v.
+    CROSSING: where the simulated path crosses the touch plane, by the parabola through the states around it:
+        for bodies on joints or under servos, which have no one acceleration.
     """
 
     TOUCH_PLANE = "touch plane"
     TOUCH_PLANE_EXACT_FLIGHT = "touch plane, exact flight"
     STEP_END = "step's end"
     STEP_START = "step's start"
+    CROSSING = "crossing of the touch plane"
+
+    @property
+    def steps_after(self) -> int:
+        """Free steps that it needs after the bodies have parted."""
+        return int(self is SpeedReading.CROSSING)
 
     def speeds(self, before: States, after: States, fall: float, gravity: float) -> tuple[Floats, Floats]:
         """Speed in and out, m/s, shape (n,). before, after: (penetration m, rate m/s), (n,) each, of the last
@@ -66,6 +74,17 @@ class SpeedReading(StrEnum):
                 return np.asarray(np.sqrt(np.maximum(0.0, (v + half) ** 2 - 2.0 * gravity * x)))
 
         return at_plane(x_in, v_in), at_plane(x_out, v_out)
+
+
+def _crossing_speed(x: Floats, at: NDArray[np.int64], h: float) -> Floats:
+    """Speed, m/s, shape (b,), at which x, m, shape (b, n), passes 0 near a step: of the parabola through this
+    state and the ones before and after it. No contact force may act between the three.
+    """
+    each, middle = np.arange(len(x)), np.clip(at, 1, max(1, x.shape[1] - 2))
+    before, here, after = (x[each, np.minimum(middle + i, x.shape[1] - 1)] for i in (-1, 0, 1))
+    with np.errstate(all="ignore"):
+        squared = (0.5 * (after - before)) ** 2 - 2.0 * (after - 2.0 * here + before) * here
+        return np.asarray(np.sqrt(np.maximum(0.0, squared)) / h)
 
 
 def impact_of(launch: Launch, trajectory: Trajectory) -> Impact:
@@ -97,18 +116,27 @@ def impacts_of(
     the run of steps in which the force acts. Speeds are read, as `reading` says, off the last state that no
     contact force has touched and the first after the force has ceased for good.
     """
+    counts = counts - np.where(ends == End.PARTED, reading.steps_after, 0)
     first, stops, deepest, hardest = _contact(states, counts)
     h = float(time[1] - time[0]) if len(time) > 1 else 0.0
     each, after = np.arange(len(counts)), np.minimum(stops, counts - 1)
     came, left = (tuple(states[:2, each, step]) for step in (first, after))
-    v_in, v_out = reading.speeds(came, left, gravity * h, gravity)
+    v_after = np.full(len(counts), np.nan)
+    if reading is SpeedReading.CROSSING:
+        deep = states[0] > 0.0
+        entered = np.where(deep.any(axis=1), np.minimum(first, deep.argmax(axis=1)), first)
+        v_in, v_out = (_crossing_speed(states[0], at, h) for at in (entered - 1, counts - 1))
+        v_in = np.where(entered < 2, came[1], v_in)  # released so near that no free step is known
+        v_after = np.where(ends == End.RESTED, 0.0, -left[1])
+    else:
+        v_in, v_out = reading.speeds(came, left, gravity * h, gravity)
     pushed = ~(came[1] > 0.0) | ((ends == End.PARTED) & (left[1] > 0.0))
     v_out[ends == End.RESTED] = 0.0
     time, impacts = time - time[:1], list[Impact]()
     parted, unfinished, rested = Status.PARTED, int(End.UNFINISHED), int(End.RESTED)
-    columns = (first, stops, counts, ends, pushed, v_in, v_out, deepest, hardest)
+    columns = (first, stops, counts, ends, pushed, v_in, v_out, deepest, hardest, v_after)
     rows = zip(launches, *states, *(column.tolist() for column in columns), strict=True)
-    for launch, x, v, f, start, stop, n, end, was_pushed, speed_in, speed_out, depth, force in rows:
+    for launch, x, v, f, start, stop, n, end, was_pushed, speed_in, speed_out, depth, force, freed in rows:
         acted, failed = stop - start, _FAILED.get(end)
         if failed is not None:
             impacts.append(Impact(launch, failed[0], failed[1].format(time[n - 1], diverged)))
@@ -126,7 +154,7 @@ def impacts_of(
                 )
             loop = Loop(time[:acted], x[start:stop], v[start:stop], f[start:stop])
             measured = (speed_in, speed_out, h * acted, depth, force, acted)
-            impacts.append(Impact(launch, status, reason, *measured, loop, None))
+            impacts.append(Impact(launch, status, reason, *measured, loop, None, freed))
     return impacts
 
 

@@ -140,7 +140,8 @@ def _run_group(
 def _until_ended(
     world: World, simulation: Simulation, launches: Sequence[Launch], first: int, expected: int
 ) -> tuple[list[Impact], int]:
-    rule = StopRule.for_launches(launches, world.timestep, world.gravity, world.deepest)
+    after = world.speed_reading.steps_after
+    rule = StopRule.for_launches(launches, world.timestep, world.gravity, world.deepest, after)
     left, longest = np.arange(len(launches)), 0
     history: list[Floats] = []  # of shape (3 or 11, b, n) each
     ended_impacts: dict[int, Impact] = {}
@@ -173,7 +174,8 @@ def _until_ended(
         )
         if len(rows) > 3:
             whole = zip(read, rows.swapaxes(0, 1), counts.tolist(), strict=True)
-            read = [with_tangential(i, r[:, :n], world.timestep, world.mass) for i, r, n in whole]
+            by = world.timestep, world.mass, world.energy_by_work
+            read = [with_tangential(i, r[:, :n], *by) for i, r, n in whole]
         for i, impact, count in zip(which, read, counts.tolist(), strict=True):
             ended_impacts[i] = _explained(impact, simulation.note(count))
         if all_ended:

@@ -78,7 +78,8 @@ class StopRule:
     flight_steps: steps within which a touch must come. contact_steps: and a contact end. rest_speed: m/s.
     fall: speed that gravity gives in a step, m/s. deepest: m, penetration beyond which nothing is seen.
     touch: the step in which the force first acted, or beyond every step. last_x: penetration of the last step
-    seen, m. still, idle, held, stuck: runs of quiet steps, any of which is rest. steps: seen so far.
+    seen, m. still, idle, held, stuck: runs of quiet steps, any of which is rest. parted: the first step apart
+    after the touch, or beyond every step. after: steps to see after it. steps: seen so far.
     """
 
     flight_steps: Whole
@@ -92,13 +93,20 @@ class StopRule:
     idle: QuietRun
     held: QuietRun
     stuck: QuietRun
+    parted: Whole
+    after: int = 0
     steps: int = 0
 
     @classmethod
     def for_launches(
-        cls, launches: Sequence[Launch], timestep: float, gravity: float, deepest: float = math.inf
+        cls,
+        launches: Sequence[Launch],
+        timestep: float,
+        gravity: float,
+        deepest: float = math.inf,
+        after: int = 0,
     ) -> StopRule:
-        """A rule that has seen no step yet. gravity: into the plate, m/s²."""
+        """A rule that has seen no step yet. gravity: into the plate, m/s². after: steps to see once apart."""
         flights = np.array([launch.flight_time(timestep, gravity) for launch in launches]) / timestep
         flight_steps = np.minimum(np.ceil(FLIGHT_SLACK * flights) + FLIGHT_SLACK_STEPS, FLIGHT_STEPS_MAX)
         speeds = np.array([launch.touch_speed(timestep, gravity) for launch in launches])
@@ -124,6 +132,8 @@ class StopRule:
             # In one place to the last bit: in float32 a speed may be too small to move the position at all,
             # and grow by gravity until the contact takes it away.
             stuck=run(IDLE_STEPS, half_contact=True),
+            parted=np.full(len(launches), _NEVER),
+            after=after,
         )
 
     def add(self, x: Floats, v: Floats, f: Floats) -> tuple[Whole, Whole]:
@@ -139,11 +149,13 @@ class StopRule:
         untouched = turned < self.touch
         parted = leaving & ~acting
         parted &= x <= 0.0
+        self.parted = np.minimum(self.parted, np.where(untouched, _NEVER, _first(parted, start)))
+        whole = self.parted + self.after
         bad, never = not_finite(x, v, f), np.full(len(x), _NEVER)
         whens = {
             End.NOT_FINITE: _first(bad, start) if bad.any() else never,
             End.TOO_DEEP: _first(x > self.deepest, start) if self.deepest < math.inf else never,
-            End.PARTED: np.where(untouched, _NEVER, _first(parted, start)),
+            End.PARTED: np.where(whole < end, whole, _NEVER),
             End.RESTED: self._rested(x, v, acting),
             End.TURNED_BACK: np.where(untouched, turned, _NEVER),
             End.NEVER_TOUCHED: np.where(waited < np.minimum(self.touch, end), waited, _NEVER),
@@ -175,7 +187,7 @@ class StopRule:
 
     def keep(self, which: Flags) -> None:
         """Watch only these from now on."""
-        for name in ("flight_steps", "rest_speed", "touch", "last_x"):
+        for name in ("flight_steps", "rest_speed", "touch", "last_x", "parted"):
             setattr(self, name, getattr(self, name)[which])
         for run in (self.still, self.idle, self.held, self.stuck):
             run.last_broken = run.last_broken[which]

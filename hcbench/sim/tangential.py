@@ -99,10 +99,13 @@ def along_plate(impact: Impact) -> AlongPlate:
     return AlongPlate(0.0, 0.0, 0.0, 0.0, 0.0, impact.energy_lost)
 
 
-def with_tangential(impact: Impact, rows: Floats, timestep: float, mass: float) -> Impact:
+def with_tangential(
+    impact: Impact, rows: Floats, timestep: float, mass: float, by_work: bool = False
+) -> Impact:
     """An impact with what it did along the plate; as it is where it was not measured or not sent obliquely.
 
     rows: of `Record.rows`, all steps of this launch, shape (11, n). mass: effective, along the normal, kg.
+    by_work: the energy after is the one before less what the contact took, where joints and servos act, too.
     """
     if not (impact.is_measured and impact.launch.is_oblique):
         return impact
@@ -115,6 +118,8 @@ def with_tangential(impact: Impact, rows: Floats, timestep: float, mass: float) 
         float(state[ENERGY]) + 0.5 * mass * speed**2
         for state, speed in ((before, impact.speed_in), (after, impact.speed_out))
     ]
+    if by_work:
+        energies[1] = energies[0] - timestep * _power(rows, contact)
     return replace(
         impact,
         tangential=Tangential(
@@ -128,3 +133,12 @@ def with_tangential(impact: Impact, rows: Floats, timestep: float, mass: float) 
             energy_out=energies[1],
         ),
     )
+
+
+def _power(rows: Floats, contact: slice) -> float:
+    """What the contact takes from the motion, summed over its steps, W: force times the mean of the speeds at
+    the ends of each step. rows: as of `with_tangential`.
+    """
+    ends = slice(contact.start + 1, contact.stop + 1)
+    rate, slip = ((part[..., contact] + part[..., ends]) / 2 for part in (rows[1], rows[3:][SLIP]))
+    return float((rows[2, contact] * rate).sum() - (rows[3:][FRICTION, contact] * slip).sum())

@@ -86,6 +86,7 @@ class World(ABC):
     places: launches that one simulation carries. concurrent: simulations that may be under way at once, each
     in a thread of its own. deepest: penetration beyond which the engine cannot see the contact any more, m.
     diverged: the reason to give where numbers are not finite. speed_reading: which speeds e is the ratio of.
+    energy_by_work: whether the energy lost is what the contact takes, as joints or servos change it, too.
     """
 
     timestep: float
@@ -96,6 +97,7 @@ class World(ABC):
     deepest: float = math.inf
     diverged: str = NOT_FINITE
     speed_reading: SpeedReading = SpeedReading.TOUCH_PLANE
+    energy_by_work: bool = False
 
     @abstractmethod
     def release(self, launches: Sequence[Launch]) -> Simulation:

@@ -32,7 +32,8 @@ class PairAtTouch:
     joint: what moves it. qpos: (nq,), at touch. direction: (nv,), the velocity that approaches at 1 m/s.
     effective_mass: along the normal, kg. gravity: acceleration of the approach in
     free flight, by gravity and what the model's springs and actuators add to it, m/s². overlap: how deep
-    the two were in each other at the start, m. note: how they were brought together, where it was a choice.
+    the two were in each other at the start, m. gap: at touch, by MuJoCo's distance of the geoms, m;
+    infinite for shapes that it knows none of. note: how they were brought together, where it was a choice.
     """
 
     pair: ContactPair
@@ -43,6 +44,7 @@ class PairAtTouch:
     effective_mass: float
     gravity: float
     overlap: float
+    gap: float
     note: str = ""
 
 
@@ -246,7 +248,8 @@ def _at_touch(
         raise tethered
     gravity = _acceleration_in_flight(model, data, row)
     contact = replace(contact, normal=normal)
-    return PairAtTouch(pair, joint, data.qpos.copy(), direction, contact, mass, gravity, overlap)
+    gap = np.inf if pair.height_field >= 0 else float(pair.nearest(data).distance)
+    return PairAtTouch(pair, joint, data.qpos.copy(), direction, contact, mass, gravity, overlap, gap)
 
 
 def _require_room(pair: ContactPair, data: Any) -> None:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation, with_kinematics
+from hcbench.engines.mujoco.model.pair_reader import with_kinematics
+from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation
 from hcbench.engines.mujoco.scene.shared_scene import differences, rounded_adhesion
 from hcbench.impact import Impact, Launch
 from hcbench.measuring.measurement import TOLERANCE
@@ -47,6 +48,7 @@ class LentModel(ModelUnderTest):
         self._copies = engine.copies(own.model, own.start)
         self.places, self.timestep, self.mass = self._copies.places, own.timestep, own.mass
         self.gravity, self.speed_reading = own.gravity, own.speed_reading
+        self.energy_by_work = own.energy_by_work
         at_touch = copy.copy(own.start)
         at_touch.qpos[:] = own.place.qpos
         middles = with_kinematics(at_touch, own.model).geom_xpos[list(own.place.pair.geoms)]

@@ -10,6 +10,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings, forget_resets, resets
 from hcbench.engines.mujoco.model.bodies import geom_name
+from hcbench.engines.mujoco.model.pair_reader import PairReader, with_kinematics
 from hcbench.engines.mujoco.model.plugin_contact import WithoutContact, restitution_law
 from hcbench.engines.mujoco.model.sliding import MujocoAlongPlate
 from hcbench.engines.mujoco.model.speed_shares import (
@@ -41,6 +42,7 @@ class _Step(NamedTuple):
     along: Floats | None  # what `Record.tangential` has, oblique launches only
 
 
+_NEAR = 4.0  # steps of the way to the touch plane, within which distances are looked at without a contact
 _STAGE_REACH = 2.0  # steps of its speed, within which a stage of RK4 may touch
 _STAGE_NOISE = 1e-9  # of the largest change of speed: below it a step under RK4 had no contact in it
 
@@ -82,7 +84,7 @@ class MujocoUserSimulation(Simulation):
         self._staged = int(model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4)
         self._seen = mujoco.MjData(model) if self._staged else self._data
         self._free: Any = mujoco.MjData(model) if self._staged else None
-        self._reader = _Reader(model, place, with_kinematics(self._data, model), self._along)
+        self._reader = PairReader(model, place, with_kinematics(self._data, model), self._along)
         self._x, self._rate, self._touched, self._steps = -clearance, launch.speed, False, 0
         self._last: _Step | None = None  # RK4 only: waits for the one after it
         plugged = restitution_law(model, place.contact.rows[0][2]) is not None
@@ -151,6 +153,8 @@ class MujocoUserSimulation(Simulation):
         elif self._steps > 1:
             # As the integrator has moved it: by the new velocity, under RK4 by the mean.
             self._x += self._h * (0.5 * (self._rate + rate) if self._staged else rate)
+            if abs(self._x) < _NEAR * self._h * max(abs(rate), abs(self._rate)):
+                self._x = self._reader.depth(seen, self._x)
             self._x = min(self._x, 0.0) if self._touched else self._x
         self._rate = rate
         near = self._staged and force == 0.0 and self._x + _STAGE_REACH * self._h * abs(rate) > 0.0
@@ -201,78 +205,6 @@ class MujocoUserSimulation(Simulation):
             return step
         self._touched = True
         return step._replace(force=self._place.effective_mass * mean)
-
-
-class _Reader:
-    """Reads depth, force and rate of the pair off an MjData that belongs to one state."""
-
-    def __init__(self, model: Any, place: PairAtTouch, data: Any, along: MujocoAlongPlate | None) -> None:
-        mujoco = backend()
-        self.model, self.place, self.along, self.count = model, place, along, 0
-        self.table = place.pair.sides.tolist()
-        self.pyramid = int(model.opt.cone) == int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
-        self.wrench = np.zeros(6)
-        self.force_of = mujoco.mj_contactForce
-        self.point, self.normal = place.contact.point, place.contact.normal
-        self._row: Floats | None = None
-        self.row(data)
-
-    def contact_point(self, data: Any) -> Floats:
-        """The last contact's, m; of a body that slides and spins it goes along with the body's centre."""
-        return self.point if self.along is None else self.along.moved_with(data, self.point)
-
-    def row(self, data: Any) -> Floats:
-        """(nv,) approach row at the last contact, from the kinematics in `data`."""
-        if self._row is None or self.along is not None:
-            self._row = self.place.pair.approach_row(data, self.contact_point(data), self.normal)
-        return self._row
-
-    def read(self, data: Any, velocity: Floats) -> tuple[float | None, float, float]:
-        """(penetration beyond the onset, None without a contact; force; approach rate)."""
-        mine = []
-        for i in range(data.ncon):
-            contact = data.contact[i]
-            a, b = contact.geom.tolist()
-            if self.table[a] + self.table[b] == 3:
-                mine.append((i, contact, self.table[a] == 2))
-        self.count = len(mine)
-        if not mine:
-            self._row = None  # the links have turned since
-            return None, 0.0, float(self.row(data) @ velocity)
-        force, distance, acting = 0.0, math.inf, []
-        for i, contact, turned in mine:
-            distance = min(distance, contact.dist)
-            address = contact.efc_address
-            if address >= 0:
-                self.force_of(self.model, data, i, self.wrench)
-                force += float(self.wrench[0])
-                if self.along is not None:
-                    self.along.push(contact, self.wrench, turned)
-                acting.append(self._parting_rate(data, address, contact.dim))
-        self.point = mine[0][1].pos.copy() if len(mine) == 1 else np.mean([c.pos for _, c, _ in mine], axis=0)
-        _, contact, turned = mine[0]
-        self.normal = -contact.frame[:3] if turned else contact.frame[:3].copy()
-        self._row = None
-        if self.along is not None:  # on the moving body's surface; MuJoCo has it halfway to the other's
-            self.point = self.point - 0.5 * distance * self.normal
-            self.along.seen(data)
-        rate = -sum(acting) / len(acting) if acting else float(self.row(data) @ velocity)
-        return self.place.contact.onset - distance, force, rate
-
-    def _parting_rate(self, data: Any, address: int, dim: int) -> float:
-        """Rate along the normal, as the engine has it: the two edges of a pyramid lie evenly about it."""
-        velocity = data.efc_vel
-        if dim == 1 or not self.pyramid:
-            return float(velocity[address])
-        return 0.5 * float(velocity[address] + velocity[address + 1])
-
-
-def with_kinematics(data: Any, model: Any) -> Any:
-    """`data` with its kinematics computed at its state."""
-    mujoco = backend()
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    return data
 
 
 def _copy_state(model: Any, source: Any, target: Any) -> None:

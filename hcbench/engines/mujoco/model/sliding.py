@@ -8,6 +8,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.place import PairAtTouch
+from hcbench.engines.mujoco.model.speed_shares import has_more_than_contacts
 from hcbench.errors import UserError
 from hcbench.impact import Floats, Launch
 from hcbench.sim.model_under_test import Vector
@@ -23,8 +24,10 @@ class MujocoAlongPlate:
         self.place, self.pair, self.launch = place, place.pair, launch
         self.axes = plate_frame(place.contact.normal, along)
         self.body, self.friction, self._origin = self.pair.first.body, np.zeros(3), np.zeros(3)
-        roots = {int(self.pair.model.body_rootid[part.body]) for part in (self.pair.first, self.pair.second)}
-        self._moving = np.isin(self.pair.model.body_rootid[self.pair.model.dof_bodyid], list(roots - {0}))
+        self._alone = not has_more_than_contacts(self.pair.model)
+        launched = (self.pair.first, self.pair.second) if self._alone else (self.pair.first,)
+        root = self.pair.model.body_rootid
+        self._moving = np.isin(root[self.pair.model.dof_bodyid], [root[part.body] for part in launched])
 
     def send(self, data: Any, flight_time: float) -> None:
         """Add slip and spin to the motion, and put the body back by what they move it in the flight, s."""
@@ -79,8 +82,20 @@ class MujocoAlongPlate:
             turns = np.zeros((3, model.nv))
             mujoco.mj_jacBody(model, data, None, turns, body)
             spin += sign * (turns @ velocity)
-        own, momentum = np.where(self._moving, velocity, 0.0), np.zeros(model.nv)
-        mujoco.mj_mulM(model, data, momentum, own)
-        energy = 0.5 * float(own @ momentum) - 0.5 * self.place.effective_mass * rate**2
+        energy = self._kinetic_energy(data, velocity, point) - 0.5 * self.place.effective_mass * rate**2
         friction, self.friction = self.axes[:2] @ self.friction, np.zeros(3)
         return np.array([*(row @ velocity for row in rows), *(self.axes @ spin), *friction, energy])
+
+    def _kinetic_energy(self, data: Any, velocity: Floats, point: Floats) -> float:
+        """Of the two bodies, J; where joints and servos act, of what is launched, as the other sees it."""
+        model, mujoco, centre = self.pair.model, backend(), np.zeros((3, self.pair.model.nv))
+        own, momentum = np.where(self._moving, velocity, 0.0), np.zeros(model.nv)
+        mujoco.mj_mulM(model, data, momentum, own)
+        energy = 0.5 * float(own @ momentum)
+        if self._alone:
+            return energy
+        root, seen_from = int(model.body_rootid[self.body]), np.zeros((3, model.nv))
+        mujoco.mj_jacSubtreeCom(model, data, centre, root)
+        mujoco.mj_jac(model, data, seen_from, None, point, self.pair.second.body)
+        frame = seen_from @ velocity
+        return energy + float(model.body_subtreemass[root]) * float(frame @ (0.5 * frame - centre @ own))

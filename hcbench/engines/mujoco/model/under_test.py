@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
-from hcbench.engines.mujoco.model.bodies import explicit_pairs, geom_friction, geom_name, speed_reading
+from hcbench.engines.mujoco.model.bodies import explicit_pairs, geom_friction, geom_name
 from hcbench.engines.mujoco.model.causes import find_suspects
 from hcbench.engines.mujoco.model.causes.context import Context, written_contact
 from hcbench.engines.mujoco.model.list_pairs import find_pair
@@ -15,6 +15,7 @@ from hcbench.engines.mujoco.model.place import bring_to_touch
 from hcbench.engines.mujoco.model.plausible import require_plausible_contact
 from hcbench.engines.mujoco.model.plugin_contact import restitution_law
 from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation
+from hcbench.engines.mujoco.model.speed_shares import has_more_than_contacts
 from hcbench.engines.mujoco.model.start_pose import start_pose
 from hcbench.engines.mujoco.scene.promises import promise_in
 from hcbench.impact import Impact, Launch
@@ -22,6 +23,7 @@ from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.causes import other_contacts
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
 from hcbench.sim.promise import Promise
+from hcbench.sim.read_impact import SpeedReading
 
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.shared_model import LentModel
@@ -48,7 +50,7 @@ class MujocoModel(ModelUnderTest):
         require_plausible_contact(model, self.place)
         self.timestep, self.mass = float(model.opt.timestep), self.place.effective_mass
         self.gravity = self.place.gravity
-        self.speed_reading = speed_reading(model)
+        self.speed_reading, self.energy_by_work = SpeedReading.CROSSING, has_more_than_contacts(model)
         self.others: set[int] = set()  # geoms that touched the two during an impact
         self.shares: dict[str, float] = {}  # what took the approach speed, over that at touch
 

@@ -1,0 +1,110 @@
+"""e of feet, wheels and fingers on soft joints: at the touch plane, as a loop over mj_step sees it."""
+
+import mujoco
+import pytest
+from bounce_loop import bounce_by_distance
+
+from hcbench.measuring import Measurement, measure
+from hcbench.measuring.text import as_record, as_text
+
+OPTION = '<option timestep="2e-3" integrator="{integrator}" gravity="{gravity}"/>'
+CONTACT = 'condim="3" friction=".6" solref="-{k} -{b}" solimp=".99 .99 .001"'
+FLOOR = '<geom name="floor" type="plane" size="3 3 .1"/>'
+# A leg of two links on a trunk that is free: hip and knee are held by servos with damping.
+LEG = """<body name="trunk" pos="0 0 .6"><freejoint/><geom type="box" size=".2 .1 .05" mass="6"/>
+<body pos=".15 0 0"><joint name="hip" axis="0 1 0" damping=".2" armature=".01"/>
+<geom type="capsule" fromto="0 0 0 -.12 0 -.16" size=".02" mass="1" contype="0" conaffinity="0"/>
+<body pos="-.12 0 -.16"><joint name="knee" axis="0 1 0" damping=".2" armature=".01"/>
+<geom type="capsule" fromto="0 0 0 .12 0 -.16" size=".015" mass=".3" contype="0" conaffinity="0"/>
+<geom name="tip" type="sphere" pos=".12 0 -.16" size=".023" mass=".06" {contact}/></body></body></body>"""
+# A wheel on a suspension whose chassis is free.
+WHEEL = """<body name="chassis" pos="0 0 .21"><freejoint/><geom type="box" size=".3 .2 .05"
+ mass="20" contype="0"
+ conaffinity="0"/><body pos="0 0 -.1">
+<joint name="suspension" type="slide" axis="0 0 1" stiffness="4000" damping="60"/>
+<geom name="tip" type="sphere" size=".1" mass="3" {contact}/></body></body>"""
+# A finger on a stiff servo, on a wrist that is free to slide.
+FINGER = """<body name="hand" pos="0 0 .4"><joint name="wrist" type="slide" axis="0 0 1"/>
+<geom type="box" size=".05 .05 .02" mass="1" contype="0" conaffinity="0"/>
+<body pos="0 0 -.05">
+<joint name="hip" axis="0 1 0" stiffness="3"/><geom name="link" type="capsule" fromto="0 0 0 .1 0 -.05"
+ size=".01" mass=".1" contype="0" conaffinity="0"/><body pos=".1 0 -.05"><joint name="knee" axis="0 1 0"/>
+<geom name="tip" type="sphere" pos="0 0 -.05" size=".015" mass=".02" {contact}/></body></body></body>"""
+SERVOS = """<actuator><position joint="hip" kp="{kp}" kv="{kv}"/><position joint="knee" kp="{kp}" kv="{kv}"/>
+</actuator>"""
+# name: (bodies, k and b of the contact, servos, integrator, gravity)
+ROBOTS = {
+    "leg": (LEG, (30000, 20), (60, 2), "implicitfast", "0 0 -9.81"),
+    "leg, Euler": (LEG, (30000, 20), (60, 0.5), "Euler", "0 0 -9.81"),
+    "leg, stiff servos": (LEG, (40000, 10), (400, 5), "implicitfast", "0 0 0"),
+    "leg without servos": (LEG, (30000, 20), None, "implicit", "0 0 -9.81"),
+    "wheel": (WHEEL, (20000, 5), None, "implicitfast", "0 0 -9.81"),
+    "wheel, Euler": (WHEEL, (60000, 30), None, "Euler", "0 0 -9.81"),
+    "finger": (FINGER, (30000, 20), (2, 0.02), "implicitfast", "0 0 -9.81"),
+    "finger, stiff servos": (FINGER, (60000, 20), (20, 0.1), "implicitfast", "0 0 0"),
+}
+
+
+def robot(name: str) -> str:
+    bodies, (k, b), servos, integrator, gravity = ROBOTS[name]
+    option = OPTION.format(integrator=integrator, gravity=gravity)
+    actuators = SERVOS.format(kp=servos[0], kv=servos[1]) if servos else ""
+    body = bodies.format(contact=CONTACT.format(k=k, b=b))
+    return f"<mujoco>{option}<worldbody>{FLOOR}{body}</worldbody>{actuators}</mujoco>"
+
+
+def measured(text: str, speed: float) -> Measurement:
+    return measure(text, "geom:tip,floor", speeds=[speed], phases=[0.3], diagnose=False)
+
+
+# Where what is launched stands in qpos and in qvel.
+MOVED = {"leg": (2, 2), "wheel": (7, 6), "finger": (0, 0)}
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("speed", [0.5, 1.5])
+def test_e_is_that_of_a_loop_that_watches_the_gap(name: str, speed: float) -> None:
+    text = robot(name)
+    (impact,) = measured(text, speed).impacts
+    model = mujoco.MjModel.from_xml_string(text)
+    data, (place, dof) = mujoco.MjData(model), MOVED[name.split(maxsplit=1)[0].rstrip(",")]
+    mujoco.mj_forward(model, data)
+    gap = data.geom("tip").xpos[2] - model.geom("tip").size[0]
+    data.qpos[place] -= gap - 2.3 * model.opt.timestep * speed
+    data.qvel[dof] = -speed
+    into, out = bounce_by_distance(model, data, "tip", "floor")
+    assert impact.speed_in == pytest.approx(into, rel=1e-9)
+    assert impact.restitution == pytest.approx(out / into, abs=1e-9)
+
+
+def test_the_speed_that_the_contact_gives_is_said_beside_what_servos_leave_of_it() -> None:
+    found = measured(robot("finger, stiff servos"), 1.5)
+    (point,), text = found.curve, as_text(found)
+    assert point.restitution_after_force - point.restitution > 0.2
+    assert "after force" in text
+    assert "between the contact's force and the touch plane" in text
+    record = as_record(found)["curve"][0]
+    assert record["restitution_after_force"] == point.restitution_after_force
+    ball = f"""<mujoco><worldbody>{FLOOR}<body pos="0 0 .1"><freejoint/>
+    <geom name="tip" size=".1" solref="-30000 -20"/></body></worldbody></mujoco>"""
+    assert "after force" not in as_text(measured(ball, 1.5))
+
+
+def test_a_launch_that_comes_much_faster_than_it_was_sent_is_warned_of() -> None:
+    pressed = robot("wheel").replace('damping="60"/>', 'damping="60" springref="-.3"/>')
+    assert "the bodies meet at" in as_text(measured(pressed, 0.5))
+    assert "the bodies meet at" not in as_text(measured(robot("leg"), 0.5))
+
+
+def test_the_energy_that_is_lost_is_what_the_contact_takes() -> None:
+    """An arm that sags all the while, with the tray that the ball falls on, gains more than the ball has."""
+    sagging = """<mujoco><option timestep="1e-3"/><worldbody>
+    <body name="arm" pos="-1 0 1"><joint name="shoulder" axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 .9 0 0" size=".05" mass="40" contype="0" conaffinity="0"/>
+    <body name="tray" pos="1 0 0"><geom name="tray" type="box" size=".1 .1 .02" mass=".5"/></body></body>
+    <body name="ball" pos="0 0 1.1"><freejoint/><geom name="ball" size=".03" mass=".1"
+     solref="-20000 -8" friction=".4"/></body></worldbody>
+    <actuator><position joint="shoulder" kp="20" kv="1"/></actuator></mujoco>"""
+    found = measure(sagging, "ball,tray", speeds=[0.5], angle=0.5, phases=[0.3], diagnose=False)
+    (impact,) = found.impacts
+    assert 0.0 < impact.energy_lost < 1.0
