@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from hcbench.sim.world import Simulation, World
 
 STEP_S = 1e-3  # for one step of a trajectory, beyond the engine's limit for a launch
-_CHUNK_MIN, _CHUNK_SHARE = 8, 8  # steps in a chunk: at least, and as a share of those taken already
+SHORTEST_CHUNK, _CHUNK_SHARE = 8, 8  # steps in a chunk: at least, and as a share of those taken already
 _GUESS_SHARE = 2 / 3  # of the steps that a guess expects: then it is seen how soon the bodies part
 _SLOWEST = 1e-3  # m/s: for a body let down on the plate, a step is judged at this speed
 
@@ -147,7 +147,7 @@ def _until_ended(
     ended_impacts: dict[int, Impact] = {}
     steps = first
     while left.size:
-        chunk = simulation.advance(max(_CHUNK_MIN, steps)).rows()
+        chunk = simulation.advance(max(SHORTEST_CHUNK, steps)).rows()
         history.append(chunk)
         counts, ends = rule.add(*chunk[:3])
         ended = counts > 0
@@ -233,7 +233,7 @@ def _expected_steps(scene: Scene, timestep: float, launches: Sequence[Launch]) -
     if speed == 0.0 or math.isinf(flight):
         return 0
     contact = closed_form.elastic_duration(scene.stiffness, scene.exponent, scene.mass, speed)
-    return math.ceil((contact + flight) / timestep) + _CHUNK_MIN
+    return math.ceil((contact + flight) / timestep) + SHORTEST_CHUNK
 
 
 def _followed(name: str, scene: Scene, setting: Setting, launch: Launch, steps: int) -> Trajectory:

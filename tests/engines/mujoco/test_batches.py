@@ -17,6 +17,7 @@ from hcbench.engines.mujoco.scene import batch, world
 from hcbench.engines.mujoco.scene.batch import BatchedModel, batch_kind
 from hcbench.engines.mujoco.scene.options import read_options
 from hcbench.engines.mujoco.scene.scene_model import load
+from hcbench.engines.mujoco.scene.world import Batching
 from hcbench.engines.pybullet.engine import PybulletEngine
 from hcbench.engines.pybullet.scene.options import read_options as pybullet_options
 from hcbench.engines.pybullet.scene.world import PybulletWorld
@@ -72,11 +73,11 @@ def same(one: Sequence[Impact], other: Sequence[Impact]) -> bool:
 
 @pytest.fixture
 def sizes(monkeypatch: pytest.MonkeyPatch, nothing_kept: None) -> Any:
-    """Sets the knobs of how launches are put together."""
+    """Sets how launches are put together."""
 
-    def put(**knobs: Any) -> None:
-        for name, value in knobs.items():
-            monkeypatch.setattr(simulate if hasattr(simulate, name) else world, name, value)
+    def put(chunk: int = simulate.SHORTEST_CHUNK, **batching: Any) -> None:
+        monkeypatch.setattr(simulate, "SHORTEST_CHUNK", chunk)
+        monkeypatch.setattr(world, "BATCHING", Batching(**batching))
         mujoco_engine._cached_pool.cache_clear()
 
     return put
@@ -103,11 +104,11 @@ def test_mujoco_alone_together_in_threads_and_in_any_chunks_is_the_same(
         pytest.skip("a tendon's limit cannot pull")
     setting = made(f"mujoco.{recipe}", scene, timestep, integrator=integrator)
     launches = at_random(11)
-    sizes(_COMPILE_S=np.inf, _cores=lambda: 1)
+    sizes(compiling=np.inf, cores=1)
     alone = [MUJOCO.run(scene, setting, [launch])[0] for launch in launches]
-    sizes(_COMPILE_S=0.0)
+    sizes(compiling=0.0, cores=1)
     assert same(alone, MUJOCO.run(scene, setting, launches))
-    sizes(_cores=lambda: 3, _BALLS=4, _BALLS_OF_MANY_ROWS=3, _CHUNK_BYTES=20_000, _CHUNK_MIN=5)
+    sizes(5, compiling=0.0, cores=3, balls=4, balls_of_many_rows=3, chunk_bytes=20_000)
     assert same(alone[::-1], MUJOCO.run(scene, setting, launches[::-1]))
 
 
@@ -118,11 +119,11 @@ def test_one_balls_end_is_not_another_s(sizes: Any) -> None:
     spring = {"solref": [-2.679e8, -815.0], "solimp": STIFF}
     setting = Setting("mujoco", "test", 1e-6, {"integrator": "Euler", "rows": [spring, deep]})
     launches = at_random(24, seed=3)
-    sizes(_COMPILE_S=np.inf)
+    sizes(compiling=np.inf)
     alone = MUJOCO.run(PLANE, setting, launches)
     found = {impact.status for impact in alone}
     assert found == {Status.PARTED, Status.DIVERGED}, found
-    sizes(_COMPILE_S=0.0)
+    sizes(compiling=0.0)
     assert same(alone, MUJOCO.run(PLANE, setting, launches))
 
 
@@ -211,7 +212,7 @@ def test_what_a_free_ball_does_not_feel_a_ball_in_a_batch_does_not_either(
     path.write_text(PLANE.models["mujoco"]["scene"].read_text("utf-8").replace(old, new, 1), "utf-8")
     scene = dataclasses.replace(PLANE, models={"mujoco": {"scene": path}})
     setting, launches = made("mujoco.spring-damper", PLANE, 2e-5), at_random(4)
-    sizes(_COMPILE_S=0.0)
+    sizes(compiling=0.0)
     plain, found = (MUJOCO.run(own, setting, launches) for own in (PLANE, scene))
     for one, other in zip(found, plain, strict=True):
         assert one.restitution == pytest.approx(other.restitution, abs=1e-12)
@@ -231,7 +232,7 @@ def test_models_that_pay_are_simulated_many_in_one(
         return real(*of)
 
     monkeypatch.setattr(world, "compile_batch", compile_batch)
-    monkeypatch.setattr(world, "_cores", lambda: 1)
+    monkeypatch.setattr(world, "BATCHING", Batching(cores=1))
     MUJOCO.run(form, made("mujoco.spring-damper", form, 1e-6), at_random(48))
     assert made_of == [48]
     MUJOCO.run(form, made("mujoco.impulse", form, 1e-3), at_random(24))
@@ -266,7 +267,7 @@ def test_a_model_with_more_to_it_is_simulated_alone_and_bounces_alike(
     path = tmp_path / "scene.xml"
     path.write_text(PLANE.models["mujoco"]["scene"].read_text("utf-8").replace(*edit), "utf-8")
     scene = dataclasses.replace(PLANE, models={"mujoco": {"scene": path}})
-    sizes(_COMPILE_S=0.0)
+    sizes(compiling=0.0)
     for own, shares in ((PLANE, True), (scene, False)):
         model = load(own, 1e-4, read_options({}))
         assert (batch_kind(model) != "alone") is shares, name

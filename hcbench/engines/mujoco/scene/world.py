@@ -28,17 +28,34 @@ if TYPE_CHECKING:
     from hcbench.impact import Launch
     from hcbench.sim.world import Flags
 
-# Balls in a model: the dense Jacobian of more costs more than sharing saves.
-_FEW_ROWS, _BALLS, _BALLS_OF_MANY_ROWS = 4, 24, 8
-_BALLS_OF_ONE_ROW = 80
 _ALONE = 32  # launches at once for each thread where each has a model of its own: bounds memory
-_SAVED_S, _COMPILE_S = 1.5e-6, 5e-3  # what a shared model saves a ball-step, and costs to compile
 _CONCURRENT = 2  # simulations: one is looked at while the other one is stepped
-_CHUNK_BYTES = 2**21  # of states, for each thread
 
 
 def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@dataclass(frozen=True, slots=True)
+class Batching:
+    """How balls share models, memory and threads: it changes the time that results take, never a bit of one.
+
+    few_rows, balls, balls_of_many_rows, balls_of_one_row: the most balls in a model by its contact's rows:
+    the dense Jacobian of more costs more than sharing saves. saved, compiling: s that a shared model saves a
+    ball-step, and costs to compile. chunk_bytes: of states, for each thread. cores: threads at once.
+    """
+
+    few_rows: int = 4
+    balls: int = 24
+    balls_of_many_rows: int = 8
+    balls_of_one_row: int = 80
+    saved: float = 1.5e-6
+    compiling: float = 5e-3
+    chunk_bytes: int = 2**21
+    cores: int = field(default_factory=_cores)
+
+
+BATCHING = Batching()
 
 
 @dataclass(slots=True)
@@ -62,11 +79,11 @@ class BatchPool:
         """Without batches yet. The model's solver starts each step from scratch from now on."""
         model.model.opt.disableflags |= model.mujoco.mjtDisableBit.mjDSBL_WARMSTART
         kind, rows = batch_kind(model), max(model.model.npair, model.model.ntendon)
-        most = 1 if kind == "alone" else _BALLS if rows <= _FEW_ROWS else _BALLS_OF_MANY_ROWS
+        most = BATCHING.balls if rows <= BATCHING.few_rows else BATCHING.balls_of_many_rows
         if kind == "sliding" and has_one_constraint(model.model):
-            most = _BALLS_OF_ONE_ROW
-        threads = 1 if in_worker() else _cores()
-        return cls(model, most, threads, kind == "sliding")
+            most = BATCHING.balls_of_one_row
+        threads = 1 if in_worker() else BATCHING.cores
+        return cls(model, 1 if kind == "alone" else most, threads, kind == "sliding")
 
     def whole(self) -> BatchedModel:
         """The model of one ball as it was authored: free, with all else it has."""
@@ -83,13 +100,13 @@ class BatchPool:
     def workspace(self, batch: BatchedModel) -> Iterator[Workspace]:
         """What a batch is stepped in, for one user at a time."""
         if batch is not self.batches.get(batch.size):
-            yield Workspace.of(self.model, batch, 1, _CHUNK_BYTES)
+            yield Workspace.of(self.model, batch, 1, BATCHING.chunk_bytes)
             return
         free = self.free_workspaces.setdefault(batch.size, [])
         try:
             workspace = free.pop()
         except IndexError:
-            workspace = Workspace.of(self.model, batch, self.threads, _CHUNK_BYTES)
+            workspace = Workspace.of(self.model, batch, self.threads, BATCHING.chunk_bytes)
         yield workspace
         free.append(workspace)
 
@@ -98,7 +115,7 @@ class BatchPool:
         if self.max_batch == 1 or size == 1:
             return False
         self.unbatched[size] += ball_steps
-        return self.unbatched[size] * _SAVED_S > _COMPILE_S
+        return self.unbatched[size] * BATCHING.saved > BATCHING.compiling
 
     def size_for(self, balls: int, now: int, steps: int) -> int:
         """How many balls a model should have for `balls` launches and about `steps` more steps.
@@ -106,7 +123,9 @@ class BatchPool:
         now: balls in a model until now, 0 at release. A few launches of many are better off alone.
         """
         # Several models are stepped at once.
-        share = min(self.max_batch, max(math.ceil(balls / self.threads), min(balls, _BALLS_OF_MANY_ROWS)))
+        share = min(
+            self.max_batch, max(math.ceil(balls / self.threads), min(balls, BATCHING.balls_of_many_rows))
+        )
         if now == 0:
             if self.is_worth_batching(share, balls * steps):
                 return share
@@ -191,7 +210,7 @@ class FollowedLaunch(Simulation):
         authored = copy.copy(model.model)
         authored.opt.disableflags &= ~int(model.mujoco.mjtDisableBit.mjDSBL_WARMSTART)
         batch = BatchedModel(authored, 1, model.at, sliding=False)
-        self._model, self._workspace = model, Workspace.of(model, batch, 1, _CHUNK_BYTES)
+        self._model, self._workspace = model, Workspace.of(model, batch, 1, BATCHING.chunk_bytes)
         self._states = states_at_release(model, [launch])
 
     def advance(self, steps: int) -> Record:
