@@ -19,6 +19,7 @@ from hcbench._text import sanitized
 from hcbench.cli._process import (
     INTERRUPTS,
     flush_stdio,
+    ignore_signals,
     install_signal_handlers,
     translate_errors,
     wrap_stdio,
@@ -65,6 +66,7 @@ def main() -> None:
         code = _fail(error.exit_code, str(error))
     except KeyboardInterrupt:
         code = _fail(_INTERRUPTED_CODE, _INTERRUPTED)
+    ignore_signals()
     flush_stdio()
     if code == _INTERRUPTED_CODE:
         # Where a module was being read, Python would end itself by the signal and not with this code.

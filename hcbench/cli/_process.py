@@ -124,10 +124,19 @@ INTERRUPTS = _Interrupts()
 def install_signal_handlers() -> None:
     """TERM and HUP end a command as Ctrl-C does: nothing is left half-written. Ignored ones stay ignored."""
     sys.unraisablehook = INTERRUPTS.on_ignored
-    for name in (*SIGNALS, "SIGALRM"):
+    for name in ("SIGALRM", *SIGNALS):  # the first is set by the others
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
             signal.signal(number, INTERRUPTS.on_signal)
+
+
+def ignore_signals() -> None:
+    """For the last moments of a command that has done its work: its exit code stays."""
+    if _AGAIN is not None:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    for name in ("SIGALRM", *SIGNALS):
+        if (number := getattr(signal, name, None)) is not None:
+            signal.signal(number, signal.SIG_IGN)
 
 
 def translate_errors(command: click.Command) -> click.Command:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hcbench.cli.console import as_json, print_json, progress
-from hcbench.errors import UserError
+from hcbench.errors import OutputError, UserError
 
 if TYPE_CHECKING:
     from hcbench.environments.store import Environment
@@ -140,7 +140,12 @@ def plugin(engine: str, install: bool) -> None:
 
     It is compiled for the installed ENGINE at the first call.
     """
+    from hcbench._files import user_folder
     from hcbench.sim import registry
     from hcbench.sim.capabilities import plugin_of
 
-    print(plugin_of(registry.engine(engine), install))
+    path = plugin_of(registry.engine(engine), install)
+    if not install and path.parent.name.startswith("hcbench-"):  # a temporary folder
+        got, advice = f"{user_folder('cache')} cannot be written to, by you alone", "Set $HCBENCH_CACHE"
+        raise OutputError("cache", got, "a folder of your own", advice)
+    print(path)
