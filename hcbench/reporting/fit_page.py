@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import base64
+import io
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.io import wavfile
 
 from hcbench.fitting.candidates import LAWS
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.notebook import draw_curve
-from hcbench.fitting.text import headline, next_lines, odds_text, with_uncertainty
+from hcbench.fitting.text import headline, next_lines, odds_text, trains_of, with_uncertainty
 from hcbench.reporting.page import Drawing, draw, render
 from hcbench.reporting.plot_style import COLOURS, INK, LIMIT, MEASURED, SLATE, new_figure, speed_axis
 
@@ -17,8 +21,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from hcbench.fitting.result import FitResult
+    from hcbench.impact import Floats
 
 _WINDOW = 8e-4  # s about each pick
+_BESIDE = 0.3  # s of sound before the first touch and after the last
 _MOST_SAMPLES = 4000  # of the waveform drawn
 
 
@@ -36,6 +42,8 @@ def fit_page(result: FitResult, engine: str) -> str:
             for i, s in enumerate(result.sets)
             if isinstance(s, TouchTimes) and s.recording is not None
         ],
+        media=any(isinstance(s, TouchTimes) and s.heard for s in result.sets),
+        heard=[_heard(i, s) for i, s in enumerate(result.sets) if isinstance(s, TouchTimes) and s.heard],
         laws=[
             (fit.law.name, LAWS[fit.law.name].formula, f"{fit.log_evidence:.2f}", odds_text(odds))
             for fit, odds in zip(result.fits, result.odds, strict=True)
@@ -111,4 +119,51 @@ def _sound_figure(s: TouchTimes) -> Figure:
         axes.set_title(f"touch {number + 1}", loc="left")
         axes.set_xlabel("ms")
         axes.set_yticklabels([])
+    return figure
+
+
+def _heard(i: int, s: TouchTimes) -> tuple[str, str, list[tuple[str, str, object, str]]]:
+    """The file's name, its sound, and per train: letter, what it is, its touches, and what to type."""
+    trains: list[tuple[str, str, object, str]] = []
+    for (letter, count, first, last, alpha, *_), picks in zip(trains_of(s), s.heard, strict=True):
+        image = draw(Drawing(f"heard-{i}-{letter}", partial(_train_figure, s, picks.times)))
+        what = f"{count} touches from {first} to {last}{', α = ' + alpha if alpha else ''}"
+        trains.append((letter, what, image, f"hcbench fit {s.name} --touches {letter}"))
+    return s.name, _played(s), trains
+
+
+def _around(s: TouchTimes) -> tuple[int, int]:
+    """The samples about all trains of a recording."""
+    assert s.recording is not None
+    times = np.concatenate([picks.times for picks in s.heard]) - s.recording.begin
+    rate = s.recording.rate
+    first, last = (round((t + pad) * rate) for t, pad in ((times.min(), -_BESIDE), (times.max(), _BESIDE)))
+    return max(0, first), min(last, len(s.recording.sound))
+
+
+def _played(s: TouchTimes) -> str:
+    """The part of the sound that holds the trains, as a WAV file in base 64."""
+    assert s.recording is not None
+    first, last = _around(s)
+    part = s.recording.sound[first:last]
+    samples = np.round(32767 * part / max(float(np.abs(part).max()), 1e-12)).astype(np.int16)
+    file = io.BytesIO()
+    wavfile.write(file, s.recording.rate, samples)
+    return base64.b64encode(file.getvalue()).decode("ascii")
+
+
+def _train_figure(s: TouchTimes, touches: Floats) -> Figure:
+    """The part that is played, with the touches of one train."""
+    assert s.recording is not None
+    first, last = _around(s)
+    rate, sound = s.recording.rate, s.recording.sound[first:last]
+    figure = new_figure(6.4, 1.8)
+    axes = figure.subplots()
+    every = -(-len(sound) // _MOST_SAMPLES)
+    blocks = np.pad(sound, (0, -len(sound) % every)).reshape(-1, every)
+    t = s.recording.begin + (first + np.arange(len(blocks)) * every) / rate
+    axes.fill_between(t, blocks.min(axis=1), blocks.max(axis=1), color=SLATE, linewidth=0.3)
+    for time in touches:
+        axes.axvline(time, color=LIMIT, linewidth=0.7)
+    axes.set_xlabel("time, s")
     return figure

@@ -27,7 +27,12 @@ def test_the_recording_of_the_example_goes_all_the_way_to_a_tuned_scene(
     low, high = found["alpha_interval_95_s_per_m"]
     assert found["law"] == "hunt-crossley" and low < 0.3 < high
     text = page.read_text(encoding="utf-8")
-    assert text.count("data:image/svg+xml") == 3 and "<script" not in text
+    assert (
+        text.count("data:image/svg+xml") == 4
+        and "<audio controls" in text
+        and "--touches A" in text
+        and "<script" not in text
+    )
     alpha = f"{found['alpha_s_per_m']:.4f} +- {found['alpha_standard_uncertainty_s_per_m']:.4f} s/m"
     said = ["--alpha", alpha, "--timestep", "1e-3", "--speeds", "0.2:1.4 m/s"]
     assert run(["tune", "mujoco", *said, "--write-scene", str(scene)]) == 0

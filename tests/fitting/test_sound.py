@@ -12,8 +12,8 @@ from measured_bounces import synthesise, wav
 
 from hcbench.cli import run
 from hcbench.errors import UserError
-from hcbench.fitting.listening import find_touches
-from hcbench.fitting.recording import Recording
+from hcbench.fitting.listening import find_touches, quick_score
+from hcbench.fitting.recording import Recording, read_recording
 
 
 @pytest.mark.parametrize("surface", synthesise.SURFACES)
@@ -71,3 +71,38 @@ def test_noise_has_no_train_of_bounces() -> None:
     with pytest.raises(UserError, match=r"train of bounces|touches"):
         picks = find_touches(Recording("n", noise, 44100))
         assert len(picks.times) > 3, "touches"
+
+
+def test_of_a_long_recording_the_part_with_the_bounces_is_read(tmp_path: Path) -> None:
+    sound, at = synthesise.drop_recording(
+        synthesise.hunt_crossley(0.3), 0.4, 3e-3, "tile", 40, np.random.default_rng(3), seconds=4.0
+    )
+    noise = 2e-3 * np.random.default_rng(4).standard_normal(70 * 44100)
+    noise[50 * 44100 : 50 * 44100 + len(sound)] += sound
+    path = wav(tmp_path / "long.wav", "16", noise)
+    recording = read_recording(path, quick_score)
+    assert len(recording.sound) <= 40 * 44100
+    assert find_touches(recording).times[0] == pytest.approx(50.0 + at[0], abs=2e-3)
+    part = read_recording(path, quick_score, 49.0, 56.0)
+    assert len(part.sound) == 7 * 44100
+    assert find_touches(part).times[0] == pytest.approx(50.0 + at[0], abs=2e-3)
+
+
+def test_a_phones_recording_is_read(tmp_path: Path) -> None:
+    av = pytest.importorskip("av")
+    sound, at = synthesise.drop_recording(
+        synthesise.hunt_crossley(0.3), 0.4, 3e-3, "tile", 40, np.random.default_rng(3), seconds=4.0
+    )
+    with av.open(str(tmp_path / "drop.m4a"), "w") as file:
+        stream = file.add_stream("aac", rate=44100)
+        for begin in range(0, len(sound), 1024):
+            block = sound[None, begin : begin + 1024].astype(np.float32)
+            frame = av.AudioFrame.from_ndarray(block, format="fltp", layout="mono")
+            frame.rate, frame.pts = 44100, begin
+            for packet in stream.encode(frame):
+                file.mux(packet)
+        for packet in stream.encode(None):
+            file.mux(packet)
+    found = find_touches(read_recording(tmp_path / "drop.m4a", quick_score))
+    shared = min(8, len(found.times))
+    assert np.diff(found.times)[:shared] == pytest.approx(np.diff(at)[:shared], abs=1e-3)
