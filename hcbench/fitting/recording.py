@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.io import wavfile
@@ -18,10 +18,12 @@ from hcbench.errors import UserError
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
     from hcbench.impact import Floats
 
-_WHOLE = 40.0  # s, up to which a recording is taken whole
-_WINDOW, _OVERLAP = 30.0, 8.0  # s: of a longer one the window is taken in which the best train is heard
+_WHOLE = 24.0  # s, up to which a recording is taken whole
+_WINDOW, _OVERLAP = 20.0, 8.0  # s: of a longer one the window is taken in which the best train is heard
 _BLOCK = 1 << 18  # samples read at once
 _PHONES = (".m4a", ".mp4", ".mov", ".aac", ".opus", ".ogg", ".oga", ".mp3", ".flac", ".3gp", ".caf", ".amr",
            ".wma", ".webm", ".mkv")  # fmt: skip
@@ -60,7 +62,7 @@ def read_recording(
 ) -> Recording:
     """WAV (integers of 8 to 32 bits or floats) or what phones write; of several channels the loudest.
 
-    score: how likely a part holds bounces. begin, end: s, the part to read. Of more than 40 s the 30 s with
+    score: how likely a part holds bounces. begin, end: s, the part to read. Of more than 24 s the 20 s with
     the best score; no more than that is held in memory. Raises UserError for what is no such file, or has no
     sound.
     """
@@ -110,6 +112,7 @@ class _Wav:
             except ValueError:  # 24 bits cannot be mapped
                 self.rate, samples = wavfile.read(path)
         self._samples = samples[:, None] if samples.ndim == 1 else samples
+        self._file = (path, samples.offset, samples.dtype) if isinstance(samples, np.memmap) else None
         is_float = samples.dtype.kind == "f"
         self.step = 0.0 if is_float else 2.0 ** (1 - 8 * samples.dtype.itemsize)
         self._middle = 128.0 if samples.dtype == np.uint8 else 0.0
@@ -119,8 +122,17 @@ class _Wav:
         """(channels, n), from one sample to another."""
         last = int(min(last, len(self._samples)))
         for at in range(first, last, _BLOCK):
-            block = np.asarray(self._samples[at : min(at + _BLOCK, last)].T, dtype=float)
+            block = np.asarray(self._read(at, min(at + _BLOCK, last)).T, dtype=float)
             yield (block - self._middle) / self._top
+
+    def _read(self, first: int, last: int) -> NDArray[Any]:
+        """(n, channels); from the file itself, as pages of a map would stay in memory."""
+        if self._file is None:
+            return np.asarray(self._samples[first:last])
+        path, offset, dtype = self._file
+        channels = self._samples.shape[1]
+        count, begin = (last - first) * channels, offset + first * channels * dtype.itemsize
+        return np.fromfile(path, dtype, count, offset=begin).reshape(-1, channels)
 
 
 class _Compressed:

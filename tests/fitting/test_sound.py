@@ -81,7 +81,7 @@ def test_of_a_long_recording_the_part_with_the_bounces_is_read(tmp_path: Path) -
     noise[50 * 44100 : 50 * 44100 + len(sound)] += sound
     path = wav(tmp_path / "long.wav", "16", noise)
     recording = read_recording(path, quick_score)
-    assert len(recording.sound) <= 40 * 44100
+    assert len(recording.sound) <= 24 * 44100
     assert find_touches(recording).times[0] == pytest.approx(50.0 + at[0], abs=2e-3)
     part = read_recording(path, quick_score, 49.0, 56.0)
     assert len(part.sound) == 7 * 44100
