@@ -90,13 +90,15 @@ class Passivity:
 
     bounces: of a ball. flat: whether a box on face, edge and vertex never gained energy; None where that
     was not tried. slope_drift: of a ball that may not turn, on 10 degrees, m/s; NaN without friction.
-    findings: of the whole gate, empty for a screen.
+    findings: of the whole gate, empty for a screen. others: what the setting does to other contacts of the
+    model, a sentence; "" for nothing.
     """
 
     bounces: Bounces
     flat: bool | None = None
     slope_drift: float = math.nan
     findings: tuple[Finding, ...] = ()
+    others: str = ""
 
     @property
     def sphere(self) -> bool:

@@ -82,7 +82,8 @@ def make_tuned(recipe: Recipe, why: str, target: Target, scene: Scene, integrato
     evaluation = evaluate(adapter, scene, setting, target)
     passivity = adapter.passivity(scene, setting, (target.speed_min, target.speed_max))
     rest = rest_test(adapter, scene, setting)
-    advice = tuple(_advice(target, scene, evaluation, rest, recipe, registry.preferred(recipe.engine)))
+    advice = tuple(filter(None, [passivity.others]))
+    advice += tuple(_advice(target, scene, evaluation, rest, recipe, registry.preferred(recipe.engine)))
     return Tuned(target, scene, recipe, setting, evaluation, rest, passivity, why, advice)
 
 

@@ -93,6 +93,7 @@ def test_the_whole_gate_passes_what_the_screen_passes_under_friction() -> None:
     gate = certify(contact, slides=True, runs=[runs[2]])
     assert isinstance(screen, Passivity)
     assert screen.sphere
+    assert screen.others.startswith("Other contacts of the model: drift on 10 degrees 2.2 -> 1.5e-06 mm/s")
     assert gate.sphere, gate.warning
     assert gate.slope_drift < 1e-4
     assert gate.flat == screen.flat

@@ -13,6 +13,7 @@ from hcbench.engines.mujoco.passivity.plain import (
     is_flat_passive,
     rest_on_slope,
 )
+from hcbench.engines.mujoco.passivity.untuned import effect_on_others
 from hcbench.engines.mujoco.scene.mjcf import pairs_text
 from hcbench.engines.mujoco.scene.options import read_options
 from hcbench.sim.passivity import Passivity
@@ -39,7 +40,10 @@ def screened(scene: Scene, setting: Setting, speeds: tuple[float, float]) -> Pas
     contact, runs = tried(scene, setting)
     slides = any(row.friction for row in options.rows) and setting.timestep >= _FINEST
     drift = rest_on_slope(contact, runs[0]).drift if slides else math.nan
-    return Passivity(bounces, is_flat_passive(contact, runs[0]), drift)
+    others = ""
+    if options.impratio:
+        others = effect_on_others(contact.option, setting.timestep, scene.gravity)
+    return Passivity(bounces, is_flat_passive(contact, runs[0]), drift, others=others)
 
 
 def certified(scene: Scene, setting: Setting) -> Passivity | None:
