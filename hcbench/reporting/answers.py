@@ -65,7 +65,15 @@ def _sentence(view: View, best: RunKey | None, stock: RunKey | None, alpha: floa
     if best is None:
         return f"No setting of this study is good enough here.{out_of_the_box}"
     verb = "Attach" if view.is_plugin(best) else "Set"
-    return f"{verb} {best.setting}: e within {_off(view, best, alpha)} of the law.{out_of_the_box}"
+    return (
+        f"{verb} {best.setting}: e within {_off(view, best, alpha)} of the law.{_band(view)}{out_of_the_box}"
+    )
+
+
+def _band(view: View) -> str:
+    """The impact speeds that the errors are of, as a sentence: no error is told without them."""
+    low, high = (f"{v:.2g}" for v in view.band)
+    return f" Impacts of {wording.span(low, high)}{wording.NBSP}m/s."
 
 
 def _off(view: View, run: RunKey, alpha: float) -> str:

@@ -145,8 +145,8 @@ def settings(by_gravity: Views) -> list[Cells]:
             key = run.engine, run.label
             notes = list(record.get("notes", []))
             entries.setdefault(key, {"run": run, "summary": record["summary"], "notes": notes})
-            scene = view.study.get("scenes", {}).get(record["scene"], view.study)
-            text = snippet(Setting(*run[:3], record["options"]), scene["form"])
+            # A reader has a ball on a floor, even where the study has a cup.
+            text = snippet(Setting(*run[:3], record["options"]), "plane")
             new = {"text": text, "step": run.timestep, "gravity": view.gravity, "alphas": [], "of": []}
             stated = texts.setdefault(key, {}).setdefault(f"{run.timestep} {text}", new)
             stated["alphas"].append(float(record["alpha_s_per_m"]))

@@ -173,7 +173,7 @@ def _settings(view: FieldView) -> list[dict[str, Any]]:
         for h in view.steps:
             case = view.best(engine, view.gravities[0], h)
             if case is not None:
-                text = snippet(_setting(view, case), str(view.study["form"]))
+                text = snippet(_setting(view, case), "plane")
                 texts.setdefault((case.setting, text), []).append(h)
                 recipe = view.recipe(case)
                 notes[case.setting] = (recipe.summary, *recipe.notes) if recipe else ()
