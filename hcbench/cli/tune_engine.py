@@ -47,6 +47,7 @@ def tune_engine(
     """Tune an engine, print the answer, and write a script with its setting."""
     from hcbench._outputs import write_output
     from hcbench.recipes.search import SearchInterrupted, report_progress
+    from hcbench.setting import PAIR
     from hcbench.sim import registry
     from hcbench.tuning import ask
     from hcbench.tuning.answer import MAX_ERROR
@@ -69,7 +70,10 @@ def tune_engine(
         raise click.Abort(f"interrupted: {interrupt}") from None
     best = answer.best
     if write_scene is not None:
-        script = registry.engine(engine).script(answer.scene, best.setting)
+        adapter = registry.engine(engine)
+        script = adapter.script(answer.scene, best.setting)
+        if best.promise is not None:
+            script = adapter.promised(script, PAIR, best.promise)
         write_output(write_scene, script, "--write-scene", force)
     gate = _gate(answer) if certify else None
     margin = _margin(wanted, alpha)

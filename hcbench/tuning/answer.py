@@ -18,6 +18,7 @@ from hcbench.tuning.tuned import Tuned
 if TYPE_CHECKING:
     from hcbench.recipes.target import Target
     from hcbench.scene import Scene
+    from hcbench.sim.promise import Promise
 
 MAX_ERROR = 0.05  # of e: what a setting that follows the law should stay within
 Kind = Literal["exact", "settings", "constant"]
@@ -40,7 +41,8 @@ class Choice:
     kind: "exact" (a plug-in), "settings" (numbers of the engine's own), "constant" (one e for all speeds).
     text: to paste, with the user's two names. max_error: the largest error of e over `speeds`, m/s. max_e:
     the largest e in that band and below. sphere, flat: whether a ball, and a box on face, edge and vertex,
-    never gain energy; None where that was not tried. needs: what a user's model must have.
+    never gain energy; None where that was not tried. needs: what a user's model must have. promise: what
+    `measure` will compare with.
     """
 
     kind: Kind
@@ -55,6 +57,7 @@ class Choice:
     needs: tuple[str, ...]
     notes: tuple[str, ...] = ()
     tuned: Tuned | None = None
+    promise: Promise | None = None
 
     @property
     def line(self) -> str:

@@ -152,6 +152,7 @@ class _Finder:
         setting, passivity, target = tuned.setting, tuned.passivity, self.target
         band = target.speed_min, target.speed_max
         text = self._adapter.snippet(setting, self.scene.form, self.pair)
+        promise = None
         if math.isfinite(tuned.error):
             rows = len(setting.options.get("rows", ()))
             curve = ConstantRestitution(target.points[0][1]) if len(target.points) == 1 else target.curve
@@ -170,6 +171,7 @@ class _Finder:
             self._adapter.needs(setting),
             tuned.recipe.notes,
             tuned,
+            promise,
         )
 
     def _exact(self) -> Choice | None:

@@ -83,7 +83,8 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         from hcbench.engines.mujoco.scene.promises import promise_lines
 
         lines = promise_lines([pair], promise) if "<pair" in text else ""
-        return f"{text}\n{lines}" if lines else text
+        head, end, tail = text.rpartition("</mujoco>")
+        return f"{head}{lines}\n{end}{tail}" if lines and end else "\n".join(filter(None, [text, lines]))
 
     def needs(self, setting: Setting) -> tuple[str, ...]:
         """MuJoCo's version, the plug-in, the cone."""
