@@ -71,7 +71,7 @@ def _sentence(view: View, best: RunKey | None, stock: RunKey | None, alpha: floa
 
 
 def _band(view: View) -> str:
-    """The impact speeds that the errors are of, as a sentence: no error is told without them."""
+    """The impact speeds that the errors are of, as a sentence."""
     low, high = (f"{v:.2g}" for v in view.band)
     return f" Impacts of {wording.span(low, high)}{wording.NBSP}m/s."
 
