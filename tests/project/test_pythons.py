@@ -98,9 +98,9 @@ def test_what_a_stranger_types_first_runs(installed: Path, command: str) -> None
 
 
 def test_an_engine_by_name_ends_with_the_command_that_adds_it_and_then_runs(installed: Path) -> None:
-    missing = run(installed, "tune pybullet@3.2.7 --restitution 0.9 --timestep 1e-3")
+    missing = run(installed, "tune pybullet@3.2.6 --restitution 0.9 --timestep 1e-3")
     assert missing.returncode == 3
-    assert "hcbench engines add pybullet@3.2.7 --python 3.11" in missing.stderr
+    assert "hcbench engines add pybullet@3.2.6 --python 3.11" in missing.stderr
     for name in ("pybullet --python 3.11", "mujoco@3.3.0"):
         added = run(installed, f"engines add {name}")
         assert added.returncode == 0, added.stderr

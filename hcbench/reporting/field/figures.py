@@ -47,7 +47,7 @@ _LAW: dict[str, Any] = {"color": LAW, "linewidth": 6, "solid_capstyle": "butt", 
 
 def drawings(view: FieldView) -> list[Drawing]:
     """The figures of a page, by name."""
-    none = "" if view.loops else "no engine of this study resolves its contact"
+    none = "" if any(_with_loops(view)) else "no engine of this study resolves its contact"
     return [
         Drawing(
             "field-steps", partial(steps_figure, view), "Error of e over the time step, a panel an engine."

@@ -37,9 +37,9 @@ def in_this_process(numbers: range, folder: Path, deadline: float) -> list[str]:
     wrong, codes, slowest, current = [], Counter[int](), (0.0, 0), [0, time.monotonic()]
 
     def watch() -> None:
-        while True:
+        while current:
             time.sleep(5)
-            if time.monotonic() - current[1] > 20 * MOST_CPU_S:
+            if current and time.monotonic() - current[1] > 20 * MOST_CPU_S:
                 print(f"{current[0]}: HUNG", flush=True)
                 os._exit(1)
 
