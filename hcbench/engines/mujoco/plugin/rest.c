@@ -4,8 +4,7 @@
 #define HCB_REST 1e-9      /* compliance of a resting row, in units of the pair's own inverse mass, under Newton; ... */
 #define HCB_REST_CG 1e-3   /* ... under CG, which does not settle stiffer rows in its iterations; ... */
 #define HCB_FORCE 1e-6     /* ... where the step takes the solver's forces and a pair has one contact; ... */
-#define HCB_SHARED 1e3     /* ... where several share what they bear: this times Newton's tolerance, if it is more, ... */
-#define HCB_SHARED_EDGES 3e3 /* ... or this, where pyramids share it among their edges, too */
+#define HCB_SHARED 1e3     /* ... where several share what they bear: this times Newton's tolerance, if it is more */
 #define HCB_PUSH 0.05      /* of that speed: how fast at most depth that a landing has left is pushed out, ... */
 #define HCB_SLOP 1         /* ... down to so many times what that speed moves in a step: no lower, no contact is lost */
 #define HCB_SILENT -1e10   /* m/s^2: a row that never pushes */
@@ -63,8 +62,7 @@ static void rest_compliance(const mjModel* m, double* one, double* several) {
   *one = *several = m->opt.solver == mjSOL_CG ? HCB_REST_CG : HCB_REST;
   if (!is_dual(m) && !takes_forces(m)) return;
   *one = *several = HCB_FORCE;
-  double shared = m->opt.tolerance * (m->opt.cone == mjCONE_PYRAMIDAL ? HCB_SHARED_EDGES : HCB_SHARED);
-  if (!is_dual(m)) *several = fmin(fmax(shared, HCB_FORCE), HCB_REST_CG);
+  if (!is_dual(m)) *several = fmin(fmax(HCB_SHARED * m->opt.tolerance, HCB_FORCE), HCB_REST_CG);
 }
 
 static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, double compliance) {
