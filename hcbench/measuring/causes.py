@@ -16,6 +16,8 @@ from hcbench.resolution import STEPS_BY_CHANCE
 from hcbench.sim.model_under_test import Suspect
 
 NOTABLE_GRAVITY = TOLERANCE  # of the impact speed, gained in a step or a contact: e then shifts by as much
+ENERGY_GAIN = "energy-gain"  # a cause of the user's own model only, not of a copy with fixes
+NO_PUSH = "no-push"  # a contact that begins, and has no force
 BOUNCY = 0.9  # the e that a fix is written for where no target is given
 
 
@@ -60,7 +62,7 @@ def energy_gain(impacts: Sequence[Impact], step: StepFix) -> Iterator[Suspect]:
         return
     text, apply = step.to(step.timestep * min(0.05, max(samples, 1) / 200))
     yield Suspect(
-        "energy-gain",
+        ENERGY_GAIN,
         "The contact adds energy: the step does not resolve it.",
         f"e up to {gain:.4g} with {samples} steps in contact",
         text,

@@ -14,6 +14,7 @@ import numpy as np
 
 from hcbench.errors import HcbenchError
 from hcbench.impact import Impact, Launch, Status
+from hcbench.measuring.causes import ENERGY_GAIN, NO_PUSH
 from hcbench.measuring.measurement import NOTABLE_GAIN, TOLERANCE, Cause
 from hcbench.sim import simulate
 
@@ -29,6 +30,8 @@ _PROBE_PHASES = 4
 _PROBE_STEPS = 20_000  # in contact, for all probes of one trial: slow contacts get fewer probes
 _HALF = 0.5  # of the error: what a fix must take away, where that is less than the tolerance
 _NOTABLE = 0.05  # of the error: what a fix must take away in any case
+_NO_BOUNCE = 1.0  # an error of e of a pair that has none, or bounces fully where it should not at all
+_NO_FIX = "No fix that hcbench knows helps: with all of them made, some launches still have no restitution."
 _GRADES = 4  # of strength: among equals the order is that of the suspects
 _FLAT = 0.1  # of the span of e that is wanted: a contact whose own e spans less has one e for all speeds
 
@@ -57,7 +60,11 @@ def diagnose(
 
     goal: e over approach speed that the bounce should have.
     """
-    suspects = model.suspects(impacts, wanted)
+    touched = [impact for impact in impacts if impact.status is not Status.NO_TOUCH]
+    suspects = model.suspects(touched or impacts, wanted)
+    if not touched and not any(s.code == NO_PUSH for s in suspects):
+        return (), ""  # something stopped them before the contact could do anything
+    impacts = touched or impacts
     assumed = next((s.assumed_e for s in suspects if s.assumed_e is not None), None)
     goal = goal if assumed is None else (lambda _: assumed)
     if not _is_off(impacts, goal, tolerance):
@@ -70,6 +77,8 @@ def diagnose(
     causes = _tried_causes(fixable, trials, tolerance)
     causes += [_cause(s) for s in suspects if s.apply is None and s.always_reported]
     fixes = [s for s in fixable if s.code in {cause.code for cause in causes}]
+    if fixes and trials.max_error(fixes) >= _NO_BOUNCE:
+        return tuple(_cause(s) for s in suspects if s.always_reported), _NO_FIX
     hint = _constant_e_hint(impacts, goal, tolerance) if trials.max_error(fixes) > tolerance else ""
     if not causes:
         return (), hint or "No cause was found among those that hcbench knows."
@@ -141,7 +150,7 @@ def _hidden_suspects(
     if not fixes or not impacts or trials.max_error(fixes) <= tolerance:
         return []
     with trials.model.fixed(fixes) as fixed:
-        seen = {s.code for s in suspects}
+        seen = {ENERGY_GAIN, *(s.code for s in suspects)}
         return [s for s in fixed.suspects(impacts, wanted) if s.code not in seen]
 
 

@@ -17,6 +17,7 @@ from hcbench._arguments import checked
 from hcbench._bounds import admits_beyond_bounds, beyond_bounds
 from hcbench._text import sanitized
 from hcbench.errors import EngineFailed, HcbenchError, SceneError, UserError
+from hcbench.impact import Impact, Status
 from hcbench.launch_options import LaunchOptions
 from hcbench.laws.require import require
 from hcbench.laws.restitution import ConstantRestitution, RestitutionCurve
@@ -28,7 +29,7 @@ from hcbench.sim import registry
 from hcbench.sim.candidate_pairs import CandidatePair
 from hcbench.sim.capabilities import OpensModels
 from hcbench.sim.engine import Engine
-from hcbench.sim.model_under_test import ModelUnderTest, Request
+from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request
 from hcbench.sim.remote import interpreter_of
 from hcbench.workers import WorkerDied, call
 
@@ -182,7 +183,22 @@ def _measured(job: Job) -> Measurement:
         goal = goal_of(facts.asked, request.speeds, job.wanted)
         searched = job.diagnose and not chosen
         diagnosis = diagnose(model, impacts, goal, job.wanted, job.tolerance) if searched else ((), "")
+    if not diagnosis[0]:
+        _require_touch(impacts, facts)
     return Measurement(facts, request, tuple(impacts), job.wanted, *diagnosis)
+
+
+def _require_touch(impacts: Sequence[Impact], facts: Facts) -> None:
+    """Raises UserError with what stopped the launches where none arrived."""
+    if any(impact.status is not Status.NO_TOUCH for impact in impacts):
+        return
+    names = " and ".join(repr(sanitized(name)) for name in facts.pair)
+    raise UserError(
+        "pair",
+        f"{names} never touched: {impacts[0].reason}",
+        "a launch that arrives",
+        "Start from another --key or --qpos, from another side (--from), or faster (--speeds)",
+    )
 
 
 def _memory() -> int:

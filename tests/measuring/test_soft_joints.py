@@ -4,6 +4,7 @@ import mujoco
 import pytest
 from bounce_loop import bounce_by_distance
 
+from hcbench.errors import UserError
 from hcbench.measuring import Measurement, measure
 from hcbench.measuring.text import as_record, as_text
 
@@ -108,3 +109,22 @@ def test_the_energy_that_is_lost_is_what_the_contact_takes() -> None:
     found = measure(sagging, "ball,tray", speeds=[0.5], angle=0.5, phases=[0.3], diagnose=False)
     (impact,) = found.impacts
     assert 0.0 < impact.energy_lost < 1.0
+
+
+HELD = f"""<mujoco><option timestep="2e-3" integrator="implicitfast" gravity="0 0 0"/>
+<default><geom solimp=".9999 .9999 .001"/></default><worldbody>{FLOOR}
+<body pos="0 0 .1"><joint name="lift" type="slide" axis="0 0 1"/>
+<geom name="tip" size=".1" mass="1" solref="-1e-3 -935"/></body></worldbody>
+<actuator><position joint="lift" kp="0" kv="7"/></actuator></mujoco>"""
+
+
+def test_an_integrator_that_damps_the_bounce_by_the_servos_is_a_cause() -> None:
+    held = measure(HELD, "geom:tip,floor", speeds=[0.5], wanted=0.87)
+    assert [cause.code for cause in held.causes] == ["integrator"]
+    assert "Euler" in held.causes[0].fix
+
+
+def test_a_pair_that_never_touches_is_refused_with_what_stopped_it() -> None:
+    pulled = HELD.replace('kp="0" kv="7"', 'kp="4000" kv="400" ctrlrange="0 1"')
+    with pytest.raises(UserError, match=r"never touched.*actuators.*Start from another"):
+        measure(pulled, "geom:tip,floor", speeds=[0.01], phases=1, height=0.01)

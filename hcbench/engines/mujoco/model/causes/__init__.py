@@ -10,6 +10,7 @@ from hcbench.engines.mujoco.model.causes.motion import (
     losses,
     margin,
     resolution,
+    servo_damping,
     solver,
 )
 from hcbench.sim.model_under_test import Suspect
@@ -26,6 +27,7 @@ CHECKS = (
     gravity,
     losses,
     limits,
+    servo_damping,
     drives,
     margin,
 )

@@ -20,6 +20,7 @@ from hcbench.engines.mujoco.scene.rows import (
     STIFF_SOLIMP,
     SoftConstraint,
 )
+from hcbench.measuring.causes import NO_PUSH
 from hcbench.sim.model_under_test import Suspect
 
 _NOTABLE = 0.01  # of e: what a contact must be off by, or clamping must change, to be named
@@ -101,7 +102,7 @@ def solref(context: Context) -> Iterator[Suspect]:
         code = "default-solref"
         title = "is MuJoCo's default, critically damped: it asks for next to no bounce."
     elif context.written.is_powerless:
-        code, title = "no-push", "asks for neither a spring nor a damper: nothing pushes back."
+        code, title = NO_PUSH, "asks for neither a spring nor a damper: nothing pushes back."
     elif written_e > goal:
         code, title = "lively-solref", "asks for less damping than the wanted bounce has."
     else:

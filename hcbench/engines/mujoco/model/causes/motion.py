@@ -16,6 +16,8 @@ from hcbench.sim.model_under_test import Suspect
 
 _SOLVER = {"tolerance": 1e-8, "iterations": 100, "ls_iterations": 50}  # MuJoCo's own
 
+_SHOWN = 4  # actuators that are named
+
 
 def integrator(context: Context) -> Iterator[Suspect]:
     """Integrators under which a solref in the direct format does something else."""
@@ -30,6 +32,23 @@ def integrator(context: Context) -> Iterator[Suspect]:
             f"integrator {context.integrator}, solref {fixes.numbers(law.solref)}",
             '<option integrator="implicitfast"/>',
             partial(fixes.set_options, integrator=int(backend().mjtIntegrator.mjINT_IMPLICITFAST)),
+        )
+
+
+def servo_damping(context: Context) -> Iterator[Suspect]:
+    """Servos whose damping an implicit integrator applies to what the contact gives, within the same step."""
+    model, off = context.model, context.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_ACTUATION
+    if context.integrator not in ("implicit", "implicitfast") or off or not model.nu:
+        return
+    damped = np.flatnonzero(model.actuator_biasprm[:, 2])
+    if damped.size:
+        names = ", ".join(model.actuator(int(i)).name or f"actuator:{i}" for i in damped[:_SHOWN])
+        yield Suspect(
+            "integrator",
+            f"Under {context.integrator} the servos' kv damps the bounce within the contact's own step.",
+            f"kv up to {-float(model.actuator_biasprm[damped, 2].min()):g} of {names}",
+            '<option integrator="Euler"/>',
+            partial(fixes.set_options, integrator=int(backend().mjtIntegrator.mjINT_EULER)),
         )
 
 
