@@ -77,7 +77,7 @@ def test_mujoco_over_a_users_loop(beside: Any, recipe: str, count: int, must: st
 def test_mujoco_over_a_bare_c_loop(beside: Any, recipe: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Per ball-step of one core. The same balls: in the models that hcbench puts them in, and all in one."""
     monkeypatch.setattr(process, "_is_worker", True)  # one thread
-    mujoco_engine._cached_pool.cache_clear()
+    mujoco_engine.cached_pool.cache_clear()
     setting, many, engine = made(f"mujoco.{recipe}"), launches(480), MujocoEngine()
     loaded = load(SCENE, STEP, read_options(setting.options))
     pool = BatchPool.of(loaded)
@@ -115,7 +115,7 @@ def test_mujoco_over_a_bare_c_loop(beside: Any, recipe: str, monkeypatch: pytest
         must="1/1.18",
         aim="1/1.05",
     )
-    mujoco_engine._cached_pool.cache_clear()
+    mujoco_engine.cached_pool.cache_clear()
 
 
 def test_pybullet_over_a_users_loop(beside: Any) -> None:

@@ -67,7 +67,7 @@ def _is_ours(status: os.stat_result) -> bool:
     return not hasattr(os, "getuid") or (status.st_uid == os.getuid() and not status.st_mode & 0o022)
 
 
-def _is_whole(library: Path) -> bool:
+def is_whole(library: Path) -> bool:
     """Whether a library is there as it was compiled: ours, and of the digest beside it."""
     digest = library.with_suffix(".sha256")
     try:
@@ -129,7 +129,7 @@ def build(
     for part in (*sorted(path.parent.glob("*.[ch]")), *sorted((_HERE / "laws").glob("*.[ch]")), *headers):
         key.update(part.read_bytes())
     target = _folder() / f"{path.parent.parent.name}-{path.stem}-{key.hexdigest()[:20]}.so"
-    if not _is_whole(target):
+    if not is_whole(target):
         _compile(command, target)
     return target
 

@@ -82,6 +82,6 @@ def _needed_engine(item: pytest.Item) -> str:
 @pytest.fixture
 def nothing_kept() -> Iterator[None]:
     """No compiled scene is there from an earlier test, and none is left for a later one."""
-    mujoco_engine._cached_pool.cache_clear()
+    mujoco_engine.cached_pool.cache_clear()
     yield
-    mujoco_engine._cached_pool.cache_clear()
+    mujoco_engine.cached_pool.cache_clear()

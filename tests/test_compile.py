@@ -52,11 +52,11 @@ def test_a_library_that_is_not_as_it_was_compiled_is_compiled_again(
     library: Path, damage: Callable[[Path], None]
 ) -> None:
     """A cut one ended the process by SIGBUS."""
-    assert _compile._is_whole(library)
+    assert _compile.is_whole(library)
     damage(library)
-    assert not _compile._is_whole(library)
+    assert not _compile.is_whole(library)
     assert _compile.build("laws/impacts.c") == library
-    assert _compile._is_whole(library)
+    assert _compile.is_whole(library)
     assert not library.is_symlink()
     assert ctypes.CDLL(str(library)).hcb_advance
 
@@ -72,4 +72,4 @@ def test_a_whole_library_is_not_compiled_again(library: Path) -> None:
 def test_a_library_of_another_user_is_not_loaded(library: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     uid = os.getuid()
     monkeypatch.setattr(os, "getuid", lambda: uid + 1)
-    assert not _compile._is_whole(library)
+    assert not _compile.is_whole(library)

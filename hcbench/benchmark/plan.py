@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 SCHEMA = 2
 _NAMED = re.compile(r'file(?:name)?\s*=\s*"([^"]+)"')  # how MJCF and URDF name meshes and parts
 # In a shard, at most: about a second of work, a fine grain for 10^8 impacts.
-_IMPACTS, _STEPS = 4096, 5_000_000
+SHARD_IMPACTS, _STEPS = 4096, 5_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,7 +251,7 @@ def _shard_size(grid: LaunchGrid) -> int:
     scene, slowest = grid.scene, min(grid.speeds)
     elastic = closed_form.elastic_duration(scene.stiffness, scene.exponent, scene.mass, slowest)
     steps = math.ceil(elastic / grid.setting.timestep) + 8  # a scale, no more
-    most = max(1, min(_IMPACTS, _STEPS // steps))
+    most = max(1, min(SHARD_IMPACTS, _STEPS // steps))
     return math.ceil(len(grid) / math.ceil(len(grid) / most))
 
 

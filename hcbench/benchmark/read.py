@@ -127,10 +127,11 @@ def _rounded(table: pd.DataFrame) -> pd.DataFrame:
     """With what was measured in the digits that are known: later ones are another processor's to choose."""
     given = {*RUN_KEY, *_LAUNCH, "angle_rad"}
     measured = {n: c.to_numpy() for n, c in table.items() if n not in given and c.dtype == np.float64}
-    return table.assign(**{str(name): _to_digits(values) for name, values in measured.items()})
+    return table.assign(**{str(name): to_digits(values) for name, values in measured.items()})
 
 
-def _to_digits(values: Floats) -> Floats:
+def to_digits(values: Floats) -> Floats:
+    """The values as files have them: to so many digits."""
     known = np.isfinite(values) & (np.abs(values) > _LEAST)
     size = np.floor(np.log10(np.abs(values), out=np.zeros_like(values), where=known)).astype(int)
     scale = _POWERS[np.minimum(_DIGITS - 1 - size, _DECIMALS)]

@@ -18,18 +18,19 @@ GROUP = "hcbench.engines"
 
 
 @cache
-def _entry_points() -> dict[str, EntryPoint]:
+def registered() -> dict[str, EntryPoint]:
+    """The entry points of engines by their names, sorted, read once."""
     return {entry.name: entry for entry in sorted(entry_points(group=GROUP), key=lambda e: e.name)}
 
 
 def names() -> list[str]:
     """Names of the engines, sorted; nothing is imported."""
-    return list(_entry_points())
+    return list(registered())
 
 
 def entry_point(name: str) -> EntryPoint:
     """What an engine of a registered name comes by."""
-    return _entry_points()[name]
+    return registered()[name]
 
 
 def adopt(values: Mapping[str, str]) -> None:
@@ -38,7 +39,7 @@ def adopt(values: Mapping[str, str]) -> None:
     values: of the entry points, by their names.
     """
     for name, value in values.items():
-        _entry_points()[name] = EntryPoint(name, value, GROUP)
+        registered()[name] = EntryPoint(name, value, GROUP)
 
 
 @cache
@@ -47,9 +48,9 @@ def adapter(name: str) -> Engine:
 
     Raises UserError for an unknown name, EngineFailed for an entry point that holds no such engine.
     """
-    if name not in _entry_points():
-        raise unknown("engine", name, _entry_points())
-    entry, slot = _entry_points()[name], f"{GROUP} {name}"
+    if name not in registered():
+        raise unknown("engine", name, registered())
+    entry, slot = registered()[name], f"{GROUP} {name}"
     try:
         loaded = entry.load()()
     except Exception as error:
@@ -80,7 +81,7 @@ def versioned_title(adapter: Engine, name: str) -> str:
     return f"{adapter.title or adapter.name} {name.partition('@')[2]}".strip()
 
 
-def unknown(kind: str, name: str, registered: Iterable[str]) -> UserError:
+def unknown(kind: str, name: str, known: Iterable[str]) -> UserError:
     """For a name that is not among those registered."""
-    expected = f"one of: {', '.join(registered) or 'none'}"
+    expected = f"one of: {', '.join(known) or 'none'}"
     return UserError(kind, repr(name), expected, "`hcbench engines` lists them")

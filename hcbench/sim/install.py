@@ -45,7 +45,7 @@ def add(
         raise UserError("engine", repr(name), f"a version after the @, such as {base}@1.2")
     if python == "":
         raise UserError("python", "''", "a version or a path", "Leave the option out for this one")
-    asked = _requirements(base, backend, version)
+    asked = requirements(base, backend, version)
     present = store.find(base, version) if at else None
     if present and set(asked) <= set(present.requirements) and python in (None, present.python):
         return present
@@ -92,7 +92,7 @@ def _backend(name: str) -> Backend:
     return backend
 
 
-def _requirements(name: str, backend: Backend, version: str) -> list[str]:
+def requirements(name: str, backend: Backend, version: str) -> list[str]:
     """What an environment of an engine needs: its package in a version ("": any), and what goes with it."""
     adapter = entry_points.entry_point(name).dist
     lines, own = list(worker_requirements()), adapter is not None and adapter.name == "hcbench"

@@ -41,7 +41,7 @@ _SLOWEST = 1e-3  # m/s: for a body let down on the plate, a step is judged at th
 
 
 @cache  # as reading a version takes as long as tens of launches
-def _require_installed(name: str) -> None:
+def require_installed(name: str) -> None:
     """Raises EngineMissing; warns of a version that was never tried."""
     require(here(name))
 
@@ -54,14 +54,14 @@ def impacts(
     engine: SteppedEngine, scene: Scene, setting: Setting, launches: Sequence[Launch]
 ) -> list[Impact]:
     """One impact for each launch, in order; one that the engine's process dies on is CRASHED."""
-    _require_installed(engine.name)
+    require_installed(engine.name)
     # Alike together: they take equally long.
     order = sorted(range(len(launches)), key=lambda i: (launches[i].height or 0.0, launches[i].speed))
     in_order = [launches[i] for i in order]
     where = (engine.name, scene, setting)
     if engine.own_process:
         results = map_surviving_crashes(
-            _simulated,
+            simulate_all,
             in_order,
             *where,
             lost=lambda launch, reason: Impact(launch, Status.CRASHED, reason),
@@ -70,7 +70,7 @@ def impacts(
             give_up=engine.together,
         )
     else:
-        results = list(_simulated(in_order, *where))
+        results = list(simulate_all(in_order, *where))
     back = dict(zip(order, results, strict=True))
     return [back[i] for i in range(len(launches))]
 
@@ -79,7 +79,7 @@ def trajectory(
     engine: SteppedEngine, scene: Scene, setting: Setting, launch: Launch, duration: float
 ) -> Trajectory:
     """Every step of `duration` s after one launch, NaN from where the engine gave up."""
-    _require_installed(engine.name)
+    require_installed(engine.name)
     steps = max(1, round(duration / setting.timestep))
     if not engine.own_process:
         return _followed(engine.name, scene, setting, launch, steps)
@@ -206,7 +206,7 @@ def _explained(impact: Impact, note: str) -> Impact:
     return dataclasses.replace(impact, reason=f"{impact.reason}; {note}")
 
 
-def _simulated(launches: Sequence[Launch], name: str, scene: Scene, setting: Setting) -> Iterator[Impact]:
+def simulate_all(launches: Sequence[Launch], name: str, scene: Scene, setting: Setting) -> Iterator[Impact]:
     """One impact for each launch, in order, in this process."""
     engine: SteppedEngine = here(name)  # type: ignore[assignment]
     speeds = [launch.touch_speed(setting.timestep, scene.gravity) for launch in launches]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @pytest.fixture
 def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A sweep writes a part for every 16 impacts."""
-    monkeypatch.setattr(plan, "_IMPACTS", 16)
+    monkeypatch.setattr(plan, "SHARD_IMPACTS", 16)
 
 
 @pytest.fixture(scope="session")
@@ -28,7 +28,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, 
     """Folders of sweeps that nothing happened to, by name."""
     folder = tmp_path_factory.mktemp("undisturbed")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(plan, "_IMPACTS", 16)
+        patch.setattr(plan, "SHARD_IMPACTS", 16)
         sweep(study_from(ENGINES), folder / "engines", jobs=2)
         sweep(study_from(small()), folder / "small")
     yield {name: folder / name for name in ("engines", "small")}

@@ -32,7 +32,7 @@ from small_sweeps import small
 
 if __name__ == "__main__":
     logging.disable(logging.WARNING)
-    plan._IMPACTS = 16
+    plan.SHARD_IMPACTS = 16
     study = study_from(small("tripping", "law"))
     with LocalCluster(2, threads_per_worker=1, protocol="tcp://", dashboard_address=None) as workers:
         address = workers.scheduler_address

@@ -106,7 +106,7 @@ def test_a_full_disk_loses_nothing(
     with pytest.raises(OutputError, match=rf"{os.strerror(code)}.*--resume"):
         sweep(study_from(small()), tmp_path)
     monkeypatch.undo()
-    monkeypatch.setattr(plan, "_IMPACTS", 16)
+    monkeypatch.setattr(plan, "SHARD_IMPACTS", 16)
     end = sweep(study_from(small()), tmp_path, resume=True)
     assert 0 < end.resumed < 5
     assert whole(tmp_path) == whole(undisturbed["small"])

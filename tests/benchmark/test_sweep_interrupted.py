@@ -32,7 +32,7 @@ from hcbench.benchmark import plan
 from hcbench.benchmark.run import sweep
 from hcbench.benchmark.study import study_from
 from small_sweeps import small
-plan._IMPACTS = 16
+plan.SHARD_IMPACTS = 16
 sweep(study_from(small("tripping", "law")), {folder!r}, jobs=2, resume=True)
 """
 

@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 from small_sweeps import ENGINES, bouncing, small, whole
 
-from hcbench.benchmark.read import _to_digits, read
+from hcbench.benchmark.read import read, to_digits
 from hcbench.benchmark.results import RUN_KEY
 from hcbench.benchmark.run import Progress, run_study, sweep
 from hcbench.benchmark.study import study_from
@@ -67,7 +67,7 @@ def test_pandas_reads_the_folder(undisturbed: dict[str, Path]) -> None:
     assert list(table) == list(ran)
     key = ["engine", "setting", "alpha_s_per_m", "timestep_s", "speed_m_per_s", "phase"]
     one, other = (t.astype({"engine": str, "setting": str}).sort_values(key) for t in (table, ran))
-    assert np.array_equal(_to_digits(one["restitution"].to_numpy()), other["restitution"])
+    assert np.array_equal(to_digits(one["restitution"].to_numpy()), other["restitution"])
     assert len(one) == 2 * 4 * 12 * 4 + 2 * 2 * 4 == len(other), (
         "both α, 12 speeds with the kept ones, 4 phases"
     )
@@ -82,8 +82,8 @@ def test_the_summary_has_a_line_for_each_setting(undisturbed: dict[str, Path]) -
     for name in ("impacts", "parted", "rested", "failed"):
         assert summary[name].tolist() == scores[name].tolist()
     for name in ("max_error_law", "rms_error_law", "max_error_linear"):
-        told = _to_digits(summary[name].to_numpy())
-        assert told == pytest.approx(scores[name].to_numpy(), rel=1e-12, abs=1e-15)
+        in_digits = to_digits(summary[name].to_numpy())
+        assert in_digits == pytest.approx(scores[name].to_numpy(), rel=1e-12, abs=1e-15)
 
 
 @pytest.mark.parametrize("jobs", [1, 3])

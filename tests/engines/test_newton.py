@@ -122,5 +122,5 @@ def test_rows_for_a_solver_without_them_are_refused() -> None:
 
 
 def test_its_environment_has_what_its_mujoco_solver_needs() -> None:
-    assert "newton[sim]>=1.8" in install._requirements("newton", NewtonEngine.backend, "")
-    assert "newton[sim]==1.8.0" in install._requirements("newton", NewtonEngine.backend, "1.8.0")
+    assert "newton[sim]>=1.8" in install.requirements("newton", NewtonEngine.backend, "")
+    assert "newton[sim]==1.8.0" in install.requirements("newton", NewtonEngine.backend, "1.8.0")

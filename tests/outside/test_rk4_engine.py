@@ -31,6 +31,6 @@ def test_a_failure_shows_the_number_found_and_the_number_expected(monkeypatch: p
 
 def test_an_engine_under_a_name_that_is_not_its_own_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     entry = EntryPoint("rk5", "rk4_engine:Rk4Engine", entry_points.GROUP)
-    monkeypatch.setitem(entry_points._entry_points(), "rk5", entry)
+    monkeypatch.setitem(entry_points.registered(), "rk5", entry)
     with pytest.raises(EngineFailed, match=r"rk4_engine:Rk4Engine has the name 'rk4'; .* name is 'rk5'"):
         engine("rk5")

@@ -102,10 +102,10 @@ def test_a_run_with_an_untested_version_warns(name: str, monkeypatch: pytest.Mon
 
     engine: Any = registry.engine(name)
     monkeypatch.setattr(type(engine), "backend", Backend(name, engine.backend.package, "0.1", "0.1"))
-    simulate._require_installed.cache_clear()
+    simulate.require_installed.cache_clear()
     with pytest.warns(UntriedVersionWarning, match="was never tried"):
         engine.run(PLANE, setting_for(f"{name}.stock", "steel-plane"), [Launch(0.4)])
-    simulate._require_installed.cache_clear()
+    simulate.require_installed.cache_clear()
 
 
 def test_an_engine_is_its_folder_of_250_lines() -> None:

@@ -104,5 +104,5 @@ def note(folder: Path, **notes: Any) -> None:
 
 
 def _look_again() -> None:
-    entry_points._entry_points.cache_clear()
+    entry_points.registered.cache_clear()
     entry_points.adapter.cache_clear()

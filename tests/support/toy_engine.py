@@ -67,7 +67,7 @@ def registered(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def _look_again() -> None:
-    entry_points._entry_points.cache_clear()
+    entry_points.registered.cache_clear()
     entry_points.adapter.cache_clear()
 
 

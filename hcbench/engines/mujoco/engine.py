@@ -204,10 +204,11 @@ def _pool(scene: Scene, timestep: float, options: Options) -> BatchPool:
     except OSError:  # loading it will say why
         written = b""
     # Another file that it names may change while it does not.
-    make = _cached_pool if written and b"file=" not in written else _cached_pool.__wrapped__
+    make = cached_pool if written and b"file=" not in written else cached_pool.__wrapped__
     return make(scene, timestep, options, written)
 
 
 @lru_cache(maxsize=4)
-def _cached_pool(scene: Scene, timestep: float, options: Options, _: bytes) -> BatchPool:
+def cached_pool(scene: Scene, timestep: float, options: Options, _: bytes) -> BatchPool:
+    """The model of a scene under a step and options, loaded once."""
     return BatchPool.of(load(scene, timestep, options))

@@ -78,7 +78,7 @@ def sizes(monkeypatch: pytest.MonkeyPatch, nothing_kept: None) -> Any:
     def put(chunk: int = simulate.SHORTEST_CHUNK, **batching: Any) -> None:
         monkeypatch.setattr(simulate, "SHORTEST_CHUNK", chunk)
         monkeypatch.setattr(world, "BATCHING", Batching(**batching))
-        mujoco_engine._cached_pool.cache_clear()
+        mujoco_engine.cached_pool.cache_clear()
 
     return put
 
@@ -151,7 +151,7 @@ def test_a_ball_on_the_axis_bounces_on_a_slide_as_it_does_free(
     assert batch_kind(model) == ("sliding" if SHARES_MODELS or rows == 1 else "alone")
     on_a_slide = MUJOCO.run(scene, setting, launches)
     monkeypatch.setattr(world, "batch_kind", lambda _: "alone")
-    mujoco_engine._cached_pool.cache_clear()
+    mujoco_engine.cached_pool.cache_clear()
     free = MUJOCO.run(scene, setting, launches)
     assert [i.status for i in on_a_slide] == [i.status for i in free]
     for one, other in zip(on_a_slide, free, strict=True):
@@ -377,7 +377,7 @@ def test_momentum_tells_the_force_that_bullet_tells(scene: Scene, recipe: str, t
 def _die_in_fast_company(
     launches: Sequence[Launch], name: str, scene: Scene, setting: Setting, places: int = 8
 ) -> Iterator[Impact]:
-    """As `_simulated`: what shares a world comes back together, or not at all."""
+    """As `simulate_all`: what shares a world comes back together, or not at all."""
     for i in range(0, len(launches), places):
         group = launches[i : i + places]
         if any(launch.speed > 0.55 for launch in group):
@@ -386,7 +386,7 @@ def _die_in_fast_company(
 
 
 def test_a_launch_that_kills_a_shared_world_is_the_only_one_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(simulate, "_simulated", _die_in_fast_company)
+    monkeypatch.setattr(simulate, "simulate_all", _die_in_fast_company)
     launches = [*at_random(20), Launch(0.56), Launch(0.57)]
     for impact in PYBULLET.run(PLANE, Setting("pybullet", "test", 1e-3), launches):
         lost = impact.launch.speed > 0.55

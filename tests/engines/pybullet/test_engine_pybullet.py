@@ -260,7 +260,7 @@ def _die_on_fast_ones(launches: Sequence[Launch], *_: Any) -> Iterator[Impact]:
 
 
 def test_a_launch_that_kills_the_engine_is_a_record(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(simulate, "_simulated", _die_on_fast_ones)
+    monkeypatch.setattr(simulate, "simulate_all", _die_on_fast_ones)
     launches = [Launch(0.1), Launch(0.5), Launch(0.2)]
     impacts = simulated("plane", 1e-3, {}, launches)
     assert [impact.launch for impact in impacts] == launches
@@ -370,7 +370,7 @@ def test_a_missing_pybullet_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) 
     assert ENGINE.version() == metadata.version("pybullet")
     monkeypatch.setattr(metadata, "version", nowhere)
     installed_version.cache_clear()
-    simulate._require_installed.cache_clear()
+    simulate.require_installed.cache_clear()
     with pytest.raises(EngineMissing, match=r"pip install 'pybullet>=3\.2\.7'"):
         simulated("plane", 1e-3, {}, [Launch(0.2)])
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.engines.pybullet.vectors import Vector, add_scaled, cross, dot, rotate, rotate_inverse, vector
+from hcbench.engines.pybullet.vectors import Vector, add_scaled, cross, rotate, rotate_inverse, vector
 
 if TYPE_CHECKING:
     from hcbench.engines.pybullet.backend import BulletClient
@@ -89,15 +89,6 @@ class BulletBody:
         if self.kind == "fixed":
             return 0.0, 0.0, 0.0
         return vector(self.spin if link < 0 else self._link_state(link)[7])
-
-    def max_speed(self, link: int) -> float:
-        """A bound of the speed of the link's surface, m/s."""
-        if self.kind == "fixed":
-            return 0.0
-        low, high = self.bullet.getAABB(self.number, link)
-        v = self.velocity_at(link, [0.5 * (a + b) for a, b in zip(low, high, strict=True)])
-        spin, size = self.spin_of(link), add_scaled(high, -1.0, low)
-        return float(dot(v, v) ** 0.5 + 0.5 * (dot(spin, spin) * dot(size, size)) ** 0.5)
 
     def joint_axis(self, joint: int) -> Vector:
         """A joint's axis in the world, as long as in the model."""
