@@ -1,6 +1,6 @@
 """The command line: the only place that prints or exits.
 
-Exit codes: 0 done, 1 a limit was passed, 2 a mistake in what was given, 3 could not run, 130 interrupted.
+Exit codes: 0 done, 1 a limit was exceeded, 2 a mistake in what was given, 3 could not run, 130 interrupted.
 """
 
 from __future__ import annotations

@@ -193,7 +193,7 @@ def check(
     """Fail when restitution is wrong, for your CI.
 
     MODELS are a model, a study, or a TOML file with a [tool.hcbench] table.
-    Exit 0 within limits, 1 a limit passed, 2 a mistake, 3 could not run.
+    Exit 0 within limits, 1 a limit exceeded, 2 a mistake, 3 could not run.
     """
     from hcbench.checking.command import Outputs, check
     from hcbench.checking.text import as_record_of, as_text

@@ -38,7 +38,7 @@ def convert(as_json: bool, reading: Reading, solref: str | None, **quantities: f
         return
     print(f"α = {contact.alpha:.10g} s/m = {contact.alpha * units.INCH:.10g} s/in")
     if contact.speed is not None:
-        truth = f"e of (16) {contact.restitution:.10g}, 1 - α v {contact.restitution_linear:.10g}"
+        truth = f"e of the law {contact.restitution:.10g}, 1 - α v {contact.restitution_linear:.10g}"
         print(f"at {contact.speed:.6g} m/s: {truth}")
     print()
     wide = [max(len(getattr(row, name)) for row in contact.rows) for name in ("system", "parameter", "text")]

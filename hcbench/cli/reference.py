@@ -62,7 +62,7 @@ def reference(
     if as_json:
         print_json([dataclasses.asdict(row) for row in rows])
         return
-    header = ("α s/m", "v_i m/s", "e of (16)", "1 - α v_i", "x_m m", "F_max N", "t s", "ΔE J", "τ_max Pa")
+    header = ("α s/m", "v_i m/s", "e of the law", "1 - α v_i", "x_m m", "F_max N", "t s", "ΔE J", "τ_max Pa")
     values = [
         tuple("-" if v is None else f"{v:.6g}" for v in dataclasses.astuple(row)[: len(header)])
         for row in rows

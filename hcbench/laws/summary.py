@@ -64,6 +64,6 @@ def _warnings(law: HuntCrossley, speed: float, shear: float | None) -> tuple[str
     if (share := law.alpha * speed) > ALPHA_SPEED_LIMIT * (1 + 1e-12):
         gap = float(closed_form.restitution(law.alpha, speed)) - (1.0 - share)
         warnings.append(
-            f"α v = {share:.3g} is above {ALPHA_SPEED_LIMIT:g}: e of (16) is {gap:.2g} above 1 - α v"
+            f"α v = {share:.3g} is above {ALPHA_SPEED_LIMIT:g}: e of the law is {gap:.2g} above 1 - α v"
         )
     return tuple(warnings)

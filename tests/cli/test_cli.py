@@ -70,7 +70,7 @@ def test_reference_prints_a_table_for_people(capsys: pytest.CaptureFixture[str])
     assert run(["reference", "--alpha", "0.315", "--speed", "0.1:0.4:4"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 5
-    assert "e of (16)" in lines[0]
+    assert "e of the law" in lines[0]
 
 
 def test_engines_lists_every_engine_with_its_settings(capsys: pytest.CaptureFixture[str]) -> None:

@@ -146,10 +146,10 @@ def test_the_table_of_the_law_is_the_law() -> None:
     rows = {
         line.split("|")[1].strip(): [float(cell) for cell in line.split("|")[2:-1]]
         for line in text.splitlines()
-        if line.startswith(("| α v |", "| e of (16) |", "| 1 - α v |"))
+        if line.startswith(("| α v |", "| e of the law |", "| 1 - α v |"))
     }
     speeds = rows["α v"]
-    assert rows["e of (16)"] == pytest.approx(
+    assert rows["e of the law"] == pytest.approx(
         [float(closed_form.restitution(v, 1.0)) for v in speeds], abs=6e-4
     )
     assert rows["1 - α v"] == pytest.approx([1 - v for v in speeds], abs=1e-9)
