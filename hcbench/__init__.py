@@ -1,6 +1,6 @@
 """hcbench measures how physics engines really bounce.
 
-The public names, each imported when first used so that `import hcbench` costs next to nothing.
+The public names, each imported when first used so that `import hcbench` costs almost nothing.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ class LaunchOptions(TypedDict, total=False):
     speeds: Annotated[Quantities | None, Option("Launch speeds, such as '1:20:8 in/s'.")]
     phases: Annotated[
         int | str | Iterable[float] | None,
-        Option("Launch so that contact starts at this many places in a time step, or at these: '0.1, 0.5'."),
+        Option("Phases, the places in a time step where the contact starts: how many, or '0.1, 0.5'."),
     ]
     timestep: Annotated[Quantity | None, Option("Time step, in place of the model's own.")]
     gravity: Annotated[
@@ -37,7 +37,7 @@ class LaunchOptions(TypedDict, total=False):
         Option("Gravity along -z, or a vector, in place of the model's own; 0 for none."),
     ]
     key: Annotated[str | None, Option("Keyframe to start from.")]
-    height: Annotated[Quantity | None, Option("Clearance to launch from.")]
+    height: Annotated[Quantity | None, Option("Height over the touch to launch from.")]
     qpos: Annotated[str | Mapping[str, Any] | None, Option("Joints to start from: 'hip=0.3, knee=-30 deg'.")]
     state: Annotated[str | Path | None, Option("File with a pose to start from (.npz, JSON).")]
     coming_from: Annotated[
@@ -51,7 +51,7 @@ class LaunchOptions(TypedDict, total=False):
     along: Annotated[Quantities | None, Option("Direction of oblique launches: '0, 1, 0'.")]
     spin: Annotated[
         Quantities | None,
-        Option("Spin, such as '40 rad/s', rolling on; or three: along, across, normal."),
+        Option("Spin, such as '40 rad/s' (above 0: rolls forward); or three: along, across, normal."),
     ]
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from hcbench.measuring.measurement import Measurement
 
 _INI = {
-    "restitution_max_error": "largest |e - wanted| that restitution tests allow (default 0.02)",
+    "restitution_max_error": "largest error of e that restitution tests allow (default 0.02)",
     "restitution_speeds": "launch speeds of restitution tests, like '0.1:1:5 m/s'",
     "restitution_phases": "how many phases of a time step restitution tests launch at (default 4)",
     "restitution_timeout": "seconds after which an engine counts as hung (default 60)",

@@ -90,7 +90,7 @@ CLAIMS = {
     "starts_at_zero": "the force starts at zero",
     "no_tension": "the bodies never pull on each other",
     "sharp_at_origin": "the loop comes to a sharp point at the origin",
-    "cubic_loss": "the energy lost grows with the impact speed as that of eq. (16)",
+    "cubic_loss": "the energy lost grows with the impact speed as it does by the law",
 }
 
 

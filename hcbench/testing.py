@@ -195,7 +195,7 @@ class EngineConformance:
 
     @_claim(_bounces, _is_set)
     def test_restitution_hardly_depends_on_the_phase(self, recipe: str, scene: str) -> None:
-        """Where in a step the touch falls moves e by less than 0.005, or than the recipe allows for."""
+        """Where in a step the contact starts moves e by less than 0.005, or than the recipe allows for."""
         if max(i.samples for i in impacts_for(recipe, scene)) in range(6, 16):
             pytest.skip("a contact of a few steps scatters a little: `tune` says by how much")
         for speed in SPEEDS:

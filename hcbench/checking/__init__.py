@@ -1,4 +1,4 @@
-"""Checks whether a model's restitution is as wanted: by a law, a constant, measured pairs or a baseline.
+"""Checks whether a model's restitution is the target: by a law, a constant, measured pairs or a baseline.
 
 from hcbench.checking import CheckSpec, check
 

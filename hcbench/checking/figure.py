@@ -31,5 +31,5 @@ def _error_panel(axes: Axes, outcome: Outcome) -> None:
         axes.axhline(sign * outcome.max_error, color=LIMIT, linestyle=(0, (4, 2)), linewidth=1.0)
     axes.plot([row.speed_in for row in rows], [row.error for row in rows], **MEASURED.line())
     axes.set_title(f"{sanitized(outcome.name)}: {outcome.verdict.value}", loc="left")
-    axes.set_ylabel("e - wanted")
+    axes.set_ylabel("e - target")
     speed_axis(axes, inches=False)

@@ -18,7 +18,7 @@ class Verdict(StrEnum):
 
     PASSED = "passed"
     MEASURED = "measured"  # and held against nothing
-    FAILED = "failed"  # a limit was passed
+    FAILED = "failed"  # a limit was exceeded
     MISTAKE = "mistake"  # something to correct in what was asked
     COULD_NOT_RUN = "could not run"
 
@@ -36,7 +36,7 @@ EXIT_CODES = {
 class SpeedRow:
     """All phases of one launch speed and angle; speeds in m/s, NaN for what there is not.
 
-    restitution: the mean. error: the largest e - wanted, with its sign. failed: impacts without e.
+    restitution: the mean. error: the largest e - target, with its sign. failed: impacts without e.
     angle: from the normal, rad; None where no launch is oblique.
     """
 
@@ -45,7 +45,7 @@ class SpeedRow:
     restitution: float
     lowest: float
     highest: float
-    wanted: float
+    target: float
     error: float
     failed: int
     angle: float | None = None
@@ -63,12 +63,12 @@ class SpeedRow:
 
 
 def speed_row(
-    speed: float, speed_in: Floats, e: Floats, wanted: Floats, failed: int, angle: float | None = None
+    speed: float, speed_in: Floats, e: Floats, target: Floats, failed: int, angle: float | None = None
 ) -> SpeedRow:
-    """The row of the impacts at one launch speed and angle. wanted: NaN where one is held against nothing."""
+    """The row of the impacts at one launch speed and angle. target: NaN where there is none."""
     if not e.size:
         return SpeedRow(speed, *(math.nan,) * 6, failed=failed, angle=angle)
-    error = e - wanted
+    error = e - target
     worst = int(np.argmax(np.where(np.isnan(error), -1.0, np.abs(error))))
     return SpeedRow(
         speed=speed,
@@ -76,7 +76,7 @@ def speed_row(
         restitution=float(e.mean()),
         lowest=float(e.min()),
         highest=float(e.max()),
-        wanted=float(wanted[worst]),
+        target=float(target[worst]),
         error=float(error[worst]),
         failed=failed,
         angle=angle,
@@ -121,5 +121,5 @@ class Report:
 
     @property
     def exit_code(self) -> int:
-        """0 all within limits, 1 a limit passed, 2 a mistake, 3 something could not run: the gravest."""
+        """0 all within limits, 1 a limit exceeded, 2 a mistake, 3 something could not run: the gravest."""
         return max((outcome.exit_code for outcome in self.outcomes), default=0)

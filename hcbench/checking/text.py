@@ -63,7 +63,7 @@ def _cells(row: SpeedRow) -> tuple[str, ...]:
         number(row.restitution),
         number(row.lowest),
         number(row.highest),
-        number(row.wanted),
+        number(row.target),
         number(row.error, "+z.4f"),
     )
 

@@ -97,7 +97,7 @@ def beyond_bounds_option() -> click.Option:
         if given:
             admit_beyond_bounds()
 
-    words = "Admit numbers that hcbench takes for wrong units."
+    words = "Accept numbers that look like wrong units to hcbench."
     return click.Option(
         ["--beyond-bounds"], is_flag=True, is_eager=True, expose_value=False, callback=admit, help=words
     )

@@ -18,16 +18,19 @@ if TYPE_CHECKING:
 @click.option("--drake", type=ALPHA, help="Drake's hunt_crossley_dissipation.")
 @click.option("--simbody", type=ALPHA, help="Simbody's dissipation.")
 @click.option("--restitution", type=RESTITUTION, help="e at --speed.")
-@click.option("--solref", help="The two numbers of a soft constraint's solref, such as '-2.7e8 -815'.")
+@click.option("--solref", help="MuJoCo's solref, two numbers such as '-2.7e8 -815'.")
 @click.option("--speed", type=SPEED, help="Impact speed to match, for engines with one e for all speeds.")
-@click.option("--contact-time", type=TIME, help="Duration of a contact by solref's spring, such as '0.2 ms'.")
-@click.option("--timestep", type=TIME, help="Step of a one-step bounce by solref.")
+@click.option(
+    "--contact-time", type=TIME, help="Duration of the contact, for solref's spring, such as '0.2 ms'."
+)
+@click.option("--timestep", type=TIME, help="Time step, for a solref that bounces in one step.")
 @target_option("Write α as the law's e(v), or as e = 1 - α v.")
 @as_json
 def convert(as_json: bool, reading: Reading, solref: str | None, **quantities: float | None) -> None:
     """Convert a contact between libraries.
 
-    Between α, an e at a speed, and the parameters of Drake, Simbody, Chrono, LAMMPS and other engines.
+    Give α, an e at a speed, or a parameter of Drake, Simbody or MuJoCo. hcbench prints the same contact
+    in the parameters of all of them, and of Chrono, LAMMPS and others.
     """
     from hcbench import units
     from hcbench.sim.convert import convert

@@ -34,11 +34,11 @@ def list_engines(as_json: bool) -> None:
 
 @engines.command()
 @click.argument("names", metavar="ENGINE[@VERSION]...", nargs=-1, required=True)
-@click.option("--python", help="Python to use, a version or a path on this machine.  [default: this one]")
+@click.option("--python", help="Python to use, a version or a path.  [default: that of hcbench]")
 def add(names: tuple[str, ...], python: str | None) -> None:
     """Install engines, each in an environment of its own.
 
-    Settings, studies, measure and check then take it as ENGINE@VERSION.
+    Name an installed engine ENGINE@VERSION in studies, tune, measure and check.
     """
     from hcbench.sim import install
 

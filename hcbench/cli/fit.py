@@ -54,7 +54,9 @@ class _FilesAfterAgainst(click.Command):
 
 @click.command(cls=_FilesAfterAgainst)
 @click.argument("files", nargs=-1, type=PathType(path_type=Path))
-@click.option("--as", "kind", help="Kind of data, if not that of the header.")
+@click.option(
+    "--as", "kind", help="Kind of data, in place of what the header says: times, heights, pairs, ..."
+)
 @click.option("--height", type=UncertainType("length"), help="Height of release: '30 +- 0.1 cm'.")
 @click.option("--gravity", help="g, such as '9.81 m/s^2'.  [default: 9.80665 +- 0.02 m/s^2]")
 @click.option("--mass", type=UncertainType("mass"), help="Mass of the ball, for air drag or for forces.")
@@ -68,7 +70,9 @@ class _FilesAfterAgainst(click.Command):
     "--contact-time", type=UncertainType("timestep"), help="Duration of the first impact.  [default: 0]"
 )
 @click.option(
-    "--timing", type=QuantityType("timestep", positive=True), help="Uncertainty of a time, where known."
+    "--timing",
+    type=QuantityType("timestep", positive=True),
+    help="Standard uncertainty of a time reading, if you know it.",
 )
 @click.option("--speed", type=UncertainType("speed"), help="Approach speed, for forces over time.")
 @click.option("--exponent", type=QuantityType("exponent"), help="n of the law, for forces.")

@@ -24,7 +24,10 @@ _several = partial(click.option, multiple=True, required=True)
 @_several("--alpha", type=ALPHAS, help="α of e = 1 - α v, such as '0.008 s/in'. Repeatable.")
 @_several("--speed", type=SPEEDS, help="Impact speeds: '16 in/s', '4, 8 in/s', '1:20 in/s'. Repeatable.")
 @click.option("--mass", type=MASS, default="1 lb", show_default=True, help="Effective mass.")
-@click.option("--stiffness", help=f"k of F = k x^n; plain: N/m^n.  [default for n = 1.5: {PAPER_STIFFNESS}]")
+@click.option(
+    "--stiffness",
+    help=f"k of F = k x^n; a plain number is in N/m^n.  [default for n = 1.5: {PAPER_STIFFNESS}]",
+)
 @click.option(
     "--exponent", type=EXPONENT, default="1.5", show_default=True, help="n of F = k x^n, 1 or more."
 )
@@ -39,7 +42,7 @@ def reference(
 ) -> None:
     """Compute an impact by the law.
 
-    Print restitution, depth, force, duration, energy loss and stress.
+    Print restitution, penetration, force, duration, energy loss and stress.
     """
     import dataclasses
 

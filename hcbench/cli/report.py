@@ -73,7 +73,7 @@ def _engines_in(folder: Path) -> set[str]:
 def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
     """Run a study and write its page.
 
-    The folder has tables and figures too.
+    Write tables and figures beside the page.
 
     STUDY is a study.toml, its folder, or a built-in name; or the folder of a finished sweep.
     """
@@ -118,7 +118,7 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
 def sweep(study: str, out: str | None, jobs: int, resume: bool, scheduler: str | None) -> None:
     """Run a study of any size, in parts.
 
-    Parts that are whole outlive any end; together they are one table for pandas and `hcbench report`.
+    Finished parts survive an interruption. Together they are one table for pandas and `hcbench report`.
 
     STUDY is a study.toml, its folder, or a built-in name. The folder's _summary.csv is kept up to date.
     """
@@ -144,7 +144,7 @@ def sweep(study: str, out: str | None, jobs: int, resume: bool, scheduler: str |
 def paper(out: Path | None, quick: bool, jobs: int) -> None:
     """Redraw and check Hunt and Crossley 1975.
 
-    Every figure is redrawn, and every number that it prints is computed again.
+    Redraw every figure, and compute every number that the paper prints.
     """
     from hcbench.paper.build import build, engines_drawn_in
     from hcbench.paper.engines import engines_with_two_blocks

@@ -61,7 +61,7 @@ _model_option = partial(click.option, cls=_ModelOption)
 @click.option(
     "--max-error",
     type=float,
-    help="Exit 1 when the largest error of e is above this.  [default: auto looks for 0.05]",
+    help="Exit 1 when the largest error of e is above this.  [default: none; --recipe auto aims at 0.05]",
 )
 @_engine_option(
     "--match",

@@ -82,7 +82,7 @@ def _record(tuned: TunedModel) -> dict[str, Any]:
 
 
 def _pair_record(tuned: TunedPair) -> dict[str, Any]:
-    names = ("speed_in_m_per_s", "wanted", "restitution_min", "restitution_max")
+    names = ("speed_in_m_per_s", "target", "restitution_min", "restitution_max")
     return {
         "pair": list(tuned.facts.pair),
         "effective_mass_kg": tuned.facts.effective_mass,

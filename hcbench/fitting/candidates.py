@@ -176,7 +176,7 @@ class _HuntCrossleyCurve(FittedCurve):
 class HuntCrossleyLaw(CandidateLaw):
     """e of eq. (16)."""
 
-    name, formula = "hunt-crossley", "e of eq. (16), α"
+    name, formula = "hunt-crossley", "e of the law, α"
 
     def curve(self, parameters: tuple[float, ...], reference: float) -> FittedCurve:
         """The law with these parameters."""
@@ -193,7 +193,7 @@ class LossyHuntCrossleyLaw(CandidateLaw):
     Parameters: ln e of eq. (16) at the reference speed, ln e0.
     """
 
-    name, formula, count = "hunt-crossley with e0", "e0 · e of eq. (16), α", 2
+    name, formula, count = "hunt-crossley with e0", "e0 · e of the law, α", 2
 
     def curve(self, parameters: tuple[float, ...], reference: float) -> FittedCurve:
         """The law with these parameters."""

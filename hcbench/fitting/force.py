@@ -247,7 +247,7 @@ def as_text(force_fit: ForceFit, describe: Callable[[float, float], str], engine
     low, high = force_fit.alpha_interval
     k, n = force_fit.stiffness, force_fit.exponent
     lines = [
-        f"data      {force_fit.file}: {force_fit.kind}, fitted with eq. (16)",
+        f"data      {force_fit.file}: {force_fit.kind}, fitted with the law",
         f"k         {describe(k, k * sd[0])} N/m^{n:.4g}",
         f"n         {describe(n, sd[1])}",
         f"α         {describe(force_fit.alpha, sd[2])} s/m, 95 %: {low:.4g} ... {high:.4g} s/m",
@@ -267,7 +267,9 @@ def as_text(force_fit: ForceFit, describe: Callable[[float, float], str], engine
         lines.append(f"ln k, n   correlation {together:.3f}: --exponent fixes n where it is known")
     lines.append(f"misfit    {100 * force_fit.misfit:.2g} % of the largest force (rms)")
     if not force_fit.is_law:
-        lines.append("law       not eq. (16): the force goes otherwise, and α says little")
+        lines.append(
+            "law       not Hunt and Crossley's: the force does not follow it, and α has little meaning"
+        )
         return "\n".join(lines) + "\n"
     stiffness = f'--stiffness "{k:.5g}" --exponent {n:.5g}'
     tuned = f'--alpha "{describe(max(force_fit.alpha, 0.0), sd[2])} s/m" {stiffness}'

@@ -27,7 +27,7 @@ _NEGLIGIBLE = 9.0  # in ln of the density
 def scatter_prior(log_scatter: Floats) -> Floats:
     """ln of the density over ln s_e: 1/s_e is half a normal distribution, of width 1/SCATTER_SCALE.
 
-    It has next to nothing below a third of the scale, so that few touches that happen to lie on the curve do
+    It has almost nothing below a third of the scale, so that few touches that happen to lie on the curve do
     not get an interval of no width, and a long tail above it.
     """
     away = SCATTER_SCALE * np.exp(-log_scatter)

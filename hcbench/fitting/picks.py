@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.estimates import Estimate
     from hcbench.impact import Floats
 
-# A rival has five touches, and an α that is off by 3 standard deviations and 2 %.
+# A rival has five touches, and an α that is wrong by 3 standard deviations and 2 %.
 _RIVAL_TOUCHES, _RIVAL_SCATTER, _RIVAL_APART, _RIVAL_SHARE = 5, 0.03, 3.0, 0.02
 _LEAST_SCORE, _LEAST_TOUCHES, _MOST_SCATTER, _MOST_SPEED = 10.0, 6, 0.02, 6.0  # m/s: a fall of 1.8 m
 

@@ -20,8 +20,8 @@ from hcbench.laws.restitution import Reading
 _OVER_ALPHA = {"alpha": 1.0, "drake": 1.5, "simbody": 1.0}  # each dissipation over α
 
 _CAVEATS = (
-    "An e is of one speed: by the law it falls as v grows, in engines that know a restitution it stays.",
-    "e = 1 - α v, eq. (2), is not what the law does: 0.80 against 0.833 at α v = 0.2. Say which is meant.",
+    "An e holds at one speed: by the law it falls as v grows; in engines with a restitution it is constant.",
+    "e = 1 - α v is not the law's e: 0.80 against 0.833 at α v = 0.2. Choose by --target.",
 )
 
 
@@ -203,7 +203,7 @@ def _restitution_of_solref(solref: tuple[float, float], timestep: float | None) 
 def _others(contact: OneContact) -> Iterator[SystemValue]:
     """The paper, and libraries that are no engine here."""
     alpha, e = contact.alpha, contact.restitution
-    yield SystemValue("paper", "α", (alpha,), "s/m", "e = 1 - α v for small α v, eq. (2)")
+    yield SystemValue("paper", "α", (alpha,), "s/m", "e = 1 - α v for small α v")
     yield SystemValue("paper", "λ/k", (1.5 * alpha,), "s/m", "F = k x^n (1 + (λ/k) v), eqs. (15), (16)")
     yield SystemValue("Simbody", "dissipation", (alpha,), "s/m", "c = α: its force has the 3/2 written out")
     if e is None:
@@ -215,7 +215,7 @@ def _others(contact: OneContact) -> Iterator[SystemValue]:
         note = f"{at}; Hooke or Hertz, which do not pull: set to {e:.4g}, they give {_smc_delivers(e):.4g}"
         yield SystemValue("Chrono", "restitution (SMC)", (asked,), "", note)
     flores = _flores_for(alpha * contact.speed)
-    note = "SMC with the Flores model at that impact speed: what it must be asked to deliver this e"
+    note = "SMC with the Flores model at that impact speed: the number to set, to get this e"
     yield SystemValue("Chrono", "restitution (Flores)", (flores,), "", note)
     yield SystemValue("LAMMPS", "damping coeff_restitution", (e,), "", f"{at}; hertz and hooke")
     note = f"{at}; before the release of 2 September 2026 it delivered {_old_tsuji(e):.4g} for this e"

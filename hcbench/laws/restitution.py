@@ -1,4 +1,4 @@
-"""Restitution over impact speed, e(v): as wanted of a contact, or as a plug-in gives it to each impact."""
+"""Restitution over impact speed, e(v): the target of a contact, or what a plug-in gives to each impact."""
 
 import math
 from abc import ABC, abstractmethod

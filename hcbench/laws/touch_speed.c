@@ -5,7 +5,7 @@
 
    whose left side rises with v_i. A constant acceleration b towards contact does the work b times the integral of
    dx/(1 + chi u), which is taken off the right side: found on the path without b, to first order, and at most 3/4 of
-   the stored energy, so that the damping of a body at rest stays finite. With steel under its own weight e is off by up
+   the stored energy, so that the damping of a body at rest stays finite. With steel under its own weight e is wrong by up
    to 1e-6 at 0.5 m/s, 7e-6 at 0.1, 2e-4 at 0.025. Other loads are not seen. */
 
 static const double gauss_nodes[] = {0.06943184420297371, 0.33000947820757187, 0.6699905217924281,

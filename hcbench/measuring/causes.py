@@ -78,7 +78,7 @@ def few_steps(impacts: Sequence[Impact], step: StepFix, softer: str) -> Iterator
     text, apply = step.to(step.timestep * samples / 60)
     yield Suspect(
         "few-steps",
-        "Too few steps in contact: where in a step the touch falls decides about e.",
+        "Too few steps in contact: e depends on where in a step the contact starts, by chance.",
         f"{samples} steps in contact at {time_step(step.timestep)} s; 20 or more are needed",
         f"{text} or {softer}",
         apply,

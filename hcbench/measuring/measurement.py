@@ -171,7 +171,7 @@ class Measurement(Shown):
 
     @property
     def law(self) -> HuntCrossley | None:
-        """The law to compare with: α as wanted, or else as fitted; k so that the hardest impact goes as deep.
+        """The law to compare with: α of the target, or else as fitted; k so that the hardest impact goes as deep.
 
         None where no α was given and no law describes what was measured.
         """

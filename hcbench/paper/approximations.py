@@ -60,7 +60,7 @@ class Approximation:
         return np.asarray(self.ratio(values, exponent) - 1.0)
 
     def reaches(self, error: float, exponent: float = 1.5) -> float:
-        """The α v_i where it errs by `error` (0.01: one per cent), either way; inf if that is beyond 100."""
+        """The α v_i where it is wrong by `error` (0.01: one per cent), up or down; inf if beyond 100."""
         require("error", error, 0.0 < error < 1.0, "an error between 0 and 1, such as 0.01")
 
         def excess(u: float) -> float:
@@ -98,19 +98,19 @@ APPROXIMATIONS = (
     Approximation(
         "depth",
         "(8)",
-        "largest penetration as if nothing were lost, against x_m of (16)",
+        "largest penetration without loss, against x_m of (16)",
         lambda u, n: g_ratio(1.5 * u) ** (-1.0 / (n + 1.0)),
     ),
     Approximation(
         "speed in",
         "(10)",
-        "speed from the depth as if nothing were lost, against v_i: where (10) is worst on the way in",
+        "speed from the depth without loss, against v_i, where (10) is worst on the way in",
         lambda u, n: np.sqrt(g_ratio(1.5 * u)),
     ),
     Approximation(
         "speed out",
         "(10)",
-        "the same against v_o: where (10) is worst on the way out",
+        "the same against v_o, where (10) is worst on the way out",
         lambda u, n: np.sqrt(g_ratio(1.5 * u)) / restitution_of(1.5 * u),
     ),
     Approximation(

@@ -122,10 +122,10 @@ def later_laws_figure() -> Figure:
             line |= {"linewidth": 3.2, "alpha": 0.5, "linestyle": "-"}
         handles += left.plot(asked, law.delivered(asked), **line)
         right.plot(asked, law.delivered(asked) - asked, **line)
-    left.set_xlabel("restitution asked for")
+    left.set_xlabel("target restitution")
     left.set_ylabel("restitution delivered")
-    right.set_xlabel("restitution asked for")
-    right.set_ylabel("delivered less asked")
+    right.set_xlabel("target restitution")
+    right.set_ylabel("delivered e - target")
     right.set_ylim(-0.1, 0.3)
     legend_below(figure, handles)
     return figure

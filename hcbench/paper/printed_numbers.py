@@ -99,7 +99,7 @@ def _case() -> Iterator[Printed]:
     k3 = pair.stiffness * INCH**1.5 / POUND_FORCE
     yield Printed("3.1", "weight of one pound", "4.448", POUND_FORCE, "N", 4)
     ball = 4.0 / 3.0 * math.pi * INCH**3 * STEEL_DENSITY / POUND
-    note = "of a full ball with R1 = 1 in; the body has 1 lb, its shape away from the contact is free"
+    note = "for a full ball of R1 = 1 in; the paper gives the body's shape at the contact only"
     yield Printed("3.1", "weight of the steel body", "1", ball, "lb", 2, note)
     yield Printed("3.1", "K3", "3.1e7", k3, "lb/in^1.5", 2)
     yield Printed("3.1", "K3 in metric units", "3.4e7", pair.stiffness * 0.01**1.5, "N/cm^1.5", 2)
@@ -118,9 +118,7 @@ def _case() -> Iterator[Printed]:
     yield Printed(
         "3.2", "largest α drawn, 0.016 s/in", "0.64", 0.016 / INCH, "s/m", 2, "twice the rounded 0.32"
     )
-    yield Printed(
-        "3.2", "λ/(α k), eq. (15)", "1.5", _factor(), "", 2, "read off the law at a vanishing speed"
-    )
+    yield Printed("3.2", "λ/(α k), eq. (15)", "1.5", _factor(), "", 2, "from the law at speeds near 0")
 
 
 FACTOR_EXPONENTS, FACTOR_MASSES = (1.0, 1.25, 1.5, 2.0), (0.01, POUND, 100.0)  # n; kg

@@ -14,9 +14,9 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import MeasuredRestitution, Restitution, RestitutionCurve
 
 TargetKind = Literal["law", "linear", "points"]
-# What the law may be off by to be worth a try, as a share of what one e for all speeds is off by.
+# What the law may be off by to be worth a try, as a share of what one e for all speeds is wrong by.
 _GOOD_FIT = 0.25
-_WORDS = {"law": "α of eq. (16), by --alpha", "linear": "1 - α v, by --alpha and --target linear"}
+_WORDS = {"law": "α of the law, by --alpha", "linear": "1 - α v, by --alpha and --target linear"}
 
 
 @checked_fields

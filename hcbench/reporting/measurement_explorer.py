@@ -65,7 +65,7 @@ def _asked(points: Sequence[CurvePoint], e: Sequence[float]) -> dict[str, Any]:
     """What the model asks for, which has no loops."""
     known = {"phase": 0.5, "samples": [0] * len(e), "loops": [-1] * len(e)}
     values = places(e, 5)
-    line = _line("asked by the model", LIMIT, points)
+    line = _line("what the model asks for", LIMIT, points)
     return {**line, **known, "e": values, "low": values, "high": values, "dashes": "6 3"}
 
 

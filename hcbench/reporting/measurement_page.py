@@ -69,10 +69,10 @@ def curve_figure(measurement: Measurement) -> Figure:
     if measurement.facts.asked:
         asked = dict(zip(measurement.request.speeds, measurement.facts.asked, strict=True))
         values = [asked[p.speed] for p in points]
-        axes.plot(speeds, values, color=LAW, linewidth=4.0, label="asked by the model")
+        axes.plot(speeds, values, color=LAW, linewidth=4.0, label="what the model asks for")
     if measurement.wanted is not None:
         wanted = measurement.wanted.at(speeds)
-        axes.plot(speeds, wanted, color=LIMIT, linestyle=(0, (4, 2)), label="wanted")
+        axes.plot(speeds, wanted, color=LIMIT, linestyle=(0, (4, 2)), label="target")
     draw_band(axes, speeds, low, high, MEASURED.colour)
     axes.plot(speeds, e, label="measured", **MEASURED.line())
     axes.set_ylabel("restitution e", color=INK)

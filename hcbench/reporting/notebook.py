@@ -94,7 +94,7 @@ def _(tuned: Tuned) -> Figure:
     figure = new_figure(6.4, 3.6)
     axes = figure.subplots()
     wanted = target.curve.at(speeds)
-    axes.plot(speeds, wanted, color=LAW, linewidth=6.0, label="wanted")
+    axes.plot(speeds, wanted, color=LAW, linewidth=6.0, label="target")
     if math.isfinite(tuned.error):
         draw_band(axes, speeds, wanted - tuned.error, wanted + tuned.error, LAW)
     dots = MEASURED.line(linestyle="none", markersize=2.5)

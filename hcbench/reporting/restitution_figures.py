@@ -63,7 +63,7 @@ def columns_of_steps(view: View) -> list[Column]:
 def law_handles(linear: bool = True) -> list[Line2D]:
     """Legend entries of the law and of 1 - αv."""
     law = Line2D([], [], color=LAW, linewidth=6, label="the law")
-    return [law, Line2D([], [], **_LINEAR, label="1 − αv, eq. (2)")] if linear else [law]
+    return [law, Line2D([], [], **_LINEAR, label="1 − αv")] if linear else [law]
 
 
 def step_suffix(run: RunKey, group: list[RunKey]) -> str:
@@ -200,7 +200,7 @@ def overview_figure(view: View, runs: list[RunKey]) -> Figure:
     axes.set_ylim(max(0.0, lowest - 0.05 * (1.05 - lowest)), 1 + 0.15 * (1 - lowest))
     labels = [
         (float(closed_form.restitution(alpha, v_end)), "the law", SLATE, "bold"),
-        (1 - alpha * v_end, "1 − αv, eq. (2)", SLATE, "normal"),
+        (1 - alpha * v_end, "1 − αv", SLATE, "normal"),
     ]
     _draw_named(axes, view, [item for item in curves if item not in far], labels)
     axes.set_ylabel("restitution e")

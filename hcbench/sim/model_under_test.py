@@ -29,7 +29,7 @@ class Request:
     """What to measure.
 
     pair: names of the two, moving one first; None where the model leaves no choice.
-    speeds: launch speeds, m/s. phases: where in a step the touch falls, each 0 ... 1.
+    speeds: launch speeds, m/s. phases: where in a step the contact starts, each 0 ... 1.
     timestep: s; None: the model's own. gravity: m/s^2; None: the model's own.
     key: name or number of the keyframe that everything starts from, "qpos0" for the model's zero;
         None: the first keyframe, or qpos0 where there is none.

@@ -39,14 +39,18 @@ if TYPE_CHECKING:
     from hcbench.sim.world import Flags
 
 PythonLaw = HuntCrossley | Restitution
-TIGHT = 1e-8  # an accuracy of error control by which e hardly depends on where in a step a touch falls
+TIGHT = 1e-8  # an accuracy of error control by which e hardly depends on where in a step the contact starts
 
 
 def python_law_of(options: Mapping[str, Any]) -> PythonLaw:
     """The law that a setting's option "law" names, for an engine into which Python lets it: eq. (16) only."""
     law = law_of(options)
     if not isinstance(law, PythonLaw):
-        raise SettingError("option 'law.law'", repr(options["law"]), "no such word: eq. (16), by alpha")
+        raise SettingError(
+            "option 'law.law'",
+            repr(options["law"]),
+            "alpha: this engine takes the law of Hunt and Crossley only",
+        )
     return law
 
 

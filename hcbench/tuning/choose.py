@@ -68,7 +68,7 @@ def _choose_for_loop(
         raise SettingError(
             slot,
             f"{given}, with --match {match}",
-            "α of eq. (16), by --alpha: only the law has a loop",
+            "α of the law, by --alpha: only the law has a loop",
             "Use --match restitution",
         )
     if recipe := first(recipes, Role.LAW_AND_LOOP, form, steps):

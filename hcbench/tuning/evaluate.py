@@ -176,7 +176,7 @@ def evaluate_impacts(impacts: Sequence[Impact], target: Target, scene: Scene) ->
 
 
 def rest_test(engine: Engine, scene: Scene, setting: Setting, seconds: float = 5.0) -> Rest:
-    """Let the body down on the plate under gravity, from next to no height, and see how it stays.
+    """Let the body down on the plate under gravity, from almost no height, and see how it stays.
 
     Without gravity of the scene's own, under standard gravity.
     """

@@ -118,7 +118,7 @@ class _Finder:
         if (exact := self._exact()) is not None:
             chosen.append(exact)
         if settings is not None and constant is not None and not settings.error < constant.error:
-            why = f"no nearer than one e for all speeds: {two_digits(settings.error)} where that is off by "
+            why = f"no nearer than one e for all speeds: {two_digits(settings.error)} where that is wrong by "
             self.never.append(Never(settings.setting.name, f"{why}{two_digits(constant.error)}"))
             settings = None
         if settings is not None:

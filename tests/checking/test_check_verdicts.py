@@ -40,7 +40,7 @@ def test_the_law_and_its_linear_reading_are_distinguished(reading: Reading) -> N
     outcome = one(check(ask(alpha="0.016 s/in", reading=reading, speeds="0.5 m/s", max_error=1)))
     wanted = Wanted(alpha=0.016 / 0.0254, reading=reading)
     (row,) = outcome.rows
-    assert row.wanted == pytest.approx(float(wanted.at(row.speed_in)), abs=1e-3)
+    assert row.target == pytest.approx(float(wanted.at(row.speed_in)), abs=1e-3)
     assert ("by the law" in outcome.against) == (reading == "law")
 
 

@@ -48,6 +48,19 @@ PHRASES = {
     r"\bwhich it has a way in for\b": "which this engine supports",
     r"\bto fall by\b": "gravity",
     r"\bas without a command\b": "Same as plain ...",
+    r"\b(is|are|was|were) (off|out) by\b": "is wrong by",
+    r"\bas wanted\b": "the target",
+    r"\bwanted bounce\b": "the target",
+    r"\bwithout a word\b": "without a warning",
+    r"\bhardly slows\b": "is slowed too little",
+    r"\bby luck\b": "by chance; by the phase of the step",
+    r"\bnext to (no|nothing)\b": "almost no / nothing",
+    r"\b(a|the) touch falls( decides)?[.:]": "the contact starts; varies with the phase of the step",
+    r"\berrs by\b": "is wrong by",
+    r"\boutlive any\b": "survive",
+    r"\b(is|are) of this step\b": "holds at this step",
+    r"\bnot-a-number\b": "NaN",
+    r"\ba limit (was )?passed\b(?! its)": "a limit was exceeded",
 }
 
 # Names in code -> better ones.

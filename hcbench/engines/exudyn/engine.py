@@ -52,7 +52,7 @@ class ExudynEngine(DescribesContact, ScriptedEngine[ExudynOptions]):
     laws = (HuntCrossley,)
     table = ExudynOptions
     features = Features(
-        law=Feature("F = k x^n (1 + 1.5 (1 - e)/max(v_in, V) v): eq. (16) with V above all speeds", _DOCS),
+        law=Feature("F = k x^n (1 + 1.5 (1 - e)/max(v_in, V) v): the law if V is above all speeds", _DOCS),
         exponent=Feature("any", _DOCS),
         threshold=Feature("none", "measured down to 0.1 mm/s"),
         licence=Feature("its own text with the clauses of BSD-3-Clause", "its wheel"),
@@ -90,7 +90,7 @@ class ExudynEngine(DescribesContact, ScriptedEngine[ExudynOptions]):
         v, alpha = contact.speed, contact.alpha
         if v is None or alpha * v >= 1.0:
             return Vocabulary()
-        note = f"impactModel 1: eq. (16) up to {v:.6g} m/s, with the law's contactStiffness and its exponent"
+        note = f"impactModel 1: the law up to {v:.6g} m/s, with the law's contactStiffness and its exponent"
         name = "restitutionCoefficient, minimumImpactVelocity"
         return Vocabulary((SystemValue("Exudyn", name, (1.0 - alpha * v, v), "1, m/s", note),))
 

@@ -36,7 +36,7 @@ _HELD = ("ctrl", "act", "mocap_pos", "mocap_quat", "eq_active")  # of a state, a
 _BITS = {"float32": 32, "float64": 64}
 
 
-_CAVEATS = ("MJX drops a pair's adhesion; in float32 it wants solimp .9 where MuJoCo takes .9999.",)
+_CAVEATS = ("MJX drops a pair's adhesion; in float32 set solimp to 0.9, where MuJoCo has 0.9999.",)
 
 
 class MjxEngine(DescribesContact, SharedModelEngine):
@@ -73,7 +73,7 @@ class MjxEngine(DescribesContact, SharedModelEngine):
     def copies(self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0) -> MjxCopies:
         """In one vmap."""
         if model.nplugin:
-            got = "a plug-in, which MJX leaves out without a word"
+            got = "a plug-in, which MJX leaves out without a warning"
             raise SceneError("model", got, "a model without", "`hcbench tune mjx` puts a law into its step")
         exact = self._starts_in_64_bits()  # before a setting says otherwise
         bits = bits or (64 if exact else 32)
@@ -98,7 +98,7 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         e, h, note = (
             contact.restitution,
             contact.timestep,
-            "bounces in one step; solimp .9 .9 .001 in float32",
+            "bounces in one step; solimp 0.9 0.9 0.001 in float32",
         )
         rows = (SystemValue("MJX", "solref", (0.0, -(1.0 + e) / h), "", note),) if e and h else ()
         return Vocabulary(rows, caveats=_CAVEATS)

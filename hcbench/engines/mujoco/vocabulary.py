@@ -6,7 +6,7 @@ from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 
 _CAVEATS = (
-    "MuJoCo's default solimp varies along the contact: these numbers want a constant one, .9999 .9999 .001.",
+    "These numbers need a constant solimp, 0.9999 0.9999 0.001. MuJoCo's default varies with penetration.",
     "MuJoCo mixes solref and solimp of the two geoms: set both, or a <pair>.",
 )
 
@@ -25,7 +25,7 @@ def _one_step(e: float, timestep: float | None, missing: list[str]) -> list[Syst
     if timestep is None:
         missing.append("MuJoCo's one-step bounce: it needs the timestep.")
         return []
-    note = "bounces in one step, Euler or implicitfast; solimp .9999 .9999 .001"
+    note = "bounces in one step, Euler or implicitfast; solimp 0.9999 0.9999 0.001"
     return [SystemValue("MuJoCo", "solref", (0.0, -(1.0 + e) / timestep), "", note)]
 
 

@@ -4,7 +4,7 @@ Options of a setting: those of MuJoCo, and
     law: {"kind": "restitution", ...} for e(v) set in each step, or {"kind": "force", ...} in place of the
         contact, as `hcbench.laws.contact_law.law_of` reads them.
 
-Of several <pair>s of the same two geoms it keeps one, without a word: its scenes have a copy of the ball's
+Of several <pair>s of the same two geoms it keeps one, without a warning: its scenes have a copy of the ball's
 geom for each.
 """
 
@@ -62,7 +62,7 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         """MJCF, or the law's lines."""
         text = super().snippet(setting, form, pair)
         if text.count("<pair ") > 1:
-            text += "\n<!-- each pair wants a massless copy of the ball's geom of its own as geom1 -->"
+            text += "\n<!-- as geom1, each pair needs its own massless copy of the ball's geom -->"
         return text
 
     def law_lines(self, law: PythonLaw | None) -> str:
@@ -83,7 +83,7 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """Its solref for a bounce in one step."""
-        e, h, note = contact.restitution, contact.timestep, "bounces in one step; solimp .9999 .9999 .001"
+        e, h, note = contact.restitution, contact.timestep, "bounces in one step; solimp 0.9999 0.9999 0.001"
         rows = (SystemValue("MuJoCo Warp", "solref", (0.0, -(1.0 + e) / h), "", note),) if e and h else ()
         return Vocabulary(rows, caveats=_CAVEATS)
 

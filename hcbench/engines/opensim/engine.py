@@ -40,7 +40,7 @@ class OpensimOptions(ScriptOptions):
 
 
 _SOURCE = "Simbody, HuntCrossleyForce.cpp"
-_CAVEAT = "OpenSim's HuntCrossleyForce is the law; its stock accuracy, 1e-3, errs by .2 in e or gains energy."
+_CAVEAT = "OpenSim's HuntCrossleyForce is the law. At its default accuracy, 1e-3, e is wrong by 0.2 or more."
 
 
 class OpensimEngine(DescribesContact, ScriptedEngine[OpensimOptions]):

@@ -103,7 +103,9 @@ class DrakeModel(ModelUnderTest):
                 "hunt_crossley_dissipation of the pair (s/m)": dissipation,
             },
             asked=tuple(float(curve.at(v)) for v in request.speeds) if points else (),
-            asked_description=f"dissipation {dissipation:.4g} s/m: eq. (16), d = 1.5 α" if points else "",
+            asked_description=f"dissipation {dissipation:.4g} s/m: the law's e with d = 1.5 α"
+            if points
+            else "",
             notes=tuple(filter(None, notes)),
             point=tuple(place.gap.point.tolist()),
         )
@@ -137,7 +139,7 @@ class DrakeModel(ModelUnderTest):
         )
 
     def _dissipation(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> Iterator[Suspect]:
-        """The dissipation asks for another bounce than is wanted."""
+        """The dissipation gives an e other than the target."""
         speed, dissipation = float(np.median(causes.speeds_of(impacts))), self.pair_values()[1]
         e, asked = causes.constant_e(impacts, wanted), float(Restitution(dissipation / 1.5).at(speed))
         stock = not any(self.loaded.says(shape, DISSIPATION) for shape in self.place.gap.geometries)
@@ -147,9 +149,9 @@ class DrakeModel(ModelUnderTest):
         needed = 1.5 * (wanted.alpha if isinstance(wanted, Restitution) else float(alpha_of(goal, speed)))
         yield Suspect(
             "default-dissipation" if stock else "dissipation",
-            "Drake's own dissipation, 50 s/m, lets next to nothing bounce."
+            "With Drake's default dissipation, 50 s/m, almost nothing bounces."
             if stock
-            else "The dissipation asks for another bounce than is wanted.",
+            else "The dissipation gives an e other than the target.",
             f"hunt_crossley_dissipation {dissipation:.4g} s/m: e = {asked:.3g} at {speed:.3g} m/s",
             f'<drake:{DISSIPATION} value="{needed:.4g}"/> in <drake:proximity_properties> of both',
             partial(_set_dissipation, dissipation=needed),

@@ -109,9 +109,9 @@ class LentModel(ModelUnderTest):
         words = [f"{i.restitution:.4g}" if i.is_measured else i.status.value for i in (mine, its)]
         yield Suspect(
             "unlike-mujoco",
-            f"{self._engine.title} bounces otherwise than MuJoCo itself does.",
+            f"{self._engine.title} does not bounce as MuJoCo does.",
             f"e at {mine.launch.speed:.4g} m/s: {words[0]}, where MuJoCo has {words[1]}",
-            f"`hcbench tune {self._engine.name}` for a contact that it bounces as it should",
+            f"`hcbench tune {self._engine.name}` finds a contact that bounces as it should",
             always_reported=True,
         )
 

@@ -46,7 +46,7 @@ class MujocoAlongPlate:
         motion = np.linalg.lstsq(jacobian[:, dofs], asked, rcond=None)[0]
         if np.abs(jacobian[:, dofs] @ motion - asked).max() > _MISSED * np.abs(asked).max():
             slot, what = ("spin", "turn") if any(launch.spin) else ("angle", "move along the plate")
-            got = f"{self.place.joint.description} cannot {what} as asked"
+            got = f"{self.place.joint.description} cannot {what} as launched"
             raise UserError(slot, got, "a free joint, or slides along the plate")
         velocity = np.zeros(model.nv)
         velocity[dofs] = motion

@@ -30,7 +30,7 @@ _STOP = 0.005  # K h² of a contact that stops a body: it pushes out what is ins
 _NO_BOUNCE = 0.02  # e below it is a stop
 _LEAST_E = 1e-3  # that a spring and damper are made for
 _LEAST_AIM, _MOST_AIM = 0.02, 0.98  # e that two rows are made for
-_GAIN = 0.7  # of what e is off by: how much the aim is moved
+_GAIN = 0.7  # of what e is wrong by: how much the aim is moved
 _FEWEST = 3  # impacts with a loop, from which what a contact feels is read
 
 
@@ -96,7 +96,7 @@ def estimated_mobility(model: object, first: int, second: int) -> float:
 
 def row_choices(goal: RestitutionCurve, band: Band, load: Load) -> Iterator[tuple[str, Rows]]:
     """(name, rows), the simplest first: a stop or one step, a spring and damper of one e, two rows whose e
-    depends on speed as wanted, gravity included.
+    depends on speed as the target does, gravity included.
     """
     h, e = load.timestep, goal.at(np.geomspace(*band, 50))
     constant = goal.best_constant(*band)
@@ -145,7 +145,7 @@ class Aim:
         return replace(self, load=self.load.with_measured_load(impacts, effective_mass))
 
     def off_by(self, impacts: Sequence[Impact], wanted: RestitutionCurve) -> Aim:
-        """Moved by what the e of impacts is off by."""
+        """Moved by what the e of impacts is wrong by."""
         points = []
         for speed in dict.fromkeys(i.launch.speed for i in impacts):
             felt = [i for i in impacts if i.launch.speed == speed and i.is_measured]

@@ -201,9 +201,9 @@ def _warn_of_shapes(geoms: Sequence[Any]) -> None:
         for shape, words in _INEXACT.items():
             if geom.type == getattr(mujoco.mjtGeom, shape):
                 warnings.warn(
-                    f"geom {geom.name!r} is {words}: MuJoCo's contact with it is off by more than the 1e-6 to"
-                    " 2e-5 m that steel penetrates. Use primitive geoms (sphere, plane, capsule, cylinder,"
-                    " box) or a tendon's limit where that matters",
+                    f"geom {geom.name!r} is {words}: MuJoCo's contact with it is wrong by more than 1e-6 to"
+                    " 2e-5 m, the depth of steel contacts. Use primitive geoms (sphere, plane, capsule,"
+                    " cylinder, box) or a tendon's limit where that matters",
                     ContactAccuracyWarning,
                     stacklevel=4,
                 )

@@ -2,9 +2,9 @@
 
 Three things make them (MuJoCo's documentation, Computation, constraint model). A soft row, of impedance 1e-4,
 lets gravity act on through the contact: its force is continuous at touch, and e hardly depends on where in a
-step the touch falls; a stiff one shuts gravity out from the step on that finds the touch, e scatters by
+step the contact starts; a stiff one shuts gravity out from the step on that finds the touch, e scatters by
 (1 + e) g h / v. Of MuJoCo's friction, a row's normal acceleration grows by impedance times friction times
-slip: next to nothing of it remains, and impratio gives friction back its strength. Two <pair>s may name the
+slip: almost nothing of it remains, and impratio gives friction back its strength. Two <pair>s may name the
 same two geoms: each makes a row of its own.
 """
 

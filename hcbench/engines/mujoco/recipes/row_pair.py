@@ -68,8 +68,8 @@ class _Rows(NamedTuple):
 class RowFit:
     """What spring and damper rows are fitted to, in units of the step h and the band's highest speed v.
 
-    speeds: over v. phases: where in a step the touch falls. target: e, NaN where any e will do that gains no
-    energy; shape (n,) each. fall: g h / v.
+    speeds: over v. phases: where in a step the contact starts. target: e, NaN where any e will do that gains
+    no energy; shape (n,) each. fall: g h / v.
     corners: of a body that meet at once, or how much more a row does there than on a ball. adhesive: whether
     the damper may pull. rk4: the integrator, else Euler's. carried: as `spring_and_damper_rows` has it, h and
     h² times. lowest, highest: bounds.

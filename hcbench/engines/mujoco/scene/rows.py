@@ -150,7 +150,7 @@ def restitution(
 ) -> Floats:
     """e under MuJoCo's Euler step, v+ = v - h a, x+ = x + h v+; shape (speeds, phases), NaN if still closed.
 
-    speeds: m/s, shape (n,). phases: where in a step the touch falls, so many, evenly. duration: s.
+    speeds: m/s, shape (n,). phases: where in a step the contact starts, so many, evenly. duration: s.
     """
     phase = (np.arange(phases) + 0.5) / phases
     v_i, before = (grid.copy() for grid in np.meshgrid(speeds, phase, indexing="ij"))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 ADHESION, PAIRS, IMPEDANCE = "adhesion", "several pairs", "impedance in float32"  # in an engine's `lacks`
 _HIGHEST_POWER = 100.0  # of a solimp in float32, which ends at 2^-149
-_ADHESION = 1000.0  # times a contact's force: MuJoCo Warp's e is off by 1e-4 there, by .06 at 50 000
+_ADHESION = 1000.0  # times a contact's force: MuJoCo Warp's e is wrong by 1e-4 there, by .06 at 50 000
 _KEPT, _HIGHEST = 0.9, 0.99  # impedances of which float32 tells 1 - d to 2e-6, to 1e-5
 
 
@@ -76,7 +76,7 @@ def _adhesion(model: Any, engine: SharedModelEngine, pairs: Any) -> Iterator[Sus
     if ADHESION in engine.lacks and adhesion.any():
         yield Suspect(
             "adhesion-dropped",
-            f"{engine.title} drops a pair's adhesion without a word: its damper cannot pull.",
+            f"{engine.title} drops a pair's adhesion without a warning: the damper cannot pull.",
             f"adhesion of up to {adhesion.max():.4g} N",
             f"Use `staggered-push`, whose pairs only push: `hcbench tune {engine.name}`",
             always_reported=True,
@@ -95,8 +95,8 @@ def rounded_adhesion(
     enough = float(f"{2.0 * max(forces):.2g}")
     yield Suspect(
         "adhesion-rounding",
-        "Beside a large adhesion float32 keeps too little of the contact's force: e is off by .001 and more.",
-        f"adhesion {highest:.4g} N beside forces from {min(forces):.3g} N in {engine.title}",
+        "A large adhesion makes float32 round the contact force: e is wrong by 0.001 and more.",
+        f"adhesion {highest:.4g} N, contact forces from {min(forces):.3g} N in {engine.title}",
         _or_exact(f'adhesion="{enough:g}"', engine),
         partial(_hold_adhesion, pairs=pairs, enough=enough),
         always_reported=True,
@@ -114,7 +114,7 @@ def _several(model: Any, engine: SharedModelEngine, pairs: Any) -> Iterator[Susp
         names = " and ".join(geom_name(model, geom) for geom in geoms)
         yield Suspect(
             "pairs-dropped",
-            f"{engine.title} keeps one of several pairs of the same two geoms, without a word.",
+            f"{engine.title} keeps one of several pairs of the same two geoms, without a warning.",
             f"{count} pairs of {names}",
             f"A massless copy of the geom for each pair, as `hcbench tune {engine.name}` writes it",
             always_reported=True,
@@ -143,7 +143,7 @@ def _impedance(model: Any, engine: SharedModelEngine, rows: Rows, geoms: Sequenc
         solimp = (_KEPT, _KEPT, *(float(x) for x in stiff[0][2:]))
         yield Suspect(
             "impedance-rounding",
-            "A bounce in one step has an impedance of which float32 keeps too little: e is off by .0024.",
+            "The impedance of a bounce in one step is rounded in float32: e is wrong by 0.0024.",
             f"impedance {highest:g} in {engine.title}",
             _or_exact(f'solimp="{fixes.numbers(solimp)}", as in `hcbench tune {engine.name}`', engine),
             partial(fixes.set_contact, geoms=geoms, solref=None, solimp=solimp),

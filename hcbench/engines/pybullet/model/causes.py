@@ -165,8 +165,8 @@ def _restitution_product(c: BulletContext) -> Iterator[Suspect]:
     if product > 0.0 and c.wanted is not None and abs(product - e) > _SAME_E:
         yield Suspect(
             "product",
-            "The restitutions of the two multiply to another e than the one wanted.",
-            f"{first:g} x {second:g} = {product:.4g}, wanted {e:.4g}",
+            "The product of the two restitutions is not the target e.",
+            f"{first:g} x {second:g} = {product:.4g}, target {e:.4g}",
             *_fix_restitutions(c.sides, (e, 1.0)),
         )
 

@@ -42,7 +42,7 @@ from hcbench.sim.model_under_test import Facts, ModelSetting, ModelUnderTest, Re
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.world import Simulation
 
-_UNKNOWN_RESTITUTIONS = "restitutions that PyBullet does not tell of bodies with maximal coordinates"
+_UNKNOWN_RESTITUTIONS = "restitutions that PyBullet does not report for bodies with maximal coordinates"
 
 
 class PybulletModel(ModelUnderTest):

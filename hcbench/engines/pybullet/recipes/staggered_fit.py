@@ -30,8 +30,8 @@ _FIRST, _FIRST_STEP, _FIRST_TRIED = 0.03, 0.43, (1.0, 1.16)
 _STEPS_MOST = 250.0  # of the shortest contact: finer ones are fitted at so many
 _LAUNCHES, _PHASES_LEAST, _PHASES_MOST = 320.0, 3, 16
 _SPEEDS, _OTHER_SPEEDS, _LOOPS, _POINTS = 40, 97, 12, 24
-# One unit of misfit in e: as a share of what one e for all speeds is off by, and at least. In a loop's force
-# over its largest: so many times as much.
+# One unit of misfit in e: a share of the error of one e for all speeds, and at least. In a loop's force over
+# its largest: so many times as much.
 _SHARE, _LEAST, _FORCE_SHARE = 0.015, 1e-5, 13.0
 _POWERS, _EVALUATIONS = (1, 2), 30  # of the misfit in e, one after another: a higher one minds the worst
 # Relative, of a parameter, for derivatives: wide, as e jumps where a contact starts a step earlier.
@@ -167,7 +167,7 @@ class _Loops:
 
 @dataclass(frozen=True, slots=True)
 class _Misfit:
-    """What contacts are off by, in units of `unit`, of e: in e at launches, (n,), and in force over loops.
+    """What contacts are wrong by, in units of `unit`, of e: in e at launches, (n,), and in force over loops.
 
     Parameters are the logarithms of stiffnesses, dampings and distances between starts: 3 rows - 1.
     """

@@ -36,7 +36,7 @@ def ball_urdf(scene: Scene, links: Sequence[LinkOptions]) -> str:
     if scene.form != "plane":
         raise SettingError("pybullet option 'links'", f"in the form {scene.form!r}", "the form 'plane'")
     if (deepest := max(link.onset for link in links)) >= radius:
-        got = f"a ball of {radius:g} m, which the contact is to enter by {deepest:.2g} m"
+        got = f"a ball of {radius:g} m, which the contact would enter by {deepest:.2g} m"
         raise SceneError(f"scene {scene.name!r}", got, "a larger ball, or a shorter step")
     text = ""
     for i, link in enumerate(links):

@@ -100,13 +100,13 @@ def solref(context: Context) -> Iterator[Suspect]:
         return
     if default:
         code = "default-solref"
-        title = "is MuJoCo's default, critically damped: it asks for next to no bounce."
+        title = "is MuJoCo's default, critically damped: it asks for almost no bounce."
     elif context.written.is_powerless:
         code, title = NO_PUSH, "asks for neither a spring nor a damper: nothing pushes back."
     elif written_e > goal:
-        code, title = "lively-solref", "asks for less damping than the wanted bounce has."
+        code, title = "lively-solref", "asks for less damping than the target needs."
     else:
-        code, title = "damped-solref", "asks for more damping than the wanted bounce has."
+        code, title = "damped-solref", "asks for more damping than the target needs."
     yield Suspect(
         code,
         f"solref {title}",
@@ -133,7 +133,7 @@ def solimp(context: Context) -> Iterator[Suspect]:
     if context.written.overflows:
         yield Suspect(
             "solimp-power",
-            "The power of solimp is too high: MuJoCo's sigmoid underflows and gives not-a-number.",
+            "The power of solimp is too high: MuJoCo's sigmoid underflows and gives NaN.",
             f"solimp {numbers(context.written.solimp)}",
             f"{context.names}: a power below {MAX_POWER:g} in solimp",
             always_reported=True,
@@ -143,7 +143,7 @@ def solimp(context: Context) -> Iterator[Suspect]:
     if context.used.solref[0] <= 0 and at_touch < at_depth:
         yield Suspect(
             "impedance",
-            "solimp starts below its final value: at touch the contact has but a share of its strength.",
+            "solimp starts below its final value: at touch the contact has only part of its strength.",
             f"impedance {at_touch:.4g} at touch, {at_depth:.4g} at depth",
             f'{context.names}: solimp="{numbers(STIFF_SOLIMP)}"',
             partial(fixes.set_contact, geoms=context.all_geoms, solref=None, solimp=STIFF_SOLIMP),

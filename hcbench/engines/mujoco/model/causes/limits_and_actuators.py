@@ -28,7 +28,7 @@ def limits(context: Context) -> Iterator[Suspect]:
     shown = ", ".join(names)
     yield Suspect(
         "limits",
-        "A limit acts while the two touch: it takes a part of the bounce.",
+        "A limit acts while the two touch: it takes part of the speed.",
         f"{share:+.2g} of the speed at touch, by {shown}",
         f'another pose (--key, --qpos), or limited="false" on {shown}',
         partial(fixes.free_limits, joints=joints, tendons=tendons),
