@@ -160,7 +160,7 @@ class Measurement(Shown):
     @property
     def _fitted_alpha(self) -> float:
         """α of the law that describes e over speed, s/m; NaN where none does: where nothing bounces, or it is
-        off by more than TOLERANCE (rms), or by more than half of what one e for all speeds would be.
+        wrong by more than TOLERANCE (rms), or by more than half of what one e for all speeds would be.
         """
         speeds = np.array([i.speed_in for i in self.measured])
         e = np.array([i.restitution for i in self.measured])
@@ -171,7 +171,7 @@ class Measurement(Shown):
 
     @property
     def law(self) -> HuntCrossley | None:
-        """The law to compare with: α of the target, or else as fitted; k so that the hardest impact goes as deep.
+        """The law to compare: the target's α, or the fitted; k so that the hardest impact goes as deep.
 
         None where no α was given and no law describes what was measured.
         """

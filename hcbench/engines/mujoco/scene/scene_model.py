@@ -109,7 +109,7 @@ def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
     if not off <= _FREELY * (_PUSHED + scene.gravity):
         raise SceneError(
             path,
-            f"off the plate, at {_THROWN:g} m/s and under {pushed:.6g} N, the ball's acceleration is off"
+            f"off the plate, at {_THROWN:g} m/s and under {pushed:.6g} N, the ball's acceleration is wrong"
             f" by {off:.3g}",
             "only gravity to act on it there",
             "Look for damping, armature, springs, frictionloss, gravcomp, air, a disabled gravity, or"
