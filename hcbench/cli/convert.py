@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @click.option("--drake", type=ALPHA, help="Drake's hunt_crossley_dissipation.")
 @click.option("--simbody", type=ALPHA, help="Simbody's dissipation.")
 @click.option("--restitution", type=RESTITUTION, help="e at --speed.")
-@click.option("--solref", help="MuJoCo's solref, two numbers such as '-2.7e8 -815'.")
+@click.option("--solref", help="solref of a soft constraint, two numbers such as '-2.7e8 -815'.")
 @click.option("--speed", type=SPEED, help="Impact speed to match, for engines with one e for all speeds.")
 @click.option(
     "--contact-time", type=TIME, help="Duration of the contact, for solref's spring, such as '0.2 ms'."
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 def convert(as_json: bool, reading: Reading, solref: str | None, **quantities: float | None) -> None:
     """Convert a contact between libraries.
 
-    Give α, an e at a speed, or a parameter of Drake, Simbody or MuJoCo. hcbench prints the same contact
+    Give α, an e at a speed, a parameter of Drake or Simbody, or a solref. hcbench prints the same contact
     in the parameters of all of them, and of Chrono, LAMMPS and others.
     """
     from hcbench import units
