@@ -51,9 +51,11 @@ class Launch:
     spin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @classmethod
-    def dropped(cls, speed: float, phase: float, timestep: float, gravity: float) -> Launch:
+    def dropped(
+        cls, speed: float, phase: float, timestep: float, gravity: float, share: float = 0.5
+    ) -> Launch:
         """A fall that ends at `speed`, m/s, in a step's `phase`: from rest, or a part of a step's gain."""
-        return cls.touching(speed, phase, timestep, gravity, steps_most=math.inf)
+        return cls.touching(speed, phase, timestep, gravity, steps_most=math.inf, share=share)
 
     @classmethod
     def touching(
@@ -65,21 +67,23 @@ class Launch:
         slip: tuple[float, float] = (0.0, 0.0),
         spin: tuple[float, float, float] = (0.0, 0.0, 0.0),
         steps_most: float = 2.0,
+        share: float = 0.5,
     ) -> Launch:
         """A launch whose touch comes at `speed`, m/s, in a step's `phase`, under gravity, m/s²: a plain
         `Launch` arrives faster, and at fewer phases.
 
         After `steps_most` whole steps and the phase, or as many as need no throw upwards; where even none do
-        not, it falls from rest, at the phase that is. Semi-implicit steps h keep (v + g h/2)² + 2 g z.
+        not, it falls from rest, at the phase that is. share: of g h, as `SpeedReading` has it: steps h keep
+        (v + share g h)² + 2 g z.
         """
         if gravity <= 0.0:
             return cls(speed, phase, None, slip, spin)
         gain = gravity * timestep
-        steps = min(steps_most, math.floor(speed / gain - 0.5 - phase))
+        steps = min(steps_most, math.floor(speed / gain - share - phase))
         if steps < 0:
-            fallen = max(0.0, speed**2 - (0.5 * gain) ** 2)
+            fallen = max(0.0, speed**2 - (share * gain) ** 2)
             return cls(0.0, phase, fallen / (2.0 * gravity), slip, spin)
-        start = max(0.0, speed - gain * (steps + phase + 0.5))
+        start = max(0.0, speed - gain * (steps + phase + share))
         flight = timestep * (steps + phase)
         return cls(start, phase, flight * (speed - 0.5 * gravity * flight), slip, spin)
 

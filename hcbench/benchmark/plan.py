@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.benchmark.launch_grid import LaunchGrid, share_of, speeds_at
 from hcbench.benchmark.results import run_key
 from hcbench.impact import Launch
 from hcbench.laws import closed_form
@@ -71,39 +72,6 @@ class Shard:
 
     def __str__(self) -> str:
         return f"part {self.number}"
-
-
-@dataclass(frozen=True, slots=True)
-class LaunchGrid:
-    """A setting, launched or dropped at every speed (m/s), angle (rad) and phase, compared to every α (s/m).
-
-    spin: of all, as `Launch` has it, rad/s. loop_speeds: those at which loops are kept, at the middle phase.
-    """
-
-    scene: Scene
-    dropped: bool
-    setting: Setting
-    alphas: tuple[float, ...]
-    speeds: tuple[float, ...]
-    loop_speeds: tuple[float, ...]
-    phases: int
-    angles: tuple[float, ...]
-    spin: tuple[float, float, float]
-
-    def __len__(self) -> int:
-        return math.prod(self.shape)
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """How many speeds, angles and phases."""
-        return len(self.speeds), len(self.angles), self.phases
-
-    def launch(self, speed: float, phase: float, angle: float) -> Launch:
-        """How a body is sent to touch at a speed (m/s), phase and angle (rad)."""
-        launch = Launch(speed, phase)
-        if self.dropped:
-            launch = Launch.dropped(speed, phase, self.setting.timestep, self.scene.normal_gravity)
-        return replace(launch, slip=Launch.at_angle(angle, speed).slip, spin=self.spin)
 
 
 @dataclass(frozen=True)
@@ -195,12 +163,13 @@ def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
         run, alpha = study.runs[i], target.law.alpha
         about = {"options": setting.options, "summary": recipes[i].summary, "notes": list(recipes[i].notes)}
         records.append({**run_key(run.scene, setting, alpha), **about})
-        loop_speeds = study.loop_speeds if run.speeds == study.speeds else ()
-        speeds = tuple(sorted({*run.speeds, *loop_speeds}))
+        band = speeds_at(study, run, target.timestep)
+        loop_speeds = study.loop_speeds if band == study.speeds else ()
+        speeds = tuple(sorted({*band, *loop_speeds}))
         if study.all_loops and (loop_speeds or run.dropped):
             loop_speeds = speeds
         key = (run.scene, run.dropped, setting.key, speeds, run.angles, run.spin)
-        sent = (speeds, loop_speeds, study.phases, run.angles, run.spin)
+        sent = (speeds, loop_speeds, study.phases, run.angles, run.spin, share_of(setting))
         new = LaunchGrid(run.scene, run.dropped, setting, (), *sent)
         grid = grids.get(key, new)
         grids[key] = replace(grid, alphas=tuple(dict.fromkeys((*grid.alphas, alpha))))
@@ -218,15 +187,17 @@ def _recipe(run: Run) -> Recipe:
 
 
 def _targets(study: Study, run: Run) -> list[Target]:
-    band = run.speeds if run.dropped else study.speeds
-    scene, low, high = run.scene, min(band), max(band)
+    scene, targets = run.scene, []
     laws = [HuntCrossley(scene.stiffness, alpha, scene.exponent) for alpha in run.alphas]
     gravity, friction = scene.normal_gravity, scene.friction
-    return [
-        Target(law, scene.mass, timestep, low, high, gravity=gravity, friction=friction)
-        for timestep in run.timesteps
-        for law in laws
-    ]
+    for timestep in run.timesteps:
+        of_run = run.dropped or study.page == "field"
+        band = speeds_at(study, run, timestep) if of_run else study.speeds
+        low, high = min(band), max(band)
+        targets += [
+            Target(law, scene.mass, timestep, low, high, gravity=gravity, friction=friction) for law in laws
+        ]
+    return targets
 
 
 def _settings(

@@ -31,6 +31,7 @@ from hcbench.setting import PAIR, Pair, Setting
 from hcbench.sim import simulate
 from hcbench.sim.passivity import Passivity, passivity_of
 from hcbench.sim.promise import Promise
+from hcbench.sim.read_impact import SpeedReading
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -145,6 +146,10 @@ class SteppedEngine(Engine):
         Raises SettingError for options the engine does not have or a step too coarse for them, SceneError for
         a scene it cannot load, EngineMissing.
         """
+
+    def speed_reading(self, setting: Setting) -> SpeedReading:
+        """What its steps keep in free flight under a setting: that of the worlds that it loads."""
+        return SpeedReading.TOUCH_PLANE
 
     @final
     def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:

@@ -11,7 +11,6 @@ import numpy as np
 from hcbench._text import shortest
 from hcbench.errors import SettingError
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.restitution import Restitution
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import Options, PythonLaw, ScriptedEngine
 from hcbench.sim.world import Record, Simulation, World, momentum_force
@@ -58,13 +57,6 @@ def law_text(law: PythonLaw | None, force: str, each: str) -> str:
         k, n, a = map(shortest, (law.stiffness, law.exponent, 1.5 * law.alpha))
         return force.format(k=k, n=n, a=a)
     return each.format(shortest(law.alpha), law.reading)
-
-
-def reading_of(law: PythonLaw | None, exact_flight: bool) -> SpeedReading:
-    """Which speeds e is the ratio of: with e(v) that of the step's start, else those at the touch plane."""
-    if isinstance(law, Restitution):
-        return SpeedReading.STEP_START
-    return SpeedReading.TOUCH_PLANE_EXACT_FLIGHT if exact_flight else SpeedReading.TOUCH_PLANE
 
 
 class BatchWorld(World):
@@ -129,9 +121,7 @@ class ScriptedWorldsEngine(ScriptedEngine[Options]):
         """The worlds of the script. Raises SettingError for a step too short for float32."""
         require_motion(scene, setting.timestep, fastest, self.bits)
         script = self.script(scene, setting).replace("worlds = 1", f"worlds = {self.together}")
-        return ScriptedWorlds(
-            scene, setting.timestep, self.together, script, self.reading(self.read(setting))
-        )
+        return ScriptedWorlds(scene, setting.timestep, self.together, script, self.speed_reading(setting))
 
 
 class BatchSimulation(Simulation):

@@ -128,12 +128,12 @@ class Passivity:
 class DropReader:
     """Reads the impacts of drops, a chunk of steps after another.
 
-    timestep: s. gravity: m/s², into the plate. exact_flight: which energy the integrator keeps.
+    timestep: s. gravity: m/s², into the plate. reading: which energy the integrator keeps.
     """
 
     timestep: float
     gravity: float
-    exact_flight: bool = False
+    reading: SpeedReading = SpeedReading.TOUCH_PLANE
     max_e: float = 0.0
     gains_below: float = 0.0
     _last: Floats | None = None
@@ -149,7 +149,7 @@ class DropReader:
             self._speed_in, self._parted = np.full(count, np.nan), np.full(count, -math.inf)
         x, v = np.concatenate([self._last, here], axis=2)
         self._last = here[..., -1:]
-        half = 0.0 if self.exact_flight else self.gravity * self.timestep / 2
+        half = self.reading.share * self.gravity * self.timestep
         kept = np.sqrt(np.maximum(0.0, (v + half) ** 2 - 2.0 * self.gravity * x))
         apart = x <= 0.0
         changed = apart[:, :-1] != apart[:, 1:]
@@ -221,9 +221,8 @@ def _drops_here(name: str, scene: Scene, setting: Setting, heights: Sequence[flo
         redirect_output() if engine.own_process else nullcontext(),
         engine.load(scene, setting, fastest) as world,
     ):
-        exact = world.speed_reading is SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
         for start in range(0, len(launches), world.places):
-            reader, done = DropReader(world.timestep, world.gravity, exact), 0
+            reader, done = DropReader(world.timestep, world.gravity, world.speed_reading), 0
             with closing(world.release(launches[start : start + world.places])) as simulation:
                 while done < steps:
                     record = simulation.advance(min(_CHUNK, steps - done))

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from hcbench.impact import Launch
     from hcbench.scene import Scene
     from hcbench.setting import Pair, Setting
-    from hcbench.sim.read_impact import SpeedReading
     from hcbench.sim.world import Flags
 
 PythonLaw = HuntCrossley | Restitution
@@ -80,10 +79,6 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
     @abstractmethod
     def paste(self, options: Options, timestep: str) -> str:
         """What to write into a script of one's own; timestep: s."""
-
-    @abstractmethod
-    def reading(self, options: Options) -> SpeedReading:
-        """Which speeds e is the ratio of."""
 
     @final
     def read(self, setting: Setting) -> Options:
@@ -148,7 +143,7 @@ class ScriptWorld(World):
         assert engine.backend is not None
         self.timestep, self.gravity, self.mass = setting.timestep, scene.normal_gravity, scene.mass
         self.radius = self.deepest = scene.touch_radius
-        self.bits, self.speed_reading = engine.bits, engine.reading(engine.read(setting))
+        self.bits, self.speed_reading = engine.bits, engine.speed_reading(setting)
         self.names: dict[str, Any] = {"__name__": f"hcbench_{engine.name}"}
         try:
             exec(compile(script, f"<{engine.name} script>", "exec"), self.names)

@@ -19,7 +19,8 @@ from hcbench.setting import PAIR
 from hcbench.sim import registry
 from hcbench.sim.capabilities import OpensModels, opener
 from hcbench.sim.engine import SteppedEngine
-from hcbench.sim.parallel import BatchWorld, reading_of, require_motion
+from hcbench.sim.parallel import BatchWorld, require_motion
+from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import PythonLaw, python_law_of
 
 if TYPE_CHECKING:
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from hcbench.setting import Pair, Setting
     from hcbench.sim.candidate_pairs import CandidatePair
     from hcbench.sim.model_under_test import ModelUnderTest, Request
-    from hcbench.sim.read_impact import SpeedReading
 
 
 class Copies(ABC):
@@ -126,7 +126,9 @@ class SharedModelEngine(OpensModels, SteppedEngine):
             )
             raise SettingError(slot, got, "", difference.fix)
         copies = self.copies(loaded.model, loaded.start, bits, self.law_lines(law), scene.touch_radius)
-        return CopiesWorld(scene, setting.timestep, copies, loaded.rest, reading_of(law, loaded.exact_flight))
+        exact = loaded.exact_flight
+        reading = SpeedReading.TOUCH_PLANE_EXACT_FLIGHT if exact else SpeedReading.TOUCH_PLANE
+        return CopiesWorld(scene, setting.timestep, copies, loaded.rest, reading)
 
     def accepts(self, source: Any) -> bool:
         """Never chosen automatically: without --engine, `model_engine` opens the file."""

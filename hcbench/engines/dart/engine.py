@@ -13,7 +13,6 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact, Feature, Features
-from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
 
 if TYPE_CHECKING:
@@ -63,13 +62,6 @@ class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
         """Restitutions of both shapes, and what to do before each step."""
         length = f"L = {shortest(options.units_per_metre)}  # of DART's lengths in a metre"
         return "\n".join(filter(None, (length, _set(options), _hook(options))))
-
-    def reading(self, options: DartOptions) -> SpeedReading:
-        """Its restitution is of the speed at the step's end."""
-        if options.law is None:
-            return SpeedReading.STEP_END
-        by_force = isinstance(options.law, HuntCrossley)
-        return SpeedReading.TOUCH_PLANE if by_force else SpeedReading.STEP_START
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """Its restitution, with what constraint force mixing of 1e-5 takes added."""

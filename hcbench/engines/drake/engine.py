@@ -12,6 +12,7 @@ from hcbench.fields import Finite
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.force import HuntCrossley
 from hcbench.scene import Scene
+from hcbench.setting import Setting
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact, Feature, Features
 from hcbench.sim.read_impact import SpeedReading
@@ -70,9 +71,9 @@ class DrakeEngine(DescribesContact, OpensFiles, ScriptedEngine[DrakeOptions]):
         plant, contact, integrator = _parts(options, timestep)
         return "\n".join(filter(None, (plant, _LAW if options.law else contact, integrator)))
 
-    def reading(self, options: DrakeOptions) -> SpeedReading:
+    def speed_reading(self, setting: Setting) -> SpeedReading:
         """At the touch plane: all of its contacts act from there on."""
-        exact = options.plant == "continuous"
+        exact = self.read(setting).plant == "continuous"
         return SpeedReading.TOUCH_PLANE_EXACT_FLIGHT if exact else SpeedReading.TOUCH_PLANE
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:

@@ -81,7 +81,7 @@ class ExudynEngine(DescribesContact, ScriptedEngine[ExudynOptions]):
         contact = _LAW if options.law else _numbers(options)
         return "\n".join((contact, _SETTINGS, _SOLVER.format(options.solver)))
 
-    def reading(self, options: ExudynOptions) -> SpeedReading:
+    def speed_reading(self, setting: Setting) -> SpeedReading:
         """At the touch plane; what a solver keeps in free flight decides."""
         return SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
 

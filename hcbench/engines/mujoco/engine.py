@@ -29,6 +29,7 @@ from hcbench.errors import UserError
 from hcbench.setting import PAIR
 from hcbench.sim.capabilities import DescribesContact, Feature, Features, HasPlugin, TunesModels
 from hcbench.sim.engine import SteppedEngine
+from hcbench.sim.read_impact import SpeedReading
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -132,6 +133,11 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         require_resolved(options.law, scene.mass, fastest, setting.timestep)
         plugin.load()
         return MujocoWorld(BatchPool.of(load(scene, setting.timestep, options)))
+
+    def speed_reading(self, setting: Setting) -> SpeedReading:
+        """Only RK4 is exact in free flight."""
+        exact = read_options(setting.options).integrator == "RK4"
+        return SpeedReading.TOUCH_PLANE_EXACT_FLIGHT if exact else SpeedReading.TOUCH_PLANE
 
     def plugin(self, *, install: bool = False) -> Path:
         """The library of hcbench.hunt_crossley and hcbench.restitution."""

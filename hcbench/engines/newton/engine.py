@@ -16,7 +16,6 @@ from hcbench.scene import Scene
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact, Feature, Features
 from hcbench.sim.parallel import ScriptedWorldsEngine
-from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptOptions
 
 
@@ -77,11 +76,6 @@ class NewtonEngine(DescribesContact, ScriptedWorldsEngine[NewtonOptions]):
     def paste(self, options: NewtonOptions, timestep: str) -> str:
         """Shapes, solver, and what it does before a step."""
         return "\n".join(filter(None, _parts(options)))
-
-    def reading(self, options: NewtonOptions) -> SpeedReading:
-        """XPBD turns around v + g h."""
-        smooth = options.solver != "XPBD" or isinstance(options.law, HuntCrossley)
-        return SpeedReading.TOUCH_PLANE if smooth else SpeedReading.STEP_END
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """Its restitution."""

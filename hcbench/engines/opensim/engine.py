@@ -27,6 +27,7 @@ from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
 
 if TYPE_CHECKING:
     from hcbench.scene import Scene
+    from hcbench.setting import Setting
 
 NotNegative = Annotated[Finite | None, Field(ge=0.0)]
 
@@ -70,7 +71,7 @@ class OpensimEngine(DescribesContact, ScriptedEngine[OpensimOptions]):
         """Contact or law, and integrator."""
         return "\n".join(filter(None, _parts(options)))
 
-    def reading(self, options: OpensimOptions) -> SpeedReading:
+    def speed_reading(self, setting: Setting) -> SpeedReading:
         """At the touch plane; its flights are exact."""
         return SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
 

@@ -22,7 +22,6 @@ from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact, Feature, Features
-from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
 
 if TYPE_CHECKING:
@@ -75,11 +74,6 @@ class PhysxEngine(DescribesContact, ScriptedEngine[PhysxOptions]):
     def paste(self, options: PhysxOptions, timestep: str) -> str:
         """Configuration, material, and what to call before each step."""
         return "\n".join(filter(None, _parts(options)))
-
-    def reading(self, options: PhysxOptions) -> SpeedReading:
-        """PhysX turns the speed around that the step's gravity has been added to."""
-        force = isinstance(options.law, HuntCrossley)
-        return SpeedReading.TOUCH_PLANE if force else SpeedReading.STEP_END
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """Its restitution."""

@@ -73,7 +73,7 @@ def steps_figure(view: FieldView) -> Figure:
         (lambda engine, g, h: view.best(engine, g, h, native=False), _PLUGIN),
     ]
     for engine, axes in panels:
-        axes.axhline(view.constant_error, **_CONSTANT)
+        axes.plot(view.steps, [view.constant_error(h) for h in view.steps], **_CONSTANT)
         for pick, style in kinds:
             for gravity in view.gravities:
                 cases = [(h, case) for h in view.steps if (case := pick(engine, gravity, h)) is not None]
@@ -101,8 +101,8 @@ def steps_figure(view: FieldView) -> Figure:
 def curves_figure(view: FieldView) -> Figure:
     """e over v without gravity: nothing set and the best setting, at the finest step and at about 1 ms."""
     figure, panels = _panels(view, view.engines)
-    law_speeds = np.linspace(0.0, float(view.speeds[-1]), 121)
     fine, coarse = view.steps[0], min(view.steps, key=lambda h: abs(math.log(h / 1e-3)))
+    law_speeds = np.linspace(0.0, float(max(view.speeds(h)[-1] for h in (fine, coarse))), 121)
     for engine, axes in panels:
         axes.plot(law_speeds, closed_form.restitution(view.alpha, law_speeds), **_LAW)
         for pick, style in ((view.stock, _STOCK), (view.best, _BEST)):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from hcbench.reporting.field.view import NO_BOUNCE, Case
 from hcbench.reporting.ranking import LOOP_NEAR
-from hcbench.reporting.wording import listed, number, percent, time
+from hcbench.reporting.wording import listed, number, percent, span, time
 from hcbench.sim import registry
 
 if TYPE_CHECKING:
@@ -30,10 +30,10 @@ def _law(view: FieldView) -> str:
     best = _sorted(view, view.gravities[0], step)
     follow = [_named(view, case) for case in best if view.follows_law(case)]
     if not follow:
-        return f"At a step of {time(step)} no engine follows the law by settings alone."
+        return f"At a step of {time(step)}, {band(view, step)}, no engine follows the law by settings alone."
     rest = f" and {len(follow) - _NAMED} more" if len(follow) > _NAMED else ""
     named = f"{listed(follow[:_NAMED])}{rest}"
-    return f"At a step of {time(step)} these follow the law by settings alone: {named}."
+    return f"At a step of {time(step)}, {band(view, step)}, these follow the law by settings alone: {named}."
 
 
 def _robots(view: FieldView) -> str:
@@ -45,9 +45,35 @@ def _robots(view: FieldView) -> str:
     nearest = listed([_named(view, case) for case in best[:3]])
     where = " under gravity" if gravity else ""
     return (
-        f"At {time(step)}{where} the nearest are {nearest}; "
-        f"the best constant e is wrong by {number(view.constant_error)}."
+        f"At {time(step)}{where}, {band(view, step)}, the nearest are {nearest}; "
+        f"the best constant e is wrong by {number(view.constant_error(step))}.{_left_out(view, best)}"
     )
+
+
+def band(view: FieldView, timestep: float) -> str:
+    """The impact speeds at a step."""
+    speeds = view.speeds(timestep)
+    return f"{span(f'{speeds[0]:.3g}', f'{speeds[-1]:.3g}')} m/s"
+
+
+def _left_out(view: FieldView, best: list[Case]) -> str:
+    """Settings of the engines that are named which would be nearer, and why they are not."""
+    words = [
+        f"{view.title(case.engine)} {left_out(view, other)}"
+        for case in best[:3]
+        for other in view.cases(case.engine, case.gravity, case.timestep)
+        if math.isinf(view.error(other)) and view.off(other) < view.error(case)
+    ]
+    return f" Left out: {listed(words)}." if words else ""
+
+
+def left_out(view: FieldView, case: Case) -> str:
+    """A setting that is nobody's best, and why."""
+    if view.gains(case):
+        why = f"gains energy: e up to {number(view.restitution(case)[1])}"
+    else:
+        why = "loses impacts"
+    return f"{case.setting} ({number(view.off(case))}, {why})"
 
 
 def _loops(view: FieldView) -> str:

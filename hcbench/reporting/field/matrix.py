@@ -123,5 +123,5 @@ def _slowest_bounce(view: FieldView, engine: str) -> str:
     bounces = curve[curve["high"] >= NO_BOUNCE] if len(curve) else curve
     if not len(bounces):
         return "nothing set: at no speed"
-    slowest = float(bounces.index.min())
-    return "" if slowest <= float(view.speeds[0]) * (1 + 1e-9) else f"nothing set: {slowest:.2g}{NBSP}m/s"
+    slowest, lowest = float(bounces.index.min()), float(view.speeds(case.timestep)[0])
+    return "" if slowest <= lowest * (1 + 1e-9) else f"nothing set: {slowest:.2g}{NBSP}m/s"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from hcbench._files import atomic_folder, write_text
 from hcbench.reporting.field import matrix, probe
 from hcbench.reporting.field.figures import drawings
-from hcbench.reporting.field.headline import headline
+from hcbench.reporting.field.headline import band, headline, left_out
 from hcbench.reporting.field.view import Case, FieldView
 from hcbench.reporting.page import PAGE, draw, render
 from hcbench.reporting.wording import number, span, time
@@ -33,11 +33,16 @@ _SEEN = 0.005  # of e: less is no bounce to anybody who looks
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A cell of the tables of errors. grade: "good", "even" or "bad" beside the best constant; "none"."""
+    """A cell of the tables of errors. grade: "good", "even" or "bad" beside the best constant; "none".
+
+    down: below which speed a body stays down, in the column beside it. notes: settings that are left out.
+    """
 
     text: str
     setting: str
     grade: str
+    down: str = ""
+    notes: tuple[str, ...] = ()
 
 
 def build(results: Results, folder: Path, pool: WorkerPool | None = None) -> Path:
@@ -102,8 +107,7 @@ def _page(view: FieldView, figures: list[dict[str, Any]], probes: dict[str, prob
         settings=_settings(view),
         missing=list(view.study["missing"]),
         add_commands=add_commands,
-        constant=number(view.constant_error),
-        steps=[time(h) for h in view.steps],
+        steps=[(time(h), band(view, h), number(view.constant_error(h))) for h in view.steps],
     )
 
 
@@ -111,19 +115,23 @@ def _table(view: FieldView, gravity: float, entry: Any) -> dict[str, Any]:
     """A row an engine, a cell a step."""
     where = f"under gravity, {gravity:g} m/s²" if gravity else "without gravity"
     rows = [(view.title(e), [entry(e, gravity, h) for h in view.steps]) for e in view.engines]
-    return {"where": where, "rows": rows}
+    downs = [any(cells[i].down for _, cells in rows) for i in range(len(view.steps))]
+    return {"where": where, "rows": rows, "downs": downs}
 
 
 def _best_entry(view: FieldView, engine: str, gravity: float, timestep: float) -> Entry:
-    case = view.best(engine, gravity, timestep)
+    case, tried = view.best(engine, gravity, timestep), view.cases(engine, gravity, timestep)
+    least = math.inf if case is None else view.error(case)
+    nearer = [other for other in tried if math.isinf(view.error(other)) and view.off(other) < least]
+    notes = tuple(left_out(view, other) for other in nearer)
     if case is None:
-        tried = view.cases(engine, gravity, timestep)
-        return Entry(
-            "gains energy" if any(map(view.gains, tried)) else "–" if not tried else "loses impacts",
-            "",
-            "none",
-        )
-    return Entry(number(view.error(case)), case.setting, _grade(view, case))
+        return Entry("–" if notes or not tried else "loses impacts", "", "none", "", notes)
+    return Entry(number(least), case.setting, _grade(view, case), _down(view, case), notes)
+
+
+def _down(view: FieldView, case: Case) -> str:
+    below = view.stays_down(case)
+    return "" if not below else "at all speeds" if math.isinf(below) else f"below {below:.3g} m/s"
 
 
 def _stock_entry(view: FieldView, engine: str, gravity: float, timestep: float) -> Entry:
@@ -132,7 +140,14 @@ def _stock_entry(view: FieldView, engine: str, gravity: float, timestep: float) 
         return Entry("–", "", "none")
     low, high = view.restitution(case)
     text = view.lost(case) or ("no bounce" if high < _SEEN else span(f"{low:.2f}", f"{high:.2f}"))
-    return Entry(text, "gains energy" if view.gains(case) else "", _grade(view, case))
+    gains = "; gains energy" if view.gains(case) else ""
+    kept = "" if view.lost(case) or high < _SEEN else f"keeps {_height(low, high)}{gains}"
+    return Entry(text, kept, _grade(view, case))
+
+
+def _height(low: float, high: float) -> str:
+    """The share of its height that a body keeps, at the least and the largest e."""
+    return f"{span(f'{100 * low**2:.3g}', f'{100 * high**2:.3g}')} % of the height"
 
 
 def _energy(view: FieldView, engine: str) -> list[Entry]:
@@ -150,16 +165,16 @@ def _largest(view: FieldView, cases: list[Case]) -> Entry:
     case = max(cases, key=lambda case: view.restitution(case)[1], default=None)
     if case is None:
         return Entry("–", "", "none")
+    largest, gains = view.restitution(case)[1], view.gains(case)
     where = f"{case.setting}, {time(case.timestep)}{', under gravity' if case.gravity else ''}"
-    gains = view.gains(case)
-    return Entry(number(view.restitution(case)[1]), where, "bad" if gains else "none")
+    return Entry(number(largest), f"keeps {_height(largest, largest)}; {where}", "bad" if gains else "none")
 
 
 def _grade(view: FieldView, case: Case) -> str:
     error = view.error(case)
     if view.follows_law(case):
         return "good"
-    return "even" if error <= 1.25 * view.constant_error else "bad"
+    return "even" if error <= 1.25 * view.constant_error(case.timestep) else "bad"
 
 
 def _settings(view: FieldView) -> list[dict[str, Any]]:

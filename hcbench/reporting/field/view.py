@@ -50,14 +50,19 @@ class FieldView:
         return float(self.study["main_alpha"])
 
     @cached_property
-    def speeds(self) -> Any:
-        """Launch speeds, m/s, rising."""
-        return np.array(sorted(self.study["speeds"]), dtype=float)
+    def _speeds(self) -> dict[float, Any]:
+        return {
+            case.timestep: np.unique(rows["speed_m_per_s"].astype(float).round(12))
+            for case, rows in self.impacts.items()
+        }
 
-    @cached_property
-    def constant_error(self) -> float:
-        """Error of the best constant e over the band."""
-        return scoring.best_constant(self.alpha, self.speeds)[1]
+    def speeds(self, timestep: float) -> Any:
+        """Impact speeds of every engine at a step, with gravity and without, m/s, rising."""
+        return self._speeds[timestep]
+
+    def constant_error(self, timestep: float) -> float:
+        """Error of the best constant e over the band of a step."""
+        return scoring.best_constant(self.alpha, self.speeds(timestep))[1]
 
     @cached_property
     def scores(self) -> dict[Case, Mapping[str, Any]]:
@@ -112,10 +117,12 @@ class FieldView:
         return [case for case, recipe in made if recipe is not None and recipe.native == native]
 
     def best(self, engine: str, gravity: float, timestep: float, native: bool = True) -> Case | None:
-        """The setting nearest to the law that loses no impact and gains no energy; None for none."""
-        errors = {case: self.error(case) for case in self.cases(engine, gravity, timestep, native)}
-        least = min(errors, key=errors.__getitem__, default=None)
-        return least if least is not None and math.isfinite(errors[least]) else None
+        """The setting nearest to the law that loses no impact and gains no energy; None for none.
+
+        One that bounces over the whole band is before any that stays down somewhere.
+        """
+        cases = [c for c in self.cases(engine, gravity, timestep, native) if math.isfinite(self.error(c))]
+        return min(cases, key=lambda case: (self.stays_down(case) > 0.0, self.error(case)), default=None)
 
     def stock(self, engine: str, gravity: float, timestep: float) -> Case | None:
         """The engine with nothing set; None where it did not run so."""
@@ -123,10 +130,25 @@ class FieldView:
         return case if case in self.scores else None
 
     def error(self, case: Case) -> float:
-        """Largest |e - e of (16)|; inf where impacts were lost or energy gained."""
-        score = self.scores[case]
-        off = float(score["max_error_law"])
-        return math.inf if score["failed"] or self.gains(case) or math.isnan(off) else off
+        """`off` the law; inf where impacts were lost, energy gained, or nothing bounced."""
+        off = self.off(case)
+        return math.inf if self.scores[case]["failed"] or self.gains(case) or math.isnan(off) else off
+
+    def off(self, case: Case) -> float:
+        """Largest |e - e of the law| of the impacts that bounced, whatever else happened; NaN for none."""
+        rows = self.impacts[case]
+        bounced = rows[rows["status"] == "parted"]
+        return float((bounced["restitution"] - bounced["restitution_law"]).astype(float).abs().max())
+
+    def stays_down(self, case: Case) -> float:
+        """From which speed on every impact bounces, m/s; 0 where all do, inf where the fastest does not.
+
+        Slower ones that come to rest have no e: they are no error of it.
+        """
+        rows, speeds = self.impacts[case], self.speeds(case.timestep)
+        rested = rows[rows["status"] == "rested"]["speed_m_per_s"].astype(float).max()
+        above = speeds[speeds > rested * (1.0 + 1e-9)]
+        return 0.0 if math.isnan(rested) else float(min(above, default=math.inf))
 
     def gains(self, case: Case) -> bool:
         """Whether a body left faster than it came."""
@@ -152,7 +174,7 @@ class FieldView:
 
     def follows_law(self, case: Case) -> bool:
         """Whether it is nearer to the law than a tenth of what a constant e can be."""
-        return self.error(case) <= FOLLOWS * self.constant_error
+        return self.error(case) <= FOLLOWS * self.constant_error(case.timestep)
 
     def _case(self, row: Mapping[Any, Any]) -> Case:
         engine, setting, gravity, timestep = (row[name] for name in _KEY)

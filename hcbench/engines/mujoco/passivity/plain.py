@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import speed_reading
 from hcbench.sim.passivity import (
     HEIGHTS,
     LASTS,
@@ -105,7 +106,7 @@ def drops(contact: Contact, options: Options, heights: Sequence[float] = HEIGHTS
         mujoco.mj_resetData(model, data)
         data.qpos[2] += height
         mujoco.mj_getState(model, data, state, kind)
-    reader = DropReader(contact.timestep, contact.gravity, options.integrator == "RK4")
+    reader = DropReader(contact.timestep, contact.gravity, speed_reading(model))
     for _ in range(math.ceil(LASTS / _CHUNK_S)):
         path, _ = mujoco.rollout.rollout(model, [data], states, nstep=math.ceil(_CHUNK_S / contact.timestep))
         reader.add(contact.radius - path[:, :, 3], -path[:, :, 1 + model.nq + 2])

@@ -17,9 +17,6 @@ import numpy as np
 from hcbench.engines.pybullet import plugin
 from hcbench.engines.pybullet.backend import BACKEND
 from hcbench.engines.pybullet.model.causes import (
-    BODY_TYPE,
-    MAXIMAL_COORDINATES,
-    STIFFNESS,
     BulletContext,
     find_suspects,
     restitution_setting,
@@ -33,13 +30,11 @@ from hcbench.engines.pybullet.model.plausible import require_plausible
 from hcbench.engines.pybullet.model.simulation import LaunchInUserWorld
 from hcbench.engines.pybullet.model.sliding import pair_friction
 from hcbench.engines.pybullet.model.start_pose import joint_states, set_pose
-from hcbench.engines.pybullet.scene.record import speed_reading
 from hcbench.errors import UserError
 from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.candidate_pairs import CandidatePair
 from hcbench.sim.model_under_test import Facts, ModelSetting, ModelUnderTest, Request, Suspect
-from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.world import Simulation
 
 _UNKNOWN_RESTITUTIONS = "restitutions that PyBullet does not report for bodies with maximal coordinates"
@@ -79,7 +74,6 @@ class PybulletModel(ModelUnderTest):
             self.timestep, self.mass = float(parameters["fixedTimeStep"]), self.place.effective_mass
             along = float((np.array(self._gravity()) * self.place.normal).sum())
             self.gravity = along if self._falls_alone() else 0.0
-            self.speed_reading = self._reading()
         except BaseException:
             self._put_back()
             raise
@@ -108,12 +102,6 @@ class PybulletModel(ModelUnderTest):
         parameters = self.bullet.getPhysicsEngineParameters()
         x, y, z = (float(parameters[f"gravityAcceleration{axis}"]) for axis in "XYZ")
         return x, y, z
-
-    def _reading(self) -> SpeedReading:
-        infos = [self.bullet.getDynamicsInfo(s.body, s.link) for s in (self.place.first, self.place.second)]
-        jointed = [info for info in infos if info[BODY_TYPE] != MAXIMAL_COORDINATES]  # as of `restitutions`
-        at_plane = self.law is not None or any(info[STIFFNESS] > 0 for info in jointed)
-        return speed_reading(at_plane, rigid=not jointed)
 
     def _falls_alone(self) -> bool:
         """Whether gravity makes the two approach: not when both fall."""

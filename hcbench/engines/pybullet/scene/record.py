@@ -11,24 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.tangential import rows_of_ball
 from hcbench.sim.world import momentum_force
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
     from hcbench.scene import Scene
-
-
-def speed_reading(at_plane: bool, rigid: bool) -> SpeedReading:
-    """Which speeds a contact of Bullet's reverses.
-
-    at_plane: it has a contactStiffness, or a law, and is of the touch plane. Else its restitution
-    is of the speed at the step's end; of that at its start where `rigid`: of a body with maximal coordinates.
-    """
-    if at_plane:
-        return SpeedReading.TOUCH_PLANE
-    return SpeedReading.STEP_START if rigid else SpeedReading.STEP_END
 
 
 def overlap(scene: Scene, position: Floats, velocity: Floats) -> tuple[Floats, Floats, Floats]:

@@ -25,7 +25,6 @@ from hcbench.engines.pybullet.model.model_file import check_ball, check_plate
 from hcbench.engines.pybullet.scene.record import (
     force_from_momentum,
     overlap,
-    speed_reading,
     tangential_rows,
 )
 from hcbench.engines.pybullet.scene.staggered_ball import ball_urdf
@@ -61,8 +60,6 @@ class PybulletWorld(World):
         self.scene, self.options = scene, options
         self.timestep, self.gravity, self.mass = timestep, scene.normal_gravity, scene.mass
         self.deepest = scene.touch_radius
-        at_plane = bool(options.law or options.links) or "contactStiffness" in options.ball
-        self.speed_reading = speed_reading(at_plane, options.maximal_coordinates)
         # How often Bullet's solver sweeps over several links depends on all that are in contact.
         self.places = 1 if options.links else _BALLS_IN_WORLD
         self.reports_force = options.ball.get("linearDamping") != 0.0
