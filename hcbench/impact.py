@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 
+# Of files that were written before e was the speed ratio at the touch plane for every engine.
+FORMER_E = "whose e has an earlier definition: speeds at a step's start or end, not at the touch plane"
 _ANGLE_DIGITS = 12  # of an angle in rad: what speeds and slips tell of it
 
 

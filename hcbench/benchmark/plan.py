@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
     from hcbench.setting import Setting
 
-SCHEMA = 2
+SCHEMA = 3
 _NAMED = re.compile(r'file(?:name)?\s*=\s*"([^"]+)"')  # how MJCF and URDF name meshes and parts
 # In a shard, at most: about a second of work, a fine grain for 10^8 impacts.
 SHARD_IMPACTS, _STEPS = 4096, 5_000_000

@@ -3,7 +3,7 @@
 restitution.csv  one row an impact           loops.csv     one row a sample of a kept loop
 scores.csv       one row a setting, α, step  trains.csv    one row a bounce of a drop under gravity
 rests.csv        one row a drop: how the body lies at the end
-summary.json     schema (2; that of version 0.1.0 is 1, and is read too), study, settings, versions
+summary.json     schema (3; 1 and 2 have an earlier definition of e), study, settings, versions
 hcbench-files.json: what of a folder was written, so that the next time clears up after this one.
 """
 
@@ -19,6 +19,7 @@ from hcbench._files import json_text, parse_json, read_text, write_text
 from hcbench._notebook import Shown
 from hcbench.errors import UserError
 from hcbench.fields import ResultTable, validate
+from hcbench.impact import FORMER_E
 from hcbench.scoring import CLAIMS
 
 if TYPE_CHECKING:
@@ -29,10 +30,9 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
     from hcbench.setting import Setting
 
-SCHEMA, FORMER = 2, 1
+SCHEMA, FORMER = 3, (1, 2)
 TABLES = ("restitution", "loops", "scores", "trains", "rests")
 CONDITIONS = ["gravity_m_per_s2", "off_axis_m", "friction"]  # under which a setting ran in its scene
-_SINCE_2 = ("rests",)  # tables that schema 1 has not
 RUN_KEY = [
     "scene",
     *CONDITIONS,
@@ -114,36 +114,25 @@ class Results(Shown):
 
     @classmethod
     def read(cls, folder: str | Path) -> Results:
-        """Read what `write` wrote, in this schema or the former one; UserError for another folder."""
+        """Read what `write` wrote, in this schema; UserError for another folder."""
         if not isinstance(folder, str | Path):
             raise UserError("folder", f"{folder!r:.80}", "a path")
         folder = Path(folder)
         try:
             summary = parse_json(read_text(folder / "summary.json"))
             schema = summary.get("schema") if isinstance(summary, dict) else None
-            if schema not in (SCHEMA, FORMER):
+            if schema != SCHEMA:
                 raise UserError(
                     "results",
-                    f"{folder} has schema {schema!r}",
-                    f"schema {FORMER} or {SCHEMA}",
+                    f"{folder} has schema {schema!r}{f', {FORMER_E}' if schema in FORMER else ''}",
+                    f"schema {SCHEMA}",
                     "Run the study again with this version of hcbench",
                 )
-            names = [name for name in TABLES if schema == SCHEMA or name not in _SINCE_2]
-            tables = [_read_table(folder / f"{name}.csv") for name in names]
+            tables = [_read_table(folder / f"{name}.csv") for name in TABLES]
         except (OSError, ValueError) as error:
             raise UserError("results", f"{folder}: {error}", "a folder that `hcbench report` wrote") from None
         validate(ResultTable, summary, UserError, f"{folder}/summary.json: {{}}")
-        if schema == FORMER:
-            for table in (*tables, *summary["settings"]):
-                _add_conditions(table, summary["study"])
         return cls(summary["study"], summary["settings"], summary["versions"], *tables)
-
-
-def _add_conditions(table: Any, study: Mapping[str, Any]) -> None:
-    """Give a table or record of schema 1 the columns that its rows share: there was one gravity then."""
-    for name, value in zip(CONDITIONS, (study.get("gravity", 0.0), 0.0, 0.0), strict=True):
-        if name not in table:
-            table[name] = value
 
 
 def _read_table(path: Path) -> pd.DataFrame:

@@ -18,6 +18,7 @@ from hcbench.benchmark.results import RUN_KEY
 from hcbench.benchmark.tables import SUMMARY, ShardFiles, Summary, digest, metadata_of, summed
 from hcbench.errors import OutputError, UserError
 from hcbench.fields import ResultTable, validate
+from hcbench.impact import FORMER_E
 
 DESCRIPTION, SUMMARY_FILE, LOOPS, DAMAGED = "_sweep.json", "_summary.csv", "_loops", "_damaged"
 _SHARD = re.compile(r"part-(\d{7})-([0-9a-f]{16})\.parquet")
@@ -59,7 +60,8 @@ class Store:
         description: dict[str, Any] = content if isinstance(content, dict) else {}
         if description.get("schema") != SCHEMA or description.get("kind") != "hcbench sweep":
             got = f"schema {description.get('schema')!r:.40}" if description else "no table in JSON"
-            what = f"{self.where}: {DESCRIPTION} has {got}"
+            former = f", {FORMER_E}" if description.get("schema") in (1, 2) else ""
+            what = f"{self.where}: {DESCRIPTION} has {got}{former}"
             versions = description.get("versions")
             by = sanitized(versions.get("hcbench")) if isinstance(versions, dict) else "unknown"
             advice = f"hcbench {by} wrote it: finish it with that one, or sweep into a new folder"

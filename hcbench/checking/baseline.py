@@ -22,11 +22,11 @@ from hcbench._bounds import BOUNDS
 from hcbench._files import json_text, parse_json, read_text
 from hcbench._outputs import write_output
 from hcbench.errors import UserError
-from hcbench.impact import Launch, Status
+from hcbench.impact import FORMER_E, Launch, Status
 from hcbench.measuring.measurement import Measurement
 from hcbench.sim.model_under_test import Request
 
-SCHEMA = 1
+SCHEMA = 2  # 1 has FORMER_E
 KIND = "hcbench baseline"
 _Number = Annotated[StrictFloat, Field(allow_inf_nan=False)]
 
@@ -140,10 +140,10 @@ def read_baseline(path: Path, name: str) -> Baseline:
         raise UserError("baseline", f"{path} is not JSON", "what --write-baseline wrote") from None
     if not isinstance(content, dict) or content.get("kind") != KIND:
         raise UserError("baseline", f"{path} is no baseline", "what --write-baseline wrote")
-    if content.get("schema") != SCHEMA:
+    if (schema := content.get("schema")) != SCHEMA:
         raise UserError(
             "baseline",
-            f"{path} has schema {content.get('schema')!r}",
+            f"{path} has schema {schema!r}{f', {FORMER_E}' if schema == 1 else ''}",
             f"schema {SCHEMA}",
             "Write it again with this version of hcbench",
         )

@@ -62,6 +62,21 @@ class Restitution(RestitutionCurve):
             return closed_form.restitution_linear(self.alpha, speed)
         return closed_form.restitution(self.alpha, speed)
 
+    def rebound(
+        self, penetration: Floats | float, rate: Floats | float, timestep: float, gravity: float
+    ) -> Floats:
+        """Speed, m/s, at which a body leaves a semi-implicit step that reverses it, so that e is at the touch
+        plane; 0 for one too slow to leave. Same shape as the arguments.
+
+        penetration: m, and rate: m/s, at the step's start. Free flight keeps U² = (v + g h/2)² - 2 g x, U the
+        speed at the plane; after a step of h the body is at x - h s, with a rate of -s.
+        """
+        half, sunk = gravity * timestep / 2, 2.0 * gravity * np.asarray(penetration)
+        touch = np.sqrt(np.maximum(0.0, (np.asarray(rate) + half) ** 2 - sunk))
+        left = np.clip(self.at(touch), 0.0, 1.0) * touch
+        leaves = np.sqrt(np.maximum(0.0, left**2 + sunk)) - half
+        return np.where(touch > 0.0, np.maximum(0.0, leaves), 0.0)
+
     @property
     def description(self) -> str:
         """What a report calls it."""

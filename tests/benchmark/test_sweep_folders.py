@@ -71,7 +71,13 @@ def test_a_folder_with_something_else_in_it_is_left_alone(tmp_path: Path) -> Non
 
 def test_a_folder_of_a_later_hcbench_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "_sweep.json").write_text('{"kind": "hcbench sweep", "schema": 9}')
-    with pytest.raises(UserError, match="schema 9; expected schema 1"):
+    with pytest.raises(UserError, match="schema 9; expected schema 3"):
+        sweep(study_from(small()), tmp_path, resume=True)
+
+
+def test_a_sweep_with_the_former_definition_of_e_is_refused_by_name(tmp_path: Path) -> None:
+    (tmp_path / "_sweep.json").write_text('{"kind": "hcbench sweep", "schema": 2}')
+    with pytest.raises(UserError, match="schema 2, whose e has an earlier definition"):
         sweep(study_from(small()), tmp_path, resume=True)
 
 

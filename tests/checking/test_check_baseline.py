@@ -42,7 +42,8 @@ def test_a_baseline_tells_what_else_changed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"schema": 99}, "schema 99"),
+        ({"schema": 99}, "schema 99;"),
+        ({"schema": 1}, "schema 1, whose e has an earlier definition: speeds at a step's start or end"),
         ({"kind": "shopping list"}, "is no baseline"),
         ({"checks": {}}, "has nothing on"),
         ({"checks": {"good.xml": {"engine": "mujoco"}}}, "damaged"),
@@ -79,7 +80,7 @@ def test_a_damaged_baseline_is_refused(tmp_path: Path, damage: dict[str, Any]) -
     impacts = [{**impact, "speed_m_per_s": speed, **damage} for speed in (0.1, 0.5)]
     entry = {"engine": "mujoco", "version": "3", "timestep_s": 0.002, "impacts": impacts}
     file = tmp_path / "baseline.json"
-    file.write_text(json.dumps({"schema": 1, "kind": "hcbench baseline", "checks": {"good.xml": entry}}))
+    file.write_text(json.dumps({"schema": 2, "kind": "hcbench baseline", "checks": {"good.xml": entry}}))
     with pytest.raises(UserError, match="damaged"):
         plan(ask(baseline=file))
 
@@ -117,7 +118,7 @@ def test_launches_beside_a_baseline_are_those_that_it_has(
     impacts = [{**impact, "speed_m_per_s": speed} for speed in (0.1, 0.5)]
     entry = {"engine": "mujoco", "version": "3", "timestep_s": 0.002, "impacts": impacts}
     file = tmp_path / "baseline.json"
-    file.write_text(json.dumps({"schema": 1, "kind": "hcbench baseline", "checks": {"good.xml": entry}}))
+    file.write_text(json.dumps({"schema": 2, "kind": "hcbench baseline", "checks": {"good.xml": entry}}))
     spec = CheckSpec(model=GOOD, pair="ball,plate", baseline=file, **asked)
     if is_written:
         assert [launch.speed for launch in plan(spec).request.launches()] == [0.1, 0.5]

@@ -88,7 +88,7 @@ def test_a_step_in_a_model_file_is_held_to_the_same_range(
     )
 
 
-@pytest.mark.parametrize("content", ["[]", "null", "7", "[" * DEEP, '{"schema": 1, "kind": "hcbench sweep"}'])
+@pytest.mark.parametrize("content", ["[]", "null", "7", "[" * DEEP, '{"schema": 3, "kind": "hcbench sweep"}'])
 def test_a_damaged_description_is_no_sweep(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str
 ) -> None:
@@ -103,17 +103,18 @@ def test_a_damaged_description_is_no_sweep(
 @pytest.mark.parametrize(
     ("content", "cause"),
     [
-        ("[]", "schema 1 or 2"),
-        ("null", "schema 1 or 2"),
+        ("[]", "expected schema 3"),
+        ("null", "expected schema 3"),
         ("[" * DEEP, "nested too deeply"),
-        ('{"schema": 1}', "study: missing"),
-        ('{"schema": 1, "study": []}', "study: []"),
+        ('{"schema": 2}', "schema 2, whose e has an earlier definition: speeds at a step's start or end"),
+        ('{"schema": 3}', "study: missing"),
+        ('{"schema": 3, "study": []}', "study: []"),
     ],
 )
 def test_damaged_results_are_none(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, cause: str
 ) -> None:
-    for name in ("restitution", "loops", "scores", "trains"):
+    for name in ("restitution", "loops", "scores", "trains", "rests"):
         (tmp_path / f"{name}.csv").write_text("x\n1\n")
     (tmp_path / "summary.json").write_text(content)
     refused(capsys, ["check", str(tmp_path)], cause)
@@ -239,7 +240,7 @@ def test_what_killed_processes_left_goes_and_what_others_write_stays(tmp_path: P
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no device without an end")
 def test_a_table_linked_to_a_device_is_not_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "summary.json").write_text('{"schema": 1}')
+    (tmp_path / "summary.json").write_text('{"schema": 3}')
     for name in ("restitution", "loops", "scores", "trains"):
         (tmp_path / f"{name}.csv").symlink_to("/dev/zero")
     refused(capsys, ["check", str(tmp_path)], "not a regular file")

@@ -28,6 +28,7 @@ from hcbench.reporting.field.page import COST
 from hcbench.reporting.field.view import Case, FieldView
 from hcbench.sim import registry
 from hcbench.sim.capabilities import DescribesContact, Features
+from hcbench.units import INCH
 
 COMMITTED = Path(__file__).parents[2] / "reports" / "field"
 RUNS = [
@@ -35,6 +36,8 @@ RUNS = [
     {"engine": "mujoco", "recipe": "stock", "timesteps": "1e-3 s"},
     {"engine": "mujoco", "recipe": "impulse", "timesteps": "1e-5, 1e-3 s"},
     {"engine": "mujoco", "recipe": "impulse", "timesteps": "1e-3 s", "gravity": "9.81 m/s^2"},
+    {"engine": "mujoco", "recipe": "impulse", "timesteps": "0.016666666666666666 s"},
+    {"engine": "mujoco", "recipe": "impulse", "timesteps": "0.016666666666666666 s", "gravity": "9.81 m/s^2"},
     {"engine": "mujoco", "recipe": "staggered", "timesteps": "1e-5 s"},
     {"engine": "mujoco@0.1", "recipe": "impulse", "timesteps": "1e-3 s"},
 ]
@@ -73,6 +76,78 @@ def test_the_headline_names_who_follows_the_law_and_who_is_nearest_under_gravity
     )
     band = "0.102\u00a0…\u00a00.406 m/s"
     assert f"At 1\u00a0ms under gravity, {band}, the nearest are MuJoCo {version} impulse" in robots
+
+
+def test_a_coarse_step_has_the_band_over_which_a_body_bounces_and_its_own_best_constant(
+    view: FieldView,
+) -> None:
+    low, high = view.speeds(1 / 60)[[0, -1]]
+    assert view.speeds(1e-3)[[0, -1]] == pytest.approx([4 * INCH, 16 * INCH])
+    assert (low, high) == pytest.approx((1.6 * 9.80665 / 60, 4 * 1.6 * 9.80665 / 60), rel=2e-3)
+    without = view.best("mujoco", 0.0, 1 / 60)
+    assert without is not None
+    assert view.error(without) == pytest.approx(view.constant_error(1 / 60), rel=1e-3)
+
+
+HOW = [  # what a flight keeps, and how a contact is stepped
+    ("mujoco", "impulse"),
+    ("pybullet", "restitution"),
+    ("dart", "restitution"),
+    ("rapier", "restitution"),
+    ("drake", "continuous"),
+]
+
+
+@pytest.fixture(scope="module")
+def side_by_side() -> FieldView:
+    for package in ("mujoco", "pybullet", "dartpy", "rapier3d", "pydrake"):
+        pytest.importorskip(package)
+    about = {"timesteps": "1e-3, 0.016666666666666666 s"}
+    runs = [
+        {"engine": engine, "recipe": recipe, **about, **gravity}
+        for engine, recipe in HOW
+        for gravity in ({}, {"gravity": "9.81 m/s^2"})
+    ]
+    return FieldView(run_study(study_from({**STUDY, "run": runs})))
+
+
+def test_all_engines_of_a_cell_meet_the_same_speeds_at_touch(side_by_side: FieldView) -> None:
+    for case, rows in side_by_side.impacts.items():
+        bounced = rows[rows["status"] == "parted"]
+        assert len(bounced), case
+        speeds = bounced["speed_in_m_per_s"].astype(float), bounced["speed_m_per_s"].astype(float)
+        assert speeds[0].to_numpy() == pytest.approx(speeds[1].to_numpy(), rel=2e-5), case
+    by_step: dict[float, set[tuple[float, ...]]] = {}
+    for case, rows in side_by_side.impacts.items():
+        by_step.setdefault(case.timestep, set()).add(tuple(rows["speed_m_per_s"]))
+    assert [len(speeds) for speeds in by_step.values()] == [1, 1]
+
+
+def test_slow_impacts_that_stay_down_are_a_column_and_no_error(side_by_side: FieldView) -> None:
+    case = Case("rapier", "restitution", 9.81, 1 / 60)
+    rested = side_by_side.impacts[case]["status"] == "rested"
+    assert rested.any()
+    assert side_by_side.error(case) < 0.6
+    below = side_by_side.stays_down(case)
+    assert below in side_by_side.speeds(1 / 60)
+    slower = side_by_side.impacts[case]["speed_m_per_s"].astype(float) < below * (1 - 1e-9)
+    assert not rested[~slower].any()
+    table = page._table(side_by_side, 9.81, partial(page._best_entry, side_by_side))
+    assert table["downs"] == [False, True]
+    (cells,) = (cells for name, cells in table["rows"] if name.startswith("Rapier"))
+    assert cells[1].down == f"below {below:.3g} m/s"
+
+
+def test_a_setting_that_would_be_nearer_is_named_in_its_cell_with_what_keeps_it_out(
+    side_by_side: FieldView,
+) -> None:
+    cell = page._best_entry(side_by_side, "dart", 9.81, 1 / 60)
+    assert cell.text == "–"
+    (note,) = cell.notes
+    assert re.fullmatch(r"restitution \([\d.]+, gains energy: e up to 1\.\d+\)", note)
+    energy = page._energy(side_by_side, "dart")[1]
+    assert float(energy.text) > 1.3
+    assert "% of the height" in energy.setting
 
 
 def test_an_engine_that_is_not_there_is_named_and_left_out(view: FieldView) -> None:

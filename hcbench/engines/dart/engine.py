@@ -89,8 +89,9 @@ def _hook(options: DartOptions) -> str:
 
 _SET_BALL = "ball_shape.getDynamicsAspect().setRestitutionCoeff({})"
 _SET_EACH = f"""\
-v = -ball.getVelocities()[5] / L  # DART reverses v + g h, at the end of the step; the target is e v
-share = e(v) * v / (v + gravity * timestep) if v > 0 else 0.0
+x, v = R - ball.getPositions()[5] / L, -ball.getVelocities()[5] / L
+leaves = float(curve.rebound(x, v, timestep, gravity))  # so that e is that of the speed at the plane
+share = leaves / (v + gravity * timestep) if v > 0 else 0.0  # DART reverses v + g h, at the step's end
 {_SET_BALL.format("min(1.0, (1 + share) * (1 + 1e-5) - 1)")}"""
 _PUSH = """\
 x, v = R - ball.getPositions()[5] / L, -ball.getVelocities()[5] / L

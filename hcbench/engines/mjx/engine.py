@@ -164,5 +164,11 @@ table = np.clip(Restitution({}, {!r}).at(speeds), 0, 1)
 
 def step(model, data):  # the pair's solref is that of `impulse`
     v, rest = jnp.maximum(-data.qvel[2], 1e-6), 1 - model.pair_solimp[0, 0]  # of gravity, by impedance
-    damping = (1 + jnp.interp(v, speeds, table)) / model.opt.timestep - rest * model.opt.gravity[2] / v
+    h, g = model.opt.timestep, -model.opt.gravity[2]
+    sunk = 2 * g * (R - data.qpos[2])  # (v + g h/2)² less it is the square of the speed at the touch plane
+    touch = jnp.sqrt(jnp.maximum((v + g * h / 2) ** 2 - sunk, 0))
+    left = jnp.interp(touch, speeds, table) * touch
+    leaves = jnp.sqrt(jnp.maximum(left**2 + sunk, 0)) - g * h / 2
+    share = jnp.where(touch > 0, jnp.maximum(leaves, 0), 0) / v
+    damping = (1 + share) / h + rest * g / v
     return mjx.step(model.replace(pair_solref=model.pair_solref.at[0, 1].set(-damping)), data)"""

@@ -157,7 +157,8 @@ h, gravity = model.opt.timestep.numpy()[0], -model.opt.gravity.numpy()[0][2]
 rest = 1 - model.pair_solimp.numpy()[0, 0][0]  # of gravity, by impedance
 
 def before_step(data):  # each world has a solref of its own; the pair's is that of `impulse`
-    v = np.maximum(-data.qvel.numpy()[:, 2], 1e-6)
-    damping = (1 + np.clip(curve.at(v), 0, 1)) / h + rest * gravity / v
+    x, v = R - data.qpos.numpy()[:, 2], np.maximum(-data.qvel.numpy()[:, 2], 1e-6)
+    share = curve.rebound(x, v, h, gravity) / v  # so that e is that of the speed at the touch plane
+    damping = (1 + share) / h + rest * gravity / v
     solref = np.stack([0 * v, -damping], axis=1)[:, None].astype(np.float32)
     model.pair_solref = wp.array(solref, dtype=wp.vec2)"""

@@ -18,6 +18,7 @@ from hcbench.reporting.view import REFERENCE
 from hcbench.reporting.wording import engine_title
 from hcbench.resolution import FOLLOWS
 from hcbench.sim import registry
+from hcbench.sim.passivity import MOST_E
 
 _KEY = ["engine", "setting", "gravity_m_per_s2", "timestep_s"]
 _LAW_ROLES = (Role.LAW, Role.LAW_AND_LOOP)
@@ -151,8 +152,8 @@ class FieldView:
         return 0.0 if math.isnan(rested) else float(min(above, default=math.inf))
 
     def gains(self, case: Case) -> bool:
-        """Whether a body left faster than it came."""
-        return bool(self.scores[case]["energy_gained"])
+        """Whether a body left with more energy than it came with, by more than chance."""
+        return bool(self.scores[case]["energy_gained"]) and not self.restitution(case)[1] <= MOST_E
 
     def restitution(self, case: Case) -> tuple[float, float]:
         """The least and the largest e over speeds and phases; NaN where no impact came back."""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from free_flight import speed_at_plane
 
 from hcbench.errors import SceneError, UserError
 from hcbench.impact import Status
@@ -91,14 +92,15 @@ def bounce_by_hand(
     p.resetBaseVelocity(body, [0, 0, -speed], [0, 0, 0], physicsClientId=c)
     into, hit = speed, False
     for _ in range(2_000):
+        height = p.getBasePositionAndOrientation(body, physicsClientId=c)[0][2] - RADIUS
         before = p.getBaseVelocity(body, physicsClientId=c)[0][2]
         p.stepSimulation(physicsClientId=c)
         acting = any(point[9] > 0 for point in p.getContactPoints(body, 0, physicsClientId=c))
         if acting and not hit:
-            into, hit = gravity * h - before, True  # Bullet's restitution is of the speed at the step's end
+            into, hit = speed_at_plane(height, before, gravity, h), True
         if hit and not acting and before > 0:
             p.disconnect(c)
-            return into, before
+            return into, speed_at_plane(height, before, gravity, h)
     p.disconnect(c)
     return into, 0.0
 
