@@ -1,3 +1,11 @@
+"""Curves of restitution over impact speed, as the steps of engines use them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hcbench.laws.restitution import Restitution
 
 
 @pytest.mark.parametrize("alpha", [0.08, 0.3, 0.63])
