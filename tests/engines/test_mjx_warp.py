@@ -57,9 +57,9 @@ def test_the_bounce_in_one_step_has_the_restitution_asked(engine: str, within: f
 @pytest.mark.parametrize(("engine", "within"), [("mjx", 5e-6), ("mujoco-warp", 1e-6)])
 def test_each_impact_is_given_its_own_restitution_under_gravity_too(engine: str, within: float) -> None:
     setting = registry.recipe(f"{engine}.restitution-law")(target(1e-3))
-    for scene in (PLANE, HEAVY):
+    for scene, most in ((PLANE, within), (HEAVY, 1e-5)):  # whose energy has a height in float32
         v, e = restitutions(setting, scene)
-        assert np.abs(e - target(1e-3).restitution(v)).max() < within
+        assert np.abs(e - target(1e-3).restitution(v)).max() < most
 
 
 @pytest.mark.needs_engine
