@@ -153,7 +153,7 @@ def test_a_setting_that_would_be_nearer_is_named_in_its_cell_with_what_keeps_it_
 def test_an_engine_that_is_not_there_is_named_and_left_out(view: FieldView) -> None:
     assert view.study["missing"] == ["mujoco@0.1"]
     assert view.engines == ["mujoco"]
-    with pytest.raises(StudyError, match="none of its engines is there"):
+    with pytest.raises(StudyError, match="none of its engines is installed"):
         run_study(study_from({**STUDY, "run": RUNS[-1:]}))
 
 

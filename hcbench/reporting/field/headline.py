@@ -68,7 +68,7 @@ def _left_out(view: FieldView, best: list[Case]) -> str:
 
 
 def left_out(view: FieldView, case: Case) -> str:
-    """A setting that is nobody's best, and why."""
+    """A setting that is not the best, and why."""
     if view.gains(case):
         why = f"gains energy: e up to {number(view.restitution(case)[1])}"
     else:

@@ -136,7 +136,7 @@ class FieldView:
         return math.inf if self.scores[case]["failed"] or self.gains(case) or math.isnan(off) else off
 
     def off(self, case: Case) -> float:
-        """Largest |e - e of the law| of the impacts that bounced, whatever else happened; NaN for none."""
+        """Largest |e - e of the law| of the impacts that bounced; NaN for none."""
         rows = self.impacts[case]
         bounced = rows[rows["status"] == "parted"]
         return float((bounced["restitution"] - bounced["restitution_law"]).astype(float).abs().max())
