@@ -4,7 +4,7 @@ import mujoco
 import pytest
 from bounce_loop import bounce_by_distance
 
-from hcbench.errors import UserError
+from hcbench.errors import SceneError, UserError
 from hcbench.measuring import Measurement, measure
 from hcbench.measuring.text import as_record, as_text
 
@@ -128,3 +128,13 @@ def test_a_pair_that_never_touches_is_refused_with_what_stopped_it() -> None:
     pulled = HELD.replace('kp="0" kv="7"', 'kp="4000" kv="400" ctrlrange="0 1"')
     with pytest.raises(UserError, match=r"never touched.*actuators.*Start from another"):
         measure(pulled, "geom:tip,floor", speeds=[0.01], phases=1, height=0.01)
+
+
+def test_a_robot_that_stands_in_the_floor_is_raised_up_to_a_limit() -> None:
+    """Its foot starts 18 mm deep, as in keyframes of robots that stand on soft contacts."""
+    standing = robot("leg").replace('name="trunk" pos="0 0 .6"', 'name="trunk" pos="0 0 .325"')
+    found, free = measured(standing, 0.5), measured(robot("leg"), 0.5)
+    assert found.curve[0].restitution == pytest.approx(free.curve[0].restitution, abs=1e-6)
+    assert any("overlap by 0.018 m at the start: moved apart" in note for note in found.facts.notes)
+    with pytest.raises(SceneError, match="inside 'floor'"):
+        measured(standing.replace('pos="0 0 .325"', 'pos="0 0 .2"'), 0.5)

@@ -59,8 +59,9 @@ class BulletClient:
         loaders = {".urdf": self.loadURDF, ".sdf": self.loadSDF}
         load = loaders.get(path.suffix.lower(), self.loadMJCF)
         try:
-            with chdir(path.resolve().parent):  # Bullet looks for meshes in the working directory first
-                bodies = load(path.name, **options)
+            # Bullet looks for meshes in the working directory first, and for package:// above the whole path.
+            with chdir(path.resolve().parent):
+                bodies = load(str(path.resolve()), **options)
         except self.error as error:
             raise SceneError(slot, f"{path}: {error}", "a file that PyBullet loads") from None
         return [bodies] if isinstance(bodies, int) else list(bodies)

@@ -13,7 +13,7 @@ from hcbench.engines.mujoco.model.find_pair import (
     moving_joints,
     no_contact_error,
 )
-from hcbench.engines.mujoco.model.pair import ContactPair, PairContact
+from hcbench.engines.mujoco.model.pair import ContactPair, Nearest, PairContact
 from hcbench.engines.mujoco.model.start_pose import require_joints_within_limits, tether_error
 from hcbench.engines.mujoco.model.touch_search import TouchSearch, swing, swing_to_touch
 from hcbench.errors import UserError
@@ -22,6 +22,8 @@ from hcbench.sim.model_under_test import Vector
 from hcbench.sim.touch import LEAST_APPROACH, require_apart, require_reachable
 
 ABOVE: Vector = (0.0, 0.0, 1.0)
+_RAISED = 0.1  # m: how deep a robot may stand in the floor at the start
+_BASE_DOFS = 6  # of a free body: a robot has joints besides
 _MISSED = 1e-6  # m: two that are still so far apart at the end of a way have passed each other
 
 
@@ -66,9 +68,10 @@ def bring_to_touch(pair: ContactPair, data: Any, coming_from: Vector | None = No
     if coming_from is not None:
         return _from_there(pair, data, coming_from)
     if pair.height_field < 0:
+        overlap = max(0.0, -float(near.distance))
+        near = _raised(pair, data, near)
         advice = "Move one away, or start from another keyframe or --qpos"
         require_apart(near.distance, pair.size, pair.first.name, pair.second.name, advice)
-        overlap = max(0.0, -float(near.distance))
     if not near.normal.any():
         near = near._replace(normal=_guess_normal(pair, data))
     row = pair.approach_row(data, near.point, near.normal)
@@ -90,6 +93,22 @@ def bring_to_touch(pair: ContactPair, data: Any, coming_from: Vector | None = No
         got = f"{pair.first.name!r} and {pair.second.name!r} slide past each other: no joint moves one"
         raise UserError("pair", f"{got} towards the other", "a joint along their common normal")
     raise immobile_error(pair)
+
+
+def _raised(pair: ContactPair, data: Any, near: Nearest) -> Nearest:
+    """Where the two are nearest once the free base of a robot that starts in the other, as keyframes of
+    standing robots do, is moved out by up to _RAISED; `data` is there. As it is where there is none.
+    """
+    model, base = pair.model, next(iter(moving_joints(pair.model, pair.first.body)), None)
+    if not -_RAISED <= near.distance < 0.0 or base is None or len(base.dofs) != 3 or base.turns:
+        return near
+    tree = model.body_rootid[model.dof_bodyid] == model.body_rootid[base.body]
+    move = _slide(pair.approach_row(data, near.point, near.normal), base)
+    if int(tree.sum()) <= _BASE_DOFS or move is None:
+        return near
+    backend().mj_integratePos(model, data.qpos, move, float(near.distance))
+    backend().mj_forward(model, data)
+    return pair.nearest(data)._replace(normal=near.normal)
 
 
 class _PassedError(UserError):
