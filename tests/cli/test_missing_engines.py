@@ -12,7 +12,7 @@ from hcbench.benchmark.encodings import arrays, frame, metadata_in, parquet
 from hcbench.benchmark.study import find_study, is_built_in, load_study
 from hcbench.cli.report import _engines_in, _folder, _load
 from hcbench.errors import EngineMissing, UserError
-from hcbench.sim import install, registry
+from hcbench.sim import install, registry, simulate
 from hcbench.sim.backend import Backend
 
 ADD = "hcbench engines add pybullet --python 3.11"
@@ -28,6 +28,7 @@ def without_bullet(monkeypatch: pytest.MonkeyPatch) -> None:
         return real(self)
 
     monkeypatch.setattr(Backend, "version", version)
+    simulate.require_installed.cache_clear()  # an earlier test may have run it in this process
 
 
 def test_a_built_in_study_leaves_it_out_and_says_how_to_add_it(
