@@ -40,6 +40,7 @@ LIMIT_S = 60.0  # at least, for one model, which takes a second or two on an idl
 LEAST_MEMORY = 4 << 30  # bytes that any model may take
 MEMORY_SHARE = 0.8  # of the machine's memory, which a model may take if that is more
 
+_FROM_USD = "Isaac Sim's URDF exporter makes a URDF of a USD file"
 _PYTHON = re.compile(r"(?P<file>.+\.py):(?P<function>[A-Za-z_]\w*)")
 
 
@@ -192,13 +193,9 @@ def _require_touch(impacts: Sequence[Impact], facts: Facts) -> None:
     """Raises UserError with what stopped the launches where none arrived."""
     if any(impact.status is not Status.NO_TOUCH for impact in impacts):
         return
-    names = " and ".join(repr(sanitized(name)) for name in facts.pair)
-    raise UserError(
-        "pair",
-        f"{names} never touched: {impacts[0].reason}",
-        "a launch that arrives",
-        "Start from another --key or --qpos, from another side (--from), or faster (--speeds)",
-    )
+    got = f"{' and '.join(map(sanitized, facts.pair))} never touched: {impacts[0].reason}"
+    advice = "Start from another --key or --qpos, from another side (--from), or faster (--speeds)"
+    raise UserError("pair", got, "a launch that arrives", advice)
 
 
 def _memory() -> int:
@@ -258,7 +255,8 @@ def _engine_for(source: Any, name: str | None) -> OpensModels:
     if isinstance(source, str | Path):
         files = ", ".join(dict.fromkeys(suffix for engine in _openers() for suffix in engine.suffixes))
         reason = "is not the name of a model file" if Path(source).exists() else "is not there"
-        raise SceneError("model", f"{source} {reason}", f"a model file: {files}")
+        advice = _FROM_USD if Path(source).suffix.lower().startswith(".usd") else ""
+        raise SceneError("model", f"{source} {reason}", f"a model file: {files}", advice)
     got = "a function that returned None" if source is None else f"a {type(source).__name__}"
     raise UserError("model", got, f"a path, {_objects()}")
 

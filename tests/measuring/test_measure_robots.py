@@ -334,3 +334,9 @@ def test_a_leg_that_folds_while_it_rises_parts_all_the_same(integrator: str) -> 
     into, out = bounce_by_hand(model, qpos, [0, 0, -speed, 0, 0, 0, 0], "foot", "floor")
     assert impact.restitution == pytest.approx(out / into, abs=0.02)  # the loop reads steps, not the touch
     assert impact.restitution > 0.3
+
+
+def test_a_usd_file_is_refused_with_what_to_convert_it_with(tmp_path: Path) -> None:
+    (tmp_path / "robot.usda").write_text("#usda 1.0")
+    with pytest.raises(UserError, match="URDF exporter makes a URDF of a USD file"):
+        measure(tmp_path / "robot.usda", "a,b")
