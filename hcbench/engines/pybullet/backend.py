@@ -60,8 +60,9 @@ class BulletClient:
         load = loaders.get(path.suffix.lower(), self.loadMJCF)
         try:
             # Bullet looks for meshes in the working directory first, and for package:// above the whole path.
-            with chdir(path.resolve().parent):
-                bodies = load(str(path.resolve()), **options)
+            file = path.resolve()
+            with chdir(file.parent):
+                bodies = load(str(file), **options)
         except self.error as error:
             raise SceneError(slot, f"{path}: {error}", "a file that PyBullet loads") from None
         return [bodies] if isinstance(bodies, int) else list(bodies)

@@ -16,7 +16,9 @@ CORNERS = [(x, y, z) for x in (-0.05, 0.05) for y in (-0.05, 0.05) for z in (-0.
 FACES = ["1 2 4", "1 4 3", "5 7 8", "5 8 6", "1 5 6", "1 6 2", "3 4 8", "3 8 7", "1 3 7", "1 7 5"]
 
 
-def test_a_mesh_in_a_package_high_above_the_urdf_is_found_as_loadurdf_finds_it(tmp_path: Path) -> None:
+def test_a_mesh_in_a_package_high_above_the_urdf_is_found_as_loadurdf_finds_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     arm = tmp_path / "data" / "robots" / "arm"
     for folder in ("urdf", "meshes"):
         (arm / folder).mkdir(parents=True)
@@ -26,5 +28,7 @@ def test_a_mesh_in_a_package_high_above_the_urdf_is_found_as_loadurdf_finds_it(t
     box.write_text(LINK.format(name="box", mass=1, inertia=INERTIA.format(0.01), shape=MESH))
     shape = '<plane normal="0 0 1"/>'
     plane.write_text(LINK.format(name="plane", mass=0, inertia=INERTIA.format(0), shape=shape))
-    found = measure((box, plane), engine="pybullet", speeds=[1.0], phases=1, diagnose=False)
+    monkeypatch.chdir(tmp_path)
+    files = box.relative_to(tmp_path), plane.relative_to(tmp_path)
+    found = measure(files, engine="pybullet", speeds=[1.0], phases=1, diagnose=False)
     assert found.facts.normal == pytest.approx((0, 0, -1), abs=1e-6)
