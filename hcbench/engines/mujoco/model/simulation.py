@@ -93,7 +93,7 @@ class MujocoUserSimulation(Simulation):
         self._others, self._shares = others, shares
         tells = not self._staged and has_more_than_contacts(model)
         self._causes = SpeedShares(model, place.pair.sides) if tells else None
-        self._touch_speed = math.nan
+        self._touch_speed, self._apart = math.nan, False  # apart: what follows is no part of the impact
         self._in_tree = _geoms_of_trees(place.pair)
         self._first_touch: dict[int, int] = {}  # geoms that touched the two, and in which step first
 
@@ -163,7 +163,8 @@ class MujocoUserSimulation(Simulation):
         if self._along is not None:
             along = self._along.row(seen, before, self._reader.contact_point(seen), rate)
         step = _Step(self._x, rate, force, free, along)
-        if self._causes is not None and (force != 0.0 or not self._touched):
+        self._apart |= self._touched and force == 0.0 and self._x <= 0.0 and rate < 0.0
+        if self._causes is not None and not self._apart and (force != 0.0 or not self._touched):
             if force != 0.0 and not self._touched:
                 self._causes.taken[:], self._touch_speed = 0.0, rate
             self._causes.add(seen, self._reader.row(seen))
