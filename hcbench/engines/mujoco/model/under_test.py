@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
-from hcbench.engines.mujoco.model.bodies import explicit_pairs, geom_friction, geom_name
+from hcbench.engines.mujoco.model.bodies import explicit_pairs, geom_friction, geom_name, speed_reading
 from hcbench.engines.mujoco.model.causes import find_suspects
 from hcbench.engines.mujoco.model.causes.context import Context, written_contact
 from hcbench.engines.mujoco.model.list_pairs import find_pair
@@ -50,7 +50,8 @@ class MujocoModel(ModelUnderTest):
         require_plausible_contact(model, self.place)
         self.timestep, self.mass = float(model.opt.timestep), self.place.effective_mass
         self.gravity = self.place.gravity
-        self.speed_reading, self.energy_by_work = SpeedReading.CROSSING, has_more_than_contacts(model)
+        self.energy_by_work = has_more_than_contacts(model)
+        self.speed_reading = SpeedReading.CROSSING if self.energy_by_work else speed_reading(model)
         self.others: set[int] = set()  # geoms that touched the two during an impact
         self.shares: dict[str, float] = {}  # what took the approach speed, over that at touch
 
