@@ -154,7 +154,10 @@ def impacts_of(
                 )
             loop = Loop(time[:acted], x[start:stop], v[start:stop], f[start:stop])
             measured = (speed_in, speed_out, h * acted, depth, force, acted)
-            impacts.append(Impact(launch, status, reason, *measured, loop, None, freed))
+            impact = Impact(launch, status, reason, *measured, loop, None)
+            if reading is SpeedReading.CROSSING:
+                impact.speed_after_force = freed
+            impacts.append(impact)
     return impacts
 
 
