@@ -170,7 +170,7 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
 @_file("--baseline", help="Compare with a baseline that --write-baseline wrote.")
 @click.option("--measure-only", is_flag=True, help="Measure without a target; nothing can fail.")
 @output_option("--write-baseline", help="Write the result as a baseline for later versions.")
-@click.option("--max-error", help="Fail when |e - target| is above this.  [default: 0.02]")
+@click.option("--max-error", help="Fail when e differs from the target by more than this.  [default: 0.02]")
 @output_option("--junit", help="Write JUnit XML.")
 @output_option("--markdown", help="Write a Markdown summary, for a CI step.")
 @output_option("--png", help="Write the error curve.")

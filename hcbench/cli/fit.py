@@ -80,9 +80,9 @@ class _FilesAfterAgainst(click.Command):
 @click.option(
     "--against", multiple=True, type=PathType(path_type=Path), help="Files of another material to compare."
 )
-@click.option("--from", "begin", type=QuantityType("timestep"), help="Begin of the part to read: '12 s'.")
+@click.option("--from", "begin", type=QuantityType("time"), help="Begin of the part to read: '12 s'.")
 @click.option(
-    "--to", "end", type=QuantityType("timestep", positive=True), help="End of the part to read: '18 s'."
+    "--to", "end", type=QuantityType("time", positive=True), help="End of the part to read: '18 s'."
 )
 @click.option("--engine", help="Engine in which to make a scene that bounces as the recording did.")
 @click.option("--timestep", type=QuantityType("timestep", positive=True), help="Step of that scene.")

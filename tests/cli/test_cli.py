@@ -104,7 +104,7 @@ RUN = 'recipe = "hunt-crossley"\ntimesteps = 1e-6\n'
         (["report", "STUDY"], STUDY + 'recipe = "hunt-crossley"\ntimesteps = -1e-3\n', "timesteps"),
         (["report", "STUDY"], STUDY + 'recipe = "no-such"\ntimesteps = 1e-3\n', "no-such"),
         (["report", "STUDY"], "schema = true\n" + STUDY + RUN, "schema: True; expected the number 1"),
-        (["report", "STUDY"], "schema = 1.0\n" + STUDY + RUN, "schema: 1; expected the number 1"),
+        (["report", "STUDY"], "schema = 1.0\n" + STUDY + RUN, "schema: 1.0; expected the number 1"),
         (["report", "STUDY"], 'schema = "1"\n' + STUDY + RUN, "schema: '1'; expected the number 1"),
         (["report", "STUDY"], 'title = ["a", "b"]\n' + STUDY + RUN, "title: ['a', 'b']; expected text"),
         (["report", "STUDY"], 'title = ""\n' + STUDY + RUN, "title: ''; expected text"),
