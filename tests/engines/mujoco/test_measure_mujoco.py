@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from hcbench._bounds import beyond_bounds
 from hcbench.engines.mujoco.scene.rows import SoftConstraint
 from hcbench.errors import SceneError, UserError
 from hcbench.impact import Impact, Status
@@ -322,6 +323,7 @@ def test_a_ball_that_stays_is_rested_and_has_e_zero() -> None:
 
 
 @pytest.mark.parametrize("speed", [1e9, 1e11])
+@beyond_bounds()
 def test_a_speed_that_mujoco_resets_at_once_has_no_e(speed: float) -> None:
     """At 1e11 m/s, which it resets before the first step, e came out as 0.9, at the speed of the fall."""
     model = mujoco.MjModel.from_xml_string(world(geom=IMPULSE, option='gravity="0 0 -9.81"'))
@@ -329,6 +331,7 @@ def test_a_speed_that_mujoco_resets_at_once_has_no_e(speed: float) -> None:
     assert {impact.status for impact in impacts} == {Status.DIVERGED}
 
 
+@beyond_bounds()
 def test_a_state_that_mujoco_resets_is_diverged_and_no_file_is_left(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -346,6 +349,7 @@ def test_a_state_that_mujoco_resets_is_diverged_and_no_file_is_left(
     assert not list(tmp_path.iterdir())
 
 
+@beyond_bounds()
 def test_failures_have_a_column_where_there_are_any() -> None:
     wild = mujoco.MjModel.from_xml_string(world(option='timestep=".01" gravity="0 0 -1e12"'))
     for model, failed in ((wild, True), (world(), False)):
