@@ -211,7 +211,7 @@ def test_a_new_scene_is_a_folder_and_no_code(copied: Path) -> None:
         ("schema = 1", "schema = 2", "schema: 2; expected 1"),
         ("schema = 1\n", "", "schema: missing; expected 1"),
         ("schema = 1", "schema = true", "schema: True; expected 1"),
-        ("schema = 1", "schema = 1.0", "schema: 1; expected 1"),
+        ("schema = 1", "schema = 1.0", "schema: 1.0; expected 1"),
         ("title = ", "title = []\n# ", "title: []; expected text"),
         ("[ball]", "[ball]\ncolour = 3", "ball.colour: unknown key; expected one of: radius, "),
         ("[ball]", "[bal]", "ball: missing; expected a [ball] table"),

@@ -130,7 +130,7 @@ def test_convert_says_solref_for_both() -> None:
         if row.parameter == "solref"
     }
     assert rows["MJX"].value == rows["MuJoCo Warp"].value == rows["MuJoCo"].value
-    assert ".9 .9" in rows["MJX"].note
+    assert "0.9 0.9" in rows["MJX"].note
 
 
 @pytest.mark.needs_engine

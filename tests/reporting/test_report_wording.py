@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
-from pathlib import Path
 
-import pandas as pd
 import pytest
 from reported_results import LAW
 from small_results import ALPHAS
 
-from hcbench.benchmark.results import CONDITIONS, Results
+from hcbench.benchmark.results import Results
 from hcbench.benchmark.study import study_from
 from hcbench.reporting import (
     advice,
     restitution_figures,
     wording,
 )
-from hcbench.reporting.conditions import views
 from hcbench.reporting.drawings import loop_speeds, step_speed
 from hcbench.reporting.view import View
 
@@ -45,24 +41,6 @@ def test_small_numbers_in_words(value: float, text: str) -> None:
 )
 def test_times_in_words(seconds: float, text: str) -> None:
     assert wording.time(seconds).replace(wording.NBSP, " ") == text
-
-
-def test_results_of_the_former_schema_are_read(results: Results, tmp_path: Path) -> None:
-    """Schema 1 has no columns of gravity, place and friction, and no table of rests."""
-    results.write(tmp_path)
-    (tmp_path / "rests.csv").unlink()
-    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
-    summary["schema"] = 1
-    for record in summary["settings"]:
-        for name in CONDITIONS:
-            del record[name]
-    (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
-    for name in ("restitution", "loops", "scores", "trains"):
-        table = pd.read_csv(tmp_path / f"{name}.csv").drop(columns=CONDITIONS)
-        table.to_csv(tmp_path / f"{name}.csv", index=False)
-    again = views(Results.read(tmp_path)).main
-    assert again.band_runs == views(results).main.band_runs
-    assert advice.headline(again) == advice.headline(views(results).main)
 
 
 @pytest.mark.parametrize("unit", ["m/s", "in/s"])

@@ -126,6 +126,7 @@ def world():
     p.connect(p.DIRECT)
     p.setAdditionalSearchPath(pybullet_data.getDataPath())
     p.setGravity(0, 0, -9.81)
+    p.setTimeStep(1e-3)  # g h is a tenth of the slowest impact
     p.loadURDF("plane.urdf")
     p.loadURDF("sphere_small.urdf", [0, 0, 1])
 """

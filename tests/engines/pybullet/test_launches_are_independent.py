@@ -79,5 +79,5 @@ def test_two_bodies_of_one_file_have_fixes_of_their_own() -> None:
     fix = next(c.fix for c in found.causes if c.code == "no-restitution")
     assert "changeDynamics(cube_small, -1" in fix
     assert "changeDynamics(cube_small_2, -1" in fix
-    assert "e = 0.9 was assumed" in found.remedy
+    assert "e = 0.9 is assumed" in found.remedy
     assert found.law is None  # an e near 0 at one speed is no α
