@@ -68,6 +68,10 @@ class View:
         for key, rows in self.head_on.groupby(RUN_KEY, sort=False):
             self._curves[self._run_and_alpha(key)] = curve_of(rows, self.mass)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """The fields alone: threads of a pool pickle a view while the page computes its cached properties."""
+        return {"results": self.results, "_curves": self._curves}
+
     @cached_property
     def head_on(self) -> pd.DataFrame:
         """Impacts at the study's smallest angle, 0 as a rule: what curves over speed are of."""

@@ -7,6 +7,7 @@ import itertools
 import re
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -214,7 +215,7 @@ def shown(table: str) -> list[list[str]]:
 
 
 def texts(cell: Any, has_downs: bool) -> list[str]:
-    """What a cell shows, and below which speed the engine's bodies stay down where the table has that column."""
+    """What a cell shows, and what the column beside it does where the table has one."""
     shown_text = f"{cell.text}{cell.setting}{''.join(f'not {note}' for note in cell.notes)}"
     return [shown_text, cell.down] if has_downs else [shown_text]
 
@@ -226,7 +227,10 @@ def test_each_cell_of_the_committed_page_is_of_the_committed_run(committed: Fiel
     for entry, gravity in itertools.product(entries, committed.gravities):
         made = page._table(committed, gravity, partial(entry, committed))
         expected = [
-            [name, *(text for cell, has in zip(cells, made["downs"], strict=True) for text in texts(cell, has))]
+            [
+                name,
+                *(text for cell, has in zip(cells, made["downs"], strict=True) for text in texts(cell, has)),
+            ]
             for name, cells in made["rows"]
         ]
         assert any(table[: len(expected)] == expected for table in tables)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 import shutil
 from pathlib import Path
@@ -13,7 +14,7 @@ from small_results import RUNS, small_results
 from hcbench.benchmark.results import Results
 from hcbench.errors import OutputError
 from hcbench.reporting.build import build
-from hcbench.reporting.conditions import Views
+from hcbench.reporting.conditions import Views, views
 from hcbench.reporting.drawings import drawings
 from hcbench.reporting.view import View
 
@@ -73,3 +74,12 @@ def test_nothing_is_left_behind_where_nothing_can_be_written(results: Results, t
     with pytest.raises(OutputError, match="can be written"):
         build(results, tmp_path / "file" / "report")
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_view_can_be_sent_to_a_worker_while_its_page_is_made(results: Results) -> None:
+    """A cached property that is computed while another thread pickles the view would stop the report."""
+    view = views(results).main
+    assert not view.head_on.empty
+    assert "head_on" in vars(view)
+    assert "head_on" not in view.__getstate__()
+    assert pickle.loads(pickle.dumps(view)).head_on.equals(view.head_on)

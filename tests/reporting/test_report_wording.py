@@ -1,4 +1,4 @@
-"""Numbers and times in words; results of an earlier schema; units."""
+"""Numbers and times in words; units."""
 
 from __future__ import annotations
 

@@ -40,6 +40,10 @@ class FieldView:
 
     results: Results
 
+    def __getstate__(self) -> dict[str, Any]:
+        """The fields alone: threads of a pool pickle a view while the page computes its cached properties."""
+        return {"results": self.results}
+
     @property
     def study(self) -> Mapping[str, Any]:
         """The study, as JSON."""
