@@ -9,6 +9,7 @@ import pytest
 
 from hcbench import cli
 from hcbench.benchmark.encodings import arrays, frame, metadata_in, parquet
+from hcbench.benchmark.plan import versions_here
 from hcbench.benchmark.study import find_study, is_built_in, load_study
 from hcbench.cli.report import _engines_in, _folder, _load
 from hcbench.errors import EngineMissing, UserError
@@ -29,6 +30,7 @@ def without_bullet(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(Backend, "version", version)
     simulate.require_installed.cache_clear()  # an earlier test may have run it in this process
+    versions_here.cache_clear()
 
 
 def test_a_built_in_study_leaves_it_out_and_says_how_to_add_it(
