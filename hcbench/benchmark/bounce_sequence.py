@@ -61,17 +61,17 @@ def bounces(path: Trajectory, count: int) -> list[Bounce]:
 
 
 @dataclass(frozen=True, slots=True)
-class Rest:
+class RestAfterDrop:
     """A body long after its drop: its penetration in the last second, mean and greatest less least, m."""
 
     depth: float
     motion: float
 
 
-def rest(path: Trajectory) -> Rest:
+def rest(path: Trajectory) -> RestAfterDrop:
     """How it lies at the end of a trajectory; NaN where its engine gave up."""
     last = path.penetration[path.time >= path.time[-1] - 1.0]
-    return Rest(float(last.mean()), float(np.ptp(last)))
+    return RestAfterDrop(float(last.mean()), float(np.ptp(last)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,7 @@ class Dropped:
     """What became of a drop: fewer bounces than BOUNCES where it comes to rest."""
 
     bounces: Sequence[Bounce]
-    rest: Rest | None
+    rest: RestAfterDrop | None
 
 
 def law_heights(law: HuntCrossley, mass: float, height: float, count: int = BOUNCES) -> list[float]:

@@ -121,7 +121,7 @@ def fit(
     from hcbench.fitting.comparison import against_record, against_text
     from hcbench.fitting.fit import fit as fit_sets
     from hcbench.fitting.plausible import require_different
-    from hcbench.fitting.read import KINDS, Part, read_dataset, read_force
+    from hcbench.fitting.read import KINDS, Excerpt, read_dataset, read_force
     from hcbench.fitting.replay import replay_record, replay_text
     from hcbench.fitting.text import as_record, as_text, with_uncertainty
 
@@ -144,7 +144,7 @@ def fit(
             print(forces_of.as_text(forces, with_uncertainty, next_engine), end="")
         return
     require_different((*files, *against))
-    part = Part(begin or 0.0, end, *_touches(touches))
+    part = Excerpt(begin or 0.0, end, *_touches(touches))
     result, *others = (
         fit_sets([read_dataset(path, setup, kind, part) for path in group], law)
         for group in (files, against)

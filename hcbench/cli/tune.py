@@ -36,7 +36,6 @@ class _ModelOption(click.Option):
 
 
 _engine_option = partial(click.option, cls=_EngineOption)
-_model_option = partial(click.option, cls=_ModelOption)
 
 
 @click.command()

@@ -29,7 +29,7 @@ _OVERSAMPLING = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Band:
+class FrequencyBand:
     """What is heard above a frequency (Hz), and below another. sound: (n,), filtered; rate: Hz.
 
     places, level: (m,), samples at which clicks are, and how loud each is, dB over the noise.
@@ -47,14 +47,14 @@ class Band:
         return len(self.sound) / self.rate
 
 
-def bands(recording: Recording) -> Iterator[Band]:
+def bands(recording: Recording) -> Iterator[FrequencyBand]:
     """The recording above each frequency that its rate allows."""
     for frequency, upper in _BANDS:
         if (upper or frequency) > 0.4 * recording.rate:
             continue
         filtered = _filtered(recording, frequency, upper)
         places, level = _clicks(filtered, recording.rate, recording.step)
-        yield Band(frequency, filtered, recording.rate, places, level)
+        yield FrequencyBand(frequency, filtered, recording.rate, places, level)
 
 
 def _filtered(recording: Recording, lower: float, upper: float | None) -> Floats:
@@ -84,7 +84,7 @@ def _clicks(sound: Floats, rate: int, step: float) -> tuple[Indices, Floats]:
 class Timer:
     """When clicks began: by Akaike's criterion (Maeda 1985), then by correlation with the train's mean."""
 
-    def __init__(self, band: Band, places: Indices) -> None:
+    def __init__(self, band: FrequencyBand, places: Indices) -> None:
         """places: (n,), samples at which the train's clicks are."""
         self.band = band
         pieces = [self._piece(self._onset_of(int(p))) for p in places]

@@ -24,7 +24,7 @@ from hcbench.fitting.which_law import PLAIN, WITH_E0
 
 if TYPE_CHECKING:
     from hcbench.fitting.bounce_search import Train
-    from hcbench.fitting.clicks import Band, Indices
+    from hcbench.fitting.clicks import FrequencyBand, Indices
     from hcbench.fitting.estimate import LawFit
     from hcbench.fitting.recording import Recording
     from hcbench.fitting.setup import MeasurementSetup
@@ -69,13 +69,6 @@ def listen(recording: Recording, setup: MeasurementSetup) -> list[Picks]:
     return [one.picks() for one in (best, *others)]
 
 
-def find_touches(recording: Recording) -> Picks:
-    """The touches of the train to take, under standard gravity and without a drop height."""
-    from hcbench.fitting.setup import MeasurementSetup
-
-    return listen(recording, MeasurementSetup())[0]
-
-
 def quick_score(recording: Recording) -> float:
     """Of the likeliest train in the first band alone; 0 for none."""
     band = next(bands(recording))
@@ -83,7 +76,7 @@ def quick_score(recording: Recording) -> float:
     return trains[0].score if trains else 0.0
 
 
-def _trains(recording: Recording) -> list[tuple[Band, Train]]:
+def _trains(recording: Recording) -> list[tuple[FrequencyBand, Train]]:
     """Of all bands, without those that share their clicks with a likelier one."""
     trains = []
     for band in bands(recording):
@@ -91,7 +84,7 @@ def _trains(recording: Recording) -> list[tuple[Band, Train]]:
         trains += [
             (band, train) for train in likeliest_trains(times, band.level, band.duration, SHORTEST, _MOST)
         ]
-    kept: list[tuple[Band, Train]] = []
+    kept: list[tuple[FrequencyBand, Train]] = []
     for band, train in sorted(trains, key=lambda one: -one[1].score):
         times = band.places[train.clicks] / band.rate
         if len(kept) < _MOST and not any(_is_same(times, b.places[t.clicks] / b.rate) for b, t in kept):
@@ -108,7 +101,7 @@ def _is_same(times: Floats, better: Floats) -> bool:
 class _Heard:
     """One train, timed, and the law with e0 fitted to it; None where it has too few touches."""
 
-    band: Band
+    band: FrequencyBand
     train: Train
     timer: Timer
     setup: MeasurementSetup
@@ -120,7 +113,7 @@ class _Heard:
     begin: float  # of the recording in its file, s
 
     @classmethod
-    def of(cls, band: Band, train: Train, setup: MeasurementSetup, recording: Recording) -> _Heard:
+    def of(cls, band: FrequencyBand, train: Train, setup: MeasurementSetup, recording: Recording) -> _Heard:
         places = band.places[train.clicks]
         timer, name, begin = Timer(band, places), recording.name, recording.begin
         start = cls(band, train, timer, setup, name, places, train.numbers, 1.0, None, begin)

@@ -46,7 +46,7 @@ _KINDS: dict[frozenset[str], str] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class Excerpt:
     """Of a recording. begin, end: s. train: from 0, and touches, from 1: None where not chosen."""
 
     begin: float = 0.0
@@ -55,14 +55,16 @@ class Part:
     touches: range | None = None
 
 
-WHOLE = Part()
+WHOLE = Excerpt()
 KINDS = ("sound", *dict.fromkeys(_KINDS.values()))
 _MOST_TOUCHES = 60
 _MOST_PAIRS = 500  # a dozen seconds; they are as many unknowns
 _LEAST_SAMPLES = 12
 
 
-def read_dataset(path: Path, setup: MeasurementSetup, kind: str | None = None, part: Part = WHOLE) -> Dataset:
+def read_dataset(
+    path: Path, setup: MeasurementSetup, kind: str | None = None, part: Excerpt = WHOLE
+) -> Dataset:
     """The data set in a file.
 
     kind: one of KINDS, in place of what the header says. part: of a recording, what to take. Raises UserError
@@ -115,7 +117,7 @@ def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> 
         return fit_pulse(columns.table.name, setup, time, columns.get("force"))
 
 
-def _sound(path: Path, setup: MeasurementSetup, part: Part) -> Dataset:
+def _sound(path: Path, setup: MeasurementSetup, part: Excerpt) -> Dataset:
     recording = read_recording(path, quick_score, part.begin, part.end)
     heard = listen(recording, setup)
     if (part.train or 0) >= len(heard):

@@ -12,7 +12,7 @@ _WARNED = 2  # settings that an answer warns about
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class PageAnswer:
     """What to do, for one engine, step, gravity and α.
 
     say: one sentence with its number. more: what is named in it, what to do without a plug-in, what not to
@@ -26,7 +26,7 @@ class Answer:
     shown: Sequence[RunKey]
 
 
-def answer(view: View, with_gravity: View | None, engine: str, step: float, alpha: float) -> Answer:
+def answer(view: View, with_gravity: View | None, engine: str, step: float, alpha: float) -> PageAnswer:
     """The answer for the settings that ran so. with_gravity: the same under gravity, for what lacks there."""
     runs = [run for run in view.band_runs if run.engine == engine and run.timestep == step]
     runs = [run for run in runs if view.score(run, alpha) is not None]
@@ -36,7 +36,7 @@ def answer(view: View, with_gravity: View | None, engine: str, step: float, alph
     best = _simplest(view, usable, alpha)
     shown = [run for run in (best, stock) if run is not None] or choice[:1]
     more = _more(view, with_gravity, best, choice, alpha)
-    return Answer(_sentence(view, best, stock, alpha), more, best, shown)
+    return PageAnswer(_sentence(view, best, stock, alpha), more, best, shown)
 
 
 def _simplest(view: View, usable: Sequence[RunKey], alpha: float) -> RunKey | None:
@@ -125,7 +125,7 @@ def _summary(view: View, with_gravity: View | None, run: RunKey) -> str:
     return wording.sentence(str(record["summary"])) + but
 
 
-def conditions(view: View, with_gravity: View | None) -> Mapping[tuple[str, float, float], Answer]:
+def conditions(view: View, with_gravity: View | None) -> Mapping[tuple[str, float, float], PageAnswer]:
     """(engine, step, α) -> its answer, for all that ran over a band."""
     runs = [run for run in view.band_runs if run.engine != REFERENCE]
     keys = dict.fromkeys(

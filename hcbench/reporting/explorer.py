@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from hcbench.laws import closed_form
-from hcbench.reporting.answers import Answer, conditions, largest_error
+from hcbench.reporting.answers import PageAnswer, conditions, largest_error
 from hcbench.reporting.page import Script, script
 from hcbench.reporting.view import REFERENCE, RunKey, View
 from hcbench.reporting.wording import engine_title
@@ -131,7 +131,7 @@ def _start(keys: Sequence[_Where], view: View) -> _Where:
 
 
 def _answer(
-    gravity: float, engine: str, step: float, alpha: float, answer: Answer, pastes: Pastes
+    gravity: float, engine: str, step: float, alpha: float, answer: PageAnswer, pastes: Pastes
 ) -> dict[str, Any]:
     where = dict(zip(_WHERE, (gravity, engine, step, alpha), strict=True))
     shown = [f"{run.engine} {run.label}" for run in answer.shown]

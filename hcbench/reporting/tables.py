@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, TypeAlias, cast
 
-from hcbench.benchmark.bounce_sequence import Rest
+from hcbench.benchmark.bounce_sequence import RestAfterDrop
 from hcbench.reporting import wording
 from hcbench.reporting.conditions import Views
 from hcbench.reporting.drawings import class_heading
@@ -62,7 +62,7 @@ def _ranking_row(view: View, run: RunKey, with_gravity: View | None) -> Cells:
     }
 
 
-def _depth_at_rest(view: View, run: RunKey, rest: Rest | None) -> str:
+def _depth_at_rest(view: View, run: RunKey, rest: RestAfterDrop | None) -> str:
     return wording.length(rest.depth) if rest is not None and lies_still(view, run) else "–"
 
 

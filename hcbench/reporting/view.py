@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import pandas as pd
 
-from hcbench.benchmark.bounce_sequence import Rest
+from hcbench.benchmark.bounce_sequence import RestAfterDrop
 from hcbench.benchmark.results import RUN_KEY, Results
 from hcbench.impact import Floats, Loop
 from hcbench.laws import closed_form
@@ -252,10 +252,12 @@ class View:
         return {self._run(*cast("tuple[Any, ...]", key)): rows for key, rows in groups}
 
     @cached_property
-    def rests(self) -> dict[RunKey, Rest]:
+    def rests(self) -> dict[RunKey, RestAfterDrop]:
         """How bodies lay after a drop under gravity for the main α."""
         rows = self._of_main_alpha(self.results.rests).to_dict("records")
-        return {self.run_of(row): Rest(float(row["depth_m"]), float(row["motion_m"])) for row in rows}
+        return {
+            self.run_of(row): RestAfterDrop(float(row["depth_m"]), float(row["motion_m"])) for row in rows
+        }
 
     def run_of(self, record: Mapping[Any, Any]) -> RunKey:
         """The run of one of the results' settings, or of a row of a table."""

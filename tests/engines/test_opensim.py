@@ -6,36 +6,16 @@ import dataclasses
 
 import numpy as np
 import pytest
+from plane_launches import ALPHAS, PLANE, WITH_GRAVITY, restitutions, run, target
 
-from hcbench import units
 from hcbench.errors import SettingError
-from hcbench.impact import Floats, Impact, Launch, Status
+from hcbench.impact import Launch, Status
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
-from hcbench.scene import load_scene
 from hcbench.scoring import score_loop
 from hcbench.setting import Setting
 from hcbench.sim import registry
 from hcbench.sim.convert import convert
-
-PLANE = load_scene("steel-plane")
-WITH_GRAVITY = dataclasses.replace(PLANE, gravity=9.80665)
-SPEEDS, PHASES = (0.031, 0.13, 0.37, 0.5), (0.07, 0.31, 0.62, 0.88)  # of no search or other test
-ALPHAS = (0.002, 0.004, 0.008, 0.016)  # s/in
-
-
-def target(alpha: float, timestep: float) -> Target:
-    law = HuntCrossley(PLANE.stiffness, alpha / units.INCH)
-    return Target(law, PLANE.mass, timestep, 0.0254, 0.508)
-
-
-def run(setting: Setting, scene: object = PLANE, speeds: tuple[float, ...] = SPEEDS) -> list[Impact]:
-    launches = [Launch(v, p) for v in speeds for p in PHASES]
-    return registry.engine(setting.engine).run(scene, setting, launches)  # type: ignore[arg-type]
-
-
-def restitutions(impacts: list[Impact]) -> tuple[Floats, Floats]:
-    return np.array([i.speed_in for i in impacts]), np.array([i.restitution for i in impacts])
 
 
 @pytest.mark.needs_engine("opensim")

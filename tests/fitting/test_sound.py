@@ -12,8 +12,9 @@ from measured_bounces import synthesise, wav
 
 from hcbench.cli import run
 from hcbench.errors import UserError
-from hcbench.fitting.listening import find_touches, quick_score
+from hcbench.fitting.listening import listen, quick_score
 from hcbench.fitting.recording import Recording, read_recording
+from hcbench.fitting.setup import MeasurementSetup
 
 
 @pytest.mark.parametrize("surface", synthesise.SURFACES)
@@ -23,7 +24,7 @@ def test_touches_are_heard(surface: str) -> None:
         sound, at = synthesise.drop_recording(
             synthesise.hunt_crossley(0.3), 0.4, 3e-3, surface, decibels, rng, seconds=4.0
         )
-        picks = find_touches(Recording("r", sound, 44100))
+        picks = listen(Recording("r", sound, 44100), MeasurementSetup())[0]
         heard = at[picks.numbers]
         assert len(heard) >= len(at) - 10
         off = picks.times - heard
@@ -69,7 +70,7 @@ def test_what_is_no_sound_is_one_line_and_exit_2(
 def test_noise_has_no_train_of_bounces() -> None:
     noise = synthesise.pink_noise(100_000, np.random.default_rng(0)) * 0.1
     with pytest.raises(UserError, match=r"train of bounces|touches"):
-        picks = find_touches(Recording("n", noise, 44100))
+        picks = listen(Recording("n", noise, 44100), MeasurementSetup())[0]
         assert len(picks.times) > 3, "touches"
 
 
@@ -82,10 +83,10 @@ def test_of_a_long_recording_the_part_with_the_bounces_is_read(tmp_path: Path) -
     path = wav(tmp_path / "long.wav", "16", noise)
     recording = read_recording(path, quick_score)
     assert len(recording.sound) <= 24 * 44100
-    assert find_touches(recording).times[0] == pytest.approx(50.0 + at[0], abs=2e-3)
+    assert listen(recording, MeasurementSetup())[0].times[0] == pytest.approx(50.0 + at[0], abs=2e-3)
     part = read_recording(path, quick_score, 49.0, 56.0)
     assert len(part.sound) == 7 * 44100
-    assert find_touches(part).times[0] == pytest.approx(50.0 + at[0], abs=2e-3)
+    assert listen(part, MeasurementSetup())[0].times[0] == pytest.approx(50.0 + at[0], abs=2e-3)
 
 
 def test_a_phones_recording_is_read(tmp_path: Path) -> None:
@@ -103,6 +104,6 @@ def test_a_phones_recording_is_read(tmp_path: Path) -> None:
                 file.mux(packet)
         for packet in stream.encode(None):
             file.mux(packet)
-    found = find_touches(read_recording(tmp_path / "drop.m4a", quick_score))
+    found = listen(read_recording(tmp_path / "drop.m4a", quick_score), MeasurementSetup())[0]
     shared = min(8, len(found.times))
     assert np.diff(found.times)[:shared] == pytest.approx(np.diff(at)[:shared], abs=1e-3)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from hcbench.engines.mujoco.passivity.in_rows import bounces_in_rows
 from hcbench.engines.mujoco.passivity.plain import (
     Contact,
-    Options,
+    Stepping,
     certify,
     is_flat_passive,
     rest_on_slope,
@@ -55,7 +55,7 @@ def certified(scene: Scene, setting: Setting) -> Passivity | None:
     return certify(contact, any(row.friction for row in options.rows), runs)
 
 
-def tried(scene: Scene, setting: Setting) -> tuple[Contact, list[Options]]:
+def tried(scene: Scene, setting: Setting) -> tuple[Contact, list[Stepping]]:
     """What is tried, and under which options: each integrator, cone and solver once."""
     options = read_options(setting.options)
     written = options.attributes(repr)
@@ -69,10 +69,10 @@ def tried(scene: Scene, setting: Setting) -> tuple[Contact, list[Options]]:
     )
     integrators = _LIKE_EULER if integrator in _LIKE_EULER else (integrator,)
     cones = (options.cone,) if options.cone else _CONES
-    first = Options(integrator, cones[0])
+    first = Stepping(integrator, cones[0])
     others = [
-        *(Options(other, cones[0]) for other in integrators if other != integrator),
-        *(Options(integrator, cone) for cone in cones[1:]),
-        *(Options(integrator, cones[0], solver) for solver in _SOLVERS[1:]),
+        *(Stepping(other, cones[0]) for other in integrators if other != integrator),
+        *(Stepping(integrator, cone) for cone in cones[1:]),
+        *(Stepping(integrator, cones[0], solver) for solver in _SOLVERS[1:]),
     ]
     return contact, [first, *others]

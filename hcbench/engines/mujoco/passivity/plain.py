@@ -43,7 +43,7 @@ _ATTITUDES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class Stepping:
     """What a plain model runs under."""
 
     integrator: str = "Euler"
@@ -68,7 +68,7 @@ class Contact:
     pairs: Callable[[str, str], str]
     radius: float
 
-    def model(self, bodies: str, options: Options, pairs: Sequence[tuple[str, str]]) -> Any:
+    def model(self, bodies: str, options: Stepping, pairs: Sequence[tuple[str, str]]) -> Any:
         """A plain model of a plane and these bodies, whose `pairs` have the contact."""
         plain = {"timestep": repr(self.timestep), "cone": options.cone, "solver": options.solver}
         option = " ".join(f'{key}="{value}"' for key, value in {**plain, **self.option}.items())
@@ -79,14 +79,14 @@ class Contact:
             f"<contact>{''.join(self.pairs(*pair) for pair in pairs)}</contact></mujoco>"
         )
 
-    def with_ball(self, options: Options, joint: str = "<freejoint/>") -> Any:
+    def with_ball(self, options: Stepping, joint: str = "<freejoint/>") -> Any:
         """A plain model of a ball on the plane."""
         shape = f'type="sphere" size="{self.radius!r}" mass="0.5"'
         place = f'name="ball" pos="0 0 {self.radius!r}"'
         body = f'<body {place}>{joint}<geom name="ball" {shape}/></body>'
         return self.model(body, options, [("ball", "plate")])
 
-    def with_boxes(self, options: Options, count: int = 1) -> Any:
+    def with_boxes(self, options: Stepping, count: int = 1) -> Any:
         """A plain model of boxes, one on top of the other."""
         names = [f"box{i}" for i in range(count)]
         bodies = "".join(
@@ -97,7 +97,7 @@ class Contact:
         return self.model(bodies, options, list(itertools.pairwise(["plate", *names])))
 
 
-def drops(contact: Contact, options: Options, heights: Sequence[float] = HEIGHTS) -> Bounces:
+def drops(contact: Contact, options: Stepping, heights: Sequence[float] = HEIGHTS) -> Bounces:
     """Balls dropped for LASTS."""
     mujoco, model = backend(), contact.with_ball(options)
     data, kind = mujoco.MjData(model), mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -114,7 +114,7 @@ def drops(contact: Contact, options: Options, heights: Sequence[float] = HEIGHTS
     return reader.bounces
 
 
-def rest_on_slope(contact: Contact, options: Options, degrees: float = 10.0) -> Rest:
+def rest_on_slope(contact: Contact, options: Stepping, degrees: float = 10.0) -> Rest:
     """How a ball that may not turn rests on a slope, held by friction."""
     slides = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
     model, angle = contact.with_ball(options, slides), math.radians(degrees)
@@ -137,7 +137,7 @@ def _rest(model: Any, seconds: float) -> Rest:
     return rest_of(time, -path[:, 2], -path[:, 3], path[:, 4], path[:, :2])
 
 
-def box_growth(contact: Contact, options: Options, attitude: str, speed: float) -> float:
+def box_growth(contact: Contact, options: Stepping, attitude: str, speed: float) -> float:
     """By what energy grew, at most, from a flight of a box to a later one: above 1 it gained some."""
     model, (quaternion, high) = contact.with_boxes(options), _ATTITUDES[attitude]
     data = backend().MjData(model)
@@ -161,19 +161,19 @@ def _growth(model: Any, data: Any, seconds: float) -> float:
     return most if np.isfinite(data.qpos).all() else math.inf
 
 
-def is_flat_passive(contact: Contact, options: Options) -> bool:
+def is_flat_passive(contact: Contact, options: Stepping) -> bool:
     """Whether a box that falls on its face, an edge or a vertex never gains energy."""
     return all(finding.passed for finding in boxes(contact, options))
 
 
-def boxes(contact: Contact, options: Options) -> Iterator[Finding]:
+def boxes(contact: Contact, options: Stepping) -> Iterator[Finding]:
     """Boxes that fall on face, edge and vertex."""
     for attitude, speed in itertools.product(_ATTITUDES, _BOX_SPEEDS):
         grew = box_growth(contact, options, attitude, speed)
         yield Finding(f"box on {attitude} at {speed:g} m/s", str(options), grew, MOST_ENERGY, "x energy")
 
 
-def certify(contact: Contact, slides: bool, runs: Sequence[Options]) -> Passivity:
+def certify(contact: Contact, slides: bool, runs: Sequence[Stepping]) -> Passivity:
     """All of the gate, under each of the options. slides: whether the contact has friction."""
     bounces, findings, flat, drift = Bounces(0.0, 0.0, 0, 0), list[Finding](), True, math.nan
     for options in runs:
@@ -192,7 +192,7 @@ def certify(contact: Contact, slides: bool, runs: Sequence[Options]) -> Passivit
     return Passivity(bounces, flat, drift, tuple(findings))
 
 
-def _rolling(contact: Contact, options: Options) -> float:
+def _rolling(contact: Contact, options: Stepping) -> float:
     """Energy of a ball that rolls, at the end over that of the start."""
     model = contact.with_ball(options)
     data = backend().MjData(model)
@@ -208,7 +208,7 @@ def _kinetic(model: Any, data: Any) -> float:
     return float(model.body_mass[1] * v @ v + model.body_inertia[1] @ w**2) / 2
 
 
-def _stack(contact: Contact, options: Options) -> Finding:
+def _stack(contact: Contact, options: Stepping) -> Finding:
     """How deep the lowest of three boxes lies after a while; infinite where they do not lie still."""
     model = contact.with_boxes(options, 3)
     rest = _rest(model, _STACK_S)
