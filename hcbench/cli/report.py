@@ -42,6 +42,11 @@ def _missing(engines: Iterable[str]) -> tuple[str, ...]:
     return missing
 
 
+def _default_folder(name: str, quick: bool) -> Path:
+    """Where a report goes unless said: a preview not in place of the whole."""
+    return Path("reports") / (f"{name}-quick" if quick else name)
+
+
 def _folder(out: Path | None, default: Path, missing: tuple[str, ...], there: set[str]) -> Path:
     """Where a report goes: not in place of one that has engines that this one lacks."""
     folder = out or default
@@ -67,7 +72,9 @@ def _engines_in(folder: Path) -> set[str]:
 
 @click.command()
 @click.argument("study", default="steel-1lb", type=PathType())
-@click.option("--out", type=PathType(path_type=Path), help="Folder to write to.  [default: reports/NAME]")
+@click.option(
+    "--out", type=PathType(path_type=Path), help="Folder to write to.  [default: reports/NAME, or NAME-quick]"
+)
 @click.option("--quick", is_flag=True, help="Preview with one α and fewer speeds, phases and steps.")
 @jobs_option
 def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
@@ -83,7 +90,7 @@ def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
 
     swept = is_sweep(study)
     name, plan = (Path(study).resolve().name, None) if swept else _load(study)
-    default = Path("reports") / name
+    default = _default_folder(name, quick)
     folder = _folder(out, default, plan.missing if plan else (), _engines_in(out or default))
     with WorkerPool(jobs) as pool:
         # While this process imports what draws the page.
@@ -138,7 +145,11 @@ def sweep(study: str, out: str | None, jobs: int, resume: bool, scheduler: str |
 
 
 @click.command()
-@click.option("--out", type=PathType(path_type=Path), help="Folder to write to.  [default: reports/paper]")
+@click.option(
+    "--out",
+    type=PathType(path_type=Path),
+    help="Folder to write to.  [default: reports/paper, or paper-quick]",
+)
 @click.option("--quick", is_flag=True, help="Preview with fewer parameters in the forced figures.")
 @jobs_option
 def paper(out: Path | None, quick: bool, jobs: int) -> None:
@@ -150,7 +161,7 @@ def paper(out: Path | None, quick: bool, jobs: int) -> None:
     from hcbench.paper.engines import engines_with_two_blocks
 
     missing = _missing(engines_with_two_blocks())
-    default = Path("reports/paper")
+    default = _default_folder("paper", quick)
     folder = _folder(out, default, missing, engines_drawn_in(out or default))
     with progress("figures") as tick:
         page = build(folder, quick=quick, jobs=jobs, tick=tick)

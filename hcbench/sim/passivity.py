@@ -118,7 +118,7 @@ class Passivity:
         if bounces.max_e > MOST_E:
             words.append(f"gains energy below {bounces.gains_below:.2g} m/s (e up to {bounces.max_e:.4g})")
         if bounces.still_bouncing:
-            words.append(f"does not come to rest ({bounces.still_bouncing} of 40 drops bounce on)")
+            words.append(f"does not come to rest ({bounces.still_bouncing} of {bounces.tried} bounce on)")
         if self.slope_drift > MOST_DRIFT:
             words.append(f"slides down a slope of 10 degrees at {1e3 * self.slope_drift:.2g} mm/s")
         return "; ".join(words)

@@ -99,11 +99,8 @@ class _Finder:
             raise UserError("recipe", f"{name!r} for {self.engine!r}", f"one of: auto, {', '.join(recipes)}")
         recipe = recipes[name]
         tuned = make_tuned(recipe, "the given recipe", self.target, self.scene, self._integrator)
-        if tuned.evaluation.failed or not math.isfinite(tuned.error):  # never a verdict
-            failed = tuned.evaluation
-            got = f"{failed.failed} launches gave no restitution: {failed.reason or 'not a number'}"
-            advice = "Try other speeds, another step or another --recipe"
-            raise EngineFailed(f"{self.engine} {name!r}", got, "a bounce from each", advice)
+        if not math.isfinite(tuned.error):
+            raise self._failure(tuned)
         is_one = recipe.role in (Role.CONSTANT_E, Role.STOCK)
         return self.choice("constant" if is_one else "settings" if recipe.native else "exact", tuned)
 
@@ -139,6 +136,8 @@ class _Finder:
             except (SettingError, EngineMissing) as error:  # such as a version that lacks what one needs
                 self._refused = self._refused or error
                 continue
+            if not math.isfinite(tuned.error):
+                self._refused = self._refused or self._failure(tuned)
             if tuned.flaws:
                 self.never.append(Never(recipe.name, tuned.flaws))
                 continue
@@ -146,6 +145,13 @@ class _Finder:
             if tuned.error <= enough:
                 return tuned
         return min(usable, key=lambda tuned: tuned.error, default=None)
+
+    def _failure(self, tuned: Tuned) -> EngineFailed:
+        """Of launches without a restitution, which are never a verdict on a setting."""
+        failed = tuned.evaluation
+        got = f"{failed.failed} launches gave no restitution: {failed.reason or 'not a number'}"
+        advice = "Try other speeds, another step or another --recipe"
+        return EngineFailed(f"{self.engine} {tuned.recipe.name!r}", got, "a bounce from each", advice)
 
     def choice(self, kind: Kind, tuned: Tuned) -> Choice:
         """A setting that was evaluated, as a choice."""

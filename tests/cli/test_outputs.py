@@ -149,3 +149,11 @@ def test_a_bad_place_is_refused_before_the_search(folder: Path) -> None:
     with pytest.raises(OutputError, match="in a folder that does not exist"):
         require_output(Path("no/model.xml"), "--write-model")
     assert cli.run(["tune", "gone.xml", "--pair=ball,plate", "--alpha=0.3", "--write-model=no/m.xml"]) == 3
+
+
+def test_a_preview_does_not_take_the_place_of_the_whole_report(folder: Path) -> None:
+    run = '[[run]]\nengine = "reference"\nrecipe = "hunt-crossley"\ntimesteps = 1e-3\n'
+    study = 'scene = "steel-plane"\nalphas = 0.3\nspeeds = 0.2\n'
+    (folder / "mine.toml").write_text(study + run, encoding="utf-8")
+    assert cli.run(["report", "mine.toml", "--quick", "-j", "1"]) == 0
+    assert [path.name for path in (folder / "reports").iterdir()] == ["mine-quick"]

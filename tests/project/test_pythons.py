@@ -16,7 +16,14 @@ import pytest
 from hcbench.environments.make import interpreters
 
 ROOT = Path(__file__).parents[2]
-PYTHONS = [v for v in interpreters() if (3, 11) <= tuple(map(int, v.split(".")))[:2] <= (3, 14)]
+
+
+def minor_of(version: str) -> tuple[int, ...]:
+    return tuple(map(int, version.split(".")[:2]))
+
+
+NEWEST = {minor_of(version): version for version in reversed(interpreters())}
+PYTHONS = [version for minor, version in NEWEST.items() if (3, 11) <= minor <= (3, 14)]
 pytestmark = pytest.mark.skipif(not os.environ.get("HCBENCH_PYTHONS"), reason="by `make test-pythons`")
 ADD = "hcbench engines add pybullet --python 3.11"
 COMMANDS = [

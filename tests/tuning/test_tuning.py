@@ -228,6 +228,15 @@ def test_a_mujoco_without_adhesion_is_one_line_that_says_what_to_install(
     assert caught.err == f"hcbench: {said}. Try: pip install mujoco --upgrade\n"
 
 
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+def test_failed_launches_are_never_a_verdict(engine: str, capsys: pytest.CaptureFixture[str]) -> None:
+    fast = ["--speeds", "1e7:1e8", "--beyond-bounds"]
+    assert run(["tune", engine, "--restitution", "0.9", "--timestep", "1 ms", *fast]) == 3
+    caught = capsys.readouterr()
+    assert caught.out == ""
+    assert "launches gave no restitution" in caught.err
+
+
 def test_a_limit_passed_exits_1_and_prints_its_best_all_the_same(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["tune", "pybullet", "--alpha", "0.008 s/in", "--timestep", "1e-3", "--max-error", "0.01"]
     assert run(arguments) == 1
