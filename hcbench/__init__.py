@@ -16,10 +16,13 @@ if TYPE_CHECKING:
     from hcbench.impact import Impact, Launch, Loop, Status
     from hcbench.laws.force import HuntCrossley, KelvinVoigt
     from hcbench.measuring import Measurement, Wanted
+    from hcbench.measuring.landing import land
+    from hcbench.measuring.trajectory import measure_trajectory
     from hcbench.recipes.target import Target
     from hcbench.scene import Scene, load_scene
     from hcbench.scoring import Score, score
     from hcbench.setting import Setting
+    from hcbench.sim.landing import Landings
     from hcbench.sim.registry import engine
     from hcbench.tuning.answer import Answer
     from hcbench.tuning.ask import tune
@@ -30,6 +33,7 @@ _HOMES = {
     "HuntCrossley": "laws.force",
     "Impact": "impact",
     "KelvinVoigt": "laws.force",
+    "Landings": "sim.landing",
     "Launch": "impact",
     "Loop": "impact",
     "Measurement": "measuring.measurement",
@@ -42,9 +46,11 @@ _HOMES = {
     "Target": "recipes.target",
     "Wanted": "measuring.measurement",
     "engine": "sim.registry",
+    "land": "measuring.landing",
     "load_scene": "scene",
     "load_study": "benchmark.study",
     "measure": "measuring.measure",
+    "measure_trajectory": "measuring.trajectory",
     "run_study": "benchmark.run",
     "score": "scoring",
     "tune": "tuning.ask",
@@ -56,6 +62,7 @@ __all__ = [
     "HuntCrossley",
     "Impact",
     "KelvinVoigt",
+    "Landings",
     "Launch",
     "Loop",
     "Measurement",
@@ -68,9 +75,11 @@ __all__ = [
     "Target",
     "Wanted",
     "engine",
+    "land",
     "load_scene",
     "load_study",
     "measure",
+    "measure_trajectory",
     "run_study",
     "score",
     "tune",

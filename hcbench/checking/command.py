@@ -88,8 +88,8 @@ def _run(spec: CheckSpec, outputs: Outputs, jobs: int, progress: Progress, measu
 def _with_targets(checks: list[Check], measure_only: bool) -> list[Check]:
     """The checks. Raises UserError for one that has no target, and so could never fail."""
     for check in checks:
-        if not measure_only and check.wanted is None and check.baseline is None:
-            got, expected = "no target", "--restitution, --alpha, --pairs or --baseline"
+        if not (measure_only or check.limits) and check.wanted is None and check.baseline is None:
+            got, expected = "no target", "--restitution, --alpha, --pairs, --baseline or --require"
             raise UserError(check.name, got, expected, "--measure-only measures without a verdict")
     return checks
 

@@ -9,12 +9,15 @@ import numpy as np
 
 from hcbench._text import sanitized, time_step
 from hcbench.benchmark.results import CONDITIONS, RUN_KEY, Results
+from hcbench.checking.limits import judge_landings, judge_touchdowns
 from hcbench.checking.outcome import Outcome, Report, SpeedRow, Verdict, speed_row, worst_of
 from hcbench.errors import HcbenchError, UserError
 from hcbench.impact import Impact, Launch, Status
 from hcbench.laws.restitution import Reading, Restitution
+from hcbench.measuring.landing import land_job
 from hcbench.measuring.measure import Job, measure_job
 from hcbench.measuring.measurement import TOLERANCE, Measurement
+from hcbench.measuring.trajectory import touchdowns_job
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -43,7 +46,7 @@ def run_checks(checks: Sequence[Check], progress: Callable[[int, int], None] | N
 def run_check(check: Check) -> Outcome:
     """One check; errors come back as outcomes."""
     try:
-        return judge(check, _measure(check))
+        return _judge_limits(check) if check.limits else judge(check, _measure(check))
     except UserError as error:
         verdict, message = Verdict.MISTAKE, str(error)
     except HcbenchError as error:
@@ -52,6 +55,16 @@ def run_check(check: Check) -> Outcome:
         verdict = Verdict.COULD_NOT_RUN
         message = f"unexpected {type(error).__name__}: {sanitized(error)}"
     return Outcome(check.name, verdict, message, check.against, check.allowed)
+
+
+def _judge_limits(check: Check) -> Outcome:
+    """A robot's landings, or its recorded motion, held to limits."""
+    job = Job(check.source, check.engine, check.request, None, TOLERANCE, diagnose=False)
+    if check.drops is not None:
+        verdict, message = judge_landings(land_job(job, check.drops, check.limit), check.limits)
+    else:
+        verdict, message = judge_touchdowns(touchdowns_job(job, check.trajectory, check.limit), check.limits)
+    return Outcome(check.name, verdict, message, check.against)
 
 
 def _measure(check: Check) -> Measurement:

@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, ConfigDict, create_model
 from hcbench import units
 from hcbench._text import sanitized
 from hcbench.checking.baseline import Baseline, read_baseline
+from hcbench.checking.limits import Limit, read_limits
 from hcbench.checking.measured_pairs import read_pairs
 from hcbench.errors import QuantityError, UserError
 from hcbench.fields import FileTable, mistake
@@ -22,8 +23,10 @@ from hcbench.laws.restitution import (
     Restitution,
     RestitutionCurve,
 )
+from hcbench.measuring.landing import make_drops
 from hcbench.measuring.measure import LONGEST_LIMIT_S
 from hcbench.measuring.request import make_request
+from hcbench.sim.landing import Drops
 from hcbench.sim.model_under_test import Request
 
 MAX_ERROR = 0.02
@@ -71,8 +74,9 @@ class SharedSpec(_LaunchTable):
 class CheckSpec(SharedSpec):
     """One check: text with units, or plain numbers in SI.
 
-    model: a file, two files, or "file.py:function". At most one of alpha, restitution, pairs (a CSV) and
-    baseline. reading: "law" for e of eq. (16), "linear" for 1 - α v.
+    model: a file, two files, or "file.py:function". At most one of alpha, restitution, pairs (a CSV),
+    baseline and require. With require, limits on landings from heights, tilt and controller, or on where a
+    recorded motion, trajectory, met the floor. reading: "law" for e of eq. (16), "linear" for 1 - α v.
     """
 
     model: str | tuple[str, ...]
@@ -83,6 +87,11 @@ class CheckSpec(SharedSpec):
     restitution: _Number | None = None
     pairs: Path | None = None
     baseline: Path | None = None
+    heights: Any = None
+    tilt: Any = None
+    controller: str | None = None
+    trajectory: Path | None = None
+    require: str | None = None
 
     if TYPE_CHECKING:  # which knows no fields that are derived
 
@@ -111,10 +120,15 @@ class Check:
     max_error: float
     engine: str | None
     limit: float | None
+    limits: tuple[Limit, ...] = ()
+    drops: Drops | None = None
+    trajectory: Path | None = None
 
     @property
     def against(self) -> str:
         """What the model is compared with, as a phrase."""
+        if self.limits:
+            return ", ".join(limit.text for limit in self.limits)
         if self.baseline is not None:
             return f"the baseline of {self.baseline.engine} {self.baseline.version}"
         return self.wanted.description if self.wanted is not None else "nothing: measured only"
@@ -130,7 +144,8 @@ def plan(spec: CheckSpec) -> Check:
     if spec.reading != "law" and spec.alpha is None:
         raise UserError("target", f"{spec.reading!r}, a reading of α", "an α too")
     name = sanitized(spec.name if spec.name is not None else " + ".join(Path(m).name for m in spec.models))
-    against = [k for k in ("alpha", "restitution", "pairs", "baseline") if getattr(spec, k) is not None]
+    targets = ("alpha", "restitution", "pairs", "baseline", "require")
+    against = [k for k in targets if getattr(spec, k) is not None]
     if len(against) > 1:
         raise UserError(name, f"{' and '.join(against)} are given", "one target")
     wanted = _wanted(spec)
@@ -145,7 +160,25 @@ def plan(spec: CheckSpec) -> Check:
         request = _as_written(baseline, request, launch)
     source = spec.models[0] if len(spec.models) == 1 else spec.models
     max_error = read_max_error(spec.max_error, MAX_ERROR if baseline is None else MAX_DRIFT)
-    return Check(name, source, request, wanted, baseline, max_error, spec.engine, read_limit(spec.limit))
+    limits, drops = _limits(spec)
+    limit = read_limit(spec.limit)
+    return Check(
+        name, source, request, wanted, baseline, max_error, spec.engine, limit, limits, drops, spec.trajectory
+    )
+
+
+def _limits(spec: CheckSpec) -> tuple[tuple[Limit, ...], Drops | None]:
+    """Limits on landings or on a recorded motion, and how to drop the robot for the former."""
+    falls = {name: getattr(spec, name) for name in ("heights", "tilt", "controller")}
+    given = {name: value for name, value in falls.items() if value is not None}
+    if spec.require is None:
+        if strange := [*given, *(["trajectory"] if spec.trajectory is not None else [])]:
+            raise UserError(strange[0], "given without limits", "--require 'e < 0.3, slip < 5 mm' too")
+        return (), None
+    if spec.trajectory is not None and given:
+        raise UserError("trajectory", f"given with {next(iter(given))}", "one of the two")
+    limits = read_limits(spec.require, of_landing=spec.trajectory is None)
+    return limits, make_drops(**given) if spec.trajectory is None else None
 
 
 def _as_written(baseline: Baseline, request: Request, given: LaunchOptions) -> Request:

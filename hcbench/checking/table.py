@@ -59,7 +59,9 @@ def checks_of(path: Path, baseline: Path | None = None) -> list[Check]:
 def _complete(entry: CheckSpec, table: CheckTable, folder: Path, baseline: Path | None) -> CheckSpec:
     """An entry with what the table says for all of them, and with paths from its folder."""
     shared = {name: getattr(table, name) for name in SharedSpec.model_fields.keys() - entry.model_fields_set}
-    paths = {name: folder / path for name in ("pairs", "baseline") if (path := getattr(entry, name))}
+    paths = {
+        name: folder / path for name in ("pairs", "baseline", "trajectory") if (path := getattr(entry, name))
+    }
     if not entry.models:
         raise UserError("model", "none given", "a file, or two URDF files")
     models = {"model": tuple(str(folder / model) for model in entry.models)}

@@ -29,6 +29,7 @@ from hcbench.cli.console import beyond_bounds_option
 from hcbench.cli.convert import convert
 from hcbench.cli.engines import engines, plugin
 from hcbench.cli.fit import fit
+from hcbench.cli.land import land
 from hcbench.cli.reference import reference
 from hcbench.cli.report import paper, report, sweep
 from hcbench.cli.tune import tune
@@ -48,7 +49,7 @@ def app() -> None:
     """
 
 
-COMMANDS = (report, sweep, fit, tune, pairs, measure, check, paper, reference, convert, engines, plugin)
+COMMANDS = (report, sweep, fit, tune, pairs, measure, land, check, paper, reference, convert, engines, plugin)
 for command in COMMANDS:
     command.params.append(beyond_bounds_option())
     app.add_command(translate_errors(command))

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli.console import as_json, jobs_option, launch_options, print_json, progress, target_option
+from hcbench.cli.console import (
+    as_json,
+    drop_options,
+    jobs_option,
+    launch_options,
+    print_json,
+    progress,
+    target_option,
+)
 from hcbench.cli.outputs import PathType, force_option, output_option
 from hcbench.errors import UserError
 
@@ -37,6 +45,7 @@ def _source(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
+_TRAJECTORY = _file("--trajectory", help="Read where this recorded motion (qpos, qvel) met the floor.")
 _PAIR = click.option("--pair", help="Two bodies or geoms, first the one that moves: 'ball,plate'.")
 
 
@@ -70,6 +79,7 @@ def _begin(models: tuple[str, ...], engine: object) -> None:
 @click.option("--alpha", help="Target α; look for causes where the model misses it.")
 @click.option("--restitution", help="Target e; look for causes where the model misses it.")
 @click.option("--all", "each", is_flag=True, help="Measure each pair that touches at the start.")
+@_TRAJECTORY
 @output_option("--page", help="Also write a one-page report (HTML).")
 @force_option
 @as_json
@@ -77,6 +87,7 @@ def measure(
     models: tuple[str, ...],
     python: str | None,
     each: bool,
+    trajectory: Path | None,
     page: Path | None,
     force: bool,
     as_json: bool,
@@ -92,10 +103,14 @@ def measure(
     from hcbench.measuring.measurement import TOLERANCE
     from hcbench.measuring.text import as_record, as_text
 
-    if each and page is not None:
-        raise UserError("--page", "given with --all", "one --pair: a page shows one")
+    if page is not None and (each or trajectory is not None):
+        option = "--all" if each else "--trajectory"
+        raise UserError("--page", f"given with {option}", "one --pair: a page shows one")
     asked = plan(_spec(models, python, options, required=True))
     job = Job(asked.source, asked.engine, asked.request, asked.wanted, TOLERANCE, diagnose=True)
+    if trajectory is not None:
+        _measure_trajectory(job, trajectory, asked.limit, as_json)
+        return
     if each:
         _measure_each(job, asked.limit, as_json)
         return
@@ -108,6 +123,17 @@ def measure(
         print_json(as_record(measurement))
     else:
         print(as_text(measurement))
+
+
+def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json: bool) -> None:
+    """The touchdowns of a recorded motion."""
+    from hcbench.measuring.trajectory import as_record, as_text, touchdowns_job
+
+    motion = touchdowns_job(job, trajectory, limit)
+    if as_json:
+        print_json(as_record(motion))
+    else:
+        print(as_text(motion), end="")
 
 
 def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
@@ -168,6 +194,9 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
 @click.option("--restitution", help="Compare with one e.")
 @_file("--pairs", help="Compare with measured pairs (v, e): a CSV file with units in its header.")
 @_file("--baseline", help="Compare with a baseline that --write-baseline wrote.")
+@drop_options()
+@_TRAJECTORY
+@click.option("--require", help="Hold landings or a motion to limits: 'e < 0.3, peak < 6, slip < 5 mm'.")
 @click.option("--measure-only", is_flag=True, help="Measure without a target; nothing can fail.")
 @output_option("--write-baseline", help="Write the result as a baseline for later versions.")
 @click.option("--max-error", help="Fail when e differs from the target by more than this.  [default: 0.02]")

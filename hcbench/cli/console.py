@@ -47,6 +47,26 @@ def launch_options(
     return decorate
 
 
+def drop_options() -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Gives a command the options of drops, each without a value where it is left out."""
+    options = (
+        click.option("--heights", help="Heights to drop a robot from.  [default: 1:20:5 cm]"),
+        click.option("--tilt", help="Tilts of its base about y, such as '0, 10 deg'."),
+        click.option(
+            "--controller",
+            metavar="pd|pd:KP,KD|ctrl|FILE.py:FUNCTION",
+            help="Hold its pose by PD (default), by the pose's own controls, or by a function.",
+        ),
+    )
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
 class QuantityType(click.types.StringParamType):
     """A number with or without a unit as a float in SI, or several, such as "1:20 in/s", as an array.
 

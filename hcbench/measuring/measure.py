@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import re
-import runpy
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -24,6 +22,7 @@ from hcbench.laws.restitution import ConstantRestitution, RestitutionCurve
 from hcbench.measuring.diagnose import diagnose, goal_of
 from hcbench.measuring.measurement import TOLERANCE, Measurement
 from hcbench.measuring.phases import impacts_of
+from hcbench.measuring.python_file import call_python, is_python
 from hcbench.measuring.request import make_request
 from hcbench.sim import registry
 from hcbench.sim.candidate_pairs import CandidatePair
@@ -41,7 +40,6 @@ LEAST_MEMORY = 4 << 30  # bytes that any model may take
 MEMORY_SHARE = 0.8  # of the machine's memory, which a model may take if that is more
 
 _FROM_USD = "Isaac Sim's URDF exporter makes a URDF of a USD file"
-_PYTHON = re.compile(r"(?P<file>.+\.py):(?P<function>[A-Za-z_]\w*)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +109,7 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
     source = _as_files(job.source)
     if source is None:
         return work(job)
-    engine = None if job.engine is None and _is_python(source) else _engine_for(source, job.engine)
+    engine = None if job.engine is None and is_python(source) else _engine_for(source, job.engine)
     name, where = (job.engine, None) if engine is None else (engine.name, interpreter_of(engine))
     limit = max(LIMIT_S, getattr(engine, "limit", 0.0)) if limit is None else limit
     try:
@@ -161,10 +159,6 @@ def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
     except Exception as error:
         reason = f"{_label(job.source)}: {type(error).__name__}: {sanitized(error)}"
         raise EngineFailed("model", reason, "a model that the engine can run") from error
-
-
-def _is_python(source: str | tuple[str, ...]) -> bool:
-    return isinstance(source, str) and _PYTHON.fullmatch(source) is not None
 
 
 def _listed(job: Job) -> list[CandidatePair]:
@@ -235,8 +229,8 @@ def _open(job: Job) -> ModelUnderTest:
 def source_of(job: Job) -> tuple[OpensModels, Any, Callable[[], Any] | None]:
     """(engine, model, function that makes the model again, or None)."""
     source, rebuild = job.source, None
-    if isinstance(source, str) and (match := _PYTHON.fullmatch(source)):
-        rebuild = partial(_call_python, match["file"], match["function"])
+    if isinstance(source, str) and is_python(source):
+        rebuild = partial(call_python, source)
         for engine in _openers():
             engine.make_room()
         source = rebuild()
@@ -272,27 +266,3 @@ def _opens(engine: Engine) -> TypeGuard[OpensModels]:
 
 def _objects() -> str:
     return ", ".join(words for engine in _openers() for words in engine.opens)
-
-
-def _call_python(file: str, name: str) -> Any:
-    """What the function of a Python file returns."""
-    path = Path(file)
-    if not path.is_file():
-        raise UserError("model", f"{path} is not there", "a Python file")
-    with _user_code(f"{path}", "a file that runs"):
-        names = runpy.run_path(str(path))
-    if name not in names:
-        raise UserError("model", f"{path} has no {name!r}", "the name of a function in it")
-    with _user_code(f"{path}:{name}", "a function without arguments that returns a model"):
-        return names[name]()
-
-
-@contextmanager
-def _user_code(where: str, expected: str) -> Iterator[None]:
-    """Errors of a user's own code as UserError."""
-    try:
-        yield
-    except (HcbenchError, MemoryError):
-        raise
-    except (Exception, SystemExit) as error:
-        raise UserError("model", f"{where}: {type(error).__name__}: {error}", expected) from None

@@ -70,19 +70,21 @@ def _numbers(name: Any, values: Any) -> tuple[float, ...]:
 
 def read_state(path: Any) -> Pose:
     """The arrays of a state file: .npz, or JSON with names and numbers; of joints, or whole, such as qpos."""
-    if path is None:
-        return ()
-    file = Path(path)
+    return () if path is None else read_joints(read_named(Path(path), "state", "a pose"))
+
+
+def read_named(file: Path, slot: str, what: str) -> Mapping[str, Any]:
+    """The named arrays of an .npz or JSON file. slot, what: of the error, UserError. what: it should have."""
     try:
         if file.suffix == ".npz":
             content: Any = _arrays(read_bytes(file))
         else:
             content = parse_json(read_text(file))
     except (OSError, ValueError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
-        raise UserError("state", f"{file}: {error}", "a .npz or JSON file with a pose") from None
+        raise UserError(slot, f"{file}: {error}", f"a .npz or JSON file with {what}") from None
     if not isinstance(content, Mapping) or not content:
-        raise UserError("state", f"{file} has no names in it", 'JSON like {"hip": 0.3}, or {"qpos": [...]}')
-    return read_joints(content)
+        raise UserError(slot, f"{file} has no names in it", 'JSON like {"hip": 0.3}, or {"qpos": [...]}')
+    return content
 
 
 def _arrays(content: bytes) -> dict[str, Any]:

@@ -14,12 +14,15 @@ from hcbench.errors import UserError
 from hcbench.sim.engine import Engine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
+    from hcbench.impact import Floats
     from hcbench.laws.conventions import OneContact, Vocabulary
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.candidate_pairs import CandidatePair
+    from hcbench.sim.landing import Drops, Landings
     from hcbench.sim.model_under_test import ModelSetting, ModelUnderTest, Request
+    from hcbench.sim.touchdowns import TrajectoryTouchdowns
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,3 +124,19 @@ class TunesModels(OpensModels):
 
         requests: one a pair, alike but for that; their speeds span the band.
         """
+
+
+class LandsRobots(OpensModels):
+    """Drops robots on their floor, and reads where their recorded motion met it."""
+
+    @abstractmethod
+    def land(
+        self, source: Any, request: Request, drops: Drops, rebuild: Callable[[], Any] | None = None
+    ) -> Landings:
+        """A robot in the pose of the request, dropped. Raises UserError where nothing can fall or be met."""
+
+    @abstractmethod
+    def touchdowns(
+        self, source: Any, request: Request, recorded: Mapping[str, Floats]
+    ) -> TrajectoryTouchdowns:
+        """Where a recorded motion met the floor. recorded: arrays of states, by the engine's own names."""

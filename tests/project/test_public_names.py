@@ -74,9 +74,11 @@ RIGHT: dict[str, dict[str, Any]] = {
     "hcbench.Target": {"law": LAW, "mass": 0.45, "timestep": 1e-3, "speed_min": 0.1, "speed_max": 0.5},
     "hcbench.Wanted": {"alpha": 0.3},
     "hcbench.engine": {"name": "reference"},
+    "hcbench.land": {"model": object()},
     "hcbench.load_scene": {"name_or_path": "steel-plane"},
     "hcbench.load_study": {"path": ROOT / "reports" / "steel-1lb" / "study.toml"},
     "hcbench.measure": {"model": object(), "pair": "a,b"},
+    "hcbench.measure_trajectory": {"model": object(), "trajectory": {"qpos": [[0.0]]}},
     "hcbench.run_study": {"study": None},
     "hcbench.score": {"impacts": [], "law": LAW, "mass": 0.45},
     "hcbench.tune": {"engine": "reference", "timestep": 1e-3, "alpha": 0.3},
@@ -116,6 +118,7 @@ MADE_BY_HCBENCH = {
     "Score",
     "Status",
     "HcbenchError",
+    "Landings",
     "Launch",
 }
 

@@ -27,28 +27,31 @@ from hcbench.engines.mujoco.scene.scene_model import load
 from hcbench.engines.mujoco.scene.world import BatchPool, MujocoWorld
 from hcbench.errors import UserError
 from hcbench.setting import PAIR
-from hcbench.sim.capabilities import DescribesContact, Feature, Features, HasPlugin, TunesModels
+from hcbench.sim.capabilities import DescribesContact, Feature, Features, HasPlugin, LandsRobots, TunesModels
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.read_impact import SpeedReading
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from hcbench.engines.mujoco.model.under_test import MujocoModel
+    from hcbench.impact import Floats
     from hcbench.laws.conventions import OneContact, Vocabulary
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.scene import Scene
     from hcbench.setting import Pair, Setting
     from hcbench.sim.candidate_pairs import CandidatePair
+    from hcbench.sim.landing import Drops, Landings
     from hcbench.sim.model_under_test import ModelSetting, Request
     from hcbench.sim.passivity import Passivity
     from hcbench.sim.promise import Promise
+    from hcbench.sim.touchdowns import TrajectoryTouchdowns
 
 
 _DOCS = "MuJoCo documentation, Computation: Soft contact model"
 
 
-class MujocoEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
+class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, SteppedEngine):
     """MuJoCo behind its Python bindings, 3.3 and later."""
 
     name = "mujoco"
@@ -193,6 +196,25 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         from hcbench.engines.mujoco.model.tune_model import model_settings
 
         return model_settings(_one_file(source), requests, goal)
+
+    def land(
+        self, source: Any, request: Request, drops: Drops, rebuild: Callable[[], Any] | None = None
+    ) -> Landings:
+        """A robot with a free joint over parts of the world."""
+        from hcbench.engines.mujoco.model.landing import land
+        from hcbench.engines.mujoco.model.open import load as load_user_model
+
+        return land(*load_user_model(_one_file(source), request), request, drops)
+
+    def touchdowns(
+        self, source: Any, request: Request, recorded: Mapping[str, Floats]
+    ) -> TrajectoryTouchdowns:
+        """By qpos and qvel of each state."""
+        from hcbench.engines.mujoco.model.open import load as load_user_model
+        from hcbench.engines.mujoco.model.touchdowns import touchdowns
+
+        model, label, _ = load_user_model(_one_file(source), request)
+        return touchdowns(model, label, request, recorded)
 
 
 def _one_file(source: Any) -> Any:

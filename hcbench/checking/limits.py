@@ -1,0 +1,95 @@
+"""Limits on what a landing or a recorded motion does: "e < 0.3, peak < 6, slip < 5 mm"."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hcbench import units
+from hcbench._text import sanitized
+from hcbench.checking.outcome import Verdict
+from hcbench.errors import UserError
+from hcbench.sim.landing import Landings
+from hcbench.sim.touchdowns import TrajectoryTouchdowns
+
+# Name -> (attribute of a `Landing`, quantity).
+LANDING = {
+    "e": ("restitution", "number"),
+    "peak": ("peak", "number"),
+    "contact": ("contact", "time"),
+    "slip": ("slip", "length"),
+    "penetration": ("penetration", "length"),
+    "bouncing": ("bouncing", "number"),
+}
+# Name -> quantity, of each foot of a recorded motion.
+TRAJECTORY = {"outside": "number", "normal": "speed", "slide": "speed"}
+_LIMIT = re.compile(r"\s*(?P<name>[a-z]+)\s*(?P<way>[<>])=?\s*(?P<value>.+?)\s*")
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """One bound. most: whether `value` (SI) is the largest allowed; else the smallest. text: as given."""
+
+    name: str
+    value: float
+    most: bool
+    text: str
+
+    def excess(self, value: float) -> float:
+        """By how much a value is beyond it, over the bound's own size; above 0 where it is exceeded."""
+        beyond = value - self.value if self.most else self.value - value
+        return math.inf if math.isnan(value) else beyond / (abs(self.value) or 1.0)
+
+
+def read_limits(text: str, of_landing: bool) -> tuple[Limit, ...]:
+    """Limits, separated by commas. Raises UserError and QuantityError."""
+    quantities = {name: quantity for name, (_, quantity) in LANDING.items()} if of_landing else TRAJECTORY
+    limits = []
+    for part in text.split(","):
+        match = _LIMIT.fullmatch(part)
+        if match is None or match["name"] not in quantities:
+            example = "e < 0.3, slip < 5 mm" if of_landing else "outside < 5 %"
+            expected = f"limits on {', '.join(quantities)}, such as {example!r}"
+            raise UserError("require", repr(sanitized(part.strip(), 40)), expected)
+        name, value = match["name"], match["value"]
+        percent = value.endswith("%")
+        number = units.parse(value.rstrip("% "), quantities[name], f"require: {name}")
+        words = " ".join(part.split())
+        limits.append(Limit(name, number / 100 if percent else number, match["way"] == "<", words))
+    return tuple(limits)
+
+
+def judge_landings(landings: Landings, limits: Sequence[Limit]) -> tuple[Verdict, str]:
+    """Each limit against each drop; the message names the worst."""
+    values = [
+        (limit, getattr(drop, LANDING[limit.name][0]), f"a drop of {drop.height:.4g} m{_tilt(drop.tilt)}")
+        for limit in limits
+        for drop in landings.drops
+    ]
+    return _judge(values, f"{len(landings.drops)} drops")
+
+
+def judge_touchdowns(motion: TrajectoryTouchdowns, limits: Sequence[Limit]) -> tuple[Verdict, str]:
+    """Each limit against each foot; the message names the worst."""
+    values = []
+    for foot in motion.feet:
+        numbers = {"outside": foot.outside, "normal": foot.speed.max(), "slide": foot.slide.max()}
+        values += [(limit, float(numbers[limit.name]), f"{foot.part} on {foot.other}") for limit in limits]
+    return _judge(values, f"{sum(len(foot.time) for foot in motion.feet)} touchdowns")
+
+
+def _tilt(tilt: float) -> str:
+    return f" at {math.degrees(tilt):.3g} deg" if tilt else ""
+
+
+def _judge(values: Sequence[tuple[Limit, float, str]], count: str) -> tuple[Verdict, str]:
+    if not values:
+        return Verdict.FAILED, f"nothing that a limit could hold of: {count}"
+    limit, value, where = max(values, key=lambda entry: entry[0].excess(entry[1]))
+    exceeded = sum(limit.excess(value) > 0 for limit, value, _ in values)
+    verdict = Verdict.FAILED if exceeded else Verdict.PASSED
+    value_text = "without a band that hcbench wrote" if math.isnan(value) else f"{value:.4g} (SI)"
+    more = f"; {exceeded} limits exceeded in {count}" if exceeded > 1 else ""
+    return verdict, f"{limit.name} {value_text}, limit {limit.text!r}, in {sanitized(where)}{more}"

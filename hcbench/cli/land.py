@@ -1,0 +1,66 @@
+"""hcbench land: drop a robot on its floor under its controller, and report how it lands."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from hcbench.cli.console import as_json, drop_options, launch_options, print_json
+from hcbench.cli.outputs import PathType, force_option, output_option
+from hcbench.errors import UserError
+
+
+@click.command()
+@click.argument("models", nargs=-1, type=PathType())
+@drop_options()
+@launch_options("key", "qpos", "state", "timestep", "gravity")
+@click.option("--python", metavar="FILE:FUNCTION", help="Use the model that this function returns.")
+@click.option(
+    "--engine", metavar="NAME", help="Engine that simulates it.  [default: the first that opens it]"
+)
+@click.option("--limit", help="Give up on a model after this time, such as '60 s'.")
+@output_option("--page", help="Also write a one-page report with the force over time (HTML).")
+@force_option
+@as_json
+def land(
+    models: tuple[str, ...],
+    python: str | None,
+    heights: str | None,
+    tilt: str | None,
+    controller: str | None,
+    engine: str | None,
+    limit: str | None,
+    page: Path | None,
+    force: bool,
+    as_json: bool,
+    **pose: object,
+) -> None:
+    """Drop a robot on its floor, and measure how it lands.
+
+    Report e of its centre of mass, the peak force, and what each foot does. Of two MODELS, such as
+    before and after `hcbench tune`, the drops stand side by side.
+    """
+    from hcbench._outputs import write_output
+    from hcbench.checking.spec import read_limit
+    from hcbench.measuring.landing import as_record, as_text, land_job, make_drops
+    from hcbench.measuring.measure import Job
+    from hcbench.measuring.measurement import TOLERANCE
+    from hcbench.measuring.request import make_request
+
+    if not models and python is None:
+        raise UserError("model", "none given", "a file with a robot, or --python FILE:FUNCTION")
+    sources = [*models, *([python] if python is not None else [])]
+    given = {"heights": heights, "tilt": tilt, "controller": controller}
+    drops = make_drops(**{name: value for name, value in given.items() if value is not None})
+    request = make_request(None, **pose)  # type: ignore[arg-type]
+    seconds = read_limit(limit)
+    robots = [land_job(Job(s, engine, request, None, TOLERANCE, False), drops, seconds) for s in sources]
+    if page is not None:
+        from hcbench.reporting.landing_page import landing_page
+
+        write_output(page, landing_page(robots), "--page", force)
+    if as_json:
+        print_json(as_record(robots[0]) if len(robots) == 1 else [as_record(robot) for robot in robots])
+    else:
+        print(as_text(robots), end="")

@@ -1,0 +1,129 @@
+"""What drives a robot's joints while it lands: PD at its pose, the pose's own controls, or a function."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from hcbench import units
+from hcbench.engines.mujoco.backend import backend
+from hcbench.errors import UserError
+from hcbench.impact import Floats
+from hcbench.sim.landing import Controller
+
+Drive = Callable[[Any], None]  # sets the controls of an MjData
+
+_SHARE = 0.05  # of kp in kd, s
+_MOST_KP, _MOST_KD = 0.1, 0.3  # of I/h² and I/h: a stiffer explicit PD is not stable at the step
+
+
+def drive_of(controller: Controller, model: Any, start: Any, root: int) -> tuple[Drive, str]:
+    """(what sets the controls before each step, what to call it).
+
+    start: MjData of the pose to hold. root: the robot's base body. UserError for an unknown controller.
+    """
+    if callable(controller):
+        return _function(controller, model), getattr(controller, "__name__", "a function")
+    if controller == "ctrl":
+        return lambda data: None, "the controls of the pose"
+    kind, colon, text = controller.partition(":")
+    if kind != "pd":
+        expected = "pd, pd:KP,KD, ctrl, or FILE.py:FUNCTION"
+        raise UserError("controller", repr(controller), expected)
+    return _pd(model, start, root, [units.parse(gain, "number", "controller") for gain in text.split(",") if colon])
+
+
+def _function(function: Callable[[Any, Any], Any], model: Any) -> Drive:
+    def drive(data: Any) -> None:
+        controls = function(model, data)
+        if controls is None:
+            return
+        values = np.asarray(controls, dtype=float).reshape(-1)
+        if values.shape != data.ctrl.shape or not np.isfinite(values).all():
+            got = f"the controller returned {values.size} numbers"
+            raise UserError("controller", got, f"{model.nu} finite controls, or None")
+        data.ctrl[:] = values
+
+    return drive
+
+
+def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, str]:
+    """Position servos get their joint's angle as target; motors get PD torques, joints without an actuator
+    are free. gains: kp and kd, or () for those by weight and inertia.
+    """
+    if gains and (len(gains) != 2 or min(gains) < 0):
+        raise UserError(
+            "controller", f"pd with {len(gains)} gains", "two from 0 up: pd:KP,KD, such as pd:60,2"
+        )
+    target, kinds = start.qpos.copy(), backend()
+    servos, motors = [], []
+    for actuator in range(model.nu):
+        joint = int(model.actuator_trnid[actuator, 0])
+        of_joint = int(model.actuator_trntype[actuator]) == int(kinds.mjtTrn.mjTRN_JOINT)
+        if not of_joint or int(model.jnt_type[joint]) < int(kinds.mjtJoint.mjJNT_SLIDE):
+            continue
+        if int(model.body_rootid[model.jnt_bodyid[joint]]) != root:
+            continue
+        gear = float(model.actuator_gear[actuator, 0]) or 1.0
+        angle, dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+        if float(model.actuator_biasprm[actuator, 1]) < 0.0:
+            servos.append((actuator, gear * float(target[angle])))
+        elif float(model.actuator_gainprm[actuator, 0]) != 0.0 and not model.actuator_biasprm[actuator].any():
+            kp, kd = gains or _gains(model, start, root, joint)
+            motors.append((actuator, gear * float(model.actuator_gainprm[actuator, 0]), angle, dof, kp, kd))
+    if not servos and not motors:
+        return (
+            lambda data: None,
+            "no actuators: its joints are free" if not model.nu else "the controls of the pose",
+        )
+    numbers, targets = np.array([s[0] for s in servos], int), np.array([s[1] for s in servos])
+
+    def drive(data: Any) -> None:
+        data.ctrl[numbers] = targets
+        for actuator, gain, angle, dof, kp, kd in motors:
+            torque = kp * (target[angle] - data.qpos[angle]) - kd * data.qvel[dof]
+            data.ctrl[actuator] = torque / gain
+
+    words = [f"{len(servos)} position servos hold their joints"] if servos else []
+    if motors:
+        spans = [_span([motor[i] for motor in motors]) for i in (4, 5)]
+        words.append("{} motors by PD, kp {}, kd {} (SI)".format(len(motors), *spans))
+    return drive, "; ".join(words)
+
+
+def _span(values: list[float]) -> str:
+    low, high = min(values), max(values)
+    return f"{low:.3g}" if low == high else f"{low:.3g} ... {high:.3g}"
+
+
+def _gains(model: Any, data: Any, root: int, joint: int) -> tuple[float, float]:
+    """kp that lets the whole weight, at the end of what the joint carries, turn it by 1 rad (slide: 2 cm); kd
+    a share of it. Both as small as the step needs to stay stable.
+    """
+    h, dof = float(model.opt.timestep), int(model.jnt_dofadr[joint])
+    weight = float(model.body_subtreemass[root]) * float(np.linalg.norm(model.opt.gravity)) or 1.0
+    if int(model.jnt_type[joint]) == int(backend().mjtJoint.mjJNT_SLIDE):
+        kp = weight / 0.02
+    else:
+        kp = weight * _reach(model, data, int(model.jnt_bodyid[joint]), data.xanchor[joint])
+    row: Floats = np.zeros((1, model.nv))
+    row[0, dof] = 1.0
+    solved = np.zeros((1, model.nv))
+    backend().mj_solveM(model, data, solved, row)
+    inertia = 1.0 / float(solved[0, dof])  # what the joint turns, with all other joints at liberty
+    return min(kp, _MOST_KP * inertia / h**2), min(_SHARE * kp, _MOST_KD * inertia / h)
+
+
+def _reach(model: Any, data: Any, body: int, anchor: Floats) -> float:
+    """From a joint's anchor to the farthest geom that hangs on it, m."""
+    reach = 0.0
+    for geom in range(model.ngeom):
+        above = int(model.geom_bodyid[geom])
+        while above > body:
+            above = int(model.body_parentid[above])
+        if above == body:
+            reach = max(reach, float(np.linalg.norm(data.geom_xpos[geom] - anchor)))
+    return reach if reach > 0 and math.isfinite(reach) else 0.1

@@ -1,0 +1,216 @@
+"""MuJoCo: a robot under its controller dropped on its floor, which is read as a force plate."""
+
+from __future__ import annotations
+
+import copy
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend, captured_warnings, forget_resets, resets
+from hcbench.engines.mujoco.model.bodies import body_name, geom_name
+from hcbench.engines.mujoco.model.controllers import Drive, drive_of
+from hcbench.engines.mujoco.model.start_pose import start_pose
+from hcbench.errors import EngineFailed, UserError
+from hcbench.impact import Floats
+from hcbench.sim.landing import WINDOW_S, Drops, FootfallLog, Landing, Landings, take_off_speed
+from hcbench.sim.model_under_test import Request
+
+_FARTHEST, _SCAN, _ROUNDS = (
+    10.0,
+    0.01,
+    40,
+)  # m, m: looked for a floor so far below, and above a robot inside it
+_FALL_SHARE, _SLACK_S = 1.5, 0.2  # of the time of a free fall, and more: how long a floor is waited for
+
+
+def land(model: Any, label: str, state: Any, request: Request, drops: Drops) -> Landings:
+    """Drop the robot of a model. Raises UserError where it has none, or nothing to land on."""
+    with captured_warnings():
+        start, name = start_pose(model, request, state)
+        bench = _Bench(model, start)
+        drive, words = drive_of(drops.controller, model, start, bench.root)
+        landings = [bench.landing(h, tilt, drive) for h in drops.heights for tilt in drops.tilts]
+    return Landings(
+        "mujoco",
+        backend().__version__,
+        label,
+        body_name(model, bench.root),
+        ", ".join(geom_name(model, geom) for geom in sorted(bench.trodden)),
+        name,
+        words,
+        bench.mass,
+        bench.h,
+        bench.g,
+        tuple(landings),
+    )
+
+
+class _Foot(NamedTuple):
+    """A rigid part of the robot that met the floor, and which of its geoms did."""
+
+    log: FootfallLog
+    geoms: set[int]
+
+
+class _Bench:
+    """A robot with a free base, in its pose, over the parts of the world that it can land on."""
+
+    def __init__(self, model: Any, start: Any) -> None:
+        self.model, self.start, self.h = model, start, float(model.opt.timestep)
+        kinds = backend().mjtJoint
+        bases = [
+            int(b)
+            for b, kind in zip(model.jnt_bodyid, model.jnt_type, strict=True)
+            if kind == kinds.mjJNT_FREE
+        ]
+        if not bases:
+            raise UserError("model", "no body has a free joint", "a robot with a free base, to be dropped")
+        self.root = max(bases, key=lambda body: float(model.body_subtreemass[body]))
+        self.joint = int(model.body_jntadr[self.root])
+        self.mass = float(model.body_subtreemass[self.root])
+        self.g = float(np.linalg.norm(model.opt.gravity))
+        if self.g == 0.0 or model.opt.disableflags & backend().mjtDisableBit.mjDSBL_GRAVITY:
+            raise UserError(
+                "gravity", "the model has none", "a gravity that lets the robot fall", "Try --gravity 9.81"
+            )
+        self.up = -np.asarray(model.opt.gravity) / self.g
+        of_body = np.asarray(model.geom_bodyid)
+        self.mine = np.append(model.body_rootid[of_body] == self.root, False)
+        self.floor = np.append(model.body_weldid[of_body] == 0, False)
+        self.trodden: set[int] = set()
+        backend().mj_forward(model, start)
+
+    def landing(self, height: float, tilt: float, drive: Drive) -> Landing:
+        """One drop from a height (m) over the touch, the base turned by a tilt (rad)."""
+        model, data = self.model, copy.copy(self.start)
+        address = int(model.jnt_qposadr[self.joint])
+        self._turn(data, address, tilt)
+        data.qpos[address : address + 3] += self.up * (height + self._way_up(data, address))
+        backend().mj_forward(model, data)
+        forget_resets(data)
+        return self._fall(data, height, tilt, drive)
+
+    def _turn(self, data: Any, address: int, tilt: float) -> None:
+        turned, by = np.zeros(4), np.array([math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0])
+        backend().mju_mulQuat(turned, by, data.qpos[address + 3 : address + 7].copy())
+        data.qpos[address + 3 : address + 7] = turned
+
+    def _touches(self, data: Any) -> bool:
+        """Whether the robot touches what it can land on, in this pose."""
+        backend().mj_fwdPosition(self.model, data)
+        geoms, distances = data.contact.geom, data.contact.dist
+        on_floor = self.mine[geoms].any(axis=1) & self.floor[geoms].any(axis=1)
+        return bool((on_floor & (distances <= 0.0) & (data.contact.exclude == 0)).any())
+
+    def _way_up(self, data: Any, address: int) -> float:
+        """How far up from where it is the robot just touches, m."""
+        trial, here = copy.copy(data), data.qpos[address : address + 3].copy()
+
+        def touches(way: float) -> bool:
+            trial.qpos[address : address + 3] = here + way * self.up
+            return self._touches(trial)
+
+        step = _SCAN if touches(0.0) else -_SCAN
+        ways = (step * i for i in range(1, round(_FARTHEST / _SCAN)))
+        end = next((way for way in ways if touches(way) is (step < 0)), None)
+        if end is None:
+            advice = 'Add a floor: <geom type="plane" size="0 0 1"/> in the worldbody'
+            raise UserError(
+                "model",
+                f"{body_name(self.model, self.root)!r} has nothing below to land on",
+                "a floor",
+                advice,
+            )
+        low, high = (end, end + _SCAN) if step < 0 else (end - _SCAN, end)
+        for _ in range(_ROUNDS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if touches(middle) else (low, middle)
+        return high
+
+    def _fall(self, data: Any, height: float, tilt: float, drive: Drive) -> Landing:
+        model, mujoco, h = self.model, backend(), self.h
+        jacobian = np.zeros((3, model.nv))
+        latest = _FALL_SHARE * math.sqrt(2.0 * height / self.g) + _SLACK_S
+        forces: list[float] = []
+        rising: list[float] = []
+        feet: dict[int, _Foot] = {}
+        first = math.nan
+        for step in range(math.ceil((latest + WINDOW_S) / h)):
+            drive(data)
+            before, then = data.qvel.copy(), step * h
+            mujoco.mj_step(model, data)
+            if resets(data):
+                got = f"MuJoCo found the state unstable {then:.3g} s after release"
+                raise EngineFailed(
+                    "model",
+                    got,
+                    "a robot that its controller holds",
+                    "Try --controller pd:KP,KD or a smaller --timestep",
+                )
+            force = self._tread(data, before, then - (first if feet else then), feet)
+            if not feet:
+                if then > latest:
+                    break
+                continue
+            if not forces:
+                first = then
+            mujoco.mj_jacSubtreeCom(model, data, jacobian, self.root)
+            forces.append(force)
+            rising.append(float(self.up @ jacobian @ before))
+            if then - first > WINDOW_S:
+                break
+        if not feet:
+            raise UserError(
+                "model", f"the robot met nothing within {latest:.3g} s", "a floor that it collides with"
+            )
+        pushed: Floats = np.array(forces)
+        speed_out = take_off_speed(pushed, np.array(rising), h)
+        time: Floats = np.arange(len(forces), dtype=np.float64) * h
+        fallen = tuple(foot.log.footfall(self._name(body, foot)) for body, foot in feet.items())
+        return Landing(height, tilt, -rising[0], speed_out, self.mass * self.g, fallen, time, pushed)
+
+    def _tread(self, data: Any, before: Floats, time: float, feet: dict[int, _Foot]) -> float:
+        """The floor's force on the robot in the step just taken, N upwards; each foot's goes to `feet`."""
+        geoms, contacts = data.contact.geom, data.contact
+        acting = (contacts.efc_address >= 0) & self.mine[geoms].any(axis=1) & self.floor[geoms].any(axis=1)
+        upward, wrench, geoms_of = 0.0, np.zeros(6), dict[int, set[int]]()
+        parts: dict[int, list[tuple[float, float, float, float]]] = {}  # by rigid body
+        for i in np.flatnonzero(acting).tolist():
+            backend().mj_contactForce(self.model, data, i, wrench)
+            one, two = geoms[i].tolist()
+            mine, floor, sign = (two, one, 1.0) if self.mine[two] else (one, two, -1.0)
+            frame = contacts.frame[i].reshape(3, 3)
+            upward += sign * float(self.up @ (frame.T @ wrench[:3]))
+            speed, slide = self._speeds(data, before, contacts.pos[i], sign * frame[0], mine)
+            if wrench[0] > 0.0:
+                self.trodden.add(floor)
+                body = int(self.model.body_weldid[self.model.geom_bodyid[mine]])
+                point = (float(wrench[0]), -float(contacts.dist[i]), speed, slide)
+                parts.setdefault(body, []).append(point)
+                geoms_of.setdefault(body, set()).add(mine)
+        for body, points in parts.items():
+            force, depth, speed, slide = np.array(points).T
+            if body not in feet:
+                feet[body] = _Foot(FootfallLog(time, float(speed.max()), float(slide.max())), set())
+            feet[body].geoms.update(geoms_of[body])
+            slip = float(force @ slide / force.sum())
+            feet[body].log.add(time, self.h, float(force.sum()), slip, float(depth.max()))
+        return upward
+
+    def _speeds(
+        self, data: Any, before: Floats, point: Floats, normal: Floats, geom: int
+    ) -> tuple[float, float]:
+        """(towards the floor, along it) of the robot's material point, m/s. normal: away from the floor."""
+        jacobian = np.zeros((3, self.model.nv))
+        backend().mj_jac(self.model, data, jacobian, None, point, int(self.model.geom_bodyid[geom]))
+        velocity = jacobian @ before
+        away = float(normal @ velocity)
+        return -away, float(np.linalg.norm(velocity - away * normal))
+
+    def _name(self, body: int, foot: _Foot) -> str:
+        """Of the only geom that touched, where it has one; else of the body."""
+        (geom, *more) = sorted(foot.geoms)
+        name = "" if more else self.model.geom(geom).name
+        return geom_name(self.model, geom) if name else body_name(self.model, body)

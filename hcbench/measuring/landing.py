@@ -1,0 +1,201 @@
+"""`land`: one call from a robot's model to how it lands, dropped on its floor under its controller."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from hcbench import units
+from hcbench._arguments import checked
+from hcbench._text import number, sanitized, table, time_step
+from hcbench.errors import QuantityError, UserError
+from hcbench.launch_options import Quantities, Quantity
+from hcbench.measuring.measure import Job, run_job, source_of
+from hcbench.measuring.measurement import TOLERANCE
+from hcbench.measuring.python_file import is_python, python_function
+from hcbench.measuring.request import make_request
+from hcbench.sim.capabilities import LandsRobots
+from hcbench.sim.landing import WINDOW_S, Drops, Landing, Landings
+
+HEIGHTS = "1:20:5 cm"
+_HIGHEST = 100.0  # m
+_HEADER = (
+    *("drop m", "deg", "model", "impact m/s", "e", "peak/weight", "contact ms"),
+    *("slip mm", "depth mm", "feet", "bounce"),
+)
+_FEET = (
+    *("drop m", "deg", "foot", "at ms", "impact m/s", "slide m/s", "contact ms"),
+    *("peak N", "slip mm", "depth mm", "bounces"),
+)
+
+
+@checked
+def land(
+    model: Any,
+    heights: Quantities = HEIGHTS,
+    *,
+    tilt: Quantities = 0.0,
+    controller: Any = "pd",
+    engine: str | None = None,
+    limit: float | None = None,
+    key: str | None = None,
+    qpos: str | Mapping[str, Any] | None = None,
+    state: Any = None,
+    timestep: Quantity | None = None,
+    gravity: Quantities | None = None,
+) -> Landings:
+    """Drop the robot of a model on its floor, from each height at each tilt, and measure how it lands.
+
+    model: as `measure` takes it; a robot whose base has a free joint, over a floor.
+    heights: of its lowest point over the floor, m. tilt: of its base about the world's y axis, rad.
+    controller: what drives the joints: "pd" (position servos and motors hold the pose), "pd:KP,KD" (gains of
+        the motors, N m/rad and N m s/rad), "ctrl" (the controls of the pose), "file.py:function", or a
+        function of (model, data) that returns the controls or sets them itself.
+    key, qpos, state, timestep, gravity: the pose and the conditions, as `measure` takes them.
+    limit: s, after which a model in a file counts as hung.
+    Raises UserError with the reason for what cannot be dropped.
+    """
+    request = make_request(None, key=key, qpos=qpos, state=state, timestep=timestep, gravity=gravity)
+    job = Job(model, engine, request, None, TOLERANCE, diagnose=False)
+    return land_job(job, make_drops(heights, tilt, controller), limit)
+
+
+def make_drops(heights: Quantities = HEIGHTS, tilt: Quantities = 0.0, controller: Any = "pd") -> Drops:
+    """Drops from what a user writes. Raises QuantityError and UserError."""
+    high = tuple(units.parse_values(heights, "length", "heights", above=0).tolist())
+    if max(high) > _HIGHEST:
+        raise QuantityError("heights", f"{max(high):g} m", f"up to {_HIGHEST:g} m")
+    tilts = tuple(units.parse_values(tilt, "angle", "tilt").tolist())
+    if not isinstance(controller, str) and not callable(controller):
+        raise UserError("controller", f"{controller!r:.60}", "pd, ctrl, file.py:function, or a function")
+    return Drops(high, tilts, controller)
+
+
+def land_job(job: Job, drops: Drops, limit: float | None = None) -> Landings:
+    """The drops of one robot: of a file, in a worker, unless a function of this process controls it."""
+    work = partial(_landed, drops)
+    return work(job) if callable(drops.controller) else run_job(work, job, limit)
+
+
+def _landed(drops: Drops, job: Job) -> Landings:
+    engine, source, rebuild = source_of(job)
+    if not isinstance(engine, LandsRobots):
+        raise UserError("engine", engine.title, "an engine in which hcbench drops robots", "Give MJCF")
+    if isinstance(drops.controller, str) and is_python(drops.controller):
+        drops = dataclasses.replace(drops, controller=python_function(drops.controller))
+    return engine.land(source, job.request, drops, rebuild)
+
+
+def as_record(landings: Landings) -> dict[str, Any]:
+    """For JSON."""
+    about = {f.name: getattr(landings, f.name) for f in dataclasses.fields(landings) if f.name != "drops"}
+    drops = [_drop_record(drop) for drop in landings.drops]
+    return {"schema": 1, "kind": "hcbench landing", **about, "window_s": WINDOW_S, "drops": drops}
+
+
+def _drop_record(drop: Landing) -> dict[str, Any]:
+    return {
+        "height_m": drop.height,
+        "tilt_rad": drop.tilt,
+        "speed_in_m_per_s": drop.speed_in,
+        "speed_out_m_per_s": drop.speed_out,
+        "restitution": drop.restitution,
+        "peak_over_weight": drop.peak,
+        "contact_s": drop.contact,
+        "slip_m": drop.slip,
+        "penetration_m": drop.penetration,
+        "feet_that_bounce": drop.bouncing,
+        "feet": [dataclasses.asdict(foot) for foot in drop.feet],
+        "time_s": drop.time.tolist(),
+        "force_n": drop.force.tolist(),
+    }
+
+
+def as_text(robots: Sequence[Landings]) -> str:
+    """The robots, one after the other in each drop, as lines for a terminal."""
+    lines = [line for landings in robots for line in headline(landings)]
+    names = labels(robots)
+    rows = [_row(drop, name) for name, drop in by_drop(robots, names)]
+    header, rows = _without_constant(_HEADER, rows, len(robots) > 1)
+    lines += ["", *table(header, rows)]
+    for name, landings in zip(names, robots, strict=True):
+        lines += ["", f"each foot of {name}" if len(robots) > 1 else "each foot", ""]
+        lines += table(_FEET, [row for drop in landings.drops for row in _foot_rows(drop)])
+    return "\n".join(lines) + "\n"
+
+
+def headline(landings: Landings) -> list[str]:
+    """What was dropped, on what, and what held it."""
+    return [
+        f"{sanitized(landings.model)}: {sanitized(landings.robot)} ({landings.mass:.4g} kg), from"
+        f" {sanitized(landings.start)}, on {sanitized(landings.floor)}",
+        f"{landings.engine} {landings.version}, step {time_step(landings.timestep)} s, gravity"
+        f" {landings.gravity:.4g} m/s^2; {sanitized(landings.controller)}",
+    ]
+
+
+def labels(robots: Sequence[Landings]) -> list[str]:
+    """A name for each: of its file, with a number where two have the same."""
+    names = [sanitized(landings.model, 40) for landings in robots]
+    return [f"{name} ({i})" if names.count(name) > 1 else name for i, name in enumerate(names, 1)]
+
+
+def by_drop(robots: Sequence[Landings], names: Sequence[str]) -> Iterator[tuple[str, Landing]]:
+    """(name, drop): the same drop of all robots, then the next."""
+    for drops in zip(*(landings.drops for landings in robots), strict=True):
+        yield from zip(names, drops, strict=True)
+
+
+def _row(drop: Landing, name: str) -> tuple[str, ...]:
+    return (
+        f"{drop.height:.4g}",
+        f"{math.degrees(drop.tilt):.4g}",
+        name,
+        number(drop.speed_in, ".4g"),
+        number(drop.restitution, ".3f"),
+        number(drop.peak, ".2f"),
+        _contact(drop.contact),
+        number(1e3 * drop.slip, ".2f"),
+        number(1e3 * drop.penetration, ".2f"),
+        str(len(drop.feet)),
+        str(drop.bouncing),
+    )
+
+
+def _contact(seconds: float) -> str:
+    """In ms; of a foot that stays on the floor, that it does."""
+    return "stays" if seconds >= WINDOW_S else number(1e3 * seconds, ".3g")
+
+
+def _foot_rows(drop: Landing) -> list[tuple[str, ...]]:
+    return [
+        (
+            f"{drop.height:.4g}",
+            f"{math.degrees(drop.tilt):.4g}",
+            sanitized(foot.part, 30),
+            f"{1e3 * foot.touch:.3g}",
+            f"{foot.speed:.3g}",
+            f"{foot.slide:.2f}",
+            _contact(foot.contact + foot.touch)
+            if foot.contact + foot.touch >= WINDOW_S
+            else _contact(foot.contact),
+            f"{foot.force_max:.4g}",
+            f"{1e3 * foot.slip:.2f}",
+            f"{1e3 * foot.penetration:.2f}",
+            str(foot.bounces),
+        )
+        for foot in drop.feet
+    ]
+
+
+def _without_constant(
+    header: tuple[str, ...], rows: list[tuple[str, ...]], several: bool
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Without the column of the model where there is one robot."""
+    if several:
+        return header, rows
+    at = header.index("model")
+    return header[:at] + header[at + 1 :], [row[:at] + row[at + 1 :] for row in rows]

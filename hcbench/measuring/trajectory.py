@@ -1,0 +1,140 @@
+"""`measure --trajectory`: at which speeds a recorded motion met the floor, and the bands of the settings."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hcbench._arguments import checked
+from hcbench._text import sanitized, table, without_empty
+from hcbench.errors import UserError
+from hcbench.impact import Floats
+from hcbench.measuring.measure import Job, run_job, source_of
+from hcbench.measuring.measurement import TOLERANCE
+from hcbench.measuring.pose import read_named
+from hcbench.measuring.request import make_request
+from hcbench.sim.capabilities import LandsRobots
+from hcbench.sim.landing import PARTED_S
+from hcbench.sim.touchdowns import Touchdowns, TrajectoryTouchdowns
+
+_HEADER = (
+    *("part", "on", "times", "normal m/s", "95 %", "most", "slide m/s", "most"),
+    *("valid m/s", "outside", "setting"),
+)
+
+
+@checked
+def measure_trajectory(
+    model: Any,
+    trajectory: Any,
+    pair: Sequence[str | int] | str | None = None,
+    *,
+    engine: str | None = None,
+    limit: float | None = None,
+) -> TrajectoryTouchdowns:
+    """At which speeds the parts of a robot really met the floor in a recorded motion.
+
+    model: as `measure` takes it. trajectory: an .npz or JSON file, or a mapping, with qpos (n, nq),
+        qvel (n, nv) and time (n,) of the states; without time, one a time step of the model.
+    pair: the two to read; None: each part that moves, on what does not. limit: as in `measure`.
+    Raises UserError for other arrays.
+    """
+    job = Job(model, engine, make_request(pair), None, TOLERANCE, diagnose=False)
+    return touchdowns_job(job, trajectory, limit)
+
+
+def touchdowns_job(job: Job, trajectory: Any, limit: float | None = None) -> TrajectoryTouchdowns:
+    """The touchdowns of one model."""
+    return run_job(partial(_touchdowns, _arrays(trajectory)), job, limit)
+
+
+def _arrays(trajectory: Any) -> dict[str, Floats]:
+    if isinstance(trajectory, str | Path):
+        trajectory = read_named(Path(trajectory), "trajectory", "qpos and qvel")
+    if not isinstance(trajectory, Mapping):
+        got = f"a {type(trajectory).__name__}"
+        raise UserError("trajectory", got, "a file or a mapping with qpos and qvel of each state")
+    try:
+        return {
+            name: np.asarray(trajectory[name], dtype=float)
+            for name in ("qpos", "qvel", "time")
+            if name in trajectory
+        }
+    except (TypeError, ValueError):
+        raise UserError("trajectory", "no numbers in it", "arrays qpos and qvel, a row a state") from None
+
+
+def _touchdowns(recorded: dict[str, Floats], job: Job) -> TrajectoryTouchdowns:
+    engine, source, _ = source_of(job)
+    if not isinstance(engine, LandsRobots):
+        raise UserError(
+            "engine", engine.title, "an engine in which hcbench reads recorded motions", "Give MJCF"
+        )
+    return engine.touchdowns(source, job.request, recorded)
+
+
+def as_record(motion: TrajectoryTouchdowns) -> dict[str, Any]:
+    """For JSON."""
+    about = {f.name: getattr(motion, f.name) for f in dataclasses.fields(motion) if f.name != "feet"}
+    feet = [
+        {
+            "part": foot.part,
+            "other": foot.other,
+            "setting": foot.setting,
+            "valid_m_per_s": foot.band,
+            "share_outside": foot.outside,
+            "time_s": foot.time.tolist(),
+            "normal_speed_m_per_s": foot.speed.tolist(),
+            "sliding_speed_m_per_s": foot.slide.tolist(),
+        }
+        for foot in motion.feet
+    ]
+    return {"schema": 1, "kind": "hcbench touchdowns", **about, "feet": feet}
+
+
+def as_text(motion: TrajectoryTouchdowns) -> str:
+    """As lines for a terminal."""
+    lines = [
+        f"{sanitized(motion.model)}: {motion.states} states, one every {1e3 * motion.interval:.4g} ms",
+        f"{motion.engine} {motion.version}",
+    ]
+    if not motion.feet:
+        return "\n".join([*lines, "nothing that moves met anything that does not"]) + "\n"
+    lines += ["", *table(*without_empty(_HEADER, [_row(foot) for foot in motion.feet], "outside"))]
+    if motion.interval > PARTED_S:
+        shown = f"{1e3 * motion.interval:.3g} ms"
+        lines += [
+            "",
+            f"States {shown} apart miss contacts that are shorter. Record every step for all of them.",
+        ]
+    loose = [foot for foot in motion.feet if foot.band is None]
+    if loose:
+        low, high = min(f.speed.min() for f in loose), max(f.speed.max() for f in loose)
+        lines += [
+            "",
+            "Settings that hcbench did not write have no band. `hcbench tune` writes one that is valid for"
+            f" --speeds '{max(low, 1e-3):.2g}:{high:.2g}:8 m/s'.",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _row(foot: Touchdowns) -> tuple[str, ...]:
+    valid = "—" if foot.band is None else f"{foot.band[0]:.3g} ... {foot.band[1]:.3g}"
+    return (
+        sanitized(foot.part, 30),
+        sanitized(foot.other, 30),
+        str(len(foot.time)),
+        f"{np.median(foot.speed):.3g}",
+        f"{np.quantile(foot.speed, 0.95):.3g}",
+        f"{foot.speed.max():.3g}",
+        f"{np.median(foot.slide):.3g}",
+        f"{foot.slide.max():.3g}",
+        valid.replace("0 ... inf", "any"),
+        "" if foot.band is None else f"{100 * foot.outside:.3g} %",
+        sanitized(foot.setting),
+    )

@@ -1,0 +1,165 @@
+"""A robot that lands on its floor: what is dropped, and what an engine measures of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from hcbench.impact import Floats
+
+PARTED_S = 0.005  # a foot that is off the floor for longer has left it; shorter gaps are chatter
+WINDOW_S = 0.5  # after the first touch, in which a landing is measured
+
+Controller = str | Callable[[Any, Any], Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Drops:
+    """How a robot is dropped.
+
+    heights: of its lowest point over the floor at release, m. tilts: of its base about the world's y, rad.
+    controller: "pd", "pd:KP,KD" or "ctrl", or a function of the engine's model and state that returns the
+        controls or sets them itself.
+    """
+
+    heights: tuple[float, ...]
+    tilts: tuple[float, ...] = (0.0,)
+    controller: Controller = "pd"
+
+
+@dataclass(frozen=True, slots=True)
+class Footfall:
+    """What one part of the robot did on the floor in one landing; SI, times from the first touch of any.
+
+    part: its name. touch: when it first met the floor. speed, slide: of the contact point there, normal to
+        the floor and along it. contact: how long it then stayed, gaps up to PARTED_S included.
+    bounces: how often it came back after it had left for longer. force_max: the largest normal force.
+    slip: length of the way along the floor while it was pressed on. penetration: the deepest.
+    """
+
+    part: str
+    touch: float
+    speed: float
+    slide: float
+    contact: float
+    bounces: int
+    force_max: float
+    slip: float
+    penetration: float
+
+
+@dataclass(frozen=True, slots=True)
+class Landing:
+    """One drop.
+
+    height, m, and tilt, rad: at release. speed_in: of the centre of mass towards the floor at first touch,
+    m/s. speed_out: the largest away from it with which the whole robot left the floor; 0 where it never did.
+    weight: of the robot, N. time: s from the first touch, and force: of the floor on the robot, upwards, N;
+    shape (n,). feet: in the order in which they met the floor.
+    """
+
+    height: float
+    tilt: float
+    speed_in: float
+    speed_out: float
+    weight: float
+    feet: tuple[Footfall, ...]
+    time: Floats = field(repr=False, compare=False)
+    force: Floats = field(repr=False, compare=False)
+
+    @property
+    def restitution(self) -> float:
+        """e of the centre of mass."""
+        return self.speed_out / self.speed_in
+
+    @property
+    def peak(self) -> float:
+        """The largest force of the floor over the robot's weight."""
+        return float(self.force.max(initial=0.0)) / self.weight
+
+    @property
+    def contact(self) -> float:
+        """The longest first contact of a foot, s."""
+        return max((foot.contact for foot in self.feet), default=math.nan)
+
+    @property
+    def slip(self) -> float:
+        """The longest way of a foot along the floor, m."""
+        return max((foot.slip for foot in self.feet), default=math.nan)
+
+    @property
+    def penetration(self) -> float:
+        """The deepest of a foot, m."""
+        return max((foot.penetration for foot in self.feet), default=math.nan)
+
+    @property
+    def bouncing(self) -> int:
+        """How many feet bounce."""
+        return sum(foot.bounces > 0 for foot in self.feet)
+
+
+@dataclass(frozen=True, slots=True)
+class Landings:
+    """All drops of one robot.
+
+    model: what to call it. robot, floor: names of its base and of what it lands on. controller: what holds
+    the joints, in words. mass: kg. drops: heights in order, tilts in order for each.
+    """
+
+    engine: str
+    version: str
+    model: str
+    robot: str
+    floor: str
+    start: str
+    controller: str
+    mass: float
+    timestep: float
+    gravity: float
+    drops: tuple[Landing, ...]
+
+
+class FootfallLog:
+    """Adds up what one part does on the floor, step by step."""
+
+    def __init__(self, touch: float, speed: float, slide: float) -> None:
+        self.touch, self.speed, self.slide = touch, speed, slide
+        self.contact, self.bounces, self.force_max, self.slip, self.penetration = 0.0, 0, 0.0, 0.0, 0.0
+        self._last = touch
+
+    def add(self, time: float, step: float, force: float, slide: float, depth: float) -> None:
+        """One step in which the floor pushed. time: of its start. slide: speed along the floor, m/s."""
+        if time - self._last > PARTED_S:
+            self.bounces += 1
+        if not self.bounces:
+            self.contact = time + step - self.touch
+        self._last = time + step
+        self.force_max = max(self.force_max, force)
+        self.slip += slide * step
+        self.penetration = max(self.penetration, depth)
+
+    def footfall(self, part: str) -> Footfall:
+        """What it added up to."""
+        return Footfall(
+            part, self.touch, self.speed, self.slide, self.contact, self.bounces,
+            self.force_max, self.slip, self.penetration,
+        )  # fmt: skip
+
+
+def take_off_speed(force: Floats, rising: Floats, step: float) -> float:
+    """The largest upward speed with which the whole robot leaves the floor, m/s; 0 where it never does.
+
+    force, N, rising: speed of the centre of mass, m/s, at the start of each step from the first touch on.
+    """
+    off = np.append(force <= 0.0, True)
+    starts = np.flatnonzero(off[1:] & ~off[:-1]) + 1
+    fastest, least = 0.0, max(1, round(PARTED_S / step))
+    for start in starts.tolist():
+        if start < len(rising) and off[start : start + least].all() and len(off) - start > least:
+            fastest = max(fastest, float(rising[start]))
+    return fastest

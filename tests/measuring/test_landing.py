@@ -1,0 +1,186 @@
+"""A robot dropped on its floor, and a recorded motion: what the force plate and each foot show."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+import hcbench
+from hcbench.checking import CheckSpec, check
+from hcbench.errors import UserError
+from hcbench.measuring.landing import as_record, as_text
+from hcbench.reporting.landing_page import landing_page
+from hcbench.sim.landing import Landings
+
+G = 9.81
+FLOOR = '<geom name="floor" type="plane" size="3 3 .1"/>'
+STEP = 2e-5
+BALL = f"""<mujoco><option timestep="{STEP}" gravity="0 0 -{G}"/><worldbody>{FLOOR}
+<body name="ball" pos="0 0 .5"><freejoint/><geom name="ball" size=".05" mass="1" condim="1"
+solref="-400000 -285"/></body></worldbody></mujoco>"""
+_LEG = """<body name="{n}" pos="{x} {y} 0"><joint name="{n}" type="slide" axis="0 0 1" damping="5"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.2" size=".01" mass=".1" contype="0" conaffinity="0"/>
+<geom name="{n}_foot" pos="0 0 -.22" size=".02" mass=".1" solref=".01 .7"/></body>"""
+_LEGS = {"fl": (0.2, 0.1), "fr": (0.2, -0.1), "rl": (-0.2, 0.1), "rr": (-0.2, -0.1)}
+
+
+def robot(actuator: str) -> str:
+    legs = "".join(_LEG.format(n=n, x=x, y=y) for n, (x, y) in _LEGS.items())
+    drives = "".join(actuator.format(n=n) for n in _LEGS)
+    return f"""<mujoco><option timestep="1e-3" integrator="implicitfast" gravity="0 0 -{G}"/>
+<worldbody>{FLOOR}<body name="trunk" pos="0 0 .23"><freejoint/>
+<geom type="box" size=".25 .12 .04" mass="5"/>{legs}</body></worldbody>
+<actuator>{drives}</actuator></mujoco>"""
+
+
+SERVOS = robot('<position joint="{n}" kp="2000" kv="60"/>')
+MOTORS = robot('<motor joint="{n}" gear="2"/>')
+
+
+@pytest.fixture(scope="module")
+def standing() -> Landings:
+    landings = hcbench.land(SERVOS, heights="1, 5 cm", tilt="0, 8 deg")
+    assert isinstance(landings, Landings)
+    return landings
+
+
+def test_a_ball_lands_with_the_e_that_measure_finds() -> None:
+    (drop,) = hcbench.land(BALL, heights=0.1).drops
+    measured = hcbench.measure(BALL, "ball,floor", speeds=drop.speed_in, phases=2, diagnose=False)
+    assert drop.speed_in == pytest.approx(math.sqrt(2 * G * 0.1), abs=G * STEP)
+    assert drop.restitution == pytest.approx(measured.curve[0].restitution, abs=5e-3)
+    assert drop.bouncing == 1  # comes back within the half second
+    assert drop.feet[0].part == "ball"
+    assert drop.feet[0].contact == pytest.approx(measured.impacts[0].duration, abs=2 * STEP)
+
+
+def test_the_impulse_of_the_floor_stops_the_robot(standing: Landings) -> None:
+    """∫ (F - W) dt = m v: the robot stands at the end of the half second."""
+    drop = standing.drops[0]
+    step = standing.timestep
+    impulse = step * float((drop.force - drop.weight).sum())
+    assert impulse == pytest.approx(standing.mass * drop.speed_in, rel=0.02)
+    assert float(drop.force[-100:].mean()) == pytest.approx(drop.weight, rel=0.02)
+    assert drop.restitution == 0.0
+    assert [foot.part for foot in drop.feet] == [f"{n}_foot" for n in _LEGS]
+
+
+def test_a_tilted_robot_lands_on_its_front_feet_first(standing: Landings) -> None:
+    drop = next(d for d in standing.drops if d.tilt > 0)
+    times = {foot.part: foot.touch for foot in drop.feet}
+    assert times["fl_foot"] == times["fr_foot"] == 0.0
+    assert min(times["rl_foot"], times["rr_foot"]) > 0.01
+
+
+def test_a_function_of_the_state_controls_as_the_servos_do(standing: Landings) -> None:
+    calls = []
+
+    def hold(model: Any, data: Any) -> list[float]:
+        calls.append(data.time)
+        return [0.0] * model.nu
+
+    landings = hcbench.land(SERVOS, heights="5 cm", controller=hold)
+    same = next(d for d in standing.drops if (d.height, d.tilt) == (0.05, 0.0))
+    assert landings.drops[0] == same
+    assert len(calls) > 500
+    assert hcbench.land(SERVOS, heights="5 cm", controller="ctrl").drops[0] == same
+
+
+def test_motors_hold_the_pose_by_pd() -> None:
+    held = hcbench.land(MOTORS, heights="2 cm")
+    limp = hcbench.land(MOTORS, heights="2 cm", controller="pd:0,0")
+    assert {foot.part for foot in held.drops[0].feet} == {f"{n}_foot" for n in _LEGS}
+    assert "trunk" in {foot.part for foot in limp.drops[0].feet}
+    assert "4 motors by PD" in held.controller
+
+
+@pytest.mark.parametrize(
+    ("model", "options", "words"),
+    [
+        (BALL.replace("<freejoint/>", ""), {}, "no body has a free joint"),
+        (BALL.replace(FLOOR, ""), {}, "nothing below to land on"),
+        (BALL, {"gravity": 0}, "gravity that lets the robot fall"),
+        (BALL, {"heights": 1e3}, "heights"),
+        (SERVOS, {"controller": "lqr"}, "pd, pd:KP,KD, ctrl"),
+        (SERVOS, {"controller": "pd:1"}, "two from 0 up"),
+        (SERVOS, {"controller": lambda model, data: [1.0]}, "4 finite controls"),
+        (SERVOS, {"controller": 3}, "a function"),
+    ],
+)
+def test_what_cannot_be_dropped_is_refused(model: str, options: dict[str, Any], words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        hcbench.land(model, **{"heights": "1 cm", **options})
+
+
+def test_two_robots_stand_side_by_side(standing: Landings) -> None:
+    text = as_text([standing, standing])
+    assert "MJCF text (1)" in text
+    assert "MJCF text (2)" in text
+    assert len(as_record(standing)["drops"][0]["force_n"]) == len(standing.drops[0].force)
+    page = landing_page([standing, standing])
+    assert page.count("fl_foot") == 8
+    assert "data:image/svg+xml" in page
+
+
+@pytest.fixture(scope="module")
+def recorded() -> dict[str, np.ndarray[Any, Any]]:
+    """A ball that bounces several times, with a sideways speed of 0.2 m/s."""
+    model = mujoco.MjModel.from_xml_string(BALL)
+    data = mujoco.MjData(model)
+    data.qvel[0] = 0.2
+    rows = []
+    for _ in range(60_000):
+        rows.append((data.qpos.copy(), data.qvel.copy(), data.time))
+        mujoco.mj_step(model, data)
+    qpos, qvel, time = (np.array(column) for column in zip(*rows, strict=True))
+    return {"qpos": qpos, "qvel": qvel, "time": time}
+
+
+def test_touchdowns_of_a_recorded_motion_have_the_speeds_of_its_falls(
+    recorded: dict[str, np.ndarray[Any, Any]],
+) -> None:
+    motion = hcbench.measure_trajectory(BALL, recorded)
+    (ball,) = motion.feet
+    z, fast = recorded["qpos"][:, 2], []
+    rising = recorded["qvel"][:, 2] > 0
+    tops = [0, *np.flatnonzero(rising[:-1] & ~rising[1:])]
+    fast = [math.sqrt(2 * G * (z[top] - 0.05)) for top in tops[: len(ball.speed)]]
+    assert ball.speed[:4] == pytest.approx(fast[:4], abs=0.01)
+    assert ball.slide[0] == pytest.approx(0.2)
+    assert ball.band is None
+
+
+def test_check_holds_landings_and_motions_to_limits(
+    tmp_path: Path, recorded: dict[str, np.ndarray[Any, Any]]
+) -> None:
+    (tmp_path / "robot.xml").write_text(SERVOS)
+    (tmp_path / "ball.xml").write_text(BALL)
+    np.savez(tmp_path / "states.npz", **recorded)
+    lines = [
+        "[[check]]\nname = 'soft'\nmodel = 'robot.xml'\nheights = '2 cm'\nrequire = 'e < 0.1, slip < 5 mm'",
+        "[[check]]\nname = 'hard'\nmodel = 'robot.xml'\nheights = '2 cm'\nrequire = 'peak < 1'",
+        "[[check]]\nname = 'slow'\nmodel = 'ball.xml'\ntrajectory = 'states.npz'\nrequire = 'normal < 3.1'",
+        "[[check]]\nname = 'fast'\nmodel = 'ball.xml'\ntrajectory = 'states.npz'\nrequire = 'normal < 1 m/s'",
+    ]
+    (tmp_path / "checks.toml").write_text("\n".join(lines))
+    report = check(CheckSpec(model=str(tmp_path / "checks.toml")))
+    assert [outcome.verdict.value for outcome in report.outcomes] == ["passed", "failed", "passed", "failed"]
+    assert report.exit_code == 1
+    assert "limit 'peak < 1'" in report.outcomes[1].message
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"require": "bounce < 3", "heights": "1 cm"}, "limits on e, peak"),
+        ({"require": "e < 3 m", "heights": "1 cm"}, "require: e"),
+        ({"heights": "1 cm"}, "given without limits"),
+        ({"trajectory": "x.npz", "heights": "1 cm", "require": "outside < 1"}, "one of the two"),
+    ],
+)
+def test_limits_that_cannot_be_meant_are_refused(fields: dict[str, Any], words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        check(CheckSpec(model="robot.xml", **fields))
