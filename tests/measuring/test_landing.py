@@ -158,7 +158,8 @@ def test_check_holds_landings_and_motions_to_limits(
 ) -> None:
     (tmp_path / "robot.xml").write_text(SERVOS)
     (tmp_path / "ball.xml").write_text(BALL)
-    np.savez(tmp_path / "states.npz", **recorded)
+    arrays: dict[str, Any] = dict(recorded)
+    np.savez(tmp_path / "states.npz", **arrays)
     lines = [
         "[[check]]\nname = 'soft'\nmodel = 'robot.xml'\nheights = '2 cm'\nrequire = 'e < 0.1, slip < 5 mm'",
         "[[check]]\nname = 'hard'\nmodel = 'robot.xml'\nheights = '2 cm'\nrequire = 'peak < 1'",

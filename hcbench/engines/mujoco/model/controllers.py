@@ -33,7 +33,8 @@ def drive_of(controller: Controller, model: Any, start: Any, root: int) -> tuple
     if kind != "pd":
         expected = "pd, pd:KP,KD, ctrl, or FILE.py:FUNCTION"
         raise UserError("controller", repr(controller), expected)
-    return _pd(model, start, root, [units.parse(gain, "number", "controller") for gain in text.split(",") if colon])
+    gains = [units.parse(gain, "number", "controller") for gain in text.split(",") if colon]
+    return _pd(model, start, root, gains)
 
 
 def _function(function: Callable[[Any, Any], Any], model: Any) -> Drive:
