@@ -30,7 +30,9 @@ _WORDS = {
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
-    """The function; arguments of another type than annotated are a UserError in the parameter's name."""
+    """The function, given Python's numbers for NumPy's; arguments of another type than annotated are a
+    UserError in the parameter's name.
+    """
     names = tuple(inspect.signature(function).parameters)
 
     @functools.wraps(function)
@@ -39,9 +41,19 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         for name, value in (*zip(names, args, strict=False), *kwargs.items()):
             if name in hints and not _fits(value, hints[name]):
                 raise UserError(name, f"{value!r:.80}", _words(hints[name]))
-        return function(*args, **kwargs)
+        plain = {name: _plain(value) for name, value in kwargs.items()}
+        return function(*map(_plain, args), **plain)  # type: ignore[arg-type]
 
     return outer
+
+
+def _plain(value: Any) -> Any:
+    """A NumPy number as Python's, which prints as a number; so are those in lists, tuples and mappings."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if type(value) in (list, tuple):
+        return type(value)(map(_plain, value))
+    return {key: _plain(each) for key, each in value.items()} if type(value) is dict else value
 
 
 def checked_fields(cls: C) -> C:
@@ -80,8 +92,9 @@ def _fits(value: Any, hint: Any) -> bool:
 def _is_number(value: Any, _: _Parts) -> bool:
     if isinstance(value, float):
         return True
-    is_real = isinstance(value, int | np.number) and not isinstance(value, bool | np.complexfloating)
-    return is_real and bool(abs(value) <= _LARGEST_FLOAT)
+    if isinstance(value, np.number):
+        return not isinstance(value, np.complexfloating)
+    return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= _LARGEST_FLOAT
 
 
 def _is_whole(value: Any, _: _Parts) -> bool:

@@ -32,14 +32,17 @@ class Friction:
     The coefficient rises as a quintic of slip/slip_speed to `static` at 1 and falls to `dynamic` at 3: the
     Stribeck curve of Drake's MultibodyPlant (`set_stiction_tolerance`); Simbody's transition speed is alike.
 
-    static, dynamic: coefficients, static >= dynamic >= 0. slip_speed: m/s; sticking contacts creep below it.
+    static, dynamic: coefficients, static >= dynamic >= 0; `static` alone is both. slip_speed: m/s; sticking
+    contacts creep below it.
     """
 
     static: float
-    dynamic: float
+    dynamic: float = None  # type: ignore[assignment]  # `static`'s, below
     slip_speed: float = 1e-3
 
     def __post_init__(self) -> None:
+        if self.dynamic is None:
+            object.__setattr__(self, "dynamic", self.static)
         require("dynamic friction", self.dynamic, 0 <= self.dynamic < math.inf, "0 or more")
         require("static friction", self.static, self.dynamic <= self.static < math.inf, "dynamic or more")
         require("slip_speed", self.slip_speed, 0 < self.slip_speed < math.inf, "a speed above 0 m/s")

@@ -211,6 +211,18 @@ def test_what_is_handed_to_methods_and_to_fits_is_checked_too(value: Any, tmp_pa
             fit_files(tmp_path / "pairs.csv", setup=value)
 
 
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+def test_numpy_numbers_are_numbers(kind: type[np.floating[Any]]) -> None:
+    """A plug-in's keys once read "np.float64(0.2)", which MuJoCo refused."""
+    friction = hcbench.contact.mujoco.Friction(kind(0.5))
+    spec, law = SPEC.copy(), hcbench.contact.mujoco.HuntCrossley(kind(1e5), kind(1.0))
+    hcbench.contact.mujoco.add_to_spec(spec, law, geoms=("ball", "plate"), friction=friction)
+    assert spec.compile().nplugin == 1
+    setting = hcbench.Setting("mujoco", "x", kind(0.5), {"rows": [{"onset": kind(0.25)}]})
+    assert setting == hcbench.Setting("mujoco", "x", 0.5, {"rows": [{"onset": 0.25}]})
+    assert setting.key == hcbench.Setting("mujoco", "x", 0.5, {"rows": [{"onset": 0.25}]}).key
+
+
 def test_every_public_name_of_the_package_is_tried_here() -> None:
     tried = {name.removeprefix("hcbench.") for name in RIGHT if name.count(".") == 1}
     assert tried | MADE_BY_HCBENCH == set(hcbench.__all__)
