@@ -42,7 +42,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
             if name in hints and not _fits(value, hints[name]):
                 raise UserError(name, f"{value!r:.80}", _words(hints[name]))
         plain = {name: _plain(value) for name, value in kwargs.items()}
-        return function(*map(_plain, args), **plain)  # type: ignore[arg-type]
+        return function(*map(_plain, args), **plain)
 
     return outer
 

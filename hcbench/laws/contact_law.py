@@ -24,6 +24,9 @@ from hcbench.resolution import STEPS_OF_A_LAW
 require = partial(require_that, error=SettingError)
 
 
+_AS_STATIC = -1e-300  # no coefficient; what a user gives is another number
+
+
 @checked_fields
 @dataclass(frozen=True, slots=True)
 class Friction:
@@ -37,11 +40,11 @@ class Friction:
     """
 
     static: float
-    dynamic: float = None  # type: ignore[assignment]  # `static`'s, below
+    dynamic: float = _AS_STATIC
     slip_speed: float = 1e-3
 
     def __post_init__(self) -> None:
-        if self.dynamic is None:
+        if self.dynamic == _AS_STATIC:
             object.__setattr__(self, "dynamic", self.static)
         require("dynamic friction", self.dynamic, 0 <= self.dynamic < math.inf, "0 or more")
         require("static friction", self.static, self.dynamic <= self.static < math.inf, "dynamic or more")
