@@ -59,11 +59,15 @@ def likeliest_trains(
         search.extend(i)
     order = np.argsort(search.score, axis=None)[::-1][:_ENDS]
     trains: list[Train] = []
+    seen = set()
     for flat in order:
         i, j = divmod(int(flat), len(times))
         if not search.score[i, j] > 0.0 or len(trains) == most:
             break
-        train = search.walk_back(i, j)
+        if (end := search.last_that_counts(i, j)) in seen:
+            continue
+        seen.add(end)
+        train = search.walk_back(*end)
         if len(train.clicks) > 2 and not any(_shared(train, better) for better in trains):
             trains.append(train)
     return trains
@@ -152,8 +156,8 @@ class _Search:
         )
         return np.asarray(np.minimum(counted.sum(axis=1), _MOST_INSIDE), dtype=float)
 
-    def walk_back(self, i: int, j: int) -> Train:
-        """The train that ends with a flight, without last clicks that add little or are echoes."""
+    def last_that_counts(self, i: int, j: int) -> tuple[int, int]:
+        """The last flight of a train that ends with this one, without last clicks that add little."""
         weak = self.level.min() + _AS_LOUD  # as many clicks again are too weak to be seen
         while (h := int(self.before[i, j])) >= 0:
             if self.score[i, j] - self.score[h, i] > (
@@ -161,6 +165,10 @@ class _Search:
             ):
                 break
             i, j = h, i
+        return i, j
+
+    def walk_back(self, i: int, j: int) -> Train:
+        """The train that ends with a flight, without last clicks that are echoes."""
         score = float(self.score[i, j])
         clicks, gaps = [j, i], []
         while True:

@@ -87,6 +87,7 @@ class Timer:
     def __init__(self, band: FrequencyBand, places: Indices) -> None:
         """places: (n,), samples at which the train's clicks are."""
         self.band = band
+        self._times: dict[int, float] = {}
         pieces = [self._piece(self._onset_of(int(p))) for p in places]
         shifts = np.zeros(len(pieces))
         for _ in range(3):
@@ -96,9 +97,15 @@ class Timer:
 
     def times(self, places: Indices) -> Floats:
         """Of clicks at any places, s: shape (n,)."""
-        onsets = np.array([self._onset_of(int(p)) for p in places])
-        shifts = [_shift_to(self.template, self._piece(onset), self._reach) for onset in onsets]
-        return np.asarray((onsets + np.array(shifts) / _OVERSAMPLING) / self.band.rate)
+        return np.array([self._time(int(p)) for p in places]) / self.band.rate
+
+    def _time(self, place: int) -> float:
+        """In samples; each is found once."""
+        if place not in self._times:
+            onset = self._onset_of(place)
+            shift = _shift_to(self.template, self._piece(onset), self._reach)
+            self._times[place] = onset + shift / _OVERSAMPLING
+        return self._times[place]
 
     @property
     def _reach(self) -> int:

@@ -37,14 +37,15 @@ def estimate_of(fit: LawFit, name: str, inputs: float = 0.0) -> Estimate:
     )
 
 
-def alpha_of(plain: LawFit, lossy: LawFit, inputs: float = 0.0) -> Estimate:
+def alpha_of(plain: LawFit, lossy: LawFit, inputs: float = 0.0, odds: float = ODDS_TO_DROP) -> Estimate:
     """α of eq. (16) where a constant loss e0 may be present.
 
     The interval reaches from the lower to the upper end of both laws' 95 % intervals, as long as the odds
-    between them lie within 25 : 1. An average by odds is too narrow: at e0 = 0.99 the law without e0 is
-    favoured for having one parameter less, and the average contains the true value 84 % of the time.
+    between them lie within 25 : 1, or what is given. An average by odds is too narrow: at e0 = 0.99 the law
+    without e0 is favoured for having one parameter less, and the average contains the true value 84 % of the
+    time.
     """
-    kept = in_question(plain, lossy)
+    kept = in_question(plain, lossy, odds)
     each = [estimate_of(fit, "alpha", inputs) for fit in kept]
     if len(each) == 1:
         return each[0]
@@ -56,9 +57,9 @@ def alpha_of(plain: LawFit, lossy: LawFit, inputs: float = 0.0) -> Estimate:
     return Estimate(both.value, both.uncertainty, min(e.low for e in each), max(e.high for e in each))
 
 
-def in_question(plain: LawFit, lossy: LawFit) -> list[LawFit]:
-    """Of the two, those that the other does not rule out."""
-    lead, limit = plain.log_evidence - lossy.log_evidence, math.log(ODDS_TO_DROP)
+def in_question(plain: LawFit, lossy: LawFit, odds: float) -> list[LawFit]:
+    """Of the two, those that the other does not rule out at these odds."""
+    lead, limit = plain.log_evidence - lossy.log_evidence, math.log(odds)
     return [fit for fit, is_left in ((plain, lead > -limit), (lossy, lead < limit)) if is_left]
 
 

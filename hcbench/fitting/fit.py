@@ -13,9 +13,9 @@ from hcbench.fitting.budget import error_budget
 from hcbench.fitting.candidates import LAWS
 from hcbench.fitting.drops import odd_drops, shared_value
 from hcbench.fitting.estimate import fit_law
-from hcbench.fitting.estimates import alpha_of, estimate_of
+from hcbench.fitting.estimates import ODDS_TO_DROP, alpha_of, estimate_of
 from hcbench.fitting.flags import flagged_touches
-from hcbench.fitting.lack_of_fit import LackOfFit, lack_of_fit
+from hcbench.fitting.lack_of_fit import PRIOR_OF_ADHESION, LackOfFit, adhesion, smooth_change
 from hcbench.fitting.noise import MOST_SCATTER
 from hcbench.fitting.outliers import MOST_OUTLIERS, doubted_impacts, scatter_widths
 from hcbench.fitting.result import DropResult, FitResult
@@ -96,7 +96,7 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     drops = tuple(_drop(one, evidence) for one in each)
     doubts = drops[0].doubts if len(drops) == 1 else _doubts_of_all(drops)
     chosen = law if law != "auto" else chosen_law(evidence)
-    if law == "auto" and (doubts or lack.is_certain):
+    if law == "auto" and (doubts or lack.is_certain or _may_stick(evidence, lack)):
         chosen = None
     fits = sorted(whole.fits.values(), key=lambda one: -one.log_evidence)
     odds = odds_of(evidence)
@@ -144,18 +144,29 @@ def _require_loss(sets: Sequence[Dataset], whole: _Fitted) -> None:
 def _lack(each: Sequence[_Fitted]) -> LackOfFit:
     """Of all files: the product of their odds, and the shape in the file that asks for it most."""
     lacks = [_lack_of_one(one) for one in each]
-    log_odds = sum(math.log(max(one.odds, 1e-300)) for one in lacks)
-    return LackOfFit(math.exp(min(log_odds, 700.0)), max(lacks, key=lambda one: one.odds).shape)
+    odds, adhesion = (
+        math.exp(min(sum(math.log(max(getattr(one, name), 1e-300)) for one in lacks), 700.0))
+        for name in ("odds", "adhesion")
+    )
+    return LackOfFit(odds, max(lacks, key=lambda one: one.odds).shape, adhesion)
 
 
 def _lack_of_one(one: _Fitted) -> LackOfFit:
-    """Against the law that lacks least of those that are left.
+    """Against the law that lacks least of those that are left, and of adhesion against the likeliest.
 
     The law with e0 counts only where it is the likeliest: its linear form would bend upwards, the law cannot.
     """
-    best = one.likeliest.law.name
-    names = {best, *(laws_left(one.evidence) - {WITH_E0})}
-    return min((lack_of_fit(one.fits[name], one.sets) for name in names), key=lambda lack: lack.odds)
+    (s,) = one.sets
+    best = one.likeliest
+    names = {best.law.name, *(laws_left(one.evidence) - {WITH_E0})}
+    log_odds, shape = min(smooth_change(one.fits[name], s) for name in names)
+    sticks = math.log(PRIOR_OF_ADHESION) + max(
+        adhesion(one.fits[name], s) + one.fits[name].log_evidence - best.log_evidence
+        for name in (PLAIN, "constant")
+    )
+    if sticks > log_odds:
+        log_odds, shape = sticks, "e falls at low speeds, as where bodies stick"
+    return LackOfFit(math.exp(min(log_odds, 700.0)), shape, math.exp(min(sticks, 700.0)))
 
 
 def _of_alpha(whole: _Fitted, chosen: str | None) -> LawFit:
@@ -171,18 +182,28 @@ def _drop(one: _Fitted, evidence: dict[str, float]) -> DropResult:
     doubts = tuple(s.doubts(one.likeliest))
     if doubts:
         return DropResult(s.name, None, None, doubts)
-    alpha = _own_alpha(one, None, evidence)
+    alpha = _own_alpha(one, None, evidence, ODDS_TO_DROP)
     return DropResult(s.name, alpha, estimate_of(one.fits["constant"], "restitution"), ())
 
 
-def _own_alpha(one: _Fitted, chosen: str | None, evidence: dict[str, float], inputs: float = 0.0) -> Estimate:
-    """α of one file, by the law chosen, or by those with and without e0 that all files together leave."""
+def _may_stick(evidence: dict[str, float], lack: LackOfFit) -> bool:
+    """Whether a loss that seems constant may be adhesion: α is then that of the law with either."""
+    return chosen_law(evidence) == WITH_E0 and lack.may_stick
+
+
+def _own_alpha(
+    one: _Fitted, chosen: str | None, evidence: dict[str, float], odds: float, inputs: float = 0.0
+) -> Estimate:
+    """α of one file, by the law chosen, or by those with and without e0 that all files together leave.
+
+    odds: at which one of the two is ruled out.
+    """
     if chosen in (PLAIN, WITH_E0):
         return estimate_of(one.fits[chosen], "alpha", inputs)
-    left = laws_left({name: evidence[name] for name in (PLAIN, WITH_E0)})
+    left = laws_left({name: evidence[name] for name in (PLAIN, WITH_E0)}, odds)
     if len(left) == 1:
         return estimate_of(one.fits[left.pop()], "alpha", inputs)
-    return alpha_of(one.fits[PLAIN], one.fits[WITH_E0], inputs)
+    return alpha_of(one.fits[PLAIN], one.fits[WITH_E0], inputs, odds)
 
 
 def _doubts_of_all(drops: Sequence[DropResult]) -> tuple[str, ...]:
@@ -204,12 +225,13 @@ def _with_numbers(result: FitResult, whole: _Fitted, each: Sequence[_Fitted]) ->
     used = [
         one for one, drop in zip(each, result.drops or (None,), strict=True) if drop is None or drop.alpha
     ]
+    odds = math.inf if not chosen and _may_stick(evidence, result.lack) else ODDS_TO_DROP
     between, odd = None, []
     alpha = restitution = e0 = None
     if has(*FAMILY) and len(each) == 1:
-        alpha = _own_alpha(whole, chosen, evidence, inputs)
+        alpha = _own_alpha(whole, chosen, evidence, odds, inputs)
     elif has(*FAMILY):
-        own = [_own_alpha(one, chosen, evidence) for one in used]
+        own = [_own_alpha(one, chosen, evidence, odds) for one in used]
         drops = shared_value(own)
         at = drops.estimate().value
         alpha, between = drops.estimate(inputs / at if at else 0.0), drops.between

@@ -1,4 +1,4 @@
-"""Touches that do not go with the others: named, not dropped."""
+"""Touches that do not go with the others: named, not dropped; and what another reading would be worth."""
 
 from __future__ import annotations
 
@@ -6,15 +6,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtri, logsumexp
 
 from hcbench.fitting.linear import reduce
+from hcbench.fitting.noise import coarse_grid
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.estimate import LawFit
+    from hcbench.fitting.linear import Reduced
     from hcbench.impact import Floats
 
 _CHANCE = 0.01  # that good data have a touch flagged
@@ -60,13 +62,7 @@ def flagged_touches(fit: LawFit, sets: Sequence[Dataset]) -> Iterator[Flag]:
 def _gains(fit: LawFit, i: int, directions: Floats) -> tuple[Floats, Floats]:
     """Twice the gain in ln likelihood by a parameter along each direction (n, c), and its value."""
     model, grid = fit.models[i], fit.surface.grid
-    reduced = reduce(model, directions)
-    scatter, noise = np.meshgrid(np.exp(grid.log_scatter), np.exp(grid.log_noise[i]), indexing="ij")
-    matrix, offset = reduced.profile(scatter, noise)
-    q = reduced.law
-    law, cross, rest = matrix[..., :q, :q], matrix[..., :q, q:], matrix[..., q:, q:]
-    # A law that has no slope where it ends leaves a singular matrix: nothing to eliminate.
-    left = rest - np.swapaxes(cross, -1, -2) @ np.linalg.solve(law + 1e-9 * np.eye(q), cross)
+    left, offset = _without_law(reduce(model, directions), grid.log_scatter, grid.log_noise[i])
     of_residual = left[..., 0, 0]
     along = np.diagonal(left, axis1=-2, axis2=-1)[..., 1:]
     score = left[..., 0, 1:]
@@ -79,3 +75,33 @@ def _gains(fit: LawFit, i: int, directions: Floats) -> tuple[Floats, Floats]:
     size = (score / np.maximum(along, 1e-300)).reshape(flat.shape)
     columns = np.arange(flat.shape[1])
     return 2.0 * (flat[best, columns] - before.max()), size[best, columns]
+
+
+def _without_law(reduced: Reduced, log_scatter: Floats, log_noise: Floats) -> tuple[Floats, Floats]:
+    """The law's parameters eliminated: matrices of the right-hand sides over s_e and s_m, and offsets."""
+    scatter, noise = np.meshgrid(np.exp(log_scatter), np.exp(log_noise), indexing="ij")
+    matrix, offset = reduced.profile(scatter, noise)
+    q = reduced.law
+    law, cross, rest = matrix[..., :q, :q], matrix[..., :q, q:], matrix[..., q:, q:]
+    # A law that has no slope where it ends leaves a singular matrix: nothing to eliminate.
+    law = law + 1e-9 * np.eye(q)
+    offset = offset - 0.5 * np.linalg.slogdet(law)[1]
+    return rest - np.swapaxes(cross, -1, -2) @ np.linalg.solve(law, cross), offset
+
+
+def gains_by_moving(fit: LawFit, s: Dataset, rows: Sequence[int], moves: Floats) -> Floats:
+    """The gain in ln evidence where one reading each is another, to first order: shape (c,).
+
+    rows: which reading, moves: (c,), by how much. s: the one data set that was fitted, its noise not given.
+    """
+    (model,) = fit.models
+    moved = np.repeat(model.residual[:, None], len(moves), axis=1)
+    moved[rows, np.arange(len(moves))] += moves
+    grid = coarse_grid([s])
+    reduced = reduce(model, moved, np.repeat(model.prior[None, :, 0], len(moves), axis=0))
+    left, offset = _without_law(reduced, grid.log_scatter, grid.log_noise[0])
+    prior_scatter, (prior_noise,) = grid.weights([s])
+    prior = prior_scatter[:, None] + prior_noise
+    squares = np.diagonal(left, axis1=-2, axis2=-1)
+    evidence = logsumexp((offset + prior)[..., None] - 0.5 * squares, axis=(0, 1))
+    return np.asarray(evidence[1:] - evidence[0])

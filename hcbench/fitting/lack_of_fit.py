@@ -1,4 +1,4 @@
-"""Whether any law fits: the odds of a smooth change of ln e over speed, besides the law and the scatter."""
+"""Whether any law fits: the odds of a change of ln e over speed, besides the law and the scatter."""
 
 from __future__ import annotations
 
@@ -14,90 +14,112 @@ from hcbench.fitting.linear import reduce
 from hcbench.fitting.noise import noise_prior, scatter_prior
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.estimate import LawFit
     from hcbench.impact import Floats
 
 ODDS_AGAINST = 10.0  # from which on no law of the list fits
+PRIOR_OF_ADHESION = 1.0 / 3.0  # odds against a constant loss e0, which is the rule
+_RIVAL = 0.1  # odds of adhesion from which on it may be what seems a constant loss
 _SIZES = (0.01, 0.03, 0.1, 0.3)  # of the change, standard deviation of each coefficient
-_DEGREE = 3
+_DEGREES = (1, 2, 3)
 _SCATTER = np.linspace(math.log(2e-4), 0.0, 28)
 _NOISE_STEPS, _WIDER = 15, 1.5  # of ln s_m: points, and how far beyond the grid of the fit
 
 
 @dataclass(frozen=True, slots=True)
 class LackOfFit:
-    """odds: of a smooth change besides the law against none. shape: what e does that the law does not."""
+    """odds: of a change besides the law against none. shape: what e does that the law does not.
+
+    adhesion: odds of bodies that stick against the likeliest law.
+    """
 
     odds: float
     shape: str
+    adhesion: float
 
     @property
     def is_certain(self) -> bool:
         """Whether no law of the list fits."""
         return self.odds > ODDS_AGAINST
 
+    @property
+    def may_stick(self) -> bool:
+        """Whether adhesion is not ruled out."""
+        return self.adhesion > _RIVAL
 
-def lack_of_fit(fit: LawFit, sets: Sequence[Dataset]) -> LackOfFit:
-    """The odds over all data sets, each with a change of its own; the shape in the set with the largest odds.
 
-    The change is a sum of Legendre polynomials of ln v, degrees 1 to 3, with normal coefficients; scatter and
-    noise are integrated out on both sides.
+def smooth_change(fit: LawFit, s: Dataset) -> tuple[float, str]:
+    """ln of the odds of a smooth change of ln e besides a law fitted to one data set, and its shape in words.
+
+    The change is a sum of Legendre polynomials of ln v, of degrees 1 to 1, 2 or 3, with normal coefficients;
+    scatter and noise are integrated out on both sides.
     """
-    odds_of_sets = [_of_set(fit, i, s) for i, s in enumerate(sets)]
-    worst = max(range(len(odds_of_sets)), key=lambda i: odds_of_sets[i][0])
-    total = sum(log_odds for log_odds, _ in odds_of_sets)
-    return LackOfFit(math.exp(min(total, 700.0)), _shape(odds_of_sets[worst][1]))
+    x = np.log(fit.models[0].speed)
+    change = _Change(fit, s, _legendre(2.0 * (x - x.min()) / max(float(np.ptp(x)), 1e-9) - 1.0))
+    log_odds = float(logsumexp([change.log_odds(range(degree)) for degree in _DEGREES]))
+    ends = _legendre(np.array([-1.0, 0.0, 1.0])) @ change.likeliest(range(_DEGREES[-1]))
+    return log_odds - math.log(len(_DEGREES)), _shape(ends)
 
 
-def _of_set(fit: LawFit, i: int, s: Dataset) -> tuple[float, Floats]:
-    """ln of the odds, and the likeliest change at the slowest, the middle and the fastest impact, (3,)."""
-    model = fit.models[i]
-    x = np.log(model.speed)
-    u = 2.0 * (x - x.min()) / max(float(np.ptp(x)), 1e-9) - 1.0
-    basis = [Legendre.basis(k) for k in range(1, _DEGREE + 1)]
-    smooth = np.stack([b(u) for b in basis], axis=1)
-    by_smooth = (model.by_scatter / fit.width[i]) @ smooth
-    reduced = reduce(replace(model, by_law=np.concatenate([model.by_law, by_smooth], axis=1)))
-    log_noise = fit.surface.grid.log_noise[i]
-    prior = scatter_prior(_SCATTER)[:, None]
-    if s.known_noise is None:
-        log_noise = np.linspace(log_noise[0] - _WIDER, log_noise[-1] + _WIDER, _NOISE_STEPS)
-        prior = prior + noise_prior(log_noise, s.noise_scale)
-    scatter, noise = np.meshgrid(np.exp(_SCATTER), np.exp(log_noise), indexing="ij")
-    matrix, offset = reduced.profile(scatter, noise)
-    offset = offset + prior
-    q = model.by_law.shape[1]
-    alone, _ = _evidence(matrix, offset, q, None)
-    with_change = [_evidence(matrix, offset, q, size) for size in _SIZES]
-    log_evidence = [one for one, _ in with_change]
-    change = with_change[int(np.argmax(log_evidence))][1]
-    ends = np.stack([b(np.array([-1.0, 0.0, 1.0])) for b in basis], axis=1)
-    return float(logsumexp(log_evidence)) - math.log(len(_SIZES)) - alone, ends @ change
+def adhesion(fit: LawFit, s: Dataset) -> float:
+    """ln of the odds of the law times sqrt(1 - (v_s/v)²) against the law alone; -inf where it is not less.
 
-
-def _evidence(matrix: Floats, offset: Floats, q: int, size: float | None) -> tuple[float, Floats]:
-    """ln of the evidence with a change of this size (None: without), and its likeliest coefficients.
-
-    matrix, offset: `Reduced.profile` over a grid of scatter and noise, the change's columns after the law's.
+    v_s: speed below which the bodies stick, whose kinetic energy is what parting them takes; to first order
+    in (v_s/v)².
     """
-    count = 0 if size is None else _DEGREE
-    keep = [*range(q + count), q + _DEGREE]
-    part = matrix[..., keep, :][..., :, keep].copy()
-    log_prior = 0.0
-    if size is not None:
-        change = np.arange(q, q + _DEGREE)
+    speed = fit.models[0].speed
+    change = _Change(fit, s, -((speed.min() / speed) ** 2)[:, None])
+    return change.log_odds(range(1)) if change.likeliest(range(1))[0] > 0.0 else -math.inf
+
+
+def _legendre(u: Floats) -> Floats:
+    """(m, 3)."""
+    return np.stack([Legendre.basis(k)(u) for k in range(1, _DEGREES[-1] + 1)], axis=1)
+
+
+class _Change:
+    """A change of ln e besides a law, over a grid of scatter and noise."""
+
+    def __init__(self, fit: LawFit, s: Dataset, shapes: Floats) -> None:
+        """s: the one data set that was fitted. shapes: (m, c), change at each impact by coefficient."""
+        (model,) = fit.models
+        by_change = (model.by_scatter / fit.width[0]) @ shapes
+        reduced = reduce(replace(model, by_law=np.concatenate([model.by_law, by_change], axis=1)))
+        log_noise = fit.surface.grid.log_noise[0]
+        prior = scatter_prior(_SCATTER)[:, None]
+        if s.known_noise is None:
+            log_noise = np.linspace(log_noise[0] - _WIDER, log_noise[-1] + _WIDER, _NOISE_STEPS)
+            prior = prior + noise_prior(log_noise, s.noise_scale)
+        scatter, noise = np.meshgrid(np.exp(_SCATTER), np.exp(log_noise), indexing="ij")
+        self._matrix, offset = reduced.profile(scatter, noise)
+        self._offset = offset + prior
+        self._law = model.by_law.shape[1]
+        self._alone = self._evidence(range(0), 1.0)[0]
+
+    def log_odds(self, used: range) -> float:
+        """ln of the odds of a change with these coefficients against none, over all sizes of it."""
+        log_evidence = [self._evidence(used, size)[0] for size in _SIZES]
+        return float(logsumexp(log_evidence)) - math.log(len(_SIZES)) - self._alone
+
+    def likeliest(self, used: range) -> Floats:
+        """The likeliest coefficients."""
+        return max((self._evidence(used, size) for size in _SIZES), key=lambda one: one[0])[1]
+
+    def _evidence(self, used: range, size: float) -> tuple[float, Floats]:
+        """ln of the evidence with a change of this size, and its likeliest coefficients."""
+        q = self._law
+        keep = [*range(q), *(q + k for k in used), -1]
+        part = self._matrix[..., keep, :][..., :, keep].copy()
+        change = np.arange(q, q + len(used))
         part[..., change, change] += size**-2
-        log_prior = -_DEGREE * math.log(size)
-    n = q + count
-    normal, right = part[..., :n, :n] + 1e-9 * np.eye(n), part[..., :n, n]
-    best = np.linalg.solve(normal, right[..., None])[..., 0]
-    quadratic = part[..., n, n] - (right * best).sum(axis=-1)
-    log_density = offset - 0.5 * quadratic - 0.5 * np.linalg.slogdet(normal)[1]
-    top = np.unravel_index(int(np.argmax(log_density)), log_density.shape)
-    return float(logsumexp(log_density)) + log_prior, best[top][q:]
+        n = q + len(used)
+        normal, right = part[..., :n, :n] + 1e-9 * np.eye(n), part[..., :n, n]
+        best = np.linalg.solve(normal, right[..., None])[..., 0]
+        quadratic = part[..., n, n] - (right * best).sum(axis=-1)
+        log_density = self._offset - 0.5 * quadratic - 0.5 * np.linalg.slogdet(normal)[1]
+        top = np.unravel_index(int(np.argmax(log_density)), log_density.shape)
+        return float(logsumexp(log_density)) - len(used) * math.log(size), best[top][q:]
 
 
 def _shape(change: Floats) -> str:

@@ -18,7 +18,7 @@ from hcbench.fitting.clicks import Timer, bands
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.estimate import fit_law
 from hcbench.fitting.estimates import alpha_of
-from hcbench.fitting.flags import flagged_touches
+from hcbench.fitting.flags import flagged_touches, gains_by_moving
 from hcbench.fitting.picks import Picks
 from hcbench.fitting.which_law import PLAIN, WITH_E0
 
@@ -36,7 +36,7 @@ _SAME = 2e-3  # s within which clicks of two bands are one
 _SHARED = 0.7
 _NEAR, _QUIETER = 45e-3, 15.0  # s, dB: clicks that may be the touch in place of one nearby
 _NOT_MUCH_QUIETER = 6.0  # dB
-_SWAPS = 4
+_SWAPS, _TRIED = 4, 2  # rounds; swaps fitted in each, the likeliest to first order
 _ROUGH, _SMOOTHER = 8e-3, 1.6  # s_e from which on a touch is left out where that divides s_e by so much
 _CLOSE, _SMOOTH = 0.7, 0.5  # share of the best score of a train that is taken if its s_e is this share
 _HALF = 0.5  # of the best score, below which a train is no rival
@@ -148,8 +148,7 @@ class _Heard:
             return self
         now = self
         for _ in range(_SWAPS):
-            gain, swapped = max((now.swaps()), key=lambda one: one[0], default=(0.0, now))
-            if not gain > 0.0:
+            if (swapped := now.swapped()) is None:
                 break
             now = swapped
         if now.scatter > _ROUGH:
@@ -168,23 +167,33 @@ class _Heard:
         flagged = [names.index(f.touch) for f in flagged_touches(self.fit, [data]) if f.touch in names]
         return list(dict.fromkeys([0, 1, *flagged, *worst]))
 
-    def swaps(self) -> list[tuple[float, _Heard]]:
-        """Each click near a suspect in its place: the gain in ln evidence, and the train with it."""
-        clicks, level = self.band.places, self.band.level
-        reach, swaps = _NEAR * self.band.rate, []
+    def swapped(self) -> _Heard | None:
+        """The train with one suspect exchanged for a click near it, if that makes it likelier."""
+        assert self.fit is not None
+        data, clicks, level = self.data(), self.band.places, self.band.level
+        reach, touches, swaps, preferred = _NEAR * self.band.rate, [], [], []
         for k in self.suspects():
             own = float(level[np.searchsorted(clicks, self.places[k])])
-            near = np.abs(clicks - self.places[k]) < reach
-            near &= (level > own - _QUIETER) & ~np.isin(clicks, self.places)
+            after = self.places[k - 1] if k else -1
+            before = self.places[k + 1] if k + 1 < len(self.places) else len(self.band.sound)
+            near = (np.abs(clicks - self.places[k]) < reach) & (clicks > after) & (clicks < before)
+            near &= (level > own - _QUIETER) & (clicks != self.places[k])
             for place, loud in zip(clicks[near], level[near], strict=True):
-                places = self.places.copy()
-                places[k] = place
-                if (np.diff(places) <= 0).any():
-                    continue
-                other = replace(self, places=places).fitted()
-                earlier = place < self.places[k] and loud > own - _NOT_MUCH_QUIETER
-                swaps.append((other.evidence - self.evidence + (1.0 if earlier else -1.0), other))
-        return swaps
+                touches.append(k)
+                swaps.append(int(place))
+                preferred.append(place < self.places[k] and loud > own - _NOT_MUCH_QUIETER)
+        if not swaps:
+            return None
+        prior = np.where(preferred, 1.0, -1.0)
+        moves = self.timer.times(np.array(swaps)) - data.times[touches]
+        gains = gains_by_moving(self.fit, data, touches, moves) + prior
+        for i in np.argsort(-gains)[:_TRIED]:
+            places = self.places.copy()
+            places[touches[i]] = swaps[i]
+            other = replace(self, places=places).fitted()
+            if gains[i] > 0.0 and other.evidence - self.evidence + prior[i] > 0.0:
+                return other
+        return None
 
     def without(self, k: int) -> _Heard:
         """The train without one touch."""

@@ -138,6 +138,8 @@ def _law_row(result: FitResult) -> str:
         return "undecided: " + "; ".join(result.doubts)
     if result.lack.is_certain:
         return f"none of these laws ({odds_text(result.lack.odds)}): {result.lack.shape}"
+    if result.lack.may_stick and result.fits[0].law.name == WITH_E0:
+        return "undecided: a constant loss e0 or bodies that stick; the interval of α holds for both"
     return "undecided: several laws fit (see below)"
 
 

@@ -37,10 +37,10 @@ def chosen_law(evidence: Mapping[str, float]) -> str | None:
     return EITHER if abs(lead) < math.log(ODDS_TO_TELL) else best
 
 
-def laws_left(evidence: Mapping[str, float]) -> set[str]:
-    """Laws that are not ruled out at 25 : 1 by the likeliest."""
+def laws_left(evidence: Mapping[str, float], odds: float = ODDS_TO_TELL) -> set[str]:
+    """Laws that are not ruled out at these odds by the likeliest."""
     top = max(evidence.values())
-    return {name for name, one in evidence.items() if one > top - math.log(ODDS_TO_TELL)}
+    return {name for name, one in evidence.items() if one > top - math.log(odds)}
 
 
 def odds_of(evidence: Mapping[str, float]) -> dict[str, float]:
