@@ -21,7 +21,7 @@ define NEW_ENVIRONMENT
 endef
 UV_INSTALL = $(@D)/bin/uv pip install --quiet --python $(@D)/bin/python
 
-.PHONY: report test test-pythons fuzz test-random docs test-plugins test-lowest test-models test-engines bench check format lock clean
+.PHONY: report test test-pythons fuzz test-random docs test-plugins test-answers answers test-lowest test-models test-engines bench check format lock clean
 
 report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/
 	$(BIN)/hcbench report steel-1lb
@@ -41,6 +41,12 @@ fuzz: $(INSTALLED)  ## 20 000 random inputs in one process, 300 as processes, an
 test-plugins: $(INSTALLED)  ## the plug-ins' long measurements: energy by option, a thousand random scenes, a minute at rest
 	HCBENCH_PLUGINS=1 $(BIN)/python -m pytest -q -s -n 2 tests/engines/mujoco/test_plugin_options.py \
 	  tests/engines/mujoco/test_plugin_random_scenes.py tests/engines/mujoco/test_plugin_rest.py
+
+answers: $(INSTALLED)  ## the answers that pages tell: hcbench/tuning/usual_answers.json
+	$(BIN)/python -c 'from hcbench.tuning import usual; usual.write()'
+
+test-answers: $(INSTALLED)  ## every answer of that file, found again, by the command and by Python
+	HCBENCH_ANSWERS=1 $(BIN)/python -m pytest -n 2 tests/tuning/test_usual_answers.py
 
 test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyproject.toml allows
 	$(LOWEST)/bin/python -m pytest -n 2 --dist loadfile

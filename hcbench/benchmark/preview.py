@@ -47,6 +47,6 @@ def _is_shown(run: Run, study: Study) -> bool:
 def _thinned(run: Run, study: Study, speeds: tuple[float, ...]) -> Run:
     run = replace(run, alphas=(study.main_alpha,))
     if run.dropped:
-        return replace(run, speeds=run.speeds[1::2] or run.speeds)
+        return replace(run, speeds=(*run.speeds[:-2:2], run.speeds[-1]))  # its band stays
     over_band = run.speeds == study.speeds
     return replace(run, speeds=speeds if over_band else run.speeds, timesteps=run.timesteps[::2])

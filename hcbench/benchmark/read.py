@@ -25,6 +25,7 @@ from hcbench.benchmark.tables import metadata_of
 from hcbench.errors import UserError
 from hcbench.impact import LOOP_TOLERANCE, Floats, Impact, Launch, Loop, Status
 from hcbench.laws.force import HuntCrossley
+from hcbench.tuning.usual import usual_answers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -82,6 +83,7 @@ def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Resu
             pd.DataFrame([one.score for one in results], columns=[*RUN_KEY, *scoring.SCORE_FIELDS])
         ),
         **{name: _rounded(table) for name, table in _drops(store, study).items()},
+        answers=usual_answers(study, about["versions"]),
     )
 
 

@@ -3,7 +3,7 @@
 restitution.csv  one row an impact           loops.csv     one row a sample of a kept loop
 scores.csv       one row a setting, α, step  trains.csv    one row a bounce of a drop under gravity
 rests.csv        one row a drop: how the body lies at the end
-summary.json     schema (3; 1 and 2 have an earlier definition of e), study, settings, versions
+summary.json     schema (3; 1 and 2 have an earlier definition of e), study, settings, versions, answers
 hcbench-files.json: what of a folder was written, so that the next time clears up after this one.
 """
 
@@ -81,7 +81,8 @@ class Results(Shown):
     """Everything a report or a check reads.
 
     study: the study file's content with its defaults filled in. settings: one record a run key.
-    versions: package -> version. impacts, loops, scores: tables, columns as above.
+    versions: package -> version. impacts, loops, scores: tables, columns as above. answers: what `tune` says
+    of the study's conditions, where that is known without a search, as `usual_answers` has it.
     """
 
     study: Mapping[str, Any]
@@ -92,6 +93,7 @@ class Results(Shown):
     scores: pd.DataFrame
     trains: pd.DataFrame = field(default_factory=lambda: _none(TRAIN_COLUMNS))
     rests: pd.DataFrame = field(default_factory=lambda: _none(REST_COLUMNS))
+    answers: Sequence[Mapping[str, Any]] = field(default=(), kw_only=True)
 
     def summary(self) -> dict[str, Any]:
         """The part that is not a table, JSON-able."""
@@ -101,6 +103,7 @@ class Results(Shown):
             "study": self.study,
             "versions": self.versions,
             "settings": list(self.settings),
+            "answers": list(self.answers),
             "impacts": len(self.impacts),
             "scores": json.loads(self.scores.to_json(orient="records", double_precision=15)),
         }
@@ -132,7 +135,8 @@ class Results(Shown):
         except (OSError, ValueError) as error:
             raise UserError("results", f"{folder}: {error}", "a folder that `hcbench report` wrote") from None
         validate(ResultTable, summary, UserError, f"{folder}/summary.json: {{}}")
-        return cls(summary["study"], summary["settings"], summary["versions"], *tables)
+        made = summary["study"], summary["settings"], summary["versions"]
+        return cls(*made, *tables, answers=summary.get("answers", []))
 
 
 def _read_table(path: Path) -> pd.DataFrame:

@@ -4,34 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
-
-from pydantic import Field, StrictBool, StrictInt
+from typing import Any
 
 from hcbench._arguments import checked, checked_fields
+from hcbench.benchmark.study_file import RunTable, SentTable, StudyFile
 from hcbench.errors import SceneError, StudyError
 from hcbench.fields import (
-    Acceleration,
-    Alpha,
-    Alphas,
-    Angles,
-    Clearance,
-    Clearances,
-    FileTable,
-    Friction,
-    Length,
-    Speed,
-    Speeds,
-    Spin,
-    Step,
-    Steps,
-    Text,
     read_toml,
     validate,
 )
+from hcbench.recipes.band import default_band
 from hcbench.scene import Scene, load_scene
 
 _MOST_PHASES = 1000
@@ -148,51 +133,6 @@ class Study:
         return preview(self)
 
 
-class _SentTable(FileTable):
-    """How bodies are sent: for all runs of a study, or one."""
-
-    gravity: Acceleration | None = None
-    friction: Friction | None = None
-    angles: Angles | None = None
-    spin: Spin | None = None
-
-
-class _RunTable(_SentTable):
-    """A [[run]] of a study file."""
-
-    engine: Text = Field(description="an engine's name")
-    recipe: Text = Field(description="a recipe's name")
-    timesteps: Steps
-    alphas: Alphas | None = None
-    speeds: Speeds | None = None
-    heights: Clearances | None = None
-    scene: Any = None
-    off_axis: Length = 0.0
-
-
-class _StudyFile(_SentTable):
-    """A study file: its keys, without those of its runs."""
-
-    schema_: StrictInt = Field(
-        1, alias="schema", ge=1, le=1, description="the number 1; a newer hcbench may read others"
-    )
-    title: Text | None = Field(None, description="text")
-    scene: Any = Field(description="a scene's name or folder")
-    alphas: Alphas
-    speeds: Speeds
-    loop_speeds: Speeds = ()
-    phases: StrictInt = Field(
-        8, ge=1, le=_MOST_PHASES, description=f"a whole number from 1 to {_MOST_PHASES}"
-    )
-    main_alpha: Alpha | None = None
-    step_speed: Speed | None = None
-    train_height: Clearance | None = None
-    train_step: Step | None = None
-    page: Literal["report", "field"] = "report"
-    all_loops: StrictBool = Field(False, description="true or false")
-    run: list[dict[str, Any]] = Field(min_length=1, description="[[run]] tables")
-
-
 def find_study(name: str) -> Path:
     """The study.toml that a path, a folder or a built-in name means."""
     path = Path(name)
@@ -231,7 +171,7 @@ def load_study(path: str | Path) -> Study:
 
 def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | None = None) -> Study:
     """A Study from a study file's content; `folder` is where relative scene paths start."""
-    file = validate(_StudyFile, content, StudyError, f"{where}: {{}}")
+    file = validate(StudyFile, content, StudyError, f"{where}: {{}}")
     scene = load_scene(file.scene, folder)
     scene = dataclasses.replace(scene, **_stated(file))
     main_alpha = file.alphas[len(file.alphas) // 2] if file.main_alpha is None else file.main_alpha
@@ -241,8 +181,8 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
     if not any(math.isclose(step_speed, speed) for speed in (*file.speeds, *file.loop_speeds)):
         raise StudyError(f"{where}: step_speed", f"{step_speed:.6g} m/s", "one of the study's speeds")
     lines = [(f"{where}: run {i}", run) for i, run in enumerate(file.run, 1)]
-    tables = [(line, validate(_RunTable, run, StudyError, f"{line}: {{}}")) for line, run in lines]
-    runs = tuple(_run(table, line, file, scene, folder) for line, table in tables)
+    tables = [(line, validate(RunTable, run, StudyError, f"{line}: {{}}")) for line, run in lines]
+    runs = tuple(run for line, table in tables for run in _runs(table, line, file, scene, folder))
     if file.train_height is not None:
         steps = [step for run in runs if run.dropped for step in run.timesteps]
         seconds = 42.0 * math.sqrt(file.train_height / 5.0)  # in which ten bounces are over, twice
@@ -268,7 +208,23 @@ def study_from(content: Mapping[str, Any], where: str = "study", folder: Path | 
     )
 
 
-def _run(table: _RunTable, where: str, file: _StudyFile, scene: Scene, folder: Path | None) -> Run:
+def _runs(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Path | None) -> Iterator[Run]:
+    """One run, or one a step over its own band of speeds."""
+    run = _run(table, where, file, scene, folder)
+    if table.default_band is None:
+        yield run
+        return
+    if not run.scene.gravity or table.speeds is not None or table.heights is not None:
+        expected = 'default_band alone, with gravity = "9.81 m/s^2"'
+        raise StudyError(f"{where}: default_band", "given without gravity or with speeds", expected)
+    for timestep in run.timesteps:
+        low, high = default_band(timestep, run.scene.gravity)
+        last = table.default_band - 1
+        speeds = (*(low + (high - low) * (i / last) ** 2 for i in range(last)), high)
+        yield dataclasses.replace(run, timesteps=(timestep,), speeds=speeds, dropped=True)
+
+
+def _run(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Path | None) -> Run:
     own = scene
     if table.scene is not None:
         own = load_scene(table.scene, folder)
@@ -288,7 +244,7 @@ def _run(table: _RunTable, where: str, file: _StudyFile, scene: Scene, folder: P
     return Run(table.engine, table.recipe, table.timesteps, alphas, speeds, own, dropped, angles, spin)
 
 
-def _stated(table: _SentTable) -> dict[str, Any]:
+def _stated(table: SentTable) -> dict[str, Any]:
     """What a table says of its scene."""
     stated = {"gravity": table.gravity, "friction": table.friction}
     return {name: value for name, value in stated.items() if value is not None}

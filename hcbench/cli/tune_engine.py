@@ -124,8 +124,9 @@ def _print(answer: Answer, margin: float, gate: Passivity | None) -> None:
     print(f"{'setting':<20}  {answer.engine} {best.setting.name}: {why}{spheres}")
     if best.tuned is not None and (warning := best.tuned.passivity.warning):
         print(f"{'warning':<20}  {warning}")
-    if answer.band_note:
-        print(f"{'band':<20}  {answer.band_note}")
+    for name, note in {"caution": answer.caution, "band": answer.band_note}.items():
+        if note:
+            print(f"{name:<20}  {note}")
     rows = _rows(best, target)
     if margin:
         rows["uncertainty of α"] = f"e is known to ± {margin:.2g} (95 %)"
@@ -163,7 +164,7 @@ def _rows(best: Choice, target: Target) -> dict[str, str]:
     if tuned is None:
         return {
             "largest error of e": error,
-            "largest e": f"{best.max_e:.4f}",
+            "largest e": f"{best.max_e:.4f}, {best.energy}",
         }
     result = tuned.evaluation
     has_loop = not math.isnan(result.loop_rms) and target.reading == "law"
@@ -172,7 +173,7 @@ def _rows(best: Choice, target: Target) -> dict[str, str]:
     loop = f"{_percent(result.loop_rms)} of the largest force from the law's (rms)"
     return {
         "largest error of e": f"{error}, {_conditions(target)}, {launches}",
-        "largest e": f"{best.max_e:.4f} there, below and above, {_energy(tuned)}",
+        "largest e": f"{best.max_e:.4f} there, below and above, {best.energy}",
         **({"friction": _friction(result, target)} if target.friction else {}),
         "best constant e": f"{result.constant:.6g}, wrong by at most {result.constant_error:.2g}",
         "steps in contact": steps,
@@ -182,13 +183,6 @@ def _rows(best: Choice, target: Target) -> dict[str, str]:
         "rests under gravity": _rest(tuned),
         **_slope(tuned),
     }
-
-
-def _energy(tuned: Tuned) -> str:
-    passivity = tuned.passivity
-    if passivity.warning:
-        return "energy grew"
-    return f"energy never grew in {passivity.scenes} launches and drops"
 
 
 def _rest(tuned: Tuned) -> str:
@@ -260,9 +254,7 @@ def _as_json(answer: Answer, margin: float, gate: Passivity | None) -> dict[str,
         "advice": list(tuned.advice) if tuned else [],
         "notes": list(best.notes),
         "paste": best.text,
-        "choices": [choice.record for choice in answer.choices],
-        "never": [dataclasses.asdict(never) for never in answer.never],
-        "band_note": answer.band_note,
+        **answer.record,
         "restitution_margin_95": margin,
         **({} if gate is None else {"certificate": _certificate(gate)}),
     }

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from hcbench.laws.restitution import Reading
     from hcbench.tuning.model import TunedModel, TunedPair
 
-_SPEEDS = [0.1, 2.0]  # m/s, the band where none is given
-
 
 def tune_model(
     source: str,
@@ -36,13 +34,14 @@ def tune_model(
     from hcbench._outputs import write_output
     from hcbench.measuring.measurement import Wanted
     from hcbench.measuring.request import make_request
+    from hcbench.sim.model_under_test import DEFAULT_SPEEDS
     from hcbench.tuning import model as tuning
     from hcbench.tuning.tune import MAX_ERROR
 
     if not pair:
         raise UserError("--pair", "missing", "two bodies or geoms", f"`hcbench pairs {source}` lists them")
     wanted = Wanted(None if alpha is None else alpha[0], restitution, points, reading)
-    band = [v for v, _ in points] if len(points) > 1 else _SPEEDS
+    band = [v for v, _ in points] if len(points) > 1 else list(DEFAULT_SPEEDS)
     if speeds is not None:
         band = speeds.tolist()
     ends = sorted({min(band), max(band)})

@@ -19,4 +19,4 @@ def why_cut(low: float, timestep: float, gravity: float) -> str:
     if low <= PAPER[0] or low != default_band(timestep, gravity)[0]:
         return ""
     step = f"{1e3 * timestep:.3g} ms"
-    return f"It begins above 1 in/s: below {low:.2g} m/s a {step} step cannot bounce."
+    return f"The band begins above 1 in/s: below {low:.2g} m/s a {step} step cannot bounce."

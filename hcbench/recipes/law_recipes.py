@@ -71,7 +71,6 @@ def plug_in_recipes(
             one_step=True,
             kinds=("law", "linear"),
             exact_above=exact_above,
-            flat=True,
         ),
         *published_law_recipes(engine, published_law, _RESOLVED, STEPS_OF_A_LAW),
     )

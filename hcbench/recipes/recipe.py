@@ -48,7 +48,6 @@ class Recipe:
     steps_min_with_gravity: as `steps_min`, under gravity, for a recipe that is softer than the law below it.
     exact_above: e to the impact speed over g h from which a law in place of the contact is exact, so that it
     needs no run; None where that is unknown.
-    flat: whether a box on face, edge and vertex never gains energy with it; None where that was not tried.
     """
 
     engine: str
@@ -69,7 +68,6 @@ class Recipe:
     within: float = 0.0
     ends: Status | None = None
     exact_above: Callable[[float], float] | None = None
-    flat: bool | None = None
 
     def __call__(self, target: Target, integrator: str | None = None) -> Setting:
         """The setting; integrator: one of `integrators`, None for the first.

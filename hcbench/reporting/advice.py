@@ -7,6 +7,7 @@ from itertools import chain
 
 from hcbench.laws import closed_form
 from hcbench.reporting import wording
+from hcbench.reporting.advised import error_of, scenes_of
 from hcbench.reporting.ranking import (
     FOLLOWS_LAW,
     best,
@@ -103,8 +104,7 @@ def _engine_sentence(view: View, engine: str) -> str:
 
 def _error_text(view: View, runs: Sequence[RunKey]) -> str:
     """The largest error of some runs at the main α."""
-    scores = [score for score in map(view.score, runs) if score is not None]
-    return wording.number(max(score["max_error_law"] for score in scores)).lstrip("<")
+    return wording.number(max(error_of(view, run) for run in runs)).lstrip("<")
 
 
 def _depth(view: View, run: RunKey) -> float:
@@ -227,10 +227,14 @@ def _bounce_card(view: View, question: str, resolved: bool) -> AdviceCard:
 
 def _bounce_advice(view: View, runs: Sequence[RunKey]) -> Advice:
     scores = [score for score in map(view.score, runs) if score is not None]
-    error = wording.error(max(score["max_error_law"] for score in scores)).lstrip("<")
+    error = wording.error(max(error_of(view, run) for run in runs)).lstrip("<")
     spread = max(score["phase_spread"] for score in scores)
     moved = f" (varies by {wording.number(spread)} with the phase)" if spread > 0.001 else ""
-    because = f"e within {error} of the law{moved}: {verdict(view, runs[0]).restitution}."
+    bands = list(dict.fromkeys(view.band_text(run.timestep) for run in runs))
+    over = f", {bands[0]}" if len(bands) == 1 else ""
+    because = f"e within {error} of the law{moved}{over}: {verdict(view, runs[0]).restitution}."
+    if all(scenes_of(view, run) for run in runs):
+        because += f" Energy never grew in {sum(scenes_of(view, run) for run in runs)} launches and drops."
     rests = [rest for run in runs if (rest := view.rests.get(run)) is not None]
     if rests:
         because += f" It comes to rest, {wording.length(max(abs(rest.depth) for rest in rests))} deep."

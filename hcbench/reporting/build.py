@@ -53,7 +53,7 @@ def page_text(by_gravity: Views, results: Results, figures: Iterable[dict[str, A
     view, without_gravity = by_gravity.main, by_gravity.without_gravity or by_gravity.main
     height, cup = view.study.get("train_height"), cup_table.rows(by_gravity, results)
     settings = tables.settings(by_gravity)
-    explored = explorer(by_gravity, settings)
+    explored = explorer(by_gravity)
     return render(
         "report.html",
         script=explorer_script() if explored else None,

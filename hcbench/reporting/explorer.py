@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from hcbench.laws import closed_form
-from hcbench.reporting.answers import PageAnswer, conditions, largest_error
+from hcbench.reporting.advised import error_of
+from hcbench.reporting.answers import PageChoice, answered, choices
 from hcbench.reporting.page import Script, script
 from hcbench.reporting.view import REFERENCE, RunKey, View
 from hcbench.reporting.wording import engine_title
@@ -21,7 +22,6 @@ from hcbench.units import STANDARD_GRAVITY
 if TYPE_CHECKING:
     from hcbench.reporting.conditions import Views
 
-Pastes: TypeAlias = Mapping[tuple[float, RunKey, float], str]  # (gravity, run, α) -> id in the page
 _Where: TypeAlias = tuple[float, str, float, float]
 _WHERE = ("gravity", "engine", "step", "alpha")
 _Impact: TypeAlias = tuple[Any, ...]  # phase, e, the law's e, speed at touch, samples in contact
@@ -31,15 +31,14 @@ _USUAL_STEP = 2e-3  # s: what the page opens with, where it ran
 
 @dataclass(frozen=True, slots=True)
 class Explorer:
-    """What the templates need of it. data: JSON. answer: the one that the page opens with; pasted: its text.
+    """What the templates need of it. data: JSON. choice: the best of the answer that the page opens with.
 
     tabs: id -> title of the panels under the plots.
     """
 
     data: str
     tabs: Mapping[str, str]
-    answer: Mapping[str, Any] = field(default_factory=dict)
-    pasted: str = ""
+    choice: Mapping[str, Any] = field(default_factory=dict)
 
 
 TABS = {
@@ -72,31 +71,29 @@ class LoopStore:
         return place
 
 
-def explorer(by_gravity: Views, settings: Sequence[Mapping[str, Any]]) -> Explorer | None:
-    """That of a report; None where no engine ran over a band. settings: the table of how each was set."""
-    texts = [text for entry in settings for text in entry["texts"] if text["text"]]
-    data = explorer_data(by_gravity, {key: text["id"] for text in texts for key in text["of"]})
+def explorer(by_gravity: Views) -> Explorer | None:
+    """That of a report; None where no engine ran over a band."""
+    data = explorer_data(by_gravity)
     if not data:
         return None
-    answer = data["answers"][data["first"]]
-    pasted = next((text["text"] for text in texts if text["id"] == answer["paste"]), "")
-    return Explorer(as_json(data), TABS, answer, pasted)
+    here = [answer for answer in data["answers"] if all(answer[k] == v for k, v in data["start"].items())]
+    return Explorer(as_json(data), TABS, here[0]["choices"][0] if here else _unknown(data["start"]))
 
 
-def explorer_data(by_gravity: Views, pastes: Pastes) -> dict[str, Any]:
-    """All of it, JSON-able; nothing where no engine ran over a band. pastes: where what to paste stands."""
+def explorer_data(by_gravity: Views) -> dict[str, Any]:
+    """All of it, JSON-able; nothing where no engine ran over a band."""
     view, loops = by_gravity.main, LoopStore()
-    answers = [
-        (shown.gravity, *key, a)
+    ran = [
+        (shown.gravity, run.engine, run.timestep, alpha)
         for shown in by_gravity.shown
-        for key, a in conditions(shown, by_gravity.with_gravity).items()
+        for run in shown.band_runs
+        for alpha in shown.alphas
+        if run.engine != REFERENCE and shown.score(run, alpha) is not None
     ]
-    if not answers:
+    if not ran:
         return {}
-    study, start = (
-        view.study,
-        _start([a[:4] for a in answers if a[4].best is not None] or [answers[0][:4]], view),
-    )
+    answers = [_answer(shown, answer) for shown in by_gravity.shown for answer in answered(shown)]
+    study, start = view.study, _start([tuple(a[name] for name in _WHERE) for a in answers] or ran, view)
     return {
         "body": {"k": study["stiffness"], "n": study["exponent"], "m": view.mass},
         "alphas": view.alphas,
@@ -104,8 +101,7 @@ def explorer_data(by_gravity: Views, pastes: Pastes) -> dict[str, Any]:
         "gravities": [shown.gravity for shown in by_gravity.shown],
         "engines": [[engine_title(engine), engine] for engine in view.engines],
         "start": dict(zip(_WHERE, start, strict=True)),
-        "first": [answer[:4] for answer in answers].index(start),
-        "answers": [_answer(*answer, pastes) for answer in answers],
+        "answers": answers,
         "runs": [run for shown in by_gravity.shown for run in _runs(shown, loops)],
         "loops": loops.stored,
         "scans": _scans(by_gravity.without_gravity) if by_gravity.without_gravity is not None else [],
@@ -130,13 +126,28 @@ def _start(keys: Sequence[_Where], view: View) -> _Where:
     )
 
 
-def _answer(
-    gravity: float, engine: str, step: float, alpha: float, answer: PageAnswer, pastes: Pastes
-) -> dict[str, Any]:
-    where = dict(zip(_WHERE, (gravity, engine, step, alpha), strict=True))
-    shown = [f"{run.engine} {run.label}" for run in answer.shown]
-    paste = pastes.get((gravity, answer.best, alpha), "") if answer.best is not None else ""
-    return {**where, "say": answer.say, "more": list(answer.more), "shown": shown, "paste": paste}
+def _answer(view: View, answer: Mapping[str, Any]) -> dict[str, Any]:
+    alpha = next(a for a in view.alphas if math.isclose(a, answer["alpha"], rel_tol=1e-9))
+    where = (view.gravity, answer["engine"], answer["timestep"], alpha)
+    return {
+        **dict(zip(_WHERE, where, strict=True)),
+        "choices": [_choice(choice) for choice in choices(view, answer)],
+    }
+
+
+def _choice(choice: PageChoice) -> dict[str, Any]:
+    shown = [f"{run.engine} {run.label}" for run in choice.shown]
+    more = [line for line in choice.more if line]
+    words = {"kind": choice.kind, "title": choice.title, "say": choice.say, "more": more}
+    return {**words, "text": choice.text, "shown": shown}
+
+
+def _unknown(start: Mapping[str, Any]) -> dict[str, Any]:
+    """What the page opens with where no answer is known: the command that finds one."""
+    engine, step, gravity, alpha = (start[name] for name in ("engine", "step", "gravity", "alpha"))
+    command = f'hcbench tune {engine} --alpha "{alpha:g} s/m" --timestep "{step:g} s" --gravity {gravity:g}'
+    say = f"Ask for a setting of {engine_title(engine)}: this command finds it."
+    return {"kind": "", "title": "", "say": say, "more": [], "text": command, "shown": []}
 
 
 def _runs(view: View, loops: LoopStore) -> Iterable[dict[str, Any]]:
@@ -158,7 +169,7 @@ def _runs(view: View, loops: LoopStore) -> Iterable[dict[str, Any]]:
             "step": run.timestep,
             "alpha": alpha,
             "phase": phase,
-            "largest": float(f"{largest_error(view, run, alpha):.3g}"),
+            "largest": float(f"{error_of(view, run, alpha):.3g}"),
             "asked": digits(by_speed, 4),
             "v": digits(map(_finite, speed_in, by_speed), 5),
             "e": places(e, 5),

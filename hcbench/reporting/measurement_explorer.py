@@ -28,6 +28,7 @@ def explorer_of(measurement: Measurement) -> Explorer | None:
     for run in runs:
         error = np.abs(np.array(run["e"]) - closed_form.restitution(law.alpha, np.array(run["v"])))
         run |= {"error": digits(error, 3), "largest": float(f"{error.max():.3g}")}
+    shown = [f"{facts.engine} {run['setting']}" for run in runs]
     data = {
         "body": {"k": law.stiffness, "n": law.exponent, "m": measurement.effective_mass},
         "alphas": [law.alpha],
@@ -35,7 +36,7 @@ def explorer_of(measurement: Measurement) -> Explorer | None:
         "band": [0.0, 1.02 * max(p.speed_in for p in points)],
         "engines": [[facts.engine, facts.engine]],
         "start": where,
-        "answers": [{**where, "shown": [f"{facts.engine} {run['setting']}" for run in runs]}],
+        "answers": [{**where, "choices": [{"kind": "", "shown": shown}]}],
         "runs": runs,
         "loops": loops.stored,
         "scans": [],

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hcbench.reporting import wording
+from hcbench.reporting.advised import answer_of, best_of, error_of
 from hcbench.reporting.view import REFERENCE, RunKey, View
 from hcbench.resolution import FOLLOWS, ROUND_OFF_SCORE
 
@@ -39,9 +40,13 @@ class RunVerdict:
     lacks: tuple[str, ...] = ()
 
 
-def over_constant(score: Mapping[str, Any]) -> float:
-    """Largest error against (16) over the best constant's: above 1 a constant would do better."""
-    return float(score["max_error_law"]) / max(float(score["constant_error_law"]), _NO_LINE)
+def over_constant(view: View, run: RunKey, alpha: float) -> float:
+    """Largest error against the law over the best constant's: above 1 a constant would do better; NaN for no
+    score.
+    """
+    score = view.score(run, alpha)
+    line = math.nan if score is None else float(score["constant_error_law"])
+    return error_of(view, run, alpha) / max(line, _NO_LINE)
 
 
 def grade(view: View, ratio: float) -> str:
@@ -59,10 +64,11 @@ def error_ratio(view: View, run: RunKey) -> float:
 
     inf for a run that gained energy, lost impacts or has no score.
     """
-    scores = [score for score in _judged(view, run) if math.isfinite(score["max_error_law"])]
-    if any(score["failed"] or score["energy_gained"] for score in scores):
+    if any(score["failed"] or score["energy_gained"] for score in _judged(view, run)):
         return math.inf
-    return max(map(over_constant, scores), default=math.inf)
+    alphas = [view.main_alpha] if view.gravity else view.alphas
+    ratios = [over_constant(view, run, alpha) for alpha in alphas]
+    return max((ratio for ratio in ratios if math.isfinite(ratio)), default=math.inf)
 
 
 def _judged(view: View, run: RunKey) -> list[Mapping[str, Any]]:
@@ -119,7 +125,15 @@ def loop_verdict(view: View, run: RunKey) -> str:
 
 
 def best(view: View, runs: Sequence[RunKey]) -> list[RunKey]:
-    """Of runs that are set and lack nothing, those with the least error: several where they tie."""
+    """Of runs that are set and lack nothing, those with the least error: several where they tie.
+
+    Of runs at one step, those that `tune` advises, where that is known.
+    """
+    known = {(run.engine, run.timestep): answer_of(view, run.engine, run.timestep) for run in runs}
+    if len(known) == 1 and (answer := next(iter(known.values()))) is not None:
+        advised = [run for run in runs if run.setting == best_of(answer)["setting"]]
+        if advised:
+            return advised
     usable = [run for run in runs if not lacks(view, run)]
     return _least(usable, lambda run: error_ratio(view, run), ROUND_OFF_SCORE)
 

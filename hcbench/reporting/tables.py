@@ -6,6 +6,7 @@ from typing import Any, TypeAlias, cast
 
 from hcbench.benchmark.bounce_sequence import RestAfterDrop
 from hcbench.reporting import wording
+from hcbench.reporting.advised import error_of, scenes_of
 from hcbench.reporting.conditions import Views
 from hcbench.reporting.drawings import class_heading
 from hcbench.reporting.ranking import error_ratio, grade, lacks, lies_still, over_constant, verdict
@@ -31,7 +32,10 @@ def ranking(view: View, with_gravity: View | None = None) -> list[Cells]:
     runs = [run for run in view.band_runs if run.engine != REFERENCE]
     if view.gravity:
         steps = sorted({run.timestep for run in runs})
-        groups = [(f"Step {wording.time(h)}", [r for r in runs if r.timestep == h]) for h in steps]
+        groups = [
+            (f"Step {wording.time(h)}, {view.band_text(h)}", [r for r in runs if r.timestep == h])
+            for h in steps
+        ]
     else:
         classes = [(c, [r for r in runs if view.resolves_contact(r) == c]) for c in (False, True)]
         groups = [(class_heading(view, resolved), of_class) for resolved, of_class in classes]
@@ -49,16 +53,20 @@ def _ranking_row(view: View, run: RunKey, with_gravity: View | None) -> Cells:
     loop = wording.percent(score["loop_rms"]) if score.get("loops") else "–"
     outcome = verdict(view, run)
     spoilt = wording.listed(lacks(with_gravity, run)) if with_gravity is not None else ""
-    spoilt = f"; under gravity {spoilt}" if spoilt else ""
+    spoilt = f"under gravity {spoilt}" if spoilt else ""
     still = "comes to rest" if rest is not None and not outcome.lacks else ""
+    scenes = scenes_of(view, run) if outcome.grade != "bad" else 0  # no praise without it
+    energy = f"energy never grew in {scenes} launches and drops" if scenes else ""
     return {
         "run": run,
-        "errors": [_error_cell(view, view.score(run, alpha)) for alpha in view.alphas],
+        "errors": [_error_cell(view, run, alpha) for alpha in view.alphas],
         "loop": loop if not view.gravity else wording.length(view.depths.get(run, math.nan)),
         "spread": wording.number(score.get("phase_spread", math.nan)),
         "steps": _depth_at_rest(view, run, rest) if view.gravity else score.get("samples_min", "–"),
         "verdict": outcome,
-        "also": wording.listed(outcome.lacks) or still if view.gravity else outcome.loop + spoilt,
+        "also": "; ".join(
+            filter(None, [*outcome.lacks, still, energy] if view.gravity else [outcome.loop, energy, spoilt])
+        ),
     }
 
 
@@ -66,12 +74,13 @@ def _depth_at_rest(view: View, run: RunKey, rest: RestAfterDrop | None) -> str:
     return wording.length(rest.depth) if rest is not None and lies_still(view, run) else "–"
 
 
-def _error_cell(view: View, score: Mapping[str, Any] | None) -> Cells:
-    if score is None or not math.isfinite(score["max_error_law"]):
+def _error_cell(view: View, run: RunKey, alpha: float) -> Cells:
+    error = error_of(view, run, alpha)
+    if not math.isfinite(error):
         return {"text": "–", "grade": "none", "mark": "", "words": "not run"}
-    against = grade(view, over_constant(score))
+    against = grade(view, over_constant(view, run, alpha))
     return {
-        "text": wording.error(score["max_error_law"]),
+        "text": wording.error(error),
         "grade": against,
         "mark": _MARKS[against],
         "words": f"{_AGAINST_CONSTANT[against]} the best constant",

@@ -17,7 +17,7 @@ from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.reporting.curve import Curve, curve_of
 from hcbench.reporting.plot_style import PlotStyle, plot_styles
-from hcbench.reporting.wording import engine_title, time
+from hcbench.reporting.wording import NBSP, engine_title, span, time
 from hcbench.resolution import STEPS_OF_A_LOOP
 
 REFERENCE = "reference"  # the engine of the law
@@ -116,6 +116,11 @@ class View:
         """Ends of the study's band of impact speeds, m/s."""
         return np.array([min(self.study["speeds"]), max(self.study["speeds"])], dtype=float)
 
+    def band_text(self, timestep: float) -> str:
+        """The impact speeds at a step, m/s."""
+        rows = self.head_on[self.head_on["timestep_s"] == timestep]["speed_m_per_s"].astype(float)
+        return f"{span(f'{rows.min():.3g}', f'{rows.max():.3g}')}{NBSP}m/s"
+
     @cached_property
     def speeds(self) -> Floats:
         """A fine grid over the study's band, m/s, from 0."""
@@ -199,6 +204,15 @@ class View:
     def score(self, run: RunKey, alpha: float | None = None) -> Mapping[str, Any] | None:
         """The score of a run for one α, else the main one."""
         return self._scores.get((run, self.main_alpha if alpha is None else alpha))
+
+    @cached_property
+    def answers(self) -> dict[tuple[str, float, str], Mapping[str, Any]]:
+        """What `hcbench tune` answers under this gravity: (engine, step, α in nine digits) -> as JSON."""
+        return {
+            (answer["engine"], float(answer["timestep"]), f"{answer['alpha']:.9g}"): answer
+            for answer in self.results.answers
+            if answer["gravity"] == self.gravity
+        }
 
     def scores(self, run: RunKey) -> list[Mapping[str, Any]]:
         """The scores of a run, for each α that it ran for."""

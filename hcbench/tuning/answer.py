@@ -6,21 +6,24 @@ each with its text, its error and its band, and the settings that are never to b
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 from hcbench._notebook import Shown
 from hcbench.errors import SettingError
 from hcbench.recipes.band import why_cut
+from hcbench.recipes.constant import minimax_constant
 from hcbench.setting import Pair, Setting
 from hcbench.tuning.tuned import Tuned
 
 if TYPE_CHECKING:
     from hcbench.recipes.target import Target
     from hcbench.scene import Scene
+    from hcbench.sim.passivity import Passivity
     from hcbench.sim.promise import Promise
 
 MAX_ERROR = 0.05  # of e: what a setting that follows the law should stay within
+_WORSE = 1.02  # of the error of the best e for all speeds: a smaller difference is none
 Kind = Literal["exact", "settings", "constant"]
 KINDS: dict[Kind, str] = {
     "exact": "plug-in, exact",
@@ -40,9 +43,8 @@ class Choice:
 
     kind: "exact" (a plug-in), "settings" (numbers of the engine's own), "constant" (one e for all speeds).
     text: to paste, with the user's two names. max_error: the largest error of e over `speeds`, m/s. max_e:
-    the largest e in that band and below. sphere, flat: whether a ball, and a box on face, edge and vertex,
-    never gain energy; None where that was not tried. needs: what a user's model must have. promise: what
-    `measure` will compare with.
+    the largest e in that band and below. passivity: None where it was not measured. needs: what a user's
+    model must have. promise: what `measure` will compare with.
     """
 
     kind: Kind
@@ -51,8 +53,7 @@ class Choice:
     max_error: float
     speeds: tuple[float, float]
     max_e: float
-    sphere: bool | None
-    flat: bool | None
+    passivity: Passivity | None
     rests: bool
     needs: tuple[str, ...]
     notes: tuple[str, ...] = ()
@@ -60,11 +61,32 @@ class Choice:
     promise: Promise | None = None
 
     @property
+    def within(self) -> str:
+        """The error with its band."""
+        low, high = self.speeds
+        return f"e within {two_digits(self.max_error)} from {low:.3g} to {high:.3g} m/s"
+
+    @property
     def line(self) -> str:
         """In one line: kind, name, error with its band."""
-        low, high = self.speeds
-        band = f"from {low:.3g} to {high:.3g} m/s"
-        return f"{KINDS[self.kind]}: {self.setting.name}, e within {two_digits(self.max_error)} {band}"
+        return f"{KINDS[self.kind]}: {self.setting.name}, {self.within}"
+
+    @property
+    def energy(self) -> str:
+        """What is known of its energy: in how many launches and drops it never grew, or where it grows."""
+        if self.passivity is None:
+            return "energy was not measured"
+        return self.passivity.warning or f"energy never grew in {self.passivity.scenes} launches and drops"
+
+    @property
+    def sphere(self) -> bool | None:
+        """Whether a ball never gains energy; None where that was not tried."""
+        return None if self.passivity is None else self.passivity.sphere
+
+    @property
+    def flat(self) -> bool | None:
+        """Whether a box on face, edge and vertex never gains energy; None where that was not tried."""
+        return None if self.passivity is None else self.passivity.flat
 
     @property
     def record(self) -> dict[str, Any]:
@@ -72,6 +94,10 @@ class Choice:
         return {
             "kind": self.kind,
             "setting": self.setting.name,
+            "line": self.line,
+            "within": self.within,
+            "energy": self.energy,
+            "scenes": 0 if self.passivity is None or self.passivity.warning else self.passivity.scenes,
             "text": self.text,
             "max_error": self.max_error,
             "speeds_m_s": list(self.speeds),
@@ -139,6 +165,33 @@ class Answer(Shown):
         if tuned is None:
             raise SettingError("recipe", f"only a plug-in for {self.engine!r}", "a setting of its own")
         return tuned
+
+    @property
+    def caution(self) -> str:
+        """Where one e for all speeds would be nearer than the best choice, if the engine kept it; or ""."""
+        best = self.best
+        if best.kind == "exact" or self.target.is_constant:
+            return ""
+        e, error = minimax_constant(self.target)
+        if best.max_error <= _WORSE * error:
+            return ""
+        low, high = best.speeds
+        words = (
+            f"One e = {e:.3g} for all speeds would be wrong by {two_digits(error)} from {low:.3g} to "
+            f"{high:.3g} m/s, which is nearer, but no setting of the engine's own keeps it here."
+        )
+        exact = self.of("exact")
+        return words if exact is None else f"{words} The plug-in follows the law: {exact.within}."
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "choices": [choice.record for choice in self.choices],
+            "never": [asdict(never) for never in self.never],
+            "band_note": self.band_note,
+            "caution": self.caution,
+        }
 
     @property
     def band_note(self) -> str:

@@ -7,8 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from hcbench.errors import EngineFailed, EngineMissing, HcbenchError, SettingError, UserError
 from hcbench.laws.restitution import ConstantRestitution
 from hcbench.recipes.constant import minimax_constant
@@ -155,7 +153,7 @@ class _Finder:
 
     def choice(self, kind: Kind, tuned: Tuned) -> Choice:
         """A setting that was evaluated, as a choice."""
-        setting, passivity, target = tuned.setting, tuned.passivity, self.target
+        setting, target = tuned.setting, self.target
         band = target.speed_min, target.speed_max
         text = self._adapter.snippet(setting, self.scene.form, self.pair)
         promise = None
@@ -171,8 +169,7 @@ class _Finder:
             tuned.error,
             band,
             tuned.max_e,
-            passivity.sphere,
-            passivity.flat,
+            tuned.passivity,
             tuned.rests,
             self._adapter.needs(setting),
             tuned.recipe.notes,
@@ -181,7 +178,7 @@ class _Finder:
         )
 
     def _exact(self) -> Choice | None:
-        """The plug-in, which is as good as its card says at any step: it needs no run."""
+        """The plug-in, whose e is what its card says at any step; its energy is measured."""
         target = self.target
         recipe = first(registry.preferred(self.engine), Role.LAW, self.scene.form, native=False)
         if recipe is None or target.reading not in recipe.kinds:
@@ -195,16 +192,22 @@ class _Finder:
             low = max(target.speed_min, above * target.gravity * target.timestep)
         if not low < target.speed_max:
             return None
+        try:
+            passivity = self._adapter.passivity(self.scene, setting, (low, target.speed_max))
+        except (EngineMissing, EngineFailed):  # such as a machine without a compiler
+            passivity = None
+        if passivity is not None and passivity.warning:
+            self.never.append(Never(recipe.name, passivity.warning))
+            return None
         return Choice(
             "exact",
             setting,
             self._adapter.snippet(setting, self.scene.form, self.pair),
             recipe.within or _EXACT,
             (low, target.speed_max),
-            float(np.max(target.restitution(np.array([low])))),
-            True,
-            recipe.flat,
-            True,
+            max(float(target.restitution(low)), passivity.bounces.max_e if passivity else 0.0),
+            passivity,
+            passivity is None or passivity.bounces.passive,
             (*self._adapter.needs(setting), *_above(low, target.speed_min)),
             recipe.notes,
         )

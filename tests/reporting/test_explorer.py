@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 import pytest
-from small_results import ALPHAS, MASS, STIFFNESS, small_results
+from small_results import ALPHAS, MASS, STIFFNESS, answer, small_results
 
 import hcbench
 from hcbench.benchmark.bounce_sequence import law_heights
@@ -78,6 +78,14 @@ def results() -> Results:
         settings=[{**setting, **more} for more in (with_gravity, {}) for setting in found.settings],
         trains=pd.concat([bouncing(1e-3), bouncing(2e-3)]),
         rests=rests[REST_COLUMNS],
+        answers=[
+            answer(*key, h, alpha, gravity)
+            for key, steps in STEPS.items()
+            if key[1] in ("impulse", "law")
+            for h in steps
+            for alpha in ALPHAS
+            for gravity in (0.0, GRAVITY)
+        ],
         **tables,
     )
 
@@ -192,7 +200,7 @@ def test_each_choice_changes_the_answer_and_the_curves(page: Page) -> None:
         assert page.locator(f"#explorer-{name}").input_value() == value
         assert url != before[2]
         assert (say, curves) != before[:2] or name in ("step", "gravity"), name
-    assert words(page, "say").startswith("Set law: e within")
+    assert words(page, "say") == "Set law: e within 0.05 from 0.1 to 0.4 m/s."
     assert "explicit" in reading(page)
 
 
@@ -200,7 +208,7 @@ def test_any_alpha_draws_the_law_and_says_how_to_find_a_setting(page: Page) -> N
     page.select_option("#explorer-alpha", "other")
     page.fill("#explorer-own-alpha", "0.5")
     page.press("#explorer-own-alpha", "Enter")
-    assert "Not run here" in words(page, "say")
+    assert "Not asked here" in words(page, "say")
     assert '--alpha "0.5 s/m"' in words(page, "more")
     assert lines(page, "curve") == []
     assert page.locator("#explorer-curve .law").count() == 1
@@ -318,8 +326,31 @@ def test_copying_gives_what_to_paste(opened: Callable[..., Page]) -> None:
     page.click("#explorer-copy")
     page.get_by_text("Copied.").wait_for()
     pasted = page.evaluate("navigator.clipboard.readText()")
-    assert json.loads(pasted)["number"] == pytest.approx(ALPHA)
+    assert json.loads(pasted) == {"number": ALPHA, "first": "ball", "second": "plate"}
     assert pasted == page.locator("#explorer-paste-text").text_content()
+
+
+def test_the_text_takes_the_readers_two_names_and_kind(page: Page, opened: Callable[..., Page]) -> None:
+    page.fill("#explorer-first-name", "foot")
+    page.fill("#explorer-second-name", "floor")
+    text = json.loads(page.locator("#explorer-paste-text").text_content() or "")
+    assert (text["first"], text["second"]) == ("foot", "floor")
+    page.fill("#explorer-first-name", "<b>")
+    assert page.locator("#explorer-first-name").get_attribute("aria-invalid") == "true"
+    assert "foot" in (page.locator("#explorer-paste-text").text_content() or "")
+    assert words(page, "say") == "Set impulse: e within 0.05 from 0.1 to 0.4 m/s."
+    for line in (
+        "One e would do.",
+        "Cut.",
+        "Energy never grew in 88 launches",
+        "Never use spring-damper: gains",
+    ):
+        assert line in words(page, "more")
+    page.get_by_role("button", name="Plug-in: e within 1e-7").click()
+    assert words(page, "say") == "Attach law: e within 1e-7 from 0.1 to 0.4 m/s."
+    again = opened(page.url[page.url.index("#") :])
+    assert words(again, "say") == words(page, "say")
+    assert again.locator("#explorer-second-name").input_value() == "floor"
 
 
 def test_balls_move_when_asked_and_not_by_themselves(page: Page, opened: Callable[..., Page]) -> None:

@@ -141,9 +141,8 @@ def test_the_command_and_python_give_the_same_number_and_text(
     assert run([*arguments, "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     answer = asked(engine, timestep=step, alpha=alpha)
-    assert [{key: choice[key] for key in KEYS} for choice in said["choices"]] == [
-        json.loads(json.dumps(choice.record)) for choice in answer.choices
-    ]
+    assert said["choices"] == [json.loads(json.dumps(choice.record)) for choice in answer.choices]
+    assert all(set(choice) >= KEYS for choice in said["choices"])
     assert said["paste"] == answer.best.text
     assert "foot" in said["paste"]
     assert [never["setting"] for never in said["never"]] == [never.setting for never in answer.never]

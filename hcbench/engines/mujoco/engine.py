@@ -107,11 +107,13 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
     def passivity(
         self, scene: Scene, setting: Setting, speeds: tuple[float, float], whole: bool = False
     ) -> Passivity:
-        """In the model of the rows; whole: in plain MuJoCo."""
-        from hcbench.engines.mujoco.passivity.judge import certified, screened
+        """In the model of the rows, boxes in plain MuJoCo; whole: all in plain MuJoCo."""
+        from hcbench.engines.mujoco.passivity.judge import certified, flat_with_law, screened
 
         passivity = certified(scene, setting) if whole else screened(scene, setting, speeds)
-        return passivity or super().passivity(scene, setting, speeds, whole)
+        if passivity is not None:
+            return passivity
+        return replace(super().passivity(scene, setting, speeds, whole), flat=flat_with_law(scene, setting))
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
         """Each of its rows with friction, unless it says by itself which of them has."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING
 
 from hcbench.engines.mujoco.passivity.in_rows import bounces_in_rows
@@ -15,13 +16,16 @@ from hcbench.engines.mujoco.passivity.plain import (
 )
 from hcbench.engines.mujoco.passivity.untuned import effect_on_others
 from hcbench.engines.mujoco.scene.mjcf import pairs_text
-from hcbench.engines.mujoco.scene.options import read_options
+from hcbench.engines.mujoco.scene.options import Options, read_options
+from hcbench.laws.contact_law import is_force
 from hcbench.sim.passivity import Passivity
 from hcbench.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from hcbench.scene import Scene
-    from hcbench.setting import Setting
+    from hcbench.setting import Pair, Setting
 
 _LIKE_EULER = ("Euler", "implicit", "implicitfast")  # a free ball takes the same steps under each
 _FINEST = 2e-4  # s: at finer steps a slope takes too long for a screen
@@ -46,13 +50,38 @@ def screened(scene: Scene, setting: Setting, speeds: tuple[float, float]) -> Pas
     return Passivity(bounces, is_flat_passive(contact, runs[0]), drift, others=others)
 
 
+def flat_with_law(scene: Scene, setting: Setting) -> bool | None:
+    """Whether boxes gain no energy with a law in place of the contact's restitution; None for other laws."""
+    if not _is_restitution_law(scene, setting) or not scene.gravity:
+        return None
+    contact, runs = tried(scene, setting)
+    return is_flat_passive(contact, runs[0])
+
+
+def _is_restitution_law(scene: Scene, setting: Setting) -> bool:
+    law = read_options(setting.options).law
+    return law is not None and not is_force(law) and scene.form == "plane"
+
+
 def certified(scene: Scene, setting: Setting) -> Passivity | None:
     """By the whole gate in plain MuJoCo, under all that the setting says it takes; None as `screened`."""
     options = read_options(setting.options)
-    if not options.rows or scene.form != "plane":
+    is_rows = bool(options.rows) and scene.form == "plane"
+    if not is_rows and not _is_restitution_law(scene, setting):
         return None
     contact, runs = tried(scene, setting)
     return certify(contact, any(row.friction for row in options.rows), runs)
+
+
+def _pasted(options: Options, pairs: Sequence[Pair]) -> str:
+    """What a user pastes for some pairs."""
+    if options.law is None:
+        return f"<contact>{''.join(pairs_text(options.rows, pair) for pair in pairs)}</contact>"
+    from hcbench.engines.mujoco import plugin
+    from hcbench.engines.mujoco.plugin.law_mjcf import law_instances
+
+    plugin.load()
+    return law_instances(options.law, pairs)
 
 
 def tried(scene: Scene, setting: Setting) -> tuple[Contact, list[Stepping]]:
@@ -64,7 +93,7 @@ def tried(scene: Scene, setting: Setting) -> tuple[Contact, list[Stepping]]:
         setting.timestep,
         scene.gravity or STANDARD_GRAVITY,
         written,
-        lambda first, second: pairs_text(options.rows, (first, second)),
+        partial(_pasted, options),
         scene.touch_radius,
     )
     integrators = _LIKE_EULER if integrator in _LIKE_EULER else (integrator,)

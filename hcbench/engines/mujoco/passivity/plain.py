@@ -27,6 +27,8 @@ from hcbench.sim.rest import Rest, rest_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from hcbench.setting import Pair
+
 _CHUNK_S = 2.0  # of drops, in one call
 _SLOPE, _SLOPE_S = math.radians(10.0), 3.0
 _ROLLS, _ROLL_S, _KEPT = 1.0, 4.0, 1.0005  # m/s, s, of the energy at most
@@ -58,17 +60,17 @@ class Stepping:
 class Contact:
     """What is tried.
 
-    option: attributes of <option> that it asks for. pairs: the <pair>s of two geoms, as text to paste.
+    option: attributes of <option> that it asks for. text: what to paste for pairs of geoms.
     radius: of the ball, m.
     """
 
     timestep: float
     gravity: float
     option: Mapping[str, str]
-    pairs: Callable[[str, str], str]
+    text: Callable[[Sequence[Pair]], str]
     radius: float
 
-    def model(self, bodies: str, options: Stepping, pairs: Sequence[tuple[str, str]]) -> Any:
+    def model(self, bodies: str, options: Stepping, pairs: Sequence[Pair]) -> Any:
         """A plain model of a plane and these bodies, whose `pairs` have the contact."""
         plain = {"timestep": repr(self.timestep), "cone": options.cone, "solver": options.solver}
         option = " ".join(f'{key}="{value}"' for key, value in {**plain, **self.option}.items())
@@ -76,7 +78,7 @@ class Contact:
         return backend().MjModel.from_xml_string(
             f"<mujoco><option {option}/><option {integrator}/><worldbody>"
             f'<geom name="plate" type="plane" size="9 9 1"/>{bodies}</worldbody>'
-            f"<contact>{''.join(self.pairs(*pair) for pair in pairs)}</contact></mujoco>"
+            f"{self.text(pairs)}</mujoco>"
         )
 
     def with_ball(self, options: Stepping, joint: str = "<freejoint/>") -> Any:

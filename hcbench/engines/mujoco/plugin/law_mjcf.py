@@ -1,7 +1,7 @@
 """A contact law in MJCF: its plug-in in a scene, and as text to paste."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -39,6 +39,16 @@ def extension(law: Law, pair: Mapping[str, str], friction: float = 0.0) -> ET.El
     for key, value in (*pair.items(), *keys.items()):
         ET.SubElement(instance, "config", key=key, value=value)
     return made
+
+
+def law_instances(law: Law, pairs: Sequence[Pair]) -> str:
+    """One instance of a law for each pair of geoms, as MJCF."""
+    made = [extension(law, dict(zip(("geom1", "geom2"), pair, strict=True))) for pair in pairs]
+    for i, each in enumerate(made):
+        named_one = each.find("plugin/instance")
+        assert named_one is not None
+        named_one.set("name", f"contact{i}")
+    return "".join(as_text(each) for each in made)
 
 
 def law_snippet(law: Law, form: str, pair: Pair = PAIR) -> str:

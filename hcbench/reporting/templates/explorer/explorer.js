@@ -4,7 +4,7 @@
 const data = JSON.parse(document.getElementById("explorer-data").textContent);
 const at = id => document.getElementById(`explorer-${id}`);
 const INCH = 0.0254, LAW_STYLE = {colour: "var(--law-ink)", dashes: ""};
-const state = {...data.start, own: null, setting: "", speed: NaN, toggled: new Set(), tab: "loop"};
+const state = {...data.start, own: null, kind: "", first: "ball", second: "plate", setting: "", speed: NaN, toggled: new Set(), tab: "loop"};
 
 // What is chosen
 
@@ -13,14 +13,18 @@ const keyOf = run => `${run.engine} ${run.setting}`;
 const alphaNow = () => state.own ?? state.alpha;
 const answerNow = () => data.answers.find(answer => answer.engine === state.engine && answer.step === state.step
   && answer.gravity === state.gravity && answer.alpha === alphaNow());
+const choiceNow = () => answerNow()?.choices.find(choice => choice.kind === state.kind) ?? answerNow()?.choices[0];
 
 function runsHere() {
   return data.runs.filter(run => run.gravity === state.gravity && run.step === state.step && sameAlpha(run));
 }
 
 function isShown(run) {
-  return (answerNow()?.shown ?? []).includes(keyOf(run)) !== state.toggled.has(keyOf(run));
+  return (choiceNow()?.shown ?? unanswered()).includes(keyOf(run)) !== state.toggled.has(keyOf(run));
 }
+
+// Where no answer is known: all that the study ran of this engine.
+const unanswered = () => answerNow() ? [] : runsHere().filter(run => run.engine === state.engine).map(keyOf);
 
 // The name of a run's line: with its engine where several are shown.
 function nameOf(run) {
@@ -29,14 +33,14 @@ function nameOf(run) {
 
 // The answer first, then the rest in the study's order.
 function shownRuns() {
-  const first = run => keyOf(run) !== answerNow()?.shown[0];
+  const first = run => keyOf(run) !== choiceNow()?.shown[0];
   return runsHere().filter(isShown).sort((a, b) => first(a) - first(b));
 }
 
 // The chosen impact: its run, and which of its speeds.
 function chosen() {
   const runs = shownRuns(), find = key => runs.find(run => keyOf(run) === key);
-  const run = find(state.setting) ?? find(answerNow()?.shown[0]) ?? runs[0];
+  const run = find(state.setting) ?? find(choiceNow()?.shown[0]) ?? runs[0];
   if (!run) return null;
   const wanted = Number.isFinite(state.speed) ? state.speed : 0.6 * Math.max(...run.v);
   const far = run.v.map((v, i) => run.e[i] === null ? Infinity : Math.abs(v - wanted));
@@ -56,9 +60,12 @@ function fill(select, options, value) {
   select.replaceChildren(...options.map(([name, key]) => new Option(name, key, false, key === String(value))));
 }
 
+const isName = name => /^[\w.:/-]{1,60}$/.test(name ?? "");
+
 function showChoices() {
   const here = data.runs.filter(run => run.engine === state.engine && run.gravity === state.gravity);
   const steps = [...new Set(here.map(run => run.step))].sort((a, b) => a - b);
+  for (const name of ["first", "second"]) if (document.activeElement !== at(`${name}-name`)) at(`${name}-name`).value = state[name];
   if (!steps.includes(state.step)) {
     const far = steps.map(h => Math.abs(Math.log(h / state.step)));
     state.step = steps[far.indexOf(Math.min(...far))];
@@ -74,19 +81,27 @@ function showChoices() {
 
 function showAnswer() {
   if (!at("say")) return;
-  const answer = answerNow(), [engine] = data.engines.find(([, key]) => key === state.engine);
+  const choice = choiceNow(), [engine] = data.engines.find(([, key]) => key === state.engine);
   const command = `hcbench tune ${state.engine} --alpha "${alphaNow()} s/m" --timestep "${state.step} s"`
-    + ` --gravity ${state.gravity}`;
-  const {say, more} = answer ?? {
-    say: `Not run here: ${engine} at ${stepName(state.step)} for α = ${text(alphaNow())} s/m.`,
-    more: ["The plot shows the law alone. To find a setting, run this command:", command],
+    + ` --gravity ${state.gravity} --pair "${state.first},${state.second}"`;
+  const names = {ball: state.first, plate: state.second};
+  const {say, more, text: words} = choice ?? {
+    say: `Not asked here: ${engine} at ${stepName(state.step)} for α = ${text(alphaNow())} s/m.`,
+    more: ["To find a setting, run this command:", command], text: command,
   };
   at("say").textContent = say;
   at("more").replaceChildren(...more.map(line => Object.assign(document.createElement("p"), {textContent: line})));
-  at("paste-text").textContent = answer ? (document.getElementById(answer.paste)?.textContent ?? at("paste-text").textContent) : command;
-  const nothing = Boolean(answer) && !answer.paste;
-  at("copy").hidden = at("paste").hidden = nothing;
+  at("paste-text").textContent = choice ? words.replace(/\b(ball|plate)\b/g, name => names[name]) : words;
+  showKinds(choice);
   at("copied").textContent = "";
+}
+
+function showKinds(choice) {
+  at("kinds").replaceChildren(...(answerNow()?.choices ?? []).map(other => {
+    const button = Object.assign(document.createElement("button"), {type: "button", textContent: other.title, value: other.kind});
+    button.setAttribute("aria-pressed", other === choice);
+    return button;
+  }));
 }
 
 async function copy() {
@@ -189,9 +204,10 @@ function walk(event) {
 // The choice in the address
 
 function save() {
-  const {engine, step, gravity, setting, speed, toggled, tab} = state;
+  const {engine, step, gravity, kind, first, second, setting, speed, toggled, tab} = state;
+  const named = first === "ball" && second === "plate" ? {} : {first, second};
   const which = {setting, speed: Number.isFinite(speed) ? speed : "", toggled: [...toggled].join(","), tab};
-  const choice = {engine, step, gravity, alpha: alphaNow(), ...which};
+  const choice = {engine, step, gravity, alpha: alphaNow(), kind, ...named, ...which};
   const parts = Object.entries(choice).filter(([, value]) => value !== "");
   history.replaceState(null, "", `#${new URLSearchParams(parts)}`);
 }
@@ -205,6 +221,8 @@ function load() {
   const alpha = number("alpha");
   if (data.alphas.includes(alpha)) Object.assign(state, {alpha, own: null});
   else if (alpha >= 0 && alpha <= 100) state.own = alpha;
+  state.kind = choice.get("kind") ?? "";
+  for (const name of ["first", "second"]) if (isName(choice.get(name))) state[name] = choice.get(name);
   state.setting = choice.get("setting") ?? "";
   state.speed = number("speed");
   state.toggled = new Set((choice.get("toggled") ?? "").split(",").filter(Boolean));

@@ -129,7 +129,7 @@ function drawSteps() {
 function listSettings() {
   const entries = runsHere().map(run => {
     const box = Object.assign(document.createElement("input"), {type: "checkbox", checked: isShown(run), value: keyOf(run)});
-    const words = Object.assign(document.createElement("span"), {className: "key", textContent: `${run.title}: off by ${text(run.largest)}`});
+    const words = Object.assign(document.createElement("span"), {className: "key", textContent: `${run.title}: wrong by at most ${text(run.largest)}`});
     words.style.setProperty("--colour", run.colour);
     const label = document.createElement("label");
     label.append(box, " ", words);

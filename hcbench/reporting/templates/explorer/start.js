@@ -15,6 +15,19 @@ function listenToChoices() {
     const known = data.alphas.find(a => Math.abs(a - value) < 1e-9);
     if (event.target.value && value >= 0 && value <= 100) change(known === undefined ? {own: value} : {own: null, alpha: known});
   });
+  for (const name of ["first", "second"]) {
+    at(`${name}-name`).addEventListener("input", event => {
+      const known = isName(event.target.value);
+      event.target.setAttribute("aria-invalid", !known);
+      if (known) change({[name]: event.target.value});
+    });
+  }
+  at("kinds").addEventListener("click", event => {
+    if (!event.target.value) return;
+    const kind = event.target.value;
+    change({kind, setting: ""});
+    at("kinds").querySelector(`[value=${kind}]`).focus();
+  });
   at("copy").addEventListener("click", copy);
   at("boxes").addEventListener("change", event => {
     const key = event.target.value;
@@ -72,7 +85,6 @@ function start() {
     load();
     draw();
   });
-  document.addEventListener("DOMContentLoaded", showAnswer);  // what to paste stands further down the page
   load();
   draw();
 }

@@ -1,0 +1,43 @@
+"""What `hcbench tune` answers for the conditions of a study's runs, and what that says of a run."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from hcbench.reporting.view import RunKey, View
+
+
+def answer_of(
+    view: View, engine: str, timestep: float, alpha: float | None = None
+) -> Mapping[str, Any] | None:
+    """The one for an engine, a step and an α, else the main one; None where none is known."""
+    return view.answers.get((engine, timestep, f"{view.main_alpha if alpha is None else alpha:.9g}"))
+
+
+def best_of(answer: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The choice that `tune` prints first."""
+    best: Mapping[str, Any] = next(c for c in answer["choices"] if c["kind"] == answer["best"])
+    return best
+
+
+def choice_of(view: View, run: RunKey, alpha: float | None = None) -> Mapping[str, Any] | None:
+    """An answer's choice whose setting a run has; None where it is none of its choices."""
+    answer = answer_of(view, run.engine, run.timestep, alpha)
+    choices = [] if answer is None else answer["choices"]
+    return next((choice for choice in choices if choice["setting"] == run.setting), None)
+
+
+def error_of(view: View, run: RunKey, alpha: float | None = None) -> float:
+    """Largest error of e against the law: as `tune` found it, else over the study's impacts; NaN for none."""
+    score, choice = view.score(run, alpha), choice_of(view, run, alpha)
+    if score is None:
+        return math.nan
+    return float(score["max_error_law"] if choice is None else choice["max_error"])
+
+
+def scenes_of(view: View, run: RunKey) -> int:
+    """In how many launches and drops energy never grew, for the main α; 0 where it did."""
+    score, choice = view.score(run), choice_of(view, run)
+    if choice is not None:
+        return int(choice["scenes"])
+    return 0 if score is None or score["energy_gained"] or score["failed"] else int(score["impacts"])

@@ -1,0 +1,96 @@
+"""Answers to the usual questions, found once (`make answers`): pages tell them without a search.
+
+Each is what `find_answer` says of a question, for the versions of engines that the file names.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from hcbench._files import json_text, parse_json, read_text, write_text
+from hcbench.sim import registry
+from hcbench.tuning.ask import make_target
+from hcbench.tuning.find import find_answer
+from hcbench.units import INCH
+from hcbench.workers import WorkerPool
+
+if TYPE_CHECKING:
+    from hcbench.tuning.answer import Answer
+
+FILE = Path(__file__).with_name("usual_answers.json")
+_STEPS = (1e-3, 2e-3, 1 / 240, 5e-3)
+_ALPHAS = tuple(alpha / INCH for alpha in (0.002, 0.004, 0.008, 0.016))
+_GRAVITIES = (9.81, 0.0)
+_SCENE = "steel-plane"
+_PLACE = ("mass_kg", "stiffness", "exponent")
+
+
+class Question(NamedTuple):
+    """What is asked of an engine, of a ball on a plane without friction; SI."""
+
+    engine: str
+    timestep: float
+    gravity: float
+    alpha: float
+
+    def answered(self) -> Answer:
+        """What `hcbench tune` says of it."""
+        scene, target = make_target(
+            timestep=self.timestep, alpha=self.alpha, gravity=self.gravity, scene=_SCENE
+        )
+        return find_answer(self.engine, target, scene)
+
+
+def usual_answers(study: Mapping[str, Any], versions: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Those to the questions of a study's α, of the engines in these versions.
+
+    study: as JSON; none where its ball is another. Each has the keys of `Question` and of `Answer.record`.
+    """
+    known = file_content()
+    if any(not math.isclose(study[name], known["scene"][name], rel_tol=1e-9) for name in _PLACE):
+        return []
+    return [
+        answer
+        for answer in known["answers"]
+        if versions.get(answer["engine"]) == known["versions"][answer["engine"]]
+        and any(math.isclose(answer["alpha"], alpha, rel_tol=1e-9) for alpha in study["alphas"])
+    ]
+
+
+def record_of(question: Question) -> dict[str, Any]:
+    """The answer to a question, as JSON."""
+    answer = question.answered()
+    record: dict[str, Any] = json.loads(json_text(answer.record))
+    return {**question._asdict(), "best": answer.best.kind, **record}
+
+
+def write(jobs: int = 2) -> None:
+    """Find them all again, by the installed versions of the file's engines, and write the file."""
+    _, target = make_target(timestep=_STEPS[0], alpha=0.0, scene=_SCENE)
+    law = target.law
+    with WorkerPool(jobs) as pool:
+        answers = pool.map(record_of, list(questions()))
+    content = {
+        "scene": dict(zip(_PLACE, (target.mass, law.stiffness, law.exponent), strict=True)),
+        "versions": {engine: registry.require(engine) for engine in file_content()["versions"]},
+        "answers": answers,
+    }
+    write_text(FILE, json_text(content))
+
+
+def questions() -> Iterator[Question]:
+    """All of the file's."""
+    yield from (Question(*each) for each in product(file_content()["versions"], _STEPS, _GRAVITIES, _ALPHAS))
+
+
+@lru_cache(maxsize=1)
+def file_content() -> dict[str, Any]:
+    """The file: its ball, the versions of the engines, and the answers."""
+    known: dict[str, Any] = parse_json(read_text(FILE))
+    return known
