@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypedDict, get_args, get_type_hints
 
 
@@ -37,9 +36,16 @@ class LaunchOptions(TypedDict, total=False):
         Option("Gravity along -z, or a vector, in place of the model's own; 0 for none."),
     ]
     key: Annotated[str | None, Option("Keyframe to start from.")]
+    move: Annotated[
+        str | None,
+        Option("What to launch: base: (the whole robot), body:NAME (from there on), or joint:NAME."),
+    ]
     height: Annotated[Quantity | None, Option("Height over the touch to launch from.")]
-    qpos: Annotated[str | Mapping[str, Any] | None, Option("Joints to start from: 'hip=0.3, knee=-30 deg'.")]
-    state: Annotated[str | Path | None, Option("File with a pose to start from (.npz, JSON).")]
+    qpos: Annotated[
+        str | Mapping[str, Any] | None,
+        Option("Joints to start from: 'hip=0.3, knee=-30 deg, base=0, 0, 0.3'."),
+    ]
+    state: Annotated[Any, Option("Pose to start from: a file (.npz, JSON); in Python an MjData, too.")]
     coming_from: Annotated[
         str | Iterable[float | str] | None,
         Option("Side that the first body approaches from: above, +x, or 0,1,1.", flag="from"),

@@ -17,6 +17,7 @@ from hcbench.sim.model_under_test import Vector
 
 Pose = tuple[tuple[str, tuple[float, ...]], ...]
 
+STATE_FIELDS = ("qpos", "ctrl", "act", "mocap_pos", "mocap_quat", "eq_active")
 _ANGLES = {"deg": math.pi / 180.0, "°": math.pi / 180.0, "rad": 1.0}
 _DIRECTIONS: dict[str, Vector] = {
     "above": (0.0, 0.0, 1.0),
@@ -31,18 +32,20 @@ _DIRECTIONS: dict[str, Vector] = {
 
 
 def read_joints(text: Any) -> Pose:
-    """Joints as "hip=0.3, knee=-30 deg, root=0 0 1 1 0 0 0", or a mapping of names. Raises QuantityError."""
+    """Joints as "hip=0.3, knee=-30 deg, base=0, 0, 0.3", or a mapping of names. Raises QuantityError."""
     if text is None:
         return ()
     if isinstance(text, Mapping):
         return tuple((str(name), _numbers(name, values)) for name, values in text.items())
-    pose = []
+    pose: list[tuple[str, tuple[float, ...]]] = []
     for part in str(text).split(","):
-        name, equals, values = (piece.strip() for piece in part.partition("="))
+        name, equals, values = (piece.strip() for piece in part.rpartition("="))
+        if not equals and pose and values:  # further values of the joint before
+            pose[-1] = pose[-1][0], (*pose[-1][1], *_values(pose[-1][0], values))
+            continue
         if not (name and equals and values):
-            raise QuantityError(
-                "qpos", repr(part.strip()), "joints with their values: 'hip=0.3, knee=-30 deg'"
-            )
+            expected = "joints with their values: 'hip=0.3, knee=-30 deg, base=0, 0, 0.3'"
+            raise QuantityError("qpos", repr(part.strip()), expected)
         pose.append((name, tuple(_values(name, values))))
     return tuple(pose)
 
@@ -68,9 +71,20 @@ def _numbers(name: Any, values: Any) -> tuple[float, ...]:
     return numbers
 
 
-def read_state(path: Any) -> Pose:
-    """The arrays of a state file: .npz, or JSON with names and numbers; of joints, or whole, such as qpos."""
-    return () if path is None else read_joints(read_named(Path(path), "state", "a pose"))
+def read_state(state: Any) -> Pose:
+    """The arrays of a state file: .npz, or JSON with names and numbers; of joints, or whole, such as qpos.
+
+    Of an engine's state in Python, such as an MjData, those of its fields that are a pose.
+    """
+    if state is None:
+        return ()
+    if isinstance(state, str | Path):
+        return read_joints(read_named(Path(state), "state", "a pose"))
+    fields = {name: getattr(state, name) for name in STATE_FIELDS if hasattr(state, name)}
+    if "qpos" not in fields:
+        expected = "a .npz or JSON file with a pose, or a state that has qpos, such as an MjData"
+        raise UserError("state", f"a {type(state).__name__}", expected)
+    return read_joints({name: values for name, values in fields.items() if np.size(values)})
 
 
 def read_named(file: Path, slot: str, what: str) -> Mapping[str, Any]:

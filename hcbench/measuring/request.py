@@ -65,6 +65,17 @@ def read_pair(pair: Sequence[str | int] | str | None) -> tuple[str, str] | None:
     return names[0], names[1]
 
 
+def _move(move: str) -> str:
+    kind, colon, name = move.strip().partition(":")
+    if (
+        kind not in ("base", "body", "joint")
+        or (kind == "base") == bool(name)
+        or not (colon or kind == "base")
+    ):
+        raise UserError("move", repr(move), "base:, body:NAME or joint:NAME")
+    return f"{kind}:{name}"
+
+
 def _height(height: Any) -> float:
     return units.parse(height, "length", "height", above=0)
 
@@ -108,6 +119,7 @@ _READ: dict[str, Callable[[Any], Any]] = {
     "gravity": _gravity,
     "height": _height,
     "coming_from": read_direction,
+    "move": _move,
     "angle": _each_once("angle", "angle", "an angle", least=0),
     "along": _direction,
     "spin": units.parse_spin,

@@ -36,6 +36,7 @@ class Request:
     height: clearance at release, m; None: two to three steps of flight.
     pose: (joint, values) to start from in place of the keyframe's, m and rad; or fields of a state such as
         "qpos", whole.
+    move: what is launched: "base:", "body:NAME" or "joint:NAME"; None: as the engine chooses.
     coming_from: unit vector from the other to where the moving body comes from; None: the nearest way.
     actuators: whether the model's actuators hold and push as it says; else they are off.
     angle: from the normal, rad; each launch is made at each of them. along: the way that oblique launches
@@ -59,6 +60,7 @@ class Request:
     angle: tuple[float, ...] = (0.0,)
     along: Vector | None = None
     spin: Vector = (0.0, 0.0, 0.0)
+    move: str | None = None
 
     @property
     def is_oblique(self) -> bool:

@@ -25,6 +25,7 @@ GIVEN: dict[str, str | bool] = {
     "height": "1 cm",
     "qpos": "hip=30 deg",
     "state": "pose.json",
+    "move": "joint:hip",
     "coming_from": "above",
     "actuators": False,
     "angle": "0, 45 deg",

@@ -154,6 +154,8 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         """A path of its suffixes, MJCF text, an MjModel, MjSpec or MjData, or an environment that has one."""
         if isinstance(source, str | Path):
             return str(source).lstrip().startswith("<") or super().accepts(source)
+        if isinstance(source, list | tuple) and source:
+            return len(source) == 2 and type(source[1]).__name__ == "MjData"
         if type(source).__module__.startswith("mujoco."):
             return True
         from hcbench.engines.mujoco.model.open import live_state
@@ -222,6 +224,8 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
 def _one_file(source: Any) -> Any:
     if not isinstance(source, list | tuple):
         return source
+    if len(source) == 2 and type(source[1]).__name__ == "MjData":
+        return source[1]
     if len(source) != 1:
         raise UserError("model", f"{len(source)} files", "one file for MuJoCo", "Put both into one MJCF")
     return source[0]

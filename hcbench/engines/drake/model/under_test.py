@@ -40,8 +40,8 @@ class DrakeModel(ModelUnderTest):
     def __init__(
         self, drake: Any, version: str, source: Any, request: Request, changes: Mapping[str, Any]
     ) -> None:
-        if request.is_oblique or request.coming_from is not None:
-            slot = "angle" if request.is_oblique else "from"
+        if request.is_oblique or request.coming_from is not None or request.move is not None:
+            slot = "angle" if request.is_oblique else "from" if request.move is None else "move"
             raise UserError(slot, "given", "none: a pair in Drake is sent along its normal, the nearest way")
         self._given = drake, version, source, request
         self._changes, self.request = dict(changes), request

@@ -18,7 +18,9 @@ from hcbench.engines.mujoco.model.bodies import (
 from hcbench.engines.mujoco.model.pair import ContactPair, NamedGeoms
 from hcbench.engines.mujoco.model.plugin_contact import has_force_law
 from hcbench.errors import UserError
-from hcbench.sim.names import find_part
+from hcbench.sim.names import find_part, suggest_names
+
+_FREE_DOFS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +111,60 @@ def moving_joints(model: Any, body: int) -> list[MovingJoint]:
         words = f"body {body_name(model, body)!r} on its joints ({names})"
         joints.append(MovingJoint(body, tuple(tree.tolist()), words, turns=True))
     return joints
+
+
+def chosen_joint(model: Any, body: int, move: str) -> MovingJoint | None:
+    """What `move` names, "base:", "body:NAME" or "joint:NAME", where it carries this body; else None.
+
+    Of a body its joints and all between it and this body move, as a push at the contact would move them.
+    Raises UserError for a name that the model does not have.
+    """
+    kind, _, name = move.partition(":")
+    chain = list(_ancestors(model, body))
+    if kind == "base":
+        if not chain or model.body_dofnum[chain[-1]] != _FREE_DOFS:
+            return None
+        words = f"the whole robot, by its base {body_name(model, chain[-1])!r}"
+        return MovingJoint(chain[-1], _translations(model, chain[-1]), words)
+    if kind == "body":
+        names = [body_name(model, b) for b in range(model.nbody)]
+        if name not in names:
+            raise UserError("move", f"no body {name!r}", *suggest_names(name, names[1:]))
+        if (start := names.index(name)) not in chain:
+            return None
+        if model.body_dofnum[start] == _FREE_DOFS:
+            return MovingJoint(start, _translations(model, start), f"body {name!r} on its free joint")
+        chain = chain[: chain.index(start) + 1]
+        joints = [int(model.body_jntadr[b]) + j for b in chain[::-1] for j in range(model.body_jntnum[b])]
+    else:
+        names = [joint_name(model, j) for j in range(model.njnt)]
+        if name not in names:
+            raise UserError("move", f"no joint {name!r}", *suggest_names(name, names))
+        joints = [names.index(name)]
+        if int(model.jnt_bodyid[joints[0]]) not in chain:
+            return None
+    return _of_joints(model, joints)
+
+
+def _of_joints(model: Any, joints: list[int]) -> MovingJoint | None:
+    """These joints together, of one chain; None for no joint."""
+    kinds = backend().mjtJoint
+    if not joints:
+        return None
+    words = ", ".join(joint_name(model, j) for j in joints)
+    bodies = [int(model.jnt_bodyid[j]) for j in joints]
+    if len(joints) == 1 and int(model.jnt_type[joints[0]]) in (kinds.mjJNT_FREE, kinds.mjJNT_SLIDE):
+        dofs = _translations(model, bodies[0])
+        if int(model.jnt_type[joints[0]]) == kinds.mjJNT_SLIDE:
+            dofs = (int(model.jnt_dofadr[joints[0]]),)
+        return MovingJoint(bodies[0], dofs, f"body {body_name(model, bodies[0])!r} on its joint {words}")
+    widths = {int(kinds.mjJNT_FREE): 6, int(kinds.mjJNT_BALL): 3}
+    dofs = tuple(
+        int(model.jnt_dofadr[j]) + i for j in joints for i in range(widths.get(int(model.jnt_type[j]), 1))
+    )
+    return MovingJoint(
+        bodies[-1], dofs, f"body {body_name(model, bodies[-1])!r} on its joints ({words})", True
+    )
 
 
 def immobile_error(pair: ContactPair) -> UserError:

@@ -9,6 +9,7 @@ from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import effective_mass, geom_name, response
 from hcbench.engines.mujoco.model.find_pair import (
     MovingJoint,
+    chosen_joint,
     immobile_error,
     moving_joints,
     no_contact_error,
@@ -50,11 +51,13 @@ class PairAtTouch:
     note: str = ""
 
 
-def bring_to_touch(pair: ContactPair, data: Any, coming_from: Vector | None = None) -> PairAtTouch:
+def bring_to_touch(
+    pair: ContactPair, data: Any, coming_from: Vector | None = None, move: str | None = None
+) -> PairAtTouch:
     """Bring the two just to touch, by moving the first (or else the second) along their common normal.
 
     data: at rest in the start configuration. coming_from: the side of the moving body, a unit vector away
-    from the other; None: the nearest way. Raises UserError with the reason where that cannot be done.
+    from the other; None: the nearest way. move: as a request has it. UserError with the reason if it fails.
     """
     model = pair.model
     backend().mj_forward(model, data)
@@ -66,7 +69,7 @@ def bring_to_touch(pair: ContactPair, data: Any, coming_from: Vector | None = No
         names = f"{pair.first.name!r} to {pair.second.name!r}"
         raise UserError("pair", f"no distance from {names} is known", "two solid geoms")
     if coming_from is not None:
-        return _from_there(pair, data, coming_from)
+        return _from_there(pair, data, coming_from, move)
     if pair.height_field < 0:
         overlap = max(0.0, -float(near.distance))
         near = _raised(pair, data, near)
@@ -76,7 +79,7 @@ def bring_to_touch(pair: ContactPair, data: Any, coming_from: Vector | None = No
         near = near._replace(normal=_guess_normal(pair, data))
     row = pair.approach_row(data, near.point, near.normal)
     errors: list[UserError] = []  # that they pass each other says more than what else is in the way
-    joints = _joints(pair)
+    joints = _joints(pair, move)
     for ordered, joint in joints:
         try:
             placed = _along_nearest(ordered, data, joint, row, overlap)
@@ -115,9 +118,17 @@ class _PassedError(UserError):
     """The two pass each other."""
 
 
-def _joints(pair: ContactPair) -> list[tuple[ContactPair, MovingJoint]]:
-    """What could move one of the two, with the pair in that order."""
-    return [(p, joint) for p in (pair, pair.swapped()) for joint in moving_joints(p.model, p.first.body)]
+def _joints(pair: ContactPair, move: str | None = None) -> list[tuple[ContactPair, MovingJoint]]:
+    """What could move one of the two, with the pair in that order. move: the only thing that may."""
+    orders = (pair, pair.swapped())
+    if move is None:
+        return [(p, joint) for p in orders for joint in moving_joints(p.model, p.first.body)]
+    chosen = [(p, chosen_joint(p.model, p.first.body, move)) for p in orders]
+    joints = [(p, joint) for p, joint in chosen if joint is not None]
+    if not joints:
+        names = f"{pair.first.name!r} nor {pair.second.name!r}"
+        raise UserError("move", f"{move!r} moves neither {names}", "a base, body or joint that carries one")
+    return joints
 
 
 def _along_nearest(
@@ -157,10 +168,10 @@ def _passed_error(pair: ContactPair, data: Any, gap: float) -> _PassedError:
     )
 
 
-def _from_there(pair: ContactPair, data: Any, coming_from: Vector) -> PairAtTouch:
+def _from_there(pair: ContactPair, data: Any, coming_from: Vector, chosen: str | None = None) -> PairAtTouch:
     """The two brought together from one direction, by a free or slide joint."""
     model, there = pair.model, np.asarray(coming_from)
-    for ordered, joint in _joints(pair):
+    for ordered, joint in _joints(pair, chosen):
         sign = 1.0 if ordered.first.name == pair.first.name else -1.0
         normal = -sign * there
         row = ordered.approach_row(data, data.geom_xpos[ordered.first.geoms[0]], normal)

@@ -7,13 +7,13 @@ import numpy as np
 
 from hcbench._text import sanitized
 from hcbench.engines.mujoco.backend import backend
-from hcbench.engines.mujoco.model.bodies import joint_name
+from hcbench.engines.mujoco.model.bodies import body_name, joint_name
 from hcbench.engines.mujoco.model.plausible import require_plausible_state
 from hcbench.errors import UserError
+from hcbench.measuring.pose import STATE_FIELDS
 from hcbench.sim.model_under_test import Request
 from hcbench.sim.names import suggest_names
 
-_STATE_FIELDS = ("qpos", "ctrl", "act", "mocap_pos", "mocap_quat", "eq_active")
 _IGNORED = ("qvel", "time", "qacc", "qacc_warmstart")  # everything starts at rest
 # Beyond a limit by more, the pose is not one that the model can hold; models write 5 deg rounded.
 TURNED, MOVED = math.radians(5.01), 1e-3
@@ -27,7 +27,7 @@ def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, st
     mujoco = backend()
     data, name = mujoco.MjData(model), ""
     if state is not None and request.key is None:
-        for field in _STATE_FIELDS:
+        for field in STATE_FIELDS:
             getattr(data, field)[:] = getattr(state, field)
         name = "as it stands"
     else:
@@ -59,13 +59,15 @@ def _reset(model: Any, data: Any, key: str | None) -> str:
 
 
 def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
-    """Set a joint, or a field of the state such as qpos."""
+    """Set a joint, a free joint by its body's name or as "base", or a field of the state such as qpos."""
     names = [joint_name(model, j) for j in range(model.njnt)]
-    if name in names:
-        address = model.jnt_qposadr[names.index(name)]
-        ends = [*model.jnt_qposadr[names.index(name) + 1 :], model.nq]
-        target = data.qpos[address : ends[0]]
-    elif name in _STATE_FIELDS:
+    joint = names.index(name) if name in names else _free_joint(model, name)
+    if joint is not None:
+        address = model.jnt_qposadr[joint]
+        ends = [*model.jnt_qposadr[joint + 1 :], model.nq]
+        free = int(model.jnt_type[joint]) == int(backend().mjtJoint.mjJNT_FREE)
+        target = data.qpos[address : address + 3 if free and len(values) == 3 else ends[0]]
+    elif name in STATE_FIELDS:
         target = getattr(data, name).reshape(-1)
     elif name in _IGNORED:
         return
@@ -76,6 +78,16 @@ def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
             "qpos", f"{name}: {len(values)} numbers", f"{len(target)}: m, rad, quaternion w x y z"
         )
     target[:] = values
+
+
+def _free_joint(model: Any, name: str) -> int | None:
+    """The free joint of a body of this name; "base": of the heaviest robot. None where there is none."""
+    free = np.flatnonzero(model.jnt_type == int(backend().mjtJoint.mjJNT_FREE)).tolist()
+    bodies = [int(model.jnt_bodyid[joint]) for joint in free]
+    named = [joint for joint, body in zip(free, bodies, strict=True) if body_name(model, body) == name]
+    if not named and name == "base" and free:
+        named = [max(free, key=lambda joint: float(model.body_subtreemass[model.jnt_bodyid[joint]]))]
+    return named[0] if named else None
 
 
 def require_joints_within_limits(model: Any, data: Any, bodies: tuple[int, ...]) -> None:

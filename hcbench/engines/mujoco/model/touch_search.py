@@ -84,12 +84,28 @@ def swing(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Floats |
     approach at 1 m/s. None where it makes none.
     """
     move = np.zeros_like(row)
-    push = _along_equalities(model, data, response(model, data, row))
-    move[list(dofs)] = push[list(dofs)]
+    roots = model.body_rootid[model.dof_bodyid]
+    if len(dofs) < int(np.isin(roots, roots[list(dofs)]).sum()):
+        move[list(dofs)] = _push_on(model, data, row, dofs)
+    else:
+        push = _along_equalities(model, data, response(model, data, row))
+        move[list(dofs)] = push[list(dofs)]
     rate = float(row @ move)
     return (
         move / rate if rate > LEAST_APPROACH * float(np.abs(row).max()) * float(np.abs(move).max()) else None
     )
+
+
+def _push_on(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Floats:
+    """What a push does to some degrees of freedom of a tree while the others of it are at rest."""
+    masses = np.zeros((len(dofs), len(dofs)))
+    unit, column = np.zeros(model.nv), np.zeros(model.nv)
+    for i, dof in enumerate(dofs):
+        unit[:] = 0.0
+        unit[dof] = 1.0
+        backend().mj_mulM(model, data, column, unit)
+        masses[:, i] = column[list(dofs)]
+    return np.asarray(np.linalg.solve(masses, row[list(dofs)]))
 
 
 def _along_equalities(model: Any, data: Any, push: Floats) -> Floats:

@@ -10,6 +10,7 @@ from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model.bodies import explicit_pairs, geom_friction, geom_name, speed_reading
 from hcbench.engines.mujoco.model.causes import find_suspects
 from hcbench.engines.mujoco.model.causes.context import Context, written_contact
+from hcbench.engines.mujoco.model.find_pair import moving_joints
 from hcbench.engines.mujoco.model.list_pairs import find_pair
 from hcbench.engines.mujoco.model.place import bring_to_touch
 from hcbench.engines.mujoco.model.plausible import require_plausible_contact
@@ -46,7 +47,9 @@ class MujocoModel(ModelUnderTest):
         with captured_warnings():
             self.start, self.start_name = start_pose(model, request, state)
             pair = find_pair(model, request, state)
-            self.place = bring_to_touch(pair, start_pose(model, request, state)[0], request.coming_from)
+            self.place = bring_to_touch(
+                pair, start_pose(model, request, state)[0], request.coming_from, request.move
+            )
         require_plausible_contact(model, self.place)
         self.timestep, self.mass = float(model.opt.timestep), self.place.effective_mass
         self.gravity = self.place.gravity
@@ -109,7 +112,7 @@ class MujocoModel(ModelUnderTest):
             version=mujoco.__version__,
             model=self.label,
             pair=(_shown(model, place.pair.first, geoms), _shown(model, place.pair.second, geoms)),
-            moved=place.joint.description,
+            moved=place.joint.description + self._other_ways(),
             timestep=float(model.opt.timestep),
             gravity=tuple(float(g) for g in self._gravity()),  # type: ignore[arg-type]
             effective_mass=place.effective_mass,
@@ -123,6 +126,11 @@ class MujocoModel(ModelUnderTest):
             friction=geom_friction(model, geoms),
             promise=None if self._lost_pairs() else self._promise(),
         )
+
+    def _other_ways(self) -> str:
+        """How to launch something else, where this was chosen of several."""
+        several = len(moving_joints(self.model, self.place.pair.first.body)) > 1
+        return " (--move chooses)" if self.request.move is None and several else ""
 
     def _promise(self) -> Promise | None:
         return promise_in(self.model, self.place.contact.rows[0][2])

@@ -10,8 +10,9 @@ from functools import partial
 import numpy as np
 
 from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
+from hcbench.engines.pybullet.model.movers import SlidingJoint
 from hcbench.engines.pybullet.model.open import BodyPart
-from hcbench.engines.pybullet.model.place import BulletPlacement, SlidingJoint
+from hcbench.engines.pybullet.model.place import BulletPlacement
 from hcbench.impact import Impact
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring import causes

@@ -1,7 +1,7 @@
 """Where a pair in PyBullet just touches, and what is moved to launch it from there."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,11 +12,13 @@ from hcbench.engines.pybullet.model.bodies import (
     FIXED,
     JOINT_NAME,
     JOINT_TYPE,
+    LINK_NAME,
     PRISMATIC,
     REVOLUTE,
     BulletBody,
     contact_row,
 )
+from hcbench.engines.pybullet.model.movers import FreeBase, Mover, SlidingJoint, SwingingLink
 from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart, LoadedWorld
 from hcbench.engines.pybullet.model.start_pose import require_joints_within_limits
 from hcbench.engines.pybullet.vectors import vector
@@ -29,65 +31,11 @@ ABOVE: Vector = (0.0, 0.0, 1.0)
 LEAST_MOBILITY = 1e-9  # 1/kg
 _BOUND = 1e3  # m: the part of an endless plane that counts
 _REACH = 1e4  # m: the largest distance between the two at the start
+_BASE_FREEDOMS = 6
 _ROUNDS, _STRIDE = 300, 0.02  # m: of a way along an arc, in each round
 _CLOSE = 1e-7  # m: Bullet's distances are no better
 _MISSED = 1e-3  # of the smaller one's size: so far apart at the end of a way, two have passed each other
 DISTANCE, NORMAL = 8, 7  # in PyBullet's closest points; the normal points at the first body
-
-
-@dataclass(frozen=True, slots=True)
-class FreeBase:
-    """A body that is moved as a whole. position (m), quaternion: where it starts. direction: unit vector."""
-
-    body: int
-    description: str
-    position: Floats
-    quaternion: Sequence[float]
-    direction: Floats
-
-    def put(self, bullet: BulletClient, travel: float, speed: float = 0.0) -> None:
-        """Put it `travel` m nearer than it starts, at `speed` m/s towards the other."""
-        position = self.position + self.direction * travel
-        bullet.resetBasePositionAndOrientation(self.body, position.tolist(), self.quaternion)
-        bullet.resetBaseVelocity(self.body, (self.direction * speed).tolist(), [0.0, 0.0, 0.0])
-
-
-@dataclass(frozen=True, slots=True)
-class SlidingJoint:
-    """A prismatic joint that moves a link. start: its position. approach: m towards the other for 1 of it."""
-
-    body: int
-    description: str
-    joint: int
-    start: float
-    approach: float
-
-    def put(self, bullet: BulletClient, travel: float, speed: float = 0.0) -> None:
-        """Put the link `travel` m nearer than it starts, at `speed` m/s towards the other."""
-        bullet.resetJointState(
-            self.body, self.joint, self.start + travel / self.approach, speed / self.approach
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class SwingingLink:
-    """Joints that together move a link as a push at its contact would. starts: their positions at touch.
-    rates: their velocities for an approach at 1 m/s.
-    """
-
-    body: int
-    description: str
-    starts: Mapping[int, float]
-    rates: Mapping[int, float]
-
-    def put(self, bullet: BulletClient, travel: float, speed: float = 0.0) -> None:
-        """Put the link `travel` m nearer than it starts, at `speed` m/s towards the other."""
-        for joint, start in self.starts.items():
-            rate = self.rates[joint]
-            bullet.resetJointState(self.body, joint, start + rate * travel, rate * speed)
-
-
-Mover = FreeBase | SlidingJoint | SwingingLink
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,12 +63,17 @@ class BulletPlacement:
 
 
 def place(
-    world: LoadedWorld, first: BodyPart, second: BodyPart, coming_from: Vector | None = None
+    world: LoadedWorld,
+    first: BodyPart,
+    second: BodyPart,
+    coming_from: Vector | None = None,
+    move: str | None = None,
 ) -> BulletPlacement:
     """Bring the two just to touch. Raises UserError with the reason where that cannot be done.
 
     coming_from: where the first comes from, a unit vector away from the second; None: the nearest way. In a
         world made of files all stand at the origin: the first body then approaches from above.
+    move: what is launched, as a request has it; None: a free base, else a joint, else several.
     """
     bullet = world.bullet
     for part in (first, second):
@@ -129,6 +82,8 @@ def place(
     if coming_from is None and len(world.files) > 1 and first.body != second.body:
         coming_from = ABOVE
         note = "Files stand at the origin: the first body approaches from above; --from chooses."
+    if move is not None and move != "base:":
+        return _chosen(bullet, first, second, move)
     for moving, other, sign in ((first, second, 1.0), (second, first, -1.0)):
         if BulletBody(bullet, moving.body).mass > 0.0 and moving.body != other.body:
             text = f"{moving.name!r} by its free base"
@@ -140,7 +95,7 @@ def place(
                 position = _clear_start(bullet, moving, other, direction, np.array(position))
             mover = FreeBase(moving.body, text, np.array(position), quaternion, direction)
             return _touch(bullet, moving, other, mover, note)
-    if coming_from is None or note:
+    if move is None and (coming_from is None or note):
         for moving, other in ((first, second), (second, first)):
             for joint in _sliding_joints(bullet, moving, other):
                 return _touch(bullet, moving, other, joint)
@@ -153,6 +108,27 @@ def place(
         "a base of mass above 0 that is not fixed, or a joint towards the other",
         "Start from another --qpos",
     )
+
+
+def _chosen(bullet: BulletClient, first: BodyPart, second: BodyPart, move: str) -> BulletPlacement:
+    """By the joint, or the joints of a link and of those between it and the touch, that `move` names."""
+    kind, _, name = move.partition(":")
+    place_of = JOINT_NAME if kind == "joint" else LINK_NAME
+    for moving, other in ((first, second), (second, first)):
+        body, point = BulletBody(bullet, moving.body), nearest(bullet, moving, other)
+        chain = body.ancestors(int(point[3]) if moving.link == ANY_LINK else moving.link)
+        names = [body.joints[j][place_of].decode(errors="replace") for j in chain]
+        if name not in names:
+            continue
+        at = names.index(name)
+        chosen = chain[at : at + 1] if kind == "joint" else chain[: at + 1]
+        for sliding in _sliding_joints(bullet, moving, other):
+            if [sliding.joint] == [j for j in chosen if body.joints[j][JOINT_TYPE] != FIXED]:
+                return _touch(bullet, moving, other, sliding)
+        if (swinging := swing_to_touch(bullet, moving, other, set(chosen))) is not None:
+            return _touch(bullet, moving, other, swinging)
+    parts = f"{first.name!r} nor {second.name!r}"
+    raise UserError("move", f"{move!r} moves neither {parts}", "base:, or a joint or link that carries one")
 
 
 def _clear_start(
@@ -178,8 +154,12 @@ def _bounds(bullet: BulletClient, part: BodyPart) -> tuple[Floats, Floats]:
     return np.maximum(low, -_BOUND), np.minimum(high, _BOUND)
 
 
-def swing_to_touch(bullet: BulletClient, moving: BodyPart, other: BodyPart) -> SwingingLink | None:
-    """Bring a link of a fixed robot to the other by its joints; None where they do not lead there."""
+def swing_to_touch(
+    bullet: BulletClient, moving: BodyPart, other: BodyPart, chosen: Collection[int] | None = None
+) -> SwingingLink | None:
+    """Bring a link of a robot to the other by its joints, or by those chosen, with its base at rest; None
+    where they do not lead there.
+    """
     body = BulletBody(bullet, moving.body)
     if body.kind != "jointed":
         return None
@@ -192,17 +172,22 @@ def swing_to_touch(bullet: BulletClient, moving: BodyPart, other: BodyPart) -> S
         point = nearest(bullet, moving, other)
         distance, normal = float(point[DISTANCE]), vector(_normal(point))
         response = body.response(int(point[3]), vector(np.array(point[5])), normal)
-        mobility = 0.0 if response is None else sum(a * b for a, b in zip(*response, strict=True))
-        if response is None or mobility <= LEAST_MOBILITY:
+        if response is None:
             return None
-        rates = {j: float(rate) / mobility for j, rate in zip(scalar, response[1], strict=True)}
-        starts = {j: float(bullet.getJointState(moving.body, j)[0]) for j in scalar}
-        names = [body.joints[j][JOINT_NAME].decode(errors="replace") for j in body.ancestors(int(point[3]))]
+        rows = zip(scalar, *(part[_BASE_FREEDOMS * (body.mass > 0.0) :] for part in response), strict=True)
+        along = {j: (reach, rate) for j, reach, rate in rows if chosen is None or j in chosen}
+        mobility = sum(reach * rate for reach, rate in along.values())
+        if mobility <= LEAST_MOBILITY:
+            return None
+        rates = {j: float(rate) / mobility for j, (_, rate) in along.items()}
+        starts = {j: float(bullet.getJointState(moving.body, j)[0]) for j in along}
+        shown = [j for j in body.ancestors(int(point[3])) if j in along or chosen is None]
+        names = [body.joints[j][JOINT_NAME].decode(errors="replace") for j in shown]
         text = f"{moving.name!r} by its joints ({', '.join(names[:6])})"
         if abs(distance) < _CLOSE:
             return SwingingLink(moving.body, text, starts, rates)
         step = float(np.clip(distance, -_STRIDE, _STRIDE))
-        for j in scalar:
+        for j in along:
             low, high = body.joints[j][8:10]
             target = starts[j] + rates[j] * step
             bounded = min(max(target, min(low, starts[j])), max(high, starts[j])) if low < high else target

@@ -9,7 +9,8 @@ import numpy as np
 
 from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.model.bodies import BulletBody
-from hcbench.engines.pybullet.model.place import BulletPlacement, FreeBase
+from hcbench.engines.pybullet.model.movers import FreeBase
+from hcbench.engines.pybullet.model.place import BulletPlacement
 from hcbench.engines.pybullet.vectors import rotate_inverse
 from hcbench.errors import UserError
 from hcbench.impact import Floats, Launch

@@ -1,6 +1,7 @@
 """Joints of a PyBullet world: put where a request says, held against their limits, their motors off."""
 
 import math
+from typing import Any
 
 from hcbench._text import sanitized
 from hcbench.engines.pybullet.backend import BulletClient
@@ -25,11 +26,22 @@ def joint_states(bullet: BulletClient) -> dict[_Joint, tuple[float, float]]:
     }
 
 
+def base_states(bullet: BulletClient, request: Request) -> list[tuple[int, Any, Any]]:
+    """(body, pose, velocities) of every body, where the request sets a pose."""
+    return [
+        (body, bullet.getBasePositionAndOrientation(body), bullet.getBaseVelocity(body))
+        for body in (bullet.bodies() if request.pose else ())
+    ]
+
+
 def set_pose(world: LoadedWorld, request: Request) -> None:
     """Joints as the request has them, by name or as "file/name"; motors off where it says so."""
     bullet = world.bullet
     joints = _named_joints(world)
     for name, values in request.pose:
+        if name not in joints and (base := _free_base(world, name)) is not None:
+            _put_base(bullet, base, values)
+            continue
         if name not in joints:
             raise UserError("qpos", f"no joint {name!r}", *suggest_names(name, joints))
         if len(values) != 1:
@@ -39,6 +51,26 @@ def set_pose(world: LoadedWorld, request: Request) -> None:
         for body in bullet.bodies():
             for joint in range(bullet.getNumJoints(body)):
                 bullet.setJointMotorControl2(body, joint, bullet.module.VELOCITY_CONTROL, force=0)
+
+
+def _free_base(world: LoadedWorld, name: str) -> int | None:
+    """The body whose free base a file's name means; "base": of the heaviest. None where there is none."""
+    masses = {b: world.bullet.getDynamicsInfo(b, -1)[0] for b in world.bullet.bodies()}
+    free = [body for body, mass in masses.items() if mass > 0.0]
+    named = [body for body in free if world.files.get(body, "").partition(".")[0] == name]
+    if not named and name == "base" and free:
+        named = [max(free, key=lambda body: (world.bullet.getNumJoints(body), masses[body]))]
+    return named[0] if named else None
+
+
+def _put_base(bullet: BulletClient, body: int, values: tuple[float, ...]) -> None:
+    """Put a free base: x y z, and a quaternion w x y z, if given."""
+    if len(values) not in (3, 7):
+        raise UserError("qpos", f"base: {len(values)} numbers", "3 or 7: m, quaternion w x y z")
+    turned = bullet.getBasePositionAndOrientation(body)[1]
+    if len(values) == 7:
+        turned = (*values[4:], values[3])
+    bullet.resetBasePositionAndOrientation(body, values[:3], turned)
 
 
 def _named_joints(world: LoadedWorld) -> dict[str, _Joint]:

@@ -24,12 +24,13 @@ from hcbench.engines.pybullet.model.causes import (
 )
 from hcbench.engines.pybullet.model.in_child import release_aside, run_aside
 from hcbench.engines.pybullet.model.list_pairs import find_pair, list_pairs
+from hcbench.engines.pybullet.model.movers import FreeBase
 from hcbench.engines.pybullet.model.open import LoadedWorld, load_files, open_live
-from hcbench.engines.pybullet.model.place import FreeBase, place
+from hcbench.engines.pybullet.model.place import place
 from hcbench.engines.pybullet.model.plausible import require_plausible
 from hcbench.engines.pybullet.model.simulation import LaunchInUserWorld
 from hcbench.engines.pybullet.model.sliding import pair_friction
-from hcbench.engines.pybullet.model.start_pose import joint_states, set_pose
+from hcbench.engines.pybullet.model.start_pose import base_states, joint_states, set_pose
 from hcbench.errors import UserError
 from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
@@ -58,15 +59,18 @@ class PybulletModel(ModelUnderTest):
         self.world, self.request, self.build = world, request, build
         self.bullet = world.bullet
         self._settings_before = self.bullet.getPhysicsEngineParameters()
+        self._pose_before = {} if world.disconnect else joint_states(self.bullet)
+        self._bases_before = [] if world.disconnect else base_states(self.bullet, request)
         try:
             self._apply_request()
-            self._pose_before = {} if world.disconnect else joint_states(self.bullet)
             set_pose(world, request)
             first, second = find_pair(world, request.pair)
             for fix in fixes:
                 if fix.apply is not None:
                     fix.apply(self.bullet)
-            self.place = run_aside(self.bullet, lambda: place(world, first, second, request.coming_from))
+            self.place = run_aside(
+                self.bullet, lambda: place(world, first, second, request.coming_from, request.move)
+            )
             require_plausible(self.bullet, self.place)
             sides = ((part.body, part.link) for part in (self.place.first, self.place.second))
             self.law = None if world.files else plugin.find(*sides, client=self.bullet.client)
@@ -92,6 +96,9 @@ class PybulletModel(ModelUnderTest):
             if self.bullet.isConnected():
                 self.bullet.disconnect()
             return
+        for body, pose, velocities in self._bases_before:
+            self.bullet.resetBasePositionAndOrientation(body, *pose)
+            self.bullet.resetBaseVelocity(body, *velocities)
         for (body, joint), (position, velocity) in self._pose_before.items():
             self.bullet.resetJointState(body, joint, position, velocity)
         self.bullet.setPhysicsEngineParameter(fixedTimeStep=self._settings_before["fixedTimeStep"])
