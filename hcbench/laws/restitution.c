@@ -27,7 +27,7 @@ double hcb_restitution(double d) {
   for (int round = 0; round < 60; round++) {
     double change = (exponential_terms(w) - c) / -expm1(-w);
     w -= change;
-    if (fabs(change) <= 1e-16 * w) break;
+    if (fabs(change) <= 1e-9 * w) break; /* the error left is of its square */
   }
   return -expm1(-w) / d;
 }

@@ -59,6 +59,9 @@ def library() -> Path:
         "HCB_PRECONTACT": "mjPreContact;" in text["mjdata.h"],
         "HCB_ISLAND_ROWS": "iefc_D;" in text["mjdata.h"],
         "HCB_SURFACE_VELOCITY": "surfacevel[3];" in text["mjdata.h"],
+        "HCB_DAMPER": "mjDSBL_DAMPER" in text["mjmodel.h"],
+        "HCB_ACTUATOR_DAMPING": " jnt_actuatorid;" in text["mjmodel.h"],
+        "HCB_SLEEP": " tree_awake;" in text["mjdata.h"],
         "HCB_TENDON_ROWS_IN_MODEL": "ten_J_rownnz;" in text["mjmodel.h"],
     }
     flags = [f"-I{include}", *(f"-D{name}" for name, is_so in differs.items() if is_so)]
@@ -67,6 +70,8 @@ def library() -> Path:
             rows = ",".join(f"d->{name}_{part}" for part in ("rownnz", "rowadr", "colind"))
             flags.append(f"-DHCB_M_ROWS={rows}")
             break
+    if " D_rownnz;" in text["mjdata.h"]:
+        flags.append("-DHCB_D_ROWS=d->D_diag,d->D_rowadr,d->D_colind,d->D_rownnz")
     link = [str(engine[0]), f"-Wl,-rpath,{folder}"]
     return _compile.build("engines/mujoco/plugin/plugin.c", flags, link, headers)
 

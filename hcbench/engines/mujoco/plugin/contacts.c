@@ -1,5 +1,10 @@
 /* What both plug-ins need of a contact: velocities, rows of the Jacobian, gravity, and the stages of RK4. */
 
+#if mjVERSION_HEADER == 3007000 || mjVERSION_HEADER == 3008000
+#define HCB_MIDPOINT /* these give free bodies a velocity of their own after the step (mj_midpoint), in contact, too */
+#endif
+#define HCB_TURN 60 /* of its small steps in which a body turns freely, how many a radian */
+
 static double dot(const double* a, const double* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 static double row_dot(int nv, const double* a, const double* b) {
@@ -51,49 +56,103 @@ static void lone_bias(const mjData* d, int body, const double* v, double* bias) 
   mju_mulMatTVec3(bias + 3, R, torque);
 }
 
-/* The share of what is linear in a change of the velocities that the integrator adds to the Coriolis forces itself. For
-   free bodies it differs between MuJoCo's versions, as measured by corners that spin. */
-static double linear_share(const mjModel* m, int lone) {
-  int implicit = m->opt.integrator == mjINT_IMPLICIT, fast = lone && m->opt.integrator == mjINT_IMPLICITFAST;
-  if (lone && mjVERSION_HEADER >= 3007000 && mjVERSION_HEADER < 3009000) return implicit || fast ? 0.5 : 0;
-  return implicit || (fast && mjVERSION_HEADER >= 3011000);
+/* Whether the integrator adds to the Coriolis forces what is linear in a change of the velocities. */
+static int is_linear(const mjModel* m, int lone) {
+  if (m->opt.integrator == mjINT_IMPLICIT) return 1;
+  return lone && m->opt.integrator == mjINT_IMPLICITFAST && mjVERSION_HEADER >= 3011000;
 }
 
-/* Adds to `force` what makes the Coriolis forces of this evaluation those of velocities after an impulse: they are
-   quadratic, f(v + dv) = f(v) + D(v) dv + f(dv), of which some integrators add D(v) dv themselves. `share`: how much of
-   the impulse's dv is not in qvel yet. Without it a step of Euler turns by the velocities before the impact, and RK4's
-   second and third stage by those halfway: a spinning corner parts at the wrong speed. */
-static void shift_bias(const mjModel* m, mjData* d, const double* impulse, double share, double* force) {
-  int nv = m->nv, jointed = 0, struck = 0;
-  for (int j = 0; j < nv; j++) {
-    struck |= impulse[j] != 0;
-    jointed |= impulse[j] != 0 && !is_lone(m, j);
+/* The inverse of a symmetric matrix, shape (3, 3). */
+static void invert(const double* a, double* out) {
+  double rows[3][3];
+  mju_cross(rows[0], a + 3, a + 6);
+  mju_cross(rows[1], a + 6, a);
+  mju_cross(rows[2], a, a + 3);
+  for (int i = 0; i < 9; i++) out[i] = rows[i / 3][i % 3] / mju_dot3(a, rows[0]);
+}
+
+/* The change x of a free body's six velocities while it turns freely for a step from velocities v: the angular ones by
+   Euler's equations in small Runge-Kutta steps, the linear ones so that its centre of mass keeps its speed. */
+static void turn_freely(const mjModel* m, const mjData* d, int body, const double* v, double* x) {
+  const double *R = d->xmat + 9 * body, *I = d->crb + 10 * body;
+  double world[9] = {I[0], I[3], I[4], I[3], I[1], I[5], I[4], I[5], I[2]}, J[9], half[9], inverse[9];
+  double w[3] = {v[3], v[4], v[5]}, r[3], spin[3], arm[3], at[3], rate[4][3], h = m->opt.timestep;
+  int steps = 1 + (int)fmin(1000, HCB_TURN * h * mju_norm3(w));
+  mju_mulMatTMat3(half, R, world);
+  mju_mulMatMat3(J, half, R);
+  invert(J, inverse);
+  for (int step = 0; step < steps; step++) {
+    for (int stage = 0; stage < 4; stage++) {
+      double part = (stage == 0 ? 0 : stage == 3 ? 1 : 0.5) * h / steps;
+      for (int i = 0; i < 3; i++) at[i] = w[i] + (stage ? part * rate[stage - 1][i] : 0);
+      mju_mulMatVec3(spin, J, at);
+      mju_cross(arm, spin, at);
+      mju_mulMatVec3(rate[stage], inverse, arm);
+    }
+    for (int i = 0; i < 3; i++) w[i] += h / steps / 6 * (rate[0][i] + 2 * rate[1][i] + 2 * rate[2][i] + rate[3][i]);
   }
-  if (!struck || share == 0) return;
-  mj_markStack(d);
-  double *change = stack(d, nv), *after = stack(d, nv), f[3][6], by = linear_share(m, 1);
-  mj_solveM(m, d, change, impulse, 1);
-  mju_scl(change, change, share, nv);
-  mju_add(after, d->qvel, change, nv);
+  mju_sub3(x + 3, w, v + 3);
+  mju_sub3(r, d->subtree_com + 3 * body, d->xpos + 3 * body);
+  mju_mulMatVec3(spin, R, x + 3);
+  mju_cross(x, r, spin);
+  mju_mulMatVec3(spin, R, v + 3);
+  mju_cross(arm, spin, r);
+  mju_cross(at, spin, arm);
+  mju_addToScl3(x, at, -h);
+}
+
+/* Of lone bodies. One is to change by y, that of the impulse and of free turning (turn_freely). Euler integrates
+   M y = h (p/h + force - f(v)), and implicit integrators (M - h D) y, where D y = f(v) + f(y) - f(v + y) as f is quadratic. */
+static void shift_lone(const mjModel* m, mjData* d, const double* impulse, const double* change, double* force) {
+  int nv = m->nv, rk4 = m->opt.integrator == mjINT_RK4, linear = !rk4 && is_linear(m, 1);
+  double *turn = stack(d, nv), *turned = stack(d, nv), after[6], y[6], f[6];
+  mju_zero(turn, nv);
   for (int j = 0; j < nv; j++) {
     int body = m->dof_bodyid[j];
     if (!is_lone(m, j) || j != m->body_dofadr[body] || mju_norm(impulse + j, 6) == 0) continue;
-    lone_bias(d, body, d->qvel + j, f[0]);
-    lone_bias(d, body, after + j, f[1]);
-    lone_bias(d, body, change + j, f[2]);
-    for (int k = 0; k < 6; k++) force[j + k] += (1 - by) * (f[0][k] - f[1][k]) - by * f[2][k];
+    mju_add(after, d->qvel + j, change + j, 6);
+    if (!rk4) turn_freely(m, d, body, after, turn + j);
+    mju_add(y, change + j, turn + j, 6);
+    mju_addTo(after, turn + j, 6);
+    lone_bias(d, body, linear ? after : d->qvel + j, f);
+    mju_addTo(force + j, f, 6);
+    lone_bias(d, body, linear ? y : after, f);
+    if (linear || rk4) mju_subFrom(force + j, f, 6);
   }
-  if (jointed) {
-    double *velocity = stack(d, nv), *from = stack(d, nv);
-    mju_copy(velocity, d->qvel, nv);
-    mju_zero(from, nv);
-    by = linear_share(m, 0);
-    bias_at(m, d, by > 0 ? from : velocity, from);
-    bias_at(m, d, by > 0 ? change : after, after);
-    mju_copy(d->qvel, velocity, nv);
-    mj_comVel(m, d);
-    for (int j = 0; j < nv; j++) force[j] += is_lone(m, j) ? 0 : from[j] - after[j];
+  mj_mulM(m, d, turned, turn);
+  mju_addToScl(force, turned, 1 / m->opt.timestep, nv);
+}
+
+/* Of bodies with joints: f(v) - f(v + dv), less what implicit integrators add of it, D dv. */
+static void shift_jointed(const mjModel* m, mjData* d, const double* change, double* force) {
+  int nv = m->nv, linear = is_linear(m, 0);
+  double *velocity = stack(d, nv), *from = stack(d, nv), *after = stack(d, nv);
+  mju_copy(velocity, d->qvel, nv);
+  mju_zero(from, nv);
+  mju_add(after, velocity, change, nv);
+  bias_at(m, d, linear ? from : velocity, from);
+  bias_at(m, d, linear ? change : after, after);
+  mju_copy(d->qvel, velocity, nv);
+  mj_comVel(m, d);
+  for (int j = 0; j < nv; j++) force[j] += is_lone(m, j) ? 0 : from[j] - after[j];
+}
+
+/* Adds to `force` what makes the step go on from the velocities after an impulse, as an impact does; `share`: how much of
+   the impulse's change of velocity is not in qvel yet. A step of Euler would turn by the velocities before the impact, and
+   RK4's second and third stage by those halfway: a spinning corner would part at the wrong speed. */
+static void shift_bias(const mjModel* m, mjData* d, const double* impulse, double share, double* force) {
+  int jointed = 0, lone = 0;
+  for (int j = 0; j < m->nv; j++) {
+    lone |= impulse[j] != 0 && is_lone(m, j);
+    jointed |= impulse[j] != 0 && !is_lone(m, j);
   }
+  if ((!lone && !jointed) || share == 0) return;
+  mj_markStack(d);
+  double* change = stack(d, m->nv);
+  mj_solveM(m, d, change, impulse, 1);
+  mju_scl(change, change, share, m->nv);
+  if (lone) shift_lone(m, d, impulse, change, force);
+  if (jointed) shift_jointed(m, d, change, force);
   mj_freeStack(d);
 }
 

@@ -181,6 +181,10 @@ static void compute(const mjModel* m, mjData* d, int i, int capability) {
   }
 }
 
+static void advance(const mjModel* m, mjData* d, int i) {
+  if (is_first(m, i) && !is_force(m, i)) take_accelerations(m, d, i);
+}
+
 static int init(const mjModel* m, mjData* d, int i) {
   instance* own = calloc(1, sizeof(instance));
   if (!own) return -1;
@@ -234,6 +238,7 @@ __attribute__((constructor)) static void register_plugins(void) {
   plugin.attributes = force_keys;
   plugin.nattribute = sizeof(force_keys) / sizeof(*force_keys);
   mjp_registerPlugin(&plugin);
+  plugin.advance = advance;
   plugin.name = RESTITUTION_NAME;
   plugin.attributes = restitution_keys;
   plugin.nattribute = sizeof(restitution_keys) / sizeof(*restitution_keys);

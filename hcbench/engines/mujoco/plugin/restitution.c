@@ -5,6 +5,7 @@
 
 #define HCB_STILL 1.1      /* steps of falling whose speed counts as rest */
 
+#include "advance.c"
 #include "rest.c"
 
 /* Speed that gravity gives in a step to one of the bodies alone, which the other may bear. */
@@ -33,7 +34,7 @@ static void read_contact(const mjModel* m, const mjData* d, const mjContact* c, 
   b->cone = c->dim > 1 && m->opt.cone == mjCONE_PYRAMIDAL;
   b->row = c->efc_address;
   b->rows = b->cone ? 2 * (c->dim - 1) : c->dim;
-  b->x = b->depth = -c->dist;
+  b->x = -c->dist;
   b->touches = c->dist <= 0;
   for (int i = 0; i < 5; i++) b->friction[i] = c->dim > 1 ? c->friction[i] : 0;
   velocity_at(m, d, b->body[0], c->pos, v1);
@@ -41,6 +42,10 @@ static void read_contact(const mjModel* m, const mjData* d, const mjContact* c, 
   for (int i = 0; i < 3; i++) {
     v2[i] -= v1[i];
     turn[i] = d->cvel[6 * b->body[1] + i] - d->cvel[6 * b->body[0] + i];
+  }
+  for (int side = 0; side < 2; side++) {
+    const double* w = d->cvel + 6 * b->body[side];
+    b->swing += m->opt.timestep * dot(w, w) * mju_dist3(c->pos, d->xipos + 3 * b->body[side]);
   }
   for (int i = 0; i < 3; i++) {
     b->rate[i] = dot(v2, c->frame + 3 * i);
@@ -58,10 +63,6 @@ static void add_contact(const mjModel* m, const mjData* d, int k, int i, int id,
   *b = (blow){.instance = i, .id = id, .order = order};
   read_contact(m, d, c, b);
   b->law = law_of_contact(m, instance_of(d, i), b->friction[0], fall(m, b->body, c->frame));
-  for (int j = order; j > 0; j--) { /* pushed evenly: no tilt */
-    b[-j].depth = b->depth = fmin(b->depth, b[-j].depth);
-    b[-j].several = b->several = 1;
-  }
 }
 
 static int add_limit(const mjModel* m, const mjData* d, int i, blow* all) {
@@ -73,8 +74,8 @@ static int add_limit(const mjModel* m, const mjData* d, int i, blow* all) {
     if (range[1] - length != d->efc_pos[k]) continue; /* the lower limit */
     blow* b = all + count++;
     *b = (blow){.instance = i, .tendon = own->tendon, .row = k, .rows = 1, .dim = 1};
-    b->x = b->depth = length - range[1];
-    b->touches = b->depth >= 0;
+    b->x = length - range[1];
+    b->touches = b->x >= 0;
     b->rate[0] = -d->ten_velocity[own->tendon];
     b->law = law_of_contact(m, own, 0, 0);
   }
@@ -212,9 +213,16 @@ static void warn_of_flags(int flags, const char* const* names, int count) {
 
 /* Refuses what it is wrong under, and names once what it was never tried with: an option of a later MuJoCo. */
 static void check_options(const mjModel* m, instance* memory, int first) {
-  if (m->opt.solver == mjSOL_CG && !is_dual(m) && takes_forces(m)) {
-    fail(m, first, "the solver CG does not settle the forces that implicit integrators and joint damping take: set "
-         "solver=\"Newton\", or integrator=\"Euler\" with the flag eulerdamp off");
+#ifdef HCB_MIDPOINT
+  int implicit = m->opt.integrator == mjINT_IMPLICIT || m->opt.integrator == mjINT_IMPLICITFAST;
+  if (implicit && !(m->opt.enableflags & mjENBL_INVDISCRETE)) {
+    fail(m, first, "this version of MuJoCo turns free bodies by a rule of its own under implicit integrators: set the flag "
+         "invdiscrete=\"enable\", which changes no other step, or integrator=\"Euler\" or \"RK4\"");
+  }
+#endif
+  if (m->opt.solver == mjSOL_CG && is_dual(m)) {
+    fail(m, first, "noslip_iterations takes the forces of the solver CG, which do not settle: set solver=\"Newton\", or "
+         "noslip_iterations=\"0\"");
   }
   if (m->opt.integrator > mjINT_IMPLICITFAST) fail(m, first, "the integrator must be Euler, implicit, implicitfast or RK4");
   if (m->opt.solver > mjSOL_NEWTON) fail(m, first, "the solver must be Newton, CG or PGS");
@@ -259,8 +267,6 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
     for (int j = 0; j < nv; j++) d->qfrc_passive[j] += memory->impulse[j] / h;
     shift_bias(m, d, memory->impulse, stage == 4 ? 0 : 0.5, d->qfrc_passive);
   }
-  double one, several;
-  rest_compliance(m, &one, &several);
-  for (int i = 0; i < count; i++) set_rows(m, d, memory, all + i, stage, all[i].several ? several : one);
+  for (int i = 0; i < count; i++) set_rows(m, d, memory, all + i, stage, rest_compliance(m));
   mj_freeStack(d);
 }

@@ -84,22 +84,28 @@ static int part_of_body(const mjModel* m, const tree_parts* t, int body) {
   return tree < 0 ? -1 : t->of_tree[tree];
 }
 
-/* x = M^-1 x over a part's dofs: mj_solveM of trees alone, as each row of L has ancestors only. */
-static void solve_part(const mjModel* m, const mjData* d, const tree_parts* t, int part, double* x) {
+/* x = M^-1 x over a part's dofs, from M = L^T D L: mj_solveM of trees alone, as each row of L has ancestors only. */
+static void solve_factored(const mjModel* m, const mjData* d, const tree_parts* t, int part, const double* L,
+                           const double* inverse, double* x) {
+  (void)d;
   const int* const rows[] = {HCB_M_ROWS};
   const int *nnz = rows[0], *adr = rows[1], *colind = rows[2], *dof = t->dof + t->at[part];
   int n = part_size(t, part);
   for (int i = n - 1; i >= 0; i--) {
     int a = adr[dof[i]];
-    for (int k = 0; k < nnz[dof[i]] - 1 && x[i] != 0; k++) x[t->place[colind[a + k]]] -= d->qLD[a + k] * x[i];
+    for (int k = 0; k < nnz[dof[i]] - 1 && x[i] != 0; k++) x[t->place[colind[a + k]]] -= L[a + k] * x[i];
   }
-  for (int i = 0; i < n; i++) x[i] *= d->qLDiagInv[dof[i]];
+  for (int i = 0; i < n; i++) x[i] *= inverse[dof[i]];
   for (int i = 0; i < n; i++) {
     int a = adr[dof[i]];
     double sum = 0;
-    for (int k = 0; k < nnz[dof[i]] - 1; k++) sum += d->qLD[a + k] * x[t->place[colind[a + k]]];
+    for (int k = 0; k < nnz[dof[i]] - 1; k++) sum += L[a + k] * x[t->place[colind[a + k]]];
     x[i] -= sum;
   }
+}
+
+static void solve_part(const mjModel* m, const mjData* d, const tree_parts* t, int part, double* x) {
+  solve_factored(m, d, t, part, d->qLD, d->qLDiagInv, x);
 }
 
 /* Rows of b2's velocity minus b1's at a point along `count` directions, over the dofs of each side's part. */

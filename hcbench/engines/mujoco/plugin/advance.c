@@ -1,0 +1,110 @@
+/* After a step of hcbench.restitution: implicit integrators, and Euler with joint damping, move by the solver's forces.
+   Rows that are stiff enough to rest make those wrong by the root of tolerance times stiffness, though the solver's
+   accelerations are right: a row that opens or closes in its last iteration is enough. So what rests would vibrate. */
+
+#ifndef HCB_D_ROWS /* diagonal, addresses and columns of the rows of qLU, and their number of entries */
+#define HCB_D_ROWS m->D_diag, m->D_rowadr, m->D_colind, m->D_rownnz
+#endif
+
+#define HCB_TURNS 8 /* rounds in which a lone body's gyroscopic derivative enters */
+
+/* Whether the step takes M^-1 J^T efc_force in place of the solver's qacc (mj_dualFinish). */
+static int is_dual(const mjModel* m) { return m->opt.solver == mjSOL_PGS || m->opt.noslip_iterations > 0; }
+
+/* Whether the integrator takes the solver's forces in place of qacc. */
+static int takes_forces(const mjModel* m) {
+  int damped = 0, off = m->opt.disableflags & mjDSBL_EULERDAMP;
+  if (m->opt.integrator != mjINT_EULER) return m->opt.integrator != mjINT_RK4;
+#ifdef HCB_DAMPER
+  off |= m->opt.disableflags & mjDSBL_DAMPER;
+#endif
+  for (int j = 0; j < m->nv && !off; j++) {
+    damped |= m->dof_damping[j] > 0;
+#ifdef HCB_ACTUATOR_DAMPING
+    damped |= m->jnt_actuatorid[m->dof_jntid[j]] != -1;
+    for (int k = 0; k < mjNPOLY; k++) damped |= m->dof_dampingpoly[mjNPOLY * j + k] != 0;
+#endif
+  }
+  return damped;
+}
+
+/* x = (M - h D)^-1 x, from the sparse LU factors that the integrator implicit has left: unit upper, then lower rows. */
+static void solve_unsymmetric(const mjModel* m, const mjData* d, const tree_parts* t, int part, double* x) {
+  const int* const rows[] = {HCB_D_ROWS};
+  const int *diag = rows[0], *adr = rows[1], *colind = rows[2], *nnz = rows[3], *dof = t->dof + t->at[part];
+  int n = part_size(t, part);
+  for (int i = n - 1; i >= 0; i--) {
+    for (int k = diag[dof[i]] + 1; k < nnz[dof[i]]; k++) {
+      x[i] -= d->qLU[adr[dof[i]] + k] * x[t->place[colind[adr[dof[i]] + k]]];
+    }
+  }
+  for (int i = 0; i < n; i++) {
+    int a = adr[dof[i]], k;
+    for (k = 0; k < diag[dof[i]]; k++) x[i] -= d->qLU[a + k] * x[t->place[colind[a + k]]];
+    x[i] /= d->qLU[a + k];
+  }
+}
+
+/* x = (M - h D)^-1 x of a lone body under implicitfast, which adds its gyroscopic derivative D to what qH has of it. Rounds
+   shrink the error by the angle that the body turns in a step. */
+static void solve_lone(const mjModel* m, const mjData* d, const tree_parts* t, int part, double* x) {
+  int body = m->dof_bodyid[t->dof[t->at[part]]];
+  double v[6] = {0}, after[6], force[6], f[3][6], share = is_linear(m, 1) ? m->opt.timestep : 0;
+  memcpy(force, x, sizeof(force));
+  mju_mulMatTVec3(v + 3, d->xmat + 9 * body, d->cvel + 6 * body);
+  lone_bias(d, body, v, f[0]);
+  for (int round = 0; round < HCB_TURNS; round++) {
+    solve_factored(m, d, t, part, d->qH, d->qHDiagInv, x);
+    if (share == 0 || round == HCB_TURNS - 1) return;
+    mju_add(after, v, x, 6);
+    lone_bias(d, body, after, f[1]);
+    lone_bias(d, body, x, f[2]);
+    for (int k = 0; k < 6; k++) x[k] = force[k] - share * (f[1][k] - f[0][k] - f[2][k]);
+  }
+}
+
+static int has_contact(const mjModel* m, const mjData* d, int first) {
+  const instance* memory = instance_of(d, first);
+  for (int k = 0; k < d->ncon; k++) {
+    const mjContact* c = d->contact + k;
+    if (c->efc_address >= 0 && c->geom[0] >= 0 && c->geom[1] >= 0 && entry_of(memory, c->geom[0], c->geom[1])) return 1;
+  }
+  for (int i = first; i < m->nplugin; i++) {
+    if (m->plugin[i] == m->plugin[first] && instance_of(d, i)->tendon >= 0) return d->nefc > 0;
+  }
+  return 0;
+}
+
+/* Adds to the new velocities and positions what the accelerations give beyond the forces: (M - h D)^-1 of
+   M qacc - qfrc_smooth - qfrc_constraint. */
+static void take_accelerations(const mjModel* m, mjData* d, int first) {
+  double h = m->opt.timestep;
+  if (is_dual(m) || !takes_forces(m) || m->nflex || !has_contact(m, d, first)) return;
+  mj_markStack(d);
+  tree_parts t = make_parts(m, d, first, 0);
+  double *missing = stack(d, m->nv), *x = stack(d, m->nv);
+  mj_mulM(m, d, missing, d->qacc);
+  for (int q = 0; q < t.parts; q++) {
+    const int* dof = t.dof + t.at[q];
+    int n = part_size(&t, q), pushed = 0;
+    for (int i = 0; i < n; i++) {
+      pushed |= d->qfrc_constraint[dof[i]] != 0;
+      x[i] = missing[dof[i]] - d->qfrc_smooth[dof[i]] - d->qfrc_constraint[dof[i]];
+    }
+#ifdef HCB_SLEEP
+    for (int i = 0; i < n; i++) pushed &= d->tree_awake[m->dof_treeid[dof[i]]];
+#endif
+    for (int i = 0; i < n && !pushed; i++) x[i] = 0;
+    if (pushed && m->opt.integrator == mjINT_IMPLICIT) {
+      solve_unsymmetric(m, d, &t, q, x);
+    } else if (pushed && m->opt.integrator == mjINT_IMPLICITFAST && is_lone(m, dof[0]) && n == 6) {
+      solve_lone(m, d, &t, q, x);
+    } else if (pushed) {
+      solve_factored(m, d, &t, q, d->qH, d->qHDiagInv, x);
+    }
+    for (int i = 0; i < n; i++) missing[dof[i]] = h * x[i];
+  }
+  mju_addTo(d->qvel, missing, m->nv);
+  mj_integratePos(m, d->qpos, missing, h);
+  mj_freeStack(d);
+}
