@@ -127,9 +127,9 @@ def at_rest(kind: str, h: float, options: dict[str, Any]) -> Scene:
         add_body(spec, "b0", (0, 0, 0.12 + RADIUS))
         return Scene(spec, HALF, [("table", [1.0])])
     if kind == "pile":  # bricks, each on two
-        for i, (x, up) in enumerate([(-2.2, 0), (0, 0), (2.2, 0), (-1.1, 1), (1.1, 1), (0, 2)]):
+        for i, (x, row) in enumerate([(-2.2, 0), (0, 0), (2.2, 0), (-1.1, 1), (1.1, 1), (0, 2)]):
             add_body(
-                spec, f"b{i}", (x * RADIUS, 0, (2 * up + 1) * RADIUS), BOX, (RADIUS,) * 3, 10 ** (up - 1)
+                spec, f"b{i}", (x * RADIUS, 0, (2 * row + 1) * RADIUS), BOX, (RADIUS,) * 3, 10.0 ** (row - 1)
             )
         return Scene(spec, HALF)
     if kind == "heap":  # what falls on each other, and lies
