@@ -46,6 +46,10 @@ class LaunchOptions(TypedDict, total=False):
         Option("Joints to start from: 'hip=0.3, knee=-30 deg, base=0, 0, 0.3'."),
     ]
     state: Annotated[Any, Option("Pose to start from: a file (.npz, JSON); in Python an MjData, too.")]
+    package: Annotated[
+        str | Mapping[str, str] | None,
+        Option("Folder of a package that package:// names: 'NAME=DIR'; several with commas."),
+    ]
     coming_from: Annotated[
         str | Iterable[float | str] | None,
         Option("Side that the first body approaches from: above, +x, or 0,1,1.", flag="from"),

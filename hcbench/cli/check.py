@@ -164,7 +164,7 @@ def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
 
 
 @click.command()
-@launch_options("key", "qpos", "state")
+@launch_options("key", "qpos", "state", "package")
 @_source
 @as_json
 def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options: object) -> None:

@@ -14,7 +14,7 @@ from hcbench.errors import UserError
 @click.command()
 @click.argument("models", nargs=-1, type=PathType())
 @drop_options()
-@launch_options("key", "qpos", "state", "timestep", "gravity")
+@launch_options("key", "qpos", "state", "timestep", "gravity", "package")
 @click.option("--python", metavar="FILE:FUNCTION", help="Use the model that this function returns.")
 @click.option(
     "--engine", metavar="NAME", help="Engine that simulates it.  [default: the first that opens it]"

@@ -11,6 +11,7 @@ from hcbench.errors import QuantityError, UserError
 from hcbench.launch_options import LaunchOptions
 from hcbench.measuring.pose import read_direction, read_joints, read_state
 from hcbench.sim.model_under_test import Request, Vector
+from hcbench.sim.packages import read_packages
 
 MAX_PHASES = 1000
 
@@ -28,9 +29,12 @@ def make_request(pair: Sequence[str | int] | str | None = None, **launch: Unpack
     if "height" in given and "angle" in given:
         advice = "An angle holds at the first contact, a height at release; spin can be given with a height"
         raise UserError("angle", "given with height", "one of the two", advice)
+    packages = read_packages(given.pop("package", {}))
     pose = (*read_state(given.pop("state", None)), *read_joints(given.pop("qpos", None)))
     fields = {name: _READ[name](value) if name in _READ else value for name, value in given.items()}
-    return Request(pair=read_pair(pair), pose=pose, adapt_phases="phases" not in given, **fields)
+    return Request(
+        pair=read_pair(pair), pose=pose, packages=packages, adapt_phases="phases" not in given, **fields
+    )
 
 
 def _each_once(quantity: str, name: str, kind: str, **bounds: float) -> Callable[[Any], tuple[float, ...]]:

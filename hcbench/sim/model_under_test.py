@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from hcbench.errors import EngineFailed
 from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
+from hcbench.sim.packages import Packages
 from hcbench.sim.promise import Promise
 from hcbench.sim.world import World
 
@@ -36,6 +37,7 @@ class Request:
     height: clearance at release, m; None: two to three steps of flight.
     pose: (joint, values) to start from in place of the keyframe's, m and rad; or fields of a state such as
         "qpos", whole.
+    packages: (name, folder) of ROS packages that the model names its files by.
     move: what is launched: "base:", "body:NAME" or "joint:NAME"; None: as the engine chooses.
     coming_from: unit vector from the other to where the moving body comes from; None: the nearest way.
     actuators: whether the model's actuators hold and push as it says; else they are off.
@@ -61,6 +63,7 @@ class Request:
     along: Vector | None = None
     spin: Vector = (0.0, 0.0, 0.0)
     move: str | None = None
+    packages: Packages = ()
 
     @property
     def is_oblique(self) -> bool:

@@ -26,6 +26,7 @@ GIVEN: dict[str, str | bool] = {
     "qpos": "hip=30 deg",
     "state": "pose.json",
     "move": "joint:hip",
+    "package": "robots=.",
     "coming_from": "above",
     "actuators": False,
     "angle": "0, 45 deg",

@@ -14,6 +14,7 @@ import numpy as np
 
 from hcbench.errors import SceneError, UserError
 from hcbench.sim.names import find_part
+from hcbench.sim.packages import Packages, folders_of
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -59,7 +60,7 @@ class LoadedPlant:
         with _said() as self.ignored:
             self.plant, scene_graph = drake.AddMultibodyPlant(config, builder)
             for path in paths:
-                self._add(path)
+                self._add(path, request.packages)
             self._set_dissipation(scene_graph, changes.get("dissipation"))
             if request.gravity is not None:
                 self.plant.mutable_gravity_field().set_gravity_vector(request.gravity)
@@ -68,12 +69,16 @@ class LoadedPlant:
         self._geometries = self.inspector.GetAllGeometryIds(drake.Role.kProximity)
         self.collide = {frozenset(both) for both in self.inspector.GetCollisionCandidates()}
 
-    def _add(self, path: Path) -> None:
+    def _add(self, path: Path, packages: Packages) -> None:
         if not path.is_file():
             what = "is a folder" if path.is_dir() else "is not there"
             raise SceneError("model", f"{path} {what}", f"a model file: {', '.join(SUFFIXES)}")
         try:
-            self.drake.Parser(self.plant).AddModels(str(path))
+            parser = self.drake.Parser(self.plant)
+            for name, folder in folders_of(path, packages).items():
+                if not parser.package_map().Contains(name):
+                    parser.package_map().Add(name, str(folder))
+            parser.AddModels(str(path))
         except RuntimeError as error:
             words = str(error).partition("error: ")[2] or str(error)
             raise SceneError("model", f"{path.name}: {words}", "a model that Drake loads") from None

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import copy
+import re
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hcbench._files import read_text
 from hcbench.engines.mujoco import plugin
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model.plausible import require_plausible_model
 from hcbench.errors import EngineFailed, SceneError
+from hcbench.sim.packages import with_absolute_files
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from hcbench.sim.model_under_test import Request
+    from hcbench.sim.packages import Packages
 
 SUFFIXES = (".xml", ".mjcf", ".urdf", ".mjb", ".mjz")
 
@@ -58,7 +62,7 @@ def load(source: Any, request: Request) -> tuple[Any, str, Any]:
             label = "MJCF text"
             model = _compiled(partial(mujoco.MjModel.from_xml_string, source), label)
         else:
-            model, label = _from_file(mujoco, Path(source)), Path(source).name
+            model, label = _from_file(mujoco, Path(source), request.packages), Path(source).name
     if any("NaN" in line for line in warnings):
         raise SceneError("model", f"{label} has a NaN in it", "numbers", "Look for 'nan' in the file")
     require_plausible_model(model, label)
@@ -71,13 +75,24 @@ def load(source: Any, request: Request) -> tuple[Any, str, Any]:
     return model, label if state is None else kind, state
 
 
-def _from_file(mujoco: Any, path: Path) -> Any:
+def _from_file(mujoco: Any, path: Path, packages: Packages) -> Any:
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "is not there"
         raise SceneError("model", f"{path} {what}", f"a model file: {', '.join(SUFFIXES)}")
+    if path.suffix.lower() == ".urdf" and "package://" in (text := read_text(path)):
+        text = _keep_folders(with_absolute_files(path, packages))
+        return _compiled(partial(mujoco.MjModel.from_xml_string, text), str(path))
     binary = path.suffix.lower() == ".mjb"
     read = mujoco.MjModel.from_binary_path if binary else mujoco.MjModel.from_xml_path
     return _compiled(partial(read, str(path)), str(path))
+
+
+def _keep_folders(urdf: str) -> str:
+    """With the option by which MuJoCo does not strip the folders of a URDF's files."""
+    if "<compiler" in urdf:
+        return re.sub(r"<compiler(?![^>]*strippath)", '<compiler strippath="false"', urdf, count=1)
+    option = '<mujoco><compiler strippath="false"/></mujoco>'
+    return re.sub(r"(<robot\b[^>]*>)", rf"\1{option}", urdf, count=1)
 
 
 def _compiled(compile_model: Callable[[], Any], label: str) -> Any:

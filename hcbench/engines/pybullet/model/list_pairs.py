@@ -2,8 +2,10 @@
 
 import math
 from collections import Counter
+from importlib.util import find_spec
 from itertools import combinations
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 import numpy as np
@@ -48,7 +50,18 @@ def list_pairs(world: LoadedWorld) -> list[CandidatePair]:
         for pair in combinations(links, 2)
         if pair[0][0] != pair[1][0] and any(bodies[number].kind != "fixed" for number, _ in pair)
     ]
+    if len(bodies) == 1 and world.files:
+        raise alone_error(world)
     return in_order(pairs)
+
+
+def alone_error(world: LoadedWorld) -> UserError:
+    """One file has nothing to meet: PyBullet's own floor would do."""
+    spec = find_spec("pybullet_data")
+    folder = next(iter(spec.submodule_search_locations or ()), "") if spec else ""
+    floor = quote(str(Path(folder) / "plane.urdf")) if folder else "plane.urdf"
+    got = f"{world.label} alone, in which no two parts can meet"
+    return UserError("model", got, "something that it meets, such as a floor", f"Add a floor: {floor}")
 
 
 def _described(
@@ -120,7 +133,7 @@ def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPa
         numbers = bullet.bodies()
         if len(numbers) != 2:
             if len(numbers) < 2:
-                raise UserError("pair", f"none given, and the world has {len(numbers)} bodies", "two names")
+                raise alone_error(world)
             raise choice_error(list_pairs(world))
         one, two = (BodyPart(world.files.get(body, f"body:{body}"), body, ANY_LINK) for body in numbers)
         return one, two

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
 from hcbench.engines.pybullet.model.model_file import check_user_model
 from hcbench.errors import UserError
+from hcbench.sim.packages import Packages, with_absolute_files
 
 _STARTING_SETTINGS = {**LASTING_SETTINGS, "fixedTimeStep": 1.0 / 240.0}
 ANY_LINK = -2  # whichever link touches, as in PyBullet
@@ -64,7 +66,7 @@ class LoadedWorld:
     owner: Any = None
 
 
-def load_files(paths: Sequence[str]) -> LoadedWorld:
+def load_files(paths: Sequence[str], packages: Packages = ()) -> LoadedWorld:
     """A new world with the files loaded in it, as PyBullet loads them by default."""
     files = [Path(path) for path in paths]
     unread = [check_user_model(path) for path in files]
@@ -73,12 +75,22 @@ def load_files(paths: Sequence[str]) -> LoadedWorld:
     bullet.setPhysicsEngineParameter(**_STARTING_SETTINGS)
     world = LoadedWorld(bullet, " + ".join(path.name for path in files), True)
     for path, restitution in zip(files, unread, strict=True):
-        for body in bullet.load_model(path):
+        for body in _load(bullet, path, packages):
             copies = sum(Path(name).name.partition(" (")[0] == path.name for name in world.files.values())
             world.files[body] = f"{path.name} ({copies + 1})" if copies else path.name
             if restitution is not None:
                 world.unread[body] = restitution
     return world
+
+
+def _load(bullet: BulletClient, path: Path, packages: Packages) -> list[int]:
+    """Bodies of a file; of one that names files by packages that were given, of a copy with their folders."""
+    if path.suffix.lower() != ".urdf" or not packages:
+        return bullet.load_model(path)
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / path.name
+        copy.write_text(with_absolute_files(path, packages), encoding="utf-8")
+        return bullet.load_model(copy)
 
 
 def open_live(source: Any, disconnect: bool) -> LoadedWorld:

@@ -36,6 +36,7 @@ from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.candidate_pairs import CandidatePair
 from hcbench.sim.model_under_test import Facts, ModelSetting, ModelUnderTest, Request, Suspect
+from hcbench.sim.packages import Packages
 from hcbench.sim.world import Simulation
 
 _UNKNOWN_RESTITUTIONS = "restitutions that PyBullet does not report for bodies with maximal coordinates"
@@ -193,12 +194,12 @@ def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None)
 
     rebuild: makes the `World` or client again, where a function built it.
     """
-    return PybulletModel(*_loaded(source, rebuild), request)
+    return PybulletModel(*_loaded(source, rebuild, request.packages), request)
 
 
 def list_pairs_of(source: Any, request: Request, rebuild: Callable[[], Any] | None) -> list[CandidatePair]:
     """Pairs of links that can meet, in the pose asked for."""
-    world, _ = _loaded(source, rebuild)
+    world, _ = _loaded(source, rebuild, request.packages)
     try:
         return run_aside(world.bullet, lambda: _listed(world, request))
     finally:
@@ -212,13 +213,13 @@ def _listed(world: LoadedWorld, request: Request) -> list[CandidatePair]:
 
 
 def _loaded(
-    source: Any, rebuild: Callable[[], Any] | None
+    source: Any, rebuild: Callable[[], Any] | None, packages: Packages
 ) -> tuple[LoadedWorld, Callable[[], LoadedWorld] | None]:
     """(the world, what makes it again)."""
     if isinstance(source, str | list | tuple) or hasattr(source, "__fspath__"):
         paths: Sequence[str | Path] = source if isinstance(source, list | tuple) else [source]
         files = [str(path) for path in paths]
-        return load_files(files), lambda: load_files(files)
+        return load_files(files, packages), lambda: load_files(files, packages)
     if rebuild is None:
         return open_live(source, disconnect=False), None
     first = open_live(source, disconnect=True)
@@ -236,7 +237,7 @@ def model_settings(
     source: Any, requests: Sequence[Request], goal: RestitutionCurve, rebuild: Callable[[], Any] | None
 ) -> Iterator[ModelSetting]:
     """Bullet's own restitution for the pairs, without what keeps it from happening; one setting, in lines."""
-    world, build = _loaded(source, rebuild)
+    world, build = _loaded(source, rebuild, requests[0].packages)
     if build is None:
         world.bullet.disconnect() if world.disconnect else None
         raise UserError("model", "a live client cannot be made again", "files, or a function for it")

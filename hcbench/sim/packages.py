@@ -1,0 +1,63 @@
+"""Files that a URDF names by the ROS package they are in: package://NAME/meshes/foot.stl."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+from hcbench._files import read_text
+from hcbench.errors import UserError
+
+Packages = tuple[tuple[str, str], ...]  # (name, folder)
+
+_NAMED = re.compile(r"(?P<scheme>package|model)://(?P<name>[^/\"'<>]+)/(?P<rest>[^\"'<>]+)")
+_FILE = re.compile(r"(?P<before>filename\s*=\s*)(?P<quote>[\"'])(?P<name>.*?)(?P=quote)")
+
+
+def read_packages(given: str | Mapping[str, str]) -> Packages:
+    """(name, folder) of "NAME=DIR, NAME=DIR", or of a mapping. Raises UserError for what is no folder."""
+    parts = (
+        given.split(",") if isinstance(given, str) else [f"{name}={folder}" for name, folder in given.items()]
+    )
+    packages = []
+    for part in parts:
+        name, _, folder = (piece.strip() for piece in part.partition("="))
+        if not (name and folder and Path(folder).is_dir()):
+            raise UserError("package", repr(part.strip()), "NAME=DIR, with a folder that exists")
+        packages.append((name, str(Path(folder).absolute())))
+    return tuple(packages)
+
+
+def folders_of(path: Path, packages: Packages) -> dict[str, Path]:
+    """Folder of each package that a model file names: as given, else the nearest above the file that has what
+    is named. Packages that are in neither are left out.
+    """
+    given, folders = dict(packages), dict[str, Path]()
+    for match in _NAMED.finditer(read_text(path)):
+        name, rest = match["name"], match["rest"]
+        if name in given:
+            folders[name] = Path(given[name])
+        elif name not in folders:
+            above = (folder / name for folder in path.absolute().parents)
+            matching = (folder for folder in above if (folder / rest).is_file())
+            if (folder := next(matching, None)) is not None:
+                folders[name] = folder
+    return folders
+
+
+def with_absolute_files(path: Path, packages: Packages) -> str:
+    """The text of a URDF with absolute names of all files that exist."""
+    folders = folders_of(path, packages)
+
+    def absolute(match: re.Match[str]) -> str:
+        name = match["name"]
+        if (named := _NAMED.fullmatch(name)) is not None:
+            folder = folders.get(named["name"])
+            file = None if folder is None else folder / named["rest"]
+        else:
+            file = path.absolute().parent / name
+        shown = name if file is None or not file.is_file() else str(file.resolve())
+        return f"{match['before']}{match['quote']}{shown}{match['quote']}"
+
+    return _FILE.sub(absolute, read_text(path))

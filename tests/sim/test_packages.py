@@ -1,0 +1,69 @@
+"""URDFs whose meshes are named by ROS packages, in every engine that opens URDFs."""
+
+from pathlib import Path
+
+import pytest
+
+from hcbench.errors import UserError
+from hcbench.measuring.measure import Job, list_pairs
+from hcbench.measuring.request import make_request
+from hcbench.sim.packages import folders_of, read_packages, with_absolute_files
+
+LINK = """<link name="{name}"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><origin xyz="0 0 {z}"/><geometry><mesh filename="{file}"/></geometry></collision></link>"""
+CORNERS = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+FACES = ["1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4"]
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Path:
+    """ws/src/arms/urdf/arm.urdf names package://arms/... and package://tools/..., which is elsewhere."""
+    cube = "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS) + "".join(f"f {face}\n" for face in FACES)
+    for folder in ("ws/src/arms/meshes", "elsewhere/meshes"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "cube.obj").write_text(cube)
+    links = LINK.format(name="base", z=0, file="package://arms/meshes/cube.obj")
+    links += LINK.format(name="hand", z=4, file="package://tools/meshes/cube.obj")
+    joint = '<joint name="j" type="revolute"><parent link="base"/><child link="hand"/><axis xyz="0 0 1"/>'
+    joint += '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    (tmp_path / "ws/src/arms/urdf").mkdir()
+    file = tmp_path / "ws/src/arms/urdf/arm.urdf"
+    file.write_text(f'<robot name="arm">{links}{joint}</robot>')
+    return file
+
+
+def test_a_package_is_looked_for_above_the_file_unless_it_is_given(robot: Path, tmp_path: Path) -> None:
+    assert folders_of(robot, ()) == {"arms": tmp_path / "ws/src/arms"}
+    given = read_packages(f"tools={tmp_path / 'elsewhere'}")
+    assert folders_of(robot, given)["tools"] == tmp_path / "elsewhere"
+    text = with_absolute_files(robot, given)
+    assert "package://" not in text
+    assert str(tmp_path / "elsewhere/meshes/cube.obj") in text
+    assert "package://tools/" in with_absolute_files(robot, ())
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet", "drake"])
+def test_an_engine_opens_what_the_packages_name(engine: str, robot: Path, tmp_path: Path) -> None:
+    if engine == "drake":
+        pytest.importorskip("pydrake")
+    plane = tmp_path / "plane.sdf"
+    box = "<geometry><box><size>9 9 1</size></box></geometry>"
+    link = f'<link name="plane"><collision name="plane">{box}</collision></link>'
+    plane.write_text(f'<sdf version="1.6"><model name="p"><static>1</static>{link}</model></sdf>')
+    source = str(robot) if engine == "mujoco" else (str(robot), str(plane))
+    request = make_request(None, package={"tools": str(tmp_path / "elsewhere")})
+    pairs = list_pairs(Job(source, engine, request, None, 0.02, diagnose=False))
+    assert "hand" in str([(pair.bodies, pair.geoms) for pair in pairs])
+
+
+def test_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    for text in (f"tools={tmp_path / 'nowhere'}", "tools", "=x"):
+        with pytest.raises(UserError, match="NAME=DIR"):
+            read_packages(text)
+
+
+def test_a_urdf_alone_is_offered_a_floor(robot: Path) -> None:
+    robot.write_text(robot.read_text().replace("tools", "arms"))
+    with pytest.raises(UserError, match=r"such as a floor. Add a floor: .*plane.urdf"):
+        list_pairs(Job(str(robot), "pybullet", make_request(None), None, 0.02, diagnose=False))
