@@ -57,9 +57,10 @@ test-models: $(MODELS)/.installed  ## 47 models that others wrote, from their pa
 test-engines: $(INSTALLED)  ## tests of all engines from the package index, each in an environment of its own
 	HCBENCH_DATA=$(abspath $(ENGINES)) $(BIN)/hcbench engines add mujoco@3.3.0 mujoco@3.6.0 \
 	  $$($(BIN)/python -c "from hcbench.sim.install import names; print(*names())")
+	if command -v npm >/dev/null; then npm install --silent --prefix $(ENGINES)/node jolt-physics@1.1.0; fi
 	HCBENCH_ENGINES=$(abspath $(ENGINES)) $(BIN)/python -m pytest -n 2 --dist loadgroup \
 	  tests/sim/test_engines_from_index.py tests/engines/test_mjx_warp.py tests/engines/test_newton.py tests/engines/test_physx.py \
-	  tests/engines/test_opensim.py tests/reporting/test_field.py
+	  tests/engines/test_opensim.py tests/reporting/test_field.py tests/cases
 
 bench: $(INSTALLED)  ## every speed claim, measured against the alternatives; updates benchmarks/README.md
 	$(BIN)/python -m pytest benchmarks/bench_reference.py benchmarks/bench_engines.py benchmarks/bench_commands.py \

@@ -24,6 +24,7 @@ from hcbench.cli._process import (
     translate_errors,
     wrap_stdio,
 )
+from hcbench.cli.cases import cases
 from hcbench.cli.check import check, measure, pairs
 from hcbench.cli.console import beyond_bounds_option
 from hcbench.cli.convert import convert
@@ -49,7 +50,9 @@ def app() -> None:
     """
 
 
-COMMANDS = (report, sweep, fit, tune, pairs, measure, land, check, paper, reference, convert, engines, plugin)
+COMMANDS = (
+    report, sweep, fit, tune, pairs, measure, land, check, paper, reference, convert, cases, engines, plugin
+)  # fmt: skip
 for command in COMMANDS:
     command.params.append(beyond_bounds_option())
     app.add_command(translate_errors(command))

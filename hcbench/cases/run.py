@@ -1,0 +1,58 @@
+"""Runs the cases in engines that have an adapter, each in a process, beside hcbench or in its environment."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from hcbench._files import parse_json, read_text
+from hcbench.cases.hcbench_cases import Json
+from hcbench.environments.make import run_with_parent
+from hcbench.errors import EngineFailed, UserError
+from hcbench.sim import registry
+from hcbench.sim.remote import RemoteEngine
+
+_HERE = Path(__file__).parent
+RUNNER = _HERE / "hcbench_cases.py"
+
+
+def adapters() -> dict[str, Path]:
+    """The adapter's file of each engine that has one."""
+    files = sorted((_HERE.parent / "engines").glob("*/cases.py"))
+    return {path.parent.name.replace("_", "-"): path for path in files}
+
+
+def run_engines(
+    names: Sequence[str], jobs: int = 1, progress: Callable[[int, int], None] = lambda done, total: None
+) -> list[Json]:
+    """The results of each engine's variants. names: of engines, with "@" and a version or without.
+
+    Raises UserError for an engine without an adapter, EngineMissing, and EngineFailed.
+    """
+    for name in names:
+        if name.partition("@")[0] not in adapters():
+            raise UserError("engine", f"{name!r} has no adapter of cases", f"one of: {', '.join(adapters())}")
+        registry.require(name)
+    results: list[Json] = []
+    with ThreadPoolExecutor(jobs) as pool:
+        for done, each in enumerate(pool.map(_run, names), 1):
+            results += each
+            progress(done, len(names))
+    return results
+
+
+def _run(name: str) -> list[Json]:
+    engine, adapter = registry.engine(name), adapters()[name.partition("@")[0]]
+    python = engine.environment.executable if isinstance(engine, RemoteEngine) else Path(sys.executable)
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "results.json"
+        command = [str(python), str(RUNNER), str(adapter), "--out", str(out)]
+        done = run_with_parent(command, Path(folder), os.environ)
+        if not out.exists():
+            said = done.stderr.strip().splitlines()[-1:] or [f"ended with {done.returncode}"]
+            raise EngineFailed(f"engine {name!r}", said[0], "results of its cases")
+        return list(parse_json(read_text(out)))

@@ -1,0 +1,127 @@
+"""Judges results of cases, of any engine in any language: verdicts, how far e is obeyed, regressions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from hcbench._files import parse_json, read_text
+from hcbench.cases.hcbench_cases import CASES, Json, judge, restitution
+from hcbench.errors import UserError
+
+Obedience = Literal["obeyed", "threshold", "mixed", "ignored"]
+KNOWN = Path(__file__).with_name("known.json")
+_HALF = 0.5  # of the restitution asked for: less is no bounce
+
+
+def the_cases() -> Json:
+    """The set."""
+    return dict(parse_json(read_text(CASES)))
+
+
+def known_failures() -> dict[str, dict[str, str]]:
+    """Of the engines that have an adapter here: {engine: {case: reason}}."""
+    return dict(parse_json(read_text(KNOWN)))
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """What the results of one engine came to.
+
+    verdicts: of `hcbench_cases.judge`. restitution: "obeyed"; "threshold", where it is obeyed above a speed;
+    "ignored", where the number makes no difference; or "mixed". threshold: the highest impact speed under
+    gravity that did not bounce, m/s; 0 where all did.
+    """
+
+    engine: str
+    version: str
+    verdicts: tuple[Json, ...]
+    restitution: Obedience
+    threshold: float
+    cpu_s: float
+
+    @property
+    def name(self) -> str:
+        """With the version."""
+        return f"{self.engine} {self.version}".strip()
+
+    @property
+    def passed(self) -> int:
+        """How many cases."""
+        return sum(verdict["verdict"] == "pass" for verdict in self.verdicts)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        names = ("engine", "version", "passed", "restitution", "threshold", "cpu_s", "verdicts")
+        return {name: getattr(self, name) for name in names}
+
+
+def score(results: Json, source: str = "results") -> Score:
+    """Judge the results of one engine. Raises UserError, with source as the slot, for what is no results."""
+    cases = the_cases()
+    try:
+        if results["format"] != 1 or results["set"] != cases["set"]:
+            got = f"format {results['format']} of {results['set']!r}"
+            raise UserError(source, got, f"format 1 of {cases['set']!r}")
+        engine = results["engine"]
+        verdicts = judge(results, cases)
+        obeyed, threshold = _obedience(results["runs"], cases, verdicts)
+        named = str(engine["name"]), str(engine["version"])
+        return Score(*named, tuple(verdicts), obeyed, threshold, float(results.get("cpu_s", 0.0)))
+    except (LookupError, TypeError, AttributeError, ValueError) as error:
+        got = f"{type(error).__name__} {error}"
+        raise UserError(source, got, "what hcbench_cases.py writes") from None
+
+
+def read_scores(path: Path) -> list[Score]:
+    """Of a file of results: one object, or a list. Raises UserError."""
+    try:
+        content = parse_json(read_text(path))
+    except (OSError, ValueError) as error:
+        raise UserError(str(path), str(error), "a JSON file of results") from None
+    return [score(each, str(path)) for each in (content if isinstance(content, list) else [content])]
+
+
+def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedience, float]:
+    normal, slow, *_ = cases["cases"]
+    measured = list(_restitutions(normal, runs.get(normal["id"], [])))
+    under_gravity = _restitutions(slow, runs.get(slow["id"], []))
+    silent = [speed for speed, asked, e in under_gravity if e < _HALF * asked]
+    threshold = max(silent, default=0.0)
+    if [verdict["verdict"] for verdict in verdicts[:2]] == ["pass", "pass"]:
+        return "obeyed", threshold
+    spread = {asked: [e for _, a, e in measured if a == asked] for asked in {a for _, a, _ in measured}}
+    means = [sum(each) / len(each) for each in spread.values()]
+    if not means or max(means) - min(means) < 0.02:
+        return "ignored", threshold
+    tolerance = normal["tolerance"]["restitution"]["value"]
+    off = [speed for speed, asked, e in measured if not abs(e - asked) <= tolerance]
+    quiet = [speed for speed, asked, e in measured if e < _HALF * asked]
+    above = [speed for speed, *_ in measured if speed > max([*quiet, *silent], default=0.0)]
+    only_slow = above and not set(off) & set(above)
+    return ("threshold" if only_slow and (quiet or silent) else "mixed"), max([threshold, *quiet])
+
+
+def _restitutions(case: Json, results: Sequence[Json]) -> Iterator[tuple[float, float, float]]:
+    """(impact speed, e asked for, e measured) of the runs that have states."""
+    for each, states in zip(case["runs"], results, strict=False):
+        if "states" in states:
+            ball, fall = each["world"]["bodies"][0], -2.0 * each["world"]["gravity"][2]
+            speed = math.sqrt(ball["velocity"][2] ** 2 + fall * (ball["position"][2] - ball["radius"]))
+            yield speed, each["world"]["restitution"], restitution(each, states["states"])
+
+
+def regressions(scores: Sequence[Score]) -> list[str]:
+    """A line for each case that passed in a version of an engine and fails in the next one given, or back."""
+    lines, last = [], dict[str, Score]()
+    for now in scores:
+        before = last.get(now.engine)
+        last[now.engine] = now
+        for old, new in zip(before.verdicts, now.verdicts, strict=True) if before else ():
+            if (old["verdict"] == "pass") != (new["verdict"] == "pass"):
+                words = f"{old['verdict']} in {before.version}, {new['verdict']} in {now.version}"  # type: ignore[union-attr]
+                lines.append(f"{now.engine} {new['case']} {new['title']}: {words}")
+    return lines

@@ -1,0 +1,137 @@
+"""hcbench cases: the bounces that engines should get right, run and judged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hcbench.cli.console import as_json, jobs_option, print_json, progress
+from hcbench.cli.outputs import PathType, force_option, output_option
+from hcbench.errors import LimitPassed, UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from hcbench.cases.score import Score
+
+_SIGN = {"pass": "pass", "fail": "FAIL", "unsupported": "-", "error": "ERROR"}
+
+
+@click.group()
+def cases() -> None:
+    """Run a frozen set of bounces in engines; judge their results.
+
+    Engines can take the set and its runner into their own tests: two files, without dependencies.
+    """
+
+
+@cases.command("run")
+@click.argument("engines", metavar="ENGINE[@VERSION]...", nargs=-1, required=True)
+@output_option("--out", help="Write the results, a JSON list, for `hcbench cases score`.")
+@output_option("--junit", help="Write the verdicts as JUnit's XML.")
+@click.option(
+    "--expected",
+    type=PathType(path_type=Path),
+    help="JSON file {engine: {case: reason}} of known failures.  [default: those known to hcbench]",
+)
+@as_json
+@jobs_option
+@force_option
+def run_cases(
+    engines: tuple[str, ...],
+    out: Path | None,
+    junit: Path | None,
+    expected: Path | None,
+    as_json: bool,
+    jobs: int,
+    force: bool,
+) -> None:
+    """Run the cases in engines; exit 1 where one fails that is not known to.
+
+    Engines that are not beside hcbench run in their own environments (`hcbench engines add`).
+    """
+    import json
+
+    from hcbench._outputs import write_output
+    from hcbench.cases.run import run_engines
+    from hcbench.cases.score import known_failures, score
+
+    known = _read_known(expected) if expected else known_failures()
+    with progress("engines") as tick:
+        results = run_engines(engines, jobs, tick)
+    scores = [score(each) for each in results]
+    if out:
+        write_output(out, json.dumps(results, separators=(",", ":")) + "\n", "--out", force)
+    if junit:
+        write_output(junit, _junit(scores, known), "--junit", force)
+    _print(scores, as_json, False)
+    _require_expected(scores, known)
+
+
+@cases.command("score")
+@click.argument("results", nargs=-1, required=True, type=PathType(path_type=Path))
+@click.option("--markdown", is_flag=True, help="Print a Markdown table.")
+@as_json
+def score_cases(results: tuple[Path, ...], markdown: bool, as_json: bool) -> None:
+    """Judge files of results, from any engine in any language."""
+    from hcbench.cases.score import read_scores
+
+    _print([each for path in results for each in read_scores(path)], as_json, markdown)
+
+
+def _print(scores: Sequence[Score], as_json: bool, markdown: bool) -> None:
+    from hcbench._text import table
+    from hcbench.cases.score import regressions
+
+    if as_json:
+        print_json([each.as_dict() for each in scores])
+        return
+    header = ("case", "", *(each.name for each in scores))
+    rows = [
+        (each[0]["case"], each[0]["title"], *(_SIGN[verdict["verdict"]] for verdict in each))
+        for each in zip(*(score.verdicts for score in scores), strict=True)
+    ]
+    rows.append(("", "passed", *(f"{score.passed} of {len(score.verdicts)}" for score in scores)))
+    rows.append(("", "the restitution asked for is", *(score.restitution for score in scores)))
+    if markdown:
+        for row in (header, ("---",) * len(header), *rows):
+            print(f"| {' | '.join(row)} |")
+        return
+    width = max(len(row[1]) for row in rows)
+    print("\n".join(table(header, [(row[0], row[1].ljust(width), *row[2:]) for row in rows])))
+    for each in scores:
+        for verdict in each.verdicts:
+            if verdict["verdict"] != "pass":
+                print(f"{each.name} {verdict['case']}: {verdict['why']}")
+    for line in regressions(scores):
+        print(f"changed: {line}")
+
+
+def _read_known(path: Path) -> Mapping[str, Mapping[str, str]]:
+    from hcbench._files import parse_json, read_text
+
+    try:
+        known = parse_json(read_text(path))
+        return {str(engine): {str(k): str(v) for k, v in each.items()} for engine, each in known.items()}
+    except (OSError, ValueError, AttributeError) as error:
+        raise UserError("--expected", f"{path}: {error}", "a JSON file {engine: {case: reason}}") from None
+
+
+def _junit(scores: Sequence[Score], known: Mapping[str, Mapping[str, str]]) -> str:
+    from hcbench.cases.hcbench_cases import junit
+
+    suites = [junit(list(each.verdicts), each.engine, dict(known.get(each.engine, {}))) for each in scores]
+    return f"<testsuites>{''.join(suites)}</testsuites>\n"
+
+
+def _require_expected(scores: Sequence[Score], known: Mapping[str, Mapping[str, str]]) -> None:
+    from hcbench.cases.hcbench_cases import outcome
+
+    for each in scores:
+        for verdict in each.verdicts:
+            kind, text = outcome(verdict, dict(known.get(each.engine, {})))
+            if kind == "failure":
+                passes = "a known failure" if verdict["verdict"] == "pass" else "a pass"
+                raise LimitPassed(f"{each.name} {verdict['case']}", text, passes)

@@ -1,0 +1,60 @@
+"""MuJoCo: restitution by a spring and a damper, which a step of Euler's does not shift."""
+
+import math
+from itertools import combinations
+from typing import Any
+
+import mujoco
+
+CONTACT_STEPS = 20  # that a contact lasts
+
+
+def solref(e: float, h: float) -> str:
+    """Of a contact whose discrete motion leaves at e, where the force is zero again."""
+    if e == 0:
+        return "0.02 1"  # as MuJoCo comes
+    low, high = 0.0, 0.99  # of the damping ratio
+    for _ in range(60):
+        z, w = (low + high) / 2, math.sqrt(1 - ((low + high) / 2) ** 2)
+        low, high = (z, high) if math.exp(-z / w * math.atan2(2 * z * w, 2 * z * z - 1)) > e else (low, z)
+    turn = math.pi / CONTACT_STEPS  # of the undamped motion in a step
+    decay = math.exp(-z * turn)
+    stiffness, damping = (1 + decay**2 - 2 * decay * math.cos(w * turn)) / h**2, (1 - decay**2) / h
+    return f"{-stiffness} {-damping}"
+
+
+class Engine:
+    name, version, combine = "mujoco", mujoco.__version__, None
+
+    def make(self, world: dict[str, Any]) -> None:
+        if "materials" in world:
+            raise NotImplementedError("has no restitution of a material")
+        h, mu, bounce = world["timestep"], world["friction"], solref(world["restitution"], world["timestep"])
+        pair = f'solref="{bounce}" solreffriction="0 {-1 / h}" solimp=".9999 .9999 .001"'
+        names = ["floor"] * world["floor"] + [f"geom{i}" for i in range(len(world["bodies"]))]
+        geoms = [self._body(i, body) for i, body in enumerate(world["bodies"])]
+        geoms += ['<geom name="floor" type="plane" size="9 9 1"/>'] * world["floor"]
+        friction = f'condim="{3 if mu else 1}" friction="{mu} {mu} 0 0 0"'
+        pairs = [f'<pair geom1="{a}" geom2="{b}" {pair} {friction}/>' for a, b in combinations(names, 2)]
+        pull = f'gravity="{" ".join(map(str, world["gravity"]))}"'
+        option = f'<option timestep="{h}" {pull} cone="elliptic" impratio="1e6"/>'
+        parts = f"<worldbody>{''.join(geoms)}</worldbody><contact>{''.join(pairs)}</contact>"
+        self.model = mujoco.MjModel.from_xml_string(f"<mujoco>{option}{parts}</mujoco>")
+        self.data = mujoco.MjData(self.model)
+        for i, body in enumerate(each for each in world["bodies"] if not each.get("fixed")):
+            self.data.qvel[6 * i : 6 * i + 6] = body["velocity"] + body["spin"]
+
+    def _body(self, i: int, body: dict[str, Any]) -> str:
+        size = " ".join(map(str, body.get("half", [body.get("radius")])))
+        geom = f'<geom name="geom{i}" type="{body["shape"]}" size="{size}" mass="{body["mass"]}"/>'
+        joint = "" if body.get("fixed") else "<freejoint/>"
+        return f'<body pos="{" ".join(map(str, body["position"]))}">{joint}{geom}</body>'
+
+    def step(self) -> None:
+        mujoco.mj_step(self.model, self.data)
+
+    def state(self) -> list[list[float]]:
+        mujoco.mj_kinematics(self.model, self.data)
+        q, v = self.data.qpos.reshape(-1, 7), self.data.qvel.reshape(-1, 6)
+        turns = self.data.xmat[self.model.jnt_bodyid].reshape(-1, 3, 3)
+        return [[*a[:3], *b[:3], *(turn @ b[3:])] for a, b, turn in zip(q, v, turns, strict=True)]

@@ -1,0 +1,121 @@
+"""The runner that engines vendor: one file of the standard library, verdicts, known failures, JUnit."""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from hcbench import cli
+from hcbench.cases.hcbench_cases import junit, outcome
+from hcbench.cases.run import RUNNER, adapters, run_engines
+from hcbench.cases.score import known_failures, regressions, score
+
+LINES = 250
+ADAPTER_LINES = 60
+
+
+@pytest.fixture(scope="module")
+def results() -> list[dict[str, Any]]:
+    pytest.importorskip("pybullet")
+    return run_engines(["mujoco", "pybullet"], jobs=2)
+
+
+def test_it_is_one_small_file_of_the_standard_library() -> None:
+    text = RUNNER.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= LINES
+    assert "MIT License" in text
+    tree = list(ast.walk(ast.parse(text)))
+    imported = {alias.name for node in tree if isinstance(node, ast.Import) for alias in node.names}
+    imported |= {str(node.module) for node in tree if isinstance(node, ast.ImportFrom)}
+    assert {name.partition(".")[0] for name in imported} <= sys.stdlib_module_names
+
+
+@pytest.mark.parametrize("path", adapters().values(), ids=adapters())
+def test_an_adapter_is_small_and_needs_its_engine_alone(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= ADAPTER_LINES
+    assert "hcbench" not in text
+
+
+def test_engines_do_what_they_are_known_to(results: list[dict[str, Any]]) -> None:
+    for each in results:
+        found = score(each)
+        known = known_failures()[found.engine]
+        failed = {v["case"] for v in found.verdicts if v["verdict"] in ("fail", "error")}
+        assert failed == set(known), found.name
+        assert found.restitution == "obeyed"
+
+
+def test_without_its_package_an_engine_author_needs_two_files(tmp_path: Path) -> None:
+    for path in (RUNNER, RUNNER.with_name("hcbench-cases-1.json"), adapters()["mujoco"]):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    (tmp_path / "known.json").write_text(json.dumps(known_failures()), encoding="utf-8")
+    (tmp_path / "cases.py").rename(tmp_path / "adapter.py")
+    command = [
+        sys.executable,
+        "hcbench_cases.py",
+        "adapter.py",
+        "--expected",
+        "known.json",
+        "--junit",
+        "j.xml",
+    ]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    tree = ElementTree.parse(tmp_path / "j.xml")
+    assert len(list(tree.iter("testcase"))) == 15
+    assert (
+        len(list(tree.iter("skipped"))) == len(known_failures()["mujoco"]) + 1
+    )  # one that it has no word for
+
+
+def verdict(word: str) -> dict[str, Any]:
+    return {"case": "C01", "title": "Bounces", "verdict": word, "why": "e is 0", "worst": {}}
+
+
+@pytest.mark.parametrize(
+    ("word", "known", "kind"),
+    [
+        ("pass", False, "passed"),
+        ("fail", False, "failure"),
+        ("error", False, "failure"),
+        ("unsupported", False, "skipped"),
+        ("fail", True, "skipped"),
+        ("pass", True, "failure"),
+    ],
+)
+def test_a_known_failure_is_skipped_until_it_passes(word: str, known: bool, kind: str) -> None:
+    expected = {"C01": "a reason"} if known else {}
+    assert outcome(verdict(word), expected)[0] == kind
+    assert f"<{kind}" in junit([verdict(word)], "mine", expected) or kind == "passed"
+
+
+def test_a_version_that_fails_what_another_passed_is_one_line(results: list[dict[str, Any]]) -> None:
+    before, after = score(results[0]), score({**results[0], "runs": {**results[0]["runs"], "C01": []}})
+    assert regressions([before, before]) == []
+    (line,) = regressions([before, after])
+    assert line.startswith("mujoco C01 ")
+    assert "error" in line
+
+
+def test_the_command_judges_results_of_any_language(
+    results: list[dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine = tmp_path / "mine.json"
+    mine.write_text(
+        json.dumps({**results[0], "engine": {"name": "mine", "version": "7", "combine": None}}), "utf-8"
+    )
+    assert cli.run(["cases", "score", str(mine), "--json"]) == 0
+    (told,) = json.loads(capsys.readouterr().out)
+    assert told["engine"] == "mine"
+    assert told["passed"] == score(results[0]).passed
+    mine.write_text("{}", "utf-8")
+    assert cli.run(["cases", "score", str(mine)]) == 2
+    assert cli.run(["cases", "run", "nothing"]) == 2
