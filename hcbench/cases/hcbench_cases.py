@@ -89,7 +89,7 @@ def restitution(each: Json, states: States) -> float:
     turned = next((later for step, later in pairwise(z) if z[later] > z[step]), math.inf)
     risen = [step for step in squares if step > turned and z[step] >= touch]
     after = max(risen, key=lambda step: z[step], default=None)
-    return 0.0 if after is None else math.sqrt(max(0.0, squares[after]) / next(iter(squares.values())))
+    return 0.0 if after is None else math.sqrt(max(0.0, squares[after]) / squares[min(squares)])
 
 
 def height_share(each: Json, states: States) -> float:
@@ -163,14 +163,14 @@ def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
     try:
         for number, (each, result) in enumerate(zip(case["runs"], done, strict=True)):
             if "states" not in result:
-                word, why = next(iter(result.items()))
-                return {**verdict, "verdict": word, "why": why}
+                ((word, why),) = result.items()
+                return {**verdict, "verdict": word, "why": str(why)}
             for name, measured, true in _compared(each, result["states"], combine):
                 if not abs(measured - true) <= off[name]:  # a nan is the worst
                     off[name], verdict["worst"][name] = abs(measured - true), [measured, true, number]
     except NotImplementedError as error:
         return {**verdict, "verdict": "unsupported", "why": str(error)}
-    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         return {**verdict, "verdict": "error", "why": f"cannot be read: {type(error).__name__} {error}"}
     why = [
         f"{name} {measured:.4g}, not {true:.4g} within {limits[name]:g} (run {number})"

@@ -71,17 +71,18 @@ def score(results: Json, source: str = "results") -> Score:
         obeyed, threshold = _obedience(results["runs"], cases, verdicts)
         named = str(engine["name"]), str(engine["version"])
         return Score(*named, tuple(verdicts), obeyed, threshold, float(results.get("cpu_s", 0.0)))
-    except (LookupError, TypeError, AttributeError, ValueError) as error:
-        got = f"{type(error).__name__} {error}"
-        raise UserError(source, got, "what hcbench_cases.py writes") from None
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
+        raise UserError(source, "not the results of an engine", "what hcbench_cases.py writes") from None
 
 
 def read_scores(path: Path) -> list[Score]:
     """Of a file of results: one object, or a list. Raises UserError."""
     try:
         content = parse_json(read_text(path))
-    except (OSError, ValueError) as error:
-        raise UserError(str(path), str(error), "a JSON file of results") from None
+    except OSError as error:
+        raise UserError(str(path), error.strerror or "cannot be read", "a JSON file of results") from None
+    except ValueError:
+        raise UserError(str(path), "not JSON", "a JSON file of results") from None
     return [score(each, str(path)) for each in (content if isinstance(content, list) else [content])]
 
 

@@ -126,7 +126,7 @@ class Inputs:
         kept = [name for name in options if self.random.random() < 0.4]
         return [f"--{name.replace('_', '-')}={self.text(options[name])}" for name in kept]
 
-    def choice(self, *items: str) -> str:
+    def choice(self, *items: Any) -> Any:
         """One of them."""
         return self.random.choice(items)
 
@@ -261,6 +261,26 @@ def _check(i: Inputs) -> list[str]:
     return ["check", i.model(), *i.launch(), *target, *options, *outputs]
 
 
+def _land(i: Inputs) -> list[str]:
+    heights = i.choice(
+        "nan", "-1", "0", "1e9 m", "1 kg", "0.5 cm"
+    )  # most are refused: the others take seconds
+    options = i.some(
+        tilt="5 deg", controller="pd:10,1", key="qpos0", qpos="base=0,0,0.3", timestep="1e-3", gravity="9.81"
+    )
+    return ["land", i.model(), f"--heights={heights}", *options]
+
+
+def _cases(i: Inputs) -> list[str]:
+    body = [i.choice(0.1, -1.0, 1e300, None, "x") if i.random.random() < 0.1 else 0.1] * 9
+    states = [[step, body] for step in (0, 1, 2, 40, 41, 42)]
+    run = i.choice({"states": states}, {"states": states[:1]}, {"unsupported": "no"}, {"error": "x"}, {}, [])
+    runs = {f"C{n:02d}": [run] * i.choice(1, 2, 114, 120, 132) for n in range(1, i.choice(2, 3, 16))}
+    engine = {"name": i.choice("x", 3, ""), "version": "1", "combine": i.choice("product", None, "x")}
+    content = {"format": i.choice(1, 1, 2), "set": "hcbench-cases-1", "engine": engine, "runs": runs}
+    return ["cases", "score", i.file("results.json", json.dumps(i.choice(content, [content], [], 1)))]
+
+
 def _pairs(i: Inputs) -> list[str]:
     return ["pairs", i.model(), *i.some(key="qpos0", qpos="ball=1")]
 
@@ -316,6 +336,8 @@ _KINDS = {
     _pairs: 4,
     _tune: 2,
     _study: 3,
+    _land: 2,
+    _cases: 6,
 }
 
 
