@@ -221,8 +221,9 @@ def test_a_box_that_lands_flat_adds_its_contacts_up() -> None:
 
 
 def test_contact_begins_where_the_margin_says() -> None:
-    found = measure(world(geom=SPRING + ' margin=".01"'), speeds=[0.5], gravity=0, diagnose=False)
-    plain = measure(world(geom=SPRING), speeds=[0.5], gravity=0, diagnose=False)
+    launch: Any = {"speeds": [0.5], "gravity": 0, "phases": 16, "diagnose": False}
+    found = measure(world(geom=SPRING + ' margin=".01"'), **launch)
+    plain = measure(world(geom=SPRING), **launch)
     model = mujoco.MjModel.from_xml_string(world(geom=SPRING + ' margin=".01"'))
     data = mujoco.MjData(model)
     data.qpos[2] = 0.1

@@ -36,10 +36,13 @@ class TouchSearch:
                 return None
             travel = begun
         depth, contact = first
+        at = travel + depth
         for _ in range(2):  # the engine's own collision function has the last word on where they touch
-            travel += contact.distance - contact.onset + depth
-            contact = self._contact(travel + depth) or contact
-        self._go(travel + (contact.distance - contact.onset + depth))
+            nearer = at + contact.distance - contact.onset + depth
+            if (seen := self._contact(nearer)) is None:
+                break
+            at, contact = nearer, seen
+        self._go(at + contact.distance - contact.onset)
         return contact
 
     def _go(self, travel: float) -> None:
