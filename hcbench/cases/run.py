@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 from hcbench._files import parse_json, read_text
 from hcbench.cases.hcbench_cases import Json
+from hcbench.cases.score import the_cases
 from hcbench.environments.make import run_with_parent
 from hcbench.errors import EngineFailed, UserError
 from hcbench.sim import registry
@@ -27,9 +30,14 @@ def adapters() -> dict[str, Path]:
 
 
 def run_engines(
-    names: Sequence[str], jobs: int = 1, progress: Callable[[int, int], None] = lambda done, total: None
+    names: Sequence[str],
+    jobs: int = 1,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    only: Sequence[str] = (),
 ) -> list[Json]:
     """The results of each engine's variants. names: of engines, with "@" and a version or without.
+
+    only: the ids of the cases to run; all where it is empty.
 
     Raises UserError for an engine without an adapter, EngineMissing, and EngineFailed.
     """
@@ -38,19 +46,21 @@ def run_engines(
             raise UserError("engine", f"{name!r} has no adapter of cases", f"one of: {', '.join(adapters())}")
         registry.require(name)
     results: list[Json] = []
+    cases = the_cases(only)
     with ThreadPoolExecutor(jobs) as pool:
-        for done, each in enumerate(pool.map(_run, names), 1):
+        for done, each in enumerate(pool.map(partial(_run, cases), names), 1):
             results += each
             progress(done, len(names))
     return results
 
 
-def _run(name: str) -> list[Json]:
+def _run(cases: Json, name: str) -> list[Json]:
     engine, adapter = registry.engine(name), adapters()[name.partition("@")[0]]
     python = engine.environment.executable if isinstance(engine, RemoteEngine) else Path(sys.executable)
     with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "results.json"
-        command = [str(python), str(RUNNER), str(adapter), "--out", str(out)]
+        out, asked = Path(folder) / "results.json", Path(folder) / "cases.json"
+        asked.write_text(json.dumps(cases), encoding="utf-8")
+        command = [str(python), str(RUNNER), str(adapter), "--cases", str(asked), "--out", str(out)]
         done = run_with_parent(command, Path(folder), os.environ)
         if not out.exists():
             said = done.stderr.strip().splitlines()[-1:] or [f"ended with {done.returncode}"]

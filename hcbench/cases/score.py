@@ -17,9 +17,14 @@ KNOWN = Path(__file__).with_name("known.json")
 _HALF = 0.5  # of the restitution asked for: less is no bounce
 
 
-def the_cases() -> Json:
-    """The set."""
-    return dict(parse_json(read_text(CASES)))
+def the_cases(only: Sequence[str] = ()) -> Json:
+    """The set, or the cases of these ids. Raises UserError for an id that it has not."""
+    whole = dict(parse_json(read_text(CASES)))
+    ids = [case["id"] for case in whole["cases"]]
+    for name in only:
+        if name not in ids:
+            raise UserError("--case", repr(name), f"one of {ids[0]} ... {ids[-1]}")
+    return {**whole, "cases": [case for case in whole["cases"] if not only or case["id"] in only]}
 
 
 def known_failures() -> dict[str, dict[str, str]]:
@@ -32,14 +37,14 @@ class Score:
     """What the results of one engine came to.
 
     verdicts: of `hcbench_cases.judge`. restitution: "obeyed"; "threshold", where it is obeyed above a speed;
-    "ignored", where the number makes no difference; or "mixed". threshold: the highest impact speed under
-    gravity that did not bounce, m/s; 0 where all did.
+    "ignored", where the number makes no difference; "mixed"; or None without the first two cases.
+    threshold: the highest impact speed under gravity that did not bounce, m/s; 0 where all did.
     """
 
     engine: str
     version: str
     verdicts: tuple[Json, ...]
-    restitution: Obedience
+    restitution: Obedience | None
     threshold: float
     cpu_s: float
 
@@ -59,9 +64,12 @@ class Score:
         return {name: getattr(self, name) for name in names}
 
 
-def score(results: Json, source: str = "results") -> Score:
-    """Judge the results of one engine. Raises UserError, with source as the slot, for what is no results."""
-    cases = the_cases()
+def score(results: Json, source: str = "results", only: Sequence[str] = ()) -> Score:
+    """Judge the results of one engine, in all cases or in `only` these.
+
+    Raises UserError, with source as the slot, for what is no results.
+    """
+    cases = the_cases(only)
     try:
         if results["format"] != 1 or results["set"] != cases["set"]:
             got = f"format {results['format']} of {results['set']!r}"
@@ -86,7 +94,9 @@ def read_scores(path: Path) -> list[Score]:
     return [score(each, str(path)) for each in (content if isinstance(content, list) else [content])]
 
 
-def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedience, float]:
+def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedience | None, float]:
+    if [case["id"] for case in cases["cases"][:2]] != ["C01", "C02"]:
+        return None, 0.0
     normal, slow, *_ = cases["cases"]
     measured = list(_restitutions(normal, runs.get(normal["id"], [])))
     under_gravity = _restitutions(slow, runs.get(slow["id"], []))

@@ -29,6 +29,9 @@ def cases() -> None:
 
 @cases.command("run")
 @click.argument("engines", metavar="ENGINE[@VERSION]...", nargs=-1, required=True)
+@click.option(
+    "--case", "only", multiple=True, metavar="ID", help="Run this case alone, such as C13. Repeatable."
+)
 @output_option("--out", help="Write the results, a JSON list, for `hcbench cases score`.")
 @output_option("--junit", help="Write the verdicts as JUnit's XML.")
 @click.option(
@@ -41,6 +44,7 @@ def cases() -> None:
 @force_option
 def run_cases(
     engines: tuple[str, ...],
+    only: tuple[str, ...],
     out: Path | None,
     junit: Path | None,
     expected: Path | None,
@@ -60,8 +64,8 @@ def run_cases(
 
     known = _read_known(expected) if expected else known_failures()
     with progress("engines") as tick:
-        results = run_engines(engines, jobs, tick)
-    scores = [score(each) for each in results]
+        results = run_engines(engines, jobs, tick, only)
+    scores = [score(each, only=only) for each in results]
     if out:
         write_output(out, json.dumps(results, separators=(",", ":")) + "\n", "--out", force)
     if junit:
@@ -94,7 +98,8 @@ def _print(scores: Sequence[Score], as_json: bool, markdown: bool) -> None:
         for each in zip(*(score.verdicts for score in scores), strict=True)
     ]
     rows.append(("", "passed", *(f"{score.passed} of {len(score.verdicts)}" for score in scores)))
-    rows.append(("", "the restitution asked for is", *(score.restitution for score in scores)))
+    if obeyed := [score.restitution for score in scores if score.restitution]:
+        rows.append(("", "the restitution asked for is", *obeyed))
     if markdown:
         for row in (header, ("---",) * len(header), *rows):
             print(f"| {' | '.join(row)} |")

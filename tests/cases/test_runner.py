@@ -76,6 +76,15 @@ def test_without_its_package_an_engine_author_needs_two_files(tmp_path: Path) ->
     )  # one that it has no word for
 
 
+def test_a_symptom_is_asked_of_its_case_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["cases", "run", "mujoco", "--case", "C09", "--case", "C13"]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in shown[1:3]] == ["C09", "C13"]
+    assert shown[3].split()[:2] == ["passed", "2"]
+    assert len(shown) == 4
+    assert cli.run(["cases", "run", "mujoco", "--case", "C99"]) == 2
+
+
 def verdict(word: str) -> dict[str, Any]:
     return {"case": "C01", "title": "Bounces", "verdict": word, "why": "e is 0", "worst": {}}
 
