@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from hcbench.cli.console import jobs_option, progress
 from hcbench.cli.outputs import PathType
+from hcbench.cli.reality import NAME, reality_options, report_reality, require_none
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
@@ -77,13 +78,20 @@ def _engines_in(folder: Path) -> set[str]:
 )
 @click.option("--quick", is_flag=True, help="Preview with one α and fewer speeds, phases and steps.")
 @jobs_option
-def report(study: str, out: Path | None, quick: bool, jobs: int) -> None:
+@reality_options
+def report(study: str, out: Path | None, quick: bool, jobs: int, **of_reality: Any) -> None:
     """Run a study and write its page.
 
     Write tables and figures beside the page.
 
     STUDY is a study.toml, its folder, or a built-in name; or the folder of a finished sweep.
     """
+    if study == NAME:
+        if quick:
+            raise UserError("--quick", f"given with `{NAME}`", "--sets, for fewer data sets")
+        print(report_reality(out, jobs, **of_reality))
+        return
+    require_none(of_reality)
     from hcbench._files import atomic_folder
     from hcbench.benchmark.read import is_sweep, read
     from hcbench.workers import WorkerPool

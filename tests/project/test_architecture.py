@@ -42,7 +42,7 @@ FLOORS = [
     {"sim"},
     {"measuring", "tuning", "engines", "contact", "fitting"},
     {"benchmark", "cases"},
-    {"reporting", "checking", "paper"},
+    {"reporting", "checking", "paper", "reality"},
     {"pytest_plugin", "cli", "testing"},
     {"__main__"},
 ]

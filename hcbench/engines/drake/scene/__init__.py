@@ -1,0 +1,1 @@
+"""What Drake is asked to simulate beyond the scenes of one bounce."""

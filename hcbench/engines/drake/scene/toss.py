@@ -1,0 +1,93 @@
+"""Tosses in Drake, by a discrete plant with point contact: see `hcbench.sim.toss`."""
+
+import importlib
+import logging
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hcbench.errors import foreign_errors
+from hcbench.impact import Floats
+from hcbench.sim.toss import (
+    FRICTION,
+    GRAVITY,
+    MU,
+    NOTHING,
+    Body,
+    ContactSetting,
+    Parameter,
+    Shape,
+    Toss,
+    as_body,
+    as_integrated,
+)
+
+SPRING = "stiffness and dissipation"
+_BOUNCE = Parameter("dissipation", (1.0, 5.0, 0.2))
+SHAPES: frozenset[Shape] = frozenset({"box", "ellipsoid", "sphere"})
+SETTINGS = (
+    ContactSetting(NOTHING),
+    ContactSetting(FRICTION, (MU,)),
+    ContactSetting(SPRING, (Parameter("stiffness", (1e4, 1e5, 1e3)), _BOUNCE, MU)),
+)
+
+
+def simulate(
+    body: Body, setting: ContactSetting, values: Sequence[float], timestep: float, tosses: Sequence[Toss]
+) -> list[Floats]:
+    """States at the ends of steps, of each toss."""
+    given = dict(zip((p.name for p in setting.parameters), values, strict=True))
+    with foreign_errors("drake"):
+        drake: Any = importlib.import_module("pydrake.all")
+        # It warns of half spaces in deformable contact.
+        logging.getLogger("drake").setLevel(logging.ERROR)
+        builder = drake.DiagramBuilder()
+        plant, _ = drake.AddMultibodyPlantSceneGraph(builder, time_step=timestep)
+        _add(drake, plant, body, setting, given)
+        plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -GRAVITY])
+        plant.Finalize()
+        logger = drake.LogVectorOutput(plant.get_state_output_port(), builder, timestep)
+        simulator = drake.Simulator(builder.Build())
+        return [_simulate(drake, simulator, plant, logger, toss, timestep) for toss in tosses]
+
+
+def _add(drake: Any, plant: Any, body: Body, setting: ContactSetting, given: Mapping[str, float]) -> None:
+    turning = drake.RotationalInertia(*[body.inertia] * 3)
+    inertia = drake.SpatialInertia.MakeFromCentralInertia(body.mass, [0, 0, 0], turning)
+    tossed = plant.AddRigidBody("body", inertia)
+    shapes = {
+        "box": lambda: drake.Box(*(2.0 * half for half in body.half_sizes)),
+        "sphere": lambda: drake.Sphere(body.half_sizes[0]),
+        "ellipsoid": lambda: drake.Ellipsoid(*body.half_sizes),
+    }
+    material: dict[str, Any] = {}
+    if setting.name == SPRING:
+        # Two surfaces act in series, as springs do.
+        material = {"point_stiffness": 2.0 * given["stiffness"], "dissipation": given["dissipation"]}
+    if "friction" in given:
+        material["friction"] = drake.CoulombFriction(given["friction"], given["friction"])
+    for link, shape in ((tossed, shapes[body.shape]()), (plant.world_body(), drake.HalfSpace())):
+        properties = drake.ProximityProperties()
+        if material:
+            drake.AddContactMaterial(**material, properties=properties)
+        name = f"contact of {link.name()}"
+        plant.RegisterCollisionGeometry(link, drake.RigidTransform(), shape, name, properties)
+
+
+def _simulate(drake: Any, simulator: Any, plant: Any, logger: Any, toss: Toss, timestep: float) -> Floats:
+    """Drake has the quaternion first, then the place; the spin, then the velocity."""
+    context = simulator.get_mutable_context()
+    context.SetTime(0.0)
+    velocity = as_integrated(toss.velocity, timestep)
+    state = np.concatenate([toss.quaternion, toss.position, toss.spin, velocity])
+    plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), state)
+    log = logger.FindMutableLog(context)
+    log.Clear()
+    simulator.Initialize()
+    simulator.AdvanceTo((toss.steps + 0.25) * timestep)
+    rows = log.data().T[: toss.steps + 1]
+    order = [4, 5, 6, 0, 1, 2, 3, 10, 11, 12, 7, 8, 9]
+    states: Floats = rows[:, order].copy()
+    states[:, 7:10] = as_body(states[:, 7:10], timestep)
+    return states

@@ -1,0 +1,103 @@
+"""Tosses in MuJoCo, by its own contact and by the plug-in: see `hcbench.sim.toss`."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.plugin import add_to_spec
+from hcbench.impact import Floats
+from hcbench.laws.restitution import ConstantRestitution, Restitution
+from hcbench.sim.toss import (
+    ALPHA,
+    FRICTION,
+    GRAVITY,
+    MU,
+    NOTHING,
+    PLUGIN_ALPHA,
+    PLUGIN_E,
+    Body,
+    ContactSetting,
+    E,
+    Parameter,
+    Shape,
+    Toss,
+    as_body,
+    as_integrated,
+)
+
+SOLREF = "solref identified"
+_SPRING = (Parameter("stiffness", (1.5e4, 5e4, 5e3)), Parameter("damping", (250.0, 60.0, 5.0)))
+SHAPES: frozenset[Shape] = frozenset({"box", "ellipsoid", "sphere"})
+SETTINGS = (
+    ContactSetting(NOTHING, (), "pyramidal"),
+    ContactSetting(FRICTION, (MU,), "pyramidal"),
+    ContactSetting(FRICTION, (MU,), "elliptic"),
+    ContactSetting(SOLREF, (*_SPRING, MU), "elliptic"),
+    ContactSetting(PLUGIN_E, (E, MU), "elliptic"),
+    ContactSetting(PLUGIN_E, (E, MU), "pyramidal"),
+    ContactSetting(PLUGIN_ALPHA, (ALPHA, MU), "elliptic"),
+)
+
+
+def simulate(
+    body: Body, setting: ContactSetting, values: Sequence[float], timestep: float, tosses: Sequence[Toss]
+) -> list[Floats]:
+    """States at the ends of steps of Euler's integrator, of each toss."""
+    mujoco = backend()
+    model = _model(mujoco, body, setting, values, timestep)
+    data = mujoco.MjData(model)
+    return [_simulate(mujoco, model, data, toss, timestep) for toss in tosses]
+
+
+def _model(mujoco: Any, body: Body, setting: ContactSetting, values: Sequence[float], timestep: float) -> Any:
+    spec = mujoco.MjSpec()
+    spec.option.timestep, spec.option.gravity = timestep, [0.0, 0.0, -GRAVITY]
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    if setting.cone == "elliptic":
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    plate = spec.worldbody.add_geom(name="plate", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[9.0, 9.0, 0.1])
+    tossed = spec.worldbody.add_body(name="body")
+    tossed.add_freejoint()
+    tossed.mass, tossed.inertia, tossed.explicitinertial = body.mass, [body.inertia] * 3, True
+    kind = getattr(mujoco.mjtGeom, f"mjGEOM_{body.shape.upper()}")
+    geoms = (plate, tossed.add_geom(name="body", type=kind, size=list(body.half_sizes)))
+    given = dict(zip((p.name for p in setting.parameters), values, strict=True))
+    for geom in geoms:
+        if "friction" in given:
+            geom.friction[0] = given["friction"]
+        if setting.name == SOLREF:
+            geom.solref = [-given["stiffness"], -given["damping"]]
+            geom.solimp[:2] = 0.95, 0.95
+    if setting.name == PLUGIN_E:
+        add_to_spec(spec, ConstantRestitution(given["restitution"]), bodies=("body", "world"))
+    elif setting.name == PLUGIN_ALPHA:
+        add_to_spec(spec, Restitution(given["alpha"]), bodies=("body", "world"))
+    return spec.compile()
+
+
+def _simulate(mujoco: Any, model: Any, data: Any, toss: Toss, timestep: float) -> Floats:
+    mujoco.mj_resetData(model, data)
+    turn = np.empty(9)
+    mujoco.mju_quat2Mat(turn, toss.quaternion)
+    data.qpos[:3], data.qpos[3:] = toss.position, toss.quaternion
+    data.qvel[:3] = as_integrated(toss.velocity, timestep)
+    data.qvel[3:] = turn.reshape(3, 3).T @ toss.spin  # MuJoCo has it in the body's frame
+    states = np.empty((toss.steps + 1, 13))
+    states[0, :7], states[0, 7:] = data.qpos, data.qvel
+    step, position, velocity = mujoco.mj_step, data.qpos, data.qvel
+    for row in states[1:]:
+        step(model, data)
+        row[:7], row[7:] = position, velocity
+    states[:, 7:10] = as_body(states[:, 7:10], timestep)
+    states[:, 10:] = in_world(states[:, 3:7], states[:, 10:])
+    return states
+
+
+def in_world(quaternions: Floats, vectors: Floats) -> Floats:
+    """Vectors of a body's frame in the world's, arrays of shape (n, 4) and (n, 3)."""
+    scalar, axis = quaternions[:, :1], quaternions[:, 1:]
+    once = 2.0 * np.cross(axis, vectors)
+    turned: Floats = vectors + scalar * once + np.cross(axis, once)
+    return turned

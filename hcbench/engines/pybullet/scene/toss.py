@@ -1,0 +1,114 @@
+"""Tosses in PyBullet, by Bullet's own contact and by the plug-in: see `hcbench.sim.toss`."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hcbench.engines.pybullet.backend import BulletClient
+from hcbench.impact import Floats
+from hcbench.laws.restitution import ConstantRestitution, Restitution
+from hcbench.sim.toss import (
+    ALPHA,
+    FRICTION,
+    GRAVITY,
+    MU,
+    NOTHING,
+    PLUGIN_ALPHA,
+    PLUGIN_E,
+    RESTITUTION,
+    Body,
+    ContactSetting,
+    E,
+    Parameter,
+    Shape,
+    Toss,
+    as_body,
+    as_integrated,
+)
+
+STIFFNESS = "stiffness and damping"
+SHAPES: frozenset[Shape] = frozenset({"box", "sphere"})
+SETTINGS = (
+    ContactSetting(NOTHING),
+    ContactSetting(FRICTION, (MU,)),
+    ContactSetting(RESTITUTION, (E, MU)),
+    ContactSetting(
+        STIFFNESS,
+        (Parameter("stiffness", (8e4, 2e4, 1e3)), Parameter("damping", (30.0, 80.0, 1.0)), MU),
+    ),
+    ContactSetting(PLUGIN_E, (E, MU)),
+    ContactSetting(PLUGIN_ALPHA, (ALPHA, MU)),
+)
+_FASTEST = 1e6  # rad/s: Bullet clips a body's spin at 100, without a warning
+_SPEED = 2.0  # m/s, of the plug-in's own check
+
+
+def simulate(
+    body: Body, setting: ContactSetting, values: Sequence[float], timestep: float, tosses: Sequence[Toss]
+) -> list[Floats]:
+    """States at the ends of steps, of each toss; in a client of its own."""
+    bullet = BulletClient.direct()
+    try:
+        given = dict(zip((p.name for p in setting.parameters), values, strict=True))
+        tossed = _load(bullet, body, setting, given, timestep)
+        return [_simulate(bullet, tossed, toss, timestep) for toss in tosses]
+    finally:
+        bullet.disconnect()
+
+
+def _load(
+    bullet: BulletClient, body: Body, setting: ContactSetting, given: Mapping[str, float], timestep: float
+) -> int:
+    from hcbench.engines.pybullet import plugin
+
+    bullet.setGravity(0.0, 0.0, -GRAVITY)
+    bullet.setTimeStep(timestep)
+    kinds = bullet.module
+    plane = bullet.createMultiBody(0, bullet.createCollisionShape(kinds.GEOM_PLANE))
+    if body.shape == "sphere":
+        shape = bullet.createCollisionShape(kinds.GEOM_SPHERE, radius=body.half_sizes[0])
+    else:
+        shape = bullet.createCollisionShape(kinds.GEOM_BOX, halfExtents=body.half_sizes)
+    tossed: int = bullet.createMultiBody(body.mass, shape, basePosition=[0.0, 0.0, 1.0])
+    spring = {}
+    if setting.name == STIFFNESS:
+        spring = {"contactStiffness": given["stiffness"], "contactDamping": given["damping"]}
+    # Bullet multiplies what the two bodies have.
+    bullet.changeDynamics(plane, -1, lateralFriction=1.0, restitution=1.0, **spring)
+    own = {"lateralFriction": given["friction"]} if "friction" in given else {}
+    if setting.name == RESTITUTION:
+        own["restitution"] = given["restitution"]
+    bullet.changeDynamics(
+        tossed, -1, linearDamping=0.0, angularDamping=0.0, localInertiaDiagonal=[body.inertia] * 3,
+        activationState=kinds.ACTIVATION_STATE_DISABLE_SLEEPING, maxJointVelocity=_FASTEST, **own, **spring,
+    )  # fmt: skip
+    if setting.name in (PLUGIN_E, PLUGIN_ALPHA):
+        e_of = setting.name == PLUGIN_E
+        law = ConstantRestitution(given["restitution"]) if e_of else Restitution(given["alpha"])
+        plugin.add(law, tossed, plane, client=bullet.client, speed=_SPEED)
+    return tossed
+
+
+def _simulate(bullet: BulletClient, body: int, toss: Toss, timestep: float) -> Floats:
+    bullet.resetBasePositionAndOrientation(
+        body, toss.position.tolist(), _rolled(toss.quaternion, -1).tolist()
+    )
+    bullet.resetBaseVelocity(body, as_integrated(toss.velocity, timestep).tolist(), toss.spin.tolist())
+    step, pose, twist = bullet.stepSimulation, bullet.getBasePositionAndOrientation, bullet.getBaseVelocity
+    rows: list[Any] = [
+        (*toss.position, *_rolled(toss.quaternion, -1), *as_integrated(toss.velocity, timestep), *toss.spin)
+    ]
+    for _ in range(toss.steps):
+        step()
+        (position, quaternion), (velocity, spin) = pose(body), twist(body)
+        rows.append((*position, *quaternion, *velocity, *spin))
+    states = np.array(rows)
+    states[:, 3:7] = _rolled(states[:, 3:7], 1)
+    states[:, 7:10] = as_body(states[:, 7:10], timestep)
+    return states
+
+
+def _rolled(quaternion: Floats, by: int) -> Floats:
+    """Bullet has the scalar of a quaternion last."""
+    return np.roll(quaternion, by, axis=-1)

@@ -1,0 +1,74 @@
+"""Single bounces: a body is launched so that it meets the plate as measured, and its motion after is read."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from hcbench.impact import Floats
+from hcbench.reality.motion import lowest, quaternions, rotation
+from hcbench.sim.toss import GRAVITY, POSITION, QUATERNION, SPIN, VELOCITY, Body, Toss
+
+_BACK = 1.5  # steps of flight before the touch, and up to one more by the phase
+
+
+@dataclass(frozen=True, slots=True)
+class Bounces:
+    """Velocities (m/s) and spins (rad/s) at the touch, before and after, shape (n, 3), and attitudes (n, 4).
+
+    What was not measured after is NaN. numbers: which of the data set, shape (n,).
+    """
+
+    numbers: Floats
+    attitude: Floats
+    velocity: Floats
+    spin: Floats
+    velocity_after: Floats
+    spin_after: Floats
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def of(self, keep: NDArray[np.bool_]) -> "Bounces":
+        """Those that a mask keeps."""
+        return Bounces(
+            self.numbers[keep], self.attitude[keep], self.velocity[keep], self.spin[keep],
+            self.velocity_after[keep], self.spin_after[keep],
+        )  # fmt: skip
+
+
+def launches(body: Body, bounces: Bounces, timestep: float, duration: float) -> list[Toss]:
+    """Tosses that begin a step or two before the touch, each in another phase of the step."""
+    phases = np.random.default_rng(0).random(len(bounces))
+    tosses = []
+    for i, phase in enumerate(phases):
+        back = (_BACK + phase) * timestep
+        turn = Rotation.from_rotvec(-back * bounces.spin[i]) * rotation(bounces.attitude[i])
+        height = -float(lowest(body, np.zeros(3), bounces.attitude[i]))
+        velocity = bounces.velocity[i] + [0.0, 0.0, GRAVITY * back]
+        place = np.array([0.0, 0.0, height - 0.5 * GRAVITY * back**2]) - back * bounces.velocity[i]
+        steps = int(duration / timestep)
+        tosses.append(Toss(place, quaternions(turn), velocity, bounces.spin[i], steps))
+    return tosses
+
+
+def after(body: Body, simulated: Sequence[Floats], timestep: float) -> tuple[Floats, Floats]:
+    """Velocities and spins where bodies leave the plate, shape (n, 3) each.
+
+    One that has not left at the end has the velocity along the plate of the last step, and none upwards.
+    """
+    velocities, spins = [], []
+    for states in simulated:
+        height = lowest(body, states[:, POSITION], states[:, QUATERNION])
+        clear = (height > 0.0) & (states[:, VELOCITY][:, 2] > 0.0)
+        clear[0] = False
+        k = int(np.argmax(clear)) if clear.any() else len(states) - 1
+        rise = height[k] - height[k - 1]
+        # How much of a step ago it was at the plate: gravity has slowed it since.
+        since = timestep * float(np.clip(height[k] / rise, 0.0, 1.0)) if clear.any() and rise > 0.0 else 0.0
+        velocity = states[k, VELOCITY] + [0.0, 0.0, GRAVITY * since]
+        velocities.append(velocity if clear.any() else velocity * [1.0, 1.0, 0.0])
+        spins.append(states[k, SPIN])
+    return np.array(velocities), np.array(spins)

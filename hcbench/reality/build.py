@@ -1,0 +1,44 @@
+"""Results in, a folder out: the page, scores.csv, the impacts that were read, and the parameters."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import astuple
+from pathlib import Path
+
+from hcbench._files import atomic_folder, json_text, write_text
+from hcbench.errors import OutputError
+from hcbench.reality import scores
+from hcbench.reality.impacts import COLUMNS, ImpactRead
+from hcbench.reality.study import Results
+from hcbench.reporting.page import PAGE
+
+IMPACTS, PARAMETERS = "impacts.csv", "parameters.json"
+
+
+def build(results: Results, folder: Path) -> Path:
+    """Write the study into `folder` and return its page. All of it appears, or nothing.
+
+    The same results give the same bytes. Raises OutputError where the folder cannot be written, or holds a
+    study of more data sets.
+    """
+    if lost := scores.sets_in(folder) - set(results.request.sets):
+        raise OutputError("--out", f"{folder} holds a study with {', '.join(sorted(lost))}", "another folder")
+    with atomic_folder(folder, PAGE) as scratch:
+        write_text(scratch / scores.FILE, scores.csv_text(results.scores))
+        write_text(scratch / PARAMETERS, json_text(results.parameters))
+        if results.impacts:
+            write_text(scratch / IMPACTS, impacts_text(results.impacts))
+    return folder / PAGE
+
+
+def impacts_text(impacts: Sequence[ImpactRead]) -> str:
+    """The table of impacts that `hcbench fit` reads."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for impact in impacts:
+        writer.writerow([f"{v:.6g}" if isinstance(v, float) else v for v in astuple(impact)])
+    return text.getvalue()

@@ -1,0 +1,83 @@
+"""What bounds any setting: errors of the data's noise, and of laws with more freedom than engines."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from hcbench.impact import Floats
+from hcbench.reality import ball, ellipse
+from hcbench.reality.cells import Cell
+from hcbench.reality.impacts import POSITION_NOISE, ROTATION_NOISE
+from hcbench.reality.motion import MOST_FLIGHT, Motion, Tosses, quaternions, rotation
+from hcbench.reality.outcome import Outcome
+from hcbench.reality.search import least
+from hcbench.sim.toss import Toss
+
+# The grid of each toss' own e and friction, and which tosses it is run on.
+RESTITUTIONS = (0.0, 0.1, 0.2, 0.3, 0.4)
+FRICTIONS = (0.1, 0.13, 0.15, 0.16, 0.17, 0.18, 0.19, 0.2, 0.21, 0.23, 0.26)
+EVERY = 3
+BEST_OF_EACH, NOISE = "floor: best e and friction of each toss", "floor: noise of the measured start"
+FREE_IMPULSE, RIGID = "floor: free impulse", "rigid law"
+
+
+def of_friction(cell: Cell) -> Outcome:
+    """The best e of each toss at the cell's friction, of every third toss; in a worker process."""
+    tosses = replace(cell.cases, motions=cell.cases.motions[::EVERY])
+    return best([tosses.outcome(cell.module, cell.contact, (e, *cell.values)) for e in RESTITUTIONS])
+
+
+def best(outcomes: list[Outcome]) -> Outcome:
+    """Of each toss, the one whose score is least."""
+    pick = np.argmin([each.scores for each in outcomes], axis=0)
+
+    def chosen(name: str) -> Floats:
+        values: Floats = np.choose(pick, [getattr(each, name) for each in outcomes])
+        return values
+
+    return Outcome(chosen("errors"), chosen("scores"), chosen("rotations"))
+
+
+def of_noise(cell: Cell) -> Outcome:
+    """A setting against itself, from starts as uncertain as the measured ones; in a worker process."""
+    tosses: Tosses = cell.cases
+    exact = tosses.simulated(cell.module, cell.contact, cell.values)
+    noise = np.random.default_rng(0)
+    shaken = replace(tosses, motions=[_shaken(each, noise) for each in tosses.motions])
+    return tosses.as_simulated(exact).judged(shaken.simulated(cell.module, cell.contact, cell.values))
+
+
+def _shaken(motion: Motion, noise: np.random.Generator) -> Motion:
+    n = min(motion.flight, MOST_FLIGHT)
+    lasts = float(motion.time[n - 1] - motion.time[0])
+    start = motion.start
+    # Standard errors of a line's value at its end and of its slope, of n points.
+    at_end, slope = 2.0 / np.sqrt(n), 3.5 / (lasts * np.sqrt(n))
+    place = start.position + noise.normal(0.0, POSITION_NOISE * at_end, 3)
+    velocity = start.velocity + noise.normal(0.0, POSITION_NOISE * slope, 3)
+    spin = start.spin + noise.normal(0.0, ROTATION_NOISE * slope, 3)
+    turn = Rotation.from_rotvec(noise.normal(0.0, ROTATION_NOISE * at_end, 3)) * rotation(start.quaternion)
+    return replace(motion, start=Toss(place, quaternions(turn), velocity, spin, start.steps))
+
+
+def of_ellipse(training: Any, judged: Any) -> dict[str, Outcome]:
+    """The nearest rigid law, of one e and friction for all, and the nearest impulse of each drop."""
+    e, friction = ellipse.fit_coulomb(training)
+    law = ellipse.errors(judged, ellipse.coulomb(judged, e, friction))
+    nearest = ellipse.free_impulse(judged)
+    return {RIGID: Outcome(law, law), FREE_IMPULSE: Outcome(nearest, nearest)}
+
+
+def of_ball(training: Any, judged: Any) -> dict[str, Outcome]:
+    """The nearest rigid law, of one e for all bounces."""
+    friction = ball.FIXED["friction"]
+
+    def mean(u: Floats) -> float:
+        return float(ball.rigid(training, float(u[0]), friction).scores.mean())
+
+    (e,), _ = least(mean, np.array([0.9]), 0.05)
+    return {RIGID: ball.rigid(judged, float(e), friction)}

@@ -1,0 +1,256 @@
+"""Impacts read from poses: one least-squares fit an impact, of two flights and the impulse between them.
+
+Two flights at most MOST_GAP frames apart are one impact at the vertex that is lowest between. Unknown are
+the pose when the flight before brings the vertex to the plate, the velocities before, the impulse there,
+and the jump of the pose while the contact lasts, which is about 13 ms. e is the speed at which the flight
+after carries the vertex up through the plate over that at which the flight before brought it down.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, fields
+from itertools import pairwise
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from hcbench.impact import Floats
+from hcbench.reality.motion import Motion, rotation
+from hcbench.sim.toss import GRAVITY, Body
+
+TOUCH = 1.5e-3  # m: a frame whose lowest vertex is higher is in flight
+MOST_GAP, LEAST_BEFORE, LEAST_AFTER = 5, 4, 2  # frames
+MOST_BEFORE, MOST_AFTER = 12, 10  # frames of a flight that are fitted
+POSITION_NOISE, ROTATION_NOISE = 8e-5, 4e-4  # m, rad: of a measured pose
+_JUMP, _TURN = 8e-3, 0.06  # m, rad: prior of the pose's jump while the contact lasts
+_ROUNDS = 30
+_ALONE, _SURE, _LONG = 5e-3, 0.05, 3  # what makes an impact good: m, of e, frames
+# The unknowns: place 3, turn 3, velocity 3, spin 3, impulse 3, jump 3, jump's turn 3; and a step of each.
+_PLACE, _TURNED, _VELOCITY, _SPIN, _IMPULSE, _JUMPED, _JUMP_TURN = (slice(i, i + 3) for i in range(0, 21, 3))
+_SCALES = np.repeat([1e-4, 1e-3, 0.01, 0.05, 5e-3, 1e-3, 5e-3], 3)
+
+
+@dataclass(frozen=True, slots=True)
+class ImpactRead:
+    """An impact of a motion at one vertex.
+
+    number: the motion's. order: 0 of a motion's first flight. time: s, from the motion's start. speed_in,
+    speed_out: of the vertex, at the plate, m/s; e their ratio; u_e its standard uncertainty, without what
+    differs from impact to impact. friction: tangential over normal impulse, against the slip. slip: m/s.
+    duration: s, between the two crossings of the plate. second: height of the next vertex, m. frames_after:
+    that were fitted. chi_square: a degree of freedom. energy_lost: share of the kinetic energy.
+    """
+
+    number: int
+    order: int
+    time: float
+    speed_in: float
+    speed_out: float
+    e: float
+    u_e: float
+    friction: float
+    u_friction: float
+    slip: float
+    duration: float
+    second: float
+    frames_after: int
+    chi_square: float
+    energy_lost: float
+
+    @property
+    def good(self) -> bool:
+        """Whether e is known and one vertex alone was struck."""
+        return self.frames_after >= _LONG and self.u_e < _SURE and self.second > _ALONE
+
+
+COLUMNS = tuple(field.name for field in fields(ImpactRead))
+
+
+def read_impacts(body: Body, motions: Iterable[Motion]) -> list[ImpactRead]:
+    """All impacts of a box that two flights bracket."""
+    return [impact for each in motions for impact in _of_motion(body, each)]
+
+
+def vertices(body: Body) -> Floats:
+    """Corners of a box in its own frame, m, shape (8, 3)."""
+    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1], indexing="ij")).reshape(3, 8).T
+    corners: Floats = signs * np.array(body.half_sizes)
+    return corners
+
+
+def _flights(height: Floats) -> list[tuple[int, int]]:
+    """First and last frames of each flight."""
+    up = np.concatenate([[False], height > TOUCH, [False]]).astype(int)
+    change = np.diff(up)
+    return list(zip(np.flatnonzero(change == 1), np.flatnonzero(change == -1) - 1, strict=True))
+
+
+def _of_motion(body: Body, motion: Motion) -> Iterator[ImpactRead]:
+    corners = vertices(body)
+    up = rotation(motion.quaternion).as_matrix()[:, 2, :]
+    heights = motion.position[:, 2:] + up @ corners.T
+    lowest = heights.min(axis=1)
+    flights = _flights(lowest)
+    for order, ((start, end), (again, last)) in enumerate(pairwise(flights)):
+        short = end - start + 1 < LEAST_BEFORE or last - again + 1 < LEAST_AFTER
+        if short or again - end > MOST_GAP or again == end + 1:
+            continue
+        touch = end + 1 + int(np.argmin(lowest[end + 1 : min(end + 4, again + 1)]))
+        vertex = int(np.argmin(heights[touch]))
+        first, until = max(start, end - MOST_BEFORE + 1), min(last, again + MOST_AFTER - 1)
+        frames = np.r_[first : end + 1, again : until + 1]
+        fit = _Fit(body, corners, vertex, motion, frames, end + 1 - first)
+        impact = fit.impact(motion.number, order)
+        if impact is not None:
+            yield impact
+
+
+class _Fit:
+    """One impact: the frames of both flights, and the unknowns' base at the touch."""
+
+    def __init__(
+        self, body: Body, corners: Floats, vertex: int, motion: Motion, frames: Floats, before: int
+    ) -> None:
+        self.body, self.corners, self.vertex = body, corners, vertex
+        self.time, self.place = motion.time[frames], motion.position[frames]
+        self.turns = rotation(motion.quaternion[frames])
+        self.before, self.began = before, motion.time[0]
+        self.touch, self.start, self.base = self._touch()
+        self.since = self.time - self.touch
+        self.later = self.since > 0.0
+
+    def _arc(self, touch: float) -> tuple[Floats, Floats, Rotation, Floats]:
+        """Place, velocity, attitude and spin at a time, by the flight before."""
+        since = self.time[: self.before] - touch
+        rows = np.stack([np.ones_like(since), since], axis=1)
+        risen = self.place[: self.before] + np.outer(0.5 * GRAVITY * since**2, [0.0, 0.0, 1.0])
+        place, velocity = np.linalg.lstsq(rows, risen, rcond=None)[0]
+        last = self.turns[self.before - 1]
+        turned = (self.turns[: self.before] * last.inv()).as_rotvec()
+        turn, spin = np.linalg.lstsq(rows, turned, rcond=None)[0]
+        return place, velocity, Rotation.from_rotvec(turn) * last, spin
+
+    def _touch(self) -> tuple[float, Floats, Rotation]:
+        """When the flight before brings the vertex down, the unknowns to start from, and the attitude."""
+        last, first = self.time[self.before - 1], self.time[self.before]
+        touch = 0.5 * (last + first)
+        for _ in range(6):
+            place, velocity, base, spin = self._arc(touch)
+            arm = base.apply(self.corners[self.vertex])
+            rate = velocity[2] + np.cross(spin, arm)[2]
+            if rate >= -0.02:
+                break
+            touch += float(np.clip(-(place[2] + arm[2]) / rate, -4e-3, 4e-3))
+        touch = float(np.clip(touch, last + 1e-4, first - 1e-4))
+        place, velocity, base, spin = self._arc(touch)
+        since = self.time[self.before :] - touch
+        moved = self.place[self.before :] + np.outer(0.5 * GRAVITY * since**2, [0.0, 0.0, 1.0]) - place
+        leaving = (moved * since[:, None]).sum(axis=0) / (since**2).sum()
+        start = np.zeros(len(_SCALES))
+        start[_PLACE], start[_VELOCITY], start[_SPIN] = place, velocity, spin
+        start[_IMPULSE] = self.body.mass * (leaving - velocity)
+        return touch, start, base
+
+    def _after(self, u: Floats) -> tuple[Rotation, Floats, Floats, Floats]:
+        """Attitude and the vertex' arm at the touch, velocity and spin after, of unknowns, shape (b, 21)."""
+        turn = Rotation.from_rotvec(u[:, _TURNED]) * self.base
+        arm = turn.apply(self.corners[self.vertex])
+        velocity = u[:, _VELOCITY] + u[:, _IMPULSE] / self.body.mass
+        spin = u[:, _SPIN] + np.cross(arm, u[:, _IMPULSE]) / self.body.inertia
+        return turn, arm, velocity, spin
+
+    def left(self, u: Floats) -> Floats:
+        """What unknowns of shape (b, 21) leave of the data, in standard deviations, shape (b, 6 n + 6)."""
+        sets, frames = len(u), len(self.time)
+        turn, _, velocity, spin = self._after(u)
+        since, later = self.since[None, :, None], self.later[None, :, None]
+        speeds = np.where(later, velocity[:, None], u[:, None, _VELOCITY])
+        place = u[:, None, _PLACE] + np.where(later, u[:, None, _JUMPED], 0.0) + speeds * since
+        place[..., 2] -= 0.5 * GRAVITY * self.since**2
+        spins = np.where(later, spin[:, None], u[:, None, _SPIN]) * since
+        jumps = np.where(later, u[:, None, _JUMP_TURN], 0.0) * np.ones_like(since)
+        each = np.repeat(np.arange(sets), frames)
+        attitude = (
+            Rotation.from_rotvec(spins.reshape(-1, 3))
+            * Rotation.from_rotvec(jumps.reshape(-1, 3))
+            * turn[each]
+        )
+        away = (attitude.inv() * self.turns[np.tile(np.arange(frames), sets)]).as_rotvec()
+        parts = (
+            (place - self.place) / POSITION_NOISE, away.reshape(sets, frames, 3) / ROTATION_NOISE,
+            u[:, None, _JUMPED] / _JUMP, u[:, None, _JUMP_TURN] / _TURN,
+        )  # fmt: skip
+        return np.concatenate([part.reshape(sets, -1) for part in parts], axis=1)
+
+    def derived(self, u: Floats) -> Floats:
+        """Speed in, out, friction, slip, duration, lost energy, shape (b, 6), of unknowns, shape (b, 21)."""
+        turn, arm, velocity, spin = self._after(u)
+        arriving = u[:, _VELOCITY] + np.cross(u[:, _SPIN], arm)
+        duration, leaving = self._up(u, turn, velocity, spin)
+        slip = np.linalg.norm(arriving[:, :2], axis=1)
+        along = -np.einsum("bi,bi->b", u[:, _IMPULSE][:, :2], arriving[:, :2]) / np.maximum(slip, 1e-9)
+        energy = self._energy(u[:, _VELOCITY], u[:, _SPIN])
+        lost = 1.0 - self._energy(velocity, spin) / energy
+        friction = along / u[:, _IMPULSE][:, 2]
+        return np.stack([-arriving[:, 2], leaving, friction, slip, duration, lost], axis=1)
+
+    def _energy(self, velocity: Floats, spin: Floats) -> Floats:
+        energy: Floats = self.body.mass * (velocity**2).sum(axis=1) + self.body.inertia * (spin**2).sum(
+            axis=1
+        )
+        return energy
+
+    def _up(self, u: Floats, turn: Rotation, velocity: Floats, spin: Floats) -> tuple[Floats, Floats]:
+        """When the flight after carries the vertex up through the plate, s after the touch, and how fast."""
+        after = Rotation.from_rotvec(u[:, _JUMP_TURN]) * turn
+        corner = after.apply(self.corners[self.vertex])
+        height, time = u[:, 2] + u[:, _JUMPED][:, 2], np.full(len(u), 7e-3)
+        for _ in range(12):
+            arm = Rotation.from_rotvec(spin * time[:, None]).apply(corner)
+            at = height + velocity[:, 2] * time - 0.5 * GRAVITY * time**2 + arm[:, 2]
+            rate = velocity[:, 2] - GRAVITY * time + np.cross(spin, arm)[:, 2]
+            time = np.where(rate < 0.01, time, np.clip(time - at / np.maximum(rate, 0.01), -4e-3, 0.03))
+        return time, rate
+
+    def impact(self, number: int, order: int) -> ImpactRead | None:
+        """The impact; None where no unknowns fit."""
+        fitted = _least_squares(self.left, self.start)
+        if fitted is None:
+            return None
+        best, curvature, square = fitted
+        chi_square = square / (6 * len(self.time) - 15)
+        covariance = np.linalg.pinv(curvature) * max(chi_square, 1.0)
+        step = 1e-2 * _SCALES
+        derived, *moved = self.derived(np.vstack([best, best + np.diag(step)]))
+        ratios = np.array([d[1] / d[0] for d in moved]) - derived[1] / derived[0]
+        slopes = np.stack([ratios, [d[2] - derived[2] for d in moved]]) / step
+        u_e, u_friction = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
+        heights = np.sort((Rotation.from_rotvec(best[_TURNED]) * self.base).apply(self.corners)[:, 2])
+        speed_in, speed_out, friction, slip, duration, lost = (float(x) for x in derived)
+        return ImpactRead(
+            number, order, self.touch - self.began, speed_in, speed_out, speed_out / speed_in, float(u_e),
+            friction, float(u_friction), slip, duration, float(heights[1] - heights[0]),
+            len(self.time) - self.before, chi_square, lost,
+        )  # fmt: skip
+
+
+def _least_squares(left: Callable[[Floats], Floats], start: Floats) -> tuple[Floats, Floats, float] | None:
+    """Unknowns that make the squares least, the matrix of normal equations there, and the sum of squares.
+
+    By Gauss and Newton, with differences for slopes, all in one call; None where it does not settle.
+    """
+    best, step = start, 1e-3 * _SCALES
+    for _ in range(_ROUNDS):
+        here, *moved = left(np.vstack([best, best + np.diag(step)]))
+        slopes = (np.array(moved) - here) / step[:, None]
+        curvature = slopes @ slopes.T
+        shift = -np.linalg.lstsq(curvature, slopes @ here, rcond=None)[0]
+        shares = np.array([1.0, 0.5, 0.25, 0.05])
+        squares = (left(best + shares[:, None] * shift) ** 2).sum(axis=1)
+        pick = int(np.argmin(squares))
+        gained = float((here**2).sum() - squares[pick])
+        if gained <= 0.0:
+            return best, curvature, float((here**2).sum())
+        best = best + shares[pick] * shift
+        if gained < 1e-6 * squares[pick]:
+            return best, curvature, float(squares[pick])
+    return (best, curvature, float(squares[pick])) if np.isfinite(best).all() else None

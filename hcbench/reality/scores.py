@@ -1,0 +1,70 @@
+"""The table scores.csv: the mean error of each setting on each data set, with its interval."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from hcbench.reality.cells import SETS, Cell
+from hcbench.reality.motion import interval
+from hcbench.reality.outcome import Outcome
+
+FILE = "scores.csv"
+NO_ENGINE = "none"  # of floors
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """A line: a mean error with its 95 % interval over n tosses or bounces.
+
+    cone: of friction, where the engine has several. rotation_deg: mean angle, of tosses.
+    """
+
+    set: str
+    engine: str
+    setting: str
+    cone: str
+    error: float
+    error_low: float
+    error_high: float
+    unit: str
+    rotation_deg: float | None
+    n: int
+
+
+def of_cell(cell: Cell, outcome: Outcome) -> Score:
+    """Of an engine's setting."""
+    return of_outcome(cell.data, cell.engine, cell.contact.name, cell.contact.cone, outcome)
+
+
+def of_outcome(data: str, engine: str, setting: str, cone: str, outcome: Outcome) -> Score:
+    """Of a setting or a floor."""
+    low, high = interval(outcome.errors)
+    turned = None if outcome.rotations is None else float(np.degrees(outcome.rotations.mean()))
+    mean = float(outcome.errors.mean())
+    return Score(data, engine, setting, cone, mean, low, high, SETS[data].UNIT, turned, len(outcome.errors))
+
+
+def csv_text(scores: Iterable[Score]) -> str:
+    """The table."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, [field.name for field in fields(Score)], lineterminator="\n")
+    writer.writeheader()
+    for score in scores:
+        row = asdict(score)
+        writer.writerow({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()})
+    return text.getvalue()
+
+
+def sets_in(folder: Path) -> set[str]:
+    """The data sets of the study in a folder; none where there is no study."""
+    try:
+        with (folder / FILE).open(encoding="utf-8", newline="") as file:
+            return {row["set"] for row in csv.DictReader(file)}
+    except (OSError, ValueError, KeyError, csv.Error):
+        return set()

@@ -1,0 +1,162 @@
+"""The study: each setting of each engine on each data set, the floors, and what corrections change."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hcbench.reality import floors, twin
+from hcbench.reality.cells import (
+    SETS,
+    Cell,
+    Tick,
+    installed,
+    outcome_of,
+    parts_of,
+    run_each,
+    settings_of,
+)
+from hcbench.reality.cube import VARIANTS
+from hcbench.reality.identify import Parameters, committed, identify, values_of
+from hcbench.reality.impacts import ImpactRead, read_impacts
+from hcbench.reality.scores import NO_ENGINE, Score, of_cell, of_outcome
+from hcbench.sim.toss import FRICTION, PLUGIN_ALPHA, PLUGIN_E, ContactSetting
+from hcbench.workers import WorkerPool, call
+
+# Laws whose twins are read as the data are: the e that is read from the data, and the α that has this mean e.
+TWIN_E, TWIN_ALPHA = 0.235, 2.6
+_TWIN_EVERY = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What to run. folders: of the original data. part: to judge; None: the validation parts."""
+
+    sets: Sequence[str]
+    folders: Mapping[str, Path | None] = field(default_factory=dict)
+    part: int | None = None
+    identify: bool = False
+
+    def cell(self, data: str, engine: str, setting: ContactSetting, values: tuple[float, ...] = ()) -> Cell:
+        """A setting on the parts to judge."""
+        return Cell(data, engine, setting.key, values, parts_of(data, self.part), self.folders.get(data))
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """What the study found.
+
+    changed: scores on a data set with parts of it left as published, by what is. impacts: read from the
+    cube's tosses. twins: the same of synthetic ones, by law.
+    """
+
+    request: Request
+    parameters: Parameters
+    scores: Sequence[Score]
+    changed: Mapping[str, Sequence[Score]]
+    impacts: Sequence[ImpactRead]
+    twins: Mapping[str, Sequence[ImpactRead]]
+
+
+def run(request: Request, pool: WorkerPool, tick: Tick | None = None) -> Results:
+    """All of it. EngineMissing where no engine that can simulate a toss is installed."""
+    parameters = identify(pool, request.sets, request.folders, tick) if request.identify else committed()
+    cells = [cell for data in request.sets for cell in _cells(request, parameters, data)]
+    variants = [cell for cell in cells if cell.data == "cube" and _is_in_switches(cell)]
+    changed = [
+        Cell(c.data, c.engine, c.setting, c.values, c.parts, c.folder, variant)
+        for variant in VARIANTS if variant for c in variants
+    ]  # fmt: skip
+    outcomes = run_each(pool, outcome_of, [*cells, *changed], tick)
+    scores = [of_cell(cell, outcome) for cell, outcome in zip(cells, outcomes, strict=False)]
+    other: dict[str, list[Score]] = {}
+    for cell, outcome in zip(changed, outcomes[len(cells) :], strict=True):
+        other.setdefault(cell.variant, []).append(of_cell(cell, outcome))
+    scores += [score for data in request.sets for score in _floors(request, parameters, pool, data)]
+    impacts, twins = _impacts(request, parameters, pool) if "cube" in request.sets else ([], {})
+    return Results(request, parameters, scores, other, impacts, twins)
+
+
+def _cells(request: Request, parameters: Parameters, data: str) -> Iterator[Cell]:
+    for engine, setting in settings_of(data):
+        values = values_of(parameters, data, request.cell(data, engine, setting))
+        if values is not None:
+            yield request.cell(data, engine, setting, values)
+
+
+def _is_in_switches(cell: Cell) -> bool:
+    return cell.contact.name in (FRICTION, PLUGIN_E) and cell.contact.cone != "pyramidal"
+
+
+def _exact(data: str) -> tuple[str, ContactSetting, ContactSetting] | None:
+    """An engine whose plug-in sets e of every impact, with its settings of constant e and of α."""
+    for engine in installed():
+        own = {
+            setting.name: setting
+            for name, setting in settings_of(data)
+            if name == engine and setting.cone != "pyramidal"
+        }
+        if PLUGIN_E in own and PLUGIN_ALPHA in own:
+            return engine, own[PLUGIN_E], own[PLUGIN_ALPHA]
+    return None
+
+
+def _floors(request: Request, parameters: Parameters, pool: WorkerPool, data: str) -> Iterator[Score]:
+    outcomes: dict[str, Any] = {}
+    if data == "cube" and (exact := _exact(data)):
+        engine, constant, _ = exact
+        grid = [request.cell(data, engine, constant, (friction,)) for friction in floors.FRICTIONS]
+        outcomes[floors.BEST_OF_EACH] = floors.best(run_each(pool, floors.of_friction, grid))
+        cell = request.cell(data, engine, constant)
+        if (values := values_of(parameters, data, cell)) is not None:
+            same = request.cell(data, engine, constant, values)
+            (outcomes[floors.NOISE],) = run_each(pool, floors.of_noise, [same])
+    elif data in ("ellipse", "ball"):
+        folder = request.folders.get(data)
+        training = SETS[data].cases(SETS[data].TRAINING, folder)
+        judged = SETS[data].cases(parts_of(data, request.part), folder)
+        outcomes = (
+            floors.of_ellipse(training, judged) if data == "ellipse" else floors.of_ball(training, judged)
+        )
+    elif data == "alumina":
+        cases = SETS[data].cases(SETS[data].VALIDATION)
+        outcomes[floors.RIGID] = SETS[data].rigid(
+            cases, SETS[data].FIXED["restitution"], SETS[data].FIXED["friction"]
+        )
+    for name, outcome in outcomes.items():
+        yield of_outcome(data, NO_ENGINE, name, "", outcome)
+
+
+def _impacts(
+    request: Request, parameters: Parameters, pool: WorkerPool
+) -> tuple[list[ImpactRead], dict[str, list[ImpactRead]]]:
+    """Impacts of the tosses that are judged and those of the training part, and of their twins."""
+    parts = (*SETS["cube"].TRAINING, *SETS["cube"].VALIDATION) if request.part is None else (request.part,)
+    folder = request.folders.get("cube")
+    reading = pool.threads.submit(call, _read, parts, folder, limit=None)
+    twins: dict[str, list[ImpactRead]] = {}
+    if exact := _exact("cube"):
+        engine, constant, falling = exact
+        known = values_of(parameters, "cube", request.cell("cube", engine, constant))
+        friction = known[1] if known else 0.18
+        cells = [
+            Cell("cube", engine, constant.key, (TWIN_E, friction), parts, folder),
+            Cell("cube", engine, falling.key, (TWIN_ALPHA, friction), parts, folder),
+        ]
+        twins = dict(zip(("constant e", "alpha"), run_each(pool, _read_twins, cells), strict=True))
+    return reading.result(), twins
+
+
+def _read(parts: tuple[int, ...], folder: Path | None) -> list[ImpactRead]:
+    """In a worker process."""
+    tosses = SETS["cube"].cases(parts, folder)
+    return read_impacts(tosses.body, tosses.motions)
+
+
+def _read_twins(cell: Cell) -> list[ImpactRead]:
+    """In a worker process."""
+    measured = cell.cases.motions[::_TWIN_EVERY]
+    made = twin.twins(cell.module, cell.cases.body, cell.contact, cell.values, measured)
+    return read_impacts(cell.cases.body, made)

@@ -1,0 +1,129 @@
+"""One body tossed onto a fixed horizontal plate at z = 0: what an engine does with a measured motion's start.
+
+An engine that can simulate it has a module `scene.toss` in its package (`registry.submodule`) with
+
+    SETTINGS: tuple[ContactSetting, ...]
+        What can be set of the contact, from nothing to all that the engine has.
+    SHAPES: frozenset[str]
+        Of `Body.shape`, those that it has.
+    simulate(body, setting, values, timestep, tosses) -> list of arrays of shape (steps + 1, 13)
+        `States` of the body at the ends of steps, one array a toss; values: one for each of the setting's
+        parameters. Called in a worker process; raises EngineMissing where the backend is missing.
+
+Vectors are in the world's frame, z up, SI; quaternions are (w, x, y, z).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+import numpy as np
+
+from hcbench.impact import Floats
+from hcbench.sim import registry
+
+GRAVITY = 9.81  # m/s²
+Shape = Literal["box", "ellipsoid", "sphere"]
+# Columns of the states that engines return.
+POSITION, QUATERNION, VELOCITY, SPIN = slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13)
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A body whose inertia (kg m²) is the same about all axes.
+
+    half_sizes: m, along its own axes: half edges of a box, semi-axes of an ellipsoid, thrice the radius of
+    a sphere.
+    """
+
+    shape: Shape
+    half_sizes: tuple[float, float, float]
+    mass: float
+    inertia: float
+
+
+@dataclass(frozen=True, slots=True)
+class Toss:
+    """The start of a toss: position (m), quaternion, velocity (m/s) and spin (rad/s), and how many steps."""
+
+    position: Floats
+    quaternion: Floats
+    velocity: Floats
+    spin: Floats
+    steps: int
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """What a setting leaves to be identified. starts: of each search; all are positive. most: its bound."""
+
+    name: str
+    starts: tuple[float, ...]
+    most: float = np.inf
+
+
+@dataclass(frozen=True, slots=True)
+class ContactSetting:
+    """A way to set an engine's contact. name: the same for what engines have in common.
+
+    cone: of friction, where the engine has several.
+    """
+
+    name: str
+    parameters: tuple[Parameter, ...] = ()
+    cone: Literal["elliptic", "pyramidal", ""] = ""
+
+    @property
+    def key(self) -> str:
+        """The setting among those of its engine."""
+        return f"{self.name}, {self.cone}" if self.cone else self.name
+
+
+NOTHING, FRICTION, RESTITUTION = "nothing set", "friction alone", "restitution"
+PLUGIN_E, PLUGIN_ALPHA = "plug-in constant e", "plug-in alpha"
+# Parameters by starts of a search.
+MU = Parameter("friction", (0.18, 0.3, 0.1))
+E = Parameter("restitution", (0.2, 0.5, 0.9), most=1.0)
+ALPHA = Parameter("alpha", (2.0, 0.5, 0.1))
+
+
+class TossModule(Protocol):
+    """What `scene.toss` of an engine is."""
+
+    SETTINGS: tuple[ContactSetting, ...]
+    SHAPES: frozenset[Shape]
+
+    def simulate(
+        self,
+        body: Body,
+        setting: ContactSetting,
+        values: Sequence[float],
+        timestep: float,
+        tosses: Sequence[Toss],
+    ) -> list[Floats]:
+        """States at the ends of steps, of each toss."""
+        ...
+
+
+def engines() -> Iterator[tuple[str, TossModule]]:
+    """Engines that can simulate a toss, installed or not, each with its module."""
+    for name in registry.names():
+        module: Any = registry.submodule(name, "scene.toss")
+        if module is not None:
+            yield name, module
+
+
+def as_integrated(velocity: Floats, timestep: float) -> Floats:
+    """What an engine that moves bodies by the new velocity of a step has to be given, shape (..., 3).
+
+    Half a step of gravity more: its positions then lie on the parabola of free flight, at any step. The
+    velocity at a step's end is that much more than the body's (`as_body`).
+    """
+    given: Floats = velocity + np.array([0.0, 0.0, 0.5 * GRAVITY * timestep])
+    return given
+
+
+def as_body(velocity: Floats, timestep: float) -> Floats:
+    """The body's velocity in free flight, by that at the end of such an engine's step."""
+    own: Floats = velocity - np.array([0.0, 0.0, 0.5 * GRAVITY * timestep])
+    return own

@@ -1,0 +1,66 @@
+"""Impacts read from poses: what was put into synthetic tosses is read from them, and what the cube's say."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+
+from hcbench.reality import cube
+from hcbench.reality.impacts import ImpactRead, read_impacts
+from hcbench.reality.motion import Tosses
+from hcbench.reality.twin import twins
+from hcbench.sim.toss import engines
+
+WHOLE = pytest.mark.skipif("HCBENCH_REALITY" not in os.environ, reason="make test-reality: all tosses")
+
+
+def first(tosses: Tosses) -> list[ImpactRead]:
+    """Good impacts that end a toss' first flight."""
+    return [each for each in read_impacts(tosses.body, tosses.motions) if each.good and each.order == 0]
+
+
+def synthetic(e: float, tosses: Tosses, timestep: float) -> list[ImpactRead]:
+    """Impacts read from what an exact plug-in simulates."""
+    module = dict(engines())["mujoco"]
+    setting = next(each for each in module.SETTINGS if each.key == "plug-in constant e, elliptic")
+    made = twins(module, tosses.body, setting, (e, 0.18), tosses.motions, timestep)
+    return first(Tosses(tosses.body, made))
+
+
+@pytest.mark.parametrize("e", [0.2, 0.3])
+def test_the_reading_returns_the_e_of_a_simulation(e: float) -> None:
+    tosses = cube.cases((0,)).of(lambda each: each.number % 20 == 0)
+    impacts = synthetic(e, tosses, 1e-4)
+    assert np.median([each.e for each in impacts]) == pytest.approx(e, abs=0.003)
+    assert np.median([each.chi_square for each in impacts]) == pytest.approx(1.0, abs=0.3)
+
+
+def test_the_friction_read_from_sliding_impacts_is_the_simulation_s() -> None:
+    tosses = cube.cases((0,)).of(lambda each: each.number % 20 == 0)
+    sliding = [each.friction for each in synthetic(0.2, tosses, 1e-4) if each.slip > 0.3]
+    assert np.median(sliding) == pytest.approx(0.18, abs=0.01)
+
+
+def test_e_of_the_cube() -> None:
+    """Of every third toss; all of them: 0.248."""
+    tosses = cube.cases((0, 1, 2, 3)).of(lambda each: each.number % 3 == 0)
+    impacts = first(tosses)
+    assert np.median([each.e for each in impacts]) == pytest.approx(0.245, abs=0.015)
+    assert np.median([each.friction for each in impacts if each.slip > 0.3]) == pytest.approx(0.176, abs=0.01)
+
+
+@WHOLE
+def test_e_of_all_tosses() -> None:
+    impacts = first(cube.cases((0, 1, 2, 3)))
+    assert np.median([each.e for each in impacts]) == pytest.approx(0.245, abs=0.01)
+    spread = np.std([each.e for each in impacts])
+    assert spread > 3 * np.median([each.u_e for each in impacts])
+
+
+@WHOLE
+@pytest.mark.parametrize("e", [0.2, 0.3])
+def test_the_reading_of_many_synthetic_tosses(e: float) -> None:
+    impacts = synthetic(e, cube.cases((0,)), 1e-4)
+    assert np.median([each.e for each in impacts]) == pytest.approx(e, abs=0.003)
