@@ -21,7 +21,7 @@ define NEW_ENVIRONMENT
 endef
 UV_INSTALL = $(@D)/bin/uv pip install --quiet --python $(@D)/bin/python
 
-.PHONY: report test test-pythons fuzz test-random docs test-plugins test-answers answers test-lowest test-models test-engines bench check format lock clean
+.PHONY: report test test-pythons fuzz test-random docs test-plugins test-answers answers test-lowest test-models test-reality test-engines bench check format lock clean
 
 report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/
 	$(BIN)/hcbench report steel-1lb
@@ -53,6 +53,9 @@ test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyp
 
 test-models: $(MODELS)/.installed  ## 47 models that others wrote, from their packages (docs/explanation/models.md)
 	HCBENCH_MODELS=1 $(MODELS)/bin/python -m pytest -n 2 tests/measuring/test_models_from_outside.py
+
+test-reality: $(INSTALLED)  ## engines on all measured tosses and drops, and synthetic twins
+	HCBENCH_REALITY=1 $(BIN)/python -m pytest -n 2 tests/reality
 
 test-engines: $(INSTALLED)  ## tests of all engines from the package index, each in an environment of its own
 	HCBENCH_DATA=$(abspath $(ENGINES)) $(BIN)/hcbench engines add mujoco@3.3.0 mujoco@3.6.0 \

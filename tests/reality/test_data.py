@@ -122,7 +122,7 @@ def test_a_folder_of_the_original_repository_is_read(tmp_path: Path) -> None:
 
 def test_gravity_by_the_published_lengths_is_too_small_by_the_scale() -> None:
     fitted = []
-    for each in cube.cases((0, 1, 2, 3), variant="lengths as published").motions:
+    for each in cube.cases((1,), variant="lengths as published").motions:
         n = each.flight
         if n >= 10:
             fitted.append(2.0 * np.polyfit(each.time[:n], each.position[:n], 2)[0])

@@ -1,4 +1,4 @@
-"""Tosses in engines: free flight, and the errors of settings on measured tosses (acceptance on all of them)."""
+"""Tosses in engines: free flight, and the errors of settings on measured tosses."""
 
 from __future__ import annotations
 
