@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
@@ -44,7 +44,11 @@ def values_of(parameters: Parameters, data: str, cell: Cell) -> tuple[float, ...
 def identify(
     pool: WorkerPool, sets: Iterable[str], folders: Mapping[str, Path | None], tick: Tick | None = None
 ) -> Parameters:
-    """The best of three searches for each setting; to four digits."""
+    """Parameters by three searches for each setting, to four digits.
+
+    A mean score over a hundred tosses is rough in its parameters, as a corner may land or miss. What counts
+    is the least value of a parabola through the better tries of all three, not the luckiest try.
+    """
     cells = [
         Cell(data, engine, setting.key, start, SETS[data].TRAINING, folders.get(data))
         for data in sets
@@ -53,37 +57,70 @@ def identify(
         for start in (tuple(p.starts[i] for p in setting.parameters) for i in range(STARTS))
     ]
     longest = sorted(cells, key=lambda cell: -len(cell.values))
-    searched = dict(zip(longest, run_each(pool, search, longest, tick), strict=True))
+    tries = dict(zip(longest, run_each(pool, search, longest, tick), strict=True))
     parameters: dict[str, Any] = {}
     for (data, engine, key), group in groupby(cells, lambda cell: (cell.data, cell.engine, cell.setting)):
-        best = min((searched[cell] for cell in group), key=lambda pair: pair[1])[0]
+        first, *others = group
+        best = _values(first, smooth_least([each for cell in (first, *others) for each in tries[cell]]))
         rounded = {name: float(f"{value:.4g}") for name, value in best.items()}
         parameters.setdefault(data, {}).setdefault(engine, {})[key] = rounded
     return parameters
 
 
-def search(cell: Cell) -> tuple[dict[str, float], float]:
-    """Parameters near the cell's values with the least mean score, and that score; in a worker process."""
-    fixed: dict[str, float] = SETS[cell.data].FIXED
-    names = [p.name for p in cell.contact.parameters]
-    moving = [i for i, name in enumerate(names) if name not in fixed]
-    most = np.array([cell.contact.parameters[i].most for i in moving])
+def search(cell: Cell) -> list[tuple[Floats, float]]:
+    """Tries from the cell's values towards a least mean score: logarithms of what moves, and the score.
 
-    def values(u: Floats) -> dict[str, float]:
-        return (
-            dict(zip(names, cell.values, strict=True))
-            | fixed
-            | dict(zip((names[i] for i in moving), np.minimum(np.exp(u), most).tolist(), strict=True))
-        )
+    In a worker process.
+    """
+    tries: list[tuple[Floats, float]] = []
 
     def score(u: Floats) -> float:
-        given = values(u)
+        given = _values(cell, u)
         try:
-            mean = float(np.mean(outcome_of(replace(cell, values=tuple(given[n] for n in names))).scores))
+            mean = float(np.mean(outcome_of(replace(cell, values=tuple(given.values()))).scores))
         except EngineFailed:
-            return _FAILED
-        return mean if np.isfinite(mean) else _FAILED
+            mean = _FAILED
+        tries.append((u.copy(), mean if np.isfinite(mean) else _FAILED))
+        return tries[-1][1]
 
-    start = np.log([cell.values[i] for i in moving])
-    best, worth = least(score, start, _FIRST_STEP, _EVALUATIONS[len(moving)])
-    return values(best), worth
+    start = np.log([cell.values[i] for i in _moving(cell)])
+    least(score, start, _FIRST_STEP, _EVALUATIONS[len(start)])
+    return tries
+
+
+def _moving(cell: Cell) -> list[int]:
+    """Which of a cell's parameters are not known otherwise."""
+    fixed = SETS[cell.data].FIXED
+    return [i for i, parameter in enumerate(cell.contact.parameters) if parameter.name not in fixed]
+
+
+def _values(cell: Cell, u: Floats) -> dict[str, float]:
+    """A cell's parameters by the logarithms of those that move."""
+    moved = dict(zip(_moving(cell), u, strict=True))
+    return {
+        p.name: min(float(np.exp(moved[i])), p.most) if i in moved else SETS[cell.data].FIXED[p.name]
+        for i, p in enumerate(cell.contact.parameters)
+    }
+
+
+def smooth_least(tries: Sequence[tuple[Floats, float]]) -> Floats:
+    """Where a parabola through the better third of tries is least; else the best try."""
+    scores = np.array([score for _, score in tries])
+    better = np.argsort(scores, kind="stable")[: max(len(tries) // 3, 1)]
+    points = np.array([tries[i][0] for i in better])
+    best, low, high = points[0], points.min(axis=0), points.max(axis=0)
+    scale = np.maximum(high - low, 1e-12)
+    x = (points - best) / scale
+    n = x.shape[1]
+    above = np.triu_indices(n)
+    columns = np.concatenate([np.ones((len(x), 1)), x, x[:, above[0]] * x[:, above[1]]], axis=1)
+    if len(x) < 2 * columns.shape[1]:
+        return best
+    coefficients = np.linalg.lstsq(columns, scores[better], rcond=None)[0]
+    curvature = np.zeros((n, n))
+    curvature[above] = coefficients[1 + n :]
+    curvature = curvature + curvature.T
+    if np.linalg.eigvalsh(curvature)[0] <= 0.0:
+        return best
+    at: Floats = best + scale * np.linalg.solve(curvature, -coefficients[1 : 1 + n])
+    return at if ((low <= at) & (at <= high)).all() else best
