@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli.console import progress
+from hcbench.cli.console import MASS, progress
 from hcbench.cli.outputs import PathType
 from hcbench.errors import UserError
 
@@ -30,6 +30,15 @@ _OPTIONS = (
         type=click.IntRange(0, 4),
         help="Of the study `reality`: judge tosses with number % 5 = PART.",
     ),
+    click.option(
+        "--poses",
+        type=PathType(path_type=Path, dir_okay=False, exists=True),
+        multiple=True,
+        help="Of the study `reality`: judge engines by your own toss: a CSV of t, x, y, z, qw, qx, qy, qz.",
+    ),
+    click.option("--size", help="With --poses: three edges of the box, such as '0.1 0.1 0.1' (m)."),
+    click.option("--mass", type=MASS, help="With --poses: mass of the box, such as 0.37 kg."),
+    click.option("--inertia", help="With --poses: one or three moments, kg m².  [default: of a solid box]"),
     click.option("--identify", is_flag=True, help="Of the study `reality`: search the parameters again."),
 )
 
@@ -39,18 +48,59 @@ def reality_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return reduce(lambda made, option: option(made), reversed(_OPTIONS), command)
 
 
-def require_none(options: dict[str, Any]) -> None:
-    """UserError for an option of the study `reality` with another study."""
+def require_none(options: dict[str, Any], expected: str = f"the study `{NAME}`") -> None:
+    """UserError for an option of what was not asked for."""
     for name, value in options.items():
-        if value:
-            raise UserError(f"--{name}", "given with another study", f"the study `{NAME}`")
+        if value not in (None, False, ()):
+            raise UserError(f"--{name}", "given without what it belongs to", expected)
+
+
+def _report_own(
+    paths: tuple[Path, ...],
+    given: tuple[str | None, float | None, str | None],
+    identify: bool,
+    out: Path | None,
+    jobs: int,
+) -> Path:
+    from hcbench.workers import WorkerPool
+
+    size, mass, inertia = given
+    if size is None or mass is None:
+        raise UserError("--size" if size is None else "--mass", "not given", "the box's, with --poses")
+    with WorkerPool(jobs) as pool:
+        pool.begin("importlib", "import_module", "hcbench.reality.study")
+        from hcbench.reality.build import build_own
+        from hcbench.reality.poses import box, judge, read, text
+
+        body = box(_numbers("--size", size), mass, _numbers("--inertia", inertia or ""))
+        with progress("settings") as tick:
+            own = judge(read(paths, body), pool, identify, tick)
+    folder = out or Path("reports") / paths[0].stem
+    build_own(own, folder)
+    print("\n".join(text(own, folder)))
+    return folder
 
 
 def report_reality(
-    out: Path | None, jobs: int, sets: str | None, data: Path | None, part: int | None, identify: bool
+    out: Path | None,
+    jobs: int,
+    sets: str | None,
+    data: Path | None,
+    part: int | None,
+    poses: tuple[Path, ...],
+    size: str | None,
+    mass: float | None,
+    inertia: str | None,
+    identify: bool,
 ) -> Path:
-    """Run the study and write its page; the page."""
+    """Run the study and write its page; the page. Of a user's own poses: print and write what they tell."""
     from hcbench.workers import WorkerPool
+
+    if poses:
+        require_none({"sets": sets, "data": data, "part": part is not None}, f"`{NAME}` without --poses")
+        body = (size, mass, inertia)
+        return _report_own(poses, body, identify, out, jobs)
+    require_none({"size": size, "mass": mass, "inertia": inertia}, "--poses")
 
     with WorkerPool(jobs) as pool:
         pool.begin("importlib", "import_module", "hcbench.reality.study")
@@ -79,3 +129,11 @@ def _request(sets: str | None, data: Path | None, part: int | None, identify: bo
         raise UserError("--part", "4, which is not shipped", "--data with the folder of DAIRLab/contact-nets")
     known = [name for name in chosen if folders[name] is not None or not sources.missing(name)]
     return Request(known, folders, part, identify)
+
+
+def _numbers(option: str, text: str) -> list[float]:
+    """Numbers with spaces or commas between them."""
+    try:
+        return [float(part) for part in text.replace(",", " ").split()]
+    except ValueError:
+        raise UserError(option, repr(text), "numbers in SI, such as '0.1 0.1 0.1'") from None

@@ -44,7 +44,7 @@ REBOUND = np.array([
 
 def body() -> Body:
     """The ball."""
-    return Body("sphere", (RADIUS,) * 3, MASS, INERTIA)
+    return Body("sphere", (RADIUS,) * 3, MASS, (INERTIA,) * 3)
 
 
 def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> Bounces:

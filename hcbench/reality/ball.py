@@ -40,7 +40,7 @@ _SPIN_KEPT = 0.8  # share of the spin after the bounce, which was not measured: 
 
 def body() -> Body:
     """The ball."""
-    return Body("sphere", (RADIUS,) * 3, MASS, INERTIA)
+    return Body("sphere", (RADIUS,) * 3, MASS, (INERTIA,) * 3)
 
 
 def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> Bounces:

@@ -11,11 +11,22 @@ from pathlib import Path
 from hcbench._files import atomic_folder, json_text, write_text
 from hcbench.errors import OutputError
 from hcbench.reality import scores
+from hcbench.reality.evidence import good
 from hcbench.reality.impacts import COLUMNS, ImpactRead
+from hcbench.reality.page import page_text
+from hcbench.reality.poses import PAIRS, Own
 from hcbench.reality.study import Results
 from hcbench.reporting.page import PAGE
 
 IMPACTS, PARAMETERS = "impacts.csv", "parameters.json"
+
+
+def build_own(own: Own, folder: Path) -> None:
+    """Write the tables of a user's tosses into `folder`: all impacts, those for `hcbench fit`, scores."""
+    with atomic_folder(folder, IMPACTS) as scratch:
+        write_text(scratch / IMPACTS, impacts_text(own.impacts))
+        write_text(scratch / PAIRS, pairs_text([each for each in own.impacts if each.good]))
+        write_text(scratch / scores.FILE, scores.csv_text(score for score, _ in own.scores))
 
 
 def build(results: Results, folder: Path) -> Path:
@@ -27,18 +38,26 @@ def build(results: Results, folder: Path) -> Path:
     if lost := scores.sets_in(folder) - set(results.request.sets):
         raise OutputError("--out", f"{folder} holds a study with {', '.join(sorted(lost))}", "another folder")
     with atomic_folder(folder, PAGE) as scratch:
+        write_text(scratch / PAGE, page_text(results))
         write_text(scratch / scores.FILE, scores.csv_text(results.scores))
         write_text(scratch / PARAMETERS, json_text(results.parameters))
         if results.impacts:
             write_text(scratch / IMPACTS, impacts_text(results.impacts))
+            write_text(scratch / PAIRS, pairs_text(good(results.impacts)))
     return folder / PAGE
 
 
 def impacts_text(impacts: Sequence[ImpactRead]) -> str:
-    """The table of impacts that `hcbench fit` reads."""
+    """All that was read of impacts, a line each."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
     for impact in impacts:
         writer.writerow([f"{v:.6g}" if isinstance(v, float) else v for v in astuple(impact)])
     return text.getvalue()
+
+
+def pairs_text(impacts: Sequence[ImpactRead]) -> str:
+    """Impact speeds and e, as `hcbench fit` reads them."""
+    lines = [f"{each.number},{each.speed_in:.6g},{each.e:.6g},{each.u_e:.6g}\n" for each in impacts]
+    return "trial,speed [m/s],restitution,u_restitution\n" + "".join(lines)

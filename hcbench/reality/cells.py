@@ -39,6 +39,11 @@ class Cell:
     variant: str = ""
 
     @property
+    def key(self) -> tuple[str, str, str]:
+        """Data set, engine and setting."""
+        return self.data, self.engine, self.setting
+
+    @property
     def contact(self) -> ContactSetting:
         """The setting itself."""
         (match,) = (each for each in self.module.SETTINGS if each.key == self.setting)

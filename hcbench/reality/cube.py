@@ -52,7 +52,7 @@ VARIANTS = {
 
 def body(corrections: Corrections = CORRECTED) -> Body:
     """The cube."""
-    return Body("box", (HALF_WIDTH,) * 3, MASS, corrections.inertia)
+    return Body("box", (HALF_WIDTH,) * 3, MASS, (corrections.inertia,) * 3)
 
 
 def poses(folder: Path | None = None) -> Iterator[tuple[int, Floats]]:

@@ -64,7 +64,7 @@ class Impacts:
 
 def body() -> Body:
     """The ellipse, as an ellipsoid."""
-    return Body("ellipsoid", (LONG, THICK, SHORT), MASS, INERTIA)
+    return Body("ellipsoid", (LONG, THICK, SHORT), MASS, (INERTIA,) * 3)
 
 
 def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> Impacts:

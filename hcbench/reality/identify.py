@@ -59,10 +59,11 @@ def identify(
     longest = sorted(cells, key=lambda cell: -len(cell.values))
     tries = dict(zip(longest, run_each(pool, search, longest, tick), strict=True))
     parameters: dict[str, Any] = {}
-    for (data, engine, key), group in groupby(cells, lambda cell: (cell.data, cell.engine, cell.setting)):
+    for (data, engine, key), group in groupby(cells, lambda cell: cell.key):
         first, *others = group
-        best = _values(first, smooth_least([each for cell in (first, *others) for each in tries[cell]]))
-        rounded = {name: float(f"{value:.4g}") for name, value in best.items()}
+        best = best_values(first, [each for cell in (first, *others) for each in tries[cell]])
+        names = (p.name for p in first.contact.parameters)
+        rounded = {name: float(f"{value:.4g}") for name, value in zip(names, best, strict=True)}
         parameters.setdefault(data, {}).setdefault(engine, {})[key] = rounded
     return parameters
 
@@ -75,9 +76,8 @@ def search(cell: Cell) -> list[tuple[Floats, float]]:
     tries: list[tuple[Floats, float]] = []
 
     def score(u: Floats) -> float:
-        given = _values(cell, u)
         try:
-            mean = float(np.mean(outcome_of(replace(cell, values=tuple(given.values()))).scores))
+            mean = float(np.mean(outcome_of(replace(cell, values=_values(cell, u))).scores))
         except EngineFailed:
             mean = _FAILED
         tries.append((u.copy(), mean if np.isfinite(mean) else _FAILED))
@@ -94,13 +94,18 @@ def _moving(cell: Cell) -> list[int]:
     return [i for i, parameter in enumerate(cell.contact.parameters) if parameter.name not in fixed]
 
 
-def _values(cell: Cell, u: Floats) -> dict[str, float]:
+def _values(cell: Cell, u: Floats) -> tuple[float, ...]:
     """A cell's parameters by the logarithms of those that move."""
     moved = dict(zip(_moving(cell), u, strict=True))
-    return {
-        p.name: min(float(np.exp(moved[i])), p.most) if i in moved else SETS[cell.data].FIXED[p.name]
+    return tuple(
+        min(float(np.exp(moved[i])), p.most) if i in moved else SETS[cell.data].FIXED[p.name]
         for i, p in enumerate(cell.contact.parameters)
-    }
+    )
+
+
+def best_values(cell: Cell, tries: Sequence[tuple[Floats, float]]) -> tuple[float, ...]:
+    """A cell's parameters by tries of its searches."""
+    return _values(cell, smooth_least(tries))
 
 
 def smooth_least(tries: Sequence[tuple[Floats, float]]) -> Floats:
@@ -108,7 +113,8 @@ def smooth_least(tries: Sequence[tuple[Floats, float]]) -> Floats:
     scores = np.array([score for _, score in tries])
     better = np.argsort(scores, kind="stable")[: max(len(tries) // 3, 1)]
     points = np.array([tries[i][0] for i in better])
-    best, low, high = points[0], points.min(axis=0), points.max(axis=0)
+    best: Floats = points[0]
+    low, high = points.min(axis=0), points.max(axis=0)
     scale = np.maximum(high - low, 1e-12)
     x = (points - best) / scale
     n = x.shape[1]

@@ -155,7 +155,8 @@ class _Fit:
         turn = Rotation.from_rotvec(u[:, _TURNED]) * self.base
         arm = turn.apply(self.corners[self.vertex])
         velocity = u[:, _VELOCITY] + u[:, _IMPULSE] / self.body.mass
-        spin = u[:, _SPIN] + np.cross(arm, u[:, _IMPULSE]) / self.body.inertia
+        twist = turn.inv().apply(np.cross(arm, u[:, _IMPULSE]))
+        spin = u[:, _SPIN] + turn.apply(twist / np.array(self.body.inertia))
         return turn, arm, velocity, spin
 
     def left(self, u: Floats) -> Floats:
@@ -188,15 +189,14 @@ class _Fit:
         duration, leaving = self._up(u, turn, velocity, spin)
         slip = np.linalg.norm(arriving[:, :2], axis=1)
         along = -np.einsum("bi,bi->b", u[:, _IMPULSE][:, :2], arriving[:, :2]) / np.maximum(slip, 1e-9)
-        energy = self._energy(u[:, _VELOCITY], u[:, _SPIN])
-        lost = 1.0 - self._energy(velocity, spin) / energy
+        energy = self._energy(turn, u[:, _VELOCITY], u[:, _SPIN])
+        lost = 1.0 - self._energy(turn, velocity, spin) / energy
         friction = along / u[:, _IMPULSE][:, 2]
         return np.stack([-arriving[:, 2], leaving, friction, slip, duration, lost], axis=1)
 
-    def _energy(self, velocity: Floats, spin: Floats) -> Floats:
-        energy: Floats = self.body.mass * (velocity**2).sum(axis=1) + self.body.inertia * (spin**2).sum(
-            axis=1
-        )
+    def _energy(self, turn: Rotation, velocity: Floats, spin: Floats) -> Floats:
+        own = turn.inv().apply(spin)
+        energy: Floats = self.body.mass * (velocity**2).sum(axis=1) + own**2 @ np.array(self.body.inertia)
         return energy
 
     def _up(self, u: Floats, turn: Rotation, velocity: Floats, spin: Floats) -> tuple[Floats, Floats]:

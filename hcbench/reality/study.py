@@ -7,7 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hcbench.reality import floors, twin
+import numpy as np
+
+from hcbench.impact import Floats
+from hcbench.reality import evidence, floors, twin
 from hcbench.reality.cells import (
     SETS,
     Cell,
@@ -19,8 +22,10 @@ from hcbench.reality.cells import (
     settings_of,
 )
 from hcbench.reality.cube import VARIANTS
+from hcbench.reality.evidence import Slope, Switch
 from hcbench.reality.identify import Parameters, committed, identify, values_of
 from hcbench.reality.impacts import ImpactRead, read_impacts
+from hcbench.reality.motion import Tosses
 from hcbench.reality.scores import NO_ENGINE, Score, of_cell, of_outcome
 from hcbench.sim.toss import FRICTION, PLUGIN_ALPHA, PLUGIN_E, ContactSetting
 from hcbench.workers import WorkerPool, call
@@ -49,7 +54,8 @@ class Results:
     """What the study found.
 
     changed: scores on a data set with parts of it left as published, by what is. impacts: read from the
-    cube's tosses. twins: the same of synthetic ones, by law.
+    cube's tosses. twins: the same of synthetic ones, by law. slopes: of e over speed. switches: of the
+    ellipse's corrections. drawn: poses of one toss at its frames, measured and by setting.
     """
 
     request: Request
@@ -58,6 +64,9 @@ class Results:
     changed: Mapping[str, Sequence[Score]]
     impacts: Sequence[ImpactRead]
     twins: Mapping[str, Sequence[ImpactRead]]
+    slopes: Sequence[Slope]
+    switches: Sequence[Switch]
+    drawn: Mapping[str, Floats]
 
 
 def run(request: Request, pool: WorkerPool, tick: Tick | None = None) -> Results:
@@ -76,7 +85,47 @@ def run(request: Request, pool: WorkerPool, tick: Tick | None = None) -> Results
         other.setdefault(cell.variant, []).append(of_cell(cell, outcome))
     scores += [score for data in request.sets for score in _floors(request, parameters, pool, data)]
     impacts, twins = _impacts(request, parameters, pool) if "cube" in request.sets else ([], {})
-    return Results(request, parameters, scores, other, impacts, twins)
+    drawn = drawn_toss(pool, cells) if "cube" in request.sets else {}
+    slopes = evidence.cube_slopes(impacts, twins) if impacts else []
+    switches: list[Switch] = []
+    if "ellipse" in request.sets:
+        training, judged = _both_parts(request, "ellipse")
+        slopes.append(evidence.ellipse_slope(judged))
+        switches = evidence.ellipse_switches(training, judged)
+    if "ball" in request.sets:
+        slopes.append(evidence.ball_slope(_both_parts(request, "ball")[1]))
+    return Results(request, parameters, scores, other, impacts, twins, slopes, switches, drawn)
+
+
+def _both_parts(request: Request, data: str) -> tuple[Any, Any]:
+    """The training part of a data set, and what is judged."""
+    folder = request.folders.get(data)
+    return tuple(
+        SETS[data].cases(parts, folder) for parts in (SETS[data].TRAINING, parts_of(data, request.part))
+    )
+
+
+def drawn_toss(pool: WorkerPool, cells: Sequence[Cell]) -> dict[str, Floats]:
+    """Poses at the frames of the first toss that is judged: measured, and by each setting of the first engine
+    that has a plug-in.
+    """
+    plugged = {cell.engine for cell in cells if cell.contact.name == PLUGIN_E}
+    engine = next((cell.engine for cell in cells if cell.engine in plugged), "")
+    shown = [cell for cell in cells if cell.engine == engine and cell.data == "cube"]
+    poses = run_each(pool, _poses, shown)
+    drawn = {cell.setting: each for cell, (_, each) in zip(shown, poses, strict=True)}
+    return {"measured": poses[0][0], **drawn} if poses else {}
+
+
+def _poses(cell: Cell) -> tuple[Floats, Floats]:
+    """Measured and simulated, shape (n, 7); in a worker process."""
+    tosses = Tosses(cell.cases.body, cell.cases.motions[:1])
+    simulated = tosses.as_simulated(tosses.simulated(cell.module, cell.contact, cell.values))
+    measured, other = (
+        np.concatenate([each.position, each.quaternion], axis=1)
+        for each in (tosses.motions[0], simulated.motions[0])
+    )
+    return measured, other
 
 
 def _cells(request: Request, parameters: Parameters, data: str) -> Iterator[Cell]:
@@ -114,9 +163,7 @@ def _floors(request: Request, parameters: Parameters, pool: WorkerPool, data: st
             same = request.cell(data, engine, constant, values)
             (outcomes[floors.NOISE],) = run_each(pool, floors.of_noise, [same])
     elif data in ("ellipse", "ball"):
-        folder = request.folders.get(data)
-        training = SETS[data].cases(SETS[data].TRAINING, folder)
-        judged = SETS[data].cases(parts_of(data, request.part), folder)
+        training, judged = _both_parts(request, data)
         outcomes = (
             floors.of_ellipse(training, judged) if data == "ellipse" else floors.of_ball(training, judged)
         )

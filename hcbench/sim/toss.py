@@ -30,16 +30,15 @@ POSITION, QUATERNION, VELOCITY, SPIN = slice(0, 3), slice(3, 7), slice(7, 10), s
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A body whose inertia (kg m²) is the same about all axes.
+    """A body by its mass (kg), and by sizes (m) and moments of inertia (kg m²) along its own axes.
 
-    half_sizes: m, along its own axes: half edges of a box, semi-axes of an ellipsoid, thrice the radius of
-    a sphere.
+    half_sizes: half edges of a box, semi-axes of an ellipsoid, thrice the radius of a sphere.
     """
 
     shape: Shape
     half_sizes: tuple[float, float, float]
     mass: float
-    inertia: float
+    inertia: tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,7 +33,7 @@ def judged(data: str, engine: str, setting: str, parts: tuple[int, ...]) -> Outc
 def test_a_toss_flies_along_a_parabola_with_its_spin(name: str) -> None:
     """Faster than 100 rad/s too, where Bullet clips what is not told otherwise."""
     module = MODULES[name]
-    body = Body("sphere", (0.02,) * 3, 0.0027, 7.2e-7)
+    body = Body("sphere", (0.02,) * 3, 0.0027, (7.2e-7,) * 3)
     start = Toss(
         np.array([0.0, 0.0, 1.0]),
         np.array([1.0, 0, 0, 0]),

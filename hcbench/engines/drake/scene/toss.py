@@ -53,7 +53,7 @@ def simulate(
 
 
 def _add(drake: Any, plant: Any, body: Body, setting: ContactSetting, given: Mapping[str, float]) -> None:
-    turning = drake.RotationalInertia(*[body.inertia] * 3)
+    turning = drake.RotationalInertia(*body.inertia)
     inertia = drake.SpatialInertia.MakeFromCentralInertia(body.mass, [0, 0, 0], turning)
     tossed = plant.AddRigidBody("body", inertia)
     shapes = {

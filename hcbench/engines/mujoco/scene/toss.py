@@ -60,7 +60,7 @@ def _model(mujoco: Any, body: Body, setting: ContactSetting, values: Sequence[fl
     plate = spec.worldbody.add_geom(name="plate", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[9.0, 9.0, 0.1])
     tossed = spec.worldbody.add_body(name="body")
     tossed.add_freejoint()
-    tossed.mass, tossed.inertia, tossed.explicitinertial = body.mass, [body.inertia] * 3, True
+    tossed.mass, tossed.inertia, tossed.explicitinertial = body.mass, list(body.inertia), True
     kind = getattr(mujoco.mjtGeom, f"mjGEOM_{body.shape.upper()}")
     geoms = (plate, tossed.add_geom(name="body", type=kind, size=list(body.half_sizes)))
     given = dict(zip((p.name for p in setting.parameters), values, strict=True))

@@ -80,7 +80,7 @@ def _load(
     if setting.name == RESTITUTION:
         own["restitution"] = given["restitution"]
     bullet.changeDynamics(
-        tossed, -1, linearDamping=0.0, angularDamping=0.0, localInertiaDiagonal=[body.inertia] * 3,
+        tossed, -1, linearDamping=0.0, angularDamping=0.0, localInertiaDiagonal=body.inertia,
         activationState=kinds.ACTIVATION_STATE_DISABLE_SLEEPING, maxJointVelocity=_FASTEST, **own, **spring,
     )  # fmt: skip
     if setting.name in (PLUGIN_E, PLUGIN_ALPHA):

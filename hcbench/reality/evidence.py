@@ -1,0 +1,108 @@
+"""What the data say beyond scores: e over speed by each set's own reading, and what corrections change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hcbench.impact import Floats
+from hcbench.reality import ellipse
+from hcbench.reality.impacts import ImpactRead
+
+# Of the ellipse's speeds before, m/s: what the residuals of a free impulse imply.
+ELLIPSE_NOISE = 0.09
+
+
+@dataclass(frozen=True, slots=True)
+class Slope:
+    """Change of e per m/s of impact speed, with its 95 % interval; and median e of n impacts.
+
+    constant: the slope that the same reading returns of a constant e. of: what was read.
+    """
+
+    of: str
+    n: int
+    e: float
+    slope: float
+    low: float
+    high: float
+    constant: str
+
+
+@dataclass(frozen=True, slots=True)
+class Switch:
+    """Errors on a set with some of its corrections. on: names of those that are made. errors: by setting."""
+
+    on: tuple[str, ...]
+    errors: Mapping[str, str]
+
+
+def good(impacts: Sequence[ImpactRead]) -> list[ImpactRead]:
+    """Impacts that end a first flight at one vertex, with a known e."""
+    return [each for each in impacts if each.good and each.order == 0]
+
+
+def speeds_and_e(impacts: Sequence[ImpactRead]) -> tuple[Floats, Floats]:
+    """Of good impacts."""
+    kept = good(impacts)
+    return np.array([each.speed_in for each in kept]), np.array([each.e for each in kept])
+
+
+def slope_of(name: str, speed: Floats, e: Floats, constant: str) -> Slope:
+    """By least squares, the interval by bootstrap over impacts."""
+    noise = np.random.default_rng(0)
+    drawn = (noise.integers(0, len(e), len(e)) for _ in range(500))
+    slopes = [np.polyfit(speed[i], e[i], 1)[0] for i in drawn]
+    low, high = np.percentile(slopes, [2.5, 97.5])
+    slope = float(np.polyfit(speed, e, 1)[0])
+    return Slope(name, len(e), float(np.median(e)), slope, float(low), float(high), constant)
+
+
+def cube_slopes(impacts: Sequence[ImpactRead], twins: Mapping[str, Sequence[ImpactRead]]) -> list[Slope]:
+    """Of the tosses and of their twins."""
+    read = {law: slope_of(f"cube, synthetic: {law}", *speeds_and_e(each), "") for law, each in twins.items()}
+    constant = read.get("constant e")
+    words = (
+        f"{constant.slope:.3f} ({constant.low:.3f} to {constant.high:.3f})" if constant else "not simulated"
+    )
+    return [slope_of("cube, measured", *speeds_and_e(impacts), words), *read.values()]
+
+
+def ellipse_slope(impacts: Any) -> Slope:
+    """Of the drops: noise in the speed before makes a slope of its own."""
+    speed = -np.einsum("ij,ij->i", impacts.normal, impacts.before)
+    out = np.einsum("ij,ij->i", impacts.normal, impacts.after)
+    e = out / speed
+    alone = -float(np.median(e)) / float(speed.mean()) * ELLIPSE_NOISE**2 / float(speed.var())
+    return slope_of("ellipse", speed, e, f"{alone:.3f}, by noise of {ELLIPSE_NOISE} m/s in the speed before")
+
+
+def ball_slope(bounces: Any) -> Slope:
+    """Of the bounces."""
+    speed = -bounces.velocity[:, 2]
+    return slope_of("ball", speed, bounces.velocity_after[:, 2] / speed, "0")
+
+
+SIGN, LATE = "sign of the tangential lever", "12 ms of gravity in the speed after"
+
+
+def ellipse_switches(training: Any, judged: Any) -> list[Switch]:
+    """The rigid law, fitted again, and the best impulse of each drop, with and without the corrections."""
+    switches = []
+    for on in ((SIGN,), (), (SIGN, LATE), (LATE,)):
+        pair = []
+        for drops in (training, judged):
+            turned = drops if SIGN in on else drops.as_published()
+            pair.append(turned.as_original() if LATE in on else turned)
+        e, friction = ellipse.fit_coulomb(pair[0])
+        law = ellipse.errors(pair[1], ellipse.coulomb(pair[1], e, friction)).mean()
+        nearest = ellipse.free_impulse(pair[1]).mean()
+        errors = {
+            f"rigid law with e and friction fitted, here {e:.3f} and {friction:.3f}": f"{law:.3f} m/s",
+            "best impulse of each drop that adds no energy": f"{nearest:.3f} m/s",
+        }
+        switches.append(Switch(on, errors))
+    return switches

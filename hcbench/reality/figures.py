@@ -1,0 +1,95 @@
+"""The figures of the page: errors by setting with the floors, and e of each impact over speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from hcbench.reality.evidence import good, speeds_and_e
+from hcbench.reality.impacts import ImpactRead
+from hcbench.reality.scores import NO_ENGINE, Score
+from hcbench.reporting.plot_style import (
+    BLUE,
+    GREEN,
+    GREY,
+    LIMIT,
+    ORANGE,
+    SLATE,
+    draw_band,
+    log_axis,
+    new_figure,
+    speed_axis,
+)
+from hcbench.reporting.wording import engine_title
+from hcbench.sim.toss import NOTHING
+
+_BINS = 6
+
+
+def name_of(score: Score) -> str:
+    """A setting as figures and tables call it."""
+    words = score.setting if score.engine == NO_ENGINE else f"{engine_title(score.engine)}, {score.setting}"
+    return f"{words}, {score.cone} cone" if score.cone else words
+
+
+def errors(scores: Sequence[Score], unit: str) -> Figure:
+    """One row for each setting, floors as lines."""
+    settings = sorted((s for s in scores if s.engine != NO_ENGINE), key=lambda s: s.error, reverse=True)
+    floors = [s for s in scores if s.engine == NO_ENGINE]
+    figure = new_figure(8.2, 0.9 + 0.3 * len(settings))
+    axes = figure.add_subplot()
+    for row, score in enumerate(settings):
+        colour = LIMIT if score.setting == NOTHING else BLUE
+        axes.plot([score.error_low, score.error_high], [row, row], color=colour, linewidth=2.0)
+        axes.plot(score.error, row, "o", color=colour, markersize=5)
+    for floor, (colour, dashes) in zip(floors, ((GREEN, "--"), (SLATE, ":")), strict=False):
+        axes.axvline(floor.error, color=colour, linestyle=dashes, label=floor.setting)
+    axes.set_yticks(range(len(settings)), [name_of(score) for score in settings])
+    log_axis(axes, "x")
+    axes.set_xticks(*_ticks(min(s.error for s in scores), max(s.error for s in scores)))
+    axes.set_xlabel(f"error, {unit} (log scale)")
+    if floors:
+        axes.legend(loc="upper right")
+    return figure
+
+
+def _ticks(low: float, high: float) -> tuple[list[float], list[str]]:
+    """Round numbers of a log axis."""
+    powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
+    values = [float(f * p) for p in powers for f in (1, 2, 5) if 0.8 * low <= f * p <= 1.3 * high]
+    return values, [f"{value:g}" for value in values]
+
+
+def impacts(read: Sequence[ImpactRead], twins: Mapping[str, Sequence[ImpactRead]]) -> Figure:
+    """e of each impact with its error, and the middle half of what twins give through the same reading."""
+    figure = new_figure(8.2, 4.4)
+    axes = figure.add_subplot()
+    kept = good(read)
+    speed, e = speeds_and_e(read)
+    edges = np.quantile(speed, np.linspace(0.0, 1.0, _BINS + 1))
+    for (law, each), colour in zip(twins.items(), (GREEN, ORANGE), strict=False):
+        of_speed, of_e = speeds_and_e(each)
+        bins = [of_e[(of_speed >= a) & (of_speed <= b)] for a, b in pairwise(edges)]
+        middle = 0.5 * (edges[1:] + edges[:-1])
+        use = [i for i, inside in enumerate(bins) if len(inside) > 2]
+        low, high = (np.array([np.quantile(bins[i], q) for i in use]) for q in (0.25, 0.75))
+        draw_band(axes, middle[use], low, high, colour)
+        axes.plot(middle[use], [np.median(bins[i]) for i in use], color=colour, label=f"synthetic, {law}")
+    axes.errorbar(
+        speed,
+        e,
+        [each.u_e for each in kept],
+        fmt=".",
+        color=BLUE,
+        ecolor=GREY,
+        elinewidth=0.8,
+        label="measured",
+    )
+    speed_axis(axes, inches=False)
+    axes.set_ylabel("e of an impact")
+    axes.set_ylim(0.0, 0.6)
+    axes.legend(loc="upper right")
+    return figure

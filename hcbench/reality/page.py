@@ -1,0 +1,186 @@
+"""The page: the sets, errors by setting with floors, one toss, e over speed, corrections, verdicts."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from hcbench.reality import cube, figures
+from hcbench.reality.cells import SETS
+from hcbench.reality.evidence import LATE, SIGN
+from hcbench.reality.figures import name_of
+from hcbench.reality.scores import NO_ENGINE, Score
+from hcbench.reality.sources import SOURCES
+from hcbench.reality.study import TWIN_ALPHA, TWIN_E, Results
+from hcbench.reporting import wording
+from hcbench.reporting.page import Drawing, draw, render, script
+from hcbench.reporting.wording import listed
+from hcbench.sim.toss import FRICTION, NOTHING, PLUGIN_E, RESTITUTION
+
+_PLACES = 4  # decimals of a drawn position (m) and quaternion
+_CAPTIONS = {
+    "cube": "Mean distance of the centres over all frames of a toss, in per cent of the cube's width.",
+    "ellipse": "Distance of the velocities after an impact, with the spin scaled by the radius of gyration.",
+    "ball": "Error of the normal speed after a bounce.",
+    "alumina": "Error of the tangential speed after over that before; e and friction are the paper's.",
+}
+# Of the cube's variants: the corrections that are made.
+_SWITCH_KEYS = {
+    "": "lengths|inertia",
+    "lengths as published": "inertia",
+    "inertia as published": "lengths",
+    "lengths and inertia as published": "",
+}
+_NEAR = 1.5  # times the least error: an identified setting that is compared with the others
+
+
+def page_text(results: Results) -> str:
+    """The page as HTML text."""
+    sets = [name for name in results.request.sets if any(s.set == name for s in results.scores)]
+    drawn = {}
+    for name in sets:
+        of_set = [s for s in results.scores if s.set == name]
+        drawing = Drawing(f"errors-{name}", partial(figures.errors, of_set, SETS[name].UNIT))
+        drawn[name] = draw(drawing)
+    impacts = None
+    if results.impacts:
+        impacts = draw(Drawing("impacts", partial(figures.impacts, results.impacts, results.twins)))
+    toss = _toss(results)
+    return render(
+        "reality.html",
+        script=script("reality.js") if toss or results.changed else None,
+        toss=Markup(json.dumps(toss).replace("<", "\\u003c")) if toss else "",
+        sets=sets,
+        sources=SOURCES,
+        modules=SETS,
+        scores={name: [s for s in results.scores if s.set == name] for name in sets},
+        name_of=name_of,
+        drawn=drawn,
+        impacts=impacts,
+        slopes=results.slopes,
+        verdicts=list(verdicts(results)),
+        elastic=_elastic(results.scores),
+        cube_switches=_cube_switches(results),
+        ellipse_switches=results.switches,
+        steps={name: wording.time(SETS[name].TIMESTEP) for name in sets},
+        captions=_CAPTIONS,
+        switch_keys=_SWITCH_KEYS,
+        sign=SIGN,
+        late=LATE,
+        part=results.request.part,
+        twin_e=TWIN_E,
+        twin_alpha=TWIN_ALPHA,
+    )
+
+
+def _toss(results: Results) -> dict[str, Any]:
+    """What the script draws: poses of a toss, measured and simulated."""
+    if not results.drawn:
+        return {}
+    poses = {name: np.round(each, _PLACES).tolist() for name, each in results.drawn.items()}
+    return {"halfWidth": cube.HALF_WIDTH, "period": cube.PERIOD, "poses": poses}
+
+
+def _of(scores: Sequence[Score], data: str, setting: str, cone: str | None = None) -> list[Score]:
+    return [
+        s
+        for s in scores
+        if s.set == data and s.setting == setting and s.engine != NO_ENGINE and cone in (None, s.cone)
+    ]
+
+
+def verdicts(results: Results) -> Iterator[str]:
+    """What the data tell, and what they cannot, each with its numbers; only what holds in these results."""
+    scores = results.scores
+    for slow in _of(scores, "cube", FRICTION, "pyramidal"):
+        for other in _of(scores, "cube", FRICTION, "elliptic"):
+            if slow.engine == other.engine and slow.error_low > other.error_high:
+                yield (
+                    f"The pyramidal cone costs {name_of(slow).partition(',')[0]} a factor"
+                    f" {slow.error / other.error:.1f} on the cube, with the friction of each identified:"
+                    f" {_with_interval(slow)} against {_with_interval(other)}."
+                )
+    near = _comparable(scores)
+    if len(near) > 2 and max(s.error_low for s in near) <= min(s.error_high for s in near):
+        least, most = min(s.error for s in near), max(s.error for s in near)
+        yield (
+            f"No order among the {len(near)} identified settings of the cube can be told: their errors are"
+            f" {least:.1f} to {most:.1f} % of a width, and all their intervals overlap."
+        )
+    nothing = [s for s in scores if s.setting == NOTHING and s.set == "cube"]
+    if nothing and near:
+        yield (
+            f"With nothing set, engines are wrong by {min(s.error for s in nothing):.0f} to"
+            f" {max(s.error for s in nothing):.0f} % of the cube's width; friction explains most of that."
+        )
+    yield from _noise_verdict(scores)
+    yield from _slope_verdict(results)
+
+
+def _comparable(scores: Sequence[Score]) -> list[Score]:
+    """Identified settings of the cube that are near the best."""
+    tried = [
+        s for s in scores
+        if s.set == "cube" and s.engine != NO_ENGINE and s.setting != NOTHING and s.cone != "pyramidal"
+    ]  # fmt: skip
+    return [s for s in tried if s.error < _NEAR * min(t.error for t in tried)]
+
+
+def _with_interval(score: Score) -> str:
+    return f"{score.error:.1f} % ({score.error_low:.1f} to {score.error_high:.1f})"
+
+
+def _noise_verdict(scores: Sequence[Score]) -> Iterator[str]:
+    floors = [s for s in scores if s.set == "cube" and s.engine == NO_ENGINE]
+    near = _comparable(scores)
+    if len(floors) == 2 and near:
+        each, noise = floors
+        yield (
+            "What is left on the cube is the laws', not the data's: noise of the start makes"
+            f" {noise.error:.1f} %, and the best e and friction of every toss still leave {each.error:.1f} %."
+        )
+
+
+def _slope_verdict(results: Results) -> Iterator[str]:
+    if results.slopes:
+        names = [slope.of.partition(",")[0] for slope in results.slopes if "synthetic" not in slope.of]
+        yield (
+            f"No set here shows that e falls with speed ({listed(names)}): a constant e explains each slope,"
+            " or noise of the speed before does."
+        )
+        falling = next((s for s in results.slopes if s.of.endswith("alpha")), None)
+        measured = next((s for s in results.slopes if s.of == "cube, measured"), None)
+        if falling and measured and falling.high < measured.low:
+            yield (
+                f"α = {TWIN_ALPHA} s/m, which has the cube's mean e, is contradicted by its slope: read so,"
+                f" it gives {falling.slope:.2f} per m/s, and the tosses give {measured.slope:.2f}"
+                f" ({measured.low:.2f} to {measured.high:.2f})."
+            )
+
+
+def _elastic(scores: Sequence[Score]) -> list[tuple[str, list[Score]]]:
+    """Scores of the elastic sets, by set."""
+    wanted = (NOTHING, FRICTION, RESTITUTION, PLUGIN_E)
+    rows = []
+    for name in ("ellipse", "ball", "alumina"):
+        of_set = [
+            s for s in scores
+            if s.set == name and (s.engine == NO_ENGINE or s.setting in wanted or "identified" in s.setting)
+        ]  # fmt: skip
+        if of_set:
+            rows.append((name, of_set))
+    return rows
+
+
+def _cube_switches(results: Results) -> list[tuple[str, list[Score]]]:
+    """Scores with all corrections, then with parts of the data as published."""
+    if not results.changed:
+        return []
+    names = {(s.engine, s.setting, s.cone) for each in results.changed.values() for s in each}
+    own = [s for s in results.scores if s.set == "cube" and (s.engine, s.setting, s.cone) in names]
+    return [("", own), *((variant, list(each)) for variant, each in results.changed.items())]

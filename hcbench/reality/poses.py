@@ -1,0 +1,167 @@
+"""A user's own tosses: impacts read from poses, and how far each engine's settings are from them."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from hcbench._files import read_text
+from hcbench.errors import UserError
+from hcbench.impact import Floats
+from hcbench.laws.require import positive
+from hcbench.reality.cells import Cell, Tick, outcome_of, run_each, settings_of
+from hcbench.reality.identify import best_values, search
+from hcbench.reality.impacts import ImpactRead, read_impacts
+from hcbench.reality.motion import LEAST_FLIGHT, Tosses, motion
+from hcbench.reality.scores import Score, of_cell
+from hcbench.sim.toss import Body
+from hcbench.workers import WorkerPool
+
+PAIRS = "pairs.csv"  # of good impacts, for `hcbench fit`
+COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
+_LEAST = 12  # frames of a file
+_UNIT = 0.02  # by which a quaternion's length may differ from 1
+
+
+@dataclass(frozen=True, slots=True)
+class OwnCell(Cell):
+    """A setting on a user's tosses, which are judged as the cube's are."""
+
+    tosses: Tosses | None = None
+
+    @property
+    def cases(self) -> Tosses:
+        """The tosses."""
+        assert self.tosses is not None
+        return self.tosses
+
+
+@dataclass(frozen=True, slots=True)
+class Own:
+    """What was read from a user's tosses: impacts, and a score and the parameters of each setting."""
+
+    tosses: Tosses
+    impacts: Sequence[ImpactRead]
+    scores: Sequence[tuple[Score, dict[str, float]]]
+
+
+def box(size: Sequence[float], mass: float, inertia: Sequence[float] = ()) -> Body:
+    """A box by its edges (m) and mass (kg). UserError for what is no box.
+
+    inertia: about its axes, kg m², or one for all; that of a solid box where none is given.
+    """
+    if len(size) != 3:
+        raise UserError("--size", f"{len(size)} numbers", "three edges, such as '0.1 0.1 0.1' (m)")
+    for edge in size:
+        positive("--size", edge, "m")
+    positive("--mass", mass, "kg")
+    half = (size[0] / 2.0, size[1] / 2.0, size[2] / 2.0)
+    for moment in inertia:
+        positive("--inertia", moment, "kg m²")
+    if inertia:
+        if len(inertia) not in (1, 3):
+            raise UserError("--inertia", f"{len(inertia)} numbers", "one or three, kg m²")
+        first, *others = inertia
+        return Body("box", half, mass, (first, *(others or (first, first))))
+    squares = np.array(size) ** 2
+    x, y, z = (float(mass * (squares.sum() - square) / 12.0) for square in squares)
+    return Body("box", half, mass, (x, y, z))
+
+
+def read(paths: Sequence[Path], body: Body) -> Tosses:
+    """A toss of each file. UserError for other columns, and for no flight before the first touch."""
+    motions = []
+    for number, path in enumerate(paths):
+        rows = _rows(path)
+        time, place, turn = rows[:, 0], rows[:, 1:4], rows[:, 4:]
+        length = np.linalg.norm(turn, axis=1, keepdims=True)
+        if (np.abs(length - 1.0) > _UNIT).any():
+            raise UserError(f"{path}", "a quaternion that is no rotation", "qw, qx, qy, qz of length 1")
+        if (np.diff(time) <= 0.0).any():
+            raise UserError(f"{path}", "times that do not increase", "seconds, a row for each frame")
+        toss = motion(number, body, time, place, turn / length)
+        if toss.flight < LEAST_FLIGHT:
+            got = f"{toss.flight} frames before the first touch"
+            raise UserError(f"{path}", got, f"{LEAST_FLIGHT} or more of free flight, at 100 Hz or faster")
+        motions.append(toss)
+    return Tosses(body, motions)
+
+
+def _rows(path: Path) -> Floats:
+    try:
+        table = list(csv.DictReader(read_text(path, "utf-8-sig").splitlines(), skipinitialspace=True))
+        rows = np.array([[float(row[name]) for name in COLUMNS] for row in table])
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError("--poses", f"{path}: {error}", "a CSV file") from None
+    except (KeyError, TypeError, ValueError):
+        raise UserError("--poses", f"{path} has no {', '.join(COLUMNS)}", "these columns, s and m") from None
+    if len(rows) < _LEAST or not np.isfinite(rows).all():
+        raise UserError("--poses", f"{path} has {len(rows)} frames", f"{_LEAST} or more, all finite")
+    return rows
+
+
+def judge(tosses: Tosses, pool: WorkerPool, identify: bool = False, tick: Tick | None = None) -> Own:
+    """Read the impacts, and run each setting, by the e and the friction that were read.
+
+    identify: search the parameters of all settings on the tosses themselves.
+    """
+    impacts = read_impacts(tosses.body, tosses.motions)
+    known = read_values(impacts)
+    cells = []
+    for engine, setting in settings_of("cube"):
+        names = [p.name for p in setting.parameters]
+        if identify or all(name in known for name in names):
+            start = tuple(known.get(p.name, p.starts[0]) for p in setting.parameters)
+            cells.append(OwnCell("cube", engine, setting.key, start, (), tosses=tosses))
+    if identify:
+        tries = run_each(pool, search, moving := [cell for cell in cells if cell.values], tick)
+        best = {each.key: best_values(each, of) for each, of in zip(moving, tries, strict=True)}
+        cells = [replace(cell, values=best.get(cell.key, ())) for cell in cells]
+    outcomes = run_each(pool, outcome_of, cells, tick)
+    scores = []
+    for cell, outcome in zip(cells, outcomes, strict=True):
+        names = [p.name for p in cell.contact.parameters]
+        scores.append((of_cell(cell, outcome), dict(zip(names, cell.values, strict=True))))
+    return Own(tosses, impacts, scores)
+
+
+def read_values(impacts: Sequence[ImpactRead]) -> dict[str, float]:
+    """Median e and friction of impacts at one vertex; nothing of what no impact tells."""
+    sure = [each for each in impacts if each.good]
+    if not sure:
+        return {}
+    friction = float(np.median([each.friction for each in sure]))
+    e = float(np.median([each.e for each in sure]))
+    return {"restitution": min(max(e, 0.0), 1.0), "friction": max(friction, 0.0)}
+
+
+def text(own: Own, folder: Path) -> Iterator[str]:
+    """What to print: impacts, errors of settings, and the commands that go on from here.
+
+    folder: where the tables are.
+    """
+    yield f"{len(own.tosses.motions)} tosses, {len(own.impacts)} impacts read"
+    if own.impacts:
+        yield f"{'time, s':>9} {'speed, m/s':>11} {'e':>15} {'friction':>15} {'contact, ms':>12}"
+    for each in own.impacts:
+        contact = f"{1e3 * each.duration:12.1f}"
+        e, friction = f"{each.e:.3f} ± {each.u_e:.3f}", f"{each.friction:.3f} ± {each.u_friction:.3f}"
+        note = "" if each.good else "  not sure, or more than one corner"
+        yield f"{each.time:9.3f} {each.speed_in:11.3f} {e:>15} {friction:>15} {contact}{note}"
+    yield ""
+    yield f"{'engine':<10} {'setting':<34} {'error, % of a width':>20} {'rotation, °':>12}"
+    for score, values in sorted(own.scores, key=lambda pair: pair[0].error):
+        name = f"{score.setting}{', ' if score.cone else ''}{score.cone}"
+        given = ", ".join(f"{name} {value:.3g}" for name, value in values.items())
+        yield f"{score.engine:<10} {name:<34} {score.error:20.1f} {score.rotation_deg or 0.0:12.1f}  {given}"
+    known = read_values(own.impacts)
+    if known:
+        yield ""
+        yield "next:"
+        yield f"  hcbench fit {folder / PAIRS}"
+        target = f"--restitution {known['restitution']:.3g} --friction {known['friction']:.3g}"
+        yield f"  hcbench tune MODEL --pair BODY,FLOOR {target}"
