@@ -370,6 +370,32 @@ def test_a_reset_or_a_removed_body_ends_the_law(world: World) -> None:
     assert world.velocity(last)[2] == pytest.approx(0.7)
 
 
+def test_after_a_reset_a_body_has_its_own_links(world: World) -> None:
+    """Bullet's client kept the joints of the body that had its id before the reset."""
+    for links in (1, 3):
+        world.set(1e-3)
+        shape = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=RADIUS, physicsClientId=world.client)
+        row = [0.0, 0.0, 0.0]
+        chain = bullet.createMultiBody(
+            1.0, shape, basePosition=(0, 0, 1),
+            linkMasses=[1.0] * links, linkCollisionShapeIndices=[shape] * links,
+            linkVisualShapeIndices=[-1] * links, linkPositions=[[0, 0, -3 * RADIUS]] * links,
+            linkOrientations=[[0, 0, 0, 1]] * links, linkInertialFramePositions=[row] * links,
+            linkInertialFrameOrientations=[[0, 0, 0, 1]] * links, linkParentIndices=list(range(links)),
+            linkJointTypes=[bullet.JOINT_REVOLUTE] * links, linkJointAxis=[[1, 0, 0]] * links,
+            physicsClientId=world.client,
+        )  # fmt: skip
+        for link in range(-1, links):
+            free = {"linearDamping": 0, "angularDamping": 0, "physicsClientId": world.client}
+            bullet.changeDynamics(chain, link, **free)
+        plate, last = world.plate(), links - 1
+        world.add(ConstantRestitution(0.9), (chain, last), plate)
+        world.place(chain, (0, 0, RADIUS * (1 + 3 * links)), (0, 0, -1))
+        world.step()
+        velocity = bullet.getLinkState(chain, last, 1, 1, physicsClientId=world.client)[6]
+        assert velocity[2] == pytest.approx(0.9, abs=1e-9)
+
+
 def test_a_mass_that_changes_is_seen(world: World) -> None:
     world.set(1e-3)
     one, two = world.ball(0.2, (0, 0, 0)), world.ball(0.7, (2 * RADIUS, 0, 0))

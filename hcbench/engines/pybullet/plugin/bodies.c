@@ -37,7 +37,7 @@ typedef struct {
   pushed* pushes;
   block* memory;
   struct contact* contacts;
-  int body_count, law_count, next_id, push_count, push_room, contact_room, is_substep, substeps;
+  int body_count, law_count, next_id, push_count, push_room, contact_room, is_substep, substeps, outdated;
   long tick;
   double h, gravity[3];
   char message[1024];
@@ -134,6 +134,8 @@ static body* body_of(world* w, int id) {
     w->bodies[w->body_count++] = NULL;
   }
   if (!w->bodies[id]) {
+    if (w->outdated) send(w, b3InitSyncBodyInfoCommand(w->client)); /* the client would keep the joints of another body */
+    w->outdated = 0;
     send(w, b3InitRequestBodyInfoCommand(w->client, id));
     w->bodies[id] = calloc(1, sizeof(body));
     *w->bodies[id] = (body){.id = id, .stale = 1, .tick = -1};
@@ -142,6 +144,7 @@ static body* body_of(world* w, int id) {
 }
 
 static void forget_body(world* w, int id) {
+  w->outdated = 1;
   if (id < 0 || id >= w->body_count || !w->bodies[id]) return;
   free(w->bodies[id]->base);
   free(w->bodies[id]->inverse_mass);

@@ -98,7 +98,8 @@ typedef struct {
   X(void*, b3SubmitClientCommandAndWaitStatus, (void*, void*)) X(int, b3GetStatusType, (void*)) \
   X(void*, b3InitRequestPhysicsParamCommand, (void*)) \
   X(int, b3GetStatusPhysicsSimulationParameters, (void*, b3Parameters*)) \
-  X(void*, b3InitRequestBodyInfoCommand, (void*, int)) X(int, b3GetNumJoints, (void*, int)) \
+  X(void*, b3InitSyncBodyInfoCommand, (void*)) X(void*, b3InitRequestBodyInfoCommand, (void*, int)) \
+  X(int, b3GetNumJoints, (void*, int)) \
   X(int, b3GetJointInfo, (void*, int, int, b3JointInfo*)) \
   X(void*, b3GetDynamicsInfoCommandInit, (void*, int, int)) X(int, b3GetDynamicsInfo, (void*, b3DynamicsInfo*)) \
   X(void*, b3RequestActualStateCommandInit, (void*, int)) \
