@@ -51,8 +51,9 @@ test-answers: $(INSTALLED)  ## every answer of that file, found again, by the co
 test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyproject.toml allows
 	$(LOWEST)/bin/python -m pytest -n 2 --dist loadfile
 
-test-models: $(MODELS)/.installed  ## 47 models that others wrote, from their packages (docs/explanation/models.md)
-	HCBENCH_MODELS=1 $(MODELS)/bin/python -m pytest -n 2 tests/measuring/test_models_from_outside.py
+test-models: $(MODELS)/.installed  ## 60 models that others wrote, from their packages (docs/explanation/models.md), and loops of our own over 32
+	HCBENCH_MODELS=1 $(MODELS)/bin/python -m pytest -n 2 tests/measuring/test_models_from_outside.py \
+	  tests/measuring/test_outside_loops.py
 
 test-reality: $(INSTALLED)  ## engines on all measured tosses and drops, and synthetic twins
 	HCBENCH_REALITY=1 $(BIN)/python -m pytest -n 2 tests/reality
@@ -100,7 +101,7 @@ $(MODELS)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(@D)
 	$(@D)/bin/pip install --quiet --disable-pip-version-check --editable '.[dev]' \
 	  'gymnasium[mujoco]' gymnasium-robotics dm_control
-	$(@D)/bin/pip install --quiet --disable-pip-version-check --no-deps metaworld robosuite
+	$(@D)/bin/pip install --quiet --disable-pip-version-check --no-deps metaworld robosuite gym-aloha gym-xarm gym-hil safety-gymnasium brax
 	touch $@
 
 clean:

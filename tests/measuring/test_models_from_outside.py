@@ -1,10 +1,9 @@
 """Models that others wrote, from their packages: measured, or refused for the right reason."""
 
-import importlib.util
-import os
 from pathlib import Path
 
 import pytest
+from outside_models import found_file, outside
 
 from hcbench.errors import UserError
 from hcbench.measuring import Wanted, measure
@@ -65,20 +64,6 @@ MODELS: list[tuple[str, str | None, str]] = [
     (f"{BULLET}teddy_vhacd.urdf {BULLET}plane.urdf", None, MEASURED),
     (f"{BULLET}humanoid/humanoid.urdf {BULLET}plane.urdf", None, "not well-formed"),
 ]
-
-
-outside = pytest.mark.skipif(
-    "HCBENCH_MODELS" not in os.environ, reason="needs other packages: make test-models"
-)
-
-
-def found_file(name: str) -> Path:
-    """A file of an installed package."""
-    package, _, rest = name.partition("/")
-    spec = importlib.util.find_spec(package)
-    assert spec is not None, f"{package} is not installed: make test-models"
-    assert spec.origin is not None
-    return Path(spec.origin).parent / rest
 
 
 @outside

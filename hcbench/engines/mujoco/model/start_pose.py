@@ -16,6 +16,7 @@ from hcbench.sim.names import suggest_names
 
 _IGNORED = ("qvel", "time", "qacc", "qacc_warmstart")  # everything starts at rest
 # Beyond a limit by more, the pose is not one that the model can hold; models write 5 deg rounded.
+_SHOWN = 2  # joints that an error names: the pose that cures it, with all of them, needs the room
 TURNED, MOVED = math.radians(5.01), 1e-3
 
 
@@ -103,10 +104,10 @@ def require_joints_within_limits(model: Any, data: Any, bodies: tuple[int, ...])
             outside.append(f"{joint_name(model, joint)} by {unit}")
             cure.append(f"{joint_name(model, joint)}={nearest:.4g}")
     if outside:
-        more = f" and {len(outside) - 6} more" if len(outside) > 6 else ""
+        more = f" and {len(outside) - _SHOWN} more" if len(outside) > _SHOWN else ""
         raise UserError(
             "model",
-            f"joints start outside their limits, which push them back: {', '.join(outside[:6])}{more}",
+            f"joints start outside their limits, which push them back: {', '.join(outside[:_SHOWN])}{more}",
             "a pose that the joints allow",
             f'Start from another --key, or from --qpos "{", ".join(cure)}"',
         )

@@ -12,6 +12,7 @@ from hcbench.sim.model_under_test import Request
 from hcbench.sim.names import suggest_names
 
 _LOWER, _UPPER = 8, 9  # in getJointInfo
+_SHOWN = 2  # joints that an error names: the pose that cures it, with all of them, needs the room
 _TURNED, _MOVED = math.radians(5.0), 1e-3  # beyond a limit by more: not a pose that the model can hold
 _Joint = tuple[int, int]
 
@@ -106,9 +107,10 @@ def require_joints_within_limits(bullet: BulletClient, body: int) -> None:
             )
             cure.append(f"{name}={nearest:.4g}")
     if outside:
+        more = f" and {len(outside) - _SHOWN} more" if len(outside) > _SHOWN else ""
         raise UserError(
             "model",
-            f"joints start outside their limits, which push them back: {', '.join(outside[:6])}",
+            f"joints start outside their limits, which push them back: {', '.join(outside[:_SHOWN])}{more}",
             "a pose that the joints allow",
             f'Start from --qpos "{", ".join(cure)}"',
         )
