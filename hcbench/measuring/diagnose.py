@@ -164,7 +164,8 @@ def _tried_causes(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -
         helpful = [s for s in fixes if s.always_reported or before - trials.max_error([s]) > least]
         return [_cause(s, trials.max_error([s])) for s in helpful]
     needed = _minimal_fixes(fixes, trials, after + least)
-    reported = [s for s in fixes if s.always_reported or s in needed]
+    half = [s for s in fixes if s.named_if_half and before - trials.max_error([s]) >= _HALF * before]
+    reported = [s for s in fixes if s.always_reported or s in needed or s in half]
     without = {s.code: trials.max_error([other for other in reported if other is not s]) for s in reported}
     strongest = max(without.values(), default=0.0) or 1.0
     reported.sort(key=lambda s: -round(_GRADES * without[s.code] / strongest))  # stable: likeliest first

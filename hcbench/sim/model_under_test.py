@@ -84,6 +84,7 @@ class Suspect:
     apply: makes the fix in the engine's own form of the model; None where it cannot be tried.
     always_reported: even if e is correct, because it concerns the model's settings.
     assumed_e: e that the fix is written for, where the user named no target; e is then compared with it.
+    named_if_half: reported, too, where it alone takes away half of the error and another fix takes all.
     apply_last: its fix depends on the step and integrator, so it is made after those that change them.
     """
 
@@ -95,6 +96,7 @@ class Suspect:
     always_reported: bool = False
     assumed_e: float | None = None
     apply_last: bool = False
+    named_if_half: bool = False
 
 
 @dataclass(frozen=True, slots=True)

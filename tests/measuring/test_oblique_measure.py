@@ -174,3 +174,38 @@ def test_a_drop_touches_in_its_phase_at_the_speed_of_its_fall(phase: float) -> N
 def test_an_angle_is_that_of_the_touch() -> None:
     with pytest.raises(UserError, match="given with height"):
         measure(model(), "ball,plate", height="10 cm", angle="45 deg")
+
+
+def test_a_pyramidal_cone_that_holds_a_sliding_box_too_little_is_a_cause() -> None:
+    """Along the diagonal of its pyramid friction is μ / √2; along an axis nothing is short."""
+    box = """<mujoco><option timestep="2e-3"/><worldbody>
+    <geom name="floor" type="plane" size="9 9 .1" friction=".4"/><body name="box" pos="0 0 .2"><freejoint/>
+    <geom name="box" type="box" size=".05 .05 .05" mass="1" friction=".4" solref="-1e-3 -935"
+     solimp=".9999 .9999 .001"/></body></worldbody></mujoco>"""
+
+    def codes(along: list[float], cone: str = "pyramidal") -> list[str]:
+        text = box.replace("timestep", f'cone="{cone}" timestep')
+        launch: Any = {"speeds": [0.5], "angle": ["60 deg"], "along": along, "phases": 1}
+        return [cause.code for cause in measure(text, "box,floor", **launch).causes]
+
+    assert "pyramidal-cone" in codes([1, 1, 0])
+    assert "pyramidal-cone" not in codes([1, 0, 0])
+    assert "pyramidal-cone" not in codes([1, 1, 0], "elliptic")
+
+
+def test_spin_that_bullet_clips_is_a_cause(tmp_path: Path) -> None:
+    link = (
+        '<link name="l"><inertial><mass value="{m}"/><inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0"'
+    )
+    link += ' iyz="0"/></inertial><collision><geometry>{shape}</geometry></collision></link>'
+    ball = link.format(m=1, i=1e-3, shape='<sphere radius=".05"/>')
+    (tmp_path / "ball.urdf").write_text(f'<robot name="ball">{ball}</robot>')
+    plate = link.format(m=0, i=0, shape='<box size="9 9 1"/>')
+    (tmp_path / "plate.urdf").write_text(f'<robot name="plate">{plate}</robot>')
+
+    def codes(spin: float) -> list[str]:
+        files = [tmp_path / "ball.urdf", tmp_path / "plate.urdf"]
+        return [cause.code for cause in measure(files, speeds=[0.5], spin=spin, phases=1).causes]
+
+    assert "spin-clamp" in codes(300.0)
+    assert "spin-clamp" not in codes(40.0)

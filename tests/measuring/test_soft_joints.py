@@ -138,3 +138,11 @@ def test_a_robot_that_stands_in_the_floor_is_raised_up_to_a_limit() -> None:
     assert any("overlap by 0.018 m at the start: moved apart" in note for note in found.facts.notes)
     with pytest.raises(SceneError, match="inside 'floor'"):
         measured(standing.replace('pos="0 0 .325"', 'pos="0 0 .2"'), 0.5)
+
+
+@pytest.mark.parametrize("kv", [12, 40])
+def test_the_integrator_is_named_where_it_alone_takes_half_of_what_the_servos_cost(kv: int) -> None:
+    held = measure(HELD.replace('kv="7"', f'kv="{kv}"'), "geom:tip,floor", speeds=[0.5], wanted=0.87)
+    assert [cause.code for cause in held.causes] == ["actuators", "integrator"]
+    before = 0.87 - held.curve[0].restitution
+    assert held.causes[1].alone <= 0.55 * before

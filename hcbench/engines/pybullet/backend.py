@@ -22,6 +22,7 @@ BACKEND = Backend(
 )
 # Bullet's own values of what outlives resetSimulation; contactBreakingThreshold, a global of the process,
 # outlives the client too. Every world made here starts with them.
+UNCLIPPED = 1e9  # for maxJointVelocity: Bullet clips every component of speed and spin, at 100 unless set
 LASTING_SETTINGS = {"contactBreakingThreshold": 0.02, "numSubSteps": 0, "enableFileCaching": 0}
 
 

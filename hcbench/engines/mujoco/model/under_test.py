@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -10,6 +11,7 @@ from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model.bodies import explicit_pairs, geom_friction, geom_name, speed_reading
 from hcbench.engines.mujoco.model.causes import find_suspects
 from hcbench.engines.mujoco.model.causes.context import Context, written_contact
+from hcbench.engines.mujoco.model.causes.friction import WEAK, pyramidal_cone
 from hcbench.engines.mujoco.model.find_pair import moving_joints
 from hcbench.engines.mujoco.model.list_pairs import find_pair
 from hcbench.engines.mujoco.model.place import bring_to_touch
@@ -22,6 +24,7 @@ from hcbench.engines.mujoco.scene.promises import promise_in
 from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.causes import other_contacts
+from hcbench.sim import simulate
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
 from hcbench.sim.promise import Promise
 from hcbench.sim.read_impact import SpeedReading
@@ -159,7 +162,23 @@ class MujocoModel(ModelUnderTest):
         if (lost := self._lost_pairs()) > 0:
             return [_lost_pair(lost, self._promise()), *other_contacts(self._others())]
         context = Context(self.place, impacts, wanted, tuple(self._gravity()), self.shares)
-        return [*find_suspects(context), *other_contacts(self._others())]
+        return [*find_suspects(context), *self._weak_friction(impacts), *other_contacts(self._others())]
+
+    def _weak_friction(self, impacts: Sequence[Impact]) -> list[Suspect]:
+        """The pyramidal cone, where an elliptic one is tried and friction then takes more."""
+        friction = geom_friction(self.model, self.place.contact.rows[0][2])
+        suspect = pyramidal_cone(self.model, impacts, friction)
+        if suspect is None:
+            return []
+        slowest, named = suspect
+        (tried,) = simulate.impacts_in(self.fixed([named]), [slowest.launch])
+        if tried.tangential is None or slowest.tangential is None:
+            return []
+        before, after = slowest.tangential.impulse_ratio, tried.tangential.impulse_ratio
+        if after - before < WEAK * friction:
+            return []
+        evidence = f"friction takes {before:.3g} of the normal impulse, {after:.3g} with an elliptic cone"
+        return [dataclasses.replace(named, evidence=f"{evidence}; by Coulomb's law {friction:g}")]
 
     def _others(self) -> list[str]:
         return sorted(geom_name(self.model, g) for g in self.others)

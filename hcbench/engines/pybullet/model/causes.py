@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
+from hcbench.engines.pybullet.backend import LASTING_SETTINGS, UNCLIPPED, BulletClient
 from hcbench.engines.pybullet.model.movers import SlidingJoint
 from hcbench.engines.pybullet.model.open import BodyPart
 from hcbench.engines.pybullet.model.place import BulletPlacement
@@ -24,6 +24,7 @@ _THRESHOLD = 0.2  # m/s, Bullet's own restitutionVelocityThreshold
 _SLOP = 1e-5  # m, Bullet's own contactSlop
 _DAMPING = 0.04  # 1/s, Bullet's own linearDamping
 _ITERATIONS = 50  # Bullet's own numSolverIterations
+_FASTEST, _CLIPPED = 100.0, 1e-3  # rad/s: Bullet's own maxJointVelocity; a share
 _SAME_E = 0.005  # restitutions nearer than this are taken for the same
 
 
@@ -115,7 +116,7 @@ def find_suspects(context: BulletContext) -> list[Suspect]:
     """Everything that may matter here, likeliest first."""
     checks = (
         *(_unset_restitutions, _restitution_product, _bullet_defaults, _solver),
-        *(_few_steps, _gravity, _joint_motor),
+        *(_few_steps, _gravity, _joint_motor, _spin_clamp),
     )
     return [suspect for check in checks for suspect in check(context)]
 
@@ -263,6 +264,24 @@ def _joint_motor(c: BulletContext) -> Iterator[Suspect]:
                 mover.body, mover.joint, bullet.module.VELOCITY_CONTROL, force=0
             ),
         )
+
+
+def _spin_clamp(c: BulletContext) -> Iterator[Suspect]:
+    """Bullet clips each component of a body's velocity and spin, which it does not report."""
+    for impact in c.impacts:
+        if (along := impact.tangential) is None:
+            continue
+        sent = max(map(abs, impact.launch.spin))
+        seen = np.abs([along.spin_in, along.spin_out])
+        if (sent > _FASTEST >= seen[0].max()) or (np.abs(seen - _FASTEST) < _CLIPPED * _FASTEST).any():
+            yield Suspect(
+                "spin-clamp",
+                "Bullet clips spin at maxJointVelocity, 100 rad/s unless set.",
+                f"launched at {sent:.4g} rad/s, spins at {seen[0].max():.4g} rad/s before the impact",
+                *_fix(Call({"maxJointVelocity": UNCLIPPED}, c.place.first)),
+                always_reported=True,
+            )
+            return
 
 
 def restitution_setting(place: BulletPlacement, e: float) -> Suspect:

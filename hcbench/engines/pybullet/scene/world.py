@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.pybullet import plugin
-from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient, client
+from hcbench.engines.pybullet.backend import LASTING_SETTINGS, UNCLIPPED, BulletClient, client
 from hcbench.engines.pybullet.model.model_file import check_ball, check_plate
 from hcbench.engines.pybullet.scene.record import (
     force_from_momentum,
@@ -249,8 +249,10 @@ def _make_ready(bullet: BulletClient, scene: Scene, options: PybulletOptions, ba
     elif bullet.getDynamicsInfo(ball, -1)[0] != scene.mass:
         bullet.changeDynamics(ball, -1, mass=scene.mass)
     friction = {"lateralFriction": scene.friction} if scene.friction else {}
+    # Bullet clips spin at 100 rad/s. Of a ball with links it would change the joints, too.
+    unclipped = {} if options.links else {"maxJointVelocity": UNCLIPPED}
     for link in range(-1, max(0, len(options.links) - 1)):
-        bullet.changeDynamics(ball, link, **{**friction, **options.ball})
+        bullet.changeDynamics(ball, link, **{**friction, **unclipped, **options.ball})
 
 
 def _urdf(scene: Scene, role: str) -> Path:

@@ -1,7 +1,7 @@
 """Causes that show only where a body slides or spins."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -11,8 +11,10 @@ from hcbench.engines.mujoco.model.causes import fixes
 from hcbench.engines.mujoco.model.causes.context import Context
 from hcbench.engines.mujoco.scene.mjcf import numbers_text
 from hcbench.engines.mujoco.scene.rows import ConstraintRow
+from hcbench.impact import Impact, Tangential
 from hcbench.sim.model_under_test import Suspect
 
+WEAK = 0.05  # of μ: by how much friction may be short
 _LIFT = 0.02  # of e, over that of the same contact where nothing slides
 
 
@@ -39,6 +41,31 @@ def sliding_lift(context: Context) -> Iterator[Suspect]:
         partial(_soften, geoms=context.all_geoms, row=row, impratio=impratio),
         apply_last=True,
     )
+
+
+def pyramidal_cone(model: Any, impacts: Sequence[Impact], friction: float) -> tuple[Impact, Suspect] | None:
+    """The impact in which friction is weakest although the body slides on, and the cone as what may weaken
+    it: along the diagonal of the pyramid friction is 29 % below Coulomb's. None where nothing is short.
+    """
+    if int(model.opt.cone) != int(backend().mjtCone.mjCONE_PYRAMIDAL) or not friction:
+        return None
+    sliding = [i for i in impacts if i.tangential is not None and i.is_measured and _slides_on(i.tangential)]
+    weakest = min(sliding, key=lambda i: i.tangential.impulse_ratio, default=None)  # type: ignore[union-attr]
+    if weakest is None or weakest.tangential.impulse_ratio > (1.0 - WEAK) * friction:  # type: ignore[union-attr]
+        return None
+    return weakest, Suspect(
+        "pyramidal-cone",
+        "The pyramidal friction cone holds a sliding body less, the more its way is off the pyramid's axes.",
+        "",
+        '<option cone="elliptic"/>',
+        partial(fixes.set_options, cone=int(backend().mjtCone.mjCONE_ELLIPTIC)),
+        always_reported=True,
+    )
+
+
+def _slides_on(along: Tangential) -> bool:
+    """Whether the contact point slides on, in the direction in which it came."""
+    return sum(a * b for a, b in zip(along.slip_in, along.slip_out, strict=True)) > 0.0
 
 
 def _soft_row(context: Context, friction: float) -> tuple[ConstraintRow, float]:

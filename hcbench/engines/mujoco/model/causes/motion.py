@@ -49,6 +49,7 @@ def servo_damping(context: Context) -> Iterator[Suspect]:
             f"kv up to {-float(model.actuator_biasprm[damped, 2].min()):g} of {names}",
             '<option integrator="Euler"/>',
             partial(fixes.set_options, integrator=int(backend().mjtIntegrator.mjINT_EULER)),
+            named_if_half=True,
         )
 
 
