@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hcbench.cli.console import ALPHA, RESTITUTION, SPEED, TIME, as_json, print_json, target_option
+from hcbench.cli.console import ALPHA, MASS, RESTITUTION, SPEED, TIME, as_json, print_json, target_option
+from hcbench.cli.contacts import spring_options
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 @click.option("--simbody", type=ALPHA, help="Simbody's dissipation.")
 @click.option("--restitution", type=RESTITUTION, help="e at --speed.")
 @click.option("--solref", help="solref of a soft constraint, two numbers such as '-2.7e8 -815'.")
+@spring_options()
+@click.option("--mass", type=MASS, help="Effective mass, for --adams and --newton.")
 @click.option("--speed", type=SPEED, help="Impact speed to match, for engines with one e for all speeds.")
 @click.option(
     "--contact-time", type=TIME, help="Duration of the contact, for solref's spring, such as '0.2 ms'."
@@ -29,8 +32,8 @@ if TYPE_CHECKING:
 def convert(as_json: bool, reading: Reading, solref: str | None, **quantities: float | None) -> None:
     """Convert a contact between libraries.
 
-    Give α, an e at a speed, a parameter of Drake or Simbody, or a solref. hcbench prints the same contact
-    in the parameters of all of them, and of Chrono, LAMMPS and others.
+    Give α, an e at a speed, a parameter of Drake or Simbody, a solref, or a stiffness and damping of Adams
+    or Newton. hcbench prints the same contact in the parameters of Chrono, LAMMPS and others, too.
     """
     from hcbench import units
     from hcbench.sim.convert import convert

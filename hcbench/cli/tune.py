@@ -23,6 +23,7 @@ from hcbench.cli.console import (
     launch_options,
     target_option,
 )
+from hcbench.cli.contacts import spring_options
 from hcbench.cli.outputs import force_option, output_option
 from hcbench.errors import UserError
 
@@ -47,6 +48,7 @@ _engine_option = partial(click.option, cls=_EngineOption)
 @click.option(
     "--points", help="Pairs v:e in place of --alpha, such as '0.1:0.95, 0.5:0.85 m/s', or a CSV file."
 )
+@spring_options(_engine_option)
 @click.option("--timestep", type=STEP, help="Time step, such as '1 ms'.  [a model: its own]")
 @click.option(
     "--speeds", type=SPEEDS, help="Band of impact speeds.  [default: 1:20 in/s, or that of --points]"

@@ -14,6 +14,7 @@ from typing import Any
 from hcbench.errors import UserError
 from hcbench.laws import closed_form
 from hcbench.laws import kelvin_voigt as kv
+from hcbench.laws.penalty import AdamsImpact, NewtonSpring
 from hcbench.laws.require import positive, require
 from hcbench.laws.restitution import Reading
 
@@ -119,20 +120,24 @@ def contact_of(
     simbody: float | None = None,
     restitution: float | None = None,
     solref: tuple[float, float] | None = None,
+    adams: AdamsImpact | None = None,
+    newton: NewtonSpring | None = None,
+    mass: float | None = None,
     speed: float | None = None,
     contact_time: float | None = None,
     timestep: float | None = None,
     reading: Reading = "law",
 ) -> OneContact:
-    """One contact, from exactly one of the first five.
+    """One contact, from exactly one of the first seven.
 
     alpha: α, s/m. drake: hunt_crossley_dissipation, s/m. simbody: dissipation, s/m. restitution: e at
     `speed`. solref: MuJoCo's two numbers (constant impedance assumed); with a 0 in front the one-step
-    setting at `timestep`. The rest as in `OneContact`.
-    Raises UserError for numbers without meaning and for none or several of the first five.
+    setting at `timestep`. adams, newton: of an effective mass in kg; MuJoCo's solver in Newton needs
+    none. The rest as in `OneContact`.
+    Raises UserError for numbers without meaning and for none or several of the first seven.
     """
     dissipations = {"alpha": alpha, "drake": drake, "simbody": simbody}
-    given = {**dissipations, "restitution": restitution, "solref": solref}
+    given = {**dissipations, "restitution": restitution, "solref": solref, "adams": adams, "newton": newton}
     names = [name for name, value in given.items() if value is not None]
     if len(names) != 1:
         raise UserError(
@@ -140,7 +145,8 @@ def contact_of(
         )
     require("reading", reading, reading in ("law", "linear"), "law or linear")
     for slot, value, unit in (
-        ("speed", speed, "m/s"), ("contact_time", contact_time, "s"), ("timestep", timestep, "s"),
+        ("mass", mass, "kg"), ("speed", speed, "m/s"),
+        ("contact_time", contact_time, "s"), ("timestep", timestep, "s"),
     ):  # fmt: skip
         if value is not None:
             positive(slot, value, unit)
@@ -149,7 +155,13 @@ def contact_of(
         require(names[0], dissipation, 0.0 <= dissipation < math.inf, "0 s/m or more")
         alpha = dissipation / _OVER_ALPHA[names[0]]
     else:
-        e = restitution if solref is None else _restitution_of_solref(solref, timestep)
+        e = restitution
+        if solref is not None:
+            e = _restitution_of_solref(solref, timestep)
+        elif adams is not None:
+            e = adams.restitution(_needed("mass", mass, "kg"), _needed("speed", speed, "m/s"))
+        elif newton is not None:
+            e = newton.restitution(1.0 if newton.solver == "mujoco" else _needed("mass", mass, "kg"))
         assert e is not None
         alpha = _alpha_of(e, speed, reading)
     if speed is not None:
@@ -173,6 +185,12 @@ def said(contact: OneContact, engines: Iterable[Vocabulary | None]) -> Conversio
         for part in ("rows", "missing", "caveats")
     )
     return Conversion(contact.alpha, contact.speed, e, linear, rows, lacking, caveats)
+
+
+def _needed(slot: str, value: float | None, unit: str) -> float:
+    if value is None:
+        raise UserError(slot, "none", f"a number in {unit}", "The restitution of this contact depends on it")
+    return value
 
 
 def _alpha_of(e: float, speed: float | None, reading: Reading) -> float:

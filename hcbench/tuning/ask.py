@@ -23,6 +23,7 @@ from hcbench.tuning.find import find_answer
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from hcbench.laws.penalty import AdamsImpact, NewtonSpring
     from hcbench.scene import Scene
 
     Points = Sequence[tuple[float, float]]
@@ -53,7 +54,8 @@ def tune(
     alpha: of the law's e, "0.3 s/m" or s/m; or restitution: one e for all speeds; or points: (v m/s, e).
     pair: what the two bodies are called in your model, the body that moves first. kind: "exact" (a plug-in),
     "settings" (numbers of the engine's own) or "constant" (one e for all speeds). max_error: of e.
-    target: speeds, gravity, friction, scene, mass, stiffness, exponent, corners, reading, as `make_target`.
+    target: adams, newton, speeds, gravity, friction, scene, mass, stiffness, exponent, corners, reading, as
+    `make_target`.
     Returns an `Answer`: `.best.text` is what to paste, `.best.max_error` its largest error of e over
     `.best.speeds`. Raises UserError for a question that cannot be answered.
 
@@ -87,6 +89,8 @@ def make_target(
     alpha: Any = None,
     restitution: Any = None,
     points: Points = (),
+    adams: AdamsImpact | None = None,
+    newton: NewtonSpring | None = None,
     speeds: Any = None,
     reading: Reading = "law",
     scene: str = "steel-plane",
@@ -99,17 +103,18 @@ def make_target(
 ) -> tuple[Scene, Target]:
     """The scene and the target of a question; SI numbers or text with units.
 
-    speeds: the band of impact speeds, by default the paper's as far as the step can bounce. mass, stiffness,
+    adams, newton: a contact by stiffness and damping, in place of an e. speeds: the band of impact
+    speeds, by default the paper's as far as the step can bounce. mass, stiffness,
     exponent: the scene's by default. gravity: into the plate, 9.81 m/s² by default.
     """
     points = _pairs(points)
-    given = [
-        name
-        for name, value in (("--alpha", alpha), ("--restitution", restitution), ("--points", points or None))
-        if value is not None
-    ]
+    ways = {"alpha": alpha, "restitution": restitution, "points": points or None}
+    ways |= {"adams": adams, "newton": newton}
+    given = [f"--{name}" for name, value in ways.items() if value is not None]
     if len(given) != 1:
-        raise UserError("target", " and ".join(given) or "none", "one of --alpha, --restitution, --points")
+        raise UserError(
+            "target", " and ".join(given) or "none", f"one of {', '.join(f'--{name}' for name in ways)}"
+        )
     setting = load_scene(scene)
     n = setting.exponent if exponent is None else exponent
     if stiffness is None and n != setting.exponent:
@@ -125,9 +130,13 @@ def make_target(
     else:
         band = default_band(step, g)
     low, high = min(band), max(band)
+    weight = setting.mass if mass is None else units.parse(mass, "mass", "mass")
+    if adams is not None:
+        points = adams.points(weight, low, high)
+    elif newton is not None:
+        restitution = newton.restitution(weight)
     if restitution is not None:
         points = ((low, units.parse(restitution, "number", "restitution")),)
     law = HuntCrossley(k, 0.0 if alpha is None else units.parse(alpha, "alpha", "alpha"), n)
-    weight = setting.mass if mass is None else units.parse(mass, "mass", "mass")
     as_read = "points" if points else reading
     return setting, Target(law, weight, step, low, high, as_read, tuple(points), g, friction, corners)

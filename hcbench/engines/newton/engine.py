@@ -9,6 +9,7 @@ from pydantic import Field
 from hcbench._text import shortest
 from hcbench.errors import SettingError
 from hcbench.fields import Finite, OptionTable
+from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
@@ -78,11 +79,15 @@ class NewtonEngine(DescribesContact, ScriptedWorldsEngine[NewtonOptions]):
         return "\n".join(filter(None, _parts(options)))
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """Its restitution."""
+        """Its restitution, ke and kd."""
         e, note = contact.restitution, "on both shapes, with enable_restitution"
-        rows = (SystemValue("Newton", "restitution", (e,), "", f"{contact.at}; {note}"),) if e else ()
+        rows = [SystemValue("Newton", "restitution", (e,), "", f"{contact.at}; {note}")] if e else []
+        if e and contact.contact_time is not None:
+            law = kv.matched(e, contact.contact_time, 1.0, kv.Ending.FORCE)
+            note = "SolverMuJoCo, for every mass; SolverSemiImplicit reads N/m and N s/m"
+            rows.append(SystemValue("Newton", "ke, kd", (law.stiffness, law.damping), "1/s², 1/s", note))
         return Vocabulary(
-            rows, caveats=("Newton's SolverXPBD needs enable_restitution, and averages both e.",)
+            tuple(rows), caveats=("Newton's SolverXPBD needs enable_restitution, and averages both e.",)
         )
 
 

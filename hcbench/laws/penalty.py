@@ -1,0 +1,99 @@
+"""Contacts given by a stiffness and a damping in SI: IMPACT of MSC Adams, ke and kd of Newton.
+
+Of both the restitution depends on the effective mass. IMPACT's depends on the speed, too: it is no law of
+one α, and `convert` matches it at one speed, `tune` over a band.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from hcbench._arguments import checked_fields
+from hcbench._bounds import LARGEST
+from hcbench.impact import Floats
+from hcbench.laws import kelvin_voigt as kv
+from hcbench.laws import ode
+from hcbench.laws.require import positive, require
+
+NewtonSolver = Literal["mujoco", "semi-implicit"]
+
+
+@checked_fields
+@dataclass(frozen=True, slots=True)
+class AdamsImpact:
+    """F = max(0, k x^e + step(x, 0, 0, d, c_max) v), IMPACT of MSC Adams' function reference.
+
+    step is the cubic from 0 at the touch to c_max at the depth d, and c_max below it.
+    stiffness: k, N/m^e. exponent: e, 1 or more. damping: c_max, N s/m. depth: d, m.
+    """
+
+    stiffness: float
+    exponent: float
+    damping: float
+    depth: float
+
+    def __post_init__(self) -> None:
+        positive("stiffness", self.stiffness, "N/m^n")
+        require("exponent", self.exponent, 1 <= self.exponent <= 10, "n within 1 ... 10")
+        require("damping", self.damping, 0 <= self.damping <= LARGEST, f"0 N s/m or more, up to {LARGEST:g}")
+        positive("depth", self.depth, "m")
+
+    def force(self, x: Floats | float, v: Floats | float) -> Floats:
+        """F(x, v) in N."""
+        share = np.clip(np.asarray(x) / self.depth, 0.0, 1.0)
+        damping = self.damping * share**2 * (3.0 - 2.0 * share)
+        force = self.stiffness * np.power(x, self.exponent) + damping * np.asarray(v)
+        return np.asarray(np.maximum(force, 0.0))
+
+    def restitution(self, mass: float, speed: float) -> float:
+        """e of an effective mass (kg) at an impact speed (m/s), by integration over time."""
+        impact = ode.impact(self, mass, speed, tolerance=1e-9, count=3)
+        return impact.speed_out / impact.speed_in
+
+    def points(self, mass: float, low: float, high: float) -> tuple[tuple[float, float], ...]:
+        """(speed m/s, e) over a band of speeds."""
+        return tuple((v, self.restitution(mass, v)) for v in np.geomspace(low, high, 13).tolist())
+
+
+@checked_fields
+@dataclass(frozen=True, slots=True)
+class NewtonSpring:
+    """ke and kd of Newton's shapes, as a solver reads them.
+
+    "semi-implicit" (SolverSemiImplicit): F = ke x + kd v on the way in, ke x on the way out, N/m and N s/m.
+    "mujoco" (SolverMuJoCo): the same number for every mass, 1/s² and 1/s, and no pull.
+    """
+
+    solver: NewtonSolver
+    ke: float
+    kd: float
+
+    def __post_init__(self) -> None:
+        solvers = ("mujoco", "semi-implicit")
+        require(
+            "solver", self.solver, self.solver in solvers, "mujoco or semi-implicit, which read ke and kd"
+        )
+        positive("ke", self.ke, "N/m")
+        require("kd", self.kd, 0 <= self.kd <= LARGEST, f"0 N s/m or more, up to {LARGEST:g}")
+
+    def restitution(self, mass: float) -> float:
+        """e of an effective mass (kg), at any speed."""
+        if self.solver == "mujoco":
+            return float(kv.restitution(self.kd / (2.0 * math.sqrt(self.ke)), kv.Ending.FORCE))
+        return one_way_restitution(self.kd / (2.0 * math.sqrt(self.ke * mass)))
+
+
+def one_way_restitution(zeta: float) -> float:
+    """e of a damper that acts on the way in only, over the damping ratio ζ: exp(-ζ acos ζ/√(1-ζ²)).
+
+    The way in is a damped oscillator's from touch to its first standstill, at ω X/v = e; the spring returns
+    it all.
+    """
+    if abs(zeta - 1.0) < 1e-8:
+        return math.exp(-1.0)
+    root = math.sqrt(abs(1.0 - zeta**2))
+    return math.exp(-zeta * (math.acos(zeta) if zeta < 1.0 else math.acosh(zeta)) / root)
