@@ -29,11 +29,15 @@ class _NewtonType(click.types.StringParamType):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """A NewtonSpring of the text."""
         from hcbench import units
+        from hcbench.laws.conventions import SOLVERS_OF_NEWTON
         from hcbench.laws.penalty import NewtonSpring
 
-        solver, ke, kd = _parts(value, "--newton", "a solver, ke, kd, such as 'mujoco, 2500, 100'", 3)
+        solver, ke, kd = _parts(value, "--newton", "a solver, ke, kd, such as 'semi-implicit, 1e4, 20'", 3)
+        if solver.lower() not in SOLVERS_OF_NEWTON:
+            known = " or ".join(SOLVERS_OF_NEWTON)
+            raise UserError("--newton", repr(solver), f"{known}: the solvers of Newton that read ke and kd")
         numbers = (units.parse(text, "number", "--newton") for text in (ke, kd))
-        return NewtonSpring(solver.lower(), *numbers)  # type: ignore[arg-type]  # checked there
+        return NewtonSpring(SOLVERS_OF_NEWTON[solver.lower()], *numbers)
 
 
 def _parts(value: str, slot: str, expected: str, count: int) -> list[str]:
@@ -46,5 +50,5 @@ def _parts(value: str, slot: str, expected: str, count: int) -> list[str]:
 def spring_options(option: Callable[..., Any] = click.option) -> Callable[[Callable[..., Any]], Any]:
     """Gives a command --adams and --newton."""
     adams = option("--adams", type=_AdamsType(), help="IMPACT of Adams: k, e, cmax, d in SI or with units.")
-    newton = option("--newton", type=_NewtonType(), help="Newton's solver, ke, kd: 'mujoco, 2500, 100'.")
+    newton = option("--newton", type=_NewtonType(), help="Newton's solver, ke, kd: 'semi-implicit, 1e4, 20'.")
     return lambda command: adams(newton(command))

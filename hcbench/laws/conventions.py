@@ -19,6 +19,7 @@ from hcbench.laws.require import positive, require
 from hcbench.laws.restitution import Reading
 
 _OVER_ALPHA = {"alpha": 1.0, "drake": 1.5, "simbody": 1.0}  # each dissipation over α
+SOLVERS_OF_NEWTON = {"mujoco": True, "semi-implicit": False}  # that read ke and kd: whether per unit mass
 
 _CAVEATS = (
     "An e holds at one speed: by the law it falls as v grows; in engines with a restitution it is constant.",
@@ -161,7 +162,7 @@ def contact_of(
         elif adams is not None:
             e = adams.restitution(_needed("mass", mass, "kg"), _needed("speed", speed, "m/s"))
         elif newton is not None:
-            e = newton.restitution(1.0 if newton.solver == "mujoco" else _needed("mass", mass, "kg"))
+            e = newton.restitution(1.0 if newton.per_mass else _needed("mass", mass, "kg"))
         assert e is not None
         alpha = _alpha_of(e, speed, reading)
     if speed is not None:

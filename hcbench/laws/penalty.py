@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -16,10 +15,7 @@ from hcbench._arguments import checked_fields
 from hcbench._bounds import LARGEST
 from hcbench.impact import Floats
 from hcbench.laws import kelvin_voigt as kv
-from hcbench.laws import ode
 from hcbench.laws.require import positive, require
-
-NewtonSolver = Literal["mujoco", "semi-implicit"]
 
 
 @checked_fields
@@ -51,6 +47,8 @@ class AdamsImpact:
 
     def restitution(self, mass: float, speed: float) -> float:
         """e of an effective mass (kg) at an impact speed (m/s), by integration over time."""
+        from hcbench.laws import ode  # slow to import
+
         impact = ode.impact(self, mass, speed, tolerance=1e-9, count=3)
         return impact.speed_out / impact.speed_in
 
@@ -62,27 +60,23 @@ class AdamsImpact:
 @checked_fields
 @dataclass(frozen=True, slots=True)
 class NewtonSpring:
-    """ke and kd of Newton's shapes, as a solver reads them.
+    """ke and kd of Newton's shapes.
 
-    "semi-implicit" (SolverSemiImplicit): F = ke x + kd v on the way in, ke x on the way out, N/m and N s/m.
-    "mujoco" (SolverMuJoCo): the same number for every mass, 1/s² and 1/s, and no pull.
+    per_mass: whether the solver reads them in 1/s² and 1/s, the same for every mass, and never pulls. Else
+    F = ke x + kd v on the way in and ke x on the way out, N/m and N s/m (SolverSemiImplicit).
     """
 
-    solver: NewtonSolver
+    per_mass: bool
     ke: float
     kd: float
 
     def __post_init__(self) -> None:
-        solvers = ("mujoco", "semi-implicit")
-        require(
-            "solver", self.solver, self.solver in solvers, "mujoco or semi-implicit, which read ke and kd"
-        )
-        positive("ke", self.ke, "N/m")
-        require("kd", self.kd, 0 <= self.kd <= LARGEST, f"0 N s/m or more, up to {LARGEST:g}")
+        positive("ke", self.ke, "1/s^2" if self.per_mass else "N/m")
+        require("kd", self.kd, 0 <= self.kd <= LARGEST, f"0 or more, up to {LARGEST:g}")
 
     def restitution(self, mass: float) -> float:
         """e of an effective mass (kg), at any speed."""
-        if self.solver == "mujoco":
+        if self.per_mass:
             return float(kv.restitution(self.kd / (2.0 * math.sqrt(self.ke)), kv.Ending.FORCE))
         return one_way_restitution(self.kd / (2.0 * math.sqrt(self.ke * mass)))
 

@@ -66,7 +66,7 @@ def test_adams_without_damping_keeps_all_and_a_deep_ramp_loses_more_when_fast() 
 
 def test_restitution_depends_on_mass_in_adams_and_by_newtons_springs_but_not_in_its_mujoco() -> None:
     assert STEEL.restitution(2.0, 0.2) > STEEL.restitution(1.0, 0.2)
-    semi, mujoco = NewtonSpring("semi-implicit", 1e4, 20.0), NewtonSpring("mujoco", 1e4, 20.0)
+    semi, mujoco = NewtonSpring(False, 1e4, 20.0), NewtonSpring(True, 1e4, 20.0)
     assert semi.restitution(2.0) > semi.restitution(1.0)
     assert mujoco.restitution(2.0) == mujoco.restitution(1.0)
 
@@ -82,22 +82,22 @@ def test_newtons_semi_implicit_damper_acts_on_the_way_in_only(zeta: float) -> No
     rates = lambda _, y: [y[1], -1e4 * y[0] - damping * y[1]]  # noqa: E731
     path = solve_ivp(rates, (0.0, 1.0), [0.0, 1.0], events=stopped, rtol=1e-10, atol=1e-14)
     returned = 100.0 * float(path.y[0, -1])  # ω X, of 1 m/s
-    assert NewtonSpring("semi-implicit", 1e4, damping).restitution(1.0) == pytest.approx(returned, abs=1e-6)
+    assert NewtonSpring(False, 1e4, damping).restitution(1.0) == pytest.approx(returned, abs=1e-6)
 
 
 def test_newtons_default_in_mujoco_is_critical_as_mujocos_is() -> None:
-    assert NewtonSpring("mujoco", 2500.0, 100.0).restitution(1.0) == pytest.approx(math.exp(-2.0), abs=1e-9)
+    assert NewtonSpring(True, 2500.0, 100.0).restitution(1.0) == pytest.approx(math.exp(-2.0), abs=1e-9)
 
 
 def test_convert_and_tune_take_them() -> None:
     found = convert(adams=STEEL, mass=1.0, speed=0.2)
     assert found.restitution == pytest.approx(STEEL.restitution(1.0, 0.2), abs=1e-9)
-    springs = NewtonSpring("mujoco", 2500.0, 20.0)
+    springs = NewtonSpring(True, 2500.0, 20.0)
     e = springs.restitution(1.0)
     back = convert(newton=springs, speed=1.0, contact_time=1e-2)
     assert float(closed_form.restitution(back.alpha, 1.0)) == pytest.approx(e, abs=1e-9)
     (ke, kd) = next(row.value for row in back.rows if row.parameter == "ke, kd")
-    assert NewtonSpring("mujoco", ke, kd).restitution(1.0) == pytest.approx(e, abs=1e-9)
+    assert NewtonSpring(True, ke, kd).restitution(1.0) == pytest.approx(e, abs=1e-9)
     _, target = make_target(timestep="1 ms", adams=STEEL, mass="1 kg", speeds="0.03:0.15 m/s")
     assert target.points[0] == pytest.approx((0.03, STEEL.restitution(1.0, 0.03)))
     _, target = make_target(timestep="1 ms", newton=springs)
