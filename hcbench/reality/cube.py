@@ -14,7 +14,7 @@ import numpy as np
 
 from hcbench.errors import UserError
 from hcbench.impact import Floats
-from hcbench.reality.motion import LEAST_FLIGHT, Motion, Tosses, motion
+from hcbench.reality.motion import LEAST_FLIGHT, TIMESTEP, Motion, Tosses, motion
 from hcbench.reality.outcome import Outcome
 from hcbench.reality.torch_file import read_tensor
 from hcbench.sim.toss import Body, ContactSetting, TossModule
@@ -91,7 +91,7 @@ def outcome(
     module: TossModule, setting: ContactSetting, values: tuple[float, ...], tosses: Tosses
 ) -> Outcome:
     """Errors of an engine's setting."""
-    return tosses.outcome(module, setting, values)
+    return tosses.outcome(module, setting, values, TIMESTEP)
 
 
 def as_motion(number: int, rows: Floats, corrections: Corrections = CORRECTED) -> Motion:
