@@ -125,6 +125,12 @@ def _request(sets: str | None, data: Path | None, part: int | None, identify: bo
             if sets:
                 raise UserError("--data", f"has no {name}" if data else "not given", advice)
             print(f"left out: {name}. Add: --data, {advice}", file=sys.stderr)
+    for name, folder in folders.items():
+        if folder is not None and sources.differs(name, folder):
+            print(
+                f"warning: {name}: {folder} has another version of {sources.SOURCES[name].path}",
+                file=sys.stderr,
+            )
     if part == 4 and "cube" in chosen and folders["cube"] is None:
         raise UserError("--part", "4, which is not shipped", "--data with the folder of DAIRLab/contact-nets")
     known = [name for name in chosen if folders[name] is not None or not sources.missing(name)]

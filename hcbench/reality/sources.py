@@ -1,8 +1,10 @@
 """Where the data sets come from: what each is in one sentence, its citation, its licence, and its files."""
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
+from hcbench._files import read_bytes
 from hcbench.reality import ball, cube, ellipse
 
 
@@ -84,3 +86,11 @@ def missing(name: str) -> str:
     return (
         f"a folder with {source.path} of {source.repository} ({source.commit[:7]}, SHA-256 {source.sha256})"
     )
+
+
+def differs(name: str, folder: Path) -> bool:
+    """Whether a data set's file is another than the one that parameters and numbers here are of."""
+    source = SOURCES[name]
+    if not source.sha256:
+        return False
+    return hashlib.sha256(read_bytes(folder / source.path)).hexdigest() != source.sha256

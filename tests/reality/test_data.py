@@ -150,3 +150,12 @@ def test_of_data_without_a_licence_the_download_is_named() -> None:
         ball.cases((0,))
     assert ball.SHA256 in sources.missing("ball")
     assert sources.missing("cube") == ""
+
+
+def test_another_version_of_downloaded_data_is_noticed(tmp_path: Path) -> None:
+    file = tmp_path / "spindoe" / ball.FILE
+    file.parent.mkdir(parents=True)
+    file.write_bytes(b"another")
+    folder = sources.find("ball", tmp_path)
+    assert folder == tmp_path / "spindoe"
+    assert sources.differs("ball", folder)
