@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from hcbench.units import INCH
 
 PAPER = (1.0 * INCH, 20.0 * INCH)  # m/s: what Hunt and Crossley's law was fitted over
@@ -10,8 +12,16 @@ SLOWEST = 1.6  # g h: slower impacts end within the step that finds them, and th
 
 def default_band(timestep: float, gravity: float) -> tuple[float, float]:
     """The paper's 1:20 in/s, m/s, as far as a body can bounce at a step (s) under gravity (m/s²)."""
-    low = max(PAPER[0], float(f"{SLOWEST * gravity * timestep:.3g}"))
+    low = max(PAPER[0], _above(SLOWEST * gravity * timestep))
     return low, max(PAPER[1], 4.0 * low)
+
+
+def _above(speed: float) -> float:
+    """The next speed above, in three digits; 0 for 0."""
+    if not speed > 0.0:
+        return 0.0
+    unit = 10.0 ** (math.floor(math.log10(speed)) - 2)
+    return float(f"{unit * (math.floor(speed / unit + 1e-9) + 1):.3g}")
 
 
 def why_cut(low: float, timestep: float, gravity: float) -> str:

@@ -38,13 +38,14 @@ class Features:
     """The engine's own contact, with nothing added, for the table of `hcbench report field`.
 
     law: its force or impulse. exponent: of the penetration in it. threshold: the speed below which it does
-    not bounce, and what sets that. licence: of the package.
+    not bounce, and what sets that. licence: of the package. energy: what to know of an e above 1.
     """
 
     law: Feature
     exponent: Feature
     threshold: Feature
     licence: Feature
+    energy: Feature | None = None
 
 
 class DescribesContact(Engine):

@@ -58,6 +58,7 @@ class OpensimEngine(DescribesContact, ScriptedEngine[OpensimOptions]):
         exponent=Feature("1.5", _SOURCE),
         threshold=Feature("none", "measured down to 10 µm/s"),
         licence=Feature("Apache-2.0", "its wheel"),
+        energy=Feature("e up to 1.008 at its own accuracy of 1e-3: real energy", "measured without gravity"),
     )
 
     def lines(self, options: OpensimOptions, scene: Scene) -> str:

@@ -42,7 +42,8 @@ if TYPE_CHECKING:
 
 _SOURCE = "Bullet 3, btMultiBodyConstraintSolver.cpp, setupMultiBodyContactConstraint"
 _CAVEAT = (
-    "PyBullet multiplies the restitutions of both bodies; its velocity threshold, slop and ERP must be 0."
+    "PyBullet multiplies the restitutions of both bodies. restitutionVelocityThreshold, contactSlop and"
+    " contactERP must be 0, and contactProcessingThreshold of the body too: else nothing bounces."
 )
 
 

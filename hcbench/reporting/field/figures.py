@@ -77,7 +77,7 @@ def steps_figure(view: FieldView) -> Figure:
         for pick, style in kinds:
             for gravity in view.gravities:
                 cases = [(h, case) for h in view.steps if (case := pick(engine, gravity, h)) is not None]
-                errors = [float(view.scores[case]["max_error_law"]) for _, case in cases]
+                errors = [view.off(case) for _, case in cases]
                 shown = np.clip(errors, _FLOOR, _CEILING)
                 line = {"linewidth": 1.3, **style, **(_HEAVY if gravity else {})}
                 axes.plot([h for h, _ in cases], shown, **line)

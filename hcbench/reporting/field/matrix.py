@@ -32,6 +32,13 @@ COLUMNS = {
 }
 
 
+def energy_note(engine: str) -> Feature | None:
+    """What is known of an e above 1 in an engine, from its folder."""
+    adapter = registry.adapter(registry.base_name(engine))
+    features = adapter.features if isinstance(adapter, DescribesContact) else None
+    return None if features is None else features.energy
+
+
 def matrix(view: FieldView, probes: Mapping[str, Probe | None]) -> list[tuple[str, list[Feature]]]:
     """(engine, its cells in the order of COLUMNS). probes: by engine."""
     return [(engine, _cells(view, engine, probes.get(engine))) for engine in view.engines]
@@ -44,7 +51,8 @@ def _cells(view: FieldView, engine: str, probe: Probe | None) -> list[Feature]:
     contact = registry.adapter(getattr(adapter, "model_engine", base))
     stated: dict[str, Feature] = {}
     if isinstance(contact, DescribesContact) and contact.features is not None:
-        stated = {f.name: getattr(contact.features, f.name) for f in fields(Features)}
+        named = [f.name for f in fields(Features)]
+        stated = {name: one for name in named if (one := getattr(contact.features, name)) is not None}
     files = listed([*adapter.suffixes, *adapter.opens]) if isinstance(adapter, OpensModels) else "–"
     from_run = {
         "by_speed": _by_speed(view, engine),

@@ -35,13 +35,15 @@ _SEEN = 0.005  # of e: less is no bounce to anybody who looks
 class Entry:
     """A cell of the tables of errors. grade: "good", "even" or "bad" beside the best constant; "none".
 
-    down: below which speed a body stays down, in the column beside it. notes: settings that are left out.
+    down: below which speed a body stays down, in the column beside it. energy: in how many launches it never
+    grew. notes: settings that are left out.
     """
 
     text: str
     setting: str
     grade: str
     down: str = ""
+    energy: str = ""
     notes: tuple[str, ...] = ()
 
 
@@ -101,7 +103,9 @@ def _page(view: FieldView, figures: list[dict[str, Any]], probes: dict[str, prob
         figures={figure["name"]: figure for figure in figures},
         best=[_table(view, gravity, partial(_best_entry, view)) for gravity in view.gravities],
         stock=[_table(view, gravity, partial(_stock_entry, view)) for gravity in view.gravities],
-        energy=[(view.title(engine), _energy(view, engine)) for engine in view.engines],
+        energy=[
+            (view.title(engine), _energy(view, engine), matrix.energy_note(engine)) for engine in view.engines
+        ],
         matrix=matrix.matrix(view, probes),
         columns=matrix.COLUMNS,
         settings=_settings(view),
@@ -125,8 +129,11 @@ def _best_entry(view: FieldView, engine: str, gravity: float, timestep: float) -
     nearer = [other for other in tried if math.isinf(view.error(other)) and view.off(other) < least]
     notes = tuple(left_out(view, other) for other in nearer)
     if case is None:
-        return Entry("–" if notes or not tried else "loses impacts", "", "none", "", notes)
-    return Entry(number(least), case.setting, _grade(view, case), _down(view, case), notes)
+        return Entry("–" if notes or not tried else "loses impacts", "", "none", notes=notes)
+    grade = _grade(view, case)
+    notes += () if view.follows_law(case) else view.not_run(engine, gravity, timestep)
+    grew = "" if grade == "bad" else f"energy never grew in {view.scenes(case)} launches"
+    return Entry(number(least), case.setting, grade, _down(view, case), grew, notes)
 
 
 def _down(view: FieldView, case: Case) -> str:

@@ -139,8 +139,42 @@ class FieldView:
         off = self.off(case)
         return math.inf if self.scores[case]["failed"] or self.gains(case) or math.isnan(off) else off
 
+    def choice(self, case: Case) -> Mapping[str, Any] | None:
+        """What `hcbench tune` says of a setting over the same speeds; None where it is no choice of its."""
+        low, high = self.speeds(case.timestep)[[0, -1]]
+        for answer in self.results.answers:
+            if (answer["engine"], answer["gravity"], answer["timestep"]) != (case.engine, *case[2:]):
+                continue
+            for choice in answer["choices"]:
+                band = choice["speeds_m_s"]
+                same = np.allclose([low, high], band, rtol=1e-3) and choice["setting"] == case.setting
+                if same and math.isclose(answer["alpha"], self.alpha, rel_tol=1e-9):
+                    found: Mapping[str, Any] = choice
+                    return found
+        return None
+
+    def scenes(self, case: Case) -> int:
+        """In how many launches energy never grew, of a case that gains none."""
+        choice = self.choice(case)
+        return len(self.impacts[case]) if choice is None else int(choice["scenes"])
+
+    def not_run(self, engine: str, gravity: float, timestep: float) -> tuple[str, ...]:
+        """Settings whose e falls with speed that an engine ran elsewhere, and not here, as phrases."""
+        here = {case.setting for case in self.cases(engine, gravity, timestep)}
+        falls = [
+            case.setting
+            for case in self.scores
+            if case.engine == engine and (recipe := self.recipe(case)) and recipe.role is Role.FALLING_E
+        ]
+        return tuple(f"{name} (not run at this step)" for name in dict.fromkeys(falls) if name not in here)
+
     def off(self, case: Case) -> float:
-        """Largest |e - e of the law| of the impacts that bounced; NaN for none."""
+        """Largest |e - e of the law| of the impacts that bounced, as `tune` says it where it does; NaN for
+        none.
+        """
+        choice = self.choice(case)
+        if choice is not None:
+            return float(choice["max_error"])
         rows = self.impacts[case]
         bounced = rows[rows["status"] == "parted"]
         return float((bounced["restitution"] - bounced["restitution_law"]).astype(float).abs().max())

@@ -19,9 +19,12 @@ _NATIVE = (STOCK, RESTITUTION, SPRING_DAMPER, STAGGERED)
 _NO_DRAG = {"ball": {"linearDamping": 0.0, "angularDamping": 0.0}}
 
 
+_SLOWEST = 1.601  # g h: at 1.6 itself, where round-off decides, some bodies stay down
+
+
 def _exact_above(e: float) -> float:
     """Impact speed over g h from which the plug-in's e is exact: Bullet adds g h after the impact."""
-    return (1.0 + math.sqrt(max(0.0, 1.0 - 0.75 * e**2))) / e**2 if e > 0.0 else math.inf
+    return max(_SLOWEST, (1.0 + math.sqrt(max(0.0, 1.0 - 0.75 * e**2))) / e**2) if e > 0.0 else math.inf
 
 
 RECIPES = (*_NATIVE, *plug_in_recipes("pybullet", _NATIVE, _NO_DRAG, _exact_above))
