@@ -171,6 +171,12 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         lines = self.law_lines(self.law(setting))
         return lines or registry.engine(self.model_engine).snippet(self._shared(setting), form, pair)
 
+    def needs(self, setting: Setting) -> tuple[str, ...]:
+        """The law's lines around each step, or what `model_engine` needs."""
+        if self.law_lines(self.law(setting)):
+            return ("the lines in your own loop, from Python",)
+        return registry.engine(self.model_engine).needs(self._shared(setting))
+
 
 def shared_recipes(
     engine: str, model_engine: str, changes: Mapping[str, Mapping[str, Any]]

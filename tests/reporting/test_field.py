@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import itertools
 import re
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,14 +22,16 @@ from hcbench.impact import Launch
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.target import Target
+from hcbench.reporting import wording
 from hcbench.reporting.build import build
 from hcbench.reporting.field import page
 from hcbench.reporting.field.headline import headline
-from hcbench.reporting.field.matrix import COLUMNS, matrix
+from hcbench.reporting.field.matrix import COLUMNS, energy_note, matrix
 from hcbench.reporting.field.page import COST
 from hcbench.reporting.field.view import Case, FieldView
 from hcbench.sim import registry
 from hcbench.sim.capabilities import DescribesContact, Features
+from hcbench.tuning.usual import usual_answers
 from hcbench.units import INCH
 
 COMMITTED = Path(__file__).parents[2] / "reports" / "field"
@@ -216,7 +219,7 @@ def shown(table: str) -> list[list[str]]:
 
 def texts(cell: Any, has_downs: bool) -> list[str]:
     """What a cell shows, and what the column beside it does where the table has one."""
-    shown_text = f"{cell.text}{cell.setting}{''.join(f'not {note}' for note in cell.notes)}"
+    shown_text = f"{cell.text}{cell.setting}{cell.energy}{''.join(f'not {note}' for note in cell.notes)}"
     return [shown_text, cell.down] if has_downs else [shown_text]
 
 
@@ -235,7 +238,11 @@ def test_each_cell_of_the_committed_page_is_of_the_committed_run(committed: Fiel
         ]
         assert any(table[: len(expected)] == expected for table in tables)
     energy = [
-        [committed.title(e), *(f"{c.text}{c.setting}" for c in page._energy(committed, e))]
+        [
+            committed.title(e),
+            *(f"{c.text}{c.setting}" for c in page._energy(committed, e)),
+            f"{note.text}{note.source}" if (note := energy_note(e)) else "",
+        ]
         for e in committed.engines
     ]
     assert energy in tables
@@ -306,3 +313,28 @@ def test_and_bounces_so_where_it_is_installed(
     speed, e = np.array([(impact.speed_in, impact.restitution) for impact in impacts]).T
     asked = target.restitution(speed) if wanted == "law" else minimax_constant(target)[0]
     assert np.abs(e - asked).max() <= most
+
+
+def test_the_page_says_what_tune_says_and_why_a_setting_is_missing(committed: FieldView) -> None:
+    """Of the same speeds; PyBullet's plug-in stays down below a speed, which is no error of e."""
+    (answer,) = (
+        each
+        for each in usual_answers(committed.study, committed.results.versions)
+        if (each["engine"], each["timestep"], each["gravity"]) == ("mujoco", 1e-3, 9.81)
+    )
+    view = FieldView(replace(committed.results, answers=[answer]))
+    entry = page._best_entry(view, "mujoco", 9.81, 1e-3)
+    (best,) = (choice for choice in answer["choices"] if choice["kind"] == answer["best"])
+    assert (entry.setting, entry.text) == (best["setting"], wording.number(best["max_error"]))
+    assert entry.energy == f"energy never grew in {best['scenes']} launches"
+    coarse = page._best_entry(view, "mujoco", 9.81, view.steps[-1])
+    assert "compliant-pairs (not run at this step)" in coarse.notes
+    plugin = view.best("pybullet", 9.81, 1 / 240, native=False)
+    assert plugin is not None
+    assert view.off(plugin) < 1e-6
+    notes = {engine: energy_note(engine) for engine in ("newton", "opensim", "mujoco")}
+    assert notes["newton"] is not None
+    assert "1.48" in notes["newton"].text
+    assert notes["opensim"] is not None
+    assert "real energy" in notes["opensim"].text
+    assert notes["mujoco"] is None
