@@ -94,7 +94,8 @@ def _engine_sentence(view: View, engine: str) -> str:
     for promise, settings in promises.items():
         where = [f"{setting} at {steps_text(runs)}" for setting, runs in settings.items()]
         error = _error_text(view, list(chain.from_iterable(settings.values())))
-        within = f" (wrong by at most {error})" if view.gravity else ""
+        over = _over(view, list(chain.from_iterable(settings.values())))
+        within = f" (wrong by at most {error}, {over})" if view.gravity else ""
         clauses.append(f"{wording.listed(where, 'or')}: {promise}{within}")
     title = wording.engine_title(engine)
     if not clauses and runs and view.gravity:
@@ -230,9 +231,9 @@ def _bounce_advice(view: View, runs: Sequence[RunKey]) -> Advice:
     error = wording.error(max(error_of(view, run) for run in runs)).lstrip("<")
     spread = max(score["phase_spread"] for score in scores)
     moved = f" (varies by {wording.number(spread)} with the phase)" if spread > 0.001 else ""
-    bands = list(dict.fromkeys(view.band_text(run.timestep) for run in runs))
-    over = f", {bands[0]}" if len(bands) == 1 else ""
-    because = f"e within {error} of the law{moved}{over}: {verdict(view, runs[0]).restitution}."
+    because = (
+        f"e within {error} of the law{moved}, {_over(view, runs)}: {verdict(view, runs[0]).restitution}."
+    )
     if all(scenes_of(view, run) for run in runs):
         because += f" Energy never grew in {sum(scenes_of(view, run) for run in runs)} launches and drops."
     rests = [rest for run in runs if (rest := view.rests.get(run)) is not None]
@@ -243,6 +244,12 @@ def _bounce_advice(view: View, runs: Sequence[RunKey]) -> Advice:
         times = wording.span(f"{min(deep):.0f}", f"{max(deep):.0f}", " ")
         because += f" The contact is {times} times as deep as the law's: use it without gravity only."
     return Advice(runs, because)
+
+
+def _over(view: View, runs: Sequence[RunKey]) -> str:
+    """The impact speeds of some runs: those of their step, or of several, each of which may cut them."""
+    bands = list(dict.fromkeys(view.band_text(run.timestep) for run in runs))
+    return bands[0] if len(bands) == 1 else f"{band_text(view)}, from 1.6 g h of each step on"
 
 
 def _plugin_advice(view: View) -> list[Advice]:

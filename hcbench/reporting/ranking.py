@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hcbench.reporting import wording
-from hcbench.reporting.advised import answer_of, best_of, error_of
+from hcbench.reporting.advised import answer_of, best_of, choice_of, error_of
 from hcbench.reporting.view import REFERENCE, RunKey, View
 from hcbench.resolution import FOLLOWS, ROUND_OFF_SCORE
 
@@ -83,8 +83,9 @@ def lacks(view: View, run: RunKey) -> tuple[str, ...]:
     """What keeps a run from being used under gravity, in words; nothing where it ran without."""
     rest, reasons = view.rests.get(run), []
     if rest is not None:
-        if not lies_still(view, run):
-            reasons.append("does not come to rest")
+        advised = choice_of(view, run)
+        if not lies_still(view, run):  # one that `tune` saw at rest after 30 s is slow to
+            reasons += [] if advised is not None and advised["rests"] else ["does not come to rest"]
         elif rest.depth > REST_DEPTH * view.gravity * run.timestep**2:
             reasons.append(f"sinks {wording.length(rest.depth)} at rest")
     deep = view.depths.get(run, math.nan) / (view.band[1] * run.timestep)

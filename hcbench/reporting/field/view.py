@@ -149,8 +149,7 @@ class FieldView:
                 band = choice["speeds_m_s"]
                 same = np.allclose([low, high], band, rtol=1e-3) and choice["setting"] == case.setting
                 if same and math.isclose(answer["alpha"], self.alpha, rel_tol=1e-9):
-                    found: Mapping[str, Any] = choice
-                    return found
+                    return dict(choice)
         return None
 
     def scenes(self, case: Case) -> int:
