@@ -197,7 +197,7 @@ def _step_card(view: View, step: float) -> AdviceCard:
         if score is not None:
             line = score["constant_error_law"]
             advice.append(_bounce_advice(view, runs))
-    at = f"At {wording.alpha_short(view.main_alpha)}, {band_text(view)}"
+    at = f"At {wording.alpha_short(view.main_alpha)}, {view.band_text(step)}"
     note = f"{at}. The best constant e is wrong by {wording.number(line)}."
     return AdviceCard(f"Under gravity at a step of {wording.time(step)}", advice, note)
 
