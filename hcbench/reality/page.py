@@ -150,8 +150,8 @@ def _slope_verdict(results: Results) -> Iterator[str]:
     if results.slopes:
         names = [slope.of.partition(",")[0] for slope in results.slopes if "synthetic" not in slope.of]
         yield (
-            f"No set here shows that e falls with speed ({listed(names)}): a constant e, by the same reading or"
-            " with the noise of the speed before, gives slopes of this size."
+            f"No set here shows that e falls with speed ({listed(names)}): a constant e, by the same reading"
+            " or with the noise of the speed before, gives slopes of this size."
         )
         falling = next((s for s in results.slopes if s.of.endswith("alpha")), None)
         measured = next((s for s in results.slopes if s.of == "cube, measured"), None)
