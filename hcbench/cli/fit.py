@@ -13,12 +13,16 @@ from hcbench.cli.outputs import PathType, force_option, output_option
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
+    from hcbench.fitting.replay import Replay
     from hcbench.fitting.result import FitResult
     from hcbench.fitting.setup import MeasurementSetup
 
     Uncertain = tuple[float, float] | None
 
 _LAWS = ("auto", "hunt-crossley", "constant", "viscoelastic", "plastic")
+
+
+_TYPED = "hcbench.fit"  # key of the words typed after `hcbench`
 
 
 class _SetupOptions(TypedDict):
@@ -39,7 +43,8 @@ class _FilesAfterAgainst(click.Command):
     """Lets --against take all files that follow it, as a shell expands `b*.wav`."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """`--against b1 b2` as `--against b1 --against b2`."""
+        """`--against b1 b2` as `--against b1 --against b2`; what was typed is kept, for the next lines."""
+        ctx.meta[_TYPED] = ("fit", *args)
         spread, after = [], False
         for one in args:
             if one == "--against":
@@ -116,32 +121,15 @@ def fit(
     a track (time [s],height [m], or an export of Tracker or phyphox); or forces: time [ms],force [N], or
     penetration [um],rate [m/s],force [N]. Several files of bounces share one α.
     """
-    from hcbench._outputs import write_output
-    from hcbench.fitting import force as forces_of
-    from hcbench.fitting.comparison import against_record, against_text
     from hcbench.fitting.fit import fit as fit_sets
     from hcbench.fitting.plausible import require_different
-    from hcbench.fitting.read import KINDS, Excerpt, read_dataset, read_force
-    from hcbench.fitting.replay import replay_record, replay_text
-    from hcbench.fitting.text import as_record, as_text, with_uncertainty
+    from hcbench.fitting.read import Excerpt, read_dataset
 
-    if not files:
-        raise UserError(
-            "files", "none given", "a file of measured bounces", "`hcbench fit --help` shows what"
-        )
-    if kind is not None and kind not in KINDS:
-        raise UserError("--as", repr(kind), f"one of {', '.join(KINDS)}")
+    _require_together(files, kind, engine, timestep, write_scene)
     setup = _setup(options)
-    if (engine is None) != (timestep is None) or (write_scene is not None and engine is None):
-        raise UserError("--engine", "given in part", "--engine and --timestep, for a scene")
-    next_engine = "" if as_json else engine or _engine()
-    if len(files) == 1 and (forces := read_force(files[0], setup, kind)) is not None:
-        if page is not None or write_points is not None:
-            raise UserError("--page" if page is not None else "--write-points", "given for forces", "bounces")
-        if as_json:
-            print_json(forces_of.as_record(forces))
-        else:
-            print(forces_of.as_text(forces, with_uncertainty, next_engine), end="")
+    if len(files) == 1 and _fit_force(
+        files[0], kind, setup, as_json, page=page, write_points=write_points, engine=engine
+    ):
         return
     require_different((*files, *against))
     part = Excerpt(begin or 0.0, end, *_touches(touches))
@@ -150,33 +138,104 @@ def fit(
         for group in (files, against)
         if group
     )
-    _write(result, page, write_points, force)
     scene = None if engine is None or timestep is None else result.scene(engine, timestep)
-    if scene is not None and write_scene is not None:
-        write_output(write_scene, scene.script, "--write-scene", force)
+    lines = [] if as_json and page is None else _next(result, engine, scene, write_scene)
+    _write(result, scene, lines, force, page=page, write_points=write_points, write_scene=write_scene)
+    (_print_json if as_json else _print)(result, others, scene, lines)
+
+
+def _require_together(
+    files: tuple[Path, ...],
+    kind: str | None,
+    engine: str | None,
+    timestep: float | None,
+    write_scene: Path | None,
+) -> None:
+    """Raises UserError where files or one of --engine and --timestep are missing, or the kind is none."""
+    from hcbench.fitting.read import KINDS
+
+    if not files:
+        raise UserError(
+            "files", "none given", "a file of measured bounces", "`hcbench fit --help` shows what"
+        )
+    if kind is not None and kind not in KINDS:
+        raise UserError("--as", repr(kind), f"one of {', '.join(KINDS)}")
+    if (engine is None) != (timestep is None) or (write_scene is not None and engine is None):
+        raise UserError("--engine", "given in part", "--engine and --timestep, for a scene")
+
+
+def _fit_force(
+    file: Path, kind: str | None, setup: MeasurementSetup, as_json: bool, **of_bounces: object
+) -> bool:
+    """Fit and print forces; False where the file has none. of_bounces: options that apply to bounces."""
+    from hcbench.fitting import force as forces_of
+    from hcbench.fitting.read import read_force
+    from hcbench.fitting.text import with_uncertainty
+
+    forces = read_force(file, setup, kind)
+    if forces is None:
+        return False
+    for name, value in of_bounces.items():
+        if value is not None:
+            raise UserError(f"--{name.replace('_', '-')}", "given for forces", "bounces")
     if as_json:
-        more: dict[str, Any] = {"against": [against_record(result, other) for other in others]}
-        if scene is not None:
-            more["scene"] = replay_record(scene)
-        print_json(as_record(result) | more)
-        return
-    print(as_text(result, next_engine), end="")
+        print_json(forces_of.as_record(forces))
+    else:
+        print(forces_of.as_text(forces, with_uncertainty, _engine()), end="")
+    return True
+
+
+def _next(result: FitResult, engine: str | None, scene: Replay | None, write_scene: Path | None) -> list[str]:
+    from hcbench.fitting.next_lines import next_lines
+
+    written = None if scene is None or write_scene is None else (scene, str(write_scene))
+    return next_lines(result, engine or _engine(), _typed(), written)
+
+
+def _typed() -> tuple[str, ...]:
+    """The words after `hcbench`."""
+    return tuple(click.get_current_context().meta[_TYPED])
+
+
+def _print(result: FitResult, others: list[FitResult], scene: Replay | None, lines: list[str]) -> None:
+    from hcbench.fitting.comparison import against_text
+    from hcbench.fitting.replay import replay_text
+    from hcbench.fitting.text import as_text
+
+    print(as_text(result), end="")
     for other in others:
         print(against_text(result, other), end="")
     if scene is not None:
         print(replay_text(scene), end="")
+    print("", *lines, sep="\n")
 
 
-def _write(result: FitResult, page: Path | None, write_points: Path | None, force: bool) -> None:
+def _print_json(result: FitResult, others: list[FitResult], scene: Replay | None, _: list[str]) -> None:
+    from hcbench.fitting.comparison import against_record
+    from hcbench.fitting.replay import replay_record
+    from hcbench.fitting.text import as_record
+
+    more: dict[str, Any] = {"against": [against_record(result, other) for other in others]}
+    if scene is not None:
+        more["scene"] = replay_record(scene)
+    print_json(as_record(result) | more)
+
+
+def _write(
+    result: FitResult, scene: Replay | None, lines: list[str], force: bool, **files: Path | None
+) -> None:
+    """files: where to write what, by its option."""
     from hcbench._outputs import write_output
     from hcbench.fitting.text import points_text
 
-    if page is not None:
+    if (page := files["page"]) is not None:
         from hcbench.reporting.fit_page import fit_page
 
-        write_output(page, fit_page(result, _engine()), "--page", force)
-    if write_points is not None:
-        write_output(write_points, points_text(result), "--write-points", force)
+        write_output(page, fit_page(result, lines, _typed(), scene), "--page", force)
+    if (points := files["write_points"]) is not None:
+        write_output(points, points_text(result), "--write-points", force)
+    if scene is not None and (script := files["write_scene"]) is not None:
+        write_output(script, scene.script, "--write-scene", force)
 
 
 def _touches(text: str | None) -> tuple[int | None, range | None]:
@@ -218,8 +277,8 @@ def _known_gravity(text: str) -> str:
 
 
 def _engine() -> str:
-    """The engine for the line to type next: of those that can run, the one with the most recipes."""
+    """The engine for the lines to type next: of those that can run, the one with the most recipes; or ""."""
     from hcbench.sim import registry
 
     there = [name for name in registry.names() if registry.is_there(name)]
-    return max(there, key=lambda name: len(registry.recipes(name)), default="ENGINE")
+    return max(there, key=lambda name: len(registry.recipes(name)), default="")

@@ -68,17 +68,21 @@ def _filtered(recording: Recording, lower: float, upper: float | None) -> Floats
 def _clicks(sound: Floats, rate: int, step: float) -> tuple[Indices, Floats]:
     """Samples at which something begins that is louder than before, and how loud it is, dB over the noise."""
     ahead, back = max(4, round(_NEXT * rate)), round(_LAST * rate)
-    energy = np.concatenate([[0.0], np.cumsum(sound**2)])
-    at = np.arange(back, len(sound) - ahead)
-    after = (energy[at + ahead] - energy[at]) / ahead
-    before = (energy[at] - energy[at - back]) / back
+    energy = np.zeros(len(sound) + 1)  # in place: these arrays are what long recordings need memory for
+    np.cumsum(np.square(sound, out=energy[1:]), out=energy[1:])
+    after = np.subtract(energy[back + ahead : -1], energy[back : -1 - ahead])
+    before = np.subtract(energy[back : -1 - ahead], energy[: -1 - ahead - back])
+    del energy
+    after /= ahead
     noise = float(np.percentile(after, 25)) + step**2 + 1e-30  # few bits are silent between steps
-    rise = after / (before + 0.3 * noise)
+    before /= back
+    before += 0.3 * noise
+    rise = np.divide(after, before, out=before)
     rise[after < _OVER_NOISE * noise] = 0.0
     peaks, _ = find_peaks(rise, height=_RISE, distance=max(1, round(_APART * rate)))
     loud = after[peaks]
     kept = np.sort(np.argsort(-loud)[:_MOST_CLICKS])
-    return at[peaks[kept]], 10.0 * np.log10(loud[kept] / noise)
+    return back + peaks[kept], 10.0 * np.log10(loud[kept] / noise)
 
 
 class Timer:

@@ -37,6 +37,13 @@ def estimate_of(fit: LawFit, name: str, inputs: float = 0.0) -> Estimate:
     )
 
 
+def widened(estimate: Estimate, factor: float) -> Estimate:
+    """With an interval that many times as wide."""
+    value = estimate.value
+    low, high = value - factor * (value - estimate.low), value + factor * (estimate.high - value)
+    return Estimate(value, factor * estimate.uncertainty, max(0.0, low), high)
+
+
 def alpha_of(plain: LawFit, lossy: LawFit, inputs: float = 0.0, odds: float = ODDS_TO_DROP) -> Estimate:
     """α of eq. (16) where a constant loss e0 may be present.
 

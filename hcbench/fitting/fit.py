@@ -13,7 +13,7 @@ from hcbench.fitting.budget import error_budget
 from hcbench.fitting.candidates import LAWS
 from hcbench.fitting.drops import odd_drops, shared_value
 from hcbench.fitting.estimate import fit_law
-from hcbench.fitting.estimates import ODDS_TO_DROP, alpha_of, estimate_of
+from hcbench.fitting.estimates import ODDS_TO_DROP, alpha_of, estimate_of, widened
 from hcbench.fitting.flags import flagged_touches
 from hcbench.fitting.lack_of_fit import PRIOR_OF_ADHESION, LackOfFit, adhesion, smooth_change
 from hcbench.fitting.noise import MOST_SCATTER
@@ -96,7 +96,8 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     drops = tuple(_drop(one, evidence) for one in each)
     doubts = drops[0].doubts if len(drops) == 1 else _doubts_of_all(drops)
     chosen = law if law != "auto" else chosen_law(evidence)
-    if law == "auto" and (doubts or lack.is_certain or _may_stick(evidence, lack)):
+    reservation = "" if any(not s.reservation for s in sets) else sets[0].reservation
+    if law == "auto" and (doubts or reservation or lack.is_certain or _may_stick(evidence, lack)):
         chosen = None
     fits = sorted(whole.fits.values(), key=lambda one: -one.log_evidence)
     odds = odds_of(evidence)
@@ -115,6 +116,7 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
         lack=lack,
         warnings=(*_warnings(whole, each), *scale_warnings(whole.likeliest, sets)),
         doubts=doubts,
+        reservation=reservation,
         drops=drops if len(drops) > 1 else (),
     )
     return result if not chosen and (doubts or lack.is_certain) else _with_numbers(result, whole, each)
@@ -198,12 +200,14 @@ def _own_alpha(
 
     odds: at which one of the two is ruled out.
     """
-    if chosen in (PLAIN, WITH_E0):
-        return estimate_of(one.fits[chosen], "alpha", inputs)
     left = laws_left({name: evidence[name] for name in (PLAIN, WITH_E0)}, odds)
+    if chosen in (PLAIN, WITH_E0):
+        left = {chosen}
     if len(left) == 1:
-        return estimate_of(one.fits[left.pop()], "alpha", inputs)
-    return alpha_of(one.fits[PLAIN], one.fits[WITH_E0], inputs, odds)
+        estimate = estimate_of(one.fits[left.pop()], "alpha", inputs)
+    else:
+        estimate = alpha_of(one.fits[PLAIN], one.fits[WITH_E0], inputs, odds)
+    return widened(estimate, one.sets[0].widening)
 
 
 def _doubts_of_all(drops: Sequence[DropResult]) -> tuple[str, ...]:

@@ -22,10 +22,8 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
 
 _EDGE = 0.05  # of the largest force: where a pulse begins and ends
-_APART, _NO_CONTRADICTION = (
-    3.0,
-    0.01,
-)  # of e by shape and by impulse: standard deviations, and at least so much
+# Of e by shape and by impulse: standard deviations, and at least so much.
+_APART, _NO_CONTRADICTION = 3.0, 0.01
 _LEAST_POINTS = 20
 _OFF_LAW = 0.05  # rms over the largest force from which on the loop is another law's
 
@@ -83,21 +81,11 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
 
     Raises UserError without mass and speed (or drop height), and for what is no single push.
     """
-    if setup.mass is None:
-        raise UserError("mass", f"not given for {name}", "the effective mass", "--mass '0.45 kg'")
-    if setup.speed is None and setup.height is None:
-        raise UserError("speed", f"not given for {name}", "--speed of the approach, or --height of a drop")
-    mass = setup.mass.value
-    if setup.speed is not None:
-        speed, u_speed = setup.speed.value, setup.speed.uncertainty
-    else:
-        assert setup.height is not None
-        speed, slope = setup.ballistics.dropped(setup.height.value)
-        u_speed = slope * setup.height.uncertainty
+    mass, u_mass, speed, u_speed = _approach(name, setup)
     inside, force, u_impulse = _pulse(name, time, force)
     impulse = float(np.trapezoid(force, time))
     e = impulse / (mass * speed) - 1.0
-    of_inputs = (1.0 + e) * math.hypot(setup.mass.uncertainty / mass, u_speed / speed)
+    of_inputs = (1.0 + e) * math.hypot(u_mass / mass, u_speed / speed)
     u_e = math.hypot(of_inputs, u_impulse / (mass * speed))
     if not 0.0 < e < 1.0:
         got = f"the impulse {impulse:.4g} N s is {impulse / (mass * speed):.3g} times m v"
@@ -133,6 +121,19 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
     return ForceFit(
         name, "force", math.exp(done.x[0]), n, alpha, covariance, e, u_e, (speed, speed), misfit, by_shape
     )
+
+
+def _approach(name: str, setup: MeasurementSetup) -> tuple[float, float, float, float]:
+    """Mass in kg and speed in m/s, each with its standard uncertainty. Raises UserError without either."""
+    if setup.mass is None:
+        raise UserError("mass", f"not given for {name}", "the effective mass", "--mass '0.45 kg'")
+    mass, u_mass = setup.mass.value, setup.mass.uncertainty
+    if setup.speed is not None:
+        return mass, u_mass, setup.speed.value, setup.speed.uncertainty
+    if setup.height is None:
+        raise UserError("speed", f"not given for {name}", "--speed of the approach, or --height of a drop")
+    speed, slope = setup.ballistics.dropped(setup.height.value)
+    return mass, u_mass, speed, slope * setup.height.uncertainty
 
 
 def _pulse(name: str, time: Floats, force: Floats) -> tuple[Floats, Floats, float]:

@@ -38,6 +38,8 @@ _NEAR, _QUIETER = 45e-3, 15.0  # s, dB: clicks that may be the touch in place of
 _NOT_MUCH_QUIETER = 6.0  # dB
 _SWAPS, _TRIED = 4, 2  # rounds; swaps fitted in each, the likeliest to first order
 _ROUGH, _SMOOTHER = 8e-3, 1.6  # s_e from which on a touch is left out where that divides s_e by so much
+_KNOCKS, _FAR_SMOOTHER = 2, 2.0  # first clicks that may be none of the ball's: s_e without them
+_LEAST_LEFT = 5  # touches, where some are left out
 _CLOSE, _SMOOTH = 0.7, 0.5  # share of the best score of a train that is taken if its s_e is this share
 _HALF = 0.5  # of the best score, below which a train is no rival
 
@@ -155,7 +157,25 @@ class _Heard:
             left_out = min((now.without(k) for k in now.suspects()), key=lambda one: one.scatter)
             if left_out.scatter * _SMOOTHER < now.scatter:
                 now = left_out
-        return now
+        return now.without_knocks()
+
+    def without_knocks(self) -> _Heard:
+        """Without first clicks that make the others scatter; e0 bends to them: the law without it judges."""
+        rough = self.plain().scatter
+        for count in range(1, _KNOCKS + 1):
+            if len(self.places) - count < _LEAST_LEFT:
+                break
+            later = replace(
+                self, places=self.places[count:], numbers=self.numbers[count:] - self.numbers[count]
+            )
+            if len(later.data().pairs()[0]) < _LEAST_LEFT - 2:  # where many are unheard
+                break
+            if later.plain().scatter * _FAR_SMOOTHER < rough:
+                return later.fitted()
+        return self
+
+    def plain(self) -> LawFit:
+        return fit_law(LAWS[PLAIN], [self.data()], self.reference)
 
     def suspects(self) -> list[int]:
         """Places in the train of the first two touches and of the two that go least with the others."""
@@ -197,7 +217,7 @@ class _Heard:
 
     def without(self, k: int) -> _Heard:
         """The train without one touch."""
-        if len(self.places) < 6:
+        if len(self.places) <= _LEAST_LEFT:
             return self
         places, numbers = np.delete(self.places, k), np.delete(self.numbers, k)
         return replace(self, places=places, numbers=numbers - numbers[0]).fitted()
@@ -207,8 +227,7 @@ class _Heard:
         level = self.band.level[np.searchsorted(self.band.places, self.places)]
         scatter = alpha = None
         if self.fit is not None:
-            plain = fit_law(LAWS[PLAIN], [self.data()], self.reference)
-            scatter, alpha = self.fit.scatter, alpha_of(plain, self.fit)
+            scatter, alpha = self.fit.scatter, alpha_of(self.plain(), self.fit)
         return Picks(
             self.begin + times, self.numbers, level, self.band.frequency, self.train.score, scatter, alpha
         )

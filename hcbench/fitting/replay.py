@@ -102,7 +102,7 @@ def replay(result: FitResult, engine: str, timestep: float, recipe: str = "auto"
 
 
 def _made_up(scene: Replay, result: FitResult) -> Replay:
-    """With the α at which touches are as often early as late: the nearest of a few steps of the secant method.
+    """With the α at which touches are as often early as late, by a few steps of the secant method.
 
     A contact of a plug-in lasts about a step, and the ball's hardly any time: at the α of the fit each flight
     begins late. A larger α shortens the flights by as much.
@@ -116,7 +116,11 @@ def _made_up(scene: Replay, result: FitResult) -> Replay:
         law = dataclasses.replace(tuned.target.law, alpha=alpha + step)
         setting = tuned.recipe(dataclasses.replace(tuned.target, law=law), None)
         now = Replay(
-            tuned, scene.recorded, _simulated(tuned.scene, setting, result, scene.recorded), setting, law.alpha
+            tuned,
+            scene.recorded,
+            _simulated(tuned.scene, setting, result, scene.recorded),
+            setting,
+            law.alpha,
         )
         if now.error < best.error:
             best = now

@@ -35,7 +35,8 @@ class FitResult(Shown):
     fits: every law tried, the likeliest first; odds: of each against the best of the others.
     alpha, e0, restitution: None where the law that they belong to is ruled out or was not asked for.
     speeds: range of impact speeds in m/s that the data hold.
-    doubts: why neither a law nor α is given although one was fitted. lack: the odds that no law fits.
+    doubts: why neither a law nor α is given although one was fitted. reservation: why no law is given.
+    lack: the odds that no law fits.
     drops: of several files, each by itself; between: by which share of α they differ beyond their own errors.
     """
 
@@ -53,6 +54,7 @@ class FitResult(Shown):
     lack: LackOfFit
     warnings: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    reservation: str = ""
     drops: tuple[DropResult, ...] = ()
     between: float | None = None
 

@@ -80,15 +80,15 @@ def _wider(result: FitResult) -> float:
     return (estimate.high - estimate.low) / max(width, 1e-300)
 
 
-def limit_of(result: FitResult) -> float:
-    """The |e - wanted| up to which a model is within the measurement, rounded up to two digits."""
+def limit_of(result: FitResult, more: float = 0.0) -> float:
+    """The |e - wanted| up to which a model is within the measurement and `more`, rounded up."""
     _, e, low, high = band(result)
-    off = max(float((high - e).max()), float((e - low).max()), 1e-4)
+    off = max(float((high - e).max()), float((e - low).max()), 1e-4) + more
     step = 10.0 ** (math.floor(math.log10(off)) - 1)
     return float(min(1.0, math.ceil(off / step - 1e-9) * step))
 
 
-def as_text(result: FitResult, engine: str) -> str:
+def as_text(result: FitResult) -> str:
     """All of it, for a terminal."""
     rows = headline(result)
     width = max(map(len, rows))
@@ -99,7 +99,7 @@ def as_text(result: FitResult, engine: str) -> str:
         for flag in result.flags
     ]
     lines += [f"warning: {warning}" for warning in result.warnings]
-    return "\n".join([*lines, "", *next_lines(result, engine)]) + "\n"
+    return "\n".join(lines) + "\n"
 
 
 def headline(result: FitResult) -> dict[str, str]:
@@ -138,6 +138,8 @@ def _law_row(result: FitResult) -> str:
         return "undecided: " + "; ".join(result.doubts)
     if result.lack.is_certain:
         return f"none of these laws ({odds_text(result.lack.odds)}): {result.lack.shape}"
+    if result.reservation:
+        return f"undecided: {result.reservation}"
     if result.lack.may_stick and result.fits[0].law.name == WITH_E0:
         return "undecided: a constant loss e0 or bodies that stick; the interval of α holds for both"
     return "undecided: several laws fit (see below)"
@@ -218,27 +220,6 @@ def _budget(result: FitResult) -> list[str]:
     return lines
 
 
-def next_lines(result: FitResult, engine: str) -> list[str]:
-    """What to type next."""
-    low, high = result.speeds
-    limit = limit_of(result)
-    if result.is_plain and result.alpha is not None:
-        what = check = f'--alpha "{with_uncertainty(result.alpha.value, result.alpha.uncertainty)} s/m"'
-    elif result.law == "constant" and result.restitution is not None:
-        what = check = f"--restitution {result.restitution.value:.6g}"
-    else:
-        what, check = "--points points.csv", "--pairs points.csv"
-    speeds = f'--speeds "{low:.3g}:{high:.3g} m/s"'
-    lines = ["next:"]
-    if "points" in what:
-        lines.append("  (after --write-points points.csv: no one parameter stands for this curve)")
-    return [
-        *lines,
-        f"  hcbench tune {engine} {what} --timestep 1e-3 {speeds}",
-        f"  hcbench check MODEL --pair BALL,PLATE {check} {speeds} --max-error {limit:.2g}",
-    ]
-
-
 def as_record(result: FitResult) -> dict[str, Any]:
     """What `--json` prints; None where a number does not apply."""
     best, alpha, e = result.best, result.alpha, result.restitution
@@ -249,6 +230,7 @@ def as_record(result: FitResult) -> dict[str, Any]:
         "law": result.law,
         "law_asked": result.asked,
         "doubts": list(result.doubts),
+        "reservation": result.reservation,
         "odds_none_of_these_laws": result.lack.odds,
         "alpha_s_per_m": alpha and alpha.value,
         "alpha_standard_uncertainty_s_per_m": alpha and alpha.uncertainty,

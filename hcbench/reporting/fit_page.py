@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import shlex
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -13,13 +14,16 @@ from scipy.io import wavfile
 from hcbench.fitting.candidates import LAWS
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.notebook import draw_curve
-from hcbench.fitting.text import headline, next_lines, odds_text, trains_of, with_uncertainty
+from hcbench.fitting.text import headline, odds_text, trains_of, with_uncertainty
 from hcbench.reporting.page import Drawing, draw, render
 from hcbench.reporting.plot_style import COLOURS, INK, LIMIT, MEASURED, SLATE, new_figure, speed_axis
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.figure import Figure
 
+    from hcbench.fitting.replay import Replay
     from hcbench.fitting.result import FitResult
     from hcbench.impact import Floats
 
@@ -28,8 +32,13 @@ _BESIDE = 0.3  # s of sound before the first touch and after the last
 _MOST_SAMPLES = 4000  # of the waveform drawn
 
 
-def fit_page(result: FitResult, engine: str) -> str:
-    """The page as HTML text. engine: for the line to type next."""
+def fit_page(
+    result: FitResult, next_lines: Sequence[str], typed: Sequence[str], scene: Replay | None = None
+) -> str:
+    """The page as HTML text.
+
+    typed: the words after `hcbench` that led here. scene: one that bounces as the recording did, to be drawn.
+    """
     alpha = result.budget.parameter == "alpha"
     return render(
         "fit.html",
@@ -43,14 +52,17 @@ def fit_page(result: FitResult, engine: str) -> str:
             if isinstance(s, TouchTimes) and s.recording is not None
         ],
         media=any(isinstance(s, TouchTimes) and s.heard for s in result.sets),
-        heard=[_heard(i, s) for i, s in enumerate(result.sets) if isinstance(s, TouchTimes) and s.heard],
+        heard=[
+            _heard(i, s, typed) for i, s in enumerate(result.sets) if isinstance(s, TouchTimes) and s.heard
+        ],
         laws=[
             (fit.law.name, LAWS[fit.law.name].formula, f"{fit.log_evidence:.2f}", odds_text(odds))
             for fit, odds in zip(result.fits, result.odds, strict=True)
         ],
         budget=[(row.source, row.kind, f"{row.share:.2g}") for row in result.budget.rows],
         parameter="α, s/m" if alpha else result.budget.parameter,
-        next_lines=next_lines(result, engine),
+        next_lines=next_lines,
+        scene=scene and draw(Drawing("scene", lambda: _scene_figure(scene))),
         title=f"α = {with_uncertainty(result.alpha.value, result.alpha.uncertainty)} s/m"
         if result.alpha is not None and result.law is not None
         else f"law: {result.law or 'cannot tell'}",
@@ -89,6 +101,22 @@ def _residual_figure(result: FitResult) -> Figure:
     return figure
 
 
+def _scene_figure(scene: Replay) -> Figure:
+    """The recorded touches over those of the scene, and how late each of the scene's is."""
+    figure = new_figure(6.4, 3.0)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    trains = ((scene.recorded, 1.0, SLATE, "recorded"), (scene.simulated, 0.0, LIMIT, "scene"))
+    for touches, level, colour, label in trains:
+        upper.vlines(touches, level, level + 0.9, color=colour, linewidth=1.2, label=label)
+    upper.set_yticks([0.45, 1.45], ["scene", "recorded"])
+    late = scene.simulated - scene.recorded[: len(scene.simulated)]
+    lower.plot(scene.recorded[: len(late)], 1e3 * late, color=LIMIT, marker="o", markersize=3.0)
+    lower.axhline(0.0, color=SLATE, linewidth=0.8)
+    lower.set_ylabel("late, ms")
+    lower.set_xlabel("time from the second touch, s")
+    return figure
+
+
 def _sound_figure(s: TouchTimes) -> Figure:
     """The waveform with the touches found, and the first of them from near."""
     assert s.recording is not None
@@ -122,13 +150,15 @@ def _sound_figure(s: TouchTimes) -> Figure:
     return figure
 
 
-def _heard(i: int, s: TouchTimes) -> tuple[str, str, list[tuple[str, str, object, str]]]:
+def _heard(
+    i: int, s: TouchTimes, typed: Sequence[str]
+) -> tuple[str, str, list[tuple[str, str, object, str]]]:
     """The file's name, its sound, and per train: letter, what it is, its touches, and what to type."""
     trains: list[tuple[str, str, object, str]] = []
     for (letter, count, first, last, alpha, *_), picks in zip(trains_of(s), s.heard, strict=True):
         image = draw(Drawing(f"heard-{i}-{letter}", partial(_train_figure, s, picks.times)))
         what = f"{count} touches from {first} to {last}{', α = ' + alpha if alpha else ''}"
-        trains.append((letter, what, image, f"hcbench fit {s.name} --touches {letter}"))
+        trains.append((letter, what, image, f"hcbench {shlex.join(typed)} --touches {letter}"))
     return s.name, _played(s), trains
 
 

@@ -1,0 +1,60 @@
+"""What to type after a fit: lines that run as they stand."""
+
+from __future__ import annotations
+
+import shlex
+from typing import TYPE_CHECKING
+
+from hcbench.fitting.text import limit_of, with_uncertainty
+from hcbench.sim import registry
+from hcbench.sim.capabilities import OpensModels
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.fitting.replay import Replay
+    from hcbench.fitting.result import FitResult
+
+_POINTS, _PAIR = "points.csv", "ball,plate"  # the names in a scene that hcbench writes
+
+
+def next_lines(
+    result: FitResult, engine: str, given: Sequence[str], scene: tuple[Replay, str] | None = None
+) -> list[str]:
+    """Make a scene with this contact, and check it; none without an engine.
+
+    engine: "" where none can run. given: the words after `hcbench` that led here.
+    scene: a scene that was written, and its path; it is checked then.
+    """
+    if not engine:
+        return []
+    low, high = result.speeds
+    speeds = f'--speeds "{low:.3g}:{high:.3g} m/s"'
+    if result.is_plain and result.alpha is not None:
+        what = check = f'--alpha "{with_uncertainty(result.alpha.value, result.alpha.uncertainty)} s/m"'
+        what = f"--plugin {what}"
+    elif result.law == "constant" and result.restitution is not None:
+        what = check = f"--restitution {result.restitution.value:.6g}"
+    else:
+        what, check = f"--points {_POINTS}", f"--pairs {_POINTS}"
+    lines = ["next:"]
+    if _POINTS in what and "--write-points" not in given:
+        lines.append(f"  hcbench {shlex.join(given)} --write-points {_POINTS}")
+    limit = limit_of(result, scene[0].e_off if scene else 0.0)
+    if scene is not None:
+        replayed, file = scene
+        engine = replayed.setting.engine
+    else:
+        file = "scene.xml" if _reads_xml(engine) else "scene.py"
+        lines.append(f"  hcbench tune {engine} {what} --timestep 1e-3 {speeds} --write-scene {file}")
+    if _reads_xml(engine):
+        lines.append(
+            f"  hcbench check {shlex.quote(file)} --pair {_PAIR} {check} {speeds} --max-error {limit:.2g}"
+        )
+    return lines
+
+
+def _reads_xml(engine: str) -> bool:
+    """Whether scenes of an engine are models that `check` opens; those of others are scripts."""
+    adapter = registry.engine(engine)
+    return isinstance(adapter, OpensModels) and ".xml" in adapter.suffixes
