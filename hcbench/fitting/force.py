@@ -82,8 +82,8 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
     Raises UserError without mass and speed (or drop height), and for what is no single push.
     """
     mass, u_mass, speed, u_speed = _approach(name, setup)
-    inside, force, u_impulse = _pulse(name, time, force)
-    impulse = float(np.trapezoid(force, time))
+    inside, force = _pulse(name, time, force)
+    impulse, u_impulse = _impulse(time, force, inside)
     e = impulse / (mass * speed) - 1.0
     of_inputs = (1.0 + e) * math.hypot(u_mass / mass, u_speed / speed)
     u_e = math.hypot(of_inputs, u_impulse / (mass * speed))
@@ -136,11 +136,26 @@ def _approach(name: str, setup: MeasurementSetup) -> tuple[float, float, float, 
     return mass, u_mass, speed, slope * setup.height.uncertainty
 
 
-def _pulse(name: str, time: Floats, force: Floats) -> tuple[Floats, Floats, float]:
-    """Which samples are the push; the force less the load cell's zero and upwards; the impulse's uncertainty.
+def _impulse(time: Floats, force: Floats, inside: Floats) -> tuple[float, float]:
+    """The impulse from one pulse length before the push to one after it, and its standard uncertainty, N s.
 
-    The noise, and the drift of the zero from before the push to after it, make the impulse uncertain, N s.
+    The noise, and the drift of the zero from before the push to after it, make it uncertain.
     """
+    first, last = (int(np.flatnonzero(inside)[i]) for i in (0, -1))
+    begin, end = max(0, 2 * first - last), min(len(force), 2 * last - first + 1)
+    before, after = force[:first], force[last + 1 :]
+    quiet = np.concatenate([before, after])
+    noise, lasts = float(np.std(quiet)), float(time[end - 1] - time[begin])
+    drift = (
+        0.5 * abs(float(np.median(before)) - float(np.median(after))) if len(before) and len(after) else 0.0
+    )
+    zero, step = noise / math.sqrt(len(quiet)), float(np.median(np.diff(time)))
+    of_impulse = math.hypot(lasts * (drift + zero), noise * math.sqrt(lasts * step))
+    return float(np.trapezoid(force[begin:end], time[begin:end])), of_impulse
+
+
+def _pulse(name: str, time: Floats, force: Floats) -> tuple[Floats, Floats]:
+    """Which samples are the push, and the force less the load cell's zero and upwards."""
     zero = float(np.median(force))
     force = force - zero
     if abs(force.min()) > force.max():
@@ -158,14 +173,7 @@ def _pulse(name: str, time: Floats, force: Floats) -> tuple[Floats, Floats, floa
     noise = float(np.std(quiet))
     if (force[inside] < _EDGE * force.max() - 6.0 * noise).sum() > 0.2 * inside.sum():
         raise UserError(name, "several pushes", "one impact", "Cut out one of them")
-    lasts, step = float(np.ptp(time[inside])), float(np.median(np.diff(time)))
-    before, after = force[: loud[0]], force[loud[-1] + 1 :]
-    drift = (
-        0.5 * abs(float(np.median(before)) - float(np.median(after))) if len(before) and len(after) else 0.0
-    )
-    zero = noise / math.sqrt(len(quiet))
-    of_impulse = math.hypot(lasts * (drift + zero), noise * math.sqrt(lasts * step))
-    return np.asarray(inside), np.asarray(force), of_impulse
+    return np.asarray(inside), np.asarray(force)
 
 
 def _stiffness_for(top: float, mass: float, speed: float, n: float) -> float:
@@ -232,6 +240,8 @@ def as_record(force_fit: ForceFit) -> dict[str, object]:
             force_fit.e - SIGMAS_95 * force_fit.e_uncertainty,
             force_fit.e + SIGMAS_95 * force_fit.e_uncertainty,
         ],
+        "restitution_by_shape": None if math.isnan(force_fit.e_by_shape) else force_fit.e_by_shape,
+        "shape_contradicts_impulse": force_fit.contradicts,
         "laws": [],
         "flagged": [],
         "stiffness_n_per_m_n": force_fit.stiffness,

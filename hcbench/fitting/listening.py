@@ -148,7 +148,7 @@ class _Heard:
         """Reflections that were taken for touches exchanged for them; a touch that spoils all left out."""
         if self.fit is None:
             return self
-        now = self
+        now = self.without_knocks()  # before swaps, which would make the ball's touches go with a knock
         for _ in range(_SWAPS):
             if (swapped := now.swapped()) is None:
                 break

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from typing import TYPE_CHECKING
 
@@ -28,11 +29,11 @@ def next_lines(
     """
     if not engine:
         return []
-    low, high = result.speeds
-    speeds = f'--speeds "{low:.3g}:{high:.3g} m/s"'
+    low, high = _inwards(*result.speeds)
+    speeds = f'--speeds "{low:g}:{high:g} m/s"'
     if result.is_plain and result.alpha is not None:
-        what = check = f'--alpha "{with_uncertainty(result.alpha.value, result.alpha.uncertainty)} s/m"'
-        what = f"--plugin {what}"
+        check = f'--alpha "{with_uncertainty(result.alpha.value, result.alpha.uncertainty)} s/m"'
+        what = f"--plugin {check}"
     elif result.law == "constant" and result.restitution is not None:
         what = check = f"--restitution {result.restitution.value:.6g}"
     else:
@@ -52,6 +53,12 @@ def next_lines(
             f"  hcbench check {shlex.quote(file)} --pair {_PAIR} {check} {speeds} --max-error {limit:.2g}"
         )
     return lines
+
+
+def _inwards(low: float, high: float) -> tuple[float, float]:
+    """To three digits each, and not beyond: pairs that were measured hold for no other speeds."""
+    first, last = (10.0 ** (math.floor(math.log10(v)) - 2) for v in (low, high))
+    return math.ceil(low / first - 1e-9) * first, math.floor(high / last + 1e-9) * last
 
 
 def _reads_xml(engine: str) -> bool:

@@ -47,6 +47,27 @@ def test_a_knock_two_seconds_before_the_drop_is_no_touch() -> None:
     assert np.abs(touches.times[:, None] - one.touches).min(axis=1).max() < 2e-3
 
 
+def test_a_knock_that_could_nearly_be_the_first_touch_is_left_out() -> None:
+    """A click before the drop, 4 % off where a touch of this ball would have been."""
+    one = noisy_rooms.drop("glass", "pink", 35.0, None, np.random.default_rng(5), alpha=0.2)
+    first, second, third = one.touches[:3]
+    flight = 1.04 * (second - first) ** 2 / (third - second)
+    padded = np.concatenate([1e-4 * np.random.default_rng(1).standard_normal(noisy_rooms.RATE), one.sound])
+    at, begin = int((1.0 + first - flight) * noisy_rooms.RATE), int((1.0 + first) * noisy_rooms.RATE)
+    padded[at : at + 900] += padded[begin : begin + 900]
+    touches = heard(padded)
+    assert np.abs(touches.times[:, None] - 1.0 - one.touches).min(axis=1).max() < 2e-3
+
+
+def test_a_weak_train_names_no_law_and_touches_that_were_chosen_do() -> None:
+    one = noisy_rooms.drop("glass", "pink", 40.0, None, np.random.default_rng(2), alpha=0.2)
+    data = heard(one.sound)
+    weak = replace(data, heard=(replace(data.heard[0], score=20.0),))
+    found = fit([weak])
+    assert found.law is None and found.alpha is not None and "ln odds 20" in found.reservation
+    assert fit([replace(weak, heard=())]).law is not None
+
+
 def test_noise_alone_gives_no_number() -> None:
     noise = np.random.default_rng(4).standard_normal(3 * noisy_rooms.RATE) * 0.1
     try:

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from measured_bounces import write
+from measured_bounces import synthesise, write
 from scipy.integrate import solve_ivp
+from scipy.signal import butter, lfilter
 
 from hcbench.cli import run
 
@@ -90,3 +91,25 @@ def test_forces_that_are_no_contact_are_no_law(tmp_path: Path, capsys: pytest.Ca
     out = capsys.readouterr().out
     assert "not Hunt and Crossley's" in out
     assert "next:" not in out
+
+
+def test_a_shape_that_contradicts_its_impulse_leaves_the_impulses_restitution(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An amplifier of 300 Hz smears a push of 1.6 ms, and leaves its impulse as it was."""
+    *_, f = pushed(0.8)
+    smeared = lfilter(*butter(1, 300.0, fs=1e5), np.concatenate([np.zeros(900), f, np.zeros(1200)]))
+    noisy = smeared + 2e-3 * f.max() * np.random.default_rng(1).standard_normal(len(smeared))
+    rows = "\n".join(f"{1e-2 * i:.5f},{b:.4f}" for i, b in enumerate(noisy))
+    path = write(tmp_path, f"time [ms],force [N]\n{rows}\n")
+    words = ["fit", path, "--mass", "0.45 kg", "--speed", "0.8 m/s"]
+    assert run(words) == 0
+    out = capsys.readouterr().out
+    assert "by the impulse" in out and "by the pulse's shape: they contradict" in out and "next:" not in out
+    assert run([*words, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["shape_contradicts_impulse"] and found["law"] is None
+    low, high = found["restitution_interval_95"]
+    truth = synthesise.hunt_crossley(ALPHA)(0.8)
+    assert low < truth < high and 0.001 < high - low < 0.1
+    assert abs(found["restitution_by_shape"] - truth) > 0.01

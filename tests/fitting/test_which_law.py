@@ -80,6 +80,21 @@ def test_a_curve_of_none_of_the_laws_is_none(e: synthesise.Law, what: str) -> No
         assert "none of these laws" in headline(found)["law"]
 
 
+def test_adhesion_is_no_constant_loss() -> None:
+    """Whether few touches tell it or not: no law whose α is wrong is chosen."""
+
+    def sticky(v: float) -> float:
+        return math.sqrt(max(1 - (0.1 / v) ** 2, 0.01)) * synthesise.hunt_crossley(0.15)(v)
+
+    named = 0
+    for seed, most in enumerate((7, 9, 11, 13, 15, 17, 19, 21)):
+        found = fit([TouchTimes("t", EXACT, times_of(sticky, seed, drop=0.6, most=most))])
+        named += found.lack.is_certain
+        assert found.law != "hunt-crossley with e0"
+        assert found.alpha is None or found.alpha.low <= 0.15 <= found.alpha.high
+    assert named >= 3
+
+
 @pytest.mark.parametrize("law", [synthesise.constant(0.7), synthesise.hunt_crossley(0.3, 0.97)])
 def test_a_law_of_the_list_does_not_lack(law: synthesise.Law) -> None:
     for seed in range(8):
