@@ -33,7 +33,7 @@ def next_lines(
     speeds = f'--speeds "{low:g}:{high:g} m/s"'
     if result.is_plain and result.alpha is not None:
         check = f'--alpha "{with_uncertainty(result.alpha.value, result.alpha.uncertainty)} s/m"'
-        what = f"--plugin {check}"
+        what = f"{check} --plugin"
     elif result.law == "constant" and result.restitution is not None:
         what = check = f"--restitution {result.restitution.value:.6g}"
     else:

@@ -6,7 +6,7 @@ Noise lies over it, and where asked for a disturbance: knocks, talk, a second ba
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -229,21 +229,21 @@ def extra(disturbance: str, floor: Floor, times: np.ndarray, count: int, rng: Rn
     return sound
 
 
-def quiet(count: int, seed: int) -> list[Heard]:
+def quiet(count: int, seed: int) -> Iterator[Heard]:
     """Recordings without a disturbance: all floors and noises, 10 to 40 dB."""
     rng, levels = np.random.default_rng(seed), (40.0, 30.0, 25.0, 20.0, 15.0, 10.0)
     cells = [(f, n, d) for d in levels for n in NOISES for f in FLOORS]
     chosen = [cells[i % len(cells)] for i in rng.permutation(max(count, len(cells)))[:count]]
-    return [drop(f, n, d, None, rng) for f, n, d in chosen]
+    return (drop(f, n, d, None, rng) for f, n, d in chosen)
 
 
-def disturbed(count: int, seed: int) -> list[Heard]:
+def disturbed(count: int, seed: int) -> Iterator[Heard]:
     """Recordings with one disturbance each, at 20 to 40 dB."""
     rng, floors = np.random.default_rng(seed), list(FLOORS)
-    return [
+    return (
         drop(
             floors[int(rng.integers(5))], list(NOISES)[int(rng.integers(4))], float(rng.uniform(20, 40)),
             DISTURBANCES[i % len(DISTURBANCES)], rng,
         )
         for i in range(count)
-    ]  # fmt: skip
+    )  # fmt: skip
