@@ -238,8 +238,8 @@ def drops(n: int) -> None:
     for seed in range(n):
         rng = np.random.default_rng(seed)
         alphas = 0.2 * np.exp(0.04 * rng.normal(size=10))
-        found = fit([bounces(synth.hunt_crossley(a), 0.003, 1e-4, 14, rng) for a in alphas]).alpha
-        held += found is not None and found.low <= 0.2 <= found.high
+        alpha = fit([bounces(synth.hunt_crossley(a), 0.003, 1e-4, 14, rng) for a in alphas]).alpha
+        held += alpha is not None and alpha.low <= 0.2 <= alpha.high
         four = [bounces(synth.hunt_crossley(a), 0.003, 1e-4, 14, rng) for a in (0.15, 0.15, 0.15, 0.3)]
         four = [TouchTimes(f"{i}", EXACT, s.times) for i, s in enumerate(four) if isinstance(s, TouchTimes)]
         warnings = [w for w in fit(four).warnings if "does not go with" in w]

@@ -213,7 +213,7 @@ def replay_text(scene: Replay) -> str:
     if scene.alpha is not None:
         lines.append(
             f"α of the scene is {scene.alpha:.4g} s/m, so that contacts of about a step and flights together "
-            f"last as recorded; e is off by {scene.e_off:.2g} at most"
+            f"last as recorded; e is wrong by {scene.e_off:.2g} at most"
         )
     if scene.error > NEAR:
         lines.append(
