@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     Goal = Callable[[float], float]
 
 _PROBE_PHASES = 4
+_COSTLY, _ALIKE = 3.0, 1e-3  # step cost of a robot: where its phases differ in e by less, one is tried
 _PROBE_STEPS = 20_000  # in contact, for all probes of one trial: slow contacts get fewer probes
 _HALF = 0.5  # of the error: what a fix must take away, where that is less than the tolerance
 _NOTABLE = 0.05  # of the error: what a fix must take away in any case
@@ -135,7 +136,10 @@ def _probe_launches(impacts: Sequence[Impact], goal: Goal, step_cost: float) -> 
     probes: list[Launch] = []
     for speed in sorted({worst, min(speeds), max(speeds)}):
         launches = [i.launch for i in impacts if i.launch.speed == speed]
-        probes += launches[:: max(1, len(launches) // _PROBE_PHASES)][:_PROBE_PHASES]
+        e = [i.restitution for i in impacts if i.launch.speed == speed]
+        alike = step_cost >= _COSTLY and max(e) - min(e) <= _ALIKE  # False where one is NaN
+        phases = 1 if alike else _PROBE_PHASES
+        probes += launches[:: max(1, len(launches) // phases)][:phases]
     steps = step_cost * max(10, *(i.samples for i in impacts))
     count = max(1, int(_PROBE_STEPS / steps))
     return probes if count >= len(probes) else [p for p in probes if p.speed == worst][:count]
