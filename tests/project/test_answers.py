@@ -1,0 +1,65 @@
+"""The page of answers: each command prints what the page shows of it."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from hcbench.cli import run
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "howto" / "answers.md").read_text(encoding="utf-8")
+ANSWERS = re.findall(r"```sh\n(.*?)```\n\n```text\n(.*?)```", PAGE, re.DOTALL)
+
+
+@cache
+def words(command: str) -> tuple[str, ...]:
+    return tuple(shlex.split(command)[1:])
+
+
+def commands(block: str) -> list[str]:
+    return [line.strip() for line in block.replace("\\\n", " ").splitlines()]
+
+
+@pytest.fixture(scope="module")
+def printed() -> dict[str, list[str]]:
+    return {}
+
+
+def output(command: str, printed: dict[str, list[str]], capsys: pytest.CaptureFixture[str]) -> list[str]:
+    """The lines of a command, single-spaced; each command runs once."""
+    if command not in printed:
+        run(list(words(command)))
+        shown = capsys.readouterr()
+        printed[command] = [" ".join(line.split()) for line in (shown.out + shown.err).splitlines()]
+    return printed[command]
+
+
+@pytest.mark.parametrize(("block", "shown"), ANSWERS, ids=lambda text: text.split("\n")[0][:60])
+def test_a_command_prints_what_the_page_shows(
+    block: str,
+    shown: str,
+    printed: dict[str, list[str]],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    if "pybullet" in block or "bullet.py" in block or ".urdf" in block:
+        pytest.importorskip("pybullet")
+    monkeypatch.chdir(ROOT)
+    lines = [line for command in commands(block) for line in output(command, printed, capsys)]
+    assert shown.strip()
+    for line in shown.splitlines():
+        pattern = ".*".join(re.escape(part.strip()) for part in line.split("..."))
+        at = next((i for i, each in enumerate(lines) if re.search(pattern, each)), None)
+        assert at is not None, line
+        del lines[: at + 1]  # in this order
+
+
+def test_at_least_24_questions_are_answered_of_40() -> None:
+    open_ones = PAGE.partition("## Not answered here")[2]
+    assert len(ANSWERS) >= 24
+    assert len(ANSWERS) + open_ones.count("\n| ") - 1 >= 40
