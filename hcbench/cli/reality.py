@@ -38,6 +38,11 @@ _OPTIONS = (
     ),
     click.option("--size", help="With --poses: three edges of the box, such as '0.1 0.1 0.1' (m)."),
     click.option("--mass", type=MASS, help="With --poses: mass of the box, such as 0.37 kg."),
+    click.option(
+        "--model",
+        type=PathType(path_type=Path, dir_okay=False, exists=True),
+        help="With --poses: an MJCF file whose first box is the body, in place of --size and --mass.",
+    ),
     click.option("--inertia", help="With --poses: one or three moments, kg m².  [default: of a solid box]"),
     click.option("--identify", is_flag=True, help="Of the study `reality`: search the parameters again."),
 )
@@ -57,22 +62,25 @@ def require_none(options: dict[str, Any], expected: str = f"the study `{NAME}`")
 
 def _report_own(
     paths: tuple[Path, ...],
-    given: tuple[str | None, float | None, str | None],
+    given: tuple[str | None, float | None, str | None, Path | None],
     identify: bool,
     out: Path | None,
     jobs: int,
 ) -> Path:
     from hcbench.workers import WorkerPool
 
-    size, mass, inertia = given
-    if size is None or mass is None:
-        raise UserError("--size" if size is None else "--mass", "not given", "the box's, with --poses")
+    size, mass, inertia, model = given
+    if model is None and (size is None or mass is None):
+        raise UserError("--size" if size is None else "--mass", "not given", "the box's, or --model")
     with WorkerPool(jobs) as pool:
         pool.begin("importlib", "import_module", "hcbench.reality.study")
         from hcbench.reality.build import build_own
-        from hcbench.reality.poses import box, judge, read, text
+        from hcbench.reality.poses import box, box_of, judge, read, text
 
-        body = box(_numbers("--size", size), mass, _numbers("--inertia", inertia or ""))
+        if model is not None:
+            body = box_of(model)
+        else:
+            body = box(_numbers("--size", size or ""), mass or 0.0, _numbers("--inertia", inertia or ""))
         with progress("settings") as tick:
             own = judge(read(paths, body), pool, identify, tick)
     folder = out or Path("reports") / paths[0].stem
@@ -91,6 +99,7 @@ def report_reality(
     size: str | None,
     mass: float | None,
     inertia: str | None,
+    model: Path | None,
     identify: bool,
 ) -> Path:
     """Run the study and write its page; the page. Of a user's own poses: print and write what they tell."""
@@ -98,9 +107,9 @@ def report_reality(
 
     if poses:
         require_none({"sets": sets, "data": data, "part": part is not None}, f"`{NAME}` without --poses")
-        body = (size, mass, inertia)
+        body = (size, mass, inertia, model)
         return _report_own(poses, body, identify, out, jobs)
-    require_none({"size": size, "mass": mass, "inertia": inertia}, "--poses")
+    require_none({"size": size, "mass": mass, "inertia": inertia, "model": model}, "--poses")
 
     with WorkerPool(jobs) as pool:
         pool.begin("importlib", "import_module", "hcbench.reality.study")

@@ -6,6 +6,7 @@ import csv
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from hcbench.workers import WorkerPool
 PAIRS = "pairs.csv"  # of good impacts, for `hcbench fit`
 COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 _LEAST = 12  # frames of a file
+_DENSITY = 1000.0  # kg/m³, MJCF's own where nothing is written
 _UNIT = 0.02  # by which a quaternion's length may differ from 1
 
 
@@ -70,6 +72,28 @@ def box(size: Sequence[float], mass: float, inertia: Sequence[float] = ()) -> Bo
     squares = np.array(size) ** 2
     x, y, z = (float(mass * (squares.sum() - square) / 12.0) for square in squares)
     return Body("box", half, mass, (x, y, z))
+
+
+def box_of(path: Path) -> Body:
+    """The first box of an MJCF file. UserError where there is none, or its mass is not known."""
+    try:
+        root = ElementTree.fromstring(read_text(path))
+        owner, geom = next(
+            (body, geom)
+            for body in root.iter("body")
+            for geom in body.findall("geom")
+            if geom.get("type") == "box"
+        )
+        size = [2.0 * float(part) for part in geom.get("size", "").split()]
+        inertial = owner.find("inertial")
+        if inertial is not None:
+            moments = [float(part) for part in inertial.get("diaginertia", "").split()]
+            return box(size, float(inertial.get("mass", "")), moments)
+        density = float(geom.get("density", _DENSITY))
+        return box(size, float(geom.get("mass", density * float(np.prod(size)))))
+    except (OSError, UnicodeDecodeError, ElementTree.ParseError, StopIteration, ValueError) as error:
+        words = "no body with a geom of type box" if isinstance(error, StopIteration) else str(error)
+        raise UserError("--model", f"{path}: {words}", "MJCF with a box") from None
 
 
 def read(paths: Sequence[Path], body: Body) -> Tosses:

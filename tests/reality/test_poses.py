@@ -10,7 +10,9 @@ import pytest
 from click.testing import CliRunner
 
 from hcbench.cli import app
+from hcbench.errors import UserError
 from hcbench.reality import cube
+from hcbench.reality.poses import box, box_of
 
 SIZE = ["--size", "0.1048 0.1048 0.1048", "--mass", "0.37 kg", "--inertia", "0.00107"]
 
@@ -42,6 +44,19 @@ def test_a_toss_tells_its_impacts_and_how_near_each_setting_is(toss: Path, tmp_p
     assert 0.2 < float(first["e"]) < 0.3
     assert 0.15 < float(first["friction"]) < 0.2
     assert (tmp_path / "own" / "pairs.csv").read_text().startswith("trial,speed [m/s],restitution,u_rest")
+
+
+def test_a_box_of_mjcf_has_the_size_mass_and_inertia_that_are_written(tmp_path: Path) -> None:
+    path = tmp_path / "box.xml"
+    inertial = '<inertial pos="0 0 0" mass="0.37" diaginertia="0.001 0.002 0.003"/>'
+    geom = '<geom type="box" size="0.05 0.06 0.07"/>'
+    path.write_text(f"<mujoco><worldbody><body>{inertial}{geom}</body></worldbody></mujoco>")
+    assert box_of(path) == box((0.1, 0.12, 0.14), 0.37, (0.001, 0.002, 0.003))
+    path.write_text(f"<mujoco><worldbody><body>{geom}</body></worldbody></mujoco>")
+    assert box_of(path).mass == pytest.approx(1.68)
+    path.write_text("<mujoco/>")
+    with pytest.raises(UserError, match="no body with a geom of type box"):
+        box_of(path)
 
 
 @pytest.mark.parametrize(
