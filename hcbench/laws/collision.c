@@ -57,6 +57,8 @@ typedef struct {
   double *base, *before, *block, *lam, *target, *p, *best_p, *v, *add, *best_v; /* block: J M^-1 J^T, 9 each */
 } hcb_group;
 
+static double length(double x, double y) { return sqrt(x * x + y * y); } /* hypot is five times as dear */
+
 static double rate_in(const hcb_group* g, int i, int k, const double* v) {
   return g->base[3 * i + k] + rate_of(g->s, g->of[i], k, v);
 }
@@ -169,13 +171,13 @@ static double friction_sweep(hcb_group* g, double scale, int tangents) {
     double step = scale * tangential_step(g, i), limit = g->s->c[g->of[i]].friction * p[0];
     if (!tangents || step == 0) continue;
     double t1 = p[1] - step * rate_in(g, i, 1, g->v), t2 = p[2] - step * rate_in(g, i, 2, g->v);
-    double size = hypot(t1, t2), share = size > limit ? limit / size : 1;
+    double size = length(t1, t2), share = size > limit ? limit / size : 1;
     double d1 = share * t1 - p[1], d2 = share * t2 - p[2];
     p[1] += d1;
     p[2] += d2;
     add_impulse(g, i, 1, d1, g->v);
     add_impulse(g, i, 2, d2, g->v);
-    change = fmax(change, hypot(d1, d2) / step * scale);
+    change = fmax(change, length(d1, d2) / step * scale);
   }
   return change;
 }
@@ -183,7 +185,7 @@ static double friction_sweep(hcb_group* g, double scale, int tangents) {
 static int cones_kept(const hcb_group* g) {
   for (int i = 0; i < g->n; i++) {
     double limit = g->s->c[g->of[i]].friction * g->p[3 * i];
-    if (hypot(g->p[3 * i + 1], g->p[3 * i + 2]) > 1.01 * limit) return 0;
+    if (length(g->p[3 * i + 1], g->p[3 * i + 2]) > 1.01 * limit) return 0;
   }
   return 1;
 }
@@ -195,7 +197,7 @@ static void start_friction(hcb_group* g) {
   for (int i = 0; i < g->n; i++) {
     double step = tangential_step(g, i), *t = g->p + 3 * i, limit = g->s->c[g->of[i]].friction * t[0];
     double u[3] = {0, rate_in(g, i, 1, g->v), rate_in(g, i, 2, g->v)};
-    double size = step * hypot(u[1], u[2]), share = size > limit ? limit / size : 1;
+    double size = step * length(u[1], u[2]), share = size > limit ? limit / size : 1;
     for (int k = 1; k < 3; k++) {
       t[k] = -share * step * u[k];
       add_impulse(g, i, k, t[k], g->add);

@@ -161,7 +161,7 @@ void hcb_resting_slip(const hcb_system* s, const double* u, const int* rests, do
   memset(g.p, 0, 3 * count * sizeof(double));
   memset(g.target, 0, count * sizeof(double));
   for (int sweep = 0; sweep < HCB_RESTING_SWEEPS; sweep++) friction_sweep(&g, 1, 1);
-  for (int i = 0; i < count; i++) slip[r.of[i]] = hypot(rate_in(&g, i, 1, g.v), rate_in(&g, i, 2, g.v));
+  for (int i = 0; i < count; i++) slip[r.of[i]] = length(rate_in(&g, i, 1, g.v), rate_in(&g, i, 2, g.v));
 }
 
 /* See the top of the file. Contacts whose normal row cannot move are left alone. */
