@@ -214,8 +214,9 @@ static void warn_of_flags(int flags, const char* const* names, int count) {
 /* Refuses what it is wrong under, and names once what it was never tried with: an option of a later MuJoCo. */
 static void check_options(const mjModel* m, instance* memory, int first) {
 #ifdef HCB_MIDPOINT
-  int implicit = m->opt.integrator == mjINT_IMPLICIT || m->opt.integrator == mjINT_IMPLICITFAST;
-  if (implicit && !(m->opt.enableflags & mjENBL_INVDISCRETE)) {
+  int midpoint = 0, implicit = m->opt.integrator == mjINT_IMPLICIT || m->opt.integrator == mjINT_IMPLICITFAST;
+  for (int j = 0; j < m->nv && implicit; j++) midpoint |= is_lone(m, j);
+  if (midpoint && !(m->opt.enableflags & mjENBL_INVDISCRETE)) {
     fail(m, first, "this version of MuJoCo turns free bodies by a rule of its own under implicit integrators: set the flag "
          "invdiscrete=\"enable\", which changes no other step, or integrator=\"Euler\" or \"RK4\"");
   }
