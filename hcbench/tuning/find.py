@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
 
 _EXACT = 1e-7  # of e, what a compiled plug-in stays within
+_TURNS = 20  # until that speed stays
 _NEAR = 1.1  # of the best constant's error: a constant setting need not be nearer
 
 
@@ -187,7 +188,7 @@ class _Finder:
             tuned = self._best([(recipe, "a law in place of the contact")], math.inf)
             return None if tuned is None else self.choice("exact", tuned)
         setting, low = recipe(target), target.speed_min
-        for _ in range(3):  # e at that speed says how high it is
+        for _ in range(_TURNS):  # e at that speed says how high it is
             above = recipe.exact_above(float(target.restitution(low)))
             low = max(target.speed_min, above * target.gravity * target.timestep)
         if not low < target.speed_max:

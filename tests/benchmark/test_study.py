@@ -13,11 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hcbench._files import atomic_folder
+from hcbench.benchmark.plan import make_plan
 from hcbench.benchmark.results import RUN_KEY, Results
 from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import Study, find_study, load_study, name_of, study_from
 from hcbench.errors import StudyError
 from hcbench.impact import Trajectory
+from hcbench.recipes.band import default_band
+from hcbench.tuning.ask import tune
 
 CONTENT = {
     "scene": "steel-plane",
@@ -214,3 +217,18 @@ def test_a_loop_of_straight_lines_keeps_only_its_corners() -> None:
     x = np.concatenate([np.linspace(0, 1, 50), np.linspace(1, 0, 50)[1:]])
     thin = Trajectory(np.arange(99.0), x, 1 - x, 3 * x).simplified(2e-3)
     assert thin.penetration.tolist() == [0.0, 1.0, 0.0]
+
+
+def test_a_run_over_the_default_band_has_the_settings_that_tune_prints() -> None:
+    run = {"engine": "mujoco", "recipe": "impulse", "timesteps": "1e-3, 2e-3 s", "default_band": 5}
+    study = study_from({**CONTENT, "run": [{**run, "gravity": "9.81 m/s^2"}]})
+    assert [(each.timesteps, each.dropped) for each in study.runs] == [((1e-3,), True), ((2e-3,), True)]
+    for each in study.runs:
+        low, high = default_band(each.timesteps[0], 9.81)
+        assert (each.speeds[0], each.speeds[-1], len(each.speeds)) == (low, high, 5)
+    records = make_plan(study).records
+    answer = tune("mujoco", timestep=2e-3, alpha=study.alphas[1], kind="constant", recipe="impulse")
+    assert records[-1]["options"] == answer.best.setting.options
+    for wrong in (run, {**run, "gravity": "9.81 m/s^2", "heights": "1, 2 mm"}):
+        with pytest.raises(StudyError, match="default_band"):
+            study_from({**CONTENT, "run": [wrong]})

@@ -172,6 +172,16 @@ def test_a_plug_in_needs_no_run_and_says_above_which_speed_it_is_exact(
     assert any("hcbench plugin mujoco --install" in need for need in exact["needs"])
 
 
+def test_a_setting_that_is_nearer_than_one_e_needs_no_caution() -> None:
+    answer = asked("mujoco", speeds="0.1:2 m/s")
+    assert answer.caution == ""
+    (exact, settings, constant) = answer.choices
+    assert settings.max_error < 0.05 < constant.max_error
+    assert exact.energy == "energy never grew in 88 launches and drops"
+    assert exact.passivity is not None
+    assert exact.flat, "measured, as all of its energy"
+
+
 def test_the_default_band_is_cut_where_a_step_cannot_bounce_and_says_so() -> None:
     assert default_band(1e-3, G) == pytest.approx((0.0254, 0.508))
     assert default_band(2e-3, 0.0) == default_band(1e-3, G)
@@ -197,7 +207,10 @@ def test_a_flat_face_that_gains_energy_is_named_in_the_first_line(
 ) -> None:
     arguments = ["tune", "mujoco", "--alpha", "0.3", "--timestep", "2 ms"]
     assert run(arguments) == 0
-    assert "for spheres: a flat face gains energy" in capsys.readouterr().out.splitlines()[0]
+    first, second, *_ = capsys.readouterr().out.splitlines()
+    assert "for spheres: a flat face gains energy" in first
+    assert "One e = 0.929 for all speeds would be wrong by 0.062 from 0.0314 to 0.508 m/s" in second
+    assert "The plug-in follows the law: e within 1e-7 from 0.0314 to 0.508 m/s." in second
     assert run([*arguments, "--json"]) == 0
     passive = {c["kind"]: c["passive"] for c in json.loads(capsys.readouterr().out)["choices"]}
     assert passive["settings"] == {"sphere": True, "flat": False}

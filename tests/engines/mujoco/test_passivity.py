@@ -101,6 +101,16 @@ def test_the_whole_gate_passes_what_the_screen_passes_under_friction() -> None:
     assert {str(run) for run in runs} >= {"Euler, elliptic, PGS", "implicit, elliptic, Newton"}
 
 
+def test_the_plug_in_passes_the_whole_gate_too() -> None:
+    contact, runs = judge.tried(SCENE, made("restitution-law"))
+    gate = certify(contact, slides=False, runs=runs[:1])
+    assert gate.sphere, gate.warning
+    assert gate.flat, [finding for finding in gate.findings if not finding.passed]
+    assert gate.bounces.max_e < 1.0
+    assert judge.flat_with_law(SCENE, made("restitution-law"))
+    assert judge.flat_with_law(SCENE, made("impulse")) is None
+
+
 def test_a_spring_that_throws_a_ball_up_is_named() -> None:
     screen = screened(SCENE, made("spring-damper"), BAND)
     assert screen is not None
