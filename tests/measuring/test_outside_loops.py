@@ -110,3 +110,12 @@ def approach(model: Any, data: Any, pairs: list[tuple[int, int]]) -> float:
         mujoco.mj_jac(model, data, jacobian, None, point, int(model.geom_bodyid[geom]))
         velocity += sign * (jacobian @ data.qvel)
     return float(normal @ velocity)
+
+
+@outside
+def test_shapes_with_a_rough_distance_are_named() -> None:
+    """There the loop and `measure` differ by 0.01 in e, and the text says why."""
+    robot = found_file("robosuite/models/assets/robots/baxter/robot.xml")
+    launch: Any = {"speeds": [0.5], "phases": [0.3]}
+    found = measure(robot, "left_e0_collision,base_link_col", diagnose=False, **launch)
+    assert any("rough for these shapes" in note for note in found.facts.notes)

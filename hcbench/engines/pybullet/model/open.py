@@ -11,7 +11,7 @@ from typing import Any
 
 from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
 from hcbench.engines.pybullet.model.model_file import check_user_model
-from hcbench.errors import UserError
+from hcbench.errors import SceneError, UserError
 from hcbench.sim.packages import Packages, with_absolute_files
 
 _STARTING_SETTINGS = {**LASTING_SETTINGS, "fixedTimeStep": 1.0 / 240.0}
@@ -76,6 +76,7 @@ def load_files(paths: Sequence[str], packages: Packages = ()) -> LoadedWorld:
     world = LoadedWorld(bullet, " + ".join(path.name for path in files), True)
     for path, restitution in zip(files, unread, strict=True):
         for body in _load(bullet, path, packages):
+            _require_readable(bullet, body, path)
             copies = sum(Path(name).name.partition(" (")[0] == path.name for name in world.files.values())
             world.files[body] = f"{path.name} ({copies + 1})" if copies else path.name
             if restitution is not None:
@@ -91,6 +92,17 @@ def _load(bullet: BulletClient, path: Path, packages: Packages) -> list[int]:
         copy = Path(folder) / path.name
         copy.write_text(with_absolute_files(path, packages), encoding="utf-8")
         return bullet.load_model(copy)
+
+
+def _require_readable(bullet: BulletClient, body: int, path: Path) -> None:
+    """Refuse a robot with more joints than PyBullet reports the state of."""
+    if not (count := bullet.getNumJoints(body)):
+        return
+    try:
+        bullet.getJointState(body, 0)
+    except bullet.error:
+        got = f"{path}: {count} joints, of which PyBullet reports no state"
+        raise SceneError("model", got, "fewer joints (PyBullet: 128)", "Merge fixed links") from None
 
 
 def open_live(source: Any, disconnect: bool) -> LoadedWorld:
