@@ -13,7 +13,7 @@ COUNT, SECONDS = (1000, 1.0) if "HCBENCH_PLUGINS" in os.environ else (6, 0.4)
 
 
 def test_contact_wins_no_energy_in_random_scenes() -> None:
-    """Of the energy at the start. What is above 1 % are bodies that spin fast for their step, 3 in 1000."""
+    """Of the energy at the start."""
     won = np.zeros(COUNT)
     for seed in range(COUNT):
         scene, options = random_scene(seed)
@@ -22,4 +22,4 @@ def test_contact_wins_no_energy_in_random_scenes() -> None:
         f"{COUNT} scenes: median {np.median(won):.1e}, most {won.max():.1e}, above 1 %: {(won > 0.01).sum()}"
     )
     assert np.median(won) < 1e-5
-    assert (won > 0.01).sum() <= 0.003 * COUNT
+    assert won.max() < 0.01
