@@ -102,7 +102,20 @@ _engine_option = partial(click.option, cls=_EngineOption)
 @_engine_option("--constant", "kind", flag_value="constant", help="Print the best one e for all speeds.")
 @_engine_option("--certify", is_flag=True, help="Run the whole gate on it in the plain engine: a minute.")
 @launch_options("key", "qpos", "state", "coming_from", "actuators", cls=_ModelOption)
+@click.option(
+    "--strict",
+    is_flag=True,
+    cls=_ModelOption,
+    help="Exit 1 where rest, hold, vibration or speed get worse than 1.2 times what they were.",
+)
+@click.option(
+    "--for",
+    "version",
+    cls=_ModelOption,
+    help="MuJoCo that has to load what is written, such as mujoco@3.5.  [default: the installed one]",
+)
 @output_option("--write-model", cls=_ModelOption, help="Write the model with the setting in it.")
+@output_option("--write-include", cls=_ModelOption, help="Write the lines to a file that a model includes.")
 @force_option
 @as_json
 def tune(engine: str, points: str | None, max_error: float | None, **options: Any) -> None:

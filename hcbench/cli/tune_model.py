@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import os
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +15,10 @@ from hcbench.errors import LimitPassed, UserError
 if TYPE_CHECKING:
     from hcbench.impact import Floats
     from hcbench.laws.restitution import Reading
+    from hcbench.sim.model_under_test import Output
     from hcbench.tuning.model import TunedModel, TunedPair
+
+_VERSION = re.compile(r"mujoco@(\d+(?:\.\d+)*)")
 
 
 def tune_model(
@@ -25,13 +31,15 @@ def tune_model(
     reading: Reading,
     speeds: Floats | None,
     max_error: float | None,
+    strict: bool,
     write_model: Path | None,
+    write_include: Path | None,
+    version: str | None,
     force: bool,
     as_json: bool,
     **launch: Any,
 ) -> None:
     """Tune pairs of a model, print the lines and how wrong they are, and write the model with them."""
-    from hcbench._outputs import write_output
     from hcbench.measuring.measurement import Wanted
     from hcbench.measuring.request import make_request
     from hcbench.sim.model_under_test import DEFAULT_SPEEDS
@@ -49,18 +57,78 @@ def tune_model(
     if len({frozenset(request.pair or ()) for request in requests}) < len(requests):
         raise UserError("--pair", " and ".join(pair), "each pair once")
     limit = MAX_ERROR if max_error is None else max_error
-    tuned = tuning.tune_model(source, requests, wanted, max_error=limit)
-    if write_model is not None:
-        if not tuned.written:
-            got = f"a model of {tuned.pairs[0].facts.engine}"
-            raise UserError("--write-model", got, "a model that is one file")
-        write_output(write_model, tuned.written, "--write-model", force)
+    output = _output(write_model, write_include, version)
+    tuned = tuning.tune_model(source, requests, wanted, max_error=limit, output=output)
+    if tuned.gains:
+        _write(tuned, write_model, write_include, force)
     if as_json:
         print_json(_record(tuned))
     else:
-        _print(tuned)
+        _print(tuned, limit)
+    if not tuned.gains:
+        raise _nothing_gained(tuned)
     if max_error is not None and not tuned.max_error <= max_error:
         raise LimitPassed("max-error", f"{tuned.max_error:.3g}", f"{max_error:g} or less")
+    if strict and tuned.worse:
+        raise LimitPassed("strict", "; ".join(tuned.worse), "at most 1.2 times what it was")
+
+
+def _output(model: Path | None, include: Path | None, version: str | None) -> Output:
+    from hcbench.sim.model_under_test import Output
+
+    match = _VERSION.fullmatch(version) if version else None
+    if version and match is None:
+        raise UserError("--for", repr(version), "an engine and its version, such as mujoco@3.5")
+    numbers = tuple(int(part) for part in match[1].split(".")) if match else ()
+    folder = None if model is None else model.absolute().parent
+    name = "" if include is None else os.path.relpath(include.absolute(), folder or include.absolute().parent)
+    return Output(folder, name, numbers)
+
+
+def _write(tuned: TunedModel, model: Path | None, include: Path | None, force: bool) -> None:
+    from hcbench._outputs import write_output
+
+    each = (("--write-model", model, tuned.written), ("--write-include", include, tuned.texts.include))
+    for option, path, text in each:
+        if path is not None:
+            if not text:
+                raise UserError(
+                    option, f"a model of {tuned.pairs[0].facts.engine}", "a model that is one file"
+                )
+            write_output(path, text, option, force)
+
+
+def _nothing_gained(tuned: TunedModel) -> LimitPassed:
+    before = max(pair.max_error for pair in tuned.untuned)
+    got = f"e is wrong by {before:.2g} in the model as it is, by {tuned.max_error:.2g} with the best setting"
+    return LimitPassed("restitution", got, "a gain", f"Nothing is written. {_cure(tuned)}")
+
+
+def _cure(tuned: TunedModel) -> str:
+    """What would do it."""
+    step = time_step(tuned.pairs[0].facts.timestep / 4)
+    if tuned.pairs[0].facts.engine != "mujoco":
+        return f"Try a smaller step, such as --timestep {step}"
+    return (
+        "The plug-in hcbench.restitution sets e after each contact exactly (docs/howto/plugins.md); "
+        f"or try a smaller step, such as --timestep {step}"
+    )
+
+
+def _remarks(tuned: TunedModel, limit: float) -> list[str]:
+    """What keeps e from the target, a sentence each."""
+    remarks = []
+    if tuned.max_error > limit and tuned.taken > limit:
+        remarks.append(
+            f"Joints and servos take up to {100 * tuned.taken:.0f} % of the impact speed between the last "
+            "force of the contact and the touch plane, by where in a step the contact starts (chance): no "
+            f"setting of the contact alters that. {_cure(tuned)}."
+        )
+    elif tuned.max_error > limit:
+        remarks.append(f"{_cure(tuned)}.")
+    if tuned.worse:
+        remarks.append(f"Worse than before by more than 1.2 times: {'; '.join(tuned.worse)}.")
+    return remarks
 
 
 def _record(tuned: TunedModel) -> dict[str, Any]:
@@ -74,7 +142,13 @@ def _record(tuned: TunedModel) -> dict[str, Any]:
         "gravity_m_per_s2": list(facts.gravity),
         "setting": tuned.name,
         "max_error": tuned.max_error,
+        "gains": tuned.gains,
+        "passive": {"flat": tuned.flat},
         "pairs": [_pair_record(pair) for pair in tuned.pairs],
+        "before": tuned.before.record | {"pairs": [_pair_record(pair) for pair in tuned.untuned]},
+        "after": tuned.after.record,
+        "worse": tuned.worse,
+        "taken_by_joints": tuned.taken,
         "paste": tuned.paste,
         "notes": list(tuned.notes),
     }
@@ -84,25 +158,54 @@ def _pair_record(tuned: TunedPair) -> dict[str, Any]:
     names = ("speed_in_m_per_s", "target", "restitution_min", "restitution_max")
     return {
         "pair": list(tuned.facts.pair),
+        "attitude": tuned.attitude,
         "effective_mass_kg": tuned.facts.effective_mass,
         "max_error": tuned.max_error,
         "curve": [dict(zip(names, point, strict=True)) for point in tuned.points],
     }
 
 
-def _print(tuned: TunedModel) -> None:
+def _print(tuned: TunedModel, limit: float) -> None:
     facts = tuned.pairs[0].facts
     gravity = " ".join(f"{g + 0.0:.4g}" for g in facts.gravity)
+    if tuned.flat is False:
+        print("for spheres: a flat face gains energy")
     print(f"{facts.model}, step {time_step(facts.timestep)} s, gravity {gravity} m/s^2")
     print(f"setting: {tuned.name}")
     for pair in tuned.pairs:
-        facts = pair.facts
-        print(f"\n{facts.pair[0]} on {facts.pair[1]}, effective mass {facts.effective_mass:.4g} kg")
+        facts, low, high = pair.facts, pair.points[0][0], pair.points[-1][0]
+        attitude = f", on its {pair.attitude}" if pair.attitude else ""
+        print(f"\n{facts.pair[0]} on {facts.pair[1]}{attitude}, effective mass {facts.effective_mass:.4g} kg")
         print(f"contact {facts.meeting}; moved by {facts.moved}")
-        print(f"largest error of e: {pair.max_error:.2g}, tuned, at other speeds, 8 phases")
+        print(f"largest error of e: {pair.max_error:.2g} from {low:.2g} to {high:.2g} m/s, tuned, 8 phases")
         print("at touch:")
-        for speed, wanted, low, high in pair.points:
-            print(f"  {speed:.3g} m/s: target {wanted:.4f}, {low:.4f} ... {high:.4f}")
-    print(f"\npaste:\n\n{tuned.paste}\n\nNotes:")
+        for speed, wanted, least, most in pair.points:
+            print(f"  {speed:.3g} m/s: target {wanted:.4f}, {least:.4f} ... {most:.4f}")
+    print("\n" + "\n".join(_table(tuned)))
+    for remark in _remarks(tuned, limit):
+        print(f"\n{remark}")
+    if tuned.gains:
+        print(f"\npaste:\n\n{tuned.paste}")
+    print("\nNotes:")
     for note in tuned.notes:
         print(f"- {note}")
+
+
+def _table(tuned: TunedModel) -> list[str]:
+    """The model before and after, a line each."""
+    from hcbench.sim.standing import QUANTITIES
+
+    rows = [("", "before", "after")]
+    for was, now in zip(tuned.untuned, tuned.pairs, strict=True):
+        for place in (0, -1):
+            title = f"e of {' on '.join([now.facts.pair[0], *filter(None, [now.attitude])])}"
+            old, new = (f"{p.points[place][2]:.2f} ... {p.points[place][3]:.2f}" for p in (was, now))
+            rows.append((f"{title} at {now.points[place][0]:.2g} m/s", old, new))
+    before, after = tuned.before.record, tuned.after.record
+    for quantity in QUANTITIES:
+        numbers = [record[quantity.key] / quantity.si for record in (before, after)]
+        if not all(map(math.isnan, numbers)):
+            texts = [f"{number:.3g}" for number in numbers]
+            rows.append((f"{quantity.title}, {quantity.unit}", texts[0], texts[1]))
+    first, second = (max(len(row[i]) for row in rows) for i in (0, 1))
+    return [f"{name:<{first}}  {was:>{second}}  {now}" for name, was, now in rows]

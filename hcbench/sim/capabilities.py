@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench.errors import UserError
 from hcbench.sim.engine import Engine
+from hcbench.sim.standing import UNKNOWN, Standing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -120,11 +121,21 @@ class TunesModels(OpensModels):
         requests: Sequence[Request],
         goal: RestitutionCurve,
         rebuild: Callable[[], Any] | None = None,
+        version: tuple[int, ...] = (),
     ) -> Iterable[ModelSetting]:
         """Settings for pairs in a user's own model, each meant to have the e of `goal` there; simplest first.
 
-        requests: one a pair, alike but for that; their speeds span the band.
+        requests: alike but for pairs and attitudes; their speeds span the band. version: of the engine that
+        has to load what is written; () for the installed one.
         """
+
+    def attitudes(self, source: Any, request: Request) -> list[tuple[str, Request]]:
+        """(attitude, request) of each way in which the pair can meet; ("", request) where there is one."""
+        return [("", request)]
+
+    def standing(self, source: Any, setting: ModelSetting | None, requests: Sequence[Request]) -> Standing:
+        """How the model rests, holds and runs with a setting; as it was for None."""
+        return UNKNOWN
 
 
 class LandsRobots(OpensModels):

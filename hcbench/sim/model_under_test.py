@@ -7,6 +7,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hcbench.errors import EngineFailed
@@ -149,20 +150,44 @@ class Facts:
 
 
 @dataclass(frozen=True, slots=True)
+class Output:
+    """Where a setting is to be written.
+
+    folder: of the model; None: that of the source. include: the name of a file of its own for its lines; ""
+    for none. version: of the engine that has to load it, such as (3, 5); () for the installed one.
+    """
+
+    folder: Path | None = None
+    include: str = ""
+    version: tuple[int, ...] = ()
+
+
+BESIDE = Output()  # the source, for the installed engine
+
+
+@dataclass(frozen=True, slots=True)
+class Texts:
+    """A setting as text. paste: lines for the model or script. written: the whole model with them, or "".
+    include: a file of the lines alone, or "".
+    """
+
+    paste: str
+    written: str = ""
+    include: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class ModelSetting:
     """A setting for pairs in their own model, to be tried there.
 
-    paste: lines for the model or script. written: the whole model with them, or "". open: the model with the
-    setting, for the launches of a request. promised: a text of it, `paste` or `written`, with what was
-    promised of each pair.
+    open: the model with the setting, for the launches of a request. texts: of it, with what was promised of
+    each pair.
     """
 
     name: str
-    paste: str
-    written: str
     notes: tuple[str, ...]
     open: Callable[[Request], ModelUnderTest]
-    promised: Callable[[str, Sequence[Promise]], str] | None = None
+    texts: Callable[[Sequence[Promise], Output], Texts]
 
 
 class ModelUnderTest(World):

@@ -232,7 +232,7 @@ def test_a_humanoid_stands_on_two_rows_a_foot() -> None:
     found = tune_model(
         HUMANOID, [make_request(pair, speeds=[0.3, 1.0]) for pair in pairs], wanted, max_error=0.15
     )
-    assert found.name == "spring and damper"
+    assert "spring and damper" in found.name
     assert found.paste.count('<pair geom1="foot_') == 4
     assert stands_at(found.written, "trunk") == pytest.approx(stands_at(HUMANOID, "trunk"), abs=2e-3)
 

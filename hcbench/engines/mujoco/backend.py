@@ -35,6 +35,12 @@ def has_feature(mujoco: Any, feature: str) -> bool:
     return hasattr(getattr(mujoco, owner), attribute)
 
 
+def can_pull(version: tuple[int, ...]) -> bool:
+    """Whether contacts of a MuJoCo can adhere: of this version, such as (3, 5), and of the installed one."""
+    since = tuple(int(part) for part in _FEATURES["adhesion"][2].split("."))
+    return has_feature(backend(), "adhesion") and (not version or version >= since)
+
+
 def require_feature(mujoco: Any, feature: str) -> None:
     """Raises EngineMissing for a MuJoCo that is too old for "adhesion" or "integrator 'discrete'"."""
     since = _FEATURES[feature][2]

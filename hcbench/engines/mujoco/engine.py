@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from hcbench.sim.model_under_test import ModelSetting, Request
     from hcbench.sim.passivity import Passivity
     from hcbench.sim.promise import Promise
+    from hcbench.sim.standing import Standing
     from hcbench.sim.touchdowns import TrajectoryTouchdowns
 
 
@@ -196,11 +197,12 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         requests: Sequence[Request],
         goal: RestitutionCurve,
         rebuild: Callable[[], Any] | None = None,
+        version: tuple[int, ...] = (),
     ) -> Iterable[ModelSetting]:
         """<pair> elements for the pairs."""
         from hcbench.engines.mujoco.model.tune_model import model_settings
 
-        return model_settings(_one_file(source), requests, goal)
+        return model_settings(_one_file(source), requests, goal, version)
 
     def land(
         self, source: Any, request: Request, drops: Drops, rebuild: Callable[[], Any] | None = None
@@ -220,6 +222,19 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
 
         model, label, _ = load_user_model(_one_file(source), request)
         return touchdowns(model, label, request, recorded)
+
+    def attitudes(self, source: Any, request: Request) -> list[tuple[str, Request]]:
+        """Face, edge and vertex of a loose box, and what a loose cylinder has."""
+        from hcbench.engines.mujoco.model.tune_model import attitudes_of
+
+        return attitudes_of(_one_file(source), request)
+
+    def standing(self, source: Any, setting: ModelSetting | None, requests: Sequence[Request]) -> Standing:
+        """In plain steps of the model."""
+        from hcbench.engines.mujoco.model.standing import standing
+
+        opened = [setting.open(r) if setting else self.open(source, r) for r in requests]
+        return standing(opened)  # type: ignore[arg-type]
 
 
 def _one_file(source: Any) -> Any:

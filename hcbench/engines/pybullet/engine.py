@@ -137,6 +137,7 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         requests: Sequence[Request],
         goal: RestitutionCurve,
         rebuild: Callable[[], Any] | None = None,
+        version: tuple[int, ...] = (),
     ) -> Iterable[ModelSetting]:
         """Lines of changeDynamics and setPhysicsEngineParameter for the pair."""
         from hcbench.engines.pybullet.model.under_test import model_settings

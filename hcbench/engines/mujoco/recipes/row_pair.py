@@ -16,7 +16,7 @@ from hcbench.engines.mujoco.scene.rows import MIN_IMPEDANCE, ConstraintRow
 from hcbench.impact import Floats
 
 _WEIGHT = MIN_IMPEDANCE / (1 - MIN_IMPEDANCE)  # of the spring, in MuJoCo's sums
-_PULL = 1e6  # N: more than any contact asks for
+MOST_PULL = 1e6  # N: more than any contact asks for
 _POWER = 4.0  # of the damper's solimp: others do no better
 _DEEPEST = 2.4  # times v h at the top of the band
 _FOLLOWED = 3.0  # half periods of the spring
@@ -187,7 +187,7 @@ class RowFit:
             for number, unit in zip(self.numbers(parameters[None]), units, strict=True)
         )
         solimp = (MIN_IMPEDANCE, dmax, width, midpoint, _POWER)
-        adhesion = _PULL if self.adhesive else 0.0
+        adhesion = MOST_PULL if self.adhesive else 0.0
         return [
             ConstraintRow.direct(stiffness, spring_damping, SPRING_SOLIMP),
             ConstraintRow.direct(0.0, damping, solimp, adhesion=adhesion),

@@ -35,7 +35,7 @@ from hcbench.errors import UserError
 from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.candidate_pairs import CandidatePair
-from hcbench.sim.model_under_test import Facts, ModelSetting, ModelUnderTest, Request, Suspect
+from hcbench.sim.model_under_test import Facts, ModelSetting, ModelUnderTest, Request, Suspect, Texts
 from hcbench.sim.packages import Packages
 from hcbench.sim.world import Simulation
 
@@ -260,4 +260,4 @@ def model_settings(
     def opened(request: Request) -> PybulletModel:
         return PybulletModel(build(), build, request, suspects)
 
-    yield ModelSetting("restitution", "\n".join(lines), "", notes, opened)
+    yield ModelSetting("restitution", notes, opened, lambda *_: Texts("\n".join(lines)))

@@ -1,0 +1,87 @@
+"""The attitudes in which a loose body can meet a face: on its own faces, edges and vertices."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import masks_match
+from hcbench.engines.mujoco.model.under_test import MujocoModel
+
+if TYPE_CHECKING:
+    from hcbench.impact import Floats
+    from hcbench.sim.model_under_test import Request
+
+# Directions in a geom that point at the other body, by shape: the geom's size turns them into attitudes.
+_BOX = {"face": (0.0, 0.0, 1.0), "edge": (0.0, 1.0, 1.0), "vertex": (1.0, 1.0, 1.0)}
+_ROUND = {"face": (0.0, 0.0, 1.0), "side": (1.0, 0.0, 0.0), "rim": (1.0, 0.0, 1.0)}
+_FREE_DOFS = 6
+_NEAR = 1e-3  # m
+
+
+def attitudes(model: Any, label: str, state: Any, request: Request) -> list[tuple[str, Request]]:
+    """(attitude, request) of each way in which the two can meet; ("", request) where there is only one.
+
+    More than one has a body of one box or cylinder, on a free joint of its own, against a flat geom of what
+    stands still, where nothing else touches it.
+    """
+    kinds, placed = backend().mjtGeom, MujocoModel(model, label, state, request)
+    place = placed.place
+    geom, other = place.contact.rows[0][2]
+    if int(model.geom_bodyid[geom]) != place.pair.first.body:
+        geom, other = other, geom
+    body = int(model.geom_bodyid[geom])
+    ways = {int(kinds.mjGEOM_BOX): _BOX, int(kinds.mjGEOM_CYLINDER): _ROUND}.get(int(model.geom_type[geom]))
+    flat = int(model.geom_type[other]) in (int(kinds.mjGEOM_PLANE), int(kinds.mjGEOM_BOX))
+    flat = flat and not model.body_weldid[model.geom_bodyid[other]]
+    alone = _is_loose(model, body) and not _is_touched(model, placed.start, geom, other)
+    if ways is None or not flat or request.pose or not alone:
+        return [("", request)]
+    size = model.geom_size[geom]
+    if ways is _ROUND:
+        size = np.array([size[0], size[0], size[1]])
+    turned, address = [], int(model.jnt_qposadr[model.body_jntadr[body]])
+    for name, way in ways.items():
+        qpos = placed.start.qpos.copy()
+        qpos[address : address + 3] -= model.geom_rbound[geom] * place.contact.normal
+        frame = placed.start.geom_xmat[geom].reshape(3, 3)  # of the start, to be turned about the body
+        turn = _turn(frame @ _unit(size * np.array(way)), place.contact.normal)
+        backend().mju_mulQuat(
+            qpos[address + 3 : address + 7], turn, placed.start.qpos[address + 3 : address + 7]
+        )
+        turned.append((name, replace(request, pose=(("qpos", tuple(qpos.tolist())),))))
+    return turned
+
+
+def _is_loose(model: Any, body: int) -> bool:
+    """Whether it has one geom and a free joint, and nothing hangs on it."""
+    tree = np.flatnonzero(model.body_rootid == body)
+    return (
+        len(tree) == 1 and int(model.body_geomnum[body]) == 1 and int(model.body_dofnum[body]) == _FREE_DOFS
+    )
+
+
+def _is_touched(model: Any, start: Any, geom: int, other: int) -> bool:
+    """Whether a third geom is at one, at the start."""
+    ends, data = np.zeros(6), copy.copy(start)
+    backend().mj_kinematics(model, data)
+    thirds = [third for third in range(model.ngeom) if third not in (geom, other)]
+    thirds = [third for third in thirds if masks_match(model, geom, third)]
+    return any(backend().mj_geomDistance(model, data, geom, third, _NEAR, ends) < _NEAR for third in thirds)
+
+
+def _unit(vector: Floats) -> Floats:
+    return vector / np.linalg.norm(vector)
+
+
+def _turn(start: Floats, end: Floats) -> Floats:
+    """The quaternion of the least turn from one unit vector to another."""
+    axis, cosine = np.cross(start, end), float(start @ end)
+    if cosine < -1.0 + 1e-12:  # half a turn, about anything across
+        axis, cosine = np.linalg.svd(start[None])[2][1], 0.0
+        return np.array([0.0, *axis])
+    return _unit(np.array([1.0 + cosine, *axis]))

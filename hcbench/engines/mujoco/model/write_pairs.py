@@ -1,0 +1,200 @@
+"""Writes contact rows into a model of the user's, as <pair> elements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import body_name, response
+from hcbench.engines.mujoco.model.list_pairs import contact_in_force
+from hcbench.engines.mujoco.model.tune_rows import Load, estimated_mobility
+from hcbench.engines.mujoco.model.written_model import spec_of, taken_pairs
+from hcbench.engines.mujoco.recipes.compliant_fit import IMPRATIO
+from hcbench.engines.mujoco.scene.mjcf import numbers_text
+from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.engines.mujoco.model.place import PairAtTouch
+    from hcbench.engines.mujoco.model.under_test import MujocoModel
+    from hcbench.sim.model_under_test import Request
+
+_numbers = partial(numbers_text, number="{:.10g}".format)
+
+Rows = tuple[ConstraintRow, ...]
+
+
+@dataclass(frozen=True)
+class TunedPair:
+    """A pair of the user's, and what its contact has to do.
+
+    requests: its launches, one for each attitude. opened: the model under each. like: equal for pairs that
+    are alike, such as the feet of a robot.
+    """
+
+    requests: tuple[Request, ...]
+    opened: tuple[MujocoModel, ...]
+    geoms: tuple[tuple[int, int], ...]
+    load: Load
+    like: tuple[object, ...]
+
+    @property
+    def place(self) -> PairAtTouch:
+        """In its first attitude."""
+        return self.opened[0].place
+
+    @cached_property
+    def band(self) -> tuple[float, float]:
+        """Lowest and highest launch speed, m/s."""
+        return min(self.requests[0].speeds), max(self.requests[0].speeds)
+
+
+class Written(NamedTuple):
+    """A spec with rows in it, what was written, and what to know. own: whether the user's text can stay."""
+
+    spec: Any
+    lines: str
+    notes: list[str]
+    names: dict[int, str]
+    own: bool
+
+
+def written(source: Any, pairs: Sequence[tuple[TunedPair, Rows]]) -> Written:
+    """The model of a source with rows for its pairs."""
+    spec, lines, notes = spec_of(source), list[str](), list[str]()
+    model, geoms = spec.compile(), [geoms for pair, _ in pairs for geoms in pair.geoms]
+    names = _name_geoms(spec, model, geoms, notes)
+    own = not notes and not taken_pairs(model, geoms)
+    for pair, rows in pairs:
+        for each in pair.geoms:
+            lines += _write_rows(spec, model, pair, each, (names[each[0]], names[each[1]]), rows)
+    option, impratio = "", needed_impratio(model, pairs)
+    if impratio > 0.0:
+        spec.option.cone, spec.option.impratio = backend().mjtCone.mjCONE_ELLIPTIC, impratio
+        option = f'<option cone="elliptic" impratio="{impratio:g}"/>\n'
+        notes.append(
+            f"cone and impratio are of the whole model: elliptic and {impratio:g}, so that friction neither "
+            "throws up what slides nor slips; other contacts change a little."
+        )
+    text = f"{option}<contact>\n" + "\n".join(f"  {line}" for line in lines) + "\n</contact>"
+    return Written(spec, text, notes, names, own)
+
+
+def needed_impratio(model: Any, pairs: Sequence[tuple[TunedPair, Rows]]) -> float:
+    """The impratio with which no pair drifts faster than in the model as it is; 0 where its own will do.
+
+    A friction row holds a load by a slip of R_t/(A b), R_t = R_n/impratio, R_n/A = (1 - d)/d.
+    """
+    own, needed = float(model.opt.impratio), 0.0
+    for pair, rows in pairs:
+        if not pair.load.slides:
+            continue
+        if rows[0].solimp[0] == MIN_IMPEDANCE:
+            return IMPRATIO
+        now = contact_in_force(model, *pair.geoms[0])
+        before = _slip(now["solref"], now["solimp"], now["solimp"][1])  # where it lies deep
+        needed = max(needed, own * _slip(rows[0].solref, rows[0].solimp, rows[0].solimp[0]) / before)
+    return float(f"{1.1 * needed:.1g}") if needed > own else 0.0
+
+
+def _slip(solref: Sequence[float], solimp: Sequence[float], impedance: float) -> float:
+    """Slip of a friction row under a load, at an impedance, but for what all have in common, s."""
+    d, dmax = (min(max(number, MIN_IMPEDANCE), MAX_IMPEDANCE) for number in (impedance, solimp[1]))
+    damping = -solref[1] if solref[0] <= 0.0 else 2.0 / max(solref[0], 1e-6)
+    return (1.0 - d) / d * dmax / max(damping, 1e-6)
+
+
+def mass_note(place: PairAtTouch) -> list[str]:
+    """What to know of a pair that moves as a whole."""
+    model, bodies = place.pair.model, (place.pair.first.body, place.pair.second.body)
+    if not all(model.body_weldid[body] for body in bodies):
+        return []
+    one = body_name(model, bodies[0])
+    return [
+        f"Both bodies move: the effective mass is {place.effective_mass:.4g} kg, less than that of {one!r}."
+    ]
+
+
+def _write_rows(
+    spec: Any, model: Any, pair: TunedPair, geoms: tuple[int, int], names: tuple[str, str], rows: Rows
+) -> list[str]:
+    """Set or add the <pair>s of two geoms, one for each row, the first with friction; their lines."""
+    before, place = contact_in_force(model, *geoms), pair.place
+    first, second = (int(model.geom_bodyid[geom]) for geom in geoms)
+    # MuJoCo's estimates of mass differ between links, though these bounce as one.
+    share = estimated_mobility(model, first, second)
+    share /= estimated_mobility(model, place.pair.first.body, place.pair.second.body)
+    known = [p for p in spec.pairs if {p.geomname1, p.geomname2} == set(names)]
+    for extra in known[1:]:
+        spec.delete(extra)
+    lines = []
+    for i, row in enumerate(rows):
+        is_soft = rows[0].solimp[0] == MIN_IMPEDANCE
+        values: dict[str, Any] = {
+            "solref": [number * (share if is_soft else 1.0) for number in row.solref],
+            "solimp": list(row.solimp),
+        }
+        if i > 0:
+            values["condim"] = 1
+        elif not known:
+            friction = before["friction"]
+            values["condim"] = int(before["condim"])
+            values["friction"] = [friction[0], friction[0], friction[1], friction[2], friction[2]]
+        if i == 0 and is_soft and pair.load.slides:
+            values["solreffriction"] = [0.0, -_friction_damping(place, pair.load)]
+        if row.adhesion:
+            values["adhesion"] = row.adhesion
+        if place.contact.onset or known:
+            values |= {"margin": place.contact.onset, "gap": 0.0}
+        element = known[0] if known and i == 0 else spec.add_pair(geomname1=names[0], geomname2=names[1])
+        lines.append(_set(element, names, values))
+    return lines
+
+
+def _set(element: Any, names: tuple[str, str], values: dict[str, Any]) -> str:
+    """Set a <pair>'s attributes; its line."""
+    for name, value in values.items():
+        field = getattr(element, name)
+        if isinstance(value, list):
+            field[: len(value)] = value
+        else:
+            setattr(element, name, value)
+    attributes = " ".join(
+        f'{name}="{_numbers(value) if isinstance(value, list) else f"{value:g}"}"'
+        for name, value in values.items()
+    )
+    first, second = (quoteattr(name) for name in names)
+    return f"<pair geom1={first} geom2={second} {attributes}/>"
+
+
+def _friction_damping(place: PairAtTouch, load: Load) -> float:
+    """1/s, of friction rows that together stop a slip in one step, along the way that slides most easily."""
+    model, data = place.pair.model, backend().MjData(place.pair.model)
+    data.qpos[:] = place.qpos
+    backend().mj_forward(model, data)
+    normal = place.contact.normal
+    across = np.linalg.svd(normal[None])[2][1:]
+    rows = np.array([place.pair.approach_row(data, place.contact.point, way) for way in across])
+    mobility = rows @ np.array([response(model, data, row) for row in rows]).T
+    weight = MIN_IMPEDANCE / (1.0 - MIN_IMPEDANCE) * IMPRATIO * load.strength
+    weight *= place.effective_mass * float(np.linalg.eigvalsh(mobility)[-1])
+    return MIN_IMPEDANCE * (1.0 + weight) / max(weight, 1e-3) / load.timestep
+
+
+def _name_geoms(spec: Any, model: Any, geoms: Sequence[tuple[int, int]], notes: list[str]) -> dict[int, str]:
+    """Names by which a <pair> calls geoms; those without one get one."""
+    names = {}
+    by_id = {geom.id: geom for geom in spec.geoms}
+    for geom in dict.fromkeys(g for pair in geoms for g in pair):
+        names[geom] = str(model.geom(geom).name)
+        if not names[geom]:
+            names[geom] = by_id[geom].name = f"geom_{geom}"
+            body = body_name(model, int(model.geom_bodyid[geom]))
+            notes.append(f'Geom {geom}, of body {body!r}, has no name: give it name="geom_{geom}".')
+    return names
