@@ -44,11 +44,13 @@ def attitudes(model: Any, label: str, state: Any, request: Request) -> list[tupl
     size = model.geom_size[geom]
     if ways is _ROUND:
         size = np.array([size[0], size[0], size[1]])
+    upright = copy.copy(placed.start)
+    backend().mj_kinematics(model, upright)
     turned, address = [], int(model.jnt_qposadr[model.body_jntadr[body]])
     for name, way in ways.items():
         qpos = placed.start.qpos.copy()
         qpos[address : address + 3] -= model.geom_rbound[geom] * place.contact.normal
-        frame = placed.start.geom_xmat[geom].reshape(3, 3)  # of the start, to be turned about the body
+        frame = upright.geom_xmat[geom].reshape(3, 3)
         turn = _turn(frame @ _unit(size * np.array(way)), place.contact.normal)
         backend().mju_mulQuat(
             qpos[address + 3 : address + 7], turn, placed.start.qpos[address + 3 : address + 7]

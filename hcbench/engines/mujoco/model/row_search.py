@@ -35,8 +35,8 @@ _LARGEST_E, _COSTS = 0.995, 20.0  # as of `row_pair`
 # Steps laid down; the last of them, whose vibration falls so many times more; m/s; of e a power of ten.
 _LAID, _LAST, _LATER, _CALM, _RESTLESS = 200, 50, 20, 1e-5, 0.05
 _SHALLOW = 8e-5  # m: a body at rest may lie so deep
-_SEED, _MEMBERS = 1, 14
-_LIGHT, _GENERATIONS = 12, (40, 18)  # up to so many degrees of freedom, and generations there and beyond
+_SEED, _MEMBERS = 1, 16
+_LIGHT, _GENERATIONS = 12, (50, 16)  # up to so many degrees of freedom, and generations there and beyond
 _POWER = 4.0
 # Half period in steps; logs of its loss a step, odds of its impedance; log of D h, odds of dmax, logs of
 # width over v h and midpoint of the damper.
@@ -53,6 +53,8 @@ _STARTS = np.array([
     [6.84, -3.39, 2.82, -3.00, 8.52, 1.69, -4.93],
     [8.81, -3.28, 5.10, -1.39, -3.93, 1.87, -3.20],
     [9.64, -3.50, 8.98, -2.98, -1.52, 2.84, -2.34],
+    [8.28, -1.60, 2.87, -1.80, 2.79, -2.19, -4.65],
+    [7.10, -1.50, 1.90, -1.40, -3.90, -1.50, -4.30],
 ])  # fmt: skip
 _LEGS = np.array([
     [3.20, -1.36, 2.57, 0.07, -2.41, 1.20, -5.48],
