@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -53,12 +54,10 @@ def model_settings(
         return _setting(source, label, name, list(zip(pairs, rows, strict=True)))
 
     leaders = {pair.like: pair for pair in reversed(pairs)}
-    # Servos and damped joints take what a soft contact of a few steps gives.
+    # Servos and damped joints take what a soft contact of many steps gives.
     eaten = model.nv > _HEAVY and has_more_than_contacts(model)
-    choices = (
-        [] if eaten else [row_choices(goal, pair.band, pair.load, adhesive) for pair in leaders.values()]
-    )
-    for choice in zip(*choices, strict=True) if choices else ():
+    choices = [row_choices(goal, pair.band, pair.load, adhesive) for pair in leaders.values()]
+    for choice in itertools.islice(zip(*choices, strict=True), 1 if eaten else None):
         rows = dict(zip(leaders, (each for _, each in choice), strict=True))
         yield setting(choice[0][0], [rows[pair.like] for pair in pairs])
     if all(math.isfinite(pair.place.gap) for pair in pairs):
