@@ -112,7 +112,7 @@ _engine_option = partial(click.option, cls=_EngineOption)
     "--for",
     "version",
     cls=_ModelOption,
-    help="MuJoCo that has to load what is written, such as mujoco@3.5.  [default: the installed one]",
+    help="ENGINE@VERSION that has to load what is written.  [default: the installed one]",
 )
 @output_option("--write-model", cls=_ModelOption, help="Write the model with the setting in it.")
 @output_option("--write-include", cls=_ModelOption, help="Write the lines to a file that a model includes.")

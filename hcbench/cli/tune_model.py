@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from hcbench.sim.model_under_test import Output
     from hcbench.tuning.model import TunedModel, TunedPair
 
-_VERSION = re.compile(r"mujoco@(\d+(?:\.\d+)*)")
+_VERSION = re.compile(r"[a-z-]+@(\d+(?:\.\d+)*)")
 
 
 def tune_model(
@@ -78,7 +78,7 @@ def _output(model: Path | None, include: Path | None, version: str | None) -> Ou
 
     match = _VERSION.fullmatch(version) if version else None
     if version and match is None:
-        raise UserError("--for", repr(version), "an engine and its version, such as mujoco@3.5")
+        raise UserError("--for", repr(version), "an engine and its version, as ENGINE@3.5")
     numbers = tuple(int(part) for part in match[1].split(".")) if match else ()
     folder = None if model is None else model.absolute().parent
     name = "" if include is None else os.path.relpath(include.absolute(), folder or include.absolute().parent)
@@ -106,29 +106,33 @@ def _nothing_gained(tuned: TunedModel) -> LimitPassed:
 
 def _cure(tuned: TunedModel) -> str:
     """What would do it."""
-    step = time_step(tuned.pairs[0].facts.timestep / 4)
-    if tuned.pairs[0].facts.engine != "mujoco":
-        return f"Try a smaller step, such as --timestep {step}"
-    return (
-        "The plug-in hcbench.restitution sets e after each contact exactly (docs/howto/plugins.md); "
-        f"or try a smaller step, such as --timestep {step}"
+    from hcbench.sim import registry
+    from hcbench.sim.capabilities import HasPlugin
+
+    facts = tuned.pairs[0].facts
+    step = f"a smaller step, such as --timestep {time_step(facts.timestep / 4)}"
+    if not isinstance(registry.engine(facts.engine), HasPlugin):
+        return f"Try {step}"
+    plugin = (
+        f"`hcbench tune {facts.engine} --plugin` prints the plug-in, which sets e after each contact exactly"
     )
+    return f"{plugin}; or try {step}"
 
 
-def _remarks(tuned: TunedModel, limit: float) -> list[str]:
+def _reasons(tuned: TunedModel, limit: float) -> list[str]:
     """What keeps e from the target, a sentence each."""
-    remarks = []
+    reasons = []
     if tuned.max_error > limit and tuned.taken > limit:
-        remarks.append(
+        reasons.append(
             f"Joints and servos take up to {100 * tuned.taken:.0f} % of the impact speed between the last "
             "force of the contact and the touch plane, by where in a step the contact starts (chance): no "
             f"setting of the contact alters that. {_cure(tuned)}."
         )
     elif tuned.max_error > limit:
-        remarks.append(f"{_cure(tuned)}.")
+        reasons.append(f"{_cure(tuned)}.")
     if tuned.worse:
-        remarks.append(f"Worse than before by more than 1.2 times: {'; '.join(tuned.worse)}.")
-    return remarks
+        reasons.append(f"Worse than before by more than 1.2 times: {'; '.join(tuned.worse)}.")
+    return reasons
 
 
 def _record(tuned: TunedModel) -> dict[str, Any]:
@@ -182,8 +186,8 @@ def _print(tuned: TunedModel, limit: float) -> None:
         for speed, wanted, least, most in pair.points:
             print(f"  {speed:.3g} m/s: target {wanted:.4f}, {least:.4f} ... {most:.4f}")
     print("\n" + "\n".join(_table(tuned)))
-    for remark in _remarks(tuned, limit):
-        print(f"\n{remark}")
+    for sentence in _reasons(tuned, limit):
+        print(f"\n{sentence}")
     if tuned.gains:
         print(f"\npaste:\n\n{tuned.paste}")
     print("\nNotes:")

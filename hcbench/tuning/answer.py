@@ -145,7 +145,9 @@ class Answer(Shown):
         if best is None:
             why = "; ".join(f"{never.setting}: {never.why}" for never in self.never)
             raise SettingError(
-                "recipe", f"no setting of {self.engine!r} is to be advised here ({why})", "another step"
+                "recipe",
+                f"no setting of {self.engine!r} is to be advised here ({why})",
+                "another step, or the plug-in",
             )
         return best
 

@@ -166,7 +166,7 @@ def _tuned(job: Job) -> TunedModel:
     if not isinstance(engine, TunesModels):
         expected = "an engine that tunes models of users"
         raise UserError("engine", repr(engine.name), expected, f"{source!r}")
-    each = [found for request in requests for found in engine.attitudes(source, request)]
+    each = [way for request in requests for way in engine.attitudes(source, request)]
     before = engine.standing(source, None, requests)
     tries: list[
         tuple[float, float, ModelSetting, Standing]
@@ -187,9 +187,9 @@ def _tuned(job: Job) -> TunedModel:
     notes = dict.fromkeys((*setting.notes, *(note for pair in pairs for note in pair.facts.notes)))
     promises = []
     for request in requests:
-        found = [pair for pair, (_, each_) in zip(pairs, each, strict=True) if each_.pair == request.pair]
+        theirs = [pair for pair, (_, each_) in zip(pairs, each, strict=True) if each_.pair == request.pair]
         band = min(request.speeds), max(request.speeds)
-        promises.append(Promise(setting.name, 1, wanted, _largest(found), band))
+        promises.append(Promise(setting.name, 1, wanted, _largest(theirs), band))
 
     def as_it_was(request: Request) -> ModelUnderTest:
         return engine.open(rebuild() if rebuild else source, request, rebuild)

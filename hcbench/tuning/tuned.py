@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from hcbench._notebook import Shown
 from hcbench.recipes.recipe import Recipe, Role, first
 from hcbench.sim import registry
+from hcbench.sim.passivity import MOST_E
 from hcbench.tuning.evaluate import Evaluation, evaluate, rest_test
 
 if TYPE_CHECKING:
@@ -70,7 +71,9 @@ class Tuned(Shown):
         deep = "deep" if self.evaluation.deep else ""
         rests = "" if not self.rest_failures else "does not rest"
         lost = f"{self.evaluation.failed} impacts gave no restitution" if self.evaluation.failed else ""
-        return ", ".join(filter(None, [self.passivity.warning, deep, rests, lost]))
+        gains = self.passivity.flat is False or self.evaluation.max_e > MOST_E
+        flat = "a flat face gains energy" if self.target.corners > 1 and gains else ""
+        return ", ".join(filter(None, [self.passivity.warning, flat, deep, rests, lost]))
 
 
 def make_tuned(recipe: Recipe, why: str, target: Target, scene: Scene, integrator: str | None) -> Tuned:

@@ -1,9 +1,9 @@
 """Searches two contact rows in the user's own model, by MuJoCo's rollouts of many launches.
 
-A stiff row, of an impedance near 1, sets the acceleration of its contact, whatever else acts there: servos
-and springs of the robot, other corners of the body, estimates of its mass. But it leaves gravity out from the
-step on that finds the touch. A soft one adds a force to all of them. The search finds what lies between, with
-a damper whose impedance grows with depth.
+A stiff row, of an impedance near 1, sets the acceleration of its contact, regardless of servos and springs
+of the robot, other corners of the body and estimates of its mass. But it leaves gravity out from the step on
+that finds the touch. A soft one adds a force to all of them. The search finds what lies between, with a
+damper whose impedance grows with depth.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Rows = tuple[ConstraintRow, ...]
 
 _STEPS = 30  # of a launch: two to the touch, then a contact and its parting
-_GRID = (4, 9), (3, 6)  # speeds and phases, of light and of heavy models
+_GRID = (4, 9), (3, 6)  # speeds and phases, of small and of large models
 _SLOW, _SLOW_PHASES = 0.4, 4  # of the lowest speed, where none may gain energy
 _LARGEST_E, _COSTS = 0.995, 20.0  # as of `row_pair`
 # Steps laid down; the last of them, whose vibration falls so many times more; m/s; of e a power of ten.
@@ -189,11 +189,11 @@ class RowSearch:
         def errors(members: Floats) -> Floats:
             return self.errors([self.rows(member, adhesive) for member in members])
 
-        heavy = self._model.nv > _LIGHT
-        random, bounds = np.random.default_rng(_SEED), (_LEGS_LOWEST if heavy else _LOWEST, _HIGHEST)
-        first, starts = random.uniform(*bounds, (_MEMBERS, len(_LOWEST))), _LEGS if heavy else _STARTS
+        is_large = self._model.nv > _LIGHT
+        random, bounds = np.random.default_rng(_SEED), (_LEGS_LOWEST if is_large else _LOWEST, _HIGHEST)
+        first, starts = random.uniform(*bounds, (_MEMBERS, len(_LOWEST))), _LEGS if is_large else _STARTS
         first[: len(starts)] = starts
-        generations = _GENERATIONS[heavy]
+        generations = _GENERATIONS[is_large]
         with captured_warnings():
             best = evolve(errors, first, generations, bounds, random, towards_best=True)[0]
             return float(errors(best[None])[0]), self.rows(best, adhesive)

@@ -61,22 +61,22 @@ def model_settings(
         rows = dict(zip(leaders, (each for _, each in choice), strict=True))
         yield setting(choice[0][0], [rows[pair.like] for pair in pairs])
     if all(math.isfinite(pair.place.gap) for pair in pairs):
-        found = _searched(source, pairs, goal, adhesive)
-        yield setting("stiff spring and damper", [found[pair.like] for pair in pairs])
+        rows_of = _searched(source, pairs, goal, adhesive)
+        yield setting("stiff spring and damper", [rows_of[pair.like] for pair in pairs])
 
 
 def _searched(
     source: Any, pairs: Sequence[TunedPair], goal: RestitutionCurve, adhesive: bool
 ) -> dict[tuple[object, ...], Rows]:
-    """Rows for each kind of pair, found in the model one after the other."""
+    """Rows for each kind of pair, rows_of in the model one after the other."""
     plain, was = spec_of(source).compile(), standing([pair.opened[0] for pair in pairs])
-    found: dict[tuple[object, ...], Rows] = {pair.like: START for pair in pairs}
-    for like in found:
+    rows_of: dict[tuple[object, ...], Rows] = {pair.like: START for pair in pairs}
+    for like in rows_of:
         alike = [pair for pair in pairs if pair.like == like]
-        spec = written(source, [(pair, found[pair.like]) for pair in pairs]).spec
+        spec = written(source, [(pair, rows_of[pair.like]) for pair in pairs]).spec
 
         def set_rows(model: Any, rows: Rows, alike: Sequence[TunedPair] = alike, like: Any = like) -> None:
-            tried = [(pair, rows if pair.like == like else found[pair.like]) for pair in pairs]
+            tried = [(pair, rows if pair.like == like else rows_of[pair.like]) for pair in pairs]
             if (impratio := needed_impratio(plain, tried)) > 0.0:
                 model.opt.cone, model.opt.impratio = int(backend().mjtCone.mjCONE_ELLIPTIC), impratio
             else:
@@ -86,8 +86,8 @@ def _searched(
                     model.pair_solref[number], model.pair_solimp[number] = row.solref, row.solimp
 
         seen = [*alike[0].opened, *(alike[-1].opened if len(alike) > 1 else ())]
-        found[like] = RowSearch(spec, seen, goal, alike[0].band, was, set_rows).best(adhesive)[1]
-    return found
+        rows_of[like] = RowSearch(spec, seen, goal, alike[0].band, was, set_rows).best(adhesive)[1]
+    return rows_of
 
 
 def _require_tunable(model: Any) -> None:

@@ -101,8 +101,8 @@ def _directories(path: Path, folder: Path) -> str:
     if not _has_assets(spec):
         return ""
     names = ("meshdir", "texturedir")
-    found = [(name, os.path.relpath(getattr(spec, name), folder.resolve())) for name in names]
-    return f"<compiler {' '.join(f'{name}={quoteattr(value)}' for name, value in found)}/>\n"
+    leading = [(name, os.path.relpath(getattr(spec, name), folder.resolve())) for name in names]
+    return f"<compiler {' '.join(f'{name}={quoteattr(value)}' for name, value in leading)}/>\n"
 
 
 def included(lines: str) -> str:
