@@ -22,7 +22,7 @@ COMMITTED = Path(__file__).parent / "data" / "parameters.json"
 STARTS = 3
 _EVALUATIONS = {1: 14, 2: 30, 3: 50}  # of a search from one start, by the number of parameters
 _FIRST_STEP = 0.3  # in the logarithm of each
-_FAILED = 9.0  # score of what an engine cannot simulate
+_FAILED = 1e3  # error of what an engine cannot simulate
 
 # Of a data set, an engine and a setting's key: values by the names of parameters.
 Parameters = Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]]
@@ -46,7 +46,7 @@ def identify(
 ) -> Parameters:
     """Parameters by three searches for each setting, to four digits.
 
-    A mean score over a hundred tosses is rough in its parameters, as a corner may land or miss. What counts
+    A mean error over a hundred tosses is rough in its parameters, as a corner may land or miss. What counts
     is the least value of a parabola through the better tries of all three, not the luckiest try.
     """
     cells = [
@@ -69,22 +69,22 @@ def identify(
 
 
 def search(cell: Cell) -> list[tuple[Floats, float]]:
-    """Tries from the cell's values towards a least mean score: logarithms of what moves, and the score.
+    """Tries from the cell's values towards a least mean error: logarithms of what moves, and the error.
 
     In a worker process.
     """
     tries: list[tuple[Floats, float]] = []
 
-    def score(u: Floats) -> float:
+    def error(u: Floats) -> float:
         try:
-            mean = float(np.mean(outcome_of(replace(cell, values=_values(cell, u))).scores))
+            mean = float(np.mean(outcome_of(replace(cell, values=_values(cell, u))).errors))
         except EngineFailed:
             mean = _FAILED
         tries.append((u.copy(), mean if np.isfinite(mean) else _FAILED))
         return tries[-1][1]
 
     start = np.log([cell.values[i] for i in _moving(cell)])
-    least(score, start, _FIRST_STEP, _EVALUATIONS[len(start)])
+    least(error, start, _FIRST_STEP, _EVALUATIONS[len(start)])
     return tries
 
 

@@ -7,7 +7,7 @@ from hcbench.impact import Floats
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Errors in the set's unit, and what a search makes least, shape (n,); rotations in rad, of tosses."""
+    """Errors in the set's unit, shape (n,); of tosses rotations (rad), and scores that combine both."""
 
     errors: Floats
     scores: Floats

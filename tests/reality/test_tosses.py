@@ -103,6 +103,15 @@ def test_errors_of_identified_settings(setting: str, error: float, rotation: flo
 
 
 @WHOLE
+def test_a_constant_e_and_friction_that_are_set_by_hand() -> None:
+    cell = Cell("cube", "mujoco", "plug-in constant e, elliptic", (0.216, 0.18), VALIDATION)
+    outcome = outcome_of(cell)
+    assert outcome.rotations is not None
+    assert outcome.errors.mean() == pytest.approx(11.8, abs=1.0)
+    assert np.degrees(outcome.rotations.mean()) == pytest.approx(13.2, abs=1.7)
+
+
+@WHOLE
 def test_the_pyramidal_cone_costs_much() -> None:
     assert judged("cube", "mujoco", "friction alone, pyramidal", VALIDATION).errors.mean() > 20.0
 
