@@ -138,7 +138,8 @@ class _Heard:
 
     @property
     def evidence(self) -> float:
-        return -math.inf if self.fit is None else self.fit.log_evidence
+        """Of the likelier law: e0 alone would bend to a reflection that stands for the first touch."""
+        return -math.inf if self.fit is None else max(self.fit.log_evidence, self.plain().log_evidence)
 
     @property
     def scatter(self) -> float:
@@ -210,8 +211,8 @@ class _Heard:
         for i in np.argsort(-gains)[:_TRIED]:
             places = self.places.copy()
             places[touches[i]] = swaps[i]
-            other = replace(self, places=places).fitted()
-            if gains[i] > 0.0 and other.evidence - self.evidence + prior[i] > 0.0:
+            other = replace(self, places=places).fitted() if gains[i] > 0.0 else self
+            if other is not self and other.evidence - self.evidence + prior[i] > 0.0:
                 return other
         return None
 

@@ -95,7 +95,7 @@ def read_recording(
 
 
 def _one_channel(source: _Wav | _Compressed, name: str, sound: Floats, at: int) -> Recording:
-    loudest = sound[int(np.argmax(sound.std(axis=1)))]
+    loudest = sound[int(np.argmax([one.std() for one in sound]))] if len(sound) > 1 else sound[0]
     if not loudest.std() > 0 and at == 0:
         raise UserError(name, "silence", "a recording of several bounces")
     return Recording(name, loudest - loudest.mean(), source.rate, source.step, at / source.rate)
