@@ -125,8 +125,8 @@ def _reasons(tuned: TunedModel, limit: float) -> list[str]:
     if tuned.max_error > limit and tuned.taken > limit:
         reasons.append(
             f"Joints and servos take up to {100 * tuned.taken:.0f} % of the impact speed between the last "
-            "force of the contact and the touch plane, by where in a step the contact starts (chance): no "
-            f"setting of the contact alters that. {_cure(tuned)}."
+            "force of the contact and the touch plane, by where in a step the contact starts (chance), which "
+            f"the search did not overcome. {_cure(tuned)}."
         )
     elif tuned.max_error > limit:
         reasons.append(f"{_cure(tuned)}.")
