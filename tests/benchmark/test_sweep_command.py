@@ -39,4 +39,4 @@ def test_the_command_sweeps_resumes_and_reports(
     capsys.readouterr()
     assert cli(["sweep", "study.toml", "--jobs", "1"]) == 0
     assert cli(["report", "study.toml", "--quick", "--jobs", "1"]) == 0
-    assert capsys.readouterr().out.split() == ["sweeps/balls", "reports/balls/index.html"]
+    assert capsys.readouterr().out.split() == ["sweeps/balls", "reports/balls-quick/index.html"]

