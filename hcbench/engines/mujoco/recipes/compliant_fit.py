@@ -73,7 +73,6 @@ def spring_and_damper_rows(
     corners: float = 1,
     adhesive: bool = True,
     rk4: bool = False,
-    carried: tuple[float, float] = (0.0, 0.0),
     points: int = 0,
 ) -> list[ConstraintRow]:
     """Two rows with this e over a band of impact speeds (m/s), for two <pair>s of the same two geoms.
@@ -82,8 +81,7 @@ def spring_and_damper_rows(
     numbers are searched for in a model of the two rows that equals MuJoCo's step, gravity included (m/s²,
     into the plate), to the least largest error over speeds and phases. Per unit mass: the same for any mass.
     corners: of a body that meet at once, or how much more a row does there than on a ball. adhesive: whether
-    the damper may pull (MuJoCo 3.11 and later). rk4: that integrator, else Euler's. carried: damping (1/s)
-    and stiffness (1/s²) by which the rest of a robot, which keeps its momentum, drags the contact with it.
+    the damper may pull (MuJoCo 3.11 and later). rk4: that integrator, else Euler's.
     points: corners that meet at once, where `corners` says something else; 0: those.
     Raises SearchInterrupted with the best so far.
     """
@@ -91,10 +89,8 @@ def spring_and_damper_rows(
     bounds = _bounds(1.0 - float(curve.at(low)), timestep, gravity, points or corners)
 
     def fit_to(band: tuple[int, int], below: tuple[int, int]) -> RowFit:
-        fall, h = gravity * timestep / high, timestep
-        along = carried[0] * h, carried[1] * h**2
         launches = _launches(curve, speeds, band, below)
-        return RowFit(*launches, fall, corners, adhesive, rk4, along, *bounds)
+        return RowFit(*launches, gravity * timestep / high, corners, adhesive, rk4, *bounds)
 
     fine = fit_to((25, 10), (9, 12))
     with map_result(lambda parameters: fine.rows(parameters, timestep, high)):
@@ -148,9 +144,8 @@ def pushing_row(
     lowest, highest = bounds = _bounds(1.0 - e, timestep, gravity, corners)
     lowest[:2], highest[1] = np.minimum(lowest[:2], whole), _ALL
     lowest[2:] = highest[2:] = _NO_DAMPER
-    fall, still = gravity * timestep / high, (0.0, 0.0)
     launches = _launches(curve, speeds, (9, 16), (6, 12), (9, 16))
-    fit = RowFit(*launches, fall, corners, False, False, still, *bounds)
+    fit = RowFit(*launches, gravity * timestep / high, corners, False, False, *bounds)
     search, random = Search(_ALONE * (1 + _ALONE)), np.random.default_rng(_SEED)
     first = random.uniform(*bounds, (_ALONE, len(lowest)))
     first[0, :2] = whole

@@ -6,7 +6,6 @@ Sections are those of MuJoCo's documentation.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,8 +70,8 @@ class RowFit:
     speeds: over v. phases: where in a step the contact starts. target: e, NaN where any e will do that gains
     no energy; shape (n,) each. fall: g h / v.
     corners: of a body that meet at once, or how much more a row does there than on a ball. adhesive: whether
-    the damper may pull. rk4: the integrator, else Euler's. carried: as `spring_and_damper_rows` has it, h and
-    h² times. lowest, highest: bounds.
+    the damper may pull. rk4: the integrator, else Euler's.
+    lowest, highest: bounds.
     """
 
     speeds: Floats
@@ -82,7 +81,6 @@ class RowFit:
     corners: float
     adhesive: bool
     rk4: bool
-    carried: tuple[float, float]
     lowest: Floats
     highest: Floats
 
@@ -122,9 +120,9 @@ class RowFit:
         ahead = 0.0 if self.rk4 else 0.5  # of a step's fall: by so much Euler's speed is that of later
         x = np.tile(self.speeds * later + g * later**2 / 2, count)
         v = np.tile(self.speeds + g * (later - ahead), count)
-        x0, v0, e, deepest, which = x, v, np.zeros(x.size), x.copy(), np.arange(x.size)
-        for k in range(int(_FOLLOWED * self.highest[0])):
-            x, v = self._step(rows, x, v, partial(self._without_contact, x0, v0, k))
+        e, deepest, which = np.zeros(x.size), x.copy(), np.arange(x.size)
+        for _ in range(int(_FOLLOWED * self.highest[0])):
+            x, v = self._step(rows, x, v)
             deepest[which] = np.maximum(deepest[which], x)
             parted = (x <= 0.0) & (v < 0.0)
             if parted.any():
@@ -133,40 +131,30 @@ class RowFit:
                 going = np.flatnonzero(~parted)
                 if not going.size:
                     break
-                x, v, x0, v0 = (a[going] for a in (x, v, x0, v0))
-                which, rows = which[going], rows.of(going)
+                x, v, which, rows = x[going], v[going], which[going], rows.of(going)
         return e.reshape(-1, launches), deepest.reshape(-1, launches)
 
-    def _without_contact(self, x: Floats, v: Floats, whole: int, share: float) -> tuple[Floats, Floats]:
-        """(x, v) without contact, so many whole steps and a share of one after these."""
-        half, steps = 0.0 if self.rk4 else 0.5, whole + share
-        return x + v * steps + self.fall * steps * (steps / 2 + half), v + self.fall * steps
-
-    def _step(self, rows: _Rows, x: Floats, v: Floats, elsewhere: Any) -> tuple[Floats, Floats]:
+    def _step(self, rows: _Rows, x: Floats, v: Floats) -> tuple[Floats, Floats]:
         """(x, v) after a step: Euler's, by the new speed, or the classical Runge-Kutta of MuJoCo's RK4.
 
-        Documentation, Computation, "Numerical integration". elsewhere: (x, v) without contact, a share of a
-        step later.
+        Documentation, Computation, "Numerical integration".
         """
         if not self.rk4:
-            v = v - self._acceleration(rows, x, v, elsewhere, 0.0)
+            v = v - self._acceleration(rows, x, v)
             return x + v, v
-        one = -self._acceleration(rows, x, v, elsewhere, 0.0)
-        two = -self._acceleration(rows, x + v / 2, v + one / 2, elsewhere, 0.5)
-        three = -self._acceleration(rows, x + v / 2 + one / 4, v + two / 2, elsewhere, 0.5)
-        four = -self._acceleration(rows, x + v + two / 2, v + three, elsewhere, 1.0)
+        one = -self._acceleration(rows, x, v)
+        two = -self._acceleration(rows, x + v / 2, v + one / 2)
+        three = -self._acceleration(rows, x + v / 2 + one / 4, v + two / 2)
+        four = -self._acceleration(rows, x + v + two / 2, v + three)
         return x + v + (one + two + three) / 6, v + (one + 2 * two + 2 * three + four) / 6
 
-    def _acceleration(self, rows: _Rows, x: Floats, v: Floats, elsewhere: Any, share: float) -> Floats:
-        """Away from the plate, (m,). elsewhere, share: as of `_step`.
+    def _acceleration(self, rows: _Rows, x: Floats, v: Floats) -> Floats:
+        """Away from the plate, (m,).
 
         Documentation, Computation, "Constraint model": (A + R) f = a_ref - a_0, R = (1 - d)/d diag(A). Rows
         at one point, of weights w = d/(1 - d), give a = (Σ w a_ref - g)/(1 + Σ w), of those that act.
         """
         g, spring_weight = self.fall, self.corners * _WEIGHT
-        if any(self.carried):  # a_0 includes what the rest of the robot does to the contact
-            x_elsewhere, v_elsewhere = elsewhere(share)
-            g = g + self.carried[0] * (v_elsewhere - v) + self.carried[1] * (x_elsewhere - x)
         d = rows.impedance(x)
         weight = self.corners * d / (1.0 - d)
         spring = rows.stiffness * x + rows.damping * v  # w a_ref of the spring
