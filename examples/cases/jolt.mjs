@@ -15,8 +15,8 @@ settings.mObjectVsBroadPhaseLayerFilter = new Jolt.ObjectVsBroadPhaseLayerFilter
 const engine = new Jolt.JoltInterface(settings);
 const system = engine.GetPhysicsSystem(), bodies = system.GetBodyInterface();
 const physics = system.GetPhysicsSettings();
-physics.mMinVelocityForRestitution = 0; // 1 m/s as it comes
-physics.mPenetrationSlop = 1e-4; // 20 mm as it comes
+physics.mMinVelocityForRestitution = 0; // 1 m/s by default
+physics.mPenetrationSlop = 1e-4; // 20 mm by default
 system.SetPhysicsSettings(physics);
 
 const vector = (x) => new Jolt.Vec3(...x), numbers = (v) => [v.GetX(), v.GetY(), v.GetZ()];

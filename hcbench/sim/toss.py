@@ -13,13 +13,14 @@ An engine that can simulate it has a module `scene.toss` in its package (`regist
 Vectors are in the world's frame, z up, SI; quaternions are (w, x, y, z).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 import numpy as np
 
 from hcbench.impact import Floats
+from hcbench.laws.restitution import ConstantRestitution, Restitution
 from hcbench.sim import registry
 
 GRAVITY = 9.81  # m/s²
@@ -77,6 +78,10 @@ class ContactSetting:
         """The setting among those of its engine."""
         return f"{self.name}, {self.cone}" if self.cone else self.name
 
+    def named(self, values: Sequence[float]) -> dict[str, float]:
+        """Values of the parameters, by their names."""
+        return {p.name: value for p, value in zip(self.parameters, values, strict=True)}
+
 
 NOTHING, FRICTION, RESTITUTION = "nothing set", "friction alone", "restitution"
 PLUGIN_E, PLUGIN_ALPHA = "plug-in constant e", "plug-in alpha"
@@ -84,6 +89,15 @@ PLUGIN_E, PLUGIN_ALPHA = "plug-in constant e", "plug-in alpha"
 MU = Parameter("friction", (0.18, 0.3, 0.1))
 E = Parameter("restitution", (0.2, 0.5, 0.9), most=1.0)
 ALPHA = Parameter("alpha", (2.0, 0.5, 0.1))
+
+
+def plugin_law(
+    setting: ContactSetting, given: Mapping[str, float]
+) -> Restitution | ConstantRestitution | None:
+    """The law that a setting gives the plug-in; None where it has none. given: values by name."""
+    if setting.name == PLUGIN_E:
+        return ConstantRestitution(given[E.name])
+    return Restitution(given[ALPHA.name]) if setting.name == PLUGIN_ALPHA else None
 
 
 class TossModule(Protocol):

@@ -12,7 +12,7 @@ CONTACT_STEPS = 20  # that a contact lasts
 def solref(e: float, h: float) -> str:
     """Of a contact whose discrete motion leaves at e, where the force is zero again."""
     if e == 0:
-        return "0.02 1"  # as MuJoCo comes
+        return "0.02 1"  # the default
     low, high = 0.0, 0.99  # of the damping ratio
     for _ in range(60):
         z, w = (low + high) / 2, math.sqrt(1 - ((low + high) / 2) ** 2)

@@ -37,7 +37,7 @@ def simulate(
     body: Body, setting: ContactSetting, values: Sequence[float], timestep: float, tosses: Sequence[Toss]
 ) -> list[Floats]:
     """States at the ends of steps, of each toss."""
-    given = dict(zip((p.name for p in setting.parameters), values, strict=True))
+    given = setting.named(values)
     with foreign_errors("drake"):
         drake: Any = importlib.import_module("pydrake.all")
         # It warns of half spaces in deformable contact.

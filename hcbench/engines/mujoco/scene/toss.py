@@ -8,7 +8,6 @@ import numpy as np
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.plugin import add_to_spec
 from hcbench.impact import Floats
-from hcbench.laws.restitution import ConstantRestitution, Restitution
 from hcbench.sim.toss import (
     ALPHA,
     FRICTION,
@@ -25,6 +24,7 @@ from hcbench.sim.toss import (
     Toss,
     as_body,
     as_integrated,
+    plugin_law,
 )
 
 SOLREF = "solref identified"
@@ -63,17 +63,15 @@ def _model(mujoco: Any, body: Body, setting: ContactSetting, values: Sequence[fl
     tossed.mass, tossed.inertia, tossed.explicitinertial = body.mass, list(body.inertia), True
     kind = getattr(mujoco.mjtGeom, f"mjGEOM_{body.shape.upper()}")
     geoms = (plate, tossed.add_geom(name="body", type=kind, size=list(body.half_sizes)))
-    given = dict(zip((p.name for p in setting.parameters), values, strict=True))
+    given = setting.named(values)
     for geom in geoms:
         if "friction" in given:
             geom.friction[0] = given["friction"]
         if setting.name == SOLREF:
             geom.solref = [-given["stiffness"], -given["damping"]]
             geom.solimp[:2] = 0.95, 0.95
-    if setting.name == PLUGIN_E:
-        add_to_spec(spec, ConstantRestitution(given["restitution"]), bodies=("body", "world"))
-    elif setting.name == PLUGIN_ALPHA:
-        add_to_spec(spec, Restitution(given["alpha"]), bodies=("body", "world"))
+    if (law := plugin_law(setting, given)) is not None:
+        add_to_spec(spec, law, bodies=("body", "world"))
     return spec.compile()
 
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.impact import Floats
-from hcbench.laws.restitution import ConstantRestitution, Restitution
 from hcbench.sim.toss import (
     ALPHA,
     FRICTION,
@@ -25,6 +24,7 @@ from hcbench.sim.toss import (
     Toss,
     as_body,
     as_integrated,
+    plugin_law,
 )
 
 STIFFNESS = "stiffness and damping"
@@ -50,7 +50,7 @@ def simulate(
     """States at the ends of steps, of each toss; in a client of its own."""
     bullet = BulletClient.direct()
     try:
-        given = dict(zip((p.name for p in setting.parameters), values, strict=True))
+        given = setting.named(values)
         tossed = _load(bullet, body, setting, given, timestep)
         return [_simulate(bullet, tossed, toss, timestep) for toss in tosses]
     finally:
@@ -83,9 +83,7 @@ def _load(
         tossed, -1, linearDamping=0.0, angularDamping=0.0, localInertiaDiagonal=body.inertia,
         activationState=kinds.ACTIVATION_STATE_DISABLE_SLEEPING, maxJointVelocity=_FASTEST, **own, **spring,
     )  # fmt: skip
-    if setting.name in (PLUGIN_E, PLUGIN_ALPHA):
-        e_of = setting.name == PLUGIN_E
-        law = ConstantRestitution(given["restitution"]) if e_of else Restitution(given["alpha"])
+    if (law := plugin_law(setting, given)) is not None:
         plugin.add(law, tossed, plane, client=bullet.client, speed=_SPEED)
     return tossed
 
