@@ -33,7 +33,7 @@ def known_failures() -> dict[str, dict[str, str]]:
 
 
 @dataclass(frozen=True, slots=True)
-class Score:
+class EngineScore:
     """What the results of one engine came to.
 
     verdicts: of `hcbench_cases.judge`. restitution: "obeyed"; "threshold", where it is obeyed above a speed;
@@ -64,7 +64,7 @@ class Score:
         return {name: getattr(self, name) for name in names}
 
 
-def score(results: Json, source: str = "results", only: Sequence[str] = ()) -> Score:
+def score(results: Json, source: str = "results", only: Sequence[str] = ()) -> EngineScore:
     """Judge the results of one engine, in all cases or in `only` these.
 
     Raises UserError, with source as the slot, for what is no results.
@@ -78,12 +78,12 @@ def score(results: Json, source: str = "results", only: Sequence[str] = ()) -> S
         verdicts = judge(results, cases)
         obeyed, threshold = _obedience(results["runs"], cases, verdicts)
         named = str(engine["name"]), str(engine["version"])
-        return Score(*named, tuple(verdicts), obeyed, threshold, float(results.get("cpu_s", 0.0)))
+        return EngineScore(*named, tuple(verdicts), obeyed, threshold, float(results.get("cpu_s", 0.0)))
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
         raise UserError(source, "not the results of an engine", "what hcbench_cases.py writes") from None
 
 
-def read_scores(path: Path) -> list[Score]:
+def read_scores(path: Path) -> list[EngineScore]:
     """Of a file of results: one object, or a list. Raises UserError."""
     try:
         content = parse_json(read_text(path))
@@ -125,9 +125,9 @@ def _restitutions(case: Json, results: Sequence[Json]) -> Iterator[tuple[float, 
             yield speed, each["world"]["restitution"], restitution(each, states["states"])
 
 
-def regressions(scores: Sequence[Score]) -> list[str]:
+def regressions(scores: Sequence[EngineScore]) -> list[str]:
     """A line for each case that passed in a version of an engine and fails in the next one given, or back."""
-    lines, last = [], dict[str, Score]()
+    lines, last = [], dict[str, EngineScore]()
     for now in scores:
         before = last.get(now.engine)
         last[now.engine] = now

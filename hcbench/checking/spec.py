@@ -26,7 +26,7 @@ from hcbench.laws.restitution import (
 from hcbench.measuring.landing import make_drops
 from hcbench.measuring.measure import LONGEST_LIMIT_S
 from hcbench.measuring.request import make_request
-from hcbench.sim.landing import Drops
+from hcbench.sim.landing import DropPlan
 from hcbench.sim.model_under_test import Request
 
 MAX_ERROR = 0.02
@@ -121,7 +121,7 @@ class Check:
     engine: str | None
     limit: float | None
     limits: tuple[Limit, ...] = ()
-    drops: Drops | None = None
+    drops: DropPlan | None = None
     trajectory: Path | None = None
 
     @property
@@ -167,7 +167,7 @@ def plan(spec: CheckSpec) -> Check:
     )
 
 
-def _limits(spec: CheckSpec) -> tuple[tuple[Limit, ...], Drops | None]:
+def _limits(spec: CheckSpec) -> tuple[tuple[Limit, ...], DropPlan | None]:
     """Limits on landings or on a recorded motion, and how to drop the robot for the former."""
     falls = {name: getattr(spec, name) for name in ("heights", "tilt", "controller")}
     given = {name: value for name, value in falls.items() if value is not None}

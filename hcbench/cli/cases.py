@@ -14,7 +14,7 @@ from hcbench.errors import LimitPassed, UserError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from hcbench.cases.score import Score
+    from hcbench.cases.score import EngineScore
 
 _SIGN = {"pass": "pass", "fail": "FAIL", "unsupported": "-", "error": "ERROR"}
 
@@ -85,7 +85,7 @@ def score_cases(results: tuple[Path, ...], markdown: bool, as_json: bool) -> Non
     _print([each for path in results for each in read_scores(path)], as_json, markdown)
 
 
-def _print(scores: Sequence[Score], as_json: bool, markdown: bool) -> None:
+def _print(scores: Sequence[EngineScore], as_json: bool, markdown: bool) -> None:
     from hcbench._text import table
     from hcbench.cases.score import regressions
 
@@ -124,14 +124,14 @@ def _read_known(path: Path) -> Mapping[str, Mapping[str, str]]:
         raise UserError("--expected", f"{path}: {error}", "a JSON file {engine: {case: reason}}") from None
 
 
-def _junit(scores: Sequence[Score], known: Mapping[str, Mapping[str, str]]) -> str:
+def _junit(scores: Sequence[EngineScore], known: Mapping[str, Mapping[str, str]]) -> str:
     from hcbench.cases.hcbench_cases import junit
 
     suites = [junit(list(each.verdicts), each.engine, dict(known.get(each.engine, {}))) for each in scores]
     return f"<testsuites>{''.join(suites)}</testsuites>\n"
 
 
-def _require_expected(scores: Sequence[Score], known: Mapping[str, Mapping[str, str]]) -> None:
+def _require_expected(scores: Sequence[EngineScore], known: Mapping[str, Mapping[str, str]]) -> None:
     from hcbench.cases.hcbench_cases import outcome
 
     for each in scores:

@@ -15,7 +15,7 @@ from hcbench.cli.outputs import PathType
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
-    from hcbench.reality.study import Request
+    from hcbench.reality.study import RealityRequest
 
 NAME = "reality"
 _OPTIONS = (
@@ -122,10 +122,10 @@ def report_reality(
             return build(run(request, pool, tick), folder)
 
 
-def _request(sets: str | None, data: Path | None, part: int | None, identify: bool) -> Request:
+def _request(sets: str | None, data: Path | None, part: int | None, identify: bool) -> RealityRequest:
     from hcbench.reality import sources
     from hcbench.reality.cells import SETS, require_sets
-    from hcbench.reality.study import Request
+    from hcbench.reality.study import RealityRequest
 
     chosen = require_sets(sets) if sets else list(SETS)
     folders = {name: sources.find(name, data) for name in chosen}
@@ -143,7 +143,7 @@ def _request(sets: str | None, data: Path | None, part: int | None, identify: bo
     if part == 4 and "cube" in chosen and folders["cube"] is None:
         raise UserError("--part", "4, which is not shipped", "--data with the folder of DAIRLab/contact-nets")
     known = [name for name in chosen if folders[name] is not None or not sources.missing(name)]
-    return Request(known, folders, part, identify)
+    return RealityRequest(known, folders, part, identify)
 
 
 def _numbers(option: str, text: str) -> list[float]:

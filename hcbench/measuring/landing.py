@@ -18,7 +18,7 @@ from hcbench.measuring.measurement import TOLERANCE
 from hcbench.measuring.python_file import is_python, python_function
 from hcbench.measuring.request import make_request
 from hcbench.sim.capabilities import LandsRobots
-from hcbench.sim.landing import WINDOW_S, Drops, Landing, Landings
+from hcbench.sim.landing import WINDOW_S, DropPlan, Landing, Landings
 
 HEIGHTS = "1:20:5 cm"
 _HIGHEST = 100.0  # m
@@ -63,7 +63,7 @@ def land(
     return land_job(job, make_drops(heights, tilt, controller), limit)
 
 
-def make_drops(heights: Quantities = HEIGHTS, tilt: Quantities = 0.0, controller: Any = "pd") -> Drops:
+def make_drops(heights: Quantities = HEIGHTS, tilt: Quantities = 0.0, controller: Any = "pd") -> DropPlan:
     """Drops from what a user writes. Raises QuantityError and UserError."""
     high = tuple(units.parse_values(heights, "length", "heights", above=0).tolist())
     if max(high) > _HIGHEST:
@@ -71,16 +71,16 @@ def make_drops(heights: Quantities = HEIGHTS, tilt: Quantities = 0.0, controller
     tilts = tuple(units.parse_values(tilt, "angle", "tilt").tolist())
     if not isinstance(controller, str) and not callable(controller):
         raise UserError("controller", f"{controller!r:.60}", "pd, ctrl, file.py:function, or a function")
-    return Drops(high, tilts, controller)
+    return DropPlan(high, tilts, controller)
 
 
-def land_job(job: Job, drops: Drops, limit: float | None = None) -> Landings:
+def land_job(job: Job, drops: DropPlan, limit: float | None = None) -> Landings:
     """The drops of one robot: of a file, in a worker, unless a function of this process controls it."""
     work = partial(_landed, drops)
     return work(job) if callable(drops.controller) else run_job(work, job, limit)
 
 
-def _landed(drops: Drops, job: Job) -> Landings:
+def _landed(drops: DropPlan, job: Job) -> Landings:
     engine, source, rebuild = source_of(job)
     if not isinstance(engine, LandsRobots):
         raise UserError("engine", engine.title, "an engine in which hcbench drops robots", "Give MJCF")

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from hcbench.impact import Floats
-from hcbench.reality.bounce import Bounces, after, launches
-from hcbench.reality.outcome import Outcome
+from hcbench.reality.bounce import MeasuredBounces, after, launches
+from hcbench.reality.outcome import SettingErrors
 from hcbench.sim.toss import Body, ContactSetting, TossModule
 
 TITLE = "alumina on glass"
@@ -47,21 +47,21 @@ def body() -> Body:
     return Body("sphere", (RADIUS,) * 3, MASS, (INERTIA,) * 3)
 
 
-def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> Bounces:
+def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> MeasuredBounces:
     """All throws, of the three figures one after the other."""
     angle = np.radians(np.concatenate([TANGENTIAL[:, 0], SPIN_AFTER[:, 0], REBOUND[:, 0]]))
     zero = np.zeros_like(angle)
     velocity = SPEED * np.stack([np.sin(angle), zero, -np.cos(angle)], axis=1)
     attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(angle), 1))
     nothing = np.full_like(velocity, np.nan)
-    return Bounces(
+    return MeasuredBounces(
         np.arange(len(angle), dtype=np.float64), attitude, velocity, np.zeros_like(velocity), nothing, nothing
     )
 
 
 def outcome(
-    module: TossModule, setting: ContactSetting, values: tuple[float, ...], bounces: Bounces
-) -> Outcome:
+    module: TossModule, setting: ContactSetting, values: tuple[float, ...], bounces: MeasuredBounces
+) -> SettingErrors:
     """Errors of the ratio of tangential speeds."""
     own = body()
     simulated = module.simulate(own, setting, values, TIMESTEP, launches(own, bounces, TIMESTEP, DURATION))
@@ -69,7 +69,7 @@ def outcome(
     return judged(bounces, later, spin)
 
 
-def rigid(bounces: Bounces, e: float, friction: float) -> Outcome:
+def rigid(bounces: MeasuredBounces, e: float, friction: float) -> SettingErrors:
     """Errors of a rigid ball with a constant e and Coulomb's friction."""
     push = -(1.0 + e) * bounces.velocity[:, 2]
     pull = np.minimum(friction * push, bounces.velocity[:, 0] * 2.0 / 7.0)
@@ -80,8 +80,8 @@ def rigid(bounces: Bounces, e: float, friction: float) -> Outcome:
     return judged(bounces, later, spin)
 
 
-def judged(bounces: Bounces, later: Floats, spin: Floats) -> Outcome:
+def judged(bounces: MeasuredBounces, later: Floats, spin: Floats) -> SettingErrors:
     """Of the first figure's throws alone."""
     n = len(TANGENTIAL)
     away = np.abs(later[:n, 0] / bounces.velocity[:n, 0] - TANGENTIAL[:, 1])
-    return Outcome(away, away)
+    return SettingErrors(away, away)

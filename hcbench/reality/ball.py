@@ -15,8 +15,8 @@ from scipy.optimize import least_squares
 from hcbench._files import read_bytes
 from hcbench.errors import UserError
 from hcbench.impact import Floats
-from hcbench.reality.bounce import Bounces, after, launches
-from hcbench.reality.outcome import Outcome
+from hcbench.reality.bounce import MeasuredBounces, after, launches
+from hcbench.reality.outcome import SettingErrors
 from hcbench.sim.toss import GRAVITY, Body, ContactSetting, TossModule
 
 TITLE = "table tennis"
@@ -43,7 +43,7 @@ def body() -> Body:
     return Body("sphere", (RADIUS,) * 3, MASS, (INERTIA,) * 3)
 
 
-def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> Bounces:
+def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> MeasuredBounces:
     """Bounces of parts of the data. UserError where the folder has not the archive."""
     if folder is None:
         raise UserError("--data", "not given", "the folder of cogsys-tuebingen/spindoe", "It has no licence")
@@ -51,7 +51,7 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
     return bounces.of(np.isin(np.arange(len(bounces)) % PARTS, parts))
 
 
-def read(path: Path) -> Bounces:
+def read(path: Path) -> MeasuredBounces:
     """All bounces that both sides are known of."""
     try:
         with zipfile.ZipFile(io.BytesIO(read_bytes(path))) as archive:
@@ -66,7 +66,7 @@ def read(path: Path) -> Bounces:
     good = good[(good[:, 10] < 0.04) & (out / speed > 0.3) & (out / speed < 1.2)]
     attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(good), 1))
     nothing = np.full((len(good), 3), np.nan)
-    return Bounces(good[:, 0], attitude, good[:, 4:7], good[:, 1:4], good[:, 7:10], nothing)
+    return MeasuredBounces(good[:, 0], attitude, good[:, 4:7], good[:, 1:4], good[:, 7:10], nothing)
 
 
 def _track(archive: zipfile.ZipFile, root: str, number: int) -> Floats:
@@ -136,8 +136,8 @@ def _arc(time: Floats, place: Floats, spin: Floats) -> tuple[Floats, float, floa
 
 
 def outcome(
-    module: TossModule, setting: ContactSetting, values: tuple[float, ...], bounces: Bounces
-) -> Outcome:
+    module: TossModule, setting: ContactSetting, values: tuple[float, ...], bounces: MeasuredBounces
+) -> SettingErrors:
     """Errors of the normal speed after, m/s."""
     own = body()
     simulated = module.simulate(own, setting, values, TIMESTEP, launches(own, bounces, TIMESTEP, DURATION))
@@ -145,7 +145,7 @@ def outcome(
     return _judged(bounces, later)
 
 
-def rigid(bounces: Bounces, e: float, friction: float) -> Outcome:
+def rigid(bounces: MeasuredBounces, e: float, friction: float) -> SettingErrors:
     """Errors of a rigid ball with a constant e and Coulomb's friction."""
     lever = np.cross(bounces.spin, [0.0, 0.0, -RADIUS])[:, :2]
     slip = bounces.velocity[:, :2] + lever
@@ -157,6 +157,6 @@ def rigid(bounces: Bounces, e: float, friction: float) -> Outcome:
     return _judged(bounces, later)
 
 
-def _judged(bounces: Bounces, later: Floats) -> Outcome:
+def _judged(bounces: MeasuredBounces, later: Floats) -> SettingErrors:
     away = np.abs(later - bounces.velocity_after)[:, 2]
-    return Outcome(away, away)
+    return SettingErrors(away, away)

@@ -15,7 +15,7 @@ _BACK = 1.5  # steps of flight before the touch, and up to one more by the phase
 
 
 @dataclass(frozen=True, slots=True)
-class Bounces:
+class MeasuredBounces:
     """Velocities (m/s) and spins (rad/s) at the touch, before and after, shape (n, 3), and attitudes (n, 4).
 
     What was not measured after is NaN. numbers: which of the data set, shape (n,).
@@ -31,15 +31,15 @@ class Bounces:
     def __len__(self) -> int:
         return len(self.numbers)
 
-    def of(self, keep: NDArray[np.bool_]) -> "Bounces":
+    def of(self, keep: NDArray[np.bool_]) -> "MeasuredBounces":
         """Those that a mask keeps."""
-        return Bounces(
+        return MeasuredBounces(
             self.numbers[keep], self.attitude[keep], self.velocity[keep], self.spin[keep],
             self.velocity_after[keep], self.spin_after[keep],
         )  # fmt: skip
 
 
-def launches(body: Body, bounces: Bounces, timestep: float, duration: float) -> list[Toss]:
+def launches(body: Body, bounces: MeasuredBounces, timestep: float, duration: float) -> list[Toss]:
     """Tosses that begin a step or two before the touch, each in another phase of the step."""
     phases = np.random.default_rng(0).random(len(bounces))
     tosses = []

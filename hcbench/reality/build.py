@@ -15,7 +15,7 @@ from hcbench.reality.evidence import good
 from hcbench.reality.impacts import COLUMNS, ImpactRead
 from hcbench.reality.page import page_text
 from hcbench.reality.poses import PAIRS, Own
-from hcbench.reality.study import Results
+from hcbench.reality.study import RealityResults
 from hcbench.reporting.page import PAGE
 
 IMPACTS, PARAMETERS = "impacts.csv", "parameters.json"
@@ -29,7 +29,7 @@ def build_own(own: Own, folder: Path) -> None:
         write_text(scratch / scores.FILE, scores.csv_text(score for score, _ in own.scores))
 
 
-def build(results: Results, folder: Path) -> Path:
+def build(results: RealityResults, folder: Path) -> Path:
     """Write the study into `folder` and return its page. All of it appears, or nothing.
 
     The same results give the same bytes. Raises OutputError where the folder cannot be written, or holds a

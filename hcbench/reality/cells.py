@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from hcbench.errors import UserError
 from hcbench.reality import alumina, ball, cube, ellipse
-from hcbench.reality.outcome import Outcome
+from hcbench.reality.outcome import SettingErrors
 from hcbench.sim import registry
 from hcbench.sim.remote import interpreter_of
 from hcbench.sim.toss import ContactSetting, engines
@@ -67,9 +67,9 @@ def _cases(data: str, parts: tuple[int, ...], folder: Path | None, variant: str)
     return SETS[data].cases(parts, folder, variant)
 
 
-def outcome_of(cell: Cell) -> Outcome:
+def outcome_of(cell: Cell) -> SettingErrors:
     """In a worker process."""
-    outcome: Outcome = SETS[cell.data].outcome(cell.module, cell.contact, cell.values, cell.cases)
+    outcome: SettingErrors = SETS[cell.data].outcome(cell.module, cell.contact, cell.values, cell.cases)
     return outcome
 
 

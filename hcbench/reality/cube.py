@@ -15,7 +15,7 @@ import numpy as np
 from hcbench.errors import UserError
 from hcbench.impact import Floats
 from hcbench.reality.motion import LEAST_FLIGHT, TIMESTEP, Motion, Tosses, motion
-from hcbench.reality.outcome import Outcome
+from hcbench.reality.outcome import SettingErrors
 from hcbench.reality.torch_file import read_tensor
 from hcbench.sim.toss import Body, ContactSetting, TossModule
 
@@ -89,7 +89,7 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
 
 def outcome(
     module: TossModule, setting: ContactSetting, values: tuple[float, ...], tosses: Tosses
-) -> Outcome:
+) -> SettingErrors:
     """Errors of an engine's setting."""
     return tosses.outcome(module, setting, values, TIMESTEP)
 

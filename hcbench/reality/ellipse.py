@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from hcbench.errors import UserError
 from hcbench.impact import Floats
-from hcbench.reality.bounce import Bounces, after, launches
+from hcbench.reality.bounce import MeasuredBounces, after, launches
 from hcbench.reality.motion import quaternions
-from hcbench.reality.outcome import Outcome
+from hcbench.reality.outcome import SettingErrors
 from hcbench.reality.search import least
 from hcbench.sim.toss import Body, ContactSetting, TossModule
 
@@ -35,7 +35,7 @@ LATE = 9.81 * 0.012  # m/s: what the copy's speed up after is lower by than the 
 
 
 @dataclass(frozen=True, slots=True)
-class Impacts:
+class EllipseImpacts:
     """Planar impacts: (x, z, spin) velocities before and after, attitude (rad), shapes (n, 3) and (n,).
 
     normal, tangent: rows of the contact's Jacobian, shape (n, 3), the tangent's lever turned.
@@ -48,16 +48,16 @@ class Impacts:
     tangent: Floats
     numbers: Floats
 
-    def of(self, parts: tuple[int, ...]) -> "Impacts":
+    def of(self, parts: tuple[int, ...]) -> "EllipseImpacts":
         """Those with number % 5 in `parts`."""
         keep = np.isin(self.numbers % 5, parts)
-        return Impacts(*(getattr(self, name)[keep] for name in self.__slots__))
+        return EllipseImpacts(*(getattr(self, name)[keep] for name in self.__slots__))
 
-    def as_published(self) -> "Impacts":
+    def as_published(self) -> "EllipseImpacts":
         """With the tangent's lever of the stored sign."""
         return replace(self, tangent=self.tangent * [1.0, 1.0, -1.0])
 
-    def as_original(self) -> "Impacts":
+    def as_original(self) -> "EllipseImpacts":
         """With the speed up after of the original data, 12 ms of gravity more than the copy's."""
         return replace(self, after=self.after + np.array([0.0, LATE, 0.0]))
 
@@ -67,7 +67,7 @@ def body() -> Body:
     return Body("ellipsoid", (LONG, THICK, SHORT), MASS, (INERTIA,) * 3)
 
 
-def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> Impacts:
+def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> EllipseImpacts:
     """Impacts of parts of the data, shipped or of a folder of the original repository."""
     if folder is None:
         with np.load(SHIPPED) as shipped:
@@ -77,7 +77,7 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
     before, later, angle, normal, tangent = np.split(rows, [3, 6, 7, 9], axis=1)
     of_normal = np.stack([np.zeros(len(rows)), np.ones(len(rows)), normal[:, 0]], axis=1)
     of_tangent = np.stack([np.ones(len(rows)), np.zeros(len(rows)), -tangent[:, 0]], axis=1)
-    impacts = Impacts(before, later, angle[:, 0], of_normal, of_tangent, normal[:, 1])
+    impacts = EllipseImpacts(before, later, angle[:, 0], of_normal, of_tangent, normal[:, 1])
     return impacts.of(parts)
 
 
@@ -107,33 +107,33 @@ def pack(folder: Path) -> None:
     np.savez_compressed(SHIPPED, rows=read(folder / FILE).astype(np.float32))
 
 
-def errors(impacts: Impacts, predicted: Floats) -> Floats:
+def errors(impacts: EllipseImpacts, predicted: Floats) -> Floats:
     """Distance of velocities, m/s, spins scaled by the radius of gyration, shape (n,)."""
     away: Floats = np.linalg.norm((predicted - impacts.after) * [1.0, 1.0, GYRATION], axis=1)
     return away
 
 
 def outcome(
-    module: TossModule, setting: ContactSetting, values: tuple[float, ...], impacts: Impacts
-) -> Outcome:
+    module: TossModule, setting: ContactSetting, values: tuple[float, ...], impacts: EllipseImpacts
+) -> SettingErrors:
     """Errors of an engine's setting."""
     own = body()
     zero = np.zeros(len(impacts.before))
     attitude = quaternions(Rotation.from_rotvec(np.stack([zero, impacts.angle, zero], axis=1)))
     velocity = np.stack([impacts.before[:, 0], zero, impacts.before[:, 1]], axis=1)
     spin = np.stack([zero, impacts.before[:, 2], zero], axis=1)
-    bounces = Bounces(impacts.numbers, attitude, velocity, spin, velocity, spin)
+    bounces = MeasuredBounces(impacts.numbers, attitude, velocity, spin, velocity, spin)
     tosses = launches(own, bounces, TIMESTEP, DURATION)
     simulated = module.simulate(own, setting, values, TIMESTEP, tosses)
     later, turned = after(own, simulated, TIMESTEP)
     away = errors(impacts, np.stack([later[:, 0], later[:, 2], turned[:, 1]], axis=1))
-    return Outcome(away, away)
+    return SettingErrors(away, away)
 
 
 _INVERSE = np.diag([1.0 / MASS, 1.0 / MASS, 1.0 / INERTIA])
 
 
-def coulomb(impacts: Impacts, e: float, friction: float) -> Floats:
+def coulomb(impacts: EllipseImpacts, e: float, friction: float) -> Floats:
     """Velocities after by a rigid law: Newton's e, and Coulomb's friction with the impulse's direction."""
     normal, tangent, before = impacts.normal, impacts.tangent, impacts.before
     inward = np.einsum("ij,ij->i", normal, before)
@@ -151,7 +151,7 @@ def coulomb(impacts: Impacts, e: float, friction: float) -> Floats:
     return moved
 
 
-def fit_coulomb(impacts: Impacts) -> tuple[float, float]:
+def fit_coulomb(impacts: EllipseImpacts) -> tuple[float, float]:
     """e and friction of `coulomb` that make the mean error least."""
 
     def mean(u: Floats) -> float:
@@ -161,7 +161,7 @@ def fit_coulomb(impacts: Impacts) -> tuple[float, float]:
     return float(e), abs(float(friction))
 
 
-def free_impulse(impacts: Impacts) -> Floats:
+def free_impulse(impacts: EllipseImpacts) -> Floats:
     """Errors of the best impulse at the contact that adds no energy: no rigid law is nearer."""
     scale = np.array([1.0, 1.0, GYRATION])
     mass = np.diag([MASS, MASS, INERTIA])

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from hcbench.reality.evidence import good, speeds_and_e
 from hcbench.reality.impacts import ImpactRead
-from hcbench.reality.scores import NO_ENGINE, Score
+from hcbench.reality.scores import NO_ENGINE, SettingScore
 from hcbench.reporting.plot_style import (
     BLUE,
     GREEN,
@@ -29,13 +29,13 @@ from hcbench.sim.toss import NOTHING
 _BINS = 6
 
 
-def name_of(score: Score) -> str:
+def name_of(score: SettingScore) -> str:
     """A setting as figures and tables call it."""
     words = score.setting if score.engine == NO_ENGINE else f"{engine_title(score.engine)}, {score.setting}"
     return f"{words}, {score.cone} cone" if score.cone else words
 
 
-def errors(scores: Sequence[Score], unit: str) -> Figure:
+def errors(scores: Sequence[SettingScore], unit: str) -> Figure:
     """One row for each setting, floors as lines."""
     settings = sorted((s for s in scores if s.engine != NO_ENGINE), key=lambda s: s.error, reverse=True)
     floors = [s for s in scores if s.engine == NO_ENGINE]

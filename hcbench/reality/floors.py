@@ -13,7 +13,7 @@ from hcbench.reality import ball, ellipse
 from hcbench.reality.cells import Cell
 from hcbench.reality.impacts import POSITION_NOISE, ROTATION_NOISE
 from hcbench.reality.motion import MOST_FLIGHT, Motion, Tosses, quaternions, rotation
-from hcbench.reality.outcome import Outcome
+from hcbench.reality.outcome import SettingErrors
 from hcbench.reality.search import least
 from hcbench.sim.toss import Toss
 
@@ -25,13 +25,13 @@ BEST_OF_EACH, NOISE = "floor: best e and friction of each toss", "floor: noise o
 FREE_IMPULSE, RIGID = "floor: free impulse", "rigid law"
 
 
-def of_friction(cell: Cell) -> Outcome:
+def of_friction(cell: Cell) -> SettingErrors:
     """The best e of each toss at the cell's friction, of every third toss; in a worker process."""
     tosses = replace(cell.cases, motions=cell.cases.motions[::EVERY])
     return best([tosses.outcome(cell.module, cell.contact, (e, *cell.values)) for e in RESTITUTIONS])
 
 
-def best(outcomes: list[Outcome]) -> Outcome:
+def best(outcomes: list[SettingErrors]) -> SettingErrors:
     """Of each toss, the one whose score is least."""
     pick = np.argmin([each.scores for each in outcomes], axis=0)
 
@@ -39,10 +39,10 @@ def best(outcomes: list[Outcome]) -> Outcome:
         values: Floats = np.choose(pick, [getattr(each, name) for each in outcomes])
         return values
 
-    return Outcome(chosen("errors"), chosen("scores"), chosen("rotations"))
+    return SettingErrors(chosen("errors"), chosen("scores"), chosen("rotations"))
 
 
-def of_noise(cell: Cell) -> Outcome:
+def of_noise(cell: Cell) -> SettingErrors:
     """A setting against itself, from starts as uncertain as the measured ones; in a worker process."""
     tosses: Tosses = cell.cases
     exact = tosses.simulated(cell.module, cell.contact, cell.values)
@@ -64,15 +64,15 @@ def _shaken(motion: Motion, noise: np.random.Generator) -> Motion:
     return replace(motion, start=Toss(place, quaternions(turn), velocity, spin, start.steps))
 
 
-def of_ellipse(training: Any, judged: Any) -> dict[str, Outcome]:
+def of_ellipse(training: Any, judged: Any) -> dict[str, SettingErrors]:
     """The nearest rigid law, of one e and friction for all, and the nearest impulse of each drop."""
     e, friction = ellipse.fit_coulomb(training)
     law = ellipse.errors(judged, ellipse.coulomb(judged, e, friction))
     nearest = ellipse.free_impulse(judged)
-    return {RIGID: Outcome(law, law), FREE_IMPULSE: Outcome(nearest, nearest)}
+    return {RIGID: SettingErrors(law, law), FREE_IMPULSE: SettingErrors(nearest, nearest)}
 
 
-def of_ball(training: Any, judged: Any) -> dict[str, Outcome]:
+def of_ball(training: Any, judged: Any) -> dict[str, SettingErrors]:
     """The nearest rigid law, of one e for all bounces."""
     friction = ball.FIXED["friction"]
 

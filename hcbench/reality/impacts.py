@@ -98,13 +98,13 @@ def _of_motion(body: Body, motion: Motion) -> Iterator[ImpactRead]:
         vertex = int(np.argmin(heights[touch]))
         first, until = max(start, end - MOST_BEFORE + 1), min(last, again + MOST_AFTER - 1)
         frames = np.r_[first : end + 1, again : until + 1]
-        fit = _Fit(body, corners, vertex, motion, frames, end + 1 - first)
+        fit = _ImpactFit(body, corners, vertex, motion, frames, end + 1 - first)
         impact = fit.impact(motion.number, order)
         if impact is not None:
             yield impact
 
 
-class _Fit:
+class _ImpactFit:
     """One impact: the frames of both flights, and the unknowns' base at the touch."""
 
     def __init__(

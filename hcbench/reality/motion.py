@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hcbench.impact import Floats
-from hcbench.reality.outcome import Outcome
+from hcbench.reality.outcome import SettingErrors
 from hcbench.sim.toss import GRAVITY, POSITION, QUATERNION, Body, ContactSetting, Toss, TossModule
 
 NEAR = 3e-3  # m: the flight before the first touch ends where the lowest point is this low
@@ -125,11 +125,11 @@ class Tosses:
 
     def outcome(
         self, module: TossModule, setting: ContactSetting, values: Sequence[float], timestep: float = TIMESTEP
-    ) -> Outcome:
+    ) -> SettingErrors:
         """Errors of an engine's setting: mean distances over a toss, in per cent of the body's width."""
         return self.judged(self.simulated(module, setting, values, timestep), timestep)
 
-    def judged(self, simulated: Sequence[Floats], timestep: float = TIMESTEP) -> Outcome:
+    def judged(self, simulated: Sequence[Floats], timestep: float = TIMESTEP) -> SettingErrors:
         """Errors of states from the measured starts."""
         width = 2.0 * float(np.mean(self.body.half_sizes))
         rows = [
@@ -139,7 +139,7 @@ class Tosses:
         distance, angle = np.array(rows).reshape(-1, 2).T
         corner = float(np.linalg.norm(self.body.half_sizes)) / width
         scores = np.minimum(distance / width, _WORST) + corner * np.minimum(angle, np.pi)
-        return Outcome(100.0 * distance / width, scores, angle)
+        return SettingErrors(100.0 * distance / width, scores, angle)
 
 
 def _away(measured: Motion, position: Floats, quaternion: Floats) -> tuple[float, float]:

@@ -6,7 +6,7 @@ from hcbench.impact import Floats
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class SettingErrors:
     """Errors in the set's unit, shape (n,); of tosses rotations (rad), and scores that combine both."""
 
     errors: Floats

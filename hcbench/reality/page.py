@@ -14,9 +14,9 @@ from hcbench.reality import cube, figures
 from hcbench.reality.cells import SETS
 from hcbench.reality.evidence import LATE, SIGN
 from hcbench.reality.figures import name_of
-from hcbench.reality.scores import NO_ENGINE, Score
+from hcbench.reality.scores import NO_ENGINE, SettingScore
 from hcbench.reality.sources import SOURCES
-from hcbench.reality.study import TWIN_ALPHA, TWIN_E, Results
+from hcbench.reality.study import TWIN_ALPHA, TWIN_E, RealityResults
 from hcbench.reporting import wording
 from hcbench.reporting.page import Drawing, draw, render, script
 from hcbench.reporting.wording import listed
@@ -39,7 +39,7 @@ _SWITCH_KEYS = {
 _NEAR = 1.5  # times the least error: an identified setting that is compared with the others
 
 
-def page_text(results: Results) -> str:
+def page_text(results: RealityResults) -> str:
     """The page as HTML text."""
     sets = [name for name in results.request.sets if any(s.set == name for s in results.scores)]
     drawn = {}
@@ -78,7 +78,7 @@ def page_text(results: Results) -> str:
     )
 
 
-def _toss(results: Results) -> dict[str, Any]:
+def _toss(results: RealityResults) -> dict[str, Any]:
     """What the script draws: poses of a toss, measured and simulated."""
     if not results.drawn:
         return {}
@@ -86,7 +86,9 @@ def _toss(results: Results) -> dict[str, Any]:
     return {"halfWidth": cube.HALF_WIDTH, "period": cube.PERIOD, "poses": poses}
 
 
-def _of(scores: Sequence[Score], data: str, setting: str, cone: str | None = None) -> list[Score]:
+def _of(
+    scores: Sequence[SettingScore], data: str, setting: str, cone: str | None = None
+) -> list[SettingScore]:
     return [
         s
         for s in scores
@@ -94,7 +96,7 @@ def _of(scores: Sequence[Score], data: str, setting: str, cone: str | None = Non
     ]
 
 
-def verdicts(results: Results) -> Iterator[str]:
+def verdicts(results: RealityResults) -> Iterator[str]:
     """What the data tell, and what they cannot, each with its numbers; only what holds in these results."""
     scores = results.scores
     for slow in _of(scores, "cube", FRICTION, "pyramidal"):
@@ -122,7 +124,7 @@ def verdicts(results: Results) -> Iterator[str]:
     yield from _slope_verdict(results)
 
 
-def _comparable(scores: Sequence[Score]) -> list[Score]:
+def _comparable(scores: Sequence[SettingScore]) -> list[SettingScore]:
     """Identified settings of the cube that are near the best."""
     tried = [
         s for s in scores
@@ -131,11 +133,11 @@ def _comparable(scores: Sequence[Score]) -> list[Score]:
     return [s for s in tried if s.error < _NEAR * min(t.error for t in tried)]
 
 
-def _with_interval(score: Score) -> str:
+def _with_interval(score: SettingScore) -> str:
     return f"{score.error:.1f} % ({score.error_low:.1f} to {score.error_high:.1f})"
 
 
-def _noise_verdict(scores: Sequence[Score]) -> Iterator[str]:
+def _noise_verdict(scores: Sequence[SettingScore]) -> Iterator[str]:
     floors = [s for s in scores if s.set == "cube" and s.engine == NO_ENGINE]
     near = _comparable(scores)
     if len(floors) == 2 and near:
@@ -146,7 +148,7 @@ def _noise_verdict(scores: Sequence[Score]) -> Iterator[str]:
         )
 
 
-def _slope_verdict(results: Results) -> Iterator[str]:
+def _slope_verdict(results: RealityResults) -> Iterator[str]:
     if results.slopes:
         names = [slope.of.partition(",")[0] for slope in results.slopes if "synthetic" not in slope.of]
         yield (
@@ -163,7 +165,7 @@ def _slope_verdict(results: Results) -> Iterator[str]:
             )
 
 
-def _elastic(scores: Sequence[Score]) -> list[tuple[str, list[Score]]]:
+def _elastic(scores: Sequence[SettingScore]) -> list[tuple[str, list[SettingScore]]]:
     """Scores of the elastic sets, by set."""
     wanted = (NOTHING, FRICTION, RESTITUTION, PLUGIN_E)
     rows = []
@@ -177,7 +179,7 @@ def _elastic(scores: Sequence[Score]) -> list[tuple[str, list[Score]]]:
     return rows
 
 
-def _cube_switches(results: Results) -> list[tuple[str, list[Score]]]:
+def _cube_switches(results: RealityResults) -> list[tuple[str, list[SettingScore]]]:
     """Scores with all corrections, then with parts of the data as published."""
     if not results.changed:
         return []

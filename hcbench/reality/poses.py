@@ -18,7 +18,7 @@ from hcbench.reality.cells import Cell, Tick, outcome_of, run_each, settings_of
 from hcbench.reality.identify import best_values, search
 from hcbench.reality.impacts import ImpactRead, read_impacts
 from hcbench.reality.motion import LEAST_FLIGHT, Tosses, motion
-from hcbench.reality.scores import Score, of_cell
+from hcbench.reality.scores import SettingScore, of_cell
 from hcbench.sim.toss import Body
 from hcbench.workers import WorkerPool
 
@@ -48,7 +48,7 @@ class Own:
 
     tosses: Tosses
     impacts: Sequence[ImpactRead]
-    scores: Sequence[tuple[Score, dict[str, float]]]
+    scores: Sequence[tuple[SettingScore, dict[str, float]]]
 
 
 def box(size: Sequence[float], mass: float, inertia: Sequence[float] = ()) -> Body:

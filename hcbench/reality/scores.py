@@ -12,14 +12,14 @@ import numpy as np
 
 from hcbench.reality.cells import SETS, Cell
 from hcbench.reality.motion import interval
-from hcbench.reality.outcome import Outcome
+from hcbench.reality.outcome import SettingErrors
 
 FILE = "scores.csv"
 NO_ENGINE = "none"  # of floors
 
 
 @dataclass(frozen=True, slots=True)
-class Score:
+class SettingScore:
     """A line: a mean error with its 95 % interval over n tosses or bounces.
 
     cone: of friction, where the engine has several. rotation_deg: mean angle, of tosses.
@@ -37,23 +37,25 @@ class Score:
     n: int
 
 
-def of_cell(cell: Cell, outcome: Outcome) -> Score:
+def of_cell(cell: Cell, outcome: SettingErrors) -> SettingScore:
     """Of an engine's setting."""
     return of_outcome(cell.data, cell.engine, cell.contact.name, cell.contact.cone, outcome)
 
 
-def of_outcome(data: str, engine: str, setting: str, cone: str, outcome: Outcome) -> Score:
+def of_outcome(data: str, engine: str, setting: str, cone: str, outcome: SettingErrors) -> SettingScore:
     """Of a setting or a floor."""
     low, high = interval(outcome.errors)
     turned = None if outcome.rotations is None else float(np.degrees(outcome.rotations.mean()))
     mean = float(outcome.errors.mean())
-    return Score(data, engine, setting, cone, mean, low, high, SETS[data].UNIT, turned, len(outcome.errors))
+    return SettingScore(
+        data, engine, setting, cone, mean, low, high, SETS[data].UNIT, turned, len(outcome.errors)
+    )
 
 
-def csv_text(scores: Iterable[Score]) -> str:
+def csv_text(scores: Iterable[SettingScore]) -> str:
     """The table."""
     text = io.StringIO()
-    writer = csv.DictWriter(text, [field.name for field in fields(Score)], lineterminator="\n")
+    writer = csv.DictWriter(text, [field.name for field in fields(SettingScore)], lineterminator="\n")
     writer.writeheader()
     for score in scores:
         row = asdict(score)

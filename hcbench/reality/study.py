@@ -26,7 +26,7 @@ from hcbench.reality.evidence import Slope, Switch
 from hcbench.reality.identify import Parameters, committed, identify, values_of
 from hcbench.reality.impacts import ImpactRead, read_impacts
 from hcbench.reality.motion import Tosses
-from hcbench.reality.scores import NO_ENGINE, Score, of_cell, of_outcome
+from hcbench.reality.scores import NO_ENGINE, SettingScore, of_cell, of_outcome
 from hcbench.sim.toss import FRICTION, PLUGIN_ALPHA, PLUGIN_E, ContactSetting
 from hcbench.workers import WorkerPool, call
 
@@ -36,7 +36,7 @@ _TWIN_EVERY = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class RealityRequest:
     """What to run. folders: of the original data. part: to judge; None: the validation parts."""
 
     sets: Sequence[str]
@@ -50,7 +50,7 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
-class Results:
+class RealityResults:
     """What the study found.
 
     changed: scores on a data set with parts of it left as published, by what is. impacts: read from the
@@ -58,10 +58,10 @@ class Results:
     ellipse's corrections. drawn: poses of one toss at its frames, measured and by setting.
     """
 
-    request: Request
+    request: RealityRequest
     parameters: Parameters
-    scores: Sequence[Score]
-    changed: Mapping[str, Sequence[Score]]
+    scores: Sequence[SettingScore]
+    changed: Mapping[str, Sequence[SettingScore]]
     impacts: Sequence[ImpactRead]
     twins: Mapping[str, Sequence[ImpactRead]]
     slopes: Sequence[Slope]
@@ -69,7 +69,7 @@ class Results:
     drawn: Mapping[str, Floats]
 
 
-def run(request: Request, pool: WorkerPool, tick: Tick | None = None) -> Results:
+def run(request: RealityRequest, pool: WorkerPool, tick: Tick | None = None) -> RealityResults:
     """All of it. EngineMissing where no engine that can simulate a toss is installed."""
     parameters = identify(pool, request.sets, request.folders, tick) if request.identify else committed()
     cells = [cell for data in request.sets for cell in _cells(request, parameters, data)]
@@ -80,7 +80,7 @@ def run(request: Request, pool: WorkerPool, tick: Tick | None = None) -> Results
     ]  # fmt: skip
     outcomes = run_each(pool, outcome_of, [*cells, *changed], tick)
     scores = [of_cell(cell, outcome) for cell, outcome in zip(cells, outcomes, strict=False)]
-    other: dict[str, list[Score]] = {}
+    other: dict[str, list[SettingScore]] = {}
     for cell, outcome in zip(changed, outcomes[len(cells) :], strict=True):
         other.setdefault(cell.variant, []).append(of_cell(cell, outcome))
     scores += [score for data in request.sets for score in _floors(request, parameters, pool, data)]
@@ -94,10 +94,10 @@ def run(request: Request, pool: WorkerPool, tick: Tick | None = None) -> Results
         switches = evidence.ellipse_switches(training, judged)
     if "ball" in request.sets:
         slopes.append(evidence.ball_slope(_both_parts(request, "ball")[1]))
-    return Results(request, parameters, scores, other, impacts, twins, slopes, switches, drawn)
+    return RealityResults(request, parameters, scores, other, impacts, twins, slopes, switches, drawn)
 
 
-def _both_parts(request: Request, data: str) -> tuple[Any, Any]:
+def _both_parts(request: RealityRequest, data: str) -> tuple[Any, Any]:
     """The training part of a data set, and what is judged."""
     folder = request.folders.get(data)
     return tuple(
@@ -128,7 +128,7 @@ def _poses(cell: Cell) -> tuple[Floats, Floats]:
     return measured, other
 
 
-def _cells(request: Request, parameters: Parameters, data: str) -> Iterator[Cell]:
+def _cells(request: RealityRequest, parameters: Parameters, data: str) -> Iterator[Cell]:
     for engine, setting in settings_of(data):
         values = values_of(parameters, data, request.cell(data, engine, setting))
         if values is not None:
@@ -152,7 +152,9 @@ def _exact(data: str) -> tuple[str, ContactSetting, ContactSetting] | None:
     return None
 
 
-def _floors(request: Request, parameters: Parameters, pool: WorkerPool, data: str) -> Iterator[Score]:
+def _floors(
+    request: RealityRequest, parameters: Parameters, pool: WorkerPool, data: str
+) -> Iterator[SettingScore]:
     outcomes: dict[str, Any] = {}
     if data == "cube" and (exact := _exact(data)):
         engine, constant, _ = exact
@@ -177,7 +179,7 @@ def _floors(request: Request, parameters: Parameters, pool: WorkerPool, data: st
 
 
 def _impacts(
-    request: Request, parameters: Parameters, pool: WorkerPool
+    request: RealityRequest, parameters: Parameters, pool: WorkerPool
 ) -> tuple[list[ImpactRead], dict[str, list[ImpactRead]]]:
     """Impacts of the tosses that are judged and those of the training part, and of their twins."""
     parts = (*SETS["cube"].TRAINING, *SETS["cube"].VALIDATION) if request.part is None else (request.part,)

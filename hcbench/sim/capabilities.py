@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from hcbench.laws.conventions import OneContact, Vocabulary
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.candidate_pairs import CandidatePair
-    from hcbench.sim.landing import Drops, Landings
+    from hcbench.sim.landing import DropPlan, Landings
     from hcbench.sim.model_under_test import ModelSetting, ModelUnderTest, Request
     from hcbench.sim.touchdowns import TrajectoryTouchdowns
 
@@ -143,7 +143,7 @@ class LandsRobots(OpensModels):
 
     @abstractmethod
     def land(
-        self, source: Any, request: Request, drops: Drops, rebuild: Callable[[], Any] | None = None
+        self, source: Any, request: Request, drops: DropPlan, rebuild: Callable[[], Any] | None = None
     ) -> Landings:
         """A robot in the pose of the request, dropped. Raises UserError where nothing can fall or be met."""
 

@@ -19,7 +19,7 @@ Controller = str | Callable[[Any, Any], Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Drops:
+class DropPlan:
     """How a robot is dropped.
 
     heights: of its lowest point over the floor at release, m. tilts: of its base about the world's y, rad.

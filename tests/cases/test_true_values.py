@@ -10,7 +10,7 @@ from ideal_engine import Engine
 
 from hcbench.cases.hcbench_cases import judge, run
 from hcbench.cases.make import FILE, text
-from hcbench.cases.score import Score, score, the_cases
+from hcbench.cases.score import EngineScore, score, the_cases
 
 CASES = the_cases()
 MEASURED = "C06"  # whose truth is a measurement: the other route is that of rigid bodies
@@ -42,7 +42,7 @@ def spoilt(ideal: dict[str, Any]) -> dict[str, Any]:
     return copy.deepcopy(ideal)
 
 
-def scored(results: dict[str, Any]) -> Score:
+def scored(results: dict[str, Any]) -> EngineScore:
     return score(results)
 
 

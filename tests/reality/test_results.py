@@ -14,20 +14,20 @@ from hcbench.errors import OutputError
 from hcbench.reality import floors
 from hcbench.reality.build import build
 from hcbench.reality.identify import smooth_least
-from hcbench.reality.outcome import Outcome
+from hcbench.reality.outcome import SettingErrors
 from hcbench.reality.page import page_text, verdicts
-from hcbench.reality.scores import NO_ENGINE, Score, csv_text
-from hcbench.reality.study import Request, Results
+from hcbench.reality.scores import NO_ENGINE, SettingScore, csv_text
+from hcbench.reality.study import RealityRequest, RealityResults
 
 COLUMNS = "set,engine,setting,cone,error,error_low,error_high,unit,rotation_deg,n"
-ELLIPTIC = Score("cube", "mujoco", "friction alone", "elliptic", 13.3, 12.4, 14.4, "%", 14.8, 341)
+ELLIPTIC = SettingScore("cube", "mujoco", "friction alone", "elliptic", 13.3, 12.4, 14.4, "%", 14.8, 341)
 PYRAMIDAL = replace(ELLIPTIC, cone="pyramidal", error=23.2, error_low=22.0, error_high=24.5)
 PLUGIN = replace(ELLIPTIC, setting="plug-in constant e", error=11.8, error_low=11.0, error_high=12.7)
 OTHER = replace(PLUGIN, engine="pybullet", cone="", error=12.2, error_low=11.4, error_high=13.1)
 
 
-def results(*scores: Score) -> Results:
-    return Results(Request(["cube"]), {}, scores, {}, [], {}, [], [], {})
+def results(*scores: SettingScore) -> RealityResults:
+    return RealityResults(RealityRequest(["cube"]), {}, scores, {}, [], {}, [], [], {})
 
 
 def test_the_table_has_the_columns_that_others_read() -> None:
@@ -62,15 +62,15 @@ def test_the_page_stands_alone(tmp_path: Path) -> None:
 def test_a_study_of_more_sets_is_not_replaced(tmp_path: Path) -> None:
     both = [ELLIPTIC, replace(ELLIPTIC, set="ellipse")]
     study = results(*both)
-    build(replace(study, request=Request(["cube", "ellipse"])), tmp_path / "study")
+    build(replace(study, request=RealityRequest(["cube", "ellipse"])), tmp_path / "study")
     with pytest.raises(OutputError, match="ellipse"):
         build(results(ELLIPTIC), tmp_path / "study")
 
 
 def test_the_best_of_each_toss_is_by_its_own_score() -> None:
     outcomes = [
-        Outcome(np.array([1.0, 9.0]), np.array([0.1, 0.9]), np.array([0.0, 0.0])),
-        Outcome(np.array([8.0, 2.0]), np.array([0.8, 0.2]), np.array([0.0, 0.0])),
+        SettingErrors(np.array([1.0, 9.0]), np.array([0.1, 0.9]), np.array([0.0, 0.0])),
+        SettingErrors(np.array([8.0, 2.0]), np.array([0.8, 0.2]), np.array([0.0, 0.0])),
     ]
     assert floors.best(outcomes).errors.tolist() == [1.0, 2.0]
 

@@ -12,7 +12,7 @@ import pytest
 from hcbench.reality import cube, ellipse
 from hcbench.reality.cells import Cell, outcome_of
 from hcbench.reality.identify import committed, search, smooth_least, values_of
-from hcbench.reality.outcome import Outcome
+from hcbench.reality.outcome import SettingErrors
 from hcbench.sim.toss import GRAVITY, POSITION, SPIN, VELOCITY, Body, Toss, engines
 
 WHOLE = pytest.mark.skipif("HCBENCH_REALITY" not in os.environ, reason="make test-reality: all tosses")
@@ -21,7 +21,7 @@ VALIDATION = cube.VALIDATION
 
 
 @cache
-def judged(data: str, engine: str, setting: str, parts: tuple[int, ...]) -> Outcome:
+def judged(data: str, engine: str, setting: str, parts: tuple[int, ...]) -> SettingErrors:
     """A setting with the committed parameters."""
     cell = Cell(data, engine, setting, (), parts)
     values = values_of(committed(), data, cell)

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
     from hcbench.setting import Pair, Setting
     from hcbench.sim.candidate_pairs import CandidatePair
-    from hcbench.sim.landing import Drops, Landings
+    from hcbench.sim.landing import DropPlan, Landings
     from hcbench.sim.model_under_test import ModelSetting, Request
     from hcbench.sim.passivity import Passivity
     from hcbench.sim.promise import Promise
@@ -205,7 +205,7 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         return model_settings(_one_file(source), requests, goal, version)
 
     def land(
-        self, source: Any, request: Request, drops: Drops, rebuild: Callable[[], Any] | None = None
+        self, source: Any, request: Request, drops: DropPlan, rebuild: Callable[[], Any] | None = None
     ) -> Landings:
         """A robot with a free joint over parts of the world."""
         from hcbench.engines.mujoco.model.landing import land

@@ -14,7 +14,7 @@ from hcbench.engines.mujoco.model.controllers import Drive, drive_of
 from hcbench.engines.mujoco.model.start_pose import start_pose
 from hcbench.errors import EngineFailed, UserError
 from hcbench.impact import Floats
-from hcbench.sim.landing import WINDOW_S, Drops, FootfallLog, Landing, Landings, take_off_speed
+from hcbench.sim.landing import WINDOW_S, DropPlan, FootfallLog, Landing, Landings, take_off_speed
 from hcbench.sim.model_under_test import Request
 
 _FARTHEST, _SCAN, _ROUNDS = (
@@ -25,7 +25,7 @@ _FARTHEST, _SCAN, _ROUNDS = (
 _FALL_SHARE, _SLACK_S = 1.5, 0.2  # of the time of a free fall, and more: how long a floor is waited for
 
 
-def land(model: Any, label: str, state: Any, request: Request, drops: Drops) -> Landings:
+def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) -> Landings:
     """Drop the robot of a model. Raises UserError where it has none, or nothing to land on."""
     with captured_warnings():
         start, name = start_pose(model, request, state)

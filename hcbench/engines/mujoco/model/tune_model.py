@@ -18,7 +18,7 @@ from hcbench.engines.mujoco.model.speed_shares import has_more_than_contacts
 from hcbench.engines.mujoco.model.standing import standing
 from hcbench.engines.mujoco.model.tune_rows import Load, row_choices
 from hcbench.engines.mujoco.model.under_test import MujocoModel
-from hcbench.engines.mujoco.model.write_pairs import Rows, TunedPair, mass_note, needed_impratio, written
+from hcbench.engines.mujoco.model.write_pairs import PairToTune, Rows, mass_note, needed_impratio, written
 from hcbench.engines.mujoco.model.written_model import included, label_of, own_text, spec_of, whole_text
 from hcbench.engines.mujoco.scene.promises import promise_lines
 from hcbench.errors import UserError
@@ -66,7 +66,7 @@ def model_settings(
 
 
 def _searched(
-    source: Any, pairs: Sequence[TunedPair], goal: RestitutionCurve, adhesive: bool
+    source: Any, pairs: Sequence[PairToTune], goal: RestitutionCurve, adhesive: bool
 ) -> dict[tuple[object, ...], Rows]:
     """Rows for each kind of pair, rows_of in the model one after the other."""
     plain, was = spec_of(source).compile(), standing([pair.opened[0] for pair in pairs])
@@ -75,7 +75,7 @@ def _searched(
         alike = [pair for pair in pairs if pair.like == like]
         spec = written(source, [(pair, rows_of[pair.like]) for pair in pairs]).spec
 
-        def set_rows(model: Any, rows: Rows, alike: Sequence[TunedPair] = alike, like: Any = like) -> None:
+        def set_rows(model: Any, rows: Rows, alike: Sequence[PairToTune] = alike, like: Any = like) -> None:
             tried = [(pair, rows if pair.like == like else rows_of[pair.like]) for pair in pairs]
             if (impratio := needed_impratio(plain, tried)) > 0.0:
                 model.opt.cone, model.opt.impratio = int(backend().mjtCone.mjCONE_ELLIPTIC), impratio
@@ -108,7 +108,7 @@ def _require_tunable(model: Any) -> None:
         )
 
 
-def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> TunedPair:
+def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> PairToTune:
     opened = tuple(MujocoModel(_as_asked(model.__copy__(), r), label, None, r) for r in requests)
     request, place = requests[0], opened[0].place
     first, second = place.contact.rows[0][2]
@@ -119,10 +119,10 @@ def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> TunedPair
     shapes = [(int(model.geom_type[g]), *model.geom_size[g].round(6).tolist()) for g in (first, second)]
     felt = (f"{place.effective_mass:.1e}", f"{place.gravity:.1e}", len(place.contact.rows))
     like = (*shapes, *felt, *contact["friction"], contact["condim"], place.contact.onset)
-    return TunedPair(tuple(requests), opened, tuple(_geom_pairs(model, request)), load, like)
+    return PairToTune(tuple(requests), opened, tuple(_geom_pairs(model, request)), load, like)
 
 
-def _setting(source: Any, label: str, name: str, pairs: Sequence[tuple[TunedPair, Rows]]) -> ModelSetting:
+def _setting(source: Any, label: str, name: str, pairs: Sequence[tuple[PairToTune, Rows]]) -> ModelSetting:
     made = written(source, pairs)
     notes = [*made.notes, *(note for pair, _ in pairs for note in mass_note(pair.place))]
     notes.append("friction, condim, margin, masses, step and integrator are as they were.")

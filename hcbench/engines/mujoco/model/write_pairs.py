@@ -31,7 +31,7 @@ Rows = tuple[ConstraintRow, ...]
 
 
 @dataclass(frozen=True)
-class TunedPair:
+class PairToTune:
     """A pair of the user's, and what its contact has to do.
 
     requests: its launches, one for each attitude. opened: the model under each. like: equal for pairs that
@@ -65,7 +65,7 @@ class Written(NamedTuple):
     own: bool
 
 
-def written(source: Any, pairs: Sequence[tuple[TunedPair, Rows]]) -> Written:
+def written(source: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> Written:
     """The model of a source with rows for its pairs."""
     spec, lines, notes = spec_of(source), list[str](), list[str]()
     model, geoms = spec.compile(), [geoms for pair, _ in pairs for geoms in pair.geoms]
@@ -86,7 +86,7 @@ def written(source: Any, pairs: Sequence[tuple[TunedPair, Rows]]) -> Written:
     return Written(spec, text, notes, names, own)
 
 
-def needed_impratio(model: Any, pairs: Sequence[tuple[TunedPair, Rows]]) -> float:
+def needed_impratio(model: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> float:
     """The impratio with which no pair drifts faster than in the model as it is; 0 where its own will do.
 
     A friction row holds a load by a slip of R_t/(A b), R_t = R_n/impratio, R_n/A = (1 - d)/d.
@@ -122,7 +122,7 @@ def mass_note(place: PairAtTouch) -> list[str]:
 
 
 def _write_rows(
-    spec: Any, model: Any, pair: TunedPair, geoms: tuple[int, int], names: tuple[str, str], rows: Rows
+    spec: Any, model: Any, pair: PairToTune, geoms: tuple[int, int], names: tuple[str, str], rows: Rows
 ) -> list[str]:
     """Set or add the <pair>s of two geoms, one for each row, the first with friction; their lines."""
     before, place = contact_in_force(model, *geoms), pair.place
