@@ -119,19 +119,7 @@ def impacts_of(
     counts = counts - np.where(ends == End.PARTED, reading.steps_after, 0)
     first, stops, deepest, hardest = _contact(states, counts)
     h = float(time[1] - time[0]) if len(time) > 1 else 0.0
-    each, after = np.arange(len(counts)), np.minimum(stops, counts - 1)
-    came, left = (tuple(states[:2, each, step]) for step in (first, after))
-    v_after = np.full(len(counts), np.nan)
-    if reading is SpeedReading.CROSSING:
-        deep = states[0] > 0.0
-        entered = np.where(deep.any(axis=1), np.minimum(first, deep.argmax(axis=1)), first)
-        v_in, v_out = (_crossing_speed(states[0], at, h) for at in (entered - 1, counts - 1))
-        v_in = np.where(entered < 2, came[1], v_in)  # released so near that no free step is known
-        v_after = np.where(ends == End.RESTED, 0.0, -left[1])
-    else:
-        v_in, v_out = reading.speeds(came, left, gravity * h, gravity)
-    pushed = ~(came[1] > 0.0) | ((ends == End.PARTED) & (left[1] > 0.0))
-    v_out[ends == End.RESTED] = 0.0
+    v_in, v_out, v_after, pushed = _speeds(states, counts, ends, first, stops, h, gravity, reading)
     time, impacts = time - time[:1], list[Impact]()
     parted, unfinished, rested = Status.PARTED, int(End.UNFINISHED), int(End.RESTED)
     columns = (first, stops, counts, ends, pushed, v_in, v_out, deepest, hardest, v_after)
@@ -159,6 +147,36 @@ def impacts_of(
                 impact.speed_after_force = freed
             impacts.append(impact)
     return impacts
+
+
+def _speeds(
+    states: Floats,
+    counts: NDArray[np.int64],
+    ends: NDArray[np.int64],
+    first: NDArray[np.int64],
+    stops: NDArray[np.int64],
+    h: float,
+    gravity: float,
+    reading: SpeedReading,
+) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
+    """Speeds in, out and after the contact's last force, m/s, and which launches were pushed in; (b,) each.
+
+    The speed after the force is NaN where the reading has no other than that out.
+    """
+    each, after = np.arange(len(counts)), np.minimum(stops, counts - 1)
+    came, left = (tuple(states[:2, each, step]) for step in (first, after))
+    v_after = np.full(len(counts), np.nan)
+    if reading is SpeedReading.CROSSING:
+        deep = states[0] > 0.0
+        entered = np.where(deep.any(axis=1), np.minimum(first, deep.argmax(axis=1)), first)
+        v_in, v_out = (_crossing_speed(states[0], at, h) for at in (entered - 1, counts - 1))
+        v_in = np.where(entered < 2, came[1], v_in)  # released so near that no free step is known
+        v_after = np.where(ends == End.RESTED, 0.0, -left[1])
+    else:
+        v_in, v_out = reading.speeds(came, left, gravity * h, gravity)
+    pushed = ~(came[1] > 0.0) | ((ends == End.PARTED) & (left[1] > 0.0))
+    v_out[ends == End.RESTED] = 0.0
+    return v_in, v_out, v_after, pushed
 
 
 def _contact(
