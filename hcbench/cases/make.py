@@ -17,8 +17,8 @@ Json = dict[str, Any]
 STEPS = (1 / 60, 1 / 240, 1 / 1000)
 GRAVITY = 9.81
 RADIUS = 0.05
-CLEAR = 2.0625  # steps of flight before the step of the touch: three states, from which the speed is read
-AFTER = 0.5  # s after the touch: time for a soft contact
+CLEAR = 2.0625  # steps of flight before the touch: the impact speed is read from three positions
+AFTER = 0.5  # s that a launch lasts: a soft contact has ended by then
 CLOSE = {"value": 0.02, "reason": "Two drops of one material differ by more"}
 FILE = Path(__file__).with_name("hcbench-cases-1.json")
 
@@ -67,7 +67,7 @@ def run(world: Json, steps: int, record: Sequence[Sequence[int]], **expected: An
 
 
 def launch(h: float, v: float, phase: float, e: float, **more: Any) -> Json:
-    """A ball that falls onto the floor; phase: of a step, at which it touches."""
+    """A ball without gravity that meets the floor at v. phase: share of a step before the touch."""
     start = ball((0, 0, RADIUS + (CLEAR + phase) * v * h), (0, 0, -v), **more.pop("body", {}))
     last = 3 + max(40, round(AFTER / h))
     return run(world(h, [start], e, **more), last, [(0, 2), (last - 2, last)], restitution=e)
@@ -93,7 +93,7 @@ def case(
 
 
 def fall(h: float, v: float, phase: float, e: float) -> Json:
-    """A ball that touches the floor at v under gravity; of Euler's steps, half a step of gravity more."""
+    """A ball under gravity that meets the floor at v, by the positions of semi-implicit Euler's steps."""
     time = (CLEAR + phase) * h
     gap = v * time - GRAVITY * time**2 / 2 + GRAVITY * h * time / 2
     start = ball((0, 0, RADIUS + gap), (0, 0, GRAVITY * time - v))

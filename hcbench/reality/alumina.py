@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from hcbench.impact import Floats
-from hcbench.reality.bounce import MeasuredBounces, after, launches
+from hcbench.reality.bounce import MeasuredBounces, bounced
 from hcbench.reality.outcome import SettingErrors
 from hcbench.sim.toss import Body, ContactSetting, TossModule
 
@@ -63,9 +63,7 @@ def outcome(
     module: TossModule, setting: ContactSetting, values: tuple[float, ...], bounces: MeasuredBounces
 ) -> SettingErrors:
     """Errors of the ratio of tangential speeds."""
-    own = body()
-    simulated = module.simulate(own, setting, values, TIMESTEP, launches(own, bounces, TIMESTEP, DURATION))
-    later, spin = after(own, simulated, TIMESTEP)
+    later, spin = bounced(module, setting, values, body(), bounces, TIMESTEP, DURATION)
     return judged(bounces, later, spin)
 
 

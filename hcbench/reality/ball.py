@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from hcbench._files import read_bytes
 from hcbench.errors import UserError
 from hcbench.impact import Floats
-from hcbench.reality.bounce import MeasuredBounces, after, launches
+from hcbench.reality.bounce import MeasuredBounces, bounced
 from hcbench.reality.outcome import SettingErrors
 from hcbench.sim.toss import GRAVITY, Body, ContactSetting, TossModule
 
@@ -139,9 +139,7 @@ def outcome(
     module: TossModule, setting: ContactSetting, values: tuple[float, ...], bounces: MeasuredBounces
 ) -> SettingErrors:
     """Errors of the normal speed after, m/s."""
-    own = body()
-    simulated = module.simulate(own, setting, values, TIMESTEP, launches(own, bounces, TIMESTEP, DURATION))
-    later, _ = after(own, simulated, TIMESTEP)
+    later, _ = bounced(module, setting, values, body(), bounces, TIMESTEP, DURATION)
     return _judged(bounces, later)
 
 

@@ -9,7 +9,17 @@ from scipy.spatial.transform import Rotation
 
 from hcbench.impact import Floats
 from hcbench.reality.motion import lowest, quaternions, rotation
-from hcbench.sim.toss import GRAVITY, POSITION, QUATERNION, SPIN, VELOCITY, Body, Toss
+from hcbench.sim.toss import (
+    GRAVITY,
+    POSITION,
+    QUATERNION,
+    SPIN,
+    VELOCITY,
+    Body,
+    ContactSetting,
+    Toss,
+    TossModule,
+)
 
 _BACK = 1.5  # steps of flight before the touch, and up to one more by the phase
 
@@ -39,7 +49,21 @@ class MeasuredBounces:
         )  # fmt: skip
 
 
-def launches(body: Body, bounces: MeasuredBounces, timestep: float, duration: float) -> list[Toss]:
+def bounced(
+    module: TossModule,
+    setting: ContactSetting,
+    values: Sequence[float],
+    body: Body,
+    bounces: MeasuredBounces,
+    timestep: float,
+    duration: float,
+) -> tuple[Floats, Floats]:
+    """Velocities (m/s) and spins (rad/s) with which an engine's bodies leave the plate, shape (n, 3) each."""
+    tosses = _launches(body, bounces, timestep, duration)
+    return _after(body, module.simulate(body, setting, values, timestep, tosses), timestep)
+
+
+def _launches(body: Body, bounces: MeasuredBounces, timestep: float, duration: float) -> list[Toss]:
     """Tosses that begin a step or two before the touch, each in another phase of the step."""
     phases = np.random.default_rng(0).random(len(bounces))
     tosses = []
@@ -54,7 +78,7 @@ def launches(body: Body, bounces: MeasuredBounces, timestep: float, duration: fl
     return tosses
 
 
-def after(body: Body, simulated: Sequence[Floats], timestep: float) -> tuple[Floats, Floats]:
+def _after(body: Body, simulated: Sequence[Floats], timestep: float) -> tuple[Floats, Floats]:
     """Velocities and spins where bodies leave the plate, shape (n, 3) each.
 
     One that has not left at the end has the velocity along the plate of the last step, and none upwards.

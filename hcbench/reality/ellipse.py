@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from hcbench.errors import UserError
 from hcbench.impact import Floats
-from hcbench.reality.bounce import MeasuredBounces, after, launches
+from hcbench.reality.bounce import MeasuredBounces, bounced
 from hcbench.reality.motion import quaternions
 from hcbench.reality.outcome import SettingErrors
 from hcbench.reality.search import least
@@ -117,15 +117,12 @@ def outcome(
     module: TossModule, setting: ContactSetting, values: tuple[float, ...], impacts: EllipseImpacts
 ) -> SettingErrors:
     """Errors of an engine's setting."""
-    own = body()
     zero = np.zeros(len(impacts.before))
     attitude = quaternions(Rotation.from_rotvec(np.stack([zero, impacts.angle, zero], axis=1)))
     velocity = np.stack([impacts.before[:, 0], zero, impacts.before[:, 1]], axis=1)
     spin = np.stack([zero, impacts.before[:, 2], zero], axis=1)
     bounces = MeasuredBounces(impacts.numbers, attitude, velocity, spin, velocity, spin)
-    tosses = launches(own, bounces, TIMESTEP, DURATION)
-    simulated = module.simulate(own, setting, values, TIMESTEP, tosses)
-    later, turned = after(own, simulated, TIMESTEP)
+    later, turned = bounced(module, setting, values, body(), bounces, TIMESTEP, DURATION)
     away = errors(impacts, np.stack([later[:, 0], later[:, 2], turned[:, 1]], axis=1))
     return SettingErrors(away, away)
 
