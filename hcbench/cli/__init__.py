@@ -31,7 +31,7 @@ from hcbench.cli.convert import convert
 from hcbench.cli.engines import engines, plugin
 from hcbench.cli.fit import fit
 from hcbench.cli.land import land
-from hcbench.cli.reference import reference
+from hcbench.cli.law import law
 from hcbench.cli.report import paper, report, sweep
 from hcbench.cli.tune import tune
 from hcbench.errors import LONGEST, HcbenchError, UserError
@@ -51,7 +51,7 @@ def app() -> None:
 
 
 COMMANDS = (
-    report, sweep, fit, tune, pairs, measure, land, check, paper, reference, convert, cases, engines, plugin
+    report, sweep, fit, tune, pairs, measure, land, check, paper, law, convert, cases, engines, plugin
 )  # fmt: skip
 for command in COMMANDS:
     command.params.append(beyond_bounds_option())

@@ -16,7 +16,7 @@ from hcbench.cli import run
 from hcbench.errors import OutputError
 
 HCBENCH = [sys.executable, "-c", "from hcbench.cli import main; main()"]
-REFERENCE = ["reference", "--alpha", "0.1", "--speed", "0.1"]
+LAW = ["law", "--alpha", "0.1", "--speed", "0.1"]
 STUDY = """scene = "steel-plane"
 alphas = 0.3
 speeds = 0.2
@@ -45,7 +45,7 @@ def in_a_shell(
 needs_full = pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
 
 
-COMMANDS = [REFERENCE, [*REFERENCE, "--json"], ["--help"], ["engines"]]
+COMMANDS = [LAW, [*LAW, "--json"], ["--help"], ["engines"]]
 UNWRITABLE = [
     (">&-", "closed"),
     (">&- 2>&- <&-", "closed"),
@@ -73,12 +73,12 @@ def test_output_that_cannot_be_written_is_one_line_and_exit_3(
 
 @pytest.mark.parametrize("redirection", ["2>&-", "<&-", "<&- 2>&-", "2>/dev/full"])
 def test_other_streams_may_be_closed(redirection: str) -> None:
-    assert in_a_shell(REFERENCE, redirection).returncode == 0
-    assert in_a_shell(["reference"], redirection).returncode == 2
+    assert in_a_shell(LAW, redirection).returncode == 0
+    assert in_a_shell(["law"], redirection).returncode == 2
 
 
 def test_a_reader_that_goes_away_is_no_failure() -> None:
-    many = ["reference", "--alpha", "0.1", "--speed", "1:2:3000", "--json"]
+    many = ["law", "--alpha", "0.1", "--speed", "1:2:3000", "--json"]
     with subprocess.Popen([*HCBENCH, *many], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None and process.stderr is not None
         process.stdout.readline()
@@ -326,10 +326,10 @@ TUNED = ["tune", *MEASURE[1:], "--alpha=0.3"]
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["reference", "--alpha=-0.1", "--speed=1"], "--alpha: -0.1; expected 0 s/m or more"),
-        ([*REFERENCE, "--stiffness=-1"], "--stiffness: -1; expected a value above 0"),
-        ([*REFERENCE, "--exponent=.5", "--stiffness=1"], "--exponent: 0.5; expected 1 ... 5"),
-        ([*REFERENCE, "--mass=-1"], "--mass: -1 kg; expected a value above 0"),
+        (["law", "--alpha=-0.1", "--speed=1"], "--alpha: -0.1; expected 0 s/m or more"),
+        ([*LAW, "--stiffness=-1"], "--stiffness: -1; expected a value above 0"),
+        ([*LAW, "--exponent=.5", "--stiffness=1"], "--exponent: 0.5; expected 1 ... 5"),
+        ([*LAW, "--mass=-1"], "--mass: -1 kg; expected a value above 0"),
         ([*TUNE, "--alpha=-1"], "--alpha: -1; expected 0 s/m or more"),
         ([*TUNE, "--alpha=1", "--stiffness=-1"], "--stiffness: -1; expected a value above 0"),
         ([*TUNE, "--restitution=2"], "--restitution: 2; expected 0 ... 1"),

@@ -62,7 +62,7 @@ def refused(capsys: pytest.CaptureFixture[str], arguments: list[str], cause: str
         (["tune", "mujoco", "--alpha", "1e20", "--timestep", "1e-3"], "0 ... 10000 s/m"),
         (["convert", "--alpha", "1e300", "--speed", "1"], "0 ... 10000 s/m"),
         (
-            ["reference", "--alpha", "1", "--speed", "1", "--stiffness", "1e300", "--mass", "1e-300"],
+            ["law", "--alpha", "1", "--speed", "1", "--stiffness", "1e300", "--mass", "1e-300"],
             "1e-12 ... 1e+09 kg",
         ),
     ],
@@ -149,8 +149,8 @@ def test_a_compiler_that_the_shell_could_not_read_is_named(monkeypatch: pytest.M
 def test_an_error_of_the_command_line_is_one_short_line_too(
     capsys: pytest.CaptureFixture[str], option: str
 ) -> None:
-    refused(capsys, ["reference", option], "No such option")
-    assert run(["reference", option]) == 2
+    refused(capsys, ["law", option], "No such option")
+    assert run(["law", option]) == 2
     assert "\x1b" not in capsys.readouterr().err
 
 
@@ -182,7 +182,7 @@ def test_the_ends_of_the_range_are_computed_without_a_warning() -> None:
     ends = ["1e-30", "1e30"]
     for alpha, speed, mass, stiffness in np.array(np.meshgrid(*[ends] * 4)).reshape(4, -1).T:
         options = ["--speed", speed, "--mass", mass, "--stiffness", stiffness]
-        assert run(["reference", "--alpha", alpha, *options]) in (0, 2)
+        assert run(["law", "--alpha", alpha, *options]) in (0, 2)
         assert run(["convert", "--alpha", alpha, "--speed", speed, "--timestep", mass]) in (0, 2)
 
 

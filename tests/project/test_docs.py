@@ -127,7 +127,7 @@ def test_the_commands_of_the_tutorial_do_what_it_says(
             words = shlex.split(line)[1:]
             assert run(words) == 0
             shown[words[0]] = capsys.readouterr().out
-    of_law = [float(line.split()[2]) for line in shown["reference"].splitlines()[1:4]]
+    of_law = [float(line.split()[2]) for line in shown["law"].splitlines()[1:4]]
     assert of_law == pytest.approx([0.971, 0.869, 0.768], abs=5e-4)
     (error,) = re.findall(r"largest error of e\s+(\S+) ", shown["tune"])
     assert float(error) == pytest.approx(0.03, abs=0.006)

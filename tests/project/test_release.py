@@ -32,7 +32,7 @@ timesteps = 1e-3
 """
 ENVIRONMENT = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "VIRTUAL_ENV"))}
 COMMANDS = [
-    'reference --alpha "0.008 s/in" --speed "4, 8, 12, 16 in/s"',
+    'law --alpha "0.008 s/in" --speed "4, 8, 12, 16 in/s"',
     "engines",
     'tune mujoco --alpha "0.008 s/in" --timestep 1e-3 --write-scene tuned.xml',
     'tune pybullet --alpha "0.008 s/in" --timestep 1e-3 --write-scene drop.py',

@@ -213,9 +213,9 @@ class Inputs:
         return [pair, "--phases=1", speeds, *more]
 
 
-def _reference(i: Inputs) -> list[str]:
+def _law(i: Inputs) -> list[str]:
     wanted = [f"--alpha={i.text('0.008 s/in')}", f"--speed={i.text('4, 8 in/s')}"]
-    return ["reference", *wanted, *i.some(mass="1 lb", stiffness="3.1e7 lbf/in^1.5", exponent="1.5")]
+    return ["law", *wanted, *i.some(mass="1 lb", stiffness="3.1e7 lbf/in^1.5", exponent="1.5")]
 
 
 def _convert(i: Inputs) -> list[str]:
@@ -327,7 +327,7 @@ def _study(i: Inputs) -> list[str]:
 
 
 _KINDS = {
-    _reference: 26,
+    _law: 26,
     _convert: 26,
     _fit: 24,
     _measure: 7,

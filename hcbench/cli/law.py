@@ -1,4 +1,4 @@
-"""hcbench reference: what the law says of an impact."""
+"""hcbench law: what the law says of an impact."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _several = partial(click.option, multiple=True, required=True)
     "--exponent", type=EXPONENT, default="1.5", show_default=True, help="n of F = k x^n, 1 or more."
 )
 @as_json
-def reference(
+def law(
     alpha: tuple[Floats, ...],
     speed: tuple[Floats, ...],
     mass: float,
