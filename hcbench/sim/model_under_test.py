@@ -146,7 +146,7 @@ class Facts:
         axis = max(range(3), key=lambda i: abs(self.normal[i]))
         side = ["from the side", "from the side", "from below" if self.normal[2] > 0 else "from above"][axis]
         way, point = (" ".join(f"{x + 0.0:.3g}" for x in vector) for vector in (self.normal, self.point))
-        return f"at {point} m; {self.pair[0]} comes {side}, along {way}"
+        return f"at {point} m; {self.pair[0]} approaches {side}, along {way}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -101,7 +101,7 @@ def test_the_page_stands_alone(tmp_path: Path) -> None:
     assert "solimp-mixing" not in page, "codes are for machines"
     assert "averages the solimp" in page
     assert f"They meet {measurement.facts.meeting}." in page
-    assert "ball comes from above, along 0 0 -1" in page
+    assert "ball approaches from above, along 0 0 -1" in page
     assert page == measurement_page(measure(BROKEN, "ball,plate", speeds=[0.5], wanted=0.9))
 
 

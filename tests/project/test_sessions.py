@@ -1,0 +1,54 @@
+"""Pages show what the commands print: every session is run again, in an empty folder with the examples."""
+
+from __future__ import annotations
+
+import os
+import re
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+from sessions import PAGES, ROOT, Shell, agrees, page_steps, prepare, rewritten
+
+WITH_SESSIONS = [page for page in PAGES if page_steps(page)]
+LOCKED = dict(re.findall(r"^(mujoco|pybullet)==([\d.]+)", (ROOT / "requirements-dev.txt").read_text(), re.M))
+
+
+def has_locked_engines() -> bool:
+    try:
+        return all(metadata.version(name) == version for name, version in LOCKED.items())
+    except metadata.PackageNotFoundError:
+        return False
+
+
+@pytest.mark.skipif(not has_locked_engines(), reason=f"pages show what {LOCKED} prints")
+@pytest.mark.parametrize("page", WITH_SESSIONS, ids=lambda p: str(p.relative_to(ROOT)))
+def test_a_page_shows_what_its_commands_print(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(prepare(page, tmp_path))
+    monkeypatch.setenv("HCBENCH_DATA", os.devnull)
+    shell, wrong = Shell(), []
+    for step in page_steps(page):
+        printed = shell.printed(step)
+        if not agrees(step.shown, printed):
+            wrong.append("\n".join([f"$ {step.command}", *rewritten(step.shown, printed)]))
+    assert not wrong, "\n\n".join(["`make sessions` writes:", *wrong])
+
+
+def test_lines_left_out_may_be_any() -> None:
+    printed = ["a 1", "b 2", "c 3", "d 4"]
+    assert agrees(("a 1", "b 2", "c 3", "d 4"), printed)
+    assert agrees(("a ...", "...", "d 4"), printed)
+    assert agrees(("...", "b 2", "...", "d ..."), printed)
+    assert agrees(("...", "c 3", "d 4"), printed)
+    assert not agrees(("a 1", "b 2"), printed)
+    assert not agrees(("a 1", "...", "c 3"), printed)
+    assert not agrees(("...", "c 3", "...", "b 2", "..."), printed)
+
+
+def test_a_session_is_written_again_with_the_same_lines_left_out() -> None:
+    printed = ["head 1.2.3", "a 0.11", "b", "c 0.33", "tail"]
+    assert rewritten((), printed) == ["head ...", "a 0.11", "b", "c 0.33", "tail"]
+    assert rewritten(("head 1...", "...", "c 0.30", "..."), printed) == ["head 1...", "...", "c 0.33", "..."]
+    assert rewritten(("...", "b", "...", "c 0.33", "tail"), printed) == ["...", "b", "c 0.33", "tail"]
