@@ -21,7 +21,7 @@ define NEW_ENVIRONMENT
 endef
 UV_INSTALL = $(@D)/bin/uv pip install --quiet --python $(@D)/bin/python
 
-.PHONY: report test test-pythons fuzz test-random docs sessions test-plugins test-answers answers test-lowest test-models test-reality test-engines bench check format lock clean
+.PHONY: report test test-pythons fuzz test-random docs sessions test-plugins test-answers answers test-lowest test-models test-reality test-engines bench site check format lock clean
 
 report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/
 	$(BIN)/hcbench report steel-1lb
@@ -76,6 +76,9 @@ docs: $(INSTALLED)  ## the documentation, into docs/_build/html
 
 sessions: $(INSTALLED)  ## the outputs that pages show, written again: the blocks of `$$ command` in README, examples and docs
 	PYTHONPATH=tests/support $(BIN)/python -m sessions
+
+site: docs  ## the documentation and the reports in one folder, site/, that any static host takes
+	$(BIN)/python docs/site_folder.py docs/_build/html site
 
 check: $(INSTALLED) docs
 	$(BIN)/ruff check .

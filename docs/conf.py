@@ -5,6 +5,10 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from docutils import nodes
+from sphinx import addnodes
+from sphinx.transforms import SphinxTransform
+
 from hcbench import __version__
 
 project, author, release = "hcbench", "The hcbench developers", __version__
@@ -36,6 +40,18 @@ def _plain_text(app: Any, what: str, name: str, obj: Any, options: Any, lines: l
         lines[i] = "".join(parts)
 
 
+class _ReportLinks(SphinxTransform):
+    """Links to pages of reports/ stay relative: the site's folder has them at the same place."""
+
+    default_priority = 500
+
+    def apply(self, **_: Any) -> None:
+        for node in list(self.document.findall(addnodes.download_reference)):
+            if "../reports/" in node["reftarget"]:
+                node.replace_self(nodes.reference("", "", *node.children, refuri=node["reftarget"]))
+
+
 def setup(app: Any) -> None:
     """Called by Sphinx."""
+    app.add_transform(_ReportLinks)
     app.connect("autodoc-process-docstring", _plain_text)
