@@ -285,6 +285,7 @@ def cause_lines(causes: tuple[Cause, ...], remedy: str) -> list[str]:
             if len(causes) > 1 and math.isfinite(cause.without):
                 tried += f", with all other fixes by {cause.without:.2g}"
             lines.append(f"  tried  {tried}")
+        lines.append(f"  more   docs/reference/causes.md#{cause.code}")
     if remedy:
         lines += ["", remedy]
     return lines
