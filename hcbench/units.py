@@ -80,8 +80,8 @@ _SIGN = re.compile(r"(?<![\^*(eE])[-+]")  # but of an exponent: Pint would add o
 _TOWER = re.compile(r"(\*\*|\^)[^*^/]*(\*\*|\^)|\d{4}")  # powers of powers: Pint would compute them
 
 
-# What one unit is in the SI unit of its kind: those that nearly everybody writes. Pint knows all others, and
-# takes half a second to import.
+# What one unit is in the SI unit of its kind, as Pint has it: those that nearly everybody writes. Pint knows
+# all others, and takes half a second to import.
 _USUAL = {
     "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "in/s": INCH},
     "s/m": {"s/m": 1.0, "s/in": 1.0 / INCH},
@@ -91,7 +91,12 @@ _USUAL = {
     "m/s^2": {"m/s^2": 1.0, "m/s²": 1.0},
     "rad": {"rad": 1.0, "deg": math.pi / 180},
     "rad/s": {"rad/s": 1.0},
-    "Hz": {"Hz": 1.0},
+    "Hz": {"Hz": 1.0, "kHz": 1e3},
+    "N": {"N": 1.0, "kN": 1e3, "lbf": POUND_FORCE},
+    "Pa": {"Pa": 1.0, "MPa": 1e6, "GPa": 1e9, "psi": PSI},
+    "N/m": {"N/m": 1.0},
+    "N/m^1.5": {"N/m^1.5": 1.0, "lbf/in^1.5": 1098.843494108755},
+    "N*s/m": {"N*s/m": 1.0},
 }
 
 

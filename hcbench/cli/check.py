@@ -53,9 +53,9 @@ def _spec(
     models: tuple[str, ...], python: str | None, options: dict[str, object], required: bool = False
 ) -> CheckSpec:
     """The check that the options describe."""
-    _begin(models, options["engine"])
     from hcbench.checking.spec import CheckSpec
 
+    _begin(models, options["engine"])
     if python is not None and models:
         raise UserError("--python", f"given with {' '.join(models)}", "one of the two")
     if python is None and not models and required:
@@ -64,7 +64,7 @@ def _spec(
 
 
 def _begin(models: tuple[str, ...], engine: object) -> None:
-    """Let a worker process import an engine while this process imports its own modules."""
+    """Let a worker process import an engine while this process plans."""
     first = Path(models[0] if models else "")
     if first.is_file() and first.suffix.lower() != ".toml" and "@" not in str(engine):
         from hcbench.workers import begin

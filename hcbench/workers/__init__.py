@@ -5,7 +5,8 @@ process of hcbench's own already says so by `mark_as_worker`, and what it `call`
 `WorkerPool` has several worker processes; what comes back does not depend on how many.
 
 A worker is a fresh interpreter, which does not run the user's main module again: scripts need no
-`if __name__ == "__main__"`. Functions and values cross by pickle, functions by their module's name.
+`if __name__ == "__main__"`. Those that a command begins are copies of its process, which import nothing
+again. Functions and values cross by pickle, functions by their module's name.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -18,13 +19,11 @@ from hcbench.workers.process import (
     Interpreter,
     Worker,
     WorkerDied,
-    environment,
-    in_worker,
-    mark_as_worker,
     use_own_worker,
     worker_of_thread,
 )
 from hcbench.workers.redirect import redirect_output
+from hcbench.workers.serve import environment, in_worker, mark_as_worker
 
 __all__ = [
     "Interpreter",
@@ -63,6 +62,8 @@ def begin(module: str, function: str, *args: Any) -> None:
     """Start the worker process that `call` will use, and let it call a function of a module first.
 
     For what takes a worker a while, such as to import an engine, and this process has other work meanwhile.
+    Only a process of hcbench's own may call it, such as a command: the worker is a copy of it where the
+    system can, and a user's process may hold what no copy should have.
     """
     if not in_worker():
         worker_of_thread().begin(module, function, *args)

@@ -11,6 +11,7 @@ from typing import Any
 from hcbench.errors import EngineFailed, HcbenchError, typed
 
 _PROTOCOL = 4  # the default of 3.11
+FirstCall = tuple[str, str, tuple[Any, ...]]  # a module, a function of it, arguments
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,9 @@
-"""One worker process as its parent sees it, and the main loop that it runs."""
+"""One worker process as its parent sees it."""
 
 from __future__ import annotations
 
 import atexit
 import os
-import pickle
 import signal
 import subprocess
 import sys
@@ -13,16 +12,18 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from importlib import import_module
 from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, TypeVar
 from weakref import WeakSet
 
 from hcbench.environments import ADD
 from hcbench.errors import CannotRun, EngineFailed, EngineMissing
 from hcbench.workers.clock import processor_seconds
-from hcbench.workers.message import CallEnd, pickled, portable
+from hcbench.workers.fork import AVAILABLE, Fork
+from hcbench.workers.message import CallEnd, FirstCall, pickled
+from hcbench.workers.serve import serve, serve_forked
 
 Result = TypeVar("Result")
 
@@ -48,33 +49,6 @@ class Interpreter:
     setup: str
 
 
-_is_worker = False
-_environment = ""  # the name of this process' Interpreter
-
-
-def mark_as_worker(environment: str = "") -> None:
-    """Declare this process to be hcbench's own: engines then run in it, in place.
-
-    environment: the name of the Interpreter that it was started in.
-    To be called first thing in a process. It ignores Ctrl-C from then on: a terminal sends that to every
-    process, and the parent decides what becomes of its workers.
-    """
-    global _is_worker, _environment
-    _is_worker, _environment = True, environment
-    with suppress(ValueError):  # not the main thread: then interrupts do not come here anyway
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def in_worker() -> bool:
-    """Whether this process is hcbench's own."""
-    return _is_worker
-
-
-def environment() -> str:
-    """The name of the environment that this worker process was started in; "" for the user's own."""
-    return _environment
-
-
 class Worker:
     """A worker process as seen from its parent. Started when first used, and again after a crash.
 
@@ -83,7 +57,7 @@ class Worker:
 
     def __init__(self, interpreter: Interpreter | None = None) -> None:
         self._interpreter, self._others = interpreter, dict[Interpreter, Worker]()
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: subprocess.Popen[bytes] | Fork | None = None
         self.reset_after_fork()
         _workers.add(self)
 
@@ -91,6 +65,7 @@ class Worker:
         """Begin again: in the child of a fork, the process is its parent's."""
         if self._process is not None:
             self._process.returncode = 0  # nothing to wait for here
+            self._pipe.close()
         self._process, self._is_up = None, False
         self._lock, self._closed = threading.Lock(), False
 
@@ -131,15 +106,26 @@ class Worker:
     def begin(self, module: str, function: str, *args: Any) -> None:
         """Start the process, unless there is one, and let it call a function of a module first.
 
+        It is a copy of this one, which imports nothing again, where the system can and no other thread runs.
         Nothing is waited for, and what the function raises is dropped.
         """
         with self._lock:
             if self._process is None and not self._closed:
                 self._start((module, function, args))
 
-    def _start(self, first: tuple[str, str, tuple[Any, ...]] | None = None) -> None:
+    def _start(self, first: FirstCall | None = None) -> None:
         self._kill()
         self._pipe, end = Pipe()
+        with end:
+            if first is not None and AVAILABLE and threading.active_count() == 1:
+                self._process = Fork(partial(serve_forked, end, first))
+            else:
+                self._process = self._spawn(end, first)
+        if self._closed:  # by another thread
+            raise CannotRun("worker", "is no longer needed", "")
+
+    def _spawn(self, end: Connection, first: FirstCall | None) -> subprocess.Popen[bytes]:
+        """A fresh interpreter that serves one end of a pipe."""
         path = [str(entry) for entry in sys.path]
         setup, command, name = f"import sys; sys.path[:] = {path!r}", [sys.executable], ""
         if self._interpreter is not None:
@@ -148,17 +134,14 @@ class Worker:
             name = self._interpreter.name
             if not Path(command[0]).exists():
                 raise EngineMissing(f"engine {name!r}", "its environment is gone", "", f"Try: {ADD} {name}")
-        code = f"{setup}\nfrom {__name__} import serve\nserve({end.fileno()}, {name!r}, {first!r})"
-        with end:
-            self._process = subprocess.Popen(
-                [*command, "-c", code],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                **_inherit(end.fileno()),
-            )
-        if self._closed:  # by another thread
-            raise CannotRun("worker", "is no longer needed", "")
+        code = f"{setup}\nfrom {serve.__module__} import serve\nserve({end.fileno()}, {name!r}, {first!r})"
+        return subprocess.Popen(
+            [*command, "-c", code],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            **_inherit(end.fileno()),
+        )
 
     def _receive(self, results: list[Any], limit: float | None) -> Exception | None:
         """Append what the worker sends to `results`, and return the error that ended it."""
@@ -228,35 +211,6 @@ def _working_directory() -> str:
         return os.getcwd()  # noqa: PTH109 - crosses as text
     except FileNotFoundError:
         return os.path.sep  # deleted under us
-
-
-def serve(
-    handle: int, environment: str = "", first: tuple[str, str, tuple[Any, ...]] | None = None
-) -> NoReturn:
-    """The main loop of a worker process: answers requests on a pipe until it closes.
-
-    first: a module, a function of it and arguments, called before any request; what it raises is dropped.
-    """
-    mark_as_worker(environment)
-    pipe = type(Pipe()[0])(handle)
-    error: Exception | None = None
-    with suppress(EOFError, OSError):  # the parent has gone
-        while True:
-            pipe.send_bytes(pickled(CallEnd(error)))
-            if first is not None:
-                (module, function, args), first = first, None
-                with suppress(Exception):
-                    getattr(import_module(module), function)(*args)
-            request = pipe.recv_bytes()
-            try:
-                folder, function, args = pickle.loads(request)
-                os.chdir(folder)  # the parent's: relative paths mean the same here
-                for result in function(*args):
-                    pipe.send_bytes(pickled(result))
-                error = None
-            except Exception as raised:
-                error = portable(raised)
-    os._exit(0)
 
 
 _workers: WeakSet[Worker] = WeakSet()  # of this process

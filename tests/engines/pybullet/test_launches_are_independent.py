@@ -8,6 +8,7 @@ import pytest
 
 from hcbench.measuring import Measurement, measure
 from hcbench.sim import in_child as forked
+from hcbench.workers import fork
 
 p = pytest.importorskip("pybullet")
 DATA = Path(pytest.importorskip("pybullet_data").getDataPath())
@@ -38,7 +39,7 @@ def test_a_launch_has_the_bits_of_one_in_a_fresh_world(files: tuple[str, str], g
 def test_a_live_world_is_left_as_it_was_and_every_launch_in_it_is_the_first(
     can_fork: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(forked, "AVAILABLE", can_fork and forked.AVAILABLE)
+    monkeypatch.setattr(fork, "AVAILABLE", can_fork and fork.AVAILABLE)
     client = p.connect(p.DIRECT)
     try:
         p.loadURDF(str(DATA / "plane.urdf"), physicsClientId=client)
@@ -57,7 +58,7 @@ def test_a_crash_in_a_copy_of_the_process_is_reported() -> None:
 
     from hcbench.errors import EngineFailed
 
-    if not forked.AVAILABLE:
+    if not fork.AVAILABLE:
         pytest.skip("this system does not fork")
     with pytest.raises(EngineFailed, match="SIGABRT"):
         forked.run_forked(os.abort)

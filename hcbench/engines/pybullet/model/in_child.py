@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.sim import in_child as forked
 from hcbench.sim.world import Record, Simulation
+from hcbench.workers import fork
 
 if TYPE_CHECKING:
     from hcbench.sim.world import Flags
@@ -23,7 +24,7 @@ _FAR = 1e4  # m: bodies so far apart have no contacts
 
 
 def _can_fork(bullet: BulletClient) -> bool:
-    return forked.AVAILABLE and bullet.getConnectionInfo()[_CONNECTION] == bullet.module.DIRECT
+    return fork.AVAILABLE and bullet.getConnectionInfo()[_CONNECTION] == bullet.module.DIRECT
 
 
 def run_aside(bullet: BulletClient, function: Callable[[], Answer]) -> Answer:

@@ -1,0 +1,72 @@
+"""Forked copies of this process, which end with it."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from typing import NoReturn
+
+AVAILABLE = sys.platform == "linux"  # elsewhere libraries that draw may not survive a fork
+_SET_PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
+_POLL_S = 1e-3
+
+
+class Fork:
+    """A copy of this process that runs a function and ends; waited for as subprocess.Popen's are.
+
+    returncode: as of Popen; None while the copy is not known to have ended.
+    """
+
+    def __init__(self, function: Callable[[], object]) -> None:
+        self.returncode: int | None = None
+        parent = os.getpid()
+        with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # other threads: of BLAS
+            self.pid = os.fork()
+        if not self.pid:
+            _run(parent, function)
+
+    def poll(self) -> int | None:
+        """The exit code, negative for a signal; None while the copy runs."""
+        return self._wait(os.WNOHANG)
+
+    def wait(self, timeout: float | None = None) -> int:
+        """The exit code, once there is one. Raises subprocess.TimeoutExpired after `timeout` s."""
+        end = None if timeout is None else time.monotonic() + timeout
+        while (code := self._wait(0 if end is None else os.WNOHANG)) is None:
+            if end is not None and time.monotonic() > end:
+                raise subprocess.TimeoutExpired("fork", timeout or 0.0)
+            time.sleep(_POLL_S)
+        return code
+
+    def kill(self) -> None:
+        """End the copy at once."""
+        if self.returncode is None:
+            with suppress(ProcessLookupError):
+                os.kill(self.pid, signal.SIGKILL)
+
+    def _wait(self, options: int) -> int | None:
+        if self.returncode is None and (ended := os.waitpid(self.pid, options))[0]:
+            self.returncode = os.waitstatus_to_exitcode(ended[1])
+        return self.returncode
+
+
+def _run(parent: int, function: Callable[[], object]) -> NoReturn:
+    """Run a function; only os._exit leaves, as this is a copy of its parent's program."""
+    try:
+        ctypes.CDLL(None).prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
+        gc.freeze()  # what is the parent's is not looked at again, so that both go on sharing its memory
+        for number in signal.valid_signals():
+            if callable(signal.getsignal(number)):  # the parent's own way to end
+                signal.signal(number, signal.SIG_DFL)
+        if os.getppid() == parent:
+            function()
+    finally:
+        os._exit(0)
