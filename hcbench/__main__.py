@@ -1,7 +1,10 @@
 """The command from its first instant on: until its modules are there, a signal ends it at once."""
 
 import _signal as signal  # type: ignore[import-not-found]  # built in: `signal` itself is read for a while
+import gc
 import os
+
+_GARBAGE = 100_000  # objects until Python looks for some: imports make many and leave none
 
 
 def _leave(number: int, frame: object) -> None:
@@ -15,6 +18,7 @@ def main() -> None:
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, _leave)
+    gc.set_threshold(_GARBAGE)
     from hcbench import cli
 
     cli.main()

@@ -35,7 +35,7 @@ class FileTable(BaseModel):
     unknown: what an error says of a key that the table does not have.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)  # few are used in a process
     unknown: ClassVar[tuple[str, str]] = ("unknown key", "one of")
 
 

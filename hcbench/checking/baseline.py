@@ -34,7 +34,7 @@ _Number = Annotated[StrictFloat, Field(allow_inf_nan=False)]
 class BaselineImpact(BaseModel):
     """One impact; restitution NaN where there was none, null in the file."""
 
-    model_config = ConfigDict(frozen=True)
+    model_config = ConfigDict(frozen=True, defer_build=True)
 
     speed_m_per_s: _Number = Field(gt=0, le=BOUNDS["speed"][1])
     phase: _Number = Field(ge=0, lt=1)
@@ -60,7 +60,7 @@ class BaselineImpact(BaseModel):
 class Baseline(BaseModel):
     """One check's measured bounce."""
 
-    model_config = ConfigDict(frozen=True)
+    model_config = ConfigDict(frozen=True, defer_build=True)
 
     engine: str
     version: str

@@ -67,9 +67,9 @@ def _begin(models: tuple[str, ...], engine: object) -> None:
     """Let a worker process import an engine while this process plans."""
     first = Path(models[0] if models else "")
     if first.is_file() and first.suffix.lower() != ".toml" and "@" not in str(engine):
-        from hcbench.workers import begin
+        from hcbench.measuring.measure import begin_measuring
 
-        begin("hcbench.measuring.measure", "prepare", models, engine)
+        begin_measuring(models, engine)
 
 
 @click.command()

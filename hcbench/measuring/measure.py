@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -30,7 +30,7 @@ from hcbench.sim.capabilities import OpensModels
 from hcbench.sim.engine import Engine
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request
 from hcbench.sim.remote import interpreter_of
-from hcbench.workers import WorkerDied, call
+from hcbench.workers import WorkerDied, begin, call
 
 Answer = TypeVar("Answer")
 
@@ -125,12 +125,19 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
         ) from None
 
 
-def prepare(models: Sequence[str], engine: str | None) -> None:
-    """Import what measuring these files takes: in a worker process, while its parent reads what is asked."""
-    opener = _engine_for(models[0] if len(models) == 1 else tuple(models), engine)
-    registry.submodule(opener.name, "model.under_test")
-    if opener.backend is not None:
-        opener.backend.module()
+def begin_measuring(models: Sequence[str], engine: Any) -> None:
+    """Let a worker process import what measuring these files takes, while its parent reads what is asked."""
+    with suppress(HcbenchError):  # it is raised again where the model is needed
+        opener = _engine_for(models[0] if len(models) == 1 else tuple(models), engine)
+        if interpreter_of(opener) is None:
+            begin(__name__, "prepare", opener.name)
+
+
+def prepare(name: str) -> None:
+    """Import what measuring in an engine takes."""
+    registry.submodule(name, "model.under_test")
+    if (backend := registry.adapter(name).backend) is not None:
+        backend.module()
 
 
 def _as_files(model: Any) -> str | tuple[str, ...] | None:
@@ -243,8 +250,9 @@ def _engine_for(source: Any, name: str | None) -> OpensModels:
         if registry.base_name(name) in registry.names() and _opens(opener := registry.engine(name)):
             return opener
         raise UserError("engine", repr(name), f"one of: {', '.join(engine.name for engine in _openers())}")
-    for engine in _openers():
-        if engine.accepts(source):
+    for each in registry.names():  # versions are read of those that open such a model only
+        adapter = registry.adapter(each)
+        if _opens(adapter) and adapter.accepts(source) and _opens(engine := registry.engine(each)):
             return engine
     if isinstance(source, str | Path):
         files = ", ".join(dict.fromkeys(suffix for engine in _openers() for suffix in engine.suffixes))

@@ -19,6 +19,7 @@ from hcbench.errors import CannotRun, EngineFailed, SettingError
 from hcbench.workers import (
     WorkerPool,
     call,
+    fork,
     in_worker,
     map_surviving_crashes,
     mark_as_worker,
@@ -288,3 +289,28 @@ def test_the_worker_ends_with_a_parent_that_was_killed() -> None:
         worker = int(script.stdout.readline())
         script.kill()
     assert _gone(worker)
+
+
+FORKED = """
+import contextlib, os, signal, sys
+sys.path.insert(0, {tests!r})
+import test_workers as tests
+from hcbench.errors import EngineFailed
+from hcbench.workers import begin, call
+signal.signal(signal.SIGTERM, lambda *_: None)
+tests.called_first.append(0)
+begin("test_workers", "remember", 1)
+print(call(tests.what_was_called_first, 0, limit=60), call(tests.process_id, limit=60) != os.getpid())
+os.kill(call(tests.process_id, limit=60), signal.SIGTERM)
+for _ in range(2):  # the first may find it dying
+    with contextlib.suppress(EngineFailed):
+        fresh = call(tests.what_was_called_first, 0, limit=60)
+print(fresh)
+"""
+
+
+@pytest.mark.skipif(not fork.AVAILABLE, reason="this system has no safe fork")
+def test_a_worker_that_is_begun_has_what_its_parent_imported_and_ends_by_its_own_signals() -> None:
+    code = FORKED.format(tests=os.path.dirname(__file__))  # noqa: PTH120
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.splitlines() == ["[0, 1] True", "[]"]

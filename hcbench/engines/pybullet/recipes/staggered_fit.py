@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.optimize import least_squares, nnls
 
 from hcbench.laws import closed_form
 from hcbench.recipes.constant import minimax_constant
@@ -151,6 +150,8 @@ class _Loops:
 
     def first_guess(self, onset: Floats, step: float) -> Contacts:
         """A linear fit, again and again without the contacts that would pull; none is 0. step: s."""
+        from scipy.optimize import nnls  # slow to import, and who lists recipes needs none of it
+
         depth = np.maximum(0.0, self.x[:, None] - onset)
         rate = np.where(depth > 0, self.v[:, None], 0.0)
         pushes = depth > 0
@@ -206,6 +207,7 @@ class _Misfit:
 
     def fitted(self, parameters: Floats, record: Callable[[Floats, Floats], None]) -> Floats:
         """Better ones by least squares; `record` is shown parameters, (1, n), and the largest error of e."""
+        from scipy.optimize import least_squares
 
         def residuals(parameters: Floats, power: int) -> Floats:
             residuals = self.residuals(parameters[None], power)

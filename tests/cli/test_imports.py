@@ -1,0 +1,39 @@
+"""What a command imports, which is most of what a small one takes: nothing that it does not use."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+SLOW = {"pint", "pydantic", "scipy.optimize", "scipy.special", "pandas", "matplotlib", "pyarrow", "mujoco"}
+MODEL = "scenes/steel-plane/scene.xml"
+
+RUN = """
+import contextlib, io, json, sys
+from hcbench.cli import run
+from hcbench.workers import mark_as_worker
+mark_as_worker()  # what its worker process imports, too
+with contextlib.redirect_stdout(io.StringIO()):
+    code = run(sys.argv[1:])
+print(json.dumps([code, list(sys.modules)]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "uses"),
+    [
+        (["reference", "--alpha", "0.008 s/in", "--speed", "8 in/s"], set()),
+        (["convert", "--alpha", "0.008 s/in"], {"pydantic"}),
+        (["engines"], {"pydantic"}),
+        (["measure", MODEL, "--pair", "ball,plate", "--speeds", "0.3 m/s"], {"pydantic", "mujoco"}),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else "",
+)
+def test_a_command_imports_what_it_uses(words: list[str], uses: set[str]) -> None:
+    ran = subprocess.run([sys.executable, "-c", RUN, *words], capture_output=True, text=True, check=True)
+    code, modules = json.loads(ran.stdout)
+    assert code == 0
+    assert SLOW & set(modules) == uses
