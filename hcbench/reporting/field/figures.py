@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.reporting.field.view import PLUGIN
 from hcbench.reporting.page import Drawing
 from hcbench.reporting.plot_style import (
     BLUE,
@@ -18,14 +19,11 @@ from hcbench.reporting.plot_style import (
     INK,
     LAW,
     LIMIT,
-    draw_band,
     draw_loop,
     legend_below,
     log_axis,
     new_figure,
-    speed_axis,
 )
-from hcbench.reporting.wording import time
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -53,9 +51,6 @@ def drawings(view: FieldView) -> list[Drawing]:
             "field-steps", partial(steps_figure, view), "Error of e over the time step, a panel an engine."
         ),
         Drawing(
-            "field-curves", partial(curves_figure, view), "Restitution over impact speed, a panel an engine."
-        ),
-        Drawing(
             "field-loops",
             None if none else partial(loops_figure, view),
             "Force over penetration, a panel an engine.",
@@ -70,7 +65,7 @@ def steps_figure(view: FieldView) -> Figure:
     kinds: list[tuple[Callable[[str, float, float], Case | None], dict[str, Any]]] = [
         (view.stock, _STOCK),
         (view.best, _BEST),
-        (lambda engine, g, h: view.best(engine, g, h, native=False), _PLUGIN),
+        (lambda engine, g, h: view.best(engine, g, h, PLUGIN), _PLUGIN),
     ]
     for engine, axes in panels:
         axes.plot(view.steps, [view.constant_error(h) for h in view.steps], **_CONSTANT)
@@ -95,37 +90,6 @@ def steps_figure(view: FieldView) -> Figure:
         Line2D([], [], label="best constant e", **_CONSTANT),
     ]
     legend_below(figure, legend)
-    return figure
-
-
-def curves_figure(view: FieldView) -> Figure:
-    """e over v without gravity: nothing set and the best setting, at the finest step and at about 1 ms."""
-    figure, panels = _panels(view, view.engines)
-    fine, coarse = view.steps[0], min(view.steps, key=lambda h: abs(math.log(h / 1e-3)))
-    law_speeds = np.linspace(0.0, float(max(view.speeds(h)[-1] for h in (fine, coarse))), 121)
-    for engine, axes in panels:
-        axes.plot(law_speeds, closed_form.restitution(view.alpha, law_speeds), **_LAW)
-        for pick, style in ((view.stock, _STOCK), (view.best, _BEST)):
-            for step in (fine, coarse):
-                case = pick(engine, view.gravities[0], step)
-                curve = None if case is None else view.curve(case)
-                if curve is not None and len(curve):
-                    speed, low, middle, high = curve[["speed", "low", "middle", "high"]].to_numpy(float).T
-                    draw_band(axes, speed, low, high, style["color"])
-                    line = {"linewidth": 1.3, **style, **(_HEAVY if step == coarse else {})}
-                    axes.plot(speed, middle, **line)
-        axes.set_ylim(-0.05, 1.12)
-        speed_axis(axes, label=False, inches=False)
-    _label(panels, "impact speed v, m/s", "restitution e")
-    legend_below(
-        figure,
-        [
-            Line2D([], [], label="the law", **_LAW),
-            Line2D([], [], label="nothing set", **_STOCK),
-            Line2D([], [], label=f"best setting of its own at {time(fine)}", **_BEST),
-            Line2D([], [], label=f"the same at {time(coarse)}", **{**_BEST, **_HEAVY}),
-        ],
-    )
     return figure
 
 

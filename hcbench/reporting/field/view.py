@@ -21,7 +21,8 @@ from hcbench.sim import registry
 from hcbench.sim.passivity import MOST_E
 
 _KEY = ["engine", "setting", "gravity_m_per_s2", "timestep_s"]
-_LAW_ROLES = (Role.LAW, Role.LAW_AND_LOOP)
+CONSTANT, SETTINGS, PLUGIN, STOCK = "constant", "settings", "plugin", "stock"  # kinds of settings
+OWN = (CONSTANT, SETTINGS)  # those of the engine's own contact
 NO_BOUNCE = 0.05  # of e: below it at every speed an engine counts as one that does not bounce
 
 
@@ -115,18 +116,26 @@ class FieldView:
         """What made the setting; None where this hcbench has no such recipe."""
         return registry.recipes(registry.base_name(case.engine)).get(case.setting)
 
-    def cases(self, engine: str, gravity: float, timestep: float, native: bool = True) -> list[Case]:
-        """An engine's settings at a step, in the study's order: its own contact's, or those of plug-ins."""
-        cases = [c for c in self.scores if (c.engine, c.gravity, c.timestep) == (engine, gravity, timestep)]
-        made = [(case, self.recipe(case)) for case in cases if case.setting != "stock"]
-        return [case for case, recipe in made if recipe is not None and recipe.native == native]
+    def kind(self, case: Case) -> str:
+        """STOCK; CONSTANT, one e for all speeds; SETTINGS, whose e falls with speed; or PLUGIN. "" where this
+        hcbench has no such recipe.
+        """
+        recipe = self.recipe(case)
+        if recipe is None or not recipe.native:
+            return PLUGIN if recipe else ""
+        return {Role.STOCK: STOCK, Role.CONSTANT_E: CONSTANT}.get(recipe.role, SETTINGS)
 
-    def best(self, engine: str, gravity: float, timestep: float, native: bool = True) -> Case | None:
+    def cases(self, engine: str, gravity: float, timestep: float, *kinds: str) -> list[Case]:
+        """An engine's settings of some kinds at a step, OWN where none is named, in the study's order."""
+        here = (engine, gravity, timestep)
+        return [c for c in self.scores if (c.engine, *c[2:]) == here and self.kind(c) in (kinds or OWN)]
+
+    def best(self, engine: str, gravity: float, timestep: float, *kinds: str) -> Case | None:
         """The setting nearest to the law that loses no impact and gains no energy; None for none.
 
         One that bounces over the whole band is before any that stays down somewhere.
         """
-        cases = [c for c in self.cases(engine, gravity, timestep, native) if math.isfinite(self.error(c))]
+        cases = [c for c in self.cases(engine, gravity, timestep, *kinds) if math.isfinite(self.error(c))]
         return min(cases, key=lambda case: (self.stays_down(case) > 0.0, self.error(case)), default=None)
 
     def stock(self, engine: str, gravity: float, timestep: float) -> Case | None:
@@ -156,16 +165,6 @@ class FieldView:
         """In how many launches energy never grew, of a case that gains none."""
         choice = self.choice(case)
         return len(self.impacts[case]) if choice is None else int(choice["scenes"])
-
-    def not_run(self, engine: str, gravity: float, timestep: float) -> tuple[str, ...]:
-        """Settings whose e falls with speed that an engine ran elsewhere, and not here, as phrases."""
-        here = {case.setting for case in self.cases(engine, gravity, timestep)}
-        falls = [
-            case.setting
-            for case in self.scores
-            if case.engine == engine and (recipe := self.recipe(case)) and recipe.role is Role.FALLING_E
-        ]
-        return tuple(f"{name} (not run at this step)" for name in dict.fromkeys(falls) if name not in here)
 
     def off(self, case: Case) -> float:
         """Largest |e - e of the law| of the impacts that bounced, as `tune` says it where it does; NaN for
@@ -220,8 +219,3 @@ class FieldView:
 
     def _of_alpha(self, table: pd.DataFrame) -> pd.DataFrame:
         return table[np.isclose(table["alpha_s_per_m"].astype(float), self.alpha, rtol=1e-9)]
-
-
-def has_law(recipe: Recipe | None) -> bool:
-    """Whether it should follow the law."""
-    return recipe is not None and recipe.role in _LAW_ROLES

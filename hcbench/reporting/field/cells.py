@@ -1,0 +1,183 @@
+"""The matrix: what each engine does under each condition at a step, a number and a word a cell."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hcbench.reporting.field.features import energy_note
+from hcbench.reporting.field.view import CONSTANT, OWN, PLUGIN, SETTINGS, STOCK, Case
+from hcbench.reporting.ranking import LOOP_NEAR
+from hcbench.reporting.wording import NBSP, listed, number, percent, span
+from hcbench.sim import registry
+from hcbench.sim.capabilities import OpensModels
+
+if TYPE_CHECKING:
+    from hcbench.reporting.field.view import FieldView
+
+COLUMNS = {
+    STOCK: "nothing set",
+    CONSTANT: "one e",
+    SETTINGS: "settings",
+    PLUGIN: "plug-in",
+    "energy": "energy",
+    "slow": "slow impacts",
+    "loop": "force loop",
+    "files": "files it reads",
+    "version": "version",
+}
+# What a colour means, in the legend.
+GRADES = {
+    "good": ("✓", "follows the law: the error of e is below a tenth of the best constant e's"),
+    "even": ("≈", "about as wrong as the best constant e, or less"),
+    "bad": ("✗", "more wrong than the best constant e"),
+    "none": ("", "no number: “–” hcbench has no such setting for the engine; “not run” at this step"),
+}
+_SEEN = 0.005  # of e: less is no bounce to anybody who looks
+_ELSEWHERE = "hcbench has such a setting; this study ran it at other steps only."
+_NO_SETTING = "hcbench has no such setting for this engine."
+_LOST = {"diverged": "loses the ball", "no-touch": "no contact", "crashed": "crashes"}
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """text, and what stands below it. grade: of GRADES. order: to sort by; None is last. case: what it is of.
+
+    note: a sentence for who clicks it.
+    """
+
+    text: str
+    below: str = ""
+    grade: str = "none"
+    order: float | None = None
+    case: Case | None = None
+    note: str = ""
+
+
+def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str, Cell]]:
+    """By engine, those that ran so, the nearest to the law by its own settings first: cells by column."""
+    made = {
+        engine: _row(view, engine, gravity, timestep)
+        for engine in view.engines
+        if view.cases(engine, gravity, timestep, *OWN, PLUGIN, STOCK)
+    }
+
+    def order(engine: str) -> list[float]:
+        orders = [made[engine][name].order for name in (SETTINGS, CONSTANT, PLUGIN)]
+        return [math.inf if value is None else value for value in orders]
+
+    return {engine: made[engine] for engine in sorted(made, key=order)}
+
+
+def _row(view: FieldView, engine: str, gravity: float, timestep: float) -> dict[str, Cell]:
+    here = (engine, gravity, timestep)
+    own, plugin = view.best(*here), view.best(*here, PLUGIN)
+    return {
+        STOCK: _stock(view, view.stock(*here), view.stock(engine, view.gravities[0], timestep)),
+        **{kind: _error(view, here, kind) for kind in (*OWN, PLUGIN)},
+        "energy": _energy(view, engine, view.cases(*here, STOCK, *OWN, PLUGIN)),
+        "slow": _slow(view, own, plugin),
+        "loop": _loop(view, own or plugin),
+        "files": _files(engine),
+        "version": Cell(view.results.versions.get(engine, "–"), note="The version that this run measured."),
+    }
+
+
+def _stock(view: FieldView, here: Case | None, without_gravity: Case | None) -> Cell:
+    """Its e; without gravity where it did not run under gravity."""
+    case = here or without_gravity
+    if case is None:
+        return Cell("not run", note=_ELSEWHERE)
+    below = "" if here else "without gravity"
+    low, high = view.restitution(case)
+    lost = view.lost(case)
+    if lost:
+        return Cell(_LOST.get(lost, "never leaves"), below, "bad", case=case)
+    if high < _SEEN:
+        return Cell("no bounce", below, "bad", view.error(case), case)
+    return Cell(f"e {span(f'{low:.2f}', f'{high:.2f}')}", below, grade(view, case), view.error(case), case)
+
+
+def _error(view: FieldView, here: tuple[str, float, float], kind: str) -> Cell:
+    """The least error of a kind of settings, and which setting has it."""
+    case, tried = view.best(*here, kind), view.cases(*here, kind)
+    if not tried:
+        ran = any(other.engine == here[0] and view.kind(other) == kind for other in view.scores)
+        return Cell("not run", note=_ELSEWHERE) if ran else Cell("–", note=_NO_SETTING)
+    least = math.inf if case is None else view.error(case)
+    nearer = [other for other in tried if math.isinf(view.error(other)) and not view.off(other) >= least]
+    note = f"Left out: {listed([left_out(view, other) for other in nearer])}." if nearer else ""
+    if case is None:
+        gains = view.gains(nearer[0])
+        return Cell(
+            "adds energy" if gains else "loses the ball", nearer[0].setting, "bad", None, nearer[0], note
+        )
+    return Cell(error_text(least), case.setting, grade(view, case), least, case, note)
+
+
+def error_text(error: float) -> str:
+    """A largest error of e; what is below 10⁻⁷ is rounding."""
+    return "≤ 10⁻⁷" if error <= 1e-7 else number(error)
+
+
+def left_out(view: FieldView, case: Case) -> str:
+    """A setting that is not the best, and why."""
+    if view.gains(case):
+        return f"{case.setting}, which adds energy (e up to {number(view.restitution(case)[1])})"
+    return f"{case.setting}, which loses impacts"
+
+
+def _energy(view: FieldView, engine: str, cases: list[Case]) -> Cell:
+    """Whether any setting of the engine adds energy at this step."""
+    about = energy_note(engine)
+    note = f"{about.text} ({about.source})." if about else ""
+    gains = [case for case in cases if view.gains(case)]
+    if not gains:
+        count = sum(view.scenes(case) for case in cases)
+        return Cell("never grows", f"{count} launches", "good", 0.0, note=note)
+    worst = max(gains, key=lambda case: view.restitution(case)[1])
+    high = view.restitution(worst)[1]
+    return Cell(f"e up to {number(high)}", worst.setting, "bad", high, worst, note)
+
+
+def _slow(view: FieldView, own: Case | None, plugin: Case | None) -> Cell:
+    """Below which impact speed a body stays down, with the engine's best settings and with the plug-in."""
+    downs = [(view.stays_down(case), case) for case in (own, plugin) if case is not None]
+    if not downs:
+        return Cell("–")
+    down, case = max(downs)
+    if not down:
+        return Cell("all bounce", "", "good", 0.0, case)
+    text = "none bounces" if math.isinf(down) else f"rest below {down:.2g}{NBSP}m/s"
+    return Cell(text, case.setting, "bad", down if math.isfinite(down) else None, case)
+
+
+def _loop(view: FieldView, case: Case | None) -> Cell:
+    """Whether the force over penetration of the best setting follows the law, too."""
+    if case is None:
+        return Cell("–")
+    score = view.scores[case]
+    if not score["loops"]:
+        recipe = view.recipe(case)
+        in_one = recipe is not None and recipe.one_step
+        return Cell("none", "one step a bounce" if in_one else "not resolved", case=case)
+    rms = float(score["loop_rms"])
+    if rms <= LOOP_NEAR:
+        return Cell("the law's", f"within {percent(rms)}", "good", rms, case)
+    return Cell("another", f"off by {percent(rms)}", "bad", rms, case)
+
+
+def _files(engine: str) -> Cell:
+    adapter = registry.adapter(registry.base_name(engine))
+    if not isinstance(adapter, OpensModels):
+        return Cell("–", note="hcbench opens no model with this engine: it builds the scenes in it.")
+    names = listed([name.removeprefix(".") for name in adapter.suffixes])
+    return Cell(names, note="Models that `hcbench measure`, `tune` and `check` open with this engine.")
+
+
+def grade(view: FieldView, case: Case) -> str:
+    """Of GRADES."""
+    if view.follows_law(case):
+        return "good"
+    return "even" if view.error(case) <= 1.25 * view.constant_error(case.timestep) else "bad"
