@@ -23,8 +23,13 @@ UV_INSTALL = $(@D)/bin/uv pip install --quiet --python $(@D)/bin/python
 
 .PHONY: report test test-pythons fuzz test-random docs sessions test-plugins test-answers answers test-lowest test-models test-reality test-engines bench site check format lock clean
 
-report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/
+DIGESTS := reports/steel-1lb/hcbench-files.json
+report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/, and compare it with the repository's
 	$(BIN)/hcbench report steel-1lb
+	@git diff --quiet HEAD -- $(DIGESTS) 2>/dev/null; case $$? in \
+	  0) echo "All its files are the same bytes as in the repository.";; \
+	  1) echo "Not the same bytes as in the repository:"; git diff -U0 HEAD -- $(DIGESTS) | sed -n 's/^+  "\(.*\)": .*/  \1/p';; \
+	esac
 
 test: check  ## lint, types, then every test
 	$(BIN)/python -m pytest -n 2 --dist loadfile

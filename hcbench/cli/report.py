@@ -61,13 +61,13 @@ def _folder(out: Path | None, default: Path, missing: tuple[str, ...], there: se
 
 def _engines_in(folder: Path) -> set[str]:
     """The engines of the report in a folder; none where there is no report."""
-    from hcbench._files import parse_json, read_text
+    import csv
+
+    from hcbench._files import read_text
 
     try:
-        return {
-            str(setting["engine"]) for setting in parse_json(read_text(folder / "summary.json"))["settings"]
-        }
-    except (OSError, ValueError, LookupError, TypeError):
+        return {row["engine"] for row in csv.DictReader(read_text(folder / "scores.csv").splitlines())}
+    except (OSError, ValueError, LookupError, csv.Error):
         return set()
 
 

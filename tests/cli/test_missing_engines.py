@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
@@ -69,8 +68,7 @@ def test_a_study_of_the_users_own_needs_what_it_names(
 def test_a_page_with_a_gap_never_replaces_one_without(tmp_path: Path) -> None:
     full = tmp_path / "reports"
     full.mkdir()
-    settings = [{"engine": "mujoco"}, {"engine": "pybullet"}]
-    (full / "summary.json").write_text(json.dumps({"settings": settings}), encoding="utf-8")
+    (full / "scores.csv").write_text("engine,setting\nmujoco,impulse\npybullet,stock\n", encoding="utf-8")
     there = _engines_in(full)
     assert there == {"mujoco", "pybullet"}
     with pytest.raises(UserError, match="holds a report with pybullet"):
