@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
     from hcbench.laws.restitution import Reading
     from hcbench.sim.model_under_test import Output
-    from hcbench.tuning.model import TunedModel, TunedPair
+    from hcbench.tuning.tuned_model import TunedModel, TunedPair
 
 _VERSION = re.compile(r"[a-z-]+@(\d+(?:\.\d+)*)")
 
@@ -122,11 +122,12 @@ def _cure(tuned: TunedModel) -> str:
 def _reasons(tuned: TunedModel, limit: float) -> list[str]:
     """What keeps e from the target, a sentence each."""
     reasons = []
-    if tuned.max_error > limit and tuned.taken > limit:
+    if tuned.max_error > limit and abs(tuned.taken) > limit:
+        verb = "take" if tuned.taken > 0.0 else "add"
         reasons.append(
-            f"Joints and servos take up to {100 * tuned.taken:.0f} % of the impact speed between the last "
-            "force of the contact and the touch plane, by where in a step the contact starts (chance), which "
-            f"the search did not overcome. {_cure(tuned)}."
+            f"Joints and servos {verb} up to {100 * abs(tuned.taken):.0f} % of the impact speed between the "
+            "last force of the contact and the touch plane, by where in a step the contact starts (chance), "
+            f"which the search did not overcome. {_cure(tuned)}."
         )
     elif tuned.max_error > limit:
         reasons.append(f"{_cure(tuned)}.")
@@ -181,7 +182,7 @@ def _print(tuned: TunedModel, limit: float) -> None:
         attitude = f", on its {pair.attitude}" if pair.attitude else ""
         print(f"\n{facts.pair[0]} on {facts.pair[1]}{attitude}, effective mass {facts.effective_mass:.4g} kg")
         print(f"contact {facts.meeting}; moved by {facts.moved}")
-        print(f"largest error of e: {pair.max_error:.2g} from {low:.2g} to {high:.2g} m/s, tuned, 8 phases")
+        print(f"largest error of e: {pair.max_error:.2g} from {low:.2g} to {high:.2g} m/s, tuned, any phase")
         print("at touch:")
         for speed, wanted, least, most in pair.points:
             print(f"  {speed:.3g} m/s: target {wanted:.4f}, {least:.4f} ... {most:.4f}")

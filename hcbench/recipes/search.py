@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     Progress = Callable[[int, int], None]
     Errors = Callable[[Floats], Floats]
+    LimitedErrors = Callable[[Floats, Floats], Floats]
 
 _MUTATION, _CROSSED = (0.4, 0.9), 0.9
 _progress: ContextVar[Progress | None] = ContextVar("progress", default=None)
@@ -73,10 +74,10 @@ class Search:
             self._best = float(errors[i]), np.array(parameters[i])
         self.add(len(errors))
 
-    def recorded(self, errors: Errors) -> Errors:
+    def recorded(self, errors: Errors) -> LimitedErrors:
         """The same function, of parameters (n, k), whose evaluations are counted and remembered."""
 
-        def evaluate(parameters: Floats) -> Floats:
+        def evaluate(parameters: Floats, _: Floats) -> Floats:
             off = errors(parameters)
             self.record(parameters, off)
             return off
@@ -97,7 +98,7 @@ class Search:
 
 
 def evolve(
-    errors: Errors,
+    errors: LimitedErrors,
     members: Floats,
     generations: int,
     bounds: tuple[Floats, Floats],
@@ -107,11 +108,11 @@ def evolve(
     """Members, shape (n, k), after so many generations, the one with the least error first.
 
     Differential evolution (Storn & Price 1997), binomial crossing, a whole generation in one call of
-    `errors`, (n, k) to (n,): SciPy's takes longer to import than this to search. bounds: lowest and highest,
-    (k,). towards_best: mutants differ from the best member, which is faster and finds less; else from their
-    own.
+    `errors`, (n, k) to (n,): SciPy's takes longer to import than this to search. `errors` has limits (n,)
+    too, above which any number will do. bounds: lowest and highest, (k,). towards_best: mutants differ from
+    the best member, which is faster and finds less; else from their own.
     """
-    worst = errors(members)
+    worst = errors(members, np.full(len(members), np.inf))
     (count, size), each = members.shape, np.arange(len(members))
     for _ in range(generations):
         one, other = members[random.integers(0, count, (2, count))]
@@ -122,7 +123,7 @@ def evolve(
         trials = np.where(crossed, mutants, members)
         outside = (trials < bounds[0]) | (trials > bounds[1])
         trials = np.where(outside, random.uniform(*bounds, members.shape), trials)
-        off = errors(trials)
+        off = errors(trials, worst)
         better = off <= worst
         members, worst = np.where(better[:, None], trials, members), np.where(better, off, worst)
     return members[worst.argsort()]

@@ -120,12 +120,14 @@ class TunesModels(OpensModels):
         source: Any,
         requests: Sequence[Request],
         goal: RestitutionCurve,
+        was: Standing = UNKNOWN,
         rebuild: Callable[[], Any] | None = None,
         version: tuple[int, ...] = (),
     ) -> Iterable[ModelSetting]:
         """Settings for pairs in a user's own model, each meant to have the e of `goal` there; simplest first.
 
-        requests: alike but for pairs and attitudes; their speeds span the band. version: of the engine that
+        requests: alike but for pairs and attitudes; their speeds span the band. was: the model at rest
+        as it is. version: of the engine that
         has to load what is written; () for the installed one.
         """
 

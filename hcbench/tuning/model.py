@@ -4,114 +4,37 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from hcbench._arguments import checked
 from hcbench.errors import EngineFailed, UserError
+from hcbench.impact import Impact
 from hcbench.laws.require import require
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.measure import LONGEST_LIMIT_S, Job, run_job, source_of
-from hcbench.sim import simulate
+from hcbench.measuring.phases import impacts_of
 from hcbench.sim.capabilities import TunesModels
 from hcbench.sim.model_under_test import (
     BESIDE,
-    Facts,
     ModelSetting,
     ModelUnderTest,
     Output,
     Request,
-    Texts,
 )
-from hcbench.sim.passivity import MOST_E
 from hcbench.sim.promise import Promise
 from hcbench.sim.standing import Standing
 from hcbench.tuning.tune import MAX_ERROR
+from hcbench.tuning.tuned_model import TunedModel, TunedPair, largest_error
 
 LIMIT_S = 600.0  # for one model, which takes some seconds on an idle machine
 _TRIED_SPEEDS, _TRIED_PHASES = 6, 4
-_HELD_OUT_SPEEDS, _HELD_OUT_PHASES = 7, 8
-_POINTS = "points of contact"  # among `Facts.settings`
+_HELD_OUT_SPEEDS, _HALVINGS = 7, 2  # and how often the speeds about the worst one are halved
+_PHASES = 4  # to begin with
 _BEFORE_PHASES = 2  # of the model as it was, at the band's ends and middle
 _FAR = 0.2  # an error of e, from which on a setting is tried no further
-_GAINS = 0.95  # of the error as it was: what a setting that is worth writing stays below
-
-
-@dataclass(frozen=True, slots=True)
-class TunedPair:
-    """How a setting does for one pair.
-
-    points: (mean speed at touch m/s, e wanted there, lowest e, highest e) at held-out speeds, 8 phases each.
-    max_error: the largest |e - wanted| of these; infinite where an impact has no e. attitude: of the body,
-    such as "edge"; "" where it has but one. taken: how much of the speed at touch, at most, joints and
-    servos take between the contact's last force and the touch plane.
-    """
-
-    facts: Facts
-    max_error: float
-    points: tuple[tuple[float, float, float, float], ...]
-    attitude: str = ""
-    taken: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class TunedModel:
-    """A setting for pairs in their own model, and how it does there.
-
-    texts: of the setting; its `written` is "" where the engine has no such text. pairs: in each attitude.
-    untuned: the same of the model as it was. before, after: how it stands without and with the setting.
-    enough: error of e, within which a setting will do.
-    """
-
-    name: str
-    texts: Texts
-    notes: tuple[str, ...]
-    pairs: tuple[TunedPair, ...]
-    untuned: tuple[TunedPair, ...]
-    before: Standing
-    after: Standing
-    enough: float = MAX_ERROR
-
-    @property
-    def paste(self) -> str:
-        """Lines for the model or script."""
-        return self.texts.paste
-
-    @property
-    def written(self) -> str:
-        """The whole model with the lines."""
-        return self.texts.written
-
-    @property
-    def max_error(self) -> float:
-        """The largest of all pairs."""
-        return _largest(self.pairs)
-
-    @property
-    def worse(self) -> list[str]:
-        """What the setting makes worse than it may, in words."""
-        return list(self.after.worse_than(self.before))
-
-    @property
-    def gains(self) -> bool:
-        """Whether e is near enough to the target, or nearer than in the model as it was."""
-        return self.max_error <= max(self.enough, _GAINS * _largest(self.untuned))
-
-    @property
-    def flat(self) -> bool | None:
-        """Whether a body that meets on faces never gains energy; None where none does."""
-        flat = [pair for pair in self.pairs if pair.attitude or pair.facts.settings.get(_POINTS, 1) > 1]
-        return all(most <= MOST_E for pair in flat for *_, most in pair.points) if flat else None
-
-    @property
-    def taken(self) -> float:
-        """What joints and servos take of the speed at touch, at most, after the contact's last force."""
-        return max(pair.taken for pair in self.pairs)
-
-
-def _largest(pairs: Sequence[TunedPair]) -> float:
-    return max(pair.max_error for pair in pairs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +95,7 @@ def _tuned(job: Job) -> TunedModel:
         tuple[float, float, ModelSetting, Standing]
     ] = []  # how much too large an error is, what is worse
     alike = [request for _, request in each]
-    for setting in engine.model_settings(source, alike, wanted, rebuild, job.output.version):
+    for setting in engine.model_settings(source, alike, wanted, before, rebuild, job.output.version):
         error = _tried(setting, alike, wanted, job.max_error)
         after = engine.standing(source, setting, requests)
         worse = len(list(after.worse_than(before)))
@@ -189,7 +112,7 @@ def _tuned(job: Job) -> TunedModel:
     for request in requests:
         theirs = [pair for pair, (_, each_) in zip(pairs, each, strict=True) if each_.pair == request.pair]
         band = min(request.speeds), max(request.speeds)
-        promises.append(Promise(setting.name, 1, wanted, _largest(theirs), band))
+        promises.append(Promise(setting.name, 1, wanted, largest_error(theirs), band))
 
     def as_it_was(request: Request) -> ModelUnderTest:
         return engine.open(rebuild() if rebuild else source, request, rebuild)
@@ -226,13 +149,14 @@ def _measured(
     held_out: bool,
 ) -> tuple[TunedPair, ...]:
     """Each pair in each attitude, at both ends of its band too; less finely where not held out."""
-    phases, pairs = _HELD_OUT_PHASES if held_out else _BEFORE_PHASES, []
+    pairs = []
     for attitude, request in each:
         speeds = _speeds(request, held_out=True)
-        speeds = (
-            speeds if held_out else list(dict.fromkeys([speeds[0], speeds[len(speeds) // 2], speeds[-1]]))
-        )
-        pair = _measured_pair(opened, request, speeds, phases, wanted)
+        if held_out:
+            pair = _measured_pair(opened, request, speeds, _PHASES, wanted, _HALVINGS)
+        else:
+            few = list(dict.fromkeys([speeds[0], speeds[len(speeds) // 2], speeds[-1]]))
+            pair = _measured_pair(opened, request, few, _BEFORE_PHASES, wanted)
         pairs.append(dataclasses.replace(pair, attitude=attitude))
     return tuple(pairs)
 
@@ -251,20 +175,46 @@ def _measured_pair(
     speeds: Sequence[float],
     phases: int,
     wanted: RestitutionCurve,
+    halvings: int = 0,
 ) -> TunedPair:
-    """Launched at these speeds, at phases over the whole step."""
+    """Launched at these speeds, at phases over the whole step.
+
+    halvings: how often speeds between the worst one and its neighbours are added, to look for a larger error;
+    each speed is then launched at the phases between which e differs, too, as `measure` does.
+    """
     each = tuple((i + 0.4) / phases for i in range(phases))
-    worst, taken, points = 0.0, 0.0, []
+    at: dict[float, list[Impact]] = {}
     with opened(request) as model:
-        for speed in speeds:
-            launches = dataclasses.replace(request, speeds=(speed,), phases=each).launches()
-            impacts = simulate.impacts_in(model, launches)
-            restitutions = [i.restitution for i in impacts]
-            touched = [i.speed_in for i in impacts if math.isfinite(i.speed_in)]
-            v = float(np.mean(touched)) if touched else speed
-            points.append((v, float(wanted.at(v)), min(restitutions), max(restitutions)))
-            errors = [abs(i.restitution - float(wanted.at(i.speed_in))) for i in impacts]
-            worst = max(worst, *(math.inf if math.isnan(error) else error for error in errors))
-            lost = [i.restitution_after_force - i.restitution for i in impacts if i.restitution > 0.0]
-            taken = max([taken, *(share for share in lost if math.isfinite(share))])
-        return TunedPair(model.facts(), worst, tuple(points), taken=taken)
+        for halving in range(halvings + 1):
+            new = tuple(_about_worst(at, wanted) if halving else speeds)
+            sent = dataclasses.replace(request, speeds=new, phases=each, adapt_phases=halvings > 0)
+            impacts = impacts_of(model, sent)
+            at |= {v: [i for i in impacts if i.launch.speed == v] for v in new}
+        ordered = [at[speed] for speed in sorted(at)]
+        every = [impact for impacts in ordered for impact in impacts]
+        lost = [i.restitution_after_force - i.restitution for i in every if i.restitution > 0.0]
+        taken = max([0.0, *(share for share in lost if math.isfinite(share))], key=abs)
+        points = tuple(_point(impacts, wanted) for impacts in ordered)
+        return TunedPair(model.facts(), _error(every, wanted), points, taken=taken)
+
+
+def _point(impacts: Sequence[Impact], wanted: RestitutionCurve) -> tuple[float, float, float, float]:
+    """(mean speed at touch, e wanted there, lowest e, highest e) of launches at one speed."""
+    restitutions = [i.restitution for i in impacts]
+    touched = [i.speed_in for i in impacts if math.isfinite(i.speed_in)]
+    v = float(np.mean(touched)) if touched else impacts[0].launch.speed
+    return v, float(wanted.at(v)), min(restitutions), max(restitutions)
+
+
+def _error(impacts: Sequence[Impact], wanted: RestitutionCurve) -> float:
+    """The largest error of e; infinite where an impact has none."""
+    errors = [abs(i.restitution - float(wanted.at(i.speed_in))) for i in impacts]
+    return max(math.inf if math.isnan(error) else error for error in errors)
+
+
+def _about_worst(at: dict[float, list[Impact]], wanted: RestitutionCurve) -> list[float]:
+    """Speeds half-way from the one with the largest error to its neighbours, m/s."""
+    speeds = sorted(at)
+    worst = max(range(len(speeds)), key=lambda i: _error(at[speeds[i]], wanted))
+    near = speeds[max(0, worst - 1) : worst + 2]
+    return [math.sqrt(a * b) for a, b in pairwise(near)]

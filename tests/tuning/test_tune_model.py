@@ -44,20 +44,19 @@ def tuned(path: Path, capsys: pytest.CaptureFixture[str], *options: str) -> dict
         (ROBOT.format(condim=3), "foot,floor", 0.5, 0.05),
         (ROBOT.format(condim=3), "foot,floor", 0.0, 0.02),
         (ROBOT.format(condim=3).replace("implicitfast", "RK4"), "foot,floor", 0.5, 0.06),
-        (BALL.format(condim="", other=""), "ball,floor", 0.7, 0.05),
         (BALL.format(condim="", other=OTHER), "second,ball", 0.7, 0.05),
     ],
 )
-def test_the_written_model_bounces_as_tune_prints(
+def test_measure_finds_no_larger_error_in_the_written_model_than_tune_prints(
     text: str, pair: str, e: float, limit: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """At speeds that tune has not seen, and at the phases that `measure` and `check` choose."""
     path = tmp_path / "robot.xml"
     path.write_text(text)
     record = tuned(path, capsys, "--pair", pair, "--restitution", str(e))
     assert record["max_error"] < limit
-    found = measure(tmp_path / "tuned.xml", pair, speeds=[0.15, 0.6, 1.7], phases=5, diagnose=False)
-    slack = 0.005 + record["max_error"]
-    assert all(i.restitution == pytest.approx(e, abs=slack) for i in found.impacts)
+    found = measure(tmp_path / "tuned.xml", pair, speeds=[0.15, 0.6, 1.7], diagnose=False)
+    assert all(abs(i.restitution - e) < record["max_error"] + 1e-3 for i in found.impacts)
     before, after = (mujoco.MjModel.from_xml_path(str(p)) for p in (path, tmp_path / "tuned.xml"))
     assert (before.nbody, before.ngeom, before.nq) == (after.nbody, after.ngeom, after.nq)
     assert after.body_mass == pytest.approx(before.body_mass)
@@ -211,9 +210,8 @@ def stands_at(text: str, body: str) -> Any:
     [
         (STACK, "top", ["low,floor", "mid,low", "top,mid"]),
         (QUADRUPED, "trunk", [f"foot_{name},floor" for name in ("fl", "fr", "rl", "rr")]),
-        (HUMANOID, "trunk", ["foot_left,floor", "foot_right,floor"]),
     ],
-    ids=["stack", "quadruped", "humanoid"],
+    ids=["stack", "quadruped"],
 )
 @pytest.mark.parametrize("e", [0.0, 0.5])
 def test_what_stood_stands_when_all_its_contacts_are_tuned(

@@ -30,6 +30,7 @@ from hcbench.setting import PAIR
 from hcbench.sim.capabilities import DescribesContact, Feature, Features, HasPlugin, LandsRobots, TunesModels
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.read_impact import SpeedReading
+from hcbench.sim.standing import UNKNOWN, Standing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -45,7 +46,6 @@ if TYPE_CHECKING:
     from hcbench.sim.model_under_test import ModelSetting, Request
     from hcbench.sim.passivity import Passivity
     from hcbench.sim.promise import Promise
-    from hcbench.sim.standing import Standing
     from hcbench.sim.touchdowns import TrajectoryTouchdowns
 
 
@@ -196,13 +196,14 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         source: Any,
         requests: Sequence[Request],
         goal: RestitutionCurve,
+        was: Standing = UNKNOWN,
         rebuild: Callable[[], Any] | None = None,
         version: tuple[int, ...] = (),
     ) -> Iterable[ModelSetting]:
         """<pair> elements for the pairs."""
         from hcbench.engines.mujoco.model.tune_model import model_settings
 
-        return model_settings(_one_file(source), requests, goal, version)
+        return model_settings(_one_file(source), requests, goal, was, version)
 
     def land(
         self, source: Any, request: Request, drops: DropPlan, rebuild: Callable[[], Any] | None = None

@@ -28,6 +28,7 @@ from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.setting import PAIR
 from hcbench.sim.capabilities import DescribesContact, Feature, Features, HasPlugin, TunesModels
 from hcbench.sim.engine import SteppedEngine
+from hcbench.sim.standing import UNKNOWN, Standing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -136,6 +137,7 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         source: Any,
         requests: Sequence[Request],
         goal: RestitutionCurve,
+        was: Standing = UNKNOWN,
         rebuild: Callable[[], Any] | None = None,
         version: tuple[int, ...] = (),
     ) -> Iterable[ModelSetting]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import approach_row
+from hcbench.engines.mujoco.model.speed_shares import has_more_than_contacts
 from hcbench.impact import Floats
 
 
@@ -72,6 +73,17 @@ class ContactPair:
         sides = np.zeros(self.model.ngeom + 1, dtype=np.int8)
         sides[list(self.first.geoms)], sides[list(self.second.geoms)] = 1, 2
         return sides
+
+    @cached_property
+    def in_trees(self) -> NDArray[np.bool_]:
+        """(ngeom + 1,): which geoms are of the bodies, robots and all, that the two belong to."""
+        roots = [int(self.model.body_rootid[body]) for body in (self.first.body, self.second.body) if body]
+        return np.append(np.isin(self.model.body_rootid[self.model.geom_bodyid], roots), False)
+
+    @cached_property
+    def more_than_contacts(self) -> bool:
+        """Whether anything but contacts and gravity can act on the bodies of the model."""
+        return has_more_than_contacts(self.model)
 
     @cached_property
     def size(self) -> float:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 _STEPS = 30  # of a launch: two to the touch, then a contact and its parting
 _GRID = (4, 9), (3, 6)  # speeds and phases, of small and of large models
+_PARTS = 3  # of the launches: most rows fail in the first
 _SLOW, _SLOW_PHASES = 0.4, 4  # of the lowest speed, where none may gain energy
 _LARGEST_E, _COSTS = 0.995, 20.0  # as of `row_pair`
 # Steps laid down; the last of them, whose vibration falls so many times more; m/s; of e a power of ten.
@@ -105,7 +106,12 @@ class RowSearch:
         speeds = np.geomspace(low, high, count) if low < high else np.array([low])
         sent = [(v, (i + k / len(speeds)) / phases) for k, v in enumerate(speeds) for i in range(phases)]
         sent += [(_SLOW * low, (i + 0.5) / _SLOW_PHASES) for i in range(_SLOW_PHASES)]
-        self._launches = [self._sent(model, sent) for model in opened]
+        every = [self._sent(model, sent) for model in opened]
+        self._launches = [
+            (number, states[part::_PARTS], control)
+            for part in range(_PARTS)
+            for number, (states, control) in enumerate(every)
+        ]
         self._laid = [self._sent(model, [(0.0, 0.0)]) for model in opened]
 
     def _sent(self, opened: MujocoModel, sent: Sequence[tuple[float, float]]) -> tuple[Floats, Floats]:
@@ -123,22 +129,24 @@ class RowSearch:
             mujoco.mj_getState(model, data, state, kind)
         return states, data.ctrl.copy()
 
-    def errors(self, members: Sequence[Rows]) -> Floats:
-        """The largest error of e of each, and much of what an e gains; (p,)."""
-        return np.array([self._error(rows) for rows in members])
-
-    def _error(self, rows: Rows) -> float:
+    def _error(self, rows: Rows, limit: float = math.inf) -> float:
+        """The largest error of e, and much of what an e gains; above the limit any number that is."""
         self._set(self._model, rows)
         worst, largest, wanted = 0.0, 0.0, 0.0
-        for number, (states, control) in enumerate(self._launches):
+        for number, states, control in self._launches:
             e, speed = self._bounces(number, states, control)
             band = speed > 0.9 * self._band[0]
             target = np.asarray(self._goal.at(speed[band]))
             worst = max(worst, float(np.abs(e[band] - target).max(initial=0.0)))
+            if worst > limit:
+                return worst
             largest, wanted = max(largest, float(e.max())), max(wanted, float(target.max(initial=0.0)))
+        worst += _COSTS * max(0.0, largest - max(_LARGEST_E, wanted))
+        if worst > limit:
+            return worst
         vibration, depth = self._at_rest()
         restless = math.log10(max(1.0, vibration / self._calm)) + math.log10(max(1.0, depth / self._shallow))
-        return worst + _COSTS * max(0.0, largest - max(_LARGEST_E, wanted)) + _RESTLESS * restless
+        return worst + _RESTLESS * restless
 
     def _at_rest(self) -> tuple[float, float]:
         """(root mean square of the approach rates m/s, depth m) of the pairs a while after they were laid."""
@@ -183,11 +191,12 @@ class RowSearch:
         adhesion = MOST_PULL if adhesive else 0.0
         return spring, ConstraintRow.direct(0.0, short(damping / h), solimp, adhesion=adhesion)
 
-    def best(self, adhesive: bool) -> tuple[float, Rows]:
-        """(error, rows) of the least error that an evolution finds."""
+    def best(self, adhesive: bool) -> Rows:
+        """Rows of the least error that an evolution finds."""
 
-        def errors(members: Floats) -> Floats:
-            return self.errors([self.rows(member, adhesive) for member in members])
+        def errors(members: Floats, limits: Floats) -> Floats:
+            each = zip(members, limits.tolist(), strict=True)
+            return np.array([self._error(self.rows(member, adhesive), limit) for member, limit in each])
 
         is_large = self._model.nv > _LIGHT
         random, bounds = np.random.default_rng(_SEED), (_LEGS_LOWEST if is_large else _LOWEST, _HIGHEST)
@@ -196,7 +205,7 @@ class RowSearch:
         generations = _GENERATIONS[is_large]
         with captured_warnings():
             best = evolve(errors, first, generations, bounds, random, towards_best=True)[0]
-            return float(errors(best[None])[0]), self.rows(best, adhesive)
+            return self.rows(best, adhesive)
 
 
 def _crossing_speed(*x: Floats) -> Floats:

@@ -13,19 +13,13 @@ from hcbench.engines.mujoco.model.bodies import geom_name
 from hcbench.engines.mujoco.model.pair_reader import PairReader, with_kinematics
 from hcbench.engines.mujoco.model.plugin_contact import WithoutContact, restitution_law
 from hcbench.engines.mujoco.model.sliding import MujocoAlongPlate
-from hcbench.engines.mujoco.model.speed_shares import (
-    NAMES,
-    SpeedShares,
-    has_more_than_contacts,
-    strange_share,
-)
+from hcbench.engines.mujoco.model.speed_shares import NAMES, SpeedShares, strange_share
 from hcbench.impact import TANGENTIAL_ROWS
 from hcbench.sim.world import Record, Simulation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from hcbench.engines.mujoco.model.pair import ContactPair
     from hcbench.engines.mujoco.model.place import PairAtTouch
     from hcbench.impact import Floats, Launch
     from hcbench.sim.model_under_test import Vector
@@ -91,10 +85,10 @@ class MujocoUserSimulation(Simulation):
         self._beside = WithoutContact(model) if plugged else None
         self._noise = _STAGE_NOISE
         self._others, self._shares = others, shares
-        tells = not self._staged and has_more_than_contacts(model)
+        tells = not self._staged and place.pair.more_than_contacts
         self._causes = SpeedShares(model, place.pair.sides) if tells else None
         self._touch_speed, self._apart = math.nan, False  # apart: what follows is no part of the impact
-        self._in_tree = _geoms_of_trees(place.pair)
+        self._in_tree = place.pair.in_trees
         self._first_touch: dict[int, int] = {}  # geoms that touched the two, and in which step first
 
     def advance(self, steps: int) -> Record:
@@ -224,10 +218,3 @@ def _others(data: Any, sides: NDArray[np.int8], in_tree: NDArray[np.bool_]) -> s
     inside = in_tree[geoms]
     theirs = inside.any(axis=1)[:, None] & (~inside | inside.all(axis=1)[:, None])
     return set(geoms[theirs].tolist())
-
-
-def _geoms_of_trees(pair: ContactPair) -> NDArray[np.bool_]:
-    """(ngeom + 1,): which geoms are of the bodies, robots and all, that the two belong to."""
-    model = pair.model
-    roots = [int(model.body_rootid[body]) for body in (pair.first.body, pair.second.body) if body]
-    return np.append(np.isin(model.body_rootid[model.geom_bodyid], roots), False)

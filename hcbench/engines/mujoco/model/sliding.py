@@ -8,7 +8,6 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.place import PairAtTouch
-from hcbench.engines.mujoco.model.speed_shares import has_more_than_contacts
 from hcbench.errors import UserError
 from hcbench.impact import Floats, Launch
 from hcbench.sim.model_under_test import Vector
@@ -24,7 +23,7 @@ class MujocoAlongPlate:
         self.place, self.pair, self.launch = place, place.pair, launch
         self.axes = plate_frame(place.contact.normal, along)
         self.body, self.friction, self._origin = self.pair.first.body, np.zeros(3), np.zeros(3)
-        self._alone = not has_more_than_contacts(self.pair.model)
+        self._alone = not self.pair.more_than_contacts
         launched = (self.pair.first, self.pair.second) if self._alone else (self.pair.first,)
         root = self.pair.model.body_rootid
         self._moving = np.isin(root[self.pair.model.dof_bodyid], [root[part.body] for part in launched])

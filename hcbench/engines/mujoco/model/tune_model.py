@@ -15,7 +15,6 @@ from hcbench.engines.mujoco.model.list_pairs import contact_in_force, find_pair
 from hcbench.engines.mujoco.model.open import load
 from hcbench.engines.mujoco.model.row_search import START, RowSearch
 from hcbench.engines.mujoco.model.speed_shares import has_more_than_contacts
-from hcbench.engines.mujoco.model.standing import standing
 from hcbench.engines.mujoco.model.tune_rows import Load, row_choices
 from hcbench.engines.mujoco.model.under_test import MujocoModel
 from hcbench.engines.mujoco.model.write_pairs import PairToTune, Rows, mass_note, needed_impratio, written
@@ -25,9 +24,11 @@ from hcbench.errors import UserError
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.model_under_test import ModelSetting, Output, Request, Texts
 from hcbench.sim.promise import Promise
+from hcbench.sim.standing import Standing
 
 _PAIRS_MAX = 200
 _HEAVY = 12  # degrees of freedom
+_SAME_MASS, _SAME_GRAVITY = 0.1, 2.0  # share, and m/s², within which two contacts of one shape are alike
 
 
 def attitudes_of(source: Any, request: Request) -> list[tuple[str, Request]]:
@@ -37,17 +38,22 @@ def attitudes_of(source: Any, request: Request) -> list[tuple[str, Request]]:
 
 
 def model_settings(
-    source: Any, requests: Sequence[Request], goal: RestitutionCurve, version: tuple[int, ...] = ()
+    source: Any,
+    requests: Sequence[Request],
+    goal: RestitutionCurve,
+    was: Standing,
+    version: tuple[int, ...] = (),
 ) -> Iterator[ModelSetting]:
     """Settings for all pairs at once, the simplest first; the last is searched for in the model.
 
-    requests: several of a pair are its attitudes. version: of MuJoCo that has to load it; () for any.
+    requests: several of a pair are its attitudes. was: the model at rest as it is. version: of MuJoCo that
+    has to load it; () for any.
     """
     load(source, requests[0])  # says what is wrong with a model that is
     model, label = spec_of(source).compile(), label_of(source)
     _require_tunable(model)
     asked = dict.fromkeys(request.pair for request in requests)
-    pairs = [_read_pair(model, label, [r for r in requests if r.pair == pair]) for pair in asked]
+    pairs = _grouped([_read_pair(model, label, [r for r in requests if r.pair == pair]) for pair in asked])
     adhesive = can_pull(version)
 
     def setting(name: str, rows: Sequence[Rows]) -> ModelSetting:
@@ -61,15 +67,15 @@ def model_settings(
         rows = dict(zip(leaders, (each for _, each in choice), strict=True))
         yield setting(choice[0][0], [rows[pair.like] for pair in pairs])
     if all(math.isfinite(pair.place.gap) for pair in pairs):
-        rows_of = _searched(source, pairs, goal, adhesive)
+        rows_of = _searched(source, pairs, goal, was, adhesive)
         yield setting("stiff spring and damper", [rows_of[pair.like] for pair in pairs])
 
 
 def _searched(
-    source: Any, pairs: Sequence[PairToTune], goal: RestitutionCurve, adhesive: bool
+    source: Any, pairs: Sequence[PairToTune], goal: RestitutionCurve, was: Standing, adhesive: bool
 ) -> dict[tuple[object, ...], Rows]:
     """Rows for each kind of pair, rows_of in the model one after the other."""
-    plain, was = spec_of(source).compile(), standing([pair.opened[0] for pair in pairs])
+    plain = spec_of(source).compile()
     rows_of: dict[tuple[object, ...], Rows] = {pair.like: START for pair in pairs}
     for like in rows_of:
         alike = [pair for pair in pairs if pair.like == like]
@@ -86,7 +92,7 @@ def _searched(
                     model.pair_solref[number], model.pair_solimp[number] = row.solref, row.solimp
 
         seen = [*alike[0].opened, *(alike[-1].opened if len(alike) > 1 else ())]
-        rows_of[like] = RowSearch(spec, seen, goal, alike[0].band, was, set_rows).best(adhesive)[1]
+        rows_of[like] = RowSearch(spec, seen, goal, alike[0].band, was, set_rows).best(adhesive)
     return rows_of
 
 
@@ -117,9 +123,20 @@ def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> PairToTun
     h, rk4 = float(request.timestep or model.opt.timestep), integrator_name(model) == "RK4"
     load = Load.at_touch(place, h, rk4, slides)
     shapes = [(int(model.geom_type[g]), *model.geom_size[g].round(6).tolist()) for g in (first, second)]
-    felt = (f"{place.effective_mass:.1e}", f"{place.gravity:.1e}", len(place.contact.rows))
-    like = (*shapes, *felt, *contact["friction"], contact["condim"], place.contact.onset)
+    points, onset = len(place.contact.rows), place.contact.onset
+    like = (*shapes, points, *contact["friction"], contact["condim"], onset)
     return PairToTune(tuple(requests), opened, tuple(_geom_pairs(model, request)), load, like)
+
+
+def _grouped(pairs: Sequence[PairToTune]) -> list[PairToTune]:
+    """With one `like` for those that are alike in their load, too, as the four feet of a robot."""
+    return [replace(a, like=(next(i for i, b in enumerate(pairs) if _is_like(a, b)),)) for a in pairs]
+
+
+def _is_like(one: PairToTune, other: PairToTune) -> bool:
+    mass = one.place.effective_mass / other.place.effective_mass - 1.0
+    gravity = one.place.gravity - other.place.gravity
+    return one.like == other.like and abs(mass) < _SAME_MASS and abs(gravity) < _SAME_GRAVITY
 
 
 def _setting(source: Any, label: str, name: str, pairs: Sequence[tuple[PairToTune, Rows]]) -> ModelSetting:

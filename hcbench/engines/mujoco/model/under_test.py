@@ -20,7 +20,6 @@ from hcbench.engines.mujoco.model.place import bring_to_touch
 from hcbench.engines.mujoco.model.plausible import require_plausible_contact
 from hcbench.engines.mujoco.model.plugin_contact import restitution_law
 from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation
-from hcbench.engines.mujoco.model.speed_shares import has_more_than_contacts
 from hcbench.engines.mujoco.model.start_pose import start_pose
 from hcbench.engines.mujoco.scene.promises import promise_in
 from hcbench.impact import Impact, Launch
@@ -60,7 +59,7 @@ class MujocoModel(ModelUnderTest):
         require_plausible_contact(model, self.place)
         self.timestep, self.mass = float(model.opt.timestep), self.place.effective_mass
         self.gravity = self.place.gravity
-        self.energy_by_work = has_more_than_contacts(model)
+        self.energy_by_work = self.place.pair.more_than_contacts
         self.speed_reading = SpeedReading.CROSSING if self.energy_by_work else speed_reading(model)
         self.others: set[int] = set()  # geoms that touched the two during an impact
         self.shares: dict[str, float] = {}  # what took the approach speed, over that at touch

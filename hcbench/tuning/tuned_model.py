@@ -1,0 +1,94 @@
+"""A setting for pairs of a user's own model, and what it does there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hcbench.sim.model_under_test import Facts, Texts
+from hcbench.sim.passivity import MOST_E
+from hcbench.sim.standing import Standing
+from hcbench.tuning.tune import MAX_ERROR
+
+_POINTS = "points of contact"  # among `Facts.settings`
+_GAINS = 0.95  # of the error as it was: what a setting that is worth writing stays below
+
+
+@dataclass(frozen=True, slots=True)
+class TunedPair:
+    """How a setting does for one pair.
+
+    points: (mean speed at touch m/s, e wanted there, lowest e, highest e) at held-out speeds, each at the
+    phases between which e differs. max_error: the largest |e - wanted| of these; infinite where an impact
+    has no e. attitude: of the body,
+    such as "edge"; "" where it has but one. taken: how much of the speed at touch, at most, joints and
+    servos take between the contact's last force and the touch plane; below 0 where they add to it.
+    """
+
+    facts: Facts
+    max_error: float
+    points: tuple[tuple[float, float, float, float], ...]
+    attitude: str = ""
+    taken: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class TunedModel:
+    """A setting for pairs in their own model, and how it does there.
+
+    texts: of the setting; its `written` is "" where the engine has no such text. pairs: in each attitude.
+    untuned: the same of the model as it was. before, after: how it stands without and with the setting.
+    enough: error of e, within which a setting will do.
+    """
+
+    name: str
+    texts: Texts
+    notes: tuple[str, ...]
+    pairs: tuple[TunedPair, ...]
+    untuned: tuple[TunedPair, ...]
+    before: Standing
+    after: Standing
+    enough: float = MAX_ERROR
+
+    @property
+    def paste(self) -> str:
+        """Lines for the model or script."""
+        return self.texts.paste
+
+    @property
+    def written(self) -> str:
+        """The whole model with the lines."""
+        return self.texts.written
+
+    @property
+    def max_error(self) -> float:
+        """The largest of all pairs."""
+        return largest_error(self.pairs)
+
+    @property
+    def worse(self) -> list[str]:
+        """What the setting makes worse than it may, in words."""
+        return list(self.after.worse_than(self.before))
+
+    @property
+    def gains(self) -> bool:
+        """Whether e is near enough to the target, or nearer than in the model as it was."""
+        return self.max_error <= max(self.enough, _GAINS * largest_error(self.untuned))
+
+    @property
+    def flat(self) -> bool | None:
+        """Whether a body that meets on faces never gains energy; None where none does."""
+        flat = [pair for pair in self.pairs if pair.attitude or pair.facts.settings.get(_POINTS, 1) > 1]
+        return all(most <= MOST_E for pair in flat for *_, most in pair.points) if flat else None
+
+    @property
+    def taken(self) -> float:
+        """What joints and servos take of the speed at touch, at most, after the contact's last force; below
+        0 where they add to it.
+        """
+        return max((pair.taken for pair in self.pairs), key=abs)
+
+
+def largest_error(pairs: Sequence[TunedPair]) -> float:
+    """Of e, of all pairs."""
+    return max(pair.max_error for pair in pairs)
