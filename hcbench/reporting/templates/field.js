@@ -48,8 +48,9 @@ function cellNode(engine, column, name, [words, below, grade]) {
 function drawMatrix() {
   const table = tableNow(), focused = document.activeElement?.closest?.(".matrix td") !== null;
   Object.assign(state, {step: table.step, gravity: table.gravity});
-  at("step").value = table.step;
-  at("gravity").value = table.gravity;
+  for (const name of ["step", "gravity"]) {
+    at(name).selectedIndex = [...at(name).options].findIndex(option => Number(option.value) === table[name]);
+  }
   at("answer").textContent = table.sentences[0];
   at("more").textContent = table.sentences.slice(1).join(" ");
   at("band").textContent = table.band;
@@ -72,7 +73,7 @@ function drawMatrix() {
 function panel(engine, [words, below, , , number, note]) {
   const one = data.cases[number], left = make("div"), right = make("div");
   const title = one?.title ?? `${data.titles[engine]}: ${names[columns.indexOf(state.column)]}`;
-  left.append(make("h3", {}, title));
+  left.append(make("h2", {}, title));
   const [summary, ...notes] = data.recipes[one?.recipe] ?? [];
   for (const line of [note, summary, ...(one?.lines ?? [])]) if (line) left.append(make("p", {}, line));
   if (!one && !note) left.append(make("p", {}, [words, below].filter(Boolean).join(", ")));
