@@ -1,6 +1,11 @@
 """hcbench measures how physics engines really bounce.
 
-The public names, each imported when first used so that `import hcbench` costs almost nothing.
+>>> import hcbench as hb
+>>> round(hb.law(alpha="0.3 s/m").e("1 m/s"), 3)
+0.768
+
+`dir(hcbench)` names the verbs of the command line and what they need; the classes of results, studies and
+engines are here, too. Each name is imported when first used, so that `import hcbench` costs almost nothing.
 """
 
 from __future__ import annotations
@@ -9,29 +14,59 @@ TYPE_CHECKING = False  # as type checkers read it; `typing` takes its time, in w
 if TYPE_CHECKING:
     from typing import Any
 
-    from hcbench.benchmark.results import Results
-    from hcbench.benchmark.run import run_study
-    from hcbench.benchmark.study import Study, load_study
+    from hcbench.benchmark.results import Results as Results
+    from hcbench.benchmark.run import run_study as run_study
+    from hcbench.benchmark.study import Study as Study
+    from hcbench.benchmark.study import load_study as load_study
+    from hcbench.checking.ask import check
     from hcbench.errors import HcbenchError
-    from hcbench.impact import Impact, Launch, Loop, Status
-    from hcbench.laws.force import HuntCrossley, KelvinVoigt
-    from hcbench.measuring import Measurement, Wanted
+    from hcbench.fitting.ask import fit
+    from hcbench.impact import Impact as Impact
+    from hcbench.impact import Launch as Launch
+    from hcbench.impact import Loop as Loop
+    from hcbench.impact import Status as Status
+    from hcbench.laws.force import HuntCrossley as HuntCrossley
+    from hcbench.laws.force import KelvinVoigt as KelvinVoigt
+    from hcbench.laws.impact_law import ImpactLaw as ImpactLaw
+    from hcbench.laws.impact_law import law
+    from hcbench.measuring import Measurement as Measurement
+    from hcbench.measuring import Wanted as Wanted
     from hcbench.measuring.landing import land
-    from hcbench.measuring.trajectory import measure_trajectory
-    from hcbench.recipes.target import Target
-    from hcbench.scene import Scene, load_scene
-    from hcbench.scoring import Score, score
-    from hcbench.setting import Setting
-    from hcbench.sim.landing import Landings
+    from hcbench.measuring.measure import measure
+    from hcbench.measuring.pairs import pairs
+    from hcbench.measuring.trajectory import measure_trajectory as measure_trajectory
+    from hcbench.recipes.target import Target as Target
+    from hcbench.reporting.ask import report
+    from hcbench.scene import Scene as Scene
+    from hcbench.scene import load_scene
+    from hcbench.scoring import Score as Score
+    from hcbench.scoring import score as score
+    from hcbench.setting import Setting as Setting
+    from hcbench.sim.convert import convert
+    from hcbench.sim.landing import Landings as Landings
     from hcbench.sim.registry import engine
-    from hcbench.tuning.answer import Answer
+    from hcbench.tuning.answer import Answer as Answer
     from hcbench.tuning.ask import tune
 
-_HOMES = {
-    "Answer": "tuning.answer",
+_VERBS = {
     "HcbenchError": "errors",
+    "check": "checking.ask",
+    "convert": "sim.convert",
+    "engine": "sim.registry",
+    "fit": "fitting.ask",
+    "land": "measuring.landing",
+    "law": "laws.impact_law",
+    "load_scene": "scene",
+    "measure": "measuring.measure",
+    "pairs": "measuring.pairs",
+    "report": "reporting.ask",
+    "tune": "tuning.ask",
+}
+_CLASSES = {  # and functions, of studies, engines and results
+    "Answer": "tuning.answer",
     "HuntCrossley": "laws.force",
     "Impact": "impact",
+    "ImpactLaw": "laws.impact_law",
     "KelvinVoigt": "laws.force",
     "Landings": "sim.landing",
     "Launch": "impact",
@@ -45,45 +80,30 @@ _HOMES = {
     "Study": "benchmark.study",
     "Target": "recipes.target",
     "Wanted": "measuring.measurement",
-    "engine": "sim.registry",
-    "land": "measuring.landing",
-    "load_scene": "scene",
     "load_study": "benchmark.study",
-    "measure": "measuring.measure",
     "measure_trajectory": "measuring.trajectory",
     "run_study": "benchmark.run",
     "score": "scoring",
-    "tune": "tuning.ask",
 }
 
 __all__ = [
-    "Answer",
     "HcbenchError",
-    "HuntCrossley",
-    "Impact",
-    "KelvinVoigt",
-    "Landings",
-    "Launch",
-    "Loop",
-    "Measurement",
-    "Results",
-    "Scene",
-    "Score",
-    "Setting",
-    "Status",
-    "Study",
-    "Target",
-    "Wanted",
+    "check",
+    "convert",
     "engine",
+    "fit",
     "land",
+    "law",
     "load_scene",
-    "load_study",
     "measure",
-    "measure_trajectory",
-    "run_study",
-    "score",
+    "pairs",
+    "report",
     "tune",
 ]
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]
 
 
 def __getattr__(name: str) -> Any:
@@ -92,8 +112,8 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         globals()[name] = import_module("importlib.metadata").version("hcbench")
         return globals()[name]
-    if name in _HOMES:
-        return getattr(import_module(f"hcbench.{_HOMES[name]}"), name)
+    if home := _VERBS.get(name) or _CLASSES.get(name):
+        return getattr(import_module(f"hcbench.{home}"), name)
     raise AttributeError(f"module 'hcbench' has no attribute {name!r}")
 
 

@@ -11,6 +11,7 @@ from typing import Any, Literal, ParamSpec, TypeVar, Union, Unpack, get_args, ge
 import numpy as np
 
 from hcbench.errors import UserError
+from hcbench.launch_options import PintQuantity
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -26,6 +27,7 @@ _WORDS = {
     str: "text",
     Path: "a path",
     type(None): "None",
+    PintQuantity: "a quantity of Pint's",
 }
 
 
@@ -85,7 +87,8 @@ def _fits(value: Any, hint: Any) -> bool:
         test = next((test for kind, test in _GENERIC.items() if issubclass(origin, kind)), None)
     if test is not None:
         return test(value, get_args(hint))
-    is_class = origin is None and isinstance(hint, type) and not getattr(hint, "_is_protocol", False)
+    is_told_apart = getattr(hint, "_is_runtime_protocol", not getattr(hint, "_is_protocol", False))
+    is_class = origin is None and isinstance(hint, type) and is_told_apart
     return not is_class or hint is Any or isinstance(value, hint)
 
 

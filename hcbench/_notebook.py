@@ -1,16 +1,51 @@
-"""Results that show themselves: as HTML in a notebook, and as a figure of matplotlib's."""
+"""Results that show themselves: in a few lines of text, as a table of pandas, in a notebook, as a figure."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import hcbench
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    import pandas as pd
     from matplotlib.figure import Figure
+
+_LINES, _COLUMNS = 12, 100  # of a repr, at most
 
 
 class Shown:
+    """A result in at most 12 lines of text, as a table of pandas, and as that table in a notebook."""
+
+    __slots__ = ()
+
+    def _lines(self) -> Iterable[str]:
+        """What it found, in lines."""
+        raise NotImplementedError
+
+    def _rows(self) -> Iterable[Mapping[str, Any]]:
+        """The rows of `to_frame`, SI; units stand in the names."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        """What it found, in at most 12 lines of at most 100 columns."""
+        lines = [line if len(line) <= _COLUMNS else f"{line[: _COLUMNS - 3]}..." for line in self._lines()]
+        return "\n".join(lines if len(lines) <= _LINES else [*lines[: _LINES - 1], "..."])
+
+    def to_frame(self) -> pd.DataFrame:
+        """What it found as a table of pandas; numbers are SI, and the columns' names have the units."""
+        import pandas as pd  # slow to import
+
+        return pd.DataFrame(list(self._rows()))
+
+    def _repr_html_(self) -> str:
+        """How Jupyter shows it."""
+        html: str = self.to_frame().to_html(index=False, na_rep="", border=0)
+        return html
+
+
+class Drawn(Shown):
     """A result that hcbench draws: its figures stand above all results, and matplotlib is loaded late."""
 
     __slots__ = ()

@@ -7,7 +7,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, NamedTuple, TypedDict, get_args, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    NamedTuple,
+    Protocol,
+    TypedDict,
+    get_args,
+    get_type_hints,
+    runtime_checkable,
+)
 
 
 class Option(NamedTuple):
@@ -18,8 +27,21 @@ class Option(NamedTuple):
     default: Any = None
 
 
-Quantity = float | str  # SI, or text with a unit
-Quantities = float | str | Iterable[float | str]  # also text such as "1:20:8 in/s", and arrays
+@runtime_checkable
+class PintQuantity(Protocol):
+    """A quantity of Pint's, of any registry."""
+
+    @property
+    def magnitude(self) -> Any:
+        """One number or an array."""
+
+    @property
+    def units(self) -> Any:
+        """Its unit."""
+
+
+Quantity = float | str | PintQuantity  # SI, or with a unit
+Quantities = float | str | PintQuantity | Iterable[float | str]  # also "1:20:8 in/s", and arrays
 
 
 class LaunchOptions(TypedDict, total=False):

@@ -12,6 +12,7 @@ import numpy as np
 
 from hcbench._bounds import require_bounds
 from hcbench.errors import QuantityError
+from hcbench.launch_options import PintQuantity
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -156,6 +157,7 @@ def parse(
     Raises QuantityError for text that is no such quantity and for values not finite or out of bounds.
     """
     kind, slot = QUANTITIES[quantity], slot or quantity
+    value = _without_pint(value, kind, slot, exponent)
     if isinstance(value, str):
         match = _NUMBER.fullmatch(value)
         if match is None:
@@ -172,6 +174,30 @@ def parse(
         raise QuantityError(slot, f"{value!r}", f"a number or text like {kind.example!r}")
     _require_bounds([number], value, kind, slot, least, above)
     return number
+
+
+def parse_shaped(
+    value: object, quantity: str, slot: str = "", *, least: float = -math.inf, above: float = -math.inf
+) -> Floats:
+    """Quantities in the shape that they came in, SI: () for one, (n,) for a list or a text of several,
+    an array's own. least, above: bounds, SI. Raises QuantityError.
+    """
+    value = _without_pint(value, QUANTITIES[quantity], slot or quantity)
+    if isinstance(value, np.ndarray):
+        flat = parse_values(value.ravel(), quantity, slot, least=least, above=above)
+        return flat.reshape(value.shape)
+    several = parse_values(value, quantity, slot, least=least, above=above)
+    is_one = len(several) == 1 and not isinstance(value, list | tuple)
+    return several.reshape(()) if is_one else several
+
+
+def _without_pint(value: object, kind: QuantityKind, slot: str, exponent: float = 1.5) -> object:
+    """A quantity of Pint's as a number or an array, SI; any other value as it is."""
+    if isinstance(value, str | float | int) or not isinstance(value, PintQuantity):
+        return value
+    unit = str(value.units)
+    magnitude = np.asarray(value.magnitude)[()]  # of a number, a number
+    return magnitude * _scale("" if unit == "dimensionless" else unit, kind, slot, str(value), exponent)
 
 
 def _fraction(text: str) -> float:
@@ -217,6 +243,7 @@ def parse_values(
     own, or none has one. Order is kept. least, above: bounds, SI. Raises QuantityError.
     """
     kind, slot = QUANTITIES[quantity], slot or quantity
+    value = _without_pint(value, kind, slot)
     if isinstance(value, list | tuple | np.ndarray):
         if not len(value):
             raise QuantityError(slot, "an empty list", f"at least one value like {kind.example!r}")

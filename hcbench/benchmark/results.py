@@ -16,14 +16,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hcbench._files import json_text, parse_json, read_text, write_text
-from hcbench._notebook import Shown
+from hcbench._notebook import Drawn
 from hcbench.errors import UserError
 from hcbench.fields import ResultTable, validate
 from hcbench.impact import FORMER_E
 from hcbench.scoring import CLAIMS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     import pandas as pd
 
@@ -76,8 +76,8 @@ def _none(columns: list[str]) -> pd.DataFrame:
     return pd.DataFrame(columns=columns)
 
 
-@dataclass(frozen=True, slots=True)
-class Results(Shown):
+@dataclass(frozen=True, slots=True, repr=False)
+class Results(Drawn):
     """Everything a report or a check reads.
 
     study: the study file's content with its defaults filled in. settings: one record a run key.
@@ -94,6 +94,16 @@ class Results(Shown):
     trains: pd.DataFrame = field(default_factory=lambda: _none(TRAIN_COLUMNS))
     rests: pd.DataFrame = field(default_factory=lambda: _none(REST_COLUMNS))
     answers: Sequence[Mapping[str, Any]] = field(default=(), kw_only=True)
+
+    def _lines(self) -> Iterator[str]:
+        yield str(self.study["title"])
+        yield f"{len(self.impacts)} impacts, {len(self.settings)} settings"
+        yield ", ".join(f"{name} {version}" for name, version in self.versions.items())
+        yield "tables: .impacts, .loops, .scores, .trains, .rests"
+
+    def to_frame(self) -> pd.DataFrame:
+        """The scores: a row a setting, α and step, SI."""
+        return self.scores.copy()
 
     def summary(self) -> dict[str, Any]:
         """The part that is not a table, JSON-able."""

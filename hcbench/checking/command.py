@@ -12,10 +12,11 @@ from hcbench._text import sanitized
 from hcbench.checking.baseline import write_baseline
 from hcbench.checking.judge import judge_results, run_checks
 from hcbench.checking.outcome import Outcome, Report, Verdict
-from hcbench.checking.spec import Check, CheckSpec, plan, read_limit, read_max_error
+from hcbench.checking.spec import Check, CheckSpec, plan, read_max_error
 from hcbench.checking.table import checks_of, find_table
 from hcbench.checking.text import as_junit, as_markdown
 from hcbench.errors import OutputError, UserError
+from hcbench.measuring.request import read_limit
 
 if TYPE_CHECKING:
     from collections.abc import Callable

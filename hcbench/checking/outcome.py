@@ -1,14 +1,16 @@
 """Results of checks."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
 import numpy as np
 
-from hcbench.errors import CannotRun, LimitPassed, UserError
+from hcbench._notebook import Shown
+from hcbench._text import sanitized
+from hcbench.errors import CannotRun, HcbenchError, LimitPassed, UserError
 from hcbench.impact import Floats
 from hcbench.measuring.measurement import Measurement
 
@@ -23,12 +25,10 @@ class Verdict(StrEnum):
     COULD_NOT_RUN = "could not run"
 
 
-EXIT_CODES = {
-    Verdict.PASSED: 0,
-    Verdict.MEASURED: 0,
-    Verdict.FAILED: LimitPassed.exit_code,
-    Verdict.MISTAKE: UserError.exit_code,
-    Verdict.COULD_NOT_RUN: CannotRun.exit_code,
+_ERRORS: dict[Verdict, type[HcbenchError]] = {
+    Verdict.FAILED: LimitPassed,
+    Verdict.MISTAKE: UserError,
+    Verdict.COULD_NOT_RUN: CannotRun,
 }
 
 
@@ -108,16 +108,35 @@ class Outcome:
     measurement: Measurement | None = None
 
     @property
+    def line(self) -> str:
+        """`PASSED name: message`."""
+        return f"{self.verdict.value.upper()} {sanitized(self.name)}: {self.message}"
+
+    @property
     def exit_code(self) -> int:
         """Of this check alone."""
-        return EXIT_CODES[self.verdict]
+        return _ERRORS[self.verdict].exit_code if self.verdict in _ERRORS else 0
 
 
-@dataclass(frozen=True, slots=True)
-class Report:
+@dataclass(frozen=True, slots=True, repr=False)
+class Report(Shown):
     """All checks of a run, in order."""
 
     outcomes: tuple[Outcome, ...] = ()
+
+    def _lines(self) -> Iterator[str]:
+        yield from (outcome.line for outcome in self.outcomes)
+
+    def _rows(self) -> Iterator[dict[str, Any]]:
+        for outcome in self.outcomes:
+            for row in outcome.rows:
+                yield {"check": outcome.name, "verdict": outcome.verdict.value, **row.record()}
+
+    def raise_if_failed(self) -> None:
+        """Raises LimitPassed where a limit was exceeded, UserError for a mistake, CannotRun for the rest."""
+        for outcome in self.outcomes:
+            if outcome.exit_code == self.exit_code != 0:
+                raise _ERRORS[outcome.verdict](outcome.name, outcome.message, outcome.against or "a result")
 
     @property
     def exit_code(self) -> int:

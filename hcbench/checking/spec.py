@@ -17,15 +17,13 @@ from hcbench.errors import QuantityError, UserError
 from hcbench.fields import FileTable, mistake
 from hcbench.launch_options import OPTIONS, LaunchOptions, Quantity
 from hcbench.laws.restitution import (
-    ConstantRestitution,
     MeasuredRestitution,
     Reading,
-    Restitution,
     RestitutionCurve,
 )
 from hcbench.measuring.landing import make_drops
-from hcbench.measuring.measure import LONGEST_LIMIT_S
-from hcbench.measuring.request import make_request
+from hcbench.measuring.measurement import Wanted
+from hcbench.measuring.request import make_request, read_limit
 from hcbench.sim.landing import DropPlan
 from hcbench.sim.model_under_test import Request
 
@@ -47,7 +45,7 @@ else:  # keys whose values `make_request` reads
     _LaunchTable = create_model(
         "_LaunchTable", __base__=FileTable, **{name: (Any, each.default) for name, each in OPTIONS.items()}
     )
-_Number = Annotated[Quantity, BeforeValidator(_no_truth_value)]
+_Number = Annotated[float | str, BeforeValidator(_no_truth_value)]
 
 
 class SharedSpec(_LaunchTable):
@@ -201,25 +199,12 @@ def read_max_error(value: Quantity | None, default: float = MAX_ERROR) -> float:
     return max_error
 
 
-def read_limit(value: Quantity | None) -> float | None:
-    """The time after which a model counts as hung, s; None for the default. Raises QuantityError."""
-    if value is None:
-        return None
-    limit = units.parse(value, "time", "limit")
-    if not 0 < limit <= LONGEST_LIMIT_S:
-        raise QuantityError("limit", f"{limit:g} s", f"above 0 s, up to {LONGEST_LIMIT_S:g} s")
-    return limit
-
-
 def _wanted(spec: CheckSpec) -> RestitutionCurve | None:
-    if spec.alpha is not None:
-        alpha, uncertainty = units.parse_uncertain(spec.alpha, "alpha", "alpha")
-        return Restitution(alpha, cast("Reading", spec.reading), uncertainty)
-    if spec.restitution is not None:
-        return ConstantRestitution(units.parse(spec.restitution, "restitution", "restitution", least=0.0))
     if spec.pairs is not None:
         return MeasuredRestitution(read_pairs(spec.pairs))
-    return None
+    if spec.alpha is None and spec.restitution is None:
+        return None
+    return Wanted(spec.alpha, spec.restitution, reading=cast("Reading", spec.reading))
 
 
 def _require_inside(speeds: Sequence[float], pairs: MeasuredRestitution) -> None:

@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 
 from hcbench._text import number, sanitized, table, without_empty
 from hcbench.checking.outcome import Outcome, Report, SpeedRow, Verdict
-from hcbench.measuring.text import as_record, cause_lines, headline
+from hcbench.measuring.text import as_record, cause_lines
 
 SCHEMA = 1
 _MARKS = {
@@ -26,26 +26,21 @@ def as_text(report: Report) -> str:
     """The tables of all checks, then one line each, for a terminal."""
     parts = [outcome_text(outcome) for outcome in report.outcomes]
     if len(report.outcomes) > 1:
-        parts.append("\n".join(summary_line(outcome) for outcome in report.outcomes))
+        parts.append("\n".join(outcome.line for outcome in report.outcomes))
     return "\n\n".join(parts) + "\n"
-
-
-def summary_line(outcome: Outcome) -> str:
-    """`PASSED name: message`."""
-    return f"{outcome.verdict.value.upper()} {sanitized(outcome.name)}: {outcome.message}"
 
 
 def outcome_text(outcome: Outcome) -> str:
     """One check: what was measured, the curve, the verdict, and the causes where it failed."""
     lines = []
     if outcome.measurement is not None:
-        lines += headline(outcome.measurement)
+        lines += outcome.measurement.headline
     if outcome.against:
         limit = "" if outcome.max_error != outcome.max_error else f", limit {outcome.max_error:g}"
         lines.append(f"against {outcome.against}{limit}")
     if outcome.rows:
         lines += ["", *table(*_table(outcome.rows)), ""]
-    lines.append(summary_line(outcome))
+    lines.append(outcome.line)
     if outcome.verdict is Verdict.FAILED and outcome.measurement is not None:
         lines += cause_lines(outcome.measurement.causes, outcome.measurement.remedy)
     return "\n".join(lines)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from hcbench.cli.console import ALPHA, MASS, RESTITUTION, SPEED, TIME, as_json, print_json, target_option
 from hcbench.cli.contacts import spring_options
-from hcbench.errors import UserError
 
 if TYPE_CHECKING:
     from hcbench.laws.restitution import Reading
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
 @click.option("--timestep", type=TIME, help="Time step, for a solref that bounces in one step.")
 @target_option("Write α as the law's e(v), or as e = 1 - α v.")
 @as_json
-def convert(as_json: bool, reading: Reading, solref: str | None, **quantities: float | None) -> None:
+def convert(as_json: bool, reading: Reading, **given: Any) -> None:
     """Convert a contact between libraries.
 
     Give α, an e at a speed, a parameter of Drake or Simbody, a solref, or a stiffness and damping of Adams
@@ -38,7 +37,7 @@ def convert(as_json: bool, reading: Reading, solref: str | None, **quantities: f
     from hcbench import units
     from hcbench.sim.convert import convert
 
-    contact = convert(**quantities, solref=_solref(solref), reading=reading)
+    contact = convert(**given, target=reading)
     if as_json:
         print_json(contact.as_dict())
         return
@@ -56,15 +55,3 @@ def convert(as_json: bool, reading: Reading, solref: str | None, **quantities: f
     print("\ncaveats:")
     for line in contact.caveats:
         print(f"- {line}")
-
-
-def _solref(text: str | None) -> tuple[float, float] | None:
-    from hcbench import units
-
-    if text is None:
-        return None
-    numbers = text.replace(",", " ").split()
-    if len(numbers) != 2:
-        raise UserError("--solref", repr(text), "two numbers such as '-2.7e8 -815'")
-    first, second = (units.parse(number, "number", "--solref") for number in numbers)
-    return first, second

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -17,26 +16,10 @@ if TYPE_CHECKING:
     from hcbench.fitting.result import FitResult
     from hcbench.fitting.setup import MeasurementSetup
 
-    Uncertain = tuple[float, float] | None
-
 _LAWS = ("auto", "hunt-crossley", "constant", "viscoelastic", "plastic")
 
 
 _TYPED = "hcbench.fit"  # key of the words typed after `hcbench`
-
-
-class _SetupOptions(TypedDict):
-    """What is known of the measurement, SI, with standard uncertainties."""
-
-    height: Uncertain
-    gravity: str | None
-    mass: Uncertain
-    diameter: Uncertain
-    drag_coefficient: Uncertain
-    contact_time: Uncertain
-    timing: float | None
-    speed: Uncertain
-    exponent: float | None
 
 
 class _FilesAfterAgainst(click.Command):
@@ -112,7 +95,7 @@ def fit(
     write_points: Path | None,
     force: bool,
     as_json: bool,
-    **options: Unpack[_SetupOptions],
+    **options: Any,
 ) -> None:
     """Find α of your material from a measurement of bounces.
 
@@ -121,18 +104,20 @@ def fit(
     a track (time [s],height [m], or an export of Tracker or phyphox); or forces: time [ms],force [N], or
     penetration [um],rate [m/s],force [N]. Several files of bounces share one α.
     """
+    from hcbench.fitting.ask import read_excerpt
     from hcbench.fitting.fit import fit as fit_sets
     from hcbench.fitting.plausible import require_different
-    from hcbench.fitting.read import Excerpt, read_dataset
+    from hcbench.fitting.read import read_dataset
+    from hcbench.fitting.setup import read_setup
 
     _require_together(files, kind, engine, timestep, write_scene)
-    setup = _setup(options)
+    setup = read_setup(**options)
     if len(files) == 1 and _fit_force(
         files[0], kind, setup, as_json, page=page, write_points=write_points, engine=engine
     ):
         return
     require_different((*files, *against))
-    part = Excerpt(begin or 0.0, end, *_touches(touches))
+    part = read_excerpt(begin, end, touches)
     result, *others = (
         fit_sets([read_dataset(path, setup, kind, part) for path in group], law)
         for group in (files, against)
@@ -236,44 +221,6 @@ def _write(
         write_output(points, points_text(result), "--write-points", force)
     if scene is not None and (script := files["write_scene"]) is not None:
         write_output(script, scene.script, "--write-scene", force)
-
-
-def _touches(text: str | None) -> tuple[int | None, range | None]:
-    """The train, from 0, and its touches, from 1, of "2:14", "B" or "B2:14"; None for what is not given."""
-    if text is None:
-        return None, None
-    match = re.fullmatch(r"\s*([A-Fa-f])?\s*(?:([0-9]{1,6}):([0-9]{1,6}))?\s*", text)
-    if match is None or not text.strip() or (match[2] and not 0 < int(match[2]) < int(match[3])):
-        expected = "the first and the last to take, such as 2:14, or a train, such as B"
-        raise UserError("--touches", repr(text), expected)
-    train = ord(match[1].upper()) - ord("A") if match[1] else 0
-    return train, range(int(match[2]), int(match[3]) + 1) if match[2] else None
-
-
-def _setup(options: _SetupOptions) -> MeasurementSetup:
-    from hcbench import units
-    from hcbench.fitting.setup import HEIGHT_UNCERTAINTY, Known, MeasurementSetup
-
-    given: dict[str, Known] = {}
-    for name in ("mass", "diameter", "drag_coefficient", "contact_time", "speed"):
-        value: Uncertain = options[name]
-        if value is not None:
-            given[name] = Known(*value)
-    if options["height"] is not None:
-        given["height"] = Known(options["height"][0], options["height"][1] or HEIGHT_UNCERTAINTY)
-    if options["gravity"] is not None:
-        given["gravity"] = Known(
-            *units.parse_uncertain(_known_gravity(options["gravity"]), "acceleration", "--gravity")
-        )
-    return MeasurementSetup(**given, timing=options["timing"], exponent=options["exponent"])
-
-
-def _known_gravity(text: str) -> str:
-    """The text; UserError where it says that g is not known."""
-    if text.strip().lower() in ("unknown", "?", "none", "free"):
-        advice = "Flights give α g only: measure where g is known, or give pairs of speeds"
-        raise UserError("--gravity", f"{text!r}", "a number such as '9.81 m/s^2'", advice)
-    return text
 
 
 def _engine() -> str:

@@ -42,11 +42,10 @@ def land(
     before and after `hcbench tune`, the drops stand side by side.
     """
     from hcbench._outputs import write_output
-    from hcbench.checking.spec import read_limit
     from hcbench.measuring.landing import as_record, as_text, land_job, make_drops
     from hcbench.measuring.measure import Job
     from hcbench.measuring.measurement import TOLERANCE
-    from hcbench.measuring.request import make_request
+    from hcbench.measuring.request import make_request, read_limit
 
     if not models and python is None:
         raise UserError("model", "none given", "a file with a robot, or --python FILE:FUNCTION")

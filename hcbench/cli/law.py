@@ -10,12 +10,9 @@ import click
 
 from hcbench._text import table
 from hcbench.cli.console import ALPHAS, EXPONENT, MASS, SPEEDS, as_json, print_json
-from hcbench.errors import UserError
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
-
-PAPER_STIFFNESS = "3.1e7 lbf/in^1.5"
 
 _several = partial(click.option, multiple=True, required=True)
 
@@ -26,7 +23,7 @@ _several = partial(click.option, multiple=True, required=True)
 @click.option("--mass", type=MASS, default="1 lb", show_default=True, help="Effective mass.")
 @click.option(
     "--stiffness",
-    help=f"k of F = k x^n; a plain number is in N/m^n.  [default for n = 1.5: {PAPER_STIFFNESS}]",
+    help="k of F = k x^n; a plain number is in N/m^n.  [default for n = 1.5: 3.1e7 lbf/in^1.5]",
 )
 @click.option(
     "--exponent", type=EXPONENT, default="1.5", show_default=True, help="n of F = k x^n, 1 or more."
@@ -48,19 +45,12 @@ def law(
 
     import numpy as np
 
-    from hcbench import units
-    from hcbench.laws.force import HuntCrossley
-    from hcbench.laws.summary import PAPER_RELATIVE_RADIUS, summarize
+    from hcbench.laws.impact_law import law
 
-    if stiffness is None and exponent >= 1 and exponent != 1.5:
-        raise UserError("--stiffness", f"missing for exponent {exponent:g}", f"k in N/m^{exponent:g}")
-    k = units.parse(
-        stiffness or PAPER_STIFFNESS, "stiffness", "--stiffness", 1.5 if stiffness is None else exponent
-    )
     rows = [
-        summarize(HuntCrossley(k, a, exponent), mass, v, PAPER_RELATIVE_RADIUS)
+        impact
         for a in np.concatenate(alpha).tolist()
-        for v in np.concatenate(speed).tolist()
+        for impact in law(a, mass=mass, stiffness=stiffness, exponent=exponent).impacts(np.concatenate(speed))
     ]
     if as_json:
         print_json([dataclasses.asdict(row) for row in rows])

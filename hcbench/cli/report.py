@@ -14,61 +14,11 @@ from hcbench.cli.reality import NAME, reality_options, report_reality, require_n
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from hcbench.benchmark.run import Progress
-    from hcbench.benchmark.study import Study
 
 
-def _load(name: str) -> tuple[str, Study]:
-    """A study and its name. A built-in one leaves out engines that are not installed; a line says so."""
-    from hcbench.benchmark.study import find_study, is_built_in, load_study, name_of
-
-    path = find_study(name)
-    study = load_study(path)
-    if is_built_in(path):
-        missing = _missing(dict.fromkeys(run.engine for run in study.runs))
-        study = study.of_engines(lambda engine: engine not in missing)
-    return name_of(path), study
-
-
-def _missing(engines: Iterable[str]) -> tuple[str, ...]:
-    """Those of some engines that are not installed; a line says so, with the commands that add them."""
-    from hcbench.sim import install, registry
-
-    missing = tuple(name for name in engines if not registry.is_there(name))
-    if missing:
-        commands = "; ".join(install.add_commands(missing))
-        print(f"left out, not installed: {', '.join(missing)}. Add: {commands}", file=sys.stderr)
-    return missing
-
-
-def _default_folder(name: str, quick: bool) -> Path:
-    """Where a report goes unless said: a preview not in place of the whole."""
-    return Path("reports") / (f"{name}-quick" if quick else name)
-
-
-def _folder(out: Path | None, default: Path, missing: tuple[str, ...], there: set[str]) -> Path:
-    """Where a report goes: not in place of one that has engines that this one lacks."""
-    folder = out or default
-    if not (lost := there & set(missing)):
-        return folder
-    if out is None:
-        return default.with_name(f"{default.name}-without-{'-'.join(missing)}")
-    engines = ", ".join(sorted(lost))
-    raise UserError("--out", f"{out} holds a report with {engines}, now not installed", "another folder")
-
-
-def _engines_in(folder: Path) -> set[str]:
-    """The engines of the report in a folder; none where there is no report."""
-    import csv
-
-    from hcbench._files import read_text
-
-    try:
-        return {row["engine"] for row in csv.DictReader(read_text(folder / "scores.csv").splitlines())}
-    except (OSError, ValueError, LookupError, csv.Error):
-        return set()
+def _warn(line: str) -> None:
+    print(line, file=sys.stderr)
 
 
 @click.command()
@@ -92,30 +42,9 @@ def report(study: str, out: Path | None, quick: bool, jobs: int, **of_reality: A
         print(report_reality(out, jobs, **of_reality))
         return
     require_none(of_reality)
-    from hcbench._files import atomic_folder
-    from hcbench.benchmark.read import is_sweep, read
-    from hcbench.workers import WorkerPool
-
-    swept = is_sweep(study)
-    name, plan = (Path(study).resolve().name, None) if swept else _load(study)
-    default = _default_folder(name, quick)
-    folder = _folder(out, default, plan.missing if plan else (), _engines_in(out or default))
-    with WorkerPool(jobs) as pool:
-        # While this process imports what draws the page.
-        pool.begin("importlib", "import_module", "hcbench.benchmark.shard")
-        from hcbench.benchmark.run import run_in_pool
-        from hcbench.reporting.build import build
-        from hcbench.reporting.page import PAGE
-
-        if plan is None:
-            build(read(study, pool.map), folder, pool)
-        else:
-            plan = plan.quick() if quick else plan
-            with atomic_folder(folder, PAGE) as scratch:
-                with progress("impacts") as tick:
-                    results = run_in_pool(pool, plan, tick)
-                build(results, scratch, pool)
-    print(folder / "index.html")
+    with progress("starting"):
+        from hcbench.reporting.ask import write_report
+    print(write_report(study, out, quick, jobs, progress, _warn).page)
 
 
 @click.command()
@@ -137,9 +66,11 @@ def sweep(study: str, out: str | None, jobs: int, resume: bool, scheduler: str |
 
     STUDY is a study.toml, its folder, or a built-in name. The folder's _summary.csv is kept up to date.
     """
-    from hcbench.benchmark.run import sweep as run
+    with progress("reading the study"):
+        from hcbench.benchmark.run import sweep as run
+        from hcbench.reporting.ask import find_plan
 
-    name, plan = _load(study)
+        name, plan = find_plan(study, _warn)
     folder = out or str(Path("sweeps") / name)
     with progress("impacts") as tick:
 
@@ -165,12 +96,14 @@ def paper(out: Path | None, quick: bool, jobs: int) -> None:
 
     Redraw every figure, and compute every number that the paper prints.
     """
-    from hcbench.paper.build import build, engines_drawn_in
-    from hcbench.paper.engines import engines_with_two_blocks
+    with progress("starting"):
+        from hcbench.paper.build import build, engines_drawn_in
+        from hcbench.paper.engines import engines_with_two_blocks
+        from hcbench.reporting.ask import default_folder, folder_for, missing_engines
 
-    missing = _missing(engines_with_two_blocks())
-    default = _default_folder("paper", quick)
-    folder = _folder(out, default, missing, engines_drawn_in(out or default))
+        missing = missing_engines(engines_with_two_blocks(), _warn)
+    default = default_folder("paper", quick)
+    folder = folder_for(out, default, missing, engines_drawn_in(out or default))
     with progress("figures") as tick:
         page = build(folder, quick=quick, jobs=jobs, tick=tick)
     print(page)

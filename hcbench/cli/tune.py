@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import click
@@ -126,11 +125,12 @@ def tune(engine: str, points: str | None, max_error: float | None, **options: An
     from hcbench.checking.measured_pairs import parse_points
     from hcbench.cli.tune_engine import tune_engine
     from hcbench.cli.tune_model import tune_model
+    from hcbench.tuning.ask import is_model
 
     if max_error is not None and not 0 <= max_error <= 1:
         raise UserError("--max-error", f"{max_error:g}", "0 ... 1, a difference in e")
     options |= {"points": () if points is None else parse_points(points), "max_error": max_error}
-    if _is_model(engine):
+    if is_model(engine):
         _drop(options, _EngineOption, f"given with the model {engine}", "an engine's name")
         tune_model(engine, **options)
     else:
@@ -146,12 +146,3 @@ def _drop(options: dict[str, Any], others: type[click.Option], got: str, expecte
             options.pop(option.name, None)
             if context.get_parameter_source(option.name) is ParameterSource.COMMANDLINE:
                 raise UserError(option.opts[0], got, f"{expected}, to which it applies")
-
-
-def _is_model(name: str) -> bool:
-    """Whether the argument is a model, a file or FILE.py:FUNCTION, and not an engine's name."""
-    from hcbench.sim import registry
-
-    if registry.base_name(name) in registry.names():  # whose version may look like a suffix
-        return False
-    return Path(name).suffix != "" or Path(name).is_file() or ".py:" in name

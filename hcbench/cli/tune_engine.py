@@ -53,6 +53,7 @@ def tune_engine(
     from hcbench.tuning.answer import MAX_ERROR
     from hcbench.tuning.find import find_answer
 
+    registry.engine(engine)  # which refuses an unknown name, before anything else is missed
     if timestep is None:
         raise UserError("--timestep", "missing", "the engine's step, such as '1 ms'")
     if len(pair) > 1:

@@ -3,64 +3,36 @@
 from __future__ import annotations
 
 import math
-import os
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hcbench._text import time_step
 from hcbench.cli.console import print_json
-from hcbench.errors import LimitPassed, UserError
+from hcbench.errors import LimitPassed
 
 if TYPE_CHECKING:
-    from hcbench.impact import Floats
-    from hcbench.laws.restitution import Reading
-    from hcbench.sim.model_under_test import Output
     from hcbench.tuning.tuned_model import TunedModel, TunedPair
-
-_VERSION = re.compile(r"[a-z-]+@(\d+(?:\.\d+)*)")
 
 
 def tune_model(
     source: str,
     *,
-    pair: tuple[str, ...],
     alpha: tuple[float, float] | None,
-    restitution: float | None,
-    points: tuple[tuple[float, float], ...],
-    reading: Reading,
-    speeds: Floats | None,
     max_error: float | None,
     strict: bool,
     write_model: Path | None,
     write_include: Path | None,
-    version: str | None,
-    force: bool,
     as_json: bool,
-    **launch: Any,
+    **given: Any,
 ) -> None:
     """Tune pairs of a model, print the lines and how wrong they are, and write the model with them."""
-    from hcbench.measuring.measurement import Wanted
-    from hcbench.measuring.request import make_request
-    from hcbench.sim.model_under_test import DEFAULT_SPEEDS
-    from hcbench.tuning import model as tuning
-    from hcbench.tuning.tune import MAX_ERROR
+    from hcbench.tuning.answer import MAX_ERROR
+    from hcbench.tuning.ask import tune_pairs
 
-    if not pair:
-        raise UserError("--pair", "missing", "two bodies or geoms", f"`hcbench pairs {source}` lists them")
-    wanted = Wanted(None if alpha is None else alpha[0], restitution, points, reading)
-    band = [v for v, _ in points] if len(points) > 1 else list(DEFAULT_SPEEDS)
-    if speeds is not None:
-        band = speeds.tolist()
-    ends = sorted({min(band), max(band)})
-    requests = [make_request(each, speeds=ends, **launch) for each in pair]
-    if len({frozenset(request.pair or ()) for request in requests}) < len(requests):
-        raise UserError("--pair", " and ".join(pair), "each pair once")
     limit = MAX_ERROR if max_error is None else max_error
-    output = _output(write_model, write_include, version)
-    tuned = tuning.tune_model(source, requests, wanted, max_error=limit, output=output)
-    if tuned.gains:
-        _write(tuned, write_model, write_include, force)
+    files: dict[str, Any] = {"write_model": write_model, "write_include": write_include}
+    value = None if alpha is None else alpha[0]
+    tuned = tune_pairs(source, alpha=value, max_error=limit, **files, **given)
     if as_json:
         print_json(_record(tuned))
     else:
@@ -71,31 +43,6 @@ def tune_model(
         raise LimitPassed("max-error", f"{tuned.max_error:.3g}", f"{max_error:g} or less")
     if strict and tuned.worse:
         raise LimitPassed("strict", "; ".join(tuned.worse), "at most 1.2 times what it was")
-
-
-def _output(model: Path | None, include: Path | None, version: str | None) -> Output:
-    from hcbench.sim.model_under_test import Output
-
-    match = _VERSION.fullmatch(version) if version else None
-    if version and match is None:
-        raise UserError("--for", repr(version), "an engine and its version, as ENGINE@3.5")
-    numbers = tuple(int(part) for part in match[1].split(".")) if match else ()
-    folder = None if model is None else model.absolute().parent
-    name = "" if include is None else os.path.relpath(include.absolute(), folder or include.absolute().parent)
-    return Output(folder, name, numbers)
-
-
-def _write(tuned: TunedModel, model: Path | None, include: Path | None, force: bool) -> None:
-    from hcbench._outputs import write_output
-
-    each = (("--write-model", model, tuned.written), ("--write-include", include, tuned.texts.include))
-    for option, path, text in each:
-        if path is not None:
-            if not text:
-                raise UserError(
-                    option, f"a model of {tuned.pairs[0].facts.engine}", "a model that is one file"
-                )
-            write_output(path, text, option, force)
 
 
 def _nothing_gained(tuned: TunedModel) -> LimitPassed:
@@ -154,7 +101,7 @@ def _record(tuned: TunedModel) -> dict[str, Any]:
         "after": tuned.after.record,
         "worse": tuned.worse,
         "taken_by_joints": tuned.taken,
-        "paste": tuned.paste,
+        "paste": tuned.text,
         "notes": list(tuned.notes),
     }
 
@@ -190,7 +137,7 @@ def _print(tuned: TunedModel, limit: float) -> None:
     for sentence in _reasons(tuned, limit):
         print(f"\n{sentence}")
     if tuned.gains:
-        print(f"\npaste:\n\n{tuned.paste}")
+        print(f"\npaste:\n\n{tuned.text}")
     print("\nNotes:")
     for note in tuned.notes:
         print(f"- {note}")

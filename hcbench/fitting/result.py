@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hcbench._notebook import Shown
+from hcbench._notebook import Drawn
 from hcbench.fitting.which_law import EITHER, PLAIN, WITH_E0
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from hcbench.fitting.budget import Budget
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.estimate import LawFit
@@ -28,8 +30,8 @@ class DropResult:
     doubts: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class FitResult(Shown):
+@dataclass(frozen=True, slots=True, repr=False)
+class FitResult(Drawn):
     """law: the one that the data support; None where several are left. asked: the one of --law, or "auto".
 
     fits: every law tried, the likeliest first; odds: of each against the best of the others.
@@ -57,6 +59,19 @@ class FitResult(Shown):
     reservation: str = ""
     drops: tuple[DropResult, ...] = ()
     between: float | None = None
+
+    def _lines(self) -> Iterator[str]:
+        from hcbench.fitting.text import headline
+
+        yield from (f"{name}: {value}" for name, value in headline(self).items())
+
+    def _rows(self) -> Iterator[dict[str, float]]:
+        """e over speed with its 95 % band, as `--write-points` writes it."""
+        from hcbench.fitting.text import band
+
+        names = ("speed_m_per_s", "restitution", "restitution_low", "restitution_high")
+        for row in zip(*(column.tolist() for column in band(self)), strict=True):
+            yield dict(zip(names, row, strict=True))
 
     def scene(self, engine: str, timestep: float) -> Replay:
         """A scene that bounces as the recording did, tuned as `hcbench tune` does. timestep: s."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
+from hcbench import units
 from hcbench._arguments import checked_fields
 from hcbench.errors import UserError
 from hcbench.fitting.flight import DRAG_COEFFICIENT, DRAG_COEFFICIENT_UNCERTAINTY, Ballistics, in_air
@@ -98,3 +99,55 @@ class MeasurementSetup:
             if known.uncertainty > 0:
                 shifted = Known(known.value + known.uncertainty, known.uncertainty)
                 yield name, known.uncertainty, replace(self, **{name: shifted})  # type: ignore[arg-type]
+
+
+class SetupOptions(TypedDict, total=False):
+    """What a user knows of a measurement: SI numbers, or text with units and standard uncertainties."""
+
+    height: Any
+    gravity: Any
+    mass: Any
+    diameter: Any
+    drag_coefficient: Any
+    contact_time: Any
+    timing: Any
+    speed: Any
+    exponent: Any
+
+
+_QUANTITY = {
+    "height": "length",
+    "gravity": "acceleration",
+    "mass": "mass",
+    "diameter": "length",
+    "drag_coefficient": "number",
+    "contact_time": "timestep",
+    "speed": "speed",
+}
+
+
+def read_setup(**given: Unpack[SetupOptions]) -> MeasurementSetup:
+    """The setup of what a user writes. Raises UserError and QuantityError."""
+    known: dict[str, Any] = {}
+    for name, value in given.items():
+        if value is None:
+            continue
+        if name in ("timing", "exponent"):
+            known[name] = units.parse(value, "timestep" if name == "timing" else "exponent", name)
+            continue
+        if name == "gravity":
+            _require_known(value)
+        number, uncertainty = (
+            value
+            if isinstance(value, tuple) and len(value) == 2
+            else units.parse_uncertain(value, _QUANTITY[name], name)
+        )
+        known[name] = Known(number, uncertainty or (HEIGHT_UNCERTAINTY if name == "height" else 0.0))
+    return MeasurementSetup(**known)
+
+
+def _require_known(gravity: object) -> None:
+    """UserError where a text says that g is not known."""
+    if isinstance(gravity, str) and gravity.strip().lower() in ("unknown", "?", "none", "free"):
+        advice = "Flights give α g only: measure where g is known, or give pairs of speeds"
+        raise UserError("gravity", f"{gravity!r}", "a number such as '9.81 m/s^2'", advice)

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from hcbench._notebook import Shown
 from hcbench.errors import UserError
 from hcbench.laws import closed_form
 from hcbench.laws import kelvin_voigt as kv
@@ -85,8 +86,8 @@ class OneContact:
         return f"matches at {self.speed:.6g} m/s only"
 
 
-@dataclass(frozen=True, slots=True)
-class Conversion:
+@dataclass(frozen=True, slots=True, repr=False)
+class Conversion(Shown):
     """One contact in all conventions.
 
     alpha: α, s/m. speed: where the restitution holds, m/s, or None. restitution: e of the law there,
@@ -100,6 +101,15 @@ class Conversion:
     rows: tuple[SystemValue, ...]
     missing: tuple[str, ...]
     caveats: tuple[str, ...]
+
+    def _lines(self) -> Iterator[str]:
+        yield f"α = {self.alpha:.6g} s/m"
+        if self.speed is not None:
+            yield f"at {self.speed:.6g} m/s: e of the law {self.restitution:.6g}"
+        yield from (f"{row.system} {row.parameter}: {row.text} {row.unit}".rstrip() for row in self.rows)
+
+    def _rows(self) -> Iterator[dict[str, Any]]:
+        return (asdict(row) | {"value": row.text} for row in self.rows)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON; units are in the keys."""

@@ -16,7 +16,7 @@ from hcbench.launch_options import Quantities, Quantity
 from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.measurement import TOLERANCE
 from hcbench.measuring.python_file import is_python, python_function
-from hcbench.measuring.request import make_request
+from hcbench.measuring.request import make_request, read_limit
 from hcbench.sim.capabilities import LandsRobots
 from hcbench.sim.landing import WINDOW_S, DropPlan, Landing, Landings
 
@@ -40,7 +40,7 @@ def land(
     tilt: Quantities = 0.0,
     controller: Any = "pd",
     engine: str | None = None,
-    limit: float | None = None,
+    limit: Quantity | None = None,
     key: str | None = None,
     qpos: str | Mapping[str, Any] | None = None,
     state: Any = None,
@@ -60,7 +60,7 @@ def land(
     """
     request = make_request(None, key=key, qpos=qpos, state=state, timestep=timestep, gravity=gravity)
     job = Job(model, engine, request, None, TOLERANCE, diagnose=False)
-    return land_job(job, make_drops(heights, tilt, controller), limit)
+    return land_job(job, make_drops(heights, tilt, controller), read_limit(limit))
 
 
 def make_drops(heights: Quantities = HEIGHTS, tilt: Quantities = 0.0, controller: Any = "pd") -> DropPlan:

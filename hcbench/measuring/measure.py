@@ -16,14 +16,14 @@ from hcbench._bounds import admits_beyond_bounds, beyond_bounds
 from hcbench._text import sanitized
 from hcbench.errors import EngineFailed, HcbenchError, SceneError, UserError
 from hcbench.impact import Impact, Status
-from hcbench.launch_options import LaunchOptions
+from hcbench.launch_options import LaunchOptions, Quantity
 from hcbench.laws.require import require
-from hcbench.laws.restitution import ConstantRestitution, RestitutionCurve
+from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.diagnose import diagnose, goal_of
-from hcbench.measuring.measurement import TOLERANCE, Measurement
+from hcbench.measuring.measurement import TOLERANCE, Measurement, Wanted
 from hcbench.measuring.phases import impacts_of
 from hcbench.measuring.python_file import call_python, is_python
-from hcbench.measuring.request import make_request
+from hcbench.measuring.request import make_request, read_limit
 from hcbench.sim import registry
 from hcbench.sim.candidate_pairs import CandidatePair
 from hcbench.sim.capabilities import OpensModels
@@ -34,7 +34,6 @@ from hcbench.workers import WorkerDied, begin, call
 
 Answer = TypeVar("Answer")
 
-LONGEST_LIMIT_S = 1e6
 LIMIT_S = 60.0  # at least, for one model, which takes a second or two on an idle machine
 LEAST_MEMORY = 4 << 30  # bytes that any model may take
 MEMORY_SHARE = 0.8  # of the machine's memory, which a model may take if that is more
@@ -64,31 +63,61 @@ def measure(
     pair: Sequence[str | int] | str | None = None,
     *,
     engine: str | None = None,
-    wanted: RestitutionCurve | float | None = None,
+    alpha: Quantity | None = None,
+    restitution: Quantity | None = None,
+    points: Sequence[tuple[float, float]] = (),
     tolerance: float = TOLERANCE,
     diagnose: bool = True,
-    limit: float | None = None,
+    limit: Quantity | None = None,
     **launch: Unpack[LaunchOptions],
 ) -> Measurement:
-    """Measure the bounce of a pair of the user's own model.
+    """Measure how a pair bounces in your own model, as `hcbench measure` does.
 
-    model: a path to MJCF, URDF or MJB; two paths, for a pair of URDFs; MJCF text; "file.py:function", which
+    Parameters
+    ----------
+    model : path, text or object
+        A path to MJCF, URDF or MJB; two paths, for a pair of URDFs; MJCF text; "file.py:function", which
         returns a model; or an object that an engine opens (`Engine.opens`), such as a compiled model, or an
-        environment or client in the pose that it is in.
-        Files are measured in a process of their own; objects in this one, and left as they were.
-    pair: names of two bodies or geoms (URDF: links or files), first the one that moves; "a,b" or ("a", "b").
-    engine: the name of one; None: the first that opens such a model.
-    wanted: e to compare with. tolerance: |e - wanted| from which causes are looked for, if `diagnose`.
-    limit: s, after which a model in a file counts as hung; None: 60 s, or what the engine takes to compile.
-    launch: speeds, pose and all else of the launches, as `LaunchOptions` describes them.
-    Raises UserError (and its kinds) with the reason for what cannot be measured, EngineFailed for an engine
-    that crashed or hung on it.
+        environment or client in the pose that it is in. hcbench measures files in a process of their own,
+        objects in this one, and leaves them as they were.
+    pair : text or two names, optional
+        Two bodies or geoms (URDF: links or files), first the one that moves; "a,b" or ("a", "b").
+    engine : text, optional
+        The name of one; the first that opens such a model by default.
+    alpha, restitution, points : optional
+        At most one target: α, s/m or with a unit; one e for all speeds; or pairs of impact speed, m/s, and e.
+    tolerance : float
+        |e - target| from which hcbench looks for causes, if `diagnose`.
+    limit : float, text or quantity of Pint's, optional
+        Time, s, after which a model in a file counts as hung; 60 s, or what the engine takes to compile.
+    **launch
+        Speeds, pose and all else of the launches, as `LaunchOptions` describes them.
+
+    Returns
+    -------
+    Measurement
+        e over impact speed in `curve`, and `causes` of a difference from the target.
+
+    Raises
+    ------
+    UserError
+        With the reason for what cannot be measured.
+    EngineFailed
+        For an engine that crashed or hung on it.
+
+    Examples
+    --------
+    >>> import hcbench as hb
+    >>> found = hb.measure("ball.xml", "ball,plate", speeds="0.2:1:3 m/s", restitution=0.9)
+    >>> [round(point.restitution, 2) for point in found.curve]
+    [0.9, 0.9, 0.9]
+
     """
     require("tolerance", tolerance, 0 <= tolerance <= 1, "0 ... 1, a difference in e")
-    if limit is not None:
-        require("limit", limit, 0 < limit <= LONGEST_LIMIT_S, f"above 0 s, up to {LONGEST_LIMIT_S:g} s")
-    goal = ConstantRestitution(wanted) if isinstance(wanted, int | float) else wanted
-    return measure_job(Job(model, engine, make_request(pair, **launch), goal, tolerance, diagnose), limit)
+    given = alpha is not None or restitution is not None or points
+    goal = Wanted(alpha, restitution, points) if given else None
+    job = Job(model, engine, make_request(pair, **launch), goal, tolerance, diagnose)
+    return measure_job(job, read_limit(limit))
 
 
 def measure_job(job: Job, limit: float | None = None) -> Measurement:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from hcbench import scoring
+from hcbench import scoring, units
 from hcbench._arguments import checked
-from hcbench._notebook import Shown
-from hcbench.errors import QuantityError
+from hcbench._notebook import Drawn
+from hcbench._text import sanitized, time_step
+from hcbench.errors import UserError
 from hcbench.impact import Floats, Impact, Launch, Status
+from hcbench.launch_options import Quantity
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import (
@@ -34,22 +37,35 @@ _LEAST_E = 0.1  # below it no law of a bounce is fitted
 
 @checked
 def Wanted(
-    alpha: float | None = None,
-    constant: float | None = None,
-    points: tuple[tuple[float, float], ...] = (),
+    alpha: Quantity | None = None,
+    restitution: Quantity | None = None,
+    points: Sequence[tuple[Quantity, float]] = (),
     reading: Reading = "law",
 ) -> RestitutionCurve:
-    """The restitution that is wanted: exactly one of alpha, constant and points is given.
+    """The target's e(v): exactly one of alpha, restitution and points is given; SI numbers, or with units.
 
-    alpha: s/m, of eq. (16) (`reading` "law") or of e = 1 - α v (`reading` "linear").
-    constant: one e for all speeds. points: pairs (v m/s, e), straight between, constant beyond.
+    alpha: s/m, of eq. (16) (`reading` "law") or of e = 1 - α v (`reading` "linear"); "0.31 +- 0.004 s/m" has
+    a standard uncertainty. restitution: one e for all speeds. points: pairs (v m/s, e), straight between,
+    constant beyond. Raises UserError and QuantityError.
     """
-    given = (alpha is not None) + (constant is not None) + bool(points)
-    if given != 1:
-        raise QuantityError("wanted restitution", f"{given} given", "one of alpha, constant, points")
+    ways = {"alpha": alpha, "restitution": restitution, "points": points if len(points) else None}
+    given = [name for name, value in ways.items() if value is not None]
+    if len(given) != 1:
+        raise UserError("target", " and ".join(given) or "none", f"one of {', '.join(ways)}")
     if alpha is not None:
-        return Restitution(alpha, reading)
-    return ConstantRestitution(constant) if constant is not None else MeasuredRestitution(points)
+        value, uncertainty = units.parse_uncertain(alpha, "alpha", "alpha")
+        return Restitution(value, reading, uncertainty)
+    if restitution is not None:
+        return ConstantRestitution(units.parse(restitution, "restitution", "restitution", least=0.0))
+    return MeasuredRestitution(read_points(points))
+
+
+def read_points(points: Any) -> tuple[tuple[float, float], ...]:
+    """Pairs of v, m/s, and e as floats. Raises UserError and QuantityError."""
+    try:
+        return tuple((units.parse(v, "speed", "points"), float(e)) for v, e in points)
+    except (TypeError, ValueError, OverflowError):
+        raise UserError("points", f"{points!r:.80}", "pairs of v in m/s and e") from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,8 +106,8 @@ class CurvePoint:
     restitution_after_force: float = math.nan
 
 
-@dataclass(frozen=True, slots=True)
-class Measurement(Shown):
+@dataclass(frozen=True, slots=True, repr=False)
+class Measurement(Drawn):
     """One pair of one model, measured.
 
     remedy: what is left with all causes fixed, as a sentence.
@@ -111,6 +127,37 @@ class Measurement(Shown):
         for impact in self.impacts:
             groups.setdefault(impact.launch.at_any_phase, []).append(impact)
         return [_point(launch, impacts) for launch, impacts in groups.items()]
+
+    @property
+    def headline(self) -> list[str]:
+        """What was measured, and where, in four lines."""
+        facts, step = self.facts, time_step(self.facts.timestep)
+        gravity = float(np.linalg.norm(facts.gravity))
+        return [
+            f"{sanitized(facts.model)}: {sanitized(facts.pair[0])} on {sanitized(facts.pair[1])}",
+            f"{facts.engine} {facts.version}, step {step} s, gravity {gravity:.4g} m/s^2",
+            f"effective mass {self.effective_mass:.4g} kg, {sanitized(facts.moved)}",
+            f"they meet {sanitized(facts.meeting)}",
+        ]
+
+    def _lines(self) -> Iterator[str]:
+        yield from self.headline[:2]
+        curve = self.curve
+        shown = curve[:: max(1, len(curve) // 4)]
+        yield from (f"e = {p.restitution:.4f} at {p.speed_in:.4g} m/s" for p in shown[:5])
+        yield from (f"{cause.code}: {cause.title}" for cause in self.causes[:3])
+
+    def _rows(self) -> Iterator[dict[str, Any]]:
+        for point in self.curve:
+            yield {
+                "speed_m_per_s": point.speed,
+                "speed_in_m_per_s": point.speed_in,
+                "restitution": point.restitution,
+                "restitution_min": point.lowest,
+                "restitution_max": point.highest,
+                "samples": point.samples,
+                "failed": point.failed,
+            }
 
     @property
     def measured(self) -> list[Impact]:

@@ -8,12 +8,13 @@ from typing import Any, Unpack
 from hcbench import units
 from hcbench._arguments import checked
 from hcbench.errors import QuantityError, UserError
-from hcbench.launch_options import LaunchOptions
+from hcbench.launch_options import LaunchOptions, Quantity
 from hcbench.measuring.pose import read_direction, read_joints, read_state
 from hcbench.sim.model_under_test import Request, Vector
 from hcbench.sim.packages import read_packages
 
 MAX_PHASES = 1000
+LONGEST_LIMIT_S = 1e6
 
 
 @checked
@@ -60,13 +61,23 @@ def read_pair(pair: Sequence[str | int] | str | None) -> tuple[str, str] | None:
     """Two names of "a,b" or a sequence of two; None for None."""
     if pair is None:
         return None
-    names = pair.split(",") if isinstance(pair, str) else list(pair)
-    names = [f"body:{name}" if isinstance(name, int) else name.strip() for name in names]
+    given = pair.split(",") if isinstance(pair, str) else list(pair) if isinstance(pair, list | tuple) else []
+    names = [f"body:{name}" if isinstance(name, int) else str(name).strip() for name in given]
     if len(names) != 2 or not all(names):
         raise UserError(
             "pair", repr(pair), "two names, first the one that moves", "Write for example --pair ball,plate"
         )
     return names[0], names[1]
+
+
+def read_limit(limit: Quantity | None) -> float | None:
+    """The time after which a model counts as hung, s; None for the default. Raises QuantityError."""
+    if limit is None:
+        return None
+    seconds = units.parse(limit, "time", "limit")
+    if not 0 < seconds <= LONGEST_LIMIT_S:
+        raise QuantityError("limit", f"{seconds:g} s", f"above 0 s, up to {LONGEST_LIMIT_S:g} s")
+    return seconds
 
 
 def _move(move: str) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hcbench import scoring
-from hcbench._text import number, sanitized, table, time_step, without_empty
+from hcbench._text import number, sanitized, table, without_empty
 from hcbench.impact import Impact
 from hcbench.laws.restitution import Restitution
 from hcbench.measuring.measurement import Cause, CurvePoint, Measurement
@@ -112,21 +112,9 @@ def _loop(impact: Impact) -> dict[str, Any]:
     }
 
 
-def headline(measurement: Measurement) -> list[str]:
-    """What was measured, and where, in three lines."""
-    facts = measurement.facts
-    gravity = float(np.linalg.norm(facts.gravity))
-    return [
-        f"{sanitized(facts.model)}: {sanitized(facts.pair[0])} on {sanitized(facts.pair[1])}",
-        f"{facts.engine} {facts.version}, step {time_step(facts.timestep)} s, gravity {gravity:.4g} m/s^2, "
-        f"effective mass {measurement.effective_mass:.4g} kg, {sanitized(facts.moved)}",
-        f"they meet {sanitized(facts.meeting)}",
-    ]
-
-
 def as_text(measurement: Measurement) -> str:
     """The measurement as lines for a terminal."""
-    lines = headline(measurement)
+    lines = list(measurement.headline)
     lines += [
         f"{name}: {sanitized(setting_text(value))}" for name, value in measurement.facts.settings.items()
     ]

@@ -14,10 +14,11 @@ from hcbench._arguments import checked
 from hcbench._text import sanitized, table, without_empty
 from hcbench.errors import UserError
 from hcbench.impact import Floats
+from hcbench.launch_options import Quantity
 from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.measurement import TOLERANCE
 from hcbench.measuring.pose import read_named
-from hcbench.measuring.request import make_request
+from hcbench.measuring.request import make_request, read_limit
 from hcbench.sim.capabilities import LandsRobots
 from hcbench.sim.landing import PARTED_S
 from hcbench.sim.touchdowns import Touchdowns, TrajectoryTouchdowns
@@ -35,7 +36,7 @@ def measure_trajectory(
     pair: Sequence[str | int] | str | None = None,
     *,
     engine: str | None = None,
-    limit: float | None = None,
+    limit: Quantity | None = None,
 ) -> TrajectoryTouchdowns:
     """At which speeds the parts of a robot really met the floor in a recorded motion.
 
@@ -45,7 +46,7 @@ def measure_trajectory(
     Raises UserError for other arrays.
     """
     job = Job(model, engine, make_request(pair), None, TOLERANCE, diagnose=False)
-    return touchdowns_job(job, trajectory, limit)
+    return touchdowns_job(job, trajectory, read_limit(limit))
 
 
 def touchdowns_job(job: Job, trajectory: Any, limit: float | None = None) -> TrajectoryTouchdowns:

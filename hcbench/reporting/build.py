@@ -12,7 +12,7 @@ from hcbench.reporting import advice, cup_table, ranking, tables, wording
 from hcbench.reporting.conditions import Views, views
 from hcbench.reporting.drawings import class_heading, drawings, loop_speeds, step_speed
 from hcbench.reporting.explorer import explorer, explorer_script
-from hcbench.reporting.page import PAGE, draw, render
+from hcbench.reporting.page import PAGE, counted, draw, render
 from hcbench.reporting.view import View
 from hcbench.reporting.wording import NBSP
 from hcbench.resolution import STEPS_TO_COMPARE
@@ -20,29 +20,35 @@ from hcbench.scoring import CLAIMS
 from hcbench.sim.install import add_commands
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
     from pathlib import Path
 
     from hcbench.benchmark.results import Results
     from hcbench.workers import WorkerPool
 
 
-def build(results: Results, folder: Path, pool: WorkerPool | None = None) -> Path:
+def build(
+    results: Results,
+    folder: Path,
+    pool: WorkerPool | None = None,
+    tick: Callable[[int, int], None] | None = None,
+) -> Path:
     """Write the report of `results` into `folder` and return its page. All of it appears, or nothing.
 
-    pool: draws the figures, side by side; None: this process does.
+    pool: draws the figures, side by side; None: this process does. tick: called with figures (drawn, of all).
     index.html; figures/*.svg, *.png; restitution.csv, loops.csv, scores.csv, summary.json.
     The same results give the same bytes. Raises OutputError where the folder cannot be written.
     """
     if results.study.get("page") == "field":
         from hcbench.reporting.field import page
 
-        return page.build(results, folder, pool)
+        return page.build(results, folder, pool, tick)
     by_gravity = views(results)
     with atomic_folder(folder, PAGE) as scratch:
         (scratch / "figures").mkdir()
         save = partial(draw, folder=scratch / "figures", png=not results.study.get("left_out"))
-        figures = (map if pool is None else pool.imap)(save, drawings(by_gravity))
+        plans = list(drawings(by_gravity))
+        figures = counted((map if pool is None else pool.imap)(save, plans), len(plans), tick)
         results.write(scratch)  # while they are drawn
         write_text(scratch / PAGE, page_text(by_gravity, results, figures))
     return folder / PAGE

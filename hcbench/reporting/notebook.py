@@ -13,8 +13,8 @@ from hcbench import _text
 from hcbench.benchmark.results import Results
 from hcbench.fitting.notebook import as_html, draw_curve
 from hcbench.fitting.result import FitResult
+from hcbench.laws.impact_law import ImpactLaw
 from hcbench.measuring.measurement import Measurement
-from hcbench.measuring.text import headline as measured_headline
 from hcbench.reporting import advice, measurement_page, wording
 from hcbench.reporting.conditions import views
 from hcbench.reporting.page import Drawing, draw, render
@@ -76,9 +76,9 @@ _figure.register(Measurement)(measurement_page.curve_figure)
 
 @_words.register
 def _(measurement: Measurement) -> tuple[str, dict[str, str], str]:
-    title, where, _ = measured_headline(measurement)
+    title, *where, _ = measurement.headline
     causes = wording.listed([cause.title for cause in measurement.causes])
-    facts = {"where": where, "result": measurement_page.summary(measurement), "why": causes}
+    facts = {"where": ", ".join(where), "result": measurement_page.summary(measurement), "why": causes}
     return title, facts, "\n".join(cause.fix for cause in measurement.causes)
 
 
@@ -140,6 +140,24 @@ def _(tuned: Tuned) -> tuple[str, dict[str, str], str]:
     }
     engine = wording.engine_title(tuned.setting.engine)
     return f"{engine}: {tuned.setting.name}", facts, snippet(tuned.setting, tuned.scene.form)
+
+
+@_figure.register
+def _(law: ImpactLaw) -> Figure:
+    figure = new_figure(6.4, 3.6)
+    axes = figure.subplots()
+    speeds = np.linspace(0.0, 2.0, 101)
+    axes.plot(speeds, law.e(speeds), color=LAW)
+    axes.set_ylim(0.0, 1.0)
+    axes.set_ylabel("restitution e", color=INK)
+    speed_axis(axes, inches=False)
+    return figure
+
+
+@_words.register
+def _(law: ImpactLaw) -> tuple[str, dict[str, str], str]:
+    title, *lines = law._lines()
+    return title, {line.partition(" at ")[2]: line.partition(" at ")[0] for line in lines}, ""
 
 
 @_figure.register

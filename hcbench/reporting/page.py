@@ -4,7 +4,7 @@ import base64
 import hashlib
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -65,6 +65,16 @@ def draw(drawing: Drawing, folder: Path | None = None, png: bool = True) -> dict
                 write_bytes(folder / f"{drawing.name}.png", png_bytes(figure))
     width, height = (round(96 * inches) for inches in figure.get_size_inches())
     return {**record, "measured": measured, "source": _data_url(svg), "width": width, "height": height}
+
+
+def counted(
+    figures: Iterable[dict[str, Any]], total: int, tick: Callable[[int, int], None] | None
+) -> Iterator[dict[str, Any]]:
+    """The same figures; `tick` is called with how many came."""
+    for done, figure in enumerate(figures, 1):
+        yield figure
+        if tick is not None:
+            tick(done, total)
 
 
 def _data_url(svg: bytes) -> Markup:

@@ -1,20 +1,109 @@
-"""One contact in every library's words: those of the paper, and those of each engine from its own folder."""
+"""`hcbench.convert`: one contact in every library's words, those of each engine from its own folder."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
+from hcbench import units
+from hcbench._arguments import checked
+from hcbench.errors import UserError
 from hcbench.laws.conventions import contact_of, said
+from hcbench.laws.spring_text import read_adams, read_newton
 from hcbench.sim import registry
 from hcbench.sim.capabilities import DescribesContact
 
 if TYPE_CHECKING:
     from hcbench.laws.conventions import Conversion
 
+_QUANTITIES = {
+    "alpha": "alpha",
+    "drake": "alpha",
+    "simbody": "alpha",
+    "restitution": "restitution",
+    "mass": "mass",
+    "speed": "speed",
+    "contact_time": "time",
+    "timestep": "time",
+}
 
-def convert(**given: Any) -> Conversion:
-    """Say one contact in every convention. given: as `hcbench.laws.conventions.contact_of` takes it."""
-    contact = contact_of(**given)
+
+@checked
+def convert(
+    *,
+    alpha: Any = None,
+    drake: Any = None,
+    simbody: Any = None,
+    restitution: Any = None,
+    solref: Any = None,
+    adams: Any = None,
+    newton: Any = None,
+    mass: Any = None,
+    speed: Any = None,
+    contact_time: Any = None,
+    timestep: Any = None,
+    target: Literal["law", "linear"] = "law",
+) -> Conversion:
+    """Convert a contact between libraries, as `hcbench convert` does.
+
+    Parameters
+    ----------
+    alpha, drake, simbody, restitution, solref, adams, newton : float, text or quantity of Pint's
+        Exactly one: α, s/m; Drake's hunt_crossley_dissipation, s/m; Simbody's dissipation, s/m; e at `speed`;
+        a solref of two numbers; IMPACT of Adams, "k, e, cmax, d"; or a solver of Newton, "NAME, ke, kd".
+    mass : float, text or quantity of Pint's, optional
+        Effective mass, kg or with a unit, for `adams` and `newton`.
+    speed : float, text or quantity of Pint's, optional
+        Impact speed to match, m/s or with a unit, for engines with one e at all speeds.
+    contact_time, timestep : float, text or quantity of Pint's, optional
+        Duration of the contact, and the time step, s or with a unit, for a solref.
+    target : {"law", "linear"}
+        Write α as the law's e(v), or as e = 1 - α v.
+
+    Returns
+    -------
+    Conversion
+        `rows`: what to write in each system; `caveats`.
+
+    Raises
+    ------
+    UserError
+        For numbers without meaning, and for none or several of the first seven.
+
+    Examples
+    --------
+    >>> import hcbench as hb
+    >>> contact = hb.convert(drake="0.45 s/m", speed="0.5 m/s")
+    >>> round(contact.alpha, 6), round(contact.restitution, 3)
+    (0.3, 0.869)
+
+    """
+    given = {
+        "alpha": alpha, "drake": drake, "simbody": simbody, "restitution": restitution, "mass": mass,
+        "speed": speed, "contact_time": contact_time, "timestep": timestep,
+    }  # fmt: skip
+    numbers = {
+        name: None if value is None else units.parse(value, _QUANTITIES[name], name)
+        for name, value in given.items()
+    }
+    contact = contact_of(
+        **numbers,
+        solref=_solref(solref),
+        adams=read_adams(adams) if isinstance(adams, str) else adams,
+        newton=read_newton(newton) if isinstance(newton, str) else newton,
+        reading=target,
+    )
     engines = map(registry.adapter, registry.names())
     own = (engine.vocabulary(contact) for engine in engines if isinstance(engine, DescribesContact))
     return said(contact, own)
+
+
+def _solref(given: Any) -> tuple[float, float] | None:
+    """The two numbers of a solref, from text or a sequence."""
+    if given is None:
+        return None
+    parts = given.replace(",", " ").split() if isinstance(given, str) else given
+    try:
+        first, second = (units.parse(part, "number", "solref") for part in parts)
+    except (TypeError, ValueError):
+        raise UserError("solref", repr(given), "two numbers such as '-2.7e8 -815'") from None
+    return first, second

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from hcbench._notebook import Shown
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -103,8 +105,8 @@ class Landing:
         return sum(foot.bounces > 0 for foot in self.feet)
 
 
-@dataclass(frozen=True, slots=True)
-class Landings:
+@dataclass(frozen=True, slots=True, repr=False)
+class Landings(Shown):
     """All drops of one robot.
 
     model: what to call it. robot, floor: names of its base and of what it lands on. controller: what holds
@@ -122,6 +124,26 @@ class Landings:
     timestep: float
     gravity: float
     drops: tuple[Landing, ...]
+
+    def _lines(self) -> Iterator[str]:
+        yield f"{self.model}: {self.robot} ({self.mass:.4g} kg) on {self.floor}, {self.engine} {self.version}"
+        for drop in self.drops:
+            rest = f"largest force {drop.peak:.3g} times its weight, {drop.bouncing} feet bounce"
+            yield f"from {drop.height:.3g} m: e = {drop.restitution:.3f}, {rest}"
+
+    def _rows(self) -> Iterator[dict[str, float]]:
+        for drop in self.drops:
+            yield {
+                "height_m": drop.height,
+                "tilt_rad": drop.tilt,
+                "speed_in_m_per_s": drop.speed_in,
+                "restitution": drop.restitution,
+                "peak_over_weight": drop.peak,
+                "contact_s": drop.contact,
+                "slip_m": drop.slip,
+                "penetration_m": drop.penetration,
+                "feet_that_bounce": drop.bouncing,
+            }
 
 
 class FootfallLog:

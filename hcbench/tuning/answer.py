@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
-from hcbench._notebook import Shown
+from hcbench._notebook import Drawn
+from hcbench._text import time_step
 from hcbench.errors import SettingError
 from hcbench.recipes.band import why_cut
 from hcbench.recipes.constant import minimax_constant
@@ -17,11 +18,14 @@ from hcbench.setting import Pair, Setting
 from hcbench.tuning.tuned import Tuned
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from hcbench.recipes.target import Target
     from hcbench.scene import Scene
     from hcbench.sim.passivity import Passivity
     from hcbench.sim.promise import Promise
 
+_SHOWN = 4  # settings never to be used
 MAX_ERROR = 0.05  # of e: what a setting that follows the law should stay within
 _WORSE = 1.02  # of the error of the best e for all speeds: a smaller difference is none
 Kind = Literal["exact", "settings", "constant"]
@@ -116,8 +120,8 @@ class Never:
     why: str
 
 
-@dataclass(frozen=True, slots=True)
-class Answer(Shown):
+@dataclass(frozen=True, slots=True, repr=False)
+class Answer(Drawn):
     """Choices in the order exact, settings, constant, where they exist; `best` is what was asked for.
 
     asked: the kind. named: a setting that was asked for by its name, even one that fails.
@@ -131,6 +135,37 @@ class Answer(Shown):
     choices: tuple[Choice, ...]
     never: tuple[Never, ...]
     named: Choice | None = field(default=None)
+
+    def _lines(self) -> Iterator[str]:
+        best = self.best
+        yield f"{self.engine}, step {time_step(self.target.timestep)} s: {best.line}"
+        yield f"largest e {best.max_e:.4f}; {best.energy}"
+        yield from (f"or {choice.line}" for choice in self.choices if choice is not best)
+        yield from (f"never {never.setting}: {never.why}" for never in self.never[:_SHOWN])
+        yield f"to paste: .text, {len(self.text.splitlines())} lines"
+
+    def _rows(self) -> Iterator[dict[str, Any]]:
+        for choice in self.choices:
+            yield {
+                "kind": choice.kind,
+                "setting": choice.setting.name,
+                "max_error": choice.max_error,
+                "speed_min_m_per_s": choice.speeds[0],
+                "speed_max_m_per_s": choice.speeds[1],
+                "max_e": choice.max_e,
+                "rests": choice.rests,
+                "text": choice.text,
+            }
+
+    @property
+    def text(self) -> str:
+        """What to paste, of the best choice."""
+        return self.best.text
+
+    @property
+    def max_error(self) -> float:
+        """The largest error of e of the best choice, over its band `best.speeds`, m/s."""
+        return self.best.max_error
 
     def of(self, kind: Kind) -> Choice | None:
         """The choice of a kind."""

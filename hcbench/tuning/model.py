@@ -14,8 +14,9 @@ from hcbench.errors import EngineFailed, UserError
 from hcbench.impact import Impact
 from hcbench.laws.require import require
 from hcbench.laws.restitution import RestitutionCurve
-from hcbench.measuring.measure import LONGEST_LIMIT_S, Job, run_job, source_of
+from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.phases import impacts_of
+from hcbench.measuring.request import LONGEST_LIMIT_S
 from hcbench.sim.capabilities import TunesModels
 from hcbench.sim.model_under_test import (
     BESIDE,

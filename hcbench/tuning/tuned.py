@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
 
-from hcbench._notebook import Shown
+from hcbench._notebook import Drawn
 from hcbench.recipes.recipe import Recipe, Role, first
 from hcbench.sim import registry
 from hcbench.sim.passivity import MOST_E
@@ -26,8 +26,8 @@ _DEEP = 0.02  # of the radius: a deeper contact is called soft
 _BETTER = 0.9  # of the best constant's error: what an e that falls with speed should be below
 
 
-@dataclass(frozen=True, slots=True)
-class Tuned(Shown):
+@dataclass(frozen=True, slots=True, repr=False)
+class Tuned(Drawn):
     """A setting, what the engine does with it, why it was chosen, and advice that follows."""
 
     target: Target
@@ -39,6 +39,14 @@ class Tuned(Shown):
     passivity: Passivity
     why: str
     advice: tuple[str, ...]
+
+    def _lines(self) -> Iterator[str]:
+        band = f"from {self.target.speed_min:.3g} to {self.target.speed_max:.3g} m/s"
+        yield f"{self.setting.engine} {self.setting.name}: e within {self.error:.2g} {band}"
+        yield self.why
+
+    def _rows(self) -> Iterator[dict[str, Any]]:
+        yield asdict(self.evaluation)
 
     @property
     def error(self) -> float:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from hcbench._notebook import Shown
 from hcbench.sim.model_under_test import Facts, Texts
 from hcbench.sim.passivity import MOST_E
 from hcbench.sim.standing import Standing
 from hcbench.tuning.tune import MAX_ERROR
 
 _POINTS = "points of contact"  # among `Facts.settings`
+_SHOWN = 8  # pairs
 _GAINS = 0.95  # of the error as it was: what a setting that is worth writing stays below
 
 
@@ -32,8 +35,8 @@ class TunedPair:
     taken: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class TunedModel:
+@dataclass(frozen=True, slots=True, repr=False)
+class TunedModel(Shown):
     """A setting for pairs in their own model, and how it does there.
 
     texts: of the setting; its `written` is "" where the engine has no such text. pairs: in each attitude.
@@ -50,9 +53,29 @@ class TunedModel:
     after: Standing
     enough: float = MAX_ERROR
 
+    def _lines(self) -> Iterator[str]:
+        yield f"{self.pairs[0].facts.model}: {self.name}"
+        for pair in self.pairs[:_SHOWN]:
+            low, high = pair.points[0][0], pair.points[-1][0]
+            within = f"e within {pair.max_error:.2g} from {low:.3g} to {high:.3g} m/s"
+            yield f"{' on '.join(pair.facts.pair)}{f', {pair.attitude}' if pair.attitude else ''}: {within}"
+        yield f"to paste: .text, {len(self.text.splitlines())} lines"
+
+    def _rows(self) -> Iterator[dict[str, Any]]:
+        for pair in self.pairs:
+            for speed, target, low, high in pair.points:
+                yield {
+                    "pair": ",".join(pair.facts.pair),
+                    "attitude": pair.attitude,
+                    "speed_in_m_per_s": speed,
+                    "target": target,
+                    "restitution_min": low,
+                    "restitution_max": high,
+                }
+
     @property
-    def paste(self) -> str:
-        """Lines for the model or script."""
+    def text(self) -> str:
+        """What to paste: lines for the model or script."""
         return self.texts.paste
 
     @property

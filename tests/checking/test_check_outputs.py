@@ -18,7 +18,7 @@ from hcbench.checking import CheckSpec, Outputs, check
 from hcbench.checking.baseline import read_baseline
 from hcbench.checking.text import as_record_of, as_text
 from hcbench.errors import UserError
-from hcbench.measuring import Wanted, measure
+from hcbench.measuring import measure
 from hcbench.measuring.text import as_record
 from hcbench.measuring.text import as_text as measurement_text
 from hcbench.reporting.measurement_page import measurement_page
@@ -95,14 +95,14 @@ def test_no_name_in_a_model_becomes_markup_or_a_command(tmp_path: Path) -> None:
 
 
 def test_the_page_stands_alone(tmp_path: Path) -> None:
-    measurement = measure(BROKEN, "ball,plate", speeds=[0.5], wanted=0.9)
+    measurement = measure(BROKEN, "ball,plate", speeds=[0.5], restitution=0.9)
     page = measurement_page(measurement)
     assert re.findall(r'(?:src|href)="(?!data:)', page) == []
     assert "solimp-mixing" not in page, "codes are for machines"
     assert "averages the solimp" in page
     assert f"They meet {measurement.facts.meeting}." in page
     assert "ball approaches from above, along 0 0 -1" in page
-    assert page == measurement_page(measure(BROKEN, "ball,plate", speeds=[0.5], wanted=0.9))
+    assert page == measurement_page(measure(BROKEN, "ball,plate", speeds=[0.5], restitution=0.9))
 
 
 def test_loops_are_in_the_record_and_on_the_page() -> None:
@@ -123,7 +123,7 @@ def test_loops_are_in_the_record_and_on_the_page() -> None:
 
 
 def test_the_record_of_a_measurement_is_whole() -> None:
-    record = as_record(measure(GOOD, "ball,plate", speeds=SPEEDS, phases=4, wanted=Wanted(alpha=0.3)))
+    record = as_record(measure(GOOD, "ball,plate", speeds=SPEEDS, phases=4, alpha=0.3))
     assert record["score"]["impacts"] == 8
     assert record["law"]["alpha_s_per_m"] == 0.3
     assert len(record["impacts"]) == 8

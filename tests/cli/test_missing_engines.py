@@ -10,8 +10,8 @@ from hcbench import cli
 from hcbench.benchmark.encodings import arrays, frame, metadata_in, parquet
 from hcbench.benchmark.plan import versions_here
 from hcbench.benchmark.study import find_study, is_built_in, load_study
-from hcbench.cli.report import _engines_in, _folder, _load
 from hcbench.errors import EngineMissing, UserError
+from hcbench.reporting.ask import engines_in, find_plan, folder_for
 from hcbench.sim import install, registry, simulate
 from hcbench.sim.backend import Backend
 
@@ -35,19 +35,19 @@ def without_bullet(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_built_in_study_leaves_it_out_and_says_how_to_add_it(
     without_bullet: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    name, study = _load("steel-1lb")
+    name, study = find_plan("steel-1lb", print)
     assert name == "steel-1lb"
     assert study.missing == ("pybullet",)
     assert {run.engine for run in study.runs} == {"mujoco", "reference"}
     assert study.described()["missing"] == ["pybullet"]
-    assert capsys.readouterr().err == f"left out, not installed: pybullet. Add: {ADD}\n"
+    assert capsys.readouterr().out == f"left out, not installed: pybullet. Add: {ADD}\n"
 
 
 def test_nothing_is_left_out_where_all_is_there(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("pybullet")
-    study = _load("steel-1lb")[1]
+    study = find_plan("steel-1lb", print)[1]
     assert "missing" not in study.described()
-    assert not capsys.readouterr().err
+    assert not capsys.readouterr().out
 
 
 def test_a_study_of_the_users_own_needs_what_it_names(
@@ -58,7 +58,7 @@ def test_a_study_of_the_users_own_needs_what_it_names(
     file.write_text(f'scene = "steel-plane"\nalphas = 0.3\nspeeds = 0.2\n{run}', encoding="utf-8")
     assert not is_built_in(file)
     assert is_built_in(find_study("steel-1lb"))
-    assert _load(str(file))[1] == load_study(file)
+    assert find_plan(str(file), print)[1] == load_study(file)
     assert cli.run(["report", str(file), "--out", str(tmp_path / "out"), "-j", "1"]) == 3
     assert ADD in capsys.readouterr().err
     assert cli.run(["tune", "pybullet", "--restitution=0.9", "--timestep=1e-3"]) == 3
@@ -69,13 +69,13 @@ def test_a_page_with_a_gap_never_replaces_one_without(tmp_path: Path) -> None:
     full = tmp_path / "reports"
     full.mkdir()
     (full / "scores.csv").write_text("engine,setting\nmujoco,impulse\npybullet,stock\n", encoding="utf-8")
-    there = _engines_in(full)
+    there = engines_in(full)
     assert there == {"mujoco", "pybullet"}
     with pytest.raises(UserError, match="holds a report with pybullet"):
-        _folder(full, full, ("pybullet",), there)
-    assert _folder(None, full, ("pybullet",), there).name == "reports-without-pybullet"
-    assert _folder(full, full, (), there) == full
-    assert _engines_in(tmp_path) == set()
+        folder_for(full, full, ("pybullet",), there)
+    assert folder_for(None, full, ("pybullet",), there).name == "reports-without-pybullet"
+    assert folder_for(full, full, (), there) == full
+    assert engines_in(tmp_path) == set()
 
 
 def test_commands_that_add_engines_say_the_python_that_one_needs() -> None:

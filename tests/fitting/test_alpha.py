@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from measured_bounces import EXACT, G, synthesise, times_of, trials, write
 
-from hcbench.fitting import fit_files
+from hcbench.fitting import ask
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.fit import fit
 from hcbench.fitting.heights import Heights
@@ -107,7 +107,7 @@ def test_drag_that_is_left_out_makes_a_table_tennis_ball_lossy() -> None:
 def test_a_fit_shows_itself_in_a_notebook(tmp_path: Path) -> None:
     times = times_of(synthesise.hunt_crossley(0.3), 1)
     path = write(tmp_path, "time [s]\n" + "\n".join(f"{t:.6f}" for t in times), "<b>.csv")
-    found = fit_files(path, setup=EXACT)
+    found = ask.fit(path)
     assert found.alpha is not None
     shown = found._repr_html_()
     assert f"{found.alpha.value:.3f}" in shown and "&lt;b&gt;.csv" in shown and "<b>" not in shown

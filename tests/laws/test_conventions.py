@@ -111,7 +111,7 @@ def test_the_old_tsuji_damping_of_lammps_delivered_something_else(e: float) -> N
 
 def test_the_reading_decides_which_e_the_engines_get() -> None:
     assert _row(_full(), "PyBullet", "restitution").value == (E,)
-    linear = _row(_full(reading="linear"), "PyBullet", "restitution").value
+    linear = _row(_full(target="linear"), "PyBullet", "restitution").value
     assert linear[0] == pytest.approx(1.0 - ALPHA * SPEED, rel=1e-15)
 
 
@@ -119,7 +119,7 @@ def test_what_has_no_conversion_has_a_reason() -> None:
     assert convert(alpha=ALPHA).missing == (
         "Restitutions and solref: they need the speed at which they should hold.",
     )
-    assert "below what any has" in convert(alpha=5.0, speed=1.0, reading="linear").missing[0]
+    assert "below what any has" in convert(alpha=5.0, speed=1.0, target="linear").missing[0]
     assert len(convert(alpha=ALPHA, speed=SPEED).missing) == 2
     undamped = convert(alpha=0.0, speed=SPEED, contact_time=1e-3)
     assert any("timeconst" in line for line in undamped.missing)

@@ -177,7 +177,7 @@ if not hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"):  # came with MuJoCo 3.13
 
 @cache
 def first_look(planted: Planted, wanted: float | None) -> Measurement:
-    return measure(planted.text(), ("ball", "plate"), speeds=SPEEDS, wanted=wanted)
+    return measure(planted.text(), ("ball", "plate"), speeds=SPEEDS, restitution=wanted)
 
 
 @pytest.mark.parametrize("name", PLANTED)
@@ -194,7 +194,7 @@ def test_a_planted_cause_is_named_and_its_fix_cures(name: str) -> None:
     others = [c for c in found.causes if c.code != code and "timestep" not in c.fix]
     for other in others:  # fixes that help only together
         cured = cured.pasted(other.fix) if "=" in other.fix else cured
-    again = measure(cured.text(), ("ball", "plate"), speeds=speeds, wanted=wanted)
+    again = measure(cured.text(), ("ball", "plate"), speeds=speeds, restitution=wanted)
     now = off(again, goal, found.facts.asked)
     assert now < 0.02, (cause.fix, [c.code for c in again.causes])
 
@@ -246,7 +246,7 @@ def test_an_explicit_pair_is_what_counts() -> None:
     assert found.causes == ()
     assert found.facts.asked[0] == pytest.approx(0.9)
     damped = pair.replace("-950", "-700")
-    found = measure(Planted(contact=damped).text(), ("ball", "plate"), wanted=0.9)
+    found = measure(Planted(contact=damped).text(), ("ball", "plate"), restitution=0.9)
     assert [cause.code for cause in found.causes] == ["damped-solref"]
     assert "promises e = 0.4" in found.causes[0].evidence
 
@@ -282,7 +282,7 @@ def test_a_box_that_lands_flat_is_asked_what_each_of_its_contacts_is() -> None:
 
 
 def test_the_law_can_be_what_is_wanted() -> None:
-    found = measure(Planted(IMPULSE, IMPULSE).text(), ("ball", "plate"), wanted=Wanted(alpha=0.63))
+    found = measure(Planted(IMPULSE, IMPULSE).text(), ("ball", "plate"), alpha=0.63)
     assert found.causes == () or "do not explain" in found.remedy, "one constant cannot follow a law"
     assert max(abs(e) for _, e in found.errors(Wanted(alpha=0.63))) > 0.05
 
@@ -426,7 +426,7 @@ def test_one_e_for_all_speeds_is_reported_where_several_are_wanted(timestep: str
     planted = Planted(pairs, pairs, f'{STILL} timestep="{timestep}"')
     model = mujoco.MjModel.from_xml_string(planted.text())
     speeds = [v for v, _ in FALLING]
-    found = measure(model, pair="sphere,plate", speeds=speeds, wanted=Wanted(points=FALLING))
+    found = measure(model, pair="sphere,plate", speeds=speeds, points=FALLING)
     assert "No cause was found" not in found.remedy
     assert f"{why} the same e at every speed, 0.9" in found.remedy
     assert "The best constant e is wrong by 0.095" in found.remedy
@@ -434,5 +434,5 @@ def test_one_e_for_all_speeds_is_reported_where_several_are_wanted(timestep: str
 
 def test_a_contact_that_is_off_by_a_constant_is_not_said_to_have_one_e() -> None:
     model = mujoco.MjModel.from_xml_string(Planted(IMPULSE, IMPULSE).text())
-    found = measure(model, pair="sphere,plate", speeds=[0.1, 1.0], wanted=Wanted(constant=0.7))
+    found = measure(model, pair="sphere,plate", speeds=[0.1, 1.0], restitution=0.7)
     assert "for all speeds" not in found.remedy

@@ -101,7 +101,7 @@ TUNED: list[tuple[str, str]] = [
 @pytest.mark.parametrize(("file", "pair"), TUNED)
 def test_the_tuned_model_bounces_as_tune_says(file: str, pair: str, tmp_path: Path) -> None:
     """At speeds and phases that tune has not seen; the model is written beside no mesh of its own."""
-    wanted = Wanted(constant=0.5)
+    wanted = Wanted(restitution=0.5)
     found = tune_model(str(found_file(file)), [make_request(pair, speeds=[0.3, 1.5])], wanted)
     (tmp_path / "tuned.xml").write_text(found.written)
     again = measure(tmp_path / "tuned.xml", pair, speeds=[0.35, 0.8, 1.3], phases=5, diagnose=False)

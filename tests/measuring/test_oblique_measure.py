@@ -110,7 +110,7 @@ def test_a_world_of_pybullet_keeps_its_e_obliquely_at_its_own_step() -> None:
 
 
 def test_measure_finds_what_throws_a_sliding_ball_up_and_its_fix_holds() -> None:
-    found = measure(model(), "ball,plate", speeds=[0.3, 1.1], angle="80 deg", wanted=0.97)
+    found = measure(model(), "ball,plate", speeds=[0.3, 1.1], angle="80 deg", restitution=0.97)
     assert max(i.restitution for i in found.measured) > 2.0
     assert not found.energy_gained
     (cause,) = found.causes

@@ -119,7 +119,7 @@ HELD = f"""<mujoco><option timestep="2e-3" integrator="implicitfast" gravity="0 
 
 
 def test_an_integrator_that_damps_the_bounce_by_the_servos_is_a_cause() -> None:
-    held = measure(HELD, "geom:tip,floor", speeds=[0.5], wanted=0.87)
+    held = measure(HELD, "geom:tip,floor", speeds=[0.5], restitution=0.87)
     assert [cause.code for cause in held.causes] == ["integrator"]
     assert "Euler" in held.causes[0].fix
 
@@ -142,7 +142,7 @@ def test_a_robot_that_stands_in_the_floor_is_raised_up_to_a_limit() -> None:
 
 @pytest.mark.parametrize("kv", [12, 40])
 def test_the_integrator_is_named_where_it_alone_takes_half_of_what_the_servos_cost(kv: int) -> None:
-    held = measure(HELD.replace('kv="7"', f'kv="{kv}"'), "geom:tip,floor", speeds=[0.5], wanted=0.87)
+    held = measure(HELD.replace('kv="7"', f'kv="{kv}"'), "geom:tip,floor", speeds=[0.5], restitution=0.87)
     assert [cause.code for cause in held.causes] == ["actuators", "integrator"]
     before = 0.87 - held.curve[0].restitution
     assert held.causes[1].alone <= 0.55 * before

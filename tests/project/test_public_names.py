@@ -17,7 +17,7 @@ import pytest
 
 import hcbench
 from hcbench.errors import HcbenchError
-from hcbench.fitting import fit_files
+from hcbench.fitting.ask import fit
 from hcbench.launch_options import OPTIONS
 from hcbench.laws.published import law_named
 from hcbench.scene import Material
@@ -73,15 +73,21 @@ RIGHT: dict[str, dict[str, Any]] = {
     "hcbench.Study": STUDY,
     "hcbench.Target": {"law": LAW, "mass": 0.45, "timestep": 1e-3, "speed_min": 0.1, "speed_max": 0.5},
     "hcbench.Wanted": {"alpha": 0.3},
+    "hcbench.check": {"model": "no-such.xml", "pair": "a,b"},
+    "hcbench.convert": {"alpha": 0.3, "speed": 0.5},
     "hcbench.engine": {"name": "reference"},
+    "hcbench.fit": {"law": "auto"},
     "hcbench.land": {"model": object()},
+    "hcbench.law": {"alpha": 0.3},
     "hcbench.load_scene": {"name_or_path": "steel-plane"},
     "hcbench.load_study": {"path": ROOT / "reports" / "steel-1lb" / "study.toml"},
     "hcbench.measure": {"model": object(), "pair": "a,b"},
     "hcbench.measure_trajectory": {"model": object(), "trajectory": {"qpos": [[0.0]]}},
+    "hcbench.pairs": {"model": object()},
+    "hcbench.report": {"study": "no-such-study"},
     "hcbench.run_study": {"study": None},
     "hcbench.score": {"impacts": [], "law": LAW, "mass": 0.45},
-    "hcbench.tune": {"engine": "reference", "timestep": 1e-3, "alpha": 0.3},
+    "hcbench.tune": {"model": "reference", "timestep": 1e-3, "alpha": 0.3},
     "hcbench.contact.mujoco.ConstantRestitution": {"restitution": 0.9},
     "hcbench.contact.mujoco.Restitution": {"alpha": 0.3},
     "hcbench.contact.mujoco.Friction": {"static": 0.5, "dynamic": 0.4},
@@ -112,6 +118,7 @@ RIGHT: dict[str, dict[str, Any]] = {
 MADE_BY_HCBENCH = {
     "Answer",
     "Impact",
+    "ImpactLaw",
     "Loop",
     "Measurement",
     "Results",
@@ -126,7 +133,7 @@ MADE_BY_HCBENCH = {
 def calls() -> Iterator[tuple[str, str]]:
     for name in RIGHT:
         for parameter in inspect.signature(resolve(name)).parameters.values():
-            if parameter.kind is not parameter.VAR_KEYWORD:
+            if parameter.kind not in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
                 yield name, parameter.name
     for option in OPTIONS:
         yield "hcbench.measure", option
@@ -177,7 +184,9 @@ def test_a_wrong_argument_is_an_error_of_ours_or_none(name: str, parameter: str,
         ("hcbench.Target", "law", 0.3, "^law: 0.3; expected a HuntCrossley$"),
         ("hcbench.engine", "name", ["x"], "^name: .*expected text$"),
         ("hcbench.load_study", "path", 7, "^path: 7; expected text or a path$"),
-        ("hcbench.measure", "limit", "60 s", "^limit: '60 s'; expected a number or None$"),
+        ("hcbench.measure", "limit", "60 m", "^limit: '60 m'.*expected a unit that converts to s"),
+        ("hcbench.law", "alpha", "0.3 m/s", "^alpha: .*expected a unit that converts to s/m"),
+        ("hcbench.tune", "model", "mujco", "^engine: 'mujco'.*"),
         ("hcbench.measure", "limit", 1e10, "^limit: "),
         ("hcbench.measure", "tolerance", math.nan, "^tolerance: "),
         ("hcbench.run_study", "study", "study.toml", "^study: 'study.toml'; expected a Study$"),
@@ -202,13 +211,13 @@ def test_what_is_handed_to_methods_and_to_fits_is_checked_too(value: Any, tmp_pa
     with pytest.raises(HcbenchError):
         hcbench.Results.read(value)
     with pytest.raises(HcbenchError):
-        fit_files(value)
+        fit(value)
     (tmp_path / "pairs.csv").write_text("speed [m/s],restitution\n0.1,0.9\n0.2,0.8\n0.3,0.7\n")
     with pytest.raises(HcbenchError, match=r"^law: "):
-        fit_files(tmp_path / "pairs.csv", law=value)
-    if value is not None:
-        with pytest.raises(HcbenchError, match=r"^setup: "):
-            fit_files(tmp_path / "pairs.csv", setup=value)
+        fit(tmp_path / "pairs.csv", law=value)
+    if value is not None and not isinstance(value, float):
+        with pytest.raises(HcbenchError, match=r"^(height|number|value)"):
+            fit(tmp_path / "pairs.csv", height=value)
 
 
 @pytest.mark.parametrize("kind", [np.float64, np.float32])
@@ -225,15 +234,37 @@ def test_numpy_numbers_are_numbers(kind: Any) -> None:
 
 def test_every_public_name_of_the_package_is_tried_here() -> None:
     tried = {name.removeprefix("hcbench.") for name in RIGHT if name.count(".") == 1}
-    assert tried | MADE_BY_HCBENCH == set(hcbench.__all__)
+    assert tried | MADE_BY_HCBENCH == {*hcbench._VERBS, *hcbench._CLASSES}
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_every_public_name_has_a_docstring_and_a_line_in_the_documentation(module: str) -> None:
-    home = import_module(module)
+def test_dir_shows_a_dozen_names_which_is_what_a_user_calls() -> None:
+    assert dir(hcbench) == sorted([*hcbench.__all__, "__version__"])
+    assert len(hcbench.__all__) == 12
+    for name in (*hcbench._VERBS, *hcbench._CLASSES):
+        assert getattr(hcbench, name).__module__.startswith("hcbench.")
+
+
+def test_a_class_has_one_home() -> None:
+    for module in MODULES[1:]:
+        for name in import_module(module).__all__:
+            if name in hcbench._CLASSES:
+                assert getattr(import_module(module), name) is getattr(hcbench, name)
+
+
+@pytest.mark.parametrize(
+    ("section", "names"),
+    [
+        ("`hcbench`", sorted(hcbench._VERBS)),
+        ("`hcbench`: results, studies and engines", sorted(hcbench._CLASSES)),
+        *((f"`{module}`", sorted(import_module(module).__all__)) for module in MODULES[1:]),
+    ],
+)
+def test_every_public_name_has_a_docstring_and_a_line_in_the_documentation(
+    section: str, names: list[str]
+) -> None:
     text = (ROOT / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
-    section = text.partition(f"## `{module}`\n")[2].partition("\n## ")[0]
-    listed = re.findall(r"^\.\. auto\w+:: (?:hcbench\.measure\.)?(\w+)$", section, flags=re.MULTILINE)
-    assert listed == sorted(home.__all__)
-    for name in home.__all__:
-        assert getattr(home, name).__doc__
+    found = text.partition(f"## {section}\n")[2].partition("\n## ")[0]
+    listed = re.findall(r"^\.\. auto\w+:: (?:hcbench\.measure\.)?(\w+)$", found, flags=re.MULTILINE)
+    assert listed == names
+    home = import_module(section.split("`")[1])
+    assert all(getattr(home, name).__doc__ for name in names)

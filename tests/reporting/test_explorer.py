@@ -19,7 +19,6 @@ from hcbench.benchmark.bounce_sequence import law_heights
 from hcbench.benchmark.results import REST_COLUMNS, RUN_KEY, TRAIN_COLUMNS, Results
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.measuring.measurement import Wanted
 from hcbench.reporting.build import page_text
 from hcbench.reporting.conditions import views
 from hcbench.reporting.drawings import drawings
@@ -415,9 +414,7 @@ SOFT = """<mujoco><option timestep="0.0002" integrator="Euler"/><worldbody>
 def test_a_measurements_page_has_the_same_explorer(opened: Callable[..., Page], tmp_path: Path) -> None:
     (tmp_path / "soft.xml").write_text(SOFT)
     verb: Any = hcbench.measure
-    found = verb(
-        tmp_path / "soft.xml", pair="ball,plate", speeds=[0.2, 0.4], phases=2, wanted=Wanted(alpha=0.1)
-    )
+    found = verb(tmp_path / "soft.xml", pair="ball,plate", speeds=[0.2, 0.4], phases=2, alpha=0.1)
     (tmp_path / "page.html").write_text(measurement_page(found), encoding="utf-8")
     page = opened(to=(tmp_path / "page.html").as_uri())
     page.locator("#explorer-curve").press("Home")

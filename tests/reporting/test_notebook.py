@@ -13,7 +13,6 @@ from small_results import small_results
 
 import hcbench
 from hcbench.laws.force import HuntCrossley
-from hcbench.measuring.measurement import Wanted
 from hcbench.recipes.target import Target
 from hcbench.scene import load_scene
 from hcbench.tuning.tune import tune
@@ -23,7 +22,7 @@ GOOD = Path(__file__).parents[2] / "examples" / "good.xml"
 
 def measured() -> Any:
     verb: Any = hcbench.measure
-    return verb(GOOD, pair="ball,plate", speeds=[0.1, 0.3], phases=2, wanted=Wanted(alpha=0.315))
+    return verb(GOOD, pair="ball,plate", speeds=[0.1, 0.3], phases=2, alpha=0.315)
 
 
 def tuned() -> Any:

@@ -111,7 +111,7 @@ def test_a_model_that_is_none_is_the_users_mistake(
     mujoco = engine("mujoco")
     assert isinstance(mujoco, TunesModels)
     with pytest.raises(UserError, match=message):
-        list(mujoco.model_settings(str(tmp_path / name), [request], Wanted(constant=0.5)))
+        list(mujoco.model_settings(str(tmp_path / name), [request], Wanted(restitution=0.5)))
 
 
 def test_a_bullet_script_gets_its_lines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -148,9 +148,7 @@ def test_e_falls_with_speed_as_wanted_under_gravity_at_two_milliseconds(
     record = tuned(tmp_path / "robot.xml", capsys, "--pair", "foot,floor", "--alpha", "0.31 s/m")
     assert record["setting"] == "spring and damper"
     assert record["max_error"] < 0.05
-    found = measure(
-        tmp_path / "tuned.xml", "foot,floor", speeds=[0.12, 0.5, 1.9], wanted=Wanted(alpha=0.31), phases=5
-    )
+    found = measure(tmp_path / "tuned.xml", "foot,floor", speeds=[0.12, 0.5, 1.9], alpha=0.31, phases=5)
     assert max(abs(error) for _, error in found.errors(Wanted(alpha=0.31))) < record["max_error"] + 0.005
     assert found.curve[0].restitution > 0.9
     assert found.curve[2].restitution < 0.68
@@ -218,7 +216,7 @@ def test_what_stood_stands_when_all_its_contacts_are_tuned(
     text: str, body: str, pairs: list[str], e: float
 ) -> None:
     requests = [make_request(pair, speeds=[0.5]) for pair in pairs]
-    found = tune_model(text, requests, Wanted(constant=e), max_error=1.0)
+    found = tune_model(text, requests, Wanted(restitution=e), max_error=1.0)
     assert [set(pair.facts.pair) for pair in found.pairs] == [set(pair.split(",")) for pair in pairs]
     before, after = stands_at(text, body), stands_at(found.written, body)
     assert before == pytest.approx(after, abs=2e-3)
@@ -231,7 +229,7 @@ def test_a_humanoid_stands_on_two_rows_a_foot() -> None:
         HUMANOID, [make_request(pair, speeds=[0.3, 1.0]) for pair in pairs], wanted, max_error=0.15
     )
     assert "spring and damper" in found.name
-    assert found.paste.count('<pair geom1="foot_') == 4
+    assert found.text.count('<pair geom1="foot_') == 4
     assert stands_at(found.written, "trunk") == pytest.approx(stands_at(HUMANOID, "trunk"), abs=2e-3)
 
 

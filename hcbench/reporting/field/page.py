@@ -14,11 +14,12 @@ from hcbench.reporting.field.figures import drawings
 from hcbench.reporting.field.headline import versions
 from hcbench.reporting.field.panel import page_data, setting_of, tables
 from hcbench.reporting.field.view import STOCK, Case, FieldView
-from hcbench.reporting.page import PAGE, draw, render, script
+from hcbench.reporting.page import PAGE, counted, draw, render, script
 from hcbench.reporting.wording import time
 from hcbench.sim.install import add_commands
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from hcbench.benchmark.results import Results
@@ -29,7 +30,12 @@ _USUAL_STEP = 1e-3  # s: what the page opens with, or the nearest
 _SCRIPTS = ("explorer/law.js", "explorer/plot.js", "field.js")
 
 
-def build(results: Results, folder: Path, pool: WorkerPool | None = None) -> Path:
+def build(
+    results: Results,
+    folder: Path,
+    pool: WorkerPool | None = None,
+    tick: Callable[[int, int], None] | None = None,
+) -> Path:
     """Write the field report into `folder` and return its page. All of it appears, or nothing.
 
     index.html, tables and figures are the same bytes for the same results; cost.csv is of this machine.
@@ -39,7 +45,8 @@ def build(results: Results, folder: Path, pool: WorkerPool | None = None) -> Pat
         results.write(scratch)
         (scratch / "figures").mkdir()
         save = partial(draw, folder=scratch / "figures", png=not results.study.get("left_out"))
-        figures = list(map(save, drawings(view))) if pool is None else pool.map(save, drawings(view))
+        plans = list(drawings(view))
+        figures = list(counted((map if pool is None else pool.imap)(save, plans), len(plans), tick))
         probes = {case.engine: probe_of_engine for case, probe_of_engine in _probes(view)}
         write_text(scratch / COST, _costs(view, probes))
         write_text(scratch / PAGE, page_text(view, figures, {engine: p for engine, (_, p) in probes.items()}))

@@ -326,10 +326,10 @@ def test_a_loose_solver_is_named_and_its_fix_cures(tmp_path: Path, loose: str) -
     """Four corners touch at once: one sweep over them gives e = 0.88."""
     file = tmp_path / "box.py"
     file.write_text(BOX_ON_PLATE.replace("{loose}", loose), encoding="utf-8")
-    found = measure(f"{file}:build", "body:1,body:0", speeds=[0.1, 0.4], wanted=0.95)
+    found = measure(f"{file}:build", "body:1,body:0", speeds=[0.1, 0.4], restitution=0.95)
     assert [cause.code for cause in found.causes] == ["solver"]
     assert max(abs(i.restitution - 0.95) for i in found.impacts) > 0.05
     (arguments,) = re.findall(r"setPhysicsEngineParameter\((.*)\)", found.causes[0].fix)
     file.write_text(BOX_ON_PLATE.replace("{loose}", arguments), encoding="utf-8")
-    cured = measure(f"{file}:build", "body:1,body:0", speeds=[0.1, 0.4], wanted=0.95)
+    cured = measure(f"{file}:build", "body:1,body:0", speeds=[0.1, 0.4], restitution=0.95)
     assert max(abs(i.restitution - 0.95) for i in cured.impacts) < 0.01

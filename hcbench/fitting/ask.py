@@ -1,0 +1,98 @@
+"""`hcbench.fit`: files of measured bounces, and what is known besides, to α of the material."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, Unpack
+
+from hcbench import units
+from hcbench._arguments import checked
+from hcbench.errors import UserError
+from hcbench.fitting.fit import fit as fit_sets
+from hcbench.fitting.plausible import require_different
+from hcbench.fitting.read import KINDS, Excerpt, read_dataset, read_force
+from hcbench.fitting.setup import SetupOptions, read_setup
+from hcbench.launch_options import Quantity
+
+LAWS = ("auto", "hunt-crossley", "constant", "viscoelastic", "plastic")
+
+
+@checked
+def fit(
+    *files: str | Path,
+    law: str = "auto",
+    kind: str | None = None,
+    touches: str | None = None,
+    begin: Quantity | None = None,
+    end: Quantity | None = None,
+    **known: Unpack[SetupOptions],
+) -> Any:
+    """Find α of your material from a measurement of bounces, as `hcbench fit` does.
+
+    Parameters
+    ----------
+    *files : paths
+        Recordings, times, heights, tracks or pairs of one ball on one plate, with units in their headers; or
+        one file of forces.
+    law : {"auto", "hunt-crossley", "constant", "viscoelastic", "plastic"}
+        The law, where you know it.
+    kind : text, optional
+        Kind of data, in place of what the header says: "times", "heights", "pairs", ...
+    touches : text, optional
+        Touches of a recording to use: "2:14", train "B", or "B2:14".
+    begin, end : float, text or quantity of Pint's, optional
+        Part of a recording to read, s or with a unit.
+    **known : optional
+        What you know besides, SI or with a unit, also with a standard uncertainty such as "30 +- 0.1 cm":
+        height, gravity, mass, diameter, drag_coefficient, contact_time, timing, speed, exponent.
+
+    Returns
+    -------
+    FitResult or ForceFit
+        `alpha` has the value in s/m with its interval; None where the data do not support the law.
+
+    Raises
+    ------
+    UserError
+        Where the files do not hold enough, with the reason.
+
+    Examples
+    --------
+    >>> import hcbench as hb
+    >>> found = hb.fit("pairs.csv")
+    >>> found.law, round(found.alpha.value, 2)
+    ('hunt-crossley', 0.3)
+
+    """
+    paths = [Path(file) for file in files]
+    if not paths:
+        advice = "`hcbench fit --help` shows what"
+        raise UserError("files", "none given", "a file of measured bounces", advice)
+    if kind is not None and kind not in KINDS:
+        raise UserError("kind", repr(kind), f"one of {', '.join(KINDS)}")
+    setup = read_setup(**known)
+    if len(paths) == 1 and (forces := read_force(paths[0], setup, kind)) is not None:
+        return forces
+    require_different(tuple(paths))
+    part = read_excerpt(begin, end, touches)
+    return fit_sets([read_dataset(path, setup, kind, part) for path in paths], law)
+
+
+def read_excerpt(begin: Any, end: Any, touches: str | None) -> Excerpt:
+    """The part of a recording that a user names: times, SI or with units, and touches such as "B2:14"."""
+    first = 0.0 if begin is None else units.parse(begin, "time", "from")
+    last = None if end is None else units.parse(end, "time", "to", above=0)
+    return Excerpt(first, last, *_touches(touches))
+
+
+def _touches(text: str | None) -> tuple[int | None, range | None]:
+    """The train, from 0, and its touches, from 1, of "2:14", "B" or "B2:14"; None for what is not given."""
+    if text is None:
+        return None, None
+    match = re.fullmatch(r"\s*([A-Fa-f])?\s*(?:([0-9]{1,6}):([0-9]{1,6}))?\s*", text)
+    if match is None or not text.strip() or (match[2] and not 0 < int(match[2]) < int(match[3])):
+        expected = "the first and the last to take, such as 2:14, or a train, such as B"
+        raise UserError("--touches", repr(text), expected)
+    train = ord(match[1].upper()) - ord("A") if match[1] else 0
+    return train, range(int(match[2]), int(match[3]) + 1) if match[2] else None

@@ -1,0 +1,175 @@
+"""`hcbench.report`: a study in, its page with tables and figures out."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hcbench._arguments import checked
+from hcbench._files import atomic_folder, read_text
+from hcbench._notebook import Drawn
+from hcbench.benchmark.results import Results
+from hcbench.benchmark.study import find_study, is_built_in, load_study, name_of
+from hcbench.errors import UserError
+from hcbench.workers import WorkerPool
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from hcbench.benchmark.study import Study
+
+Tick = Callable[[int, int], None]
+Stage = Callable[[str], AbstractContextManager[Tick]]
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class StudyReport(Drawn):
+    """A report that was written: `page` is its HTML, `results` its tables."""
+
+    page: Path
+    results: Results
+
+    def _lines(self) -> list[str]:
+        return [f"page: {self.page}", *self.results._lines()]
+
+    def to_frame(self) -> pd.DataFrame:
+        """The scores: a row a setting, α and step, SI."""
+        return self.results.to_frame()
+
+    def plot(self) -> Figure:
+        """Restitution over impact speed, of the law and of every setting."""
+        return self.results.plot()
+
+    def _repr_html_(self) -> str:
+        return self.results._repr_html_()
+
+
+@checked
+def report(
+    study: str | Path = "steel-1lb", *, out: str | Path | None = None, quick: bool = False, jobs: int = 1
+) -> StudyReport:
+    """Run a study and write its page, with tables and figures, as `hcbench report` does.
+
+    Parameters
+    ----------
+    study : path or text
+        A study.toml, its folder, the folder of a finished sweep, or a built-in name.
+    out : path, optional
+        Folder to write to; reports/NAME, or reports/NAME-quick, by default.
+    quick : bool
+        Preview with one α and fewer speeds, phases and steps.
+    jobs : int
+        Worker processes.
+
+    Returns
+    -------
+    StudyReport
+        `page` is the path of its page; `results` has the tables, SI.
+
+    Raises
+    ------
+    UserError
+        For a study that cannot be read.
+    OutputError
+        For a folder that cannot be written, or that holds other files.
+
+    Examples
+    --------
+    >>> import hcbench as hb
+    >>> written = hb.report("study.toml", out="report")
+    >>> written.page.name, len(written.results.impacts)
+    ('index.html', 2)
+
+    """
+
+    def warn(line: str) -> None:
+        warnings.warn(line, stacklevel=5)
+
+    return write_report(str(study), None if out is None else Path(out), quick, jobs, _silent, warn)
+
+
+@contextmanager
+def _silent(_: str) -> Iterator[Tick]:
+    yield lambda done, total: None
+
+
+def write_report(
+    study: str, out: Path | None, quick: bool, jobs: int, stage: Stage, warn: Callable[[str], None]
+) -> StudyReport:
+    """As `report`. stage: shows, by a name, how far a part of the work is. warn: takes what was left out."""
+    with WorkerPool(jobs) as pool:
+        with stage("reading the study"):
+            # While this process imports what draws the page.
+            pool.begin("importlib", "import_module", "hcbench.benchmark.shard")
+            from hcbench.benchmark.read import is_sweep, read
+            from hcbench.benchmark.run import run_in_pool
+            from hcbench.reporting.build import build
+            from hcbench.reporting.page import PAGE
+
+            swept = is_sweep(study)
+            name, plan = (Path(study).resolve().name, None) if swept else find_plan(study, warn)
+            default = default_folder(name, quick)
+            folder = folder_for(out, default, plan.missing if plan else (), engines_in(out or default))
+        if plan is None:
+            with stage("reading the sweep"):
+                results = read(study, pool.map)
+            with stage("drawing") as tick:
+                return StudyReport(build(results, folder, pool, tick), results)
+        with atomic_folder(folder, PAGE) as scratch:
+            with stage("impacts") as tick:
+                results = run_in_pool(pool, plan.quick() if quick else plan, tick)
+            with stage("drawing") as tick:
+                build(results, scratch, pool, tick)
+    return StudyReport(folder / PAGE, results)
+
+
+def find_plan(name: str, warn: Callable[[str], None]) -> tuple[str, Study]:
+    """A study and its name. A built-in one leaves out engines that are not installed; `warn` is told so."""
+    path = find_study(name)
+    study = load_study(path)
+    if is_built_in(path):
+        missing = missing_engines(dict.fromkeys(run.engine for run in study.runs), warn)
+        study = study.of_engines(lambda engine: engine not in missing)
+    return name_of(path), study
+
+
+def missing_engines(engines: Iterable[str], warn: Callable[[str], None]) -> tuple[str, ...]:
+    """Those of some engines that are not installed; `warn` is told so, with the commands that add them."""
+    from hcbench.sim import install, registry
+
+    missing = tuple(name for name in engines if not registry.is_there(name))
+    if missing:
+        commands = "; ".join(install.add_commands(missing))
+        warn(f"left out, not installed: {', '.join(missing)}. Add: {commands}")
+    return missing
+
+
+def default_folder(name: str, quick: bool) -> Path:
+    """Where a report goes unless said: a preview not in place of the whole."""
+    return Path("reports") / (f"{name}-quick" if quick else name)
+
+
+def folder_for(out: Path | None, default: Path, missing: tuple[str, ...], present: set[str]) -> Path:
+    """Where a report goes: not in place of one that has engines that this one lacks."""
+    folder = out or default
+    if not (lost := present & set(missing)):
+        return folder
+    if out is None:
+        return default.with_name(f"{default.name}-without-{'-'.join(missing)}")
+    engines = ", ".join(sorted(lost))
+    raise UserError("--out", f"{out} holds a report with {engines}, now not installed", "another folder")
+
+
+def engines_in(folder: Path) -> set[str]:
+    """The engines of the report in a folder; none where there is no report."""
+    import csv
+
+    try:
+        return {row["engine"] for row in csv.DictReader(read_text(folder / "scores.csv").splitlines())}
+    except (OSError, ValueError, LookupError, csv.Error):
+        return set()

@@ -1,0 +1,61 @@
+"""Public docstrings: the example of each runs and prints what it shows; NumPy's sections are there."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hcbench
+
+ROOT = Path(__file__).parents[2]
+VERBS = ["check", "convert", "fit", "law", "measure", "pairs", "report", "tune"]
+STUDY = """scene = "steel-plane"
+alphas = "0.3 s/m"
+speeds = "0.2 m/s"
+phases = 2
+[[run]]
+engine = "mujoco"
+recipe = "impulse"
+timesteps = 1e-3
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The files that the examples name."""
+    shutil.copy(ROOT / "examples" / "good.xml", tmp_path / "ball.xml")
+    (tmp_path / "study.toml").write_text(STUDY, encoding="utf-8")
+    speeds = np.linspace(0.1, 1.0, 12)
+    e = hcbench.law(0.3).e(speeds) * (1 + 1e-3 * np.cos(7.0 * np.arange(12)))
+    rows = "".join(f"{v:.6f},{each:.6f}\n" for v, each in zip(speeds, e, strict=True))
+    (tmp_path / "pairs.csv").write_text(f"speed [m/s],restitution\n{rows}", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", [*VERBS, "ImpactLaw.e", "__doc__"])
+def test_the_example_of_a_public_name_prints_what_it_shows(name: str, folder: Path) -> None:
+    found: Any = hcbench
+    for part in name.split("."):
+        found = getattr(found, part)
+    text = found if isinstance(found, str) else found.__doc__
+    test = doctest.DocTestParser().get_doctest(text or "", {}, name, None, 0)
+    assert test.examples
+    lines: list[str] = []
+    failed, _ = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(test, out=lines.append)
+    assert not failed, "".join(lines)
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_a_verb_says_what_it_takes_returns_and_raises(name: str) -> None:
+    text = getattr(hcbench, name).__doc__
+    for section in ("Parameters", "Returns", "Raises", "Examples"):
+        assert f"{section}\n    {'-' * len(section)}\n" in text
+    assert f"`hcbench {name}`" in text
+    assert name in importlib.import_module("hcbench.cli").app.commands
