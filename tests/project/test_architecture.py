@@ -103,11 +103,14 @@ def test_only_the_front_door_imports_by_a_string() -> None:
     assert [str(p) for p in MODULES if by_name.search(p.read_text(encoding="utf-8"))] == []
 
 
-# Short re-exports that keep documented imports alive, other libraries' words, and threads that cases cite.
+# Short re-exports that keep documented imports alive, other libraries' words, threads that cases cite, and
+# examples that a user types.
 ABOUT_ENGINES = {
     "contact/mujoco.py",
     "contact/pybullet.py",
     "cases/make.py",
+    "cli/help.py",
+    "tuning/ask.py",
     "laws/conventions.py",
 }
 SOURCES = sorted(p for p in ROOT.rglob("*") if p.suffix in (".py", ".c", ".h"))
