@@ -138,7 +138,8 @@ def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json
 
 def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
     """Every pair that touches at the start; pairs that cannot be measured are reported and skipped."""
-    from hcbench.measuring.measure import list_pairs, measure_job
+    from hcbench.measuring.measure import measure_job
+    from hcbench.measuring.pairs import list_pairs
     from hcbench.measuring.text import as_record, as_text
 
     pairs = [pair for pair in list_pairs(job, limit) if pair.touching]
@@ -173,8 +174,9 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
     Show what moves them, their effective mass and their contact parameters.
     """
     from hcbench.checking.spec import plan
-    from hcbench.measuring.measure import Job, list_pairs
+    from hcbench.measuring.measure import Job
     from hcbench.measuring.measurement import TOLERANCE
+    from hcbench.measuring.pairs import list_pairs
     from hcbench.sim.candidate_pairs import as_records, as_table
 
     asked = plan(_spec(models, python, options, required=True))

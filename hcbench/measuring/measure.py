@@ -25,7 +25,6 @@ from hcbench.measuring.phases import impacts_of
 from hcbench.measuring.python_file import call_python, is_python
 from hcbench.measuring.request import make_request, read_limit
 from hcbench.sim import registry
-from hcbench.sim.candidate_pairs import CandidatePair
 from hcbench.sim.capabilities import OpensModels
 from hcbench.sim.engine import Engine
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request
@@ -125,11 +124,6 @@ def measure_job(job: Job, limit: float | None = None) -> Measurement:
     return run_job(_measured, job, limit)
 
 
-def list_pairs(job: Job, limit: float | None = None) -> list[CandidatePair]:
-    """Which parts of the model can meet; those that touch at the start first."""
-    return run_job(_listed, job, limit)
-
-
 def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Answer:
     """What `work(job)` returns: of files, in a worker that may crash, hang or need too much; else here.
 
@@ -195,11 +189,6 @@ def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
     except Exception as error:
         reason = f"{_label(job.source)}: {type(error).__name__}: {sanitized(error)}"
         raise EngineFailed("model", reason, "a model that the engine can run") from error
-
-
-def _listed(job: Job) -> list[CandidatePair]:
-    engine, source, rebuild = source_of(job)
-    return engine.pairs(source, job.request, rebuild)
 
 
 def _measured(job: Job) -> Measurement:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench._arguments import checked
 from hcbench._notebook import Shown
-from hcbench.measuring.measure import Job, list_pairs
+from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.measurement import TOLERANCE
 from hcbench.measuring.request import make_request, read_limit
 from hcbench.sim.candidate_pairs import CandidatePair, as_records, as_table
@@ -78,3 +78,13 @@ def pairs(
     request = make_request(None, key=key, qpos=qpos, state=state, package=package)
     job = Job(model, engine, request, None, TOLERANCE, diagnose=False)
     return CandidatePairs(tuple(list_pairs(job, read_limit(limit))))
+
+
+def list_pairs(job: Job, limit: float | None = None) -> list[CandidatePair]:
+    """Which parts of the model can meet; those that touch at the start first."""
+    return run_job(_listed, job, limit)
+
+
+def _listed(job: Job) -> list[CandidatePair]:
+    engine, source, rebuild = source_of(job)
+    return engine.pairs(source, job.request, rebuild)

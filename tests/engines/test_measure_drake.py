@@ -13,7 +13,8 @@ from hcbench.checking.outcome import Verdict
 from hcbench.checking.spec import CheckSpec, plan
 from hcbench.errors import SceneError, UserError
 from hcbench.laws.restitution import Restitution
-from hcbench.measuring.measure import Job, list_pairs, measure
+from hcbench.measuring.measure import Job, measure
+from hcbench.measuring.pairs import list_pairs
 from hcbench.measuring.request import make_request
 
 drake: Any = pytest.importorskip("pydrake.all")

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from hcbench.errors import UserError
-from hcbench.measuring.measure import Job, list_pairs
+from hcbench.measuring.measure import Job
+from hcbench.measuring.pairs import list_pairs
 from hcbench.measuring.request import make_request
 from hcbench.sim.packages import folders_of, read_packages, with_absolute_files
 
