@@ -176,21 +176,6 @@ def parse(
     return number
 
 
-def parse_shaped(
-    value: object, quantity: str, slot: str = "", *, least: float = -math.inf, above: float = -math.inf
-) -> Floats:
-    """Quantities in the shape that they came in, SI: () for one, (n,) for a list or a text of several,
-    an array's own. least, above: bounds, SI. Raises QuantityError.
-    """
-    value = _without_pint(value, QUANTITIES[quantity], slot or quantity)
-    if isinstance(value, np.ndarray):
-        flat = parse_values(value.ravel(), quantity, slot, least=least, above=above)
-        return flat.reshape(value.shape)
-    several = parse_values(value, quantity, slot, least=least, above=above)
-    is_one = len(several) == 1 and not isinstance(value, list | tuple)
-    return several.reshape(()) if is_one else several
-
-
 def _without_pint(value: object, kind: QuantityKind, slot: str, exponent: float = 1.5) -> object:
     """A quantity of Pint's as a number or an array, SI; any other value as it is."""
     if isinstance(value, str | float | int) or not isinstance(value, PintQuantity):
@@ -244,7 +229,9 @@ def parse_values(
     """
     kind, slot = QUANTITIES[quantity], slot or quantity
     value = _without_pint(value, kind, slot)
-    if isinstance(value, list | tuple | np.ndarray):
+    if isinstance(value, np.ndarray):
+        value = value.ravel().tolist()
+    if isinstance(value, list | tuple):
         if not len(value):
             raise QuantityError(slot, "an empty list", f"at least one value like {kind.example!r}")
         one = partial(parse, quantity=quantity, slot=slot, least=least, above=above)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from hcbench import units
 from hcbench._arguments import checked
 from hcbench._notebook import Drawn
@@ -72,9 +74,13 @@ class ImpactLaw(Drawn):
         array([0.971, 0.869, 0.768])
 
         """
-        speeds = units.parse_shaped(speed, "speed", "speed", least=0.0)
-        e: Floats = closed_form.restitution(self.alpha, speeds)
-        return e if speeds.ndim else float(e)
+        e: Floats = closed_form.restitution(
+            self.alpha, units.parse_values(speed, "speed", "speed", least=0.0)
+        )
+        if isinstance(speed, str):
+            return e if len(e) > 1 else float(e[0])
+        shape = np.shape(getattr(speed, "magnitude", speed))
+        return e.reshape(shape) if shape else float(e[0])
 
     def impacts(self, speeds: Quantities) -> list[ImpactSummary]:
         """Everything about one impact at each speed: e, penetration, force, duration, energy lost, SI."""
