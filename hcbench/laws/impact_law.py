@@ -11,6 +11,7 @@ from hcbench import units
 from hcbench._arguments import checked
 from hcbench._notebook import Drawn
 from hcbench.errors import UserError
+from hcbench.launch_options import PintQuantity
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.summary import PAPER_RELATIVE_RADIUS, ImpactSummary, summarize
@@ -74,12 +75,11 @@ class ImpactLaw(Drawn):
         array([0.971, 0.869, 0.768])
 
         """
-        e: Floats = closed_form.restitution(
-            self.alpha, units.parse_values(speed, "speed", "speed", least=0.0)
-        )
-        if isinstance(speed, str):
-            return e if len(e) > 1 else float(e[0])
-        shape = np.shape(getattr(speed, "magnitude", speed))
+        speeds = units.parse_values(speed, "speed", "speed", least=0.0)
+        e: Floats = closed_form.restitution(self.alpha, speeds)
+        magnitude: Any = speed.magnitude if isinstance(speed, PintQuantity) else speed
+        is_text = isinstance(speed, str)
+        shape = np.shape(None if is_text and len(e) == 1 else e if is_text else magnitude)
         return e.reshape(shape) if shape else float(e[0])
 
     def impacts(self, speeds: Quantities) -> list[ImpactSummary]:
