@@ -77,10 +77,10 @@ class ImpactLaw(Drawn):
         """
         speeds = units.parse_values(speed, "speed", "speed", least=0.0)
         e: Floats = closed_form.restitution(self.alpha, speeds)
-        magnitude: Any = speed.magnitude if isinstance(speed, PintQuantity) else speed
-        is_text = isinstance(speed, str)
-        shape = np.shape(None if is_text and len(e) == 1 else e if is_text else magnitude)
-        return e.reshape(shape) if shape else float(e[0])
+        given: Any = speed.magnitude if isinstance(speed, PintQuantity) else speed
+        if isinstance(given, str):
+            return e if len(e) > 1 else float(e[0])
+        return e.reshape(np.shape(given)) if np.ndim(given) else float(e[0])
 
     def impacts(self, speeds: Quantities) -> list[ImpactSummary]:
         """Everything about one impact at each speed: e, penetration, force, duration, energy lost, SI."""
