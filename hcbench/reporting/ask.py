@@ -129,7 +129,7 @@ def write_report(
 
 
 def find_plan(name: str, warn: Callable[[str], None]) -> tuple[str, Study]:
-    """A study and its name. A built-in one leaves out engines that are not installed; `warn` is told so."""
+    """A study and its name. A built-in one leaves out engines that are not installed; `warn` takes the line that says so."""
     path = find_study(name)
     study = load_study(path)
     if is_built_in(path):
@@ -139,7 +139,7 @@ def find_plan(name: str, warn: Callable[[str], None]) -> tuple[str, Study]:
 
 
 def missing_engines(engines: Iterable[str], warn: Callable[[str], None]) -> tuple[str, ...]:
-    """Those of some engines that are not installed; `warn` is told so, with the commands that add them."""
+    """Those of some engines that are not installed; `warn` takes a line with the commands that add them."""
     from hcbench.sim import install, registry
 
     missing = tuple(name for name in engines if not registry.is_there(name))
