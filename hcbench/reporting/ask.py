@@ -129,7 +129,7 @@ def write_report(
 
 
 def find_plan(name: str, warn: Callable[[str], None]) -> tuple[str, Study]:
-    """A study and its name. A built-in one leaves out engines that are not installed; `warn` takes the line that says so."""
+    """A study and its name. A built-in one leaves out what is not installed, with a line to `warn`."""
     path = find_study(name)
     study = load_study(path)
     if is_built_in(path):
