@@ -8,6 +8,8 @@ An adapter is a file with a class Engine, which has `name`, `version`, and `comb
 two bodies become one ("product", "average", "maximum", "minimum", "geometric", or None without a rule). It
 has `make(world)`, `step()` and `state()`, which lists [x, y, z, vx, vy, vz, wx, wy, wz] of each body that
 moves, in SI units and the world's frame. It raises NotImplementedError for what the engine cannot do.
+An engine that steps many worlds at once also has `start()`: `make` adds a world, `start` starts all that were
+added since, of one timestep and the same shapes, and `state` lists the states of each.
 
 MIT License, copyright (c) 2026 the hcbench authors. Permission is hereby granted, free of charge, to any
 person obtaining a copy, to use, copy, modify, merge, publish, distribute, sublicense and sell it, if this
@@ -33,47 +35,50 @@ Json = dict[str, Any]
 States = list[list[Any]]  # [step, state of a body, state of the next ...], of each recorded step
 CASES = Path(__file__).resolve().with_name("hcbench-cases-1.json")
 COMBINE: dict[str, Callable[[list[float]], float]] = {
-    "product": math.prod,
-    "average": fmean,
-    "maximum": max,
-    "minimum": min,
-    "geometric": geometric_mean,
-}
+    "product": math.prod, "average": fmean, "geometric": geometric_mean, "maximum": max, "minimum": min
+}  # fmt: skip
 
 
 def run(engine: Any, cases: Json) -> Json:
-    """Run the cases and return the states that they ask for, as plain data for a JSON file.
-
-    An engine with `run_all(runs)`, which returns what `run_one` does for each of many, is given all at once.
-    """
+    """Run the cases and return the states that they ask for, as plain data for a JSON file."""
     runs, began = [each for case in cases["cases"] for each in case["runs"]], time.process_time()
-    in_batch = getattr(engine, "run_all", None)
-    states = iter(in_batch(runs) if in_batch else [run_one(engine, each) for each in runs])
-    done = {case["id"]: [next(states) for _ in case["runs"]] for case in cases["cases"]}
+    batches: dict[str, list[Json]] = {}
+    for number, each in enumerate(runs):
+        world, shapes = each["world"], [(b["shape"], b.get("fixed")) for b in each["world"]["bodies"]]
+        kind = (world["timestep"], world["floor"], shapes) if hasattr(engine, "start") else number
+        batches.setdefault(str(kind), []).append(each)
+    states = {id(each): done for batch in batches.values() for each, done in _run(engine, batch)}
+    done = {case["id"]: [states[id(each)] for each in case["runs"]] for case in cases["cases"]}
+    about = {name: getattr(engine, name, None) for name in ("name", "version", "combine")}
     cpu_s = round(time.process_time() - began, 3)
-    names = {name: getattr(engine, name, None) for name in ("name", "version", "combine")}
-    return {"format": 1, "set": cases["set"], "engine": names, "cpu_s": cpu_s, "runs": done}
+    return {"format": 1, "set": cases["set"], "engine": about, "cpu_s": cpu_s, "runs": done}
 
 
-def run_one(engine: Any, each: Json) -> Json:
-    """The states of one run, or {"unsupported": why} or {"error": why}."""
-    states: States = []
+def _run(engine: Any, runs: list[Json]) -> list[tuple[Json, Json]]:
+    """Each run with {"states": ...}, {"unsupported": why} or {"error": why}; many runs make a batch."""
+    batch, made, results = hasattr(engine, "start"), [], [(each, Json()) for each in runs]
     try:
-        engine.make(each["world"])
-        for step in range(each["steps"] + 1):
+        for each, result in results:
+            try:
+                engine.make(each["world"])
+                made.append((each, result.setdefault("states", [])))
+            except NotImplementedError as error:
+                result["unsupported"] = str(error)
+        if made and batch:
+            engine.start()
+        for step in range(1 + max((each["steps"] for each, _ in made), default=-1)):
             if step:
                 engine.step()
-            if any(first <= step <= last for first, last in each["record"]):
-                states.append([step, *([float(f"{x:.9g}") for x in body] for body in engine.state())])
-    except NotImplementedError as error:
-        return {"unsupported": str(error)}
+            asked = [any(a <= step <= b for a, b in each["record"]) for each, _ in made]
+            if any(asked):
+                worlds = engine.state() if batch else [engine.state()]
+                for (_, states), wanted, bodies in zip(made, asked, worlds, strict=True):
+                    if wanted:
+                        states.append([step, *([float(f"{x:.9g}") for x in body] for body in bodies)])
     except Exception as error:  # an engine's own; the other runs go on
-        return {"error": f"{type(error).__name__}: {error}"}
-    return {"states": states}
-
-
-# How numbers are read from the states of a run. Speeds in flight are central differences of positions, whose
-# second difference is gravity in every integrator.
+        failed = {"error": f"{type(error).__name__}: {error}"}
+        results = [(each, result if "unsupported" in result else failed) for each, result in results]
+    return results
 
 
 def restitution(each: Json, states: States) -> float:
@@ -81,7 +86,7 @@ def restitution(each: Json, states: States) -> float:
     h, g = each["world"]["timestep"], -each["world"]["gravity"][2]
     touch = each["world"]["bodies"][0]["radius"]
     z = {step: bodies[0][2] for step, *bodies in states}
-    squares = {  # of the speed at the plane, by the step of the state
+    squares = {  # of the speed at the plane: central differences mean the same in every integrator
         step: ((z[step + 1] - z[step - 1]) / (2 * h)) ** 2 + 2 * g * (z[step] - touch)
         for step in z
         if step - 1 in z and step + 1 in z
@@ -121,8 +126,7 @@ def force_noise(each: Json, states: States) -> float:
 
 def depth(each: Json, states: States) -> float:
     """How deep the first body, a box, ends in the floor, over its height."""
-    half = each["world"]["bodies"][0]["half"][2]
-    return float((half - states[-1][1][2]) / (2 * half))
+    return float(0.5 - states[-1][1][2] / (2 * each["world"]["bodies"][0]["half"][2]))
 
 
 def velocity(each: Json, states: States) -> list[float]:
@@ -152,8 +156,8 @@ def judge(results: Json, cases: Json) -> list[Json]:
     verdict: "pass", "fail", "unsupported" or "error". worst: by quantity what was measured, what is true, and
     the number of the run that is farthest off.
     """
-    runs, combine = results["runs"], results["engine"]["combine"]
-    return [_judge(case, runs.get(case["id"], []), combine) for case in cases["cases"]]
+    done, combine = results["runs"], results["engine"]["combine"]
+    return [_judge(case, done.get(case["id"], []), combine) for case in cases["cases"]]
 
 
 def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
@@ -213,36 +217,32 @@ def junit(verdicts: list[Json], engine: str, expected: Json) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def load_engines(path: str | Path) -> Iterator[Any]:
-    """An adapter's class Engine, once for each of its VARIANTS, which are tuples of arguments."""
-    module = runpy.run_path(str(path))
-    yield from [module["Engine"](*variant) for variant in module.get("VARIANTS", [()])]
-
-
 def main() -> int:
     """Run the cases; exit 1 where one fails that is not expected to, or passes that is."""
     parser = argparse.ArgumentParser(description="Run the bounce cases of hcbench in an engine.")
-    parser.add_argument("adapter", help="file with a class Engine")
-    parser.add_argument("--cases", default=CASES)
-    parser.add_argument("--expected", help="JSON file {engine: {case: reason}} of known failures")
-    parser.add_argument("--out", help="file for the results, a JSON list")
-    parser.add_argument("--junit", help="file for JUnit's XML")
+    parser.add_argument("adapter", type=Path, help="file with a class Engine")
+    parser.add_argument("--cases", type=Path, default=CASES)
+    parser.add_argument("--expected", type=Path, help="JSON file {engine: {case: reason}} of known failures")
+    parser.add_argument("--out", type=Path, help="file for the results, a JSON list")
+    parser.add_argument("--junit", type=Path, help="file for JUnit's XML")
+    parser.add_argument("--unjudged", action="store_true", help="only write the results")
     asked = parser.parse_args()
-    cases, every, suites, failures = json.loads(Path(asked.cases).read_text("utf-8")), [], [], 0
-    known = json.loads(Path(asked.expected).read_text("utf-8")) if asked.expected else {}
-    for engine in load_engines(asked.adapter):
-        results = run(engine, cases)
-        verdicts, expected = judge(results, cases), known.get(engine.name, {})
-        every.append(results)
-        suites.append(junit(verdicts, engine.name, expected))
+    cases, every, suites, failures = json.loads(asked.cases.read_text("utf-8")), [], "", 0
+    known = json.loads(asked.expected.read_text("utf-8")) if asked.expected else {}
+    module = runpy.run_path(str(asked.adapter))
+    for variant in module.get("VARIANTS", [()]):  # arguments of each Engine to run
+        engine = module["Engine"](*variant)
+        every.append(run(engine, cases))
+        verdicts, expected = [] if asked.unjudged else judge(every[-1], cases), known.get(engine.name, {})
+        suites += junit(verdicts, engine.name, expected)
         for verdict in verdicts:
             kind, text = outcome(verdict, expected)
             failures += kind == "failure"
             print(f"{engine.name} {verdict['case']} {kind}  {verdict['title']}  {text}", file=sys.stderr)
     if asked.out:
-        Path(asked.out).write_text(json.dumps(every, separators=(",", ":")) + "\n", "utf-8")
+        asked.out.write_text(json.dumps(every, separators=(",", ":")) + "\n", "utf-8")
     if asked.junit:
-        Path(asked.junit).write_text(f"<testsuites>{''.join(suites)}</testsuites>", "utf-8")
+        asked.junit.write_text(f"<testsuites>{suites}</testsuites>\n", "utf-8")
     return 1 if failures else 0
 
 
