@@ -18,7 +18,8 @@ from hcbench._text import sanitized
 from hcbench.errors import OutputError, UserError
 
 _TAIL = 4096  # bytes at either end that are searched for the mark
-_BASELINE = b'"kind": "hcbench baseline"'  # the mark of a baseline, which is JSON and takes no comment
+# What marks JSON, which takes no comment, by the option that writes it.
+_JSON = {"--write-baseline": b'"kind": "hcbench baseline"', "--out": b'"set":"hcbench-cases-'}
 _PNG = b"\x89PNG\r\n\x1a\n"
 _QUOTED = re.compile(rb"[\"']([^\"'\n]{1,255})[\"']")
 _MOST_NAMED = 1000  # input files that are searched for the names of others
@@ -57,7 +58,7 @@ def _require_replaceable(path: Path, option: str, force: bool) -> None:
         ends = file.read(_TAIL)
         file.seek(max(0, path.stat().st_size - _TAIL))
         ends += b"\n" + file.read()
-    if _mark(option) not in ends and not (option == "--write-baseline" and _BASELINE in ends):
+    if _mark(option) not in ends and _JSON.get(option, _mark(option)) not in ends:
         got = f"{sanitized(path)} exists, and {option} did not write it"
         raise UserError(option, got, "a new file", "--force replaces it")
 
@@ -119,8 +120,8 @@ def _marked(content: bytes, option: str) -> bytes:
         chunk = b"tEXtComment\0" + mark
         framed = (len(chunk) - 4).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
         return content[:-12] + framed + content[-12:]
-    if content.startswith(b"{"):
-        return content  # JSON has a kind
+    if content.startswith((b"{", b"[")):
+        return content
     is_markup = content.lstrip().startswith(b"<") or option == "--markdown"
     line = b"<!-- " + mark + b" -->\n" if is_markup else b"# " + mark + b"\n"
     return content + b"\n" * (not content.endswith(b"\n")) + line

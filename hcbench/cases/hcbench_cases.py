@@ -225,7 +225,6 @@ def main() -> int:
     parser.add_argument("--expected", type=Path, help="JSON file {engine: {case: reason}} of known failures")
     parser.add_argument("--out", type=Path, help="file for the results, a JSON list")
     parser.add_argument("--junit", type=Path, help="file for JUnit's XML")
-    parser.add_argument("--unjudged", action="store_true", help="only write the results")
     asked = parser.parse_args()
     cases, every, suites, failures = json.loads(asked.cases.read_text("utf-8")), [], "", 0
     known = json.loads(asked.expected.read_text("utf-8")) if asked.expected else {}
@@ -233,7 +232,7 @@ def main() -> int:
     for variant in module.get("VARIANTS", [()]):  # arguments of each Engine to run
         engine = module["Engine"](*variant)
         every.append(run(engine, cases))
-        verdicts, expected = [] if asked.unjudged else judge(every[-1], cases), known.get(engine.name, {})
+        verdicts, expected = judge(every[-1], cases), known.get(engine.name, {})
         suites += junit(verdicts, engine.name, expected)
         for verdict in verdicts:
             kind, text = outcome(verdict, expected)

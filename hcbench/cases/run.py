@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import os
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from pathlib import Path
 
 from hcbench._files import parse_json, read_text
@@ -29,6 +29,14 @@ def adapters() -> dict[str, Path]:
     return {path.parent.name.replace("_", "-"): path for path in files}
 
 
+def _variants(adapter: Path) -> int:
+    """How many engines an adapter makes, read without running it: it may need another environment."""
+    for node in ast.parse(read_text(adapter)).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "VARIANTS":
+            return len(ast.literal_eval(node.value))
+    return 1
+
+
 def run_engines(
     names: Sequence[str],
     jobs: int = 1,
@@ -45,24 +53,37 @@ def run_engines(
         if name.partition("@")[0] not in adapters():
             raise UserError("engine", f"{name!r} has no adapter of cases", f"one of: {', '.join(adapters())}")
         registry.require(name)
+    paths = {name: adapters()[name.partition("@")[0]] for name in names}
+    every = [(name, number) for name in names for number in range(_variants(paths[name]))]
     results: list[Json] = []
     cases = the_cases(only)
     with ThreadPoolExecutor(jobs) as pool:
-        for done, each in enumerate(pool.map(partial(_run, cases), names), 1):
-            results += each
-            progress(done, len(names))
+        run = pool.map(lambda each: _run(cases, each[0], paths[each[0]], each[1]), every)
+        for done, each in enumerate(run, 1):
+            results.append(each)
+            progress(done, len(every))
     return results
 
 
-def _run(cases: Json, name: str) -> list[Json]:
-    engine, adapter = registry.engine(name), adapters()[name.partition("@")[0]]
+def _run(cases: Json, name: str, adapter: Path, variant: int) -> Json:
+    engine = registry.engine(name)
     python = engine.environment.executable if isinstance(engine, RemoteEngine) else Path(sys.executable)
     with tempfile.TemporaryDirectory() as folder:
         out, asked = Path(folder) / "results.json", Path(folder) / "cases.json"
         asked.write_text(json.dumps(cases), encoding="utf-8")
-        command = [str(python), str(RUNNER), str(adapter), "--cases", str(asked), "--out", str(out)]
+        command = [str(python), "-c", _SCRIPT, *map(str, (RUNNER, adapter, variant, asked, out))]
         done = run_with_parent(command, Path(folder), os.environ)
         if not out.exists():
             said = done.stderr.strip().splitlines()[-1:] or [f"ended with {done.returncode}"]
             raise EngineFailed(f"engine {name!r}", said[0], "results of its cases")
-        return list(parse_json(read_text(out)))
+        return dict(parse_json(read_text(out)))
+
+
+_SCRIPT = """\
+import json, pathlib, runpy, sys
+runner, adapter, variant, cases, out = sys.argv[1:]
+module = runpy.run_path(adapter)
+engine = module["Engine"](*module.get("VARIANTS", [()])[int(variant)])
+results = runpy.run_path(runner)["run"](engine, json.loads(pathlib.Path(cases).read_text("utf-8")))
+pathlib.Path(out).write_text(json.dumps(results), "utf-8")
+"""

@@ -6,14 +6,15 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from hcbench._files import parse_json, read_text
 from hcbench.cases.hcbench_cases import CASES, Json, judge, restitution
+from hcbench.cases.schema import Obedience, validated
 from hcbench.errors import UserError
 
-Obedience = Literal["obeyed", "threshold", "mixed", "ignored"]
 KNOWN = Path(__file__).with_name("known.json")
+MEASURED = Path(__file__).with_name("measured.json")
 _HALF = 0.5  # of the restitution asked for: less is no bounce
 
 
@@ -70,17 +71,17 @@ def score(results: Json, source: str = "results", only: Sequence[str] = ()) -> E
     Raises UserError, with source as the slot, for what is no results.
     """
     cases = the_cases(only)
+    validated(results, "results", source)
+    if results["set"] != cases["set"]:
+        raise UserError(source, f"results of {results['set']!r}", f"of {cases['set']!r}")
     try:
-        if results["format"] != 1 or results["set"] != cases["set"]:
-            got = f"format {results['format']} of {results['set']!r}"
-            raise UserError(source, got, f"format 1 of {cases['set']!r}")
-        engine = results["engine"]
-        verdicts = judge(results, cases)
+        verdicts, engine = judge(results, cases), results["engine"]
         obeyed, threshold = _obedience(results["runs"], cases, verdicts)
-        named = str(engine["name"]), str(engine["version"])
-        return EngineScore(*named, tuple(verdicts), obeyed, threshold, float(results.get("cpu_s", 0.0)))
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
-        raise UserError(source, "not the results of an engine", "what hcbench_cases.py writes") from None
+    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+        got = f"states that cannot be read: {error}"
+        raise UserError(source, got, "those after the steps that `record` asks for") from None
+    cpu_s = float(results.get("cpu_s", 0.0))
+    return EngineScore(engine["name"], engine["version"], tuple(verdicts), obeyed, threshold, cpu_s)
 
 
 def read_scores(path: Path) -> list[EngineScore]:
@@ -92,6 +93,30 @@ def read_scores(path: Path) -> list[EngineScore]:
     except ValueError:
         raise UserError(str(path), "not JSON", "a JSON file of results") from None
     return [score(each, str(path)) for each in (content if isinstance(content, list) else [content])]
+
+
+def measured() -> list[EngineScore]:
+    """Of the engines and versions that were measured for the pages, in `measured.json`."""
+    scores = validated(parse_json(read_text(MEASURED)), "scores", MEASURED.name)
+    names = ("engine", "version", "restitution", "threshold", "cpu_s")
+    return [EngineScore(verdicts=tuple(each["verdicts"]), **{n: each[n] for n in names}) for each in scores]
+
+
+def matrix(scores: Sequence[EngineScore] | None = None) -> list[dict[str, str]]:
+    """A row of words for each engine: what it is, a verdict by the id of each case, what it came to.
+
+    scores: those of `measured` where None. restitution: "obeyed", "threshold", "mixed", "ignored" or "".
+    """
+    return [
+        {
+            "engine": each.engine,
+            "version": each.version,
+            **{verdict["case"]: verdict["verdict"] for verdict in each.verdicts},
+            "passed": f"{each.passed} of {len(each.verdicts)}",
+            "restitution": each.restitution or "",
+        }
+        for each in (measured() if scores is None else scores)
+    ]
 
 
 def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedience | None, float]:

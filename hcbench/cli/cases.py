@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from hcbench.cases.score import EngineScore
 
+_SIDE_BY_SIDE = 4  # engines, at most: more are a row each
 _SIGN = {"pass": "pass", "fail": "FAIL", "unsupported": "-", "error": "ERROR"}
 
 
@@ -87,25 +88,24 @@ def score_cases(results: tuple[Path, ...], markdown: bool, as_json: bool) -> Non
 
 def _print(scores: Sequence[EngineScore], as_json: bool, markdown: bool) -> None:
     from hcbench._text import table
-    from hcbench.cases.score import regressions
+    from hcbench.cases.score import matrix, regressions
 
     if as_json:
         print_json([each.as_dict() for each in scores])
         return
-    header = ("case", "", *(each.name for each in scores))
-    rows = [
-        (each[0]["case"], each[0]["title"], *(_SIGN[verdict["verdict"]] for verdict in each))
-        for each in zip(*(score.verdicts for score in scores), strict=True)
-    ]
-    rows.append(("", "passed", *(f"{score.passed} of {len(score.verdicts)}" for score in scores)))
-    if obeyed := [score.restitution for score in scores if score.restitution]:
-        rows.append(("", "the restitution asked for is", *obeyed))
+    rows = [{key: _SIGN.get(word, word) for key, word in row.items()} for row in matrix(scores)]
     if markdown:
-        for row in (header, ("---",) * len(header), *rows):
-            print(f"| {' | '.join(row)} |")
+        for line in (tuple(rows[0]), ("---",) * len(rows[0]), *map(dict.values, rows)):
+            print(f"| {' | '.join(line)} |")
         return
-    width = max(len(row[1]) for row in rows)
-    print("\n".join(table(header, [(row[0], row[1].ljust(width), *row[2:]) for row in rows])))
+    if len(rows) > _SIDE_BY_SIDE:
+        print("\n".join(table(tuple(rows[0]), [tuple(row.values()) for row in rows])))
+    else:
+        titles = {verdict["case"]: verdict["title"] for verdict in scores[0].verdicts}
+        width = max(map(len, titles.values()))
+        words = [key for key in rows[0] if key not in ("engine", "version") and any(row[key] for row in rows)]
+        lines = [(key, titles.get(key, "").ljust(width), *(row[key] for row in rows)) for key in words]
+        print("\n".join(table(("case", "", *(each.name for each in scores)), lines)))
     for each in scores:
         for verdict in each.verdicts:
             if verdict["verdict"] != "pass":

@@ -1,4 +1,4 @@
-"""Drake: a discrete plant with its default dissipation, which stops all: it has no restitution to set."""
+"""Drake: a discrete plant with its default dissipation; boxes touch the floor by patches, not a point."""
 
 import logging
 from importlib.metadata import version
@@ -18,11 +18,13 @@ class Engine:
         self.h, self.steps, bodies = world["timestep"], 0, world["bodies"]
         builder, self.properties = drake.DiagramBuilder(), drake.ProximityProperties()
         plant, _ = drake.AddMultibodyPlantSceneGraph(builder, time_step=self.h)
-        friction = drake.CoulombFriction(*[world["friction"]] * 2)
-        drake.AddContactMaterial(50.0, 1e7, friction, self.properties)
+        drake.AddContactMaterial(50.0, 1e7, drake.CoulombFriction(*[world["friction"]] * 2), self.properties)
+        rigid, self.patch = (drake.ProximityProperties(self.properties) for _ in range(2))
+        drake.AddRigidHydroelasticProperties(1.0, rigid)
+        drake.AddCompliantHydroelasticProperties(0.1, 1e8, self.patch)
         self.moving = [self._body(plant, f"body{i}", body) for i, body in enumerate(bodies)]
         if world["floor"]:
-            self._shape(plant, plant.world_body(), drake.HalfSpace(), "floor")
+            self._shape(plant, plant.world_body(), drake.HalfSpace(), rigid)
         plant.mutable_gravity_field().set_gravity_vector(world["gravity"])
         plant.Finalize()
         self.plant, self.simulator = plant, drake.Simulator(builder.Build())
@@ -34,17 +36,16 @@ class Engine:
         self.simulator.Initialize()
 
     def _body(self, plant: Any, name: str, body: dict[str, Any]) -> Any:
-        sphere, size = body["shape"] == "sphere", [2 * x for x in body.get("half", [])]
-        shape: Any = drake.Sphere(body["radius"]) if sphere else drake.Box(*size)
-        unit = drake.UnitInertia
-        solid = unit.SolidSphere(body["radius"]) if sphere else unit.SolidBox(*size)
+        size, unit = [2 * x for x in body.get("half", [])], drake.UnitInertia
+        shape: Any = drake.Box(*size) if size else drake.Sphere(body["radius"])
+        solid = unit.SolidBox(*size) if size else unit.SolidSphere(body["radius"])
         centre: Any = [0, 0, 0]
         made = plant.AddRigidBody(name, drake.SpatialInertia(body["mass"], centre, solid))
-        self._shape(plant, made, shape, name)
+        self._shape(plant, made, shape, self.patch if size else self.properties)
         return made
 
-    def _shape(self, plant: Any, body: Any, shape: Any, name: str) -> None:
-        plant.RegisterCollisionGeometry(body, drake.RigidTransform(), shape, name, self.properties)
+    def _shape(self, plant: Any, body: Any, shape: Any, properties: Any) -> None:
+        plant.RegisterCollisionGeometry(body, drake.RigidTransform(), shape, "shape", properties)
 
     def step(self) -> None:
         self.steps += 1

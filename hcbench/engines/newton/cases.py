@@ -37,7 +37,7 @@ class Engine:
                 i, at = self.builder.add_body(xform=at), (0.0,) * 6 + (1.0,)
                 self.builder.joint_qd[-6:] = [*body["velocity"], *body["spin"]]
             kind, size = ("BOX", half) if half else ("SPHERE", (body["radius"], 0.0, 0.0))
-            density = body["mass"] / (8 * np.prod(half) if half else 4 / 3 * np.pi * size[0] ** 3)
+            density = body["mass"] / (8 * float(np.prod(half)) if half else 4 / 3 * np.pi * size[0] ** 3)
             cfg = newton.ModelBuilder.ShapeConfig(density=density, restitution=e, **common)
             self.builder.add_shape(body=i, type=newton.GeoType[kind], xform=at, scale=size, cfg=cfg)
         if world["floor"]:

@@ -1,0 +1,147 @@
+"""Types of the files of results and of scores, from which their schema and its page are written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, Literal, NotRequired
+
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from typing_extensions import TypedDict  # pydantic takes that of typing from Python 3.12 on
+
+from hcbench.errors import UserError
+
+HELP = "docs/reference/cases.md has every field"
+FILE = Path(__file__).with_name("hcbench-results-1.schema.json")
+Obedience = Literal["obeyed", "threshold", "mixed", "ignored"]
+Word = Literal["pass", "fail", "unsupported", "error"]
+CaseId = Annotated[str, Field(pattern=r"^C\d\d$")]
+
+
+def _field(unit: str, meaning: str) -> Any:
+    return Field(description=meaning, json_schema_extra={"unit": unit})
+
+
+Nine = Annotated[list[float], Field(min_length=9, max_length=9)]
+
+
+class Run(TypedDict, total=False):
+    """What became of one run: one of the three."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")  # type: ignore[misc]
+
+    states: Annotated[
+        list[Annotated[list[int | Nine], Field(min_length=2)]],
+        _field(
+            "step, then m, m/s, rad/s",
+            "After each step that `record` asks for: its number, and of each body that moves its position, "
+            "velocity and spin in the world's frame, 9 numbers",
+        ),
+    ]
+    unsupported: Annotated[str, _field("", "Why the engine cannot do this run")]
+    error: Annotated[str, _field("", "What went wrong in the engine")]
+
+
+class About(TypedDict):
+    """An engine in one version."""
+
+    name: Annotated[str, _field("", "Name of the engine, with its solver where it has several")]
+    version: Annotated[str, _field("", "Version of the engine")]
+    combine: Annotated[
+        Literal["product", "average", "maximum", "minimum", "geometric"] | None,
+        _field("", "How the engine joins the restitutions of two bodies; null without a rule"),
+    ]
+
+
+class Results(TypedDict):
+    """What an engine did in the cases: the file of `--out`, as a list, one item an engine."""
+
+    format: Annotated[Literal[1], _field("", "Version of this format")]
+    set: Annotated[str, _field("", "Name of the set of cases")]
+    engine: Annotated[About, _field("", "The engine")]
+    cpu_s: NotRequired[Annotated[float, _field("s", "CPU time of all runs")]]
+    runs: Annotated[
+        dict[CaseId, list[Run]],
+        _field("", "By the id of a case, what became of its runs, in the order of the set"),
+    ]
+
+
+class Verdict(TypedDict):
+    """What a case came to."""
+
+    case: Annotated[CaseId, _field("", "Id of the case, which never changes")]
+    title: Annotated[str, _field("", "What the case asks of an engine")]
+    verdict: Annotated[Word, _field("", "What the case came to")]
+    why: Annotated[str, _field("", "The worst run of each quantity that fails, or why there is none")]
+    worst: Annotated[
+        dict[str, tuple[float, float, int]],
+        _field(
+            "of the quantity: 1, drift and vibration m/s",
+            "By quantity what was measured, the true value, and the number of the run that is farthest off",
+        ),
+    ]
+
+
+class Score(TypedDict):
+    """What an engine's results came to: an item of `--json`."""
+
+    engine: Annotated[str, _field("", "Name of the engine")]
+    version: Annotated[str, _field("", "Version of the engine")]
+    passed: Annotated[int, _field("cases", "How many cases passed")]
+    restitution: Annotated[
+        Obedience | None,
+        _field(
+            "",
+            "Whether the engine does what restitution asks for; null where the first two cases were not run",
+        ),
+    ]
+    threshold: Annotated[
+        float, _field("m/s", "Highest impact speed under gravity that did not bounce; 0 where all did")
+    ]
+    cpu_s: Annotated[float, _field("s", "CPU time of all runs")]
+    verdicts: Annotated[list[Verdict], _field("", "A verdict on each case")]
+
+
+_KINDS: dict[str, Any] = {"results": Results, "scores": list[Score]}
+
+
+@cache
+def _adapter(kind: str) -> TypeAdapter[Any]:
+    return TypeAdapter(_KINDS[kind])
+
+
+def validated(content: Any, kind: Literal["results", "scores"], source: str) -> Any:
+    """The content, if it is of this kind. Raises UserError with the first wrong place; source is its slot."""
+    try:
+        return _adapter(kind).validate_python(content)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"][:4])) or "all of it"
+        raise UserError(source, f"{place}: {first['msg']}", f"the {kind} of an engine", HELP) from None
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema of a file of results, of one engine or a list of them, and of a list of scores."""
+    return TypeAdapter(Results | list[Results] | list[Score]).json_schema()
+
+
+def fields() -> Iterator[tuple[str, str, str, str, str]]:
+    """(object, field, type, unit, meaning) of each field, from the schema."""
+    for name, about in schema()["$defs"].items():
+        for field, each in about["properties"].items():
+            yield name, field, _type(each), each.get("unit", ""), each["description"]
+
+
+def _type(each: dict[str, Any]) -> str:
+    if "anyOf" in each:
+        return " or ".join(_type(one) for one in each["anyOf"])
+    if "enum" in each or "const" in each:
+        return ", ".join(f"`{word}`" for word in each.get("enum", [each.get("const")]))
+    if "$ref" in each:
+        return str(each["$ref"]).rpartition("/")[2]
+    if each["type"] == "array":
+        return f"list of {_type(each['items'])}" if "items" in each else "list"
+    if each["type"] == "object":
+        return "object"
+    return str(each["type"])
