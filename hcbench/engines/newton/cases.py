@@ -45,7 +45,7 @@ class Engine:
         self.builder.end_world()
 
     def start(self) -> None:
-        self.model, self.builder = self.builder.finalize(), newton.ModelBuilder()
+        _, self.model, self.builder = self.builder.color(), self.builder.finalize(), newton.ModelBuilder()
         self.stepper, self.contacts = self.solver(self.model, **self.options), self.model.contacts()
         self.now, self.after = self.model.state(), self.model.state()
         newton.eval_fk(self.model, self.model.joint_q, self.model.joint_qd, self.now)
