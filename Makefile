@@ -45,7 +45,8 @@ fuzz: $(INSTALLED)  ## 20 000 random inputs in one process, 300 as processes, an
 
 test-plugins: $(INSTALLED)  ## the plug-ins' long measurements: energy by option, a thousand random scenes, a minute at rest
 	HCBENCH_PLUGINS=1 $(BIN)/python -m pytest -q -s -n 2 tests/engines/mujoco/test_plugin_options.py \
-	  tests/engines/mujoco/test_plugin_random_scenes.py tests/engines/mujoco/test_plugin_rest.py
+	  tests/engines/mujoco/test_plugin_random_scenes.py tests/engines/mujoco/test_plugin_rest.py \
+	  tests/engines/pybullet/test_plugin_random_energy.py
 
 answers: $(INSTALLED)  ## the answers that pages tell: hcbench/tuning/usual_answers.json
 	$(BIN)/python -c 'from hcbench.tuning import usual; usual.write()'

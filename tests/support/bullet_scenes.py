@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pybullet as bullet
+from free_flight import before_turning
 
 from hcbench.contact import pybullet as contact
 from hcbench.contact.pybullet import ConstantRestitution, Restitution
@@ -319,6 +320,8 @@ def oblique(seed: int) -> tuple[float, float, float, float]:
     before[0] = v, w
     before[:, 0, 2] -= 0.5 * h * gravity  # the rates whose energy, with the work of gravity, flight keeps
     after = before + motions[0] - motions[1]
+    # An impact comes first, then the body turns freely for the step.
+    after[0, 1] = axes @ before_turning(axes.T @ masses[0][1] @ axes, axes.T @ motions[0][0, 1], h)
     arms = [arm, arm + at - [0, 0, 0.5]]
 
     def rate(motion: Floats) -> Floats:

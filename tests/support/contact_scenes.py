@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
+import free_flight
 import mujoco
 import numpy as np
 import pytest
@@ -232,22 +233,12 @@ def full_mass(model: Any, data: Any) -> Floats:
     return mass
 
 
-def turned_freely(model: Any, body: int, w: Floats) -> Floats:
-    """Angular velocity of a free body a step later, by Euler's equations, in body axes, shape (3,)."""
+def before_turning(model: Any, body: int, w: Floats) -> Floats:
+    """Angular velocity from which a free body turns to `w` in a step, in body axes, shape (3,)."""
     axes = np.zeros(9)
     mujoco.mju_quat2Mat(axes, model.body_iquat[body])
     inertia = axes.reshape(3, 3) @ np.diag(model.body_inertia[body]) @ axes.reshape(3, 3).T
-    inverse, k = np.linalg.inv(inertia), model.opt.timestep / 16
-
-    def rate(w: Floats) -> Floats:
-        return -inverse @ np.cross(w, inertia @ w)
-
-    for _ in range(16):
-        a = rate(w)
-        b = rate(w + k / 2 * a)
-        c = rate(w + k / 2 * b)
-        w = w + k / 6 * (a + 2 * b + 2 * c + rate(w + k * c))
-    return w
+    return free_flight.before_turning(inertia, w, model.opt.timestep)
 
 
 def kept_in_flight(model: Any, data: Any) -> float:

@@ -18,6 +18,7 @@ from contact_scenes import (
     RADIUS,
     Scene,
     add_body,
+    before_turning,
     cradle,
     full_mass,
     pile,
@@ -28,7 +29,6 @@ from contact_scenes import (
     run,
     stack,
     tumbling,
-    turned_freely,
     world,
 )
 
@@ -438,8 +438,7 @@ def oblique(seed: int, cone: str) -> tuple[float, float, float, float]:
     mass = full_mass(model, data)
     mujoco.mj_step(model, data)
     after = data.qvel - half  # the impulse acts first, then the body flies on and turns for a step
-    for _ in range(12):
-        after[3:6] += data.qvel[3:6] - turned_freely(model, 1, after[3:6])
+    after[3:6] = before_turning(model, 1, data.qvel[3:6])
     blow = after - before
     impulse = np.linalg.lstsq(rows.T, mass @ blow, rcond=None)[0]
     speed, parting = (np.sqrt(rate**2 - lift) for rate in (u[0], (rows @ after)[0]))

@@ -24,6 +24,7 @@
 #include "contacts.c"
 
 #include "force.c"
+#include "inertia.c"
 #include "options.c"
 #include "restitution.c"
 

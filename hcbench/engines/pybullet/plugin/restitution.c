@@ -145,6 +145,27 @@ static double fall_along(const contact* c, const hcb_rows* r, int k, const int* 
   return sum;
 }
 
+/* Lets struck bodies go on from their velocities after the impacts p; names those that turn too fast for Bullet's step. */
+static void go_on(world* w, const hcb_system* s, const double* p, const int* part_of) {
+  double* change = take(w, s->at[s->parts]);
+  int* done = take_ints(w, s->parts);
+  memset(change, 0, s->at[s->parts] * sizeof(double));
+  memset(done, 0, s->parts * sizeof(int));
+  for (int i = 0; i < 3 * s->n; i++) {
+    if (p[i] != 0) push_system(s, i / 3, i % 3, p[i], change);
+  }
+  for (int i = 0; i < 2 * s->n; i++) {
+    const body* b = w->contacts[i / 2].body[i % 2];
+    law* l = w->contacts[i / 2].of;
+    if (part_of[b->id] < 0 || p[3 * (i / 2)] == 0 || done[part_of[b->id]]++) continue;
+    double turn = go_on_from(w, b, change + s->at[part_of[b->id]]);
+    if (turn <= HCB_FAST || l->warned) continue;
+    l->warned = 1;
+    fail(w, "restitution, law %d: body %d turns by %.2g rad in a step of %g s, too far for Bullet's joints: take %.1g s", l->id,
+         b->id, turn, w->h, w->h * HCB_FAST / turn);
+  }
+}
+
 static void add_impacts(world* w) {
   int n = 0, count = find_contacts(w);
   if (count == 0) return;
@@ -167,4 +188,5 @@ static void add_impacts(world* w) {
     push_both(w, all + i, force);
     all[i].of->force += p[3 * i] / w->h;
   }
+  go_on(w, &s, p, part_of);
 }
