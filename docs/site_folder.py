@@ -77,6 +77,7 @@ def build(html: Path, out: Path) -> list[str]:
     shutil.rmtree(out, ignore_errors=True)
     shutil.copytree(html, out / "docs", ignore=shutil.ignore_patterns(".*", "objects.inv"))
     (out / "index.html").write_text(REDIRECT, encoding="utf-8")
+    (out / ".nojekyll").touch()  # GitHub Pages otherwise leaves out folders such as _static
     pages = {name: page for name, page in PAGES.items() if page == START or (REPORTS.parent / page).is_file()}
     for page in pages.values():
         if page != START:

@@ -15,11 +15,15 @@ def preview(study: Study) -> Study:
     """The main α alone, every fourth speed, every second height and step, half the phases.
 
     Without oblique launches, those off the axis, and launches over the band for fewer α than the study's:
-    these are the settings that each take a search. StudyError where nothing is left.
+    these are the settings that each take a search. A table of engines by step has every second step of the
+    study, so that each has all engines. StudyError where nothing is left.
     """
-    speeds = study.speeds[3::4] or study.speeds
+    speeds = study.speeds[3::4]
+    if len(speeds) < 2:
+        speeds = study.speeds[:: max(1, len(study.speeds) - 1)]  # the ends
     phases = max(1, study.phases // 2)
     runs = tuple(_thinned(run, study, speeds) for run in study.runs if _is_shown(run, study))
+    runs = tuple(run for run in runs if run.timesteps)
     if not runs:
         got = "every run is oblique, off the axis or without the main α"
         raise StudyError("quick", got, "a run that a preview can show", "Run it without --quick")
@@ -49,4 +53,8 @@ def _thinned(run: Run, study: Study, speeds: tuple[float, ...]) -> Run:
     if run.dropped:
         return replace(run, speeds=(*run.speeds[:-2:2], run.speeds[-1]))  # its band stays
     over_band = run.speeds == study.speeds
-    return replace(run, speeds=speeds if over_band else run.speeds, timesteps=run.timesteps[::2])
+    steps = run.timesteps[::2]
+    if study.page == "field":
+        shown = sorted({step for other in study.runs for step in other.timesteps})[1::2]
+        steps = tuple(step for step in run.timesteps if step in shown)
+    return replace(run, speeds=speeds if over_band else run.speeds, timesteps=steps)

@@ -75,7 +75,7 @@ def _named(engines: list[str]) -> str:
 
 
 def band(view: FieldView, timestep: float) -> str:
-    """The impact speeds at a step."""
+    """The impact speeds at a step: "0.0254 … 0.508 m/s"."""
     speeds = view.speeds(timestep)
     return f"{span(f'{speeds[0]:.3g}', f'{speeds[-1]:.3g}')} m/s"
 

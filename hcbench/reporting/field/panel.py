@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench._text import time_step
 from hcbench.reporting.explorer import digits
-from hcbench.reporting.field.cells import Cell, rows
+from hcbench.reporting.field.cells import Cell, error_text, rows
 from hcbench.reporting.field.headline import band, headline
 from hcbench.reporting.field.view import STOCK, Case, FieldView
 from hcbench.reporting.wording import engine_title, number, time
@@ -114,7 +114,9 @@ def _lines(view: FieldView, case: Case) -> list[str]:
     off, down = view.off(case), view.stays_down(case)
     lines = []
     if math.isfinite(off):
-        lines.append(f"From {band(view, case.timestep)}, e is wrong by at most {number(max(off, 1e-7))}.")
+        lines.append(
+            f"At {band(view, case.timestep)}, e is wrong by at most {error_text(off).removeprefix('≤ ')}."
+        )
     if view.gains(case):
         lines.append(f"It adds energy: e up to {number(view.restitution(case)[1])}.")
     elif case.setting != STOCK and math.isfinite(off):

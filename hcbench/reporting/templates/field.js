@@ -3,6 +3,7 @@
 const data = JSON.parse(document.getElementById("field-data").textContent);
 const at = id => document.getElementById(`field-${id}`);
 const SIGNS = {good: "✓", even: "≈", bad: "✗", none: ""};
+const KINDS = {"one e": "#4f6b57", settings: "#a65400", "plug-in": "#0b62a4"};  // colours of lines
 const heads = [...document.querySelectorAll(".matrix thead th[data-column]")];
 const columns = heads.map(head => head.dataset.column), names = heads.map(head => head.textContent);
 const opening = {step: 1e-3, gravity: 9.81, engine: "", column: "", sort: "settings", down: ""};
@@ -65,7 +66,7 @@ function drawMatrix() {
     const chosen = engine === state.engine ? cells[columns.indexOf(state.column)] : undefined;
     return chosen ? [row, panel(engine, chosen)] : [row];
   }));
-  drawCurve();
+  drawPlots();
   if (focused) document.querySelector(".matrix [aria-current] a")?.focus({preventScroll: true});
 }
 
@@ -82,6 +83,12 @@ function panel(engine, [words, below, , , number, note]) {
     if (notes.length) left.append(make("details", {}, make("summary", {}, "Where it holds"), make("ul", {}, ...notes.map(line => make("li", {}, line)))));
     right.append(make("div", {class: "plot"}, node("svg", {id: "field-curve", "data-case": number, role: "img", "aria-label": spoken(one)})));
     right.append(make("p", {class: "note"}, "Pale: the law. Dots: the middle of the launches at a speed; shaded: all of them."));
+  }
+  const steps = errorsByStep(engine);
+  if (one && steps.length) {
+    right.append(make("div", {class: "plot"}, node("svg", {id: "field-steps", "data-engine": engine, role: "img", "aria-label": spokenSteps(steps)})));
+    right.append(make("p", {class: "note"}, "Error of e over the time step, as far as each kind ran. Dashed: the best constant e. ",
+      ...steps.flatMap(({name}) => [make("span", {class: "key", style: `--colour: ${KINDS[name]}`}, name), " "])));
   }
   left.append(make("p", {class: "note"}, make("a", {href: address({})}, "Link to this cell"), " · ", make("a", {href: address({engine: "", column: ""})}, "Close")));
   return make("tr", {class: "panel"}, make("td", {colspan: columns.length + 1}, make("div", {class: one ? "two" : ""}, left, right)));
@@ -105,7 +112,7 @@ function paste(one) {
 function source(one) {
   const link = make("a", {"data-label": name, href: "scores.csv"}, "scores.csv");
   if (!one.source) return [make("p", {class: "note"}, "Source: this run, ", link, ".")];
-  return [make("p", {class: "note"}, "Source: this run, ", link, ". To find it again:"), make("pre", {tabindex: 0}, one.source)];
+  return [make("p", {class: "note"}, "Source: this run, ", link, ". hcbench makes this setting by:"), make("pre", {tabindex: 0}, one.source)];
 }
 
 const spoken = one => one.speed.length
@@ -117,13 +124,48 @@ function drawCurve() {
   if (!one) return;
   const top = Math.max(...one.speed, 0.5), speeds = Array.from({length: 61}, (_, i) => top * i / 60);
   const law = speeds.map(v => lawRestitution(data.alpha, v)), {speed, middle, low = middle, high = middle} = one;
-  const least = Math.min(...law, ...low), most = Math.max(1, ...high), style = {colour: "#0b62a4", dashes: ""};
+  const least = Math.min(...law, ...low), most = Math.max(1, ...high), style = {colour: KINDS[names[columns.indexOf(state.column)]] ?? "#0b62a4", dashes: ""};
   const y = {low: least < 0.5 ? 0 : Math.floor(20 * least - 0.2) / 20, high: most > 1 ? 1.02 * most : 1, label: "restitution e"};
   const plot = new Plot(place, {low: 0, high: top, label: "impact speed, m/s"}, y, {height: 250});
   plot.law(speeds, law);
   plot.band(style, speed, low, high);
   plot.line(style, speed, middle);
   plot.dots(style, speed, middle);
+}
+
+function drawPlots() {
+  drawCurve();
+  drawSteps();
+}
+
+// Of each kind of setting that ran at a step of this gravity: its errors, and what the line is called.
+function errorsByStep(engine) {
+  const tables = data.tables.filter(table => table.gravity === state.gravity);
+  return ["constant", "settings", "plugin"].map(column => {
+    const i = columns.indexOf(column), cells = tables.map(table => table.rows.find(([name]) => name === engine)?.[1][i]);
+    return {name: names[i], steps: tables.map(({step}) => step), errors: cells.map(cell => cell?.[3] ?? null)};
+  }).filter(({errors}) => errors.some(error => error !== null));
+}
+
+const spokenSteps = lines => lines.map(({name, steps, errors}) =>
+  `${name}: ${steps.map((h, i) => errors[i] === null ? "" : `${text(errors[i])} at ${stepName(h)}`).filter(Boolean).join(", ")}`).join("; ");
+
+function drawSteps() {
+  const place = at("steps");
+  if (!place) return;
+  const lines = errorsByStep(place.dataset.engine), low = 1e-8, right = Plot.room(names, place);
+  const known = data.tables.filter(table => table.gravity === state.gravity), steps = known.map(({step}) => step);
+  const x = {low: steps[0] / 1.5, high: steps.at(-1) * 1.5, log: true, label: "time step", name: stepName, only: steps.slice(0, 4)};
+  const plot = new Plot(place, x, {low, high: 2, log: true, label: "error of e", name: error => powerOfTen(Math.round(Math.log10(error)))}, {height: 220, right});
+  plot.line({colour: "var(--soft)", dashes: "5 3"}, steps, known.map(({constant}) => Number(constant)));
+  const ends = lines.map(({name, errors}) => {
+    const style = {colour: KINDS[name], dashes: ""};
+    const shown = errors.map(error => error === null ? null : Math.max(error, low));
+    plot.line(style, steps, shown);
+    plot.dots(style, steps, shown);
+    return {name, style, y: shown.findLast(error => error !== null)};
+  });
+  if (right > 12) plot.names(ends);
 }
 
 function change(update) {
@@ -148,5 +190,5 @@ at("choices").hidden = false;
 at("choices").addEventListener("submit", event => event.preventDefault());
 at("choices").addEventListener("change", () => change({step: Number(at("step").value), gravity: Number(at("gravity").value)}));
 addEventListener("hashchange", load);
-addEventListener("resize", drawCurve);
+addEventListener("resize", drawPlots);
 load();
