@@ -53,7 +53,7 @@ def test_a_cell_opens_to_its_curve_its_text_and_its_source_at_an_address(page: P
     title = panel.locator("h2").inner_text()
     assert title.startswith("MuJoCo ")
     assert "compliant-pairs" in title
-    assert panel.locator("svg .line").count() == 1
+    assert panel.locator("#field-curve .line").count() == 1
     text, command = panel.locator("pre").all_inner_texts()
     assert "<pair geom1=" in text
     assert command.startswith("hcbench tune mujoco --recipe compliant-pairs ")
