@@ -1,4 +1,4 @@
-"""e of slow impacts under gravity with the restitution plug-in of MuJoCo: docs/howto/slow_impacts.svg.
+"""e of slow impacts under gravity with the restitution plug-in of MuJoCo: docs/explanation/slow_impacts.svg.
 
     python benchmarks/slow_impacts.py
 
@@ -56,7 +56,7 @@ def main() -> None:
     axes.axvline(1.6, color="grey", lw=0.8)
     axes.set(xlabel="impact speed / (g h)", ylabel="e", ylim=(0, 1.1))
     axes.legend()
-    path = Path(__file__).parents[1] / "docs" / "howto" / "slow_impacts.svg"
+    path = Path(__file__).parents[1] / "docs" / "explanation" / "slow_impacts.svg"
     figure.savefig(path, metadata={"Date": None})
     for r, row, e in zip(ratios, seen, law, strict=True):
         print(f"{r:.2f} g h: e {row.min():.3f} ... {row.max():.3f}, mean {row.mean():.3f}; the law {e:.4f}")

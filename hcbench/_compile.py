@@ -33,7 +33,7 @@ class NotCompiled(CannotRun):
     """No compiled library here; the message says why."""
 
     def __init__(self, reason: str) -> None:
-        advice = 'Or try: pip install "hcbench[plugin]"'
+        advice = "Or try: pip install ziglang"
         super().__init__("contact plug-ins", reason, "a C compiler, such as cc, gcc or clang", advice)
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 # As Dask reads them; what it cannot read leaves it a client that cannot even be closed.
 _ADDRESS = re.compile(r"inproc://\S+|(\w+://)?[^\s/]+:\d+")
 _CONNECT_S, _WORKERS_S = 10.0, 60.0
-_INSTALL = "pip install 'hcbench[cluster]'"
+_INSTALL = "pip install distributed pyarrow"
 
 
 @contextmanager

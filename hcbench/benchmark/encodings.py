@@ -30,7 +30,7 @@ def require_parquet() -> None:
     try:
         import pyarrow.parquet  # noqa: F401
     except ImportError:
-        got, advice = "pyarrow is not installed", "Try: pip install 'hcbench[sweep]'"
+        got, advice = "pyarrow is not installed", "Try: pip install pyarrow"
         raise CannotRun("sweep", got, "the package that writes Parquet", advice) from None
 
 

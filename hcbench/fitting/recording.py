@@ -146,8 +146,7 @@ class _Compressed:
             import av
         except ImportError:
             advice = (
-                f"Install the reader: pip install 'hcbench[sound]', or convert it: "
-                f"ffmpeg -i {self.name} {path.stem}.wav"
+                f"Install the reader: pip install av, or convert it: ffmpeg -i {self.name} {path.stem}.wav"
             )
             raise UserError(
                 self.name, f"a {path.suffix.lower()} file", "PyAV, which reads it", advice

@@ -27,7 +27,7 @@ class Backend:
     """One of an engine's packages.
 
     engine: the engine's name. package: as the package index has it. oldest, newest: versions between which it
-    was tried, as many numbers of them as matter. install: the command; "" for hcbench's extra of that name.
+    was tried, as many numbers of them as matter. install: the command; "" for pip with that package.
     instead: a package that has the same module. newest_python: the last that its wheels are for; "" for any.
     """
 
@@ -47,7 +47,7 @@ class Backend:
     @property
     def command(self) -> str:
         """What installs it."""
-        return self.install or f"pip install 'hcbench[{self.engine}]'"
+        return self.install or f"pip install {self.package}"
 
     def version(self) -> str:
         """The installed version; nothing is imported. Raises EngineMissing."""

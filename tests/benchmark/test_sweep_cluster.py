@@ -79,5 +79,5 @@ def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path, monkeypatch: 
 
 def test_without_dask_it_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(CannotRun, match=r"pip install 'hcbench\[cluster\]'"):
+    with pytest.raises(CannotRun, match=r"pip install distributed pyarrow"):
         sweep(study_from(small()), tmp_path, scheduler="tcp://127.0.0.1:8786")

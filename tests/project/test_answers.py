@@ -12,7 +12,7 @@ import pytest
 from hcbench.cli import run
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "howto" / "answers.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "reference" / "answers.md").read_text(encoding="utf-8")
 ANSWERS = re.findall(r"```sh\n(.*?)```\n\n```text\n(.*?)```", PAGE, re.DOTALL)
 
 

@@ -20,7 +20,7 @@ INTEGRATORS = ("Euler", "implicit", "implicitfast", "RK4")
 
 
 def rows() -> Iterator[tuple[str, dict[str, Any]]]:
-    """Name and options of each row of the table in docs/howto/plugins.md."""
+    """Name and options of each row of the table in docs/reference/plugins.md."""
     for integrator in INTEGRATORS:
         yield f"`{integrator}`, Newton", {"integrator": integrator}
     for integrator in INTEGRATORS:

@@ -96,7 +96,7 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         options = read_options(setting.options)
         needs = []
         if options.law is not None:
-            needs.append("the plug-in: `pip install hcbench`, once `hcbench plugin mujoco --install`")
+            needs.append("hcbench's plug-in: run `hcbench plugin mujoco --install` once")
             needs.append("MuJoCo itself: MJX and MuJoCo Warp run no plug-in")
         if any(row.adhesion for row in options.rows):
             needs.append("MuJoCo 3.11 or later")

@@ -50,7 +50,7 @@ class NewtonEngine(DescribesContact, ScriptedWorldsEngine[NewtonOptions]):
 
     name = "newton"
     title = "Newton"
-    backend = Backend("newton", "newton", "1.8", "1.8")
+    backend = Backend("newton", "newton", "1.8", "1.8", "pip install 'newton[sim]'")
     table = NewtonOptions
     features = Features(
         law=Feature("XPBD: an e in one step; SemiImplicit: ke x + kd v in, ke x out; MuJoCo's", "measured"),

@@ -75,7 +75,7 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         """The plug-in, and how the bodies are loaded."""
         needs = []
         if "law" in setting.options:
-            needs.append("the plug-in: `pip install hcbench`")
+            needs.append("hcbench, which has the plug-in")
         if setting.options.get("maximal_coordinates"):
             needs.append("both bodies loaded with useMaximalCoordinates=True")
         if setting.options.get("links"):

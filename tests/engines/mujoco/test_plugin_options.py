@@ -31,7 +31,7 @@ from hcbench.contact.mujoco import Restitution
 
 LAW = Restitution(0.315)
 LONG = "HCBENCH_PLUGINS" in os.environ  # make test-plugins
-PAGE = Path(__file__).parents[3] / "docs" / "howto" / "plugins.md"
+PAGE = Path(__file__).parents[3] / "docs" / "reference" / "plugins.md"
 SOURCE = Path(contact.__file__).parents[1] / "engines" / "mujoco" / "plugin" / "restitution.c"
 
 

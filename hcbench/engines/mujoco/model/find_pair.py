@@ -207,7 +207,7 @@ def no_contact_error(pair: ContactPair) -> UserError:
     off = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     if has_force_law(model, geoms):
         got = f"{pair.first.name!r} and {pair.second.name!r} meet by the plug-in hcbench.hunt_crossley"
-        advice = "Its e is the law's: docs/howto/plugins.md says up to which step"
+        advice = "Its e is the law's: docs/reference/plugins.md says up to which step"
         return UserError("pair", got, "MuJoCo's own contact, or the plug-in hcbench.restitution", advice)
     reason = "disabled" if model.opt.disableflags & off else collision_filter(model, *geoms)
     got, *expected = {

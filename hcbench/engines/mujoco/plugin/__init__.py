@@ -6,8 +6,8 @@
     contact.add_to_spec(spec, HuntCrossley(stiffness=3.4e10, alpha=0.315), geoms=("ball", "plate"))
     model = spec.compile()
 
-Or name them in MJCF and call `load()` before it is compiled; docs/howto/plugins.md lists the keys. Force laws
-are for steps that resolve the contact; `Restitution` and `ConstantRestitution` set e in steps of any length.
+Or name them in MJCF and call `load()` before it is compiled; docs/reference/plugins.md lists the keys. Force
+laws are for steps that resolve the contact; `Restitution` and `ConstantRestitution` set e at any step.
 """
 
 import functools
@@ -165,7 +165,7 @@ def add_to_spec(
         if is_force(law):
             _exclude(spec, kind, parts)
     if not hasattr(spec, "activate_plugin"):
-        version, advice = backend().__version__, "Or name the plug-in in MJCF: docs/howto/plugins.md"
+        version, advice = backend().__version__, "Or name the plug-in in MJCF: docs/reference/plugins.md"
         raise EngineMissing(f"mujoco {version}", "its MjSpec takes no plug-ins", "a later version", advice)
     load()
     name = name or f"{plugin} {len(spec.plugins) + 1}"
@@ -238,5 +238,5 @@ def attach(*_: Any, **__: Any) -> NoReturn:
         "attach",
         "gone: the law is a plug-in of the model, which copies, saved models and threads keep",
         'add_to_spec(spec, law, geoms=("ball", "plate")) and model = spec.compile(), with a mujoco.MjSpec',
-        "docs/howto/plugins.md shows it in MJCF",
+        "docs/reference/plugins.md shows it in MJCF",
     )

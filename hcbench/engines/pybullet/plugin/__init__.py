@@ -5,7 +5,7 @@
     contact.add(HuntCrossley(stiffness=3.4e10, alpha=0.315), ball, plate)
     pybullet.stepSimulation()  # as always
 
-`add` loads the plug-in and sends it one line of text, as any script may; docs/howto/plugins.md has the lines.
+`add` loads the plug-in and sends it one line of text, as any script may; docs/reference/plugins.md has them.
 Force laws are for steps that resolve the contact; `Restitution` and `ConstantRestitution` set e at any step.
 """
 
@@ -109,7 +109,7 @@ def add(
     number = int(bullet.executePluginCommand(plugin, text, sides))
     if number < 0:
         said = bytes(bullet.executePluginCommand(plugin, "message")[2][:-1]).decode()
-        raise SettingError("contact law", said, "", "docs/howto/plugins.md has the commands and their keys")
+        raise SettingError("contact law", said, "", "docs/reference/plugins.md has all commands")
     if is_force(law):
         masses = [bullet.getDynamicsInfo(sides[i], max(sides[i + 1], -1))[0] for i in (0, 2)]
         mass = 1.0 / sum(1.0 / one for one in masses if one > 0.0)
