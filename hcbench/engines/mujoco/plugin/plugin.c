@@ -5,7 +5,7 @@
      hcbench.restitution     e(v) of each impact, for steps of any length; MuJoCo's own contact of the pair stays on
 
    Each instance is one pair: of geoms, of bodies, or the upper limit of a tendon. All there is to know stands in
-   the instance's config; docs/howto/plugins.md lists the keys. A number may be the name of a <numeric> instead, whose
+   the instance's config; docs/reference/plugins.md lists the keys. A number may be the name of a <numeric> instead, whose
    value is then read in every step. All instances of a plug-in are worked out together, by the first one. */
 
 #include <mujoco/mujoco.h>

@@ -4,7 +4,7 @@
      pybullet.executePluginCommand(plugin, "hunt_crossley stiffness=3.4e10 alpha=0.315", [ball, -1, plate, -1])
      pybullet.executePluginCommand(plugin, "restitution alpha=0.315", [ball, -1, plate, -1])
 
-   returns the law's number, or -1 with a message on stderr; docs/howto/plugins.md lists the commands and their keys. Laws act
+   returns the law's number, or -1 with a message on stderr; docs/reference/plugins.md lists the commands and their keys. Laws act
    before each (sub)step, by external forces; each client has its own. resetSimulation ends them all, as ids mean other
    bodies then. Text, because Bullet hands numbers over in single precision. Never unload: Bullet's next loadPlugin
    would crash; `remove` ends a law. */
