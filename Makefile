@@ -49,7 +49,7 @@ test-plugins: $(INSTALLED)  ## the plug-ins' long measurements: energy by option
 	  tests/engines/pybullet/test_plugin_random_energy.py
 
 answers: $(INSTALLED)  ## the answers that pages tell: hcbench/tuning/usual_answers.json
-	$(BIN)/python -c 'from hcbench.tuning import usual; usual.write()'
+	$(BIN)/python -c 'from hcbench.tuning import usual, usual_errors; usual.write(); usual_errors.write()'
 
 test-answers: $(INSTALLED)  ## every answer of that file, found again, by the command and by Python
 	HCBENCH_ANSWERS=1 $(BIN)/python -m pytest -n 2 tests/tuning/test_usual_answers.py

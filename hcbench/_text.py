@@ -36,6 +36,12 @@ def without_empty(
     return header[:at] + header[at + 1 :], [row[:at] + row[at + 1 :] for row in rows]
 
 
+def two_digits(error: float) -> str:
+    """An error as every line, page and figure prints it: "0.028", "2.1e-5", "1e-7"."""
+    digits = 2 if error >= 1e-5 else 1
+    return f"{error:.{digits}g}".replace("e-0", "e-")
+
+
 def shortest(value: float) -> str:
     """The fewest digits that read back the same."""
     short = f"{value + 0.0:.15g}"

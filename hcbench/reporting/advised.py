@@ -33,11 +33,3 @@ def error_of(view: View, run: RunKey, alpha: float | None = None) -> float:
     if score is None:
         return math.nan
     return float(score["max_error_law"] if choice is None else choice["max_error"])
-
-
-def scenes_of(view: View, run: RunKey) -> int:
-    """In how many launches and drops energy never grew, for the main α; 0 where it did."""
-    score, choice = view.score(run), choice_of(view, run)
-    if choice is not None:
-        return int(choice["scenes"])
-    return 0 if score is None or score["energy_gained"] or score["failed"] else int(score["impacts"])

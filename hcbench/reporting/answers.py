@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from hcbench.reporting import wording
-from hcbench.reporting.advised import error_of
 from hcbench.reporting.ranking import STOCK
 from hcbench.reporting.view import RunKey, View
 
-_TITLES = {"exact": "Plug-in", "settings": "Settings only", "constant": "One e"}
 _VERBS = {"exact": "Attach", "settings": "Set", "constant": "Set"}
 
 
@@ -18,12 +16,14 @@ _VERBS = {"exact": "Attach", "settings": "Set", "constant": "Set"}
 class PageChoice:
     """One of an answer's choices.
 
-    title: of its button. say: one sentence with its error and band. more: what else to know of it. text: to
-    paste. shown: the runs to draw, its own and stock.
+    say: one sentence with its error and band. error: the largest of e over the band, m/s. more: what else to
+    know of it. text: to paste. shown: the runs to draw, its own and stock.
     """
 
     kind: str
-    title: str
+    setting: str
+    error: float
+    band: Sequence[float]
     say: str
     more: Sequence[str]
     text: str
@@ -44,7 +44,9 @@ def _choice(view: View, answer: Mapping[str, Any], choice: Mapping[str, Any]) ->
     drawn.sort(key=lambda run: run.setting != setting)
     return PageChoice(
         kind,
-        f"{_TITLES[kind]}: {choice['within'].split(' from')[0]}",
+        setting,
+        float(choice["max_error"]),
+        [float(speed) for speed in choice["speeds_m_s"]],
         f"{_VERBS[kind]} {setting}: {choice['within']}.",
         list(_more(view, answer, choice, drawn)),
         str(choice["text"]),
@@ -62,10 +64,6 @@ def _more(
     flat = " A box on its face gains energy: for spheres only." if choice["passive"]["flat"] is False else ""
     yield f"{wording.sentence(choice['energy'])}. {rests}{flat}"
     yield f"It needs {wording.listed(choice['needs'])}." if choice["needs"] else ""
-    stock = next((run for run in drawn if run.setting == STOCK), None)
-    if stock is not None:
-        error = wording.bound(error_of(view, stock, float(answer["alpha"])))
-        yield f"With nothing set e is wrong by at most {error}."
     for never in answer["never"]:
         yield f"Never use {never['setting']}: {never['why']}."
 

@@ -1,29 +1,26 @@
-"""Results in, a folder out: one page that works alone, its figures as files, its tables as CSV and JSON."""
+"""Results in, a folder out: one page that works alone, its figure as a file, its tables as CSV and JSON."""
 
 from __future__ import annotations
 
-import math
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from hcbench import units
 from hcbench._files import atomic_folder, write_text
-from hcbench.reporting import advice, cup_table, ranking, tables, wording
+from hcbench.reporting import cup_table, ranking, tables, wording
 from hcbench.reporting.conditions import Views, views
-from hcbench.reporting.drawings import class_heading, drawings, loop_speeds, step_speed
 from hcbench.reporting.explorer import explorer, explorer_script
-from hcbench.reporting.page import PAGE, counted, draw, render
-from hcbench.reporting.view import View
-from hcbench.reporting.wording import NBSP
+from hcbench.reporting.overview_figure import overview_figure
+from hcbench.reporting.page import PAGE, Drawing, counted, draw, render
 from hcbench.resolution import STEPS_TO_COMPARE
-from hcbench.scoring import CLAIMS
 from hcbench.sim.install import add_commands
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
     from pathlib import Path
 
     from hcbench.benchmark.results import Results
+    from hcbench.reporting.view import View
     from hcbench.workers import WorkerPool
 
 
@@ -35,8 +32,9 @@ def build(
 ) -> Path:
     """Write the report of `results` into `folder` and return its page. All of it appears, or nothing.
 
-    pool: draws the figures, side by side; None: this process does. tick: called with figures (drawn, of all).
-    index.html; figures/*.svg, *.png; restitution.csv, loops.csv, scores.csv, summary.json.
+    pool: draws the figures of a field's page, side by side; None: this process does.
+    tick: called with figures (drawn, of all).
+    index.html; figures/overview.svg; restitution.csv, loops.csv, scores.csv, summary.json.
     The same results give the same bytes. Raises OutputError where the folder cannot be written.
     """
     if results.study.get("page") == "field":
@@ -46,91 +44,79 @@ def build(
     by_gravity = views(results)
     with atomic_folder(folder, PAGE) as scratch:
         (scratch / "figures").mkdir()
-        save = partial(draw, folder=scratch / "figures", png=not results.study.get("left_out"))
-        plans = list(drawings(by_gravity))
-        figures = counted((map if pool is None else pool.imap)(save, plans), len(plans), tick)
-        results.write(scratch)  # while they are drawn
-        write_text(scratch / PAGE, page_text(by_gravity, results, figures))
+        save = partial(draw, folder=scratch / "figures", png=False)
+        (overview,) = counted(map(save, [overview_drawing(by_gravity.main)]), 1, tick)
+        results.write(scratch)
+        write_text(scratch / PAGE, page_text(by_gravity, results, overview))
     return folder / PAGE
 
 
-def page_text(by_gravity: Views, results: Results, figures: Iterable[dict[str, Any]]) -> str:
-    """The page. figures: what `draw` returns of each of `drawings`, asked for last."""
-    view, without_gravity = by_gravity.main, by_gravity.without_gravity or by_gravity.main
-    height, cup = view.study.get("train_height"), cup_table.rows(by_gravity, results)
-    settings = tables.settings(by_gravity)
+def overview_drawing(view: View) -> Drawing:
+    """The one figure that needs no script: what stands in for the explorer, and in README."""
+    runs = ranking.overview_runs(view)
+    errors = [
+        f"{run.title} at {run.step}: wrong by at most {wording.error(score['max_error_law'])}."
+        for run in runs
+        if (score := view.score(run)) is not None
+    ]
+    at = f"{wording.alpha(view.main_alpha)}, {band_text(view)}"
+    return Drawing(
+        "overview",
+        partial(overview_figure, view, runs) if runs else None,
+        f"Restitution over impact speed at {at}. {' '.join(errors)}",
+        "no setting ran over enough speeds for a curve",
+    )
+
+
+def page_text(by_gravity: Views, results: Results, overview: dict[str, Any]) -> str:
+    """The page. overview: what `draw` returns of `overview_drawing`."""
+    view = by_gravity.main
     explored = explorer(by_gravity)
     return render(
         "report.html",
         script=explorer_script() if explored else None,
         explorer=explored,
-        settings=settings,
-        by_gravity=by_gravity,
         view=view,
-        without_gravity=without_gravity,
-        headline=advice.headline(view),
-        plugins=advice.plugin_sentence(view),
-        cards=advice.cards(view),
-        contact_cards=advice.cards_of_contact(without_gravity) if by_gravity.with_gravity else [],
-        band=advice.band_text(view),
-        band_without_gravity=advice.band_text(without_gravity),
-        figures={figure["name"]: figure for figure in figures},
-        headings={
-            name: class_heading(without_gravity, resolved)
-            for name, resolved in (("coarse", False), ("fine", True))
-        },
-        loop_speeds=loop_speeds(without_gravity),
-        step_speed=step_speed(without_gravity),
-        law_exponent=_law_exponent(without_gravity),
-        drop=f"from {1e3 * float(height):.3g}{NBSP}mm" if height else "",
-        rules=ranking,
-        tables=tables,
-        cup_rows=cup,
-        claims=CLAIMS,
-        score_alphas=sorted(view.alphas, key=lambda alpha: (abs(alpha - view.main_alpha) > 1e-12, alpha)),
-        friction=_friction(by_gravity),
+        study=view.study,
+        has_gravity=by_gravity.with_gravity is not None,
+        overview=overview,
+        provenance=_provenance(by_gravity, results),
+        oblique_rows=tables.oblique(by_gravity.sliding),
+        cup_rows=cup_table.rows(by_gravity, results),
+        lost=wording.listed(tables.failed_impacts(by_gravity)),
         impact_count=len(results.impacts),
-        gravity_text=_gravity_text(by_gravity),
-        drop_heights=_drop_heights(view),
-        flat_runs=any(run.place for run in view.band_runs),
-        off_axis=_off_axis(results) if cup else "",
-        alphas_in_both=[f"{alpha:.3g} s/m ({alpha * units.INCH:.3g} s/in)" for alpha in view.alphas],
-        units=units,
+        rules=ranking,
         add_commands=add_commands,
-        RESOLVED=STEPS_TO_COMPARE,
     )
 
 
-def _friction(by_gravity: Views) -> str:
-    """The coefficients with which bodies slid."""
-    rows = by_gravity.sliding.results.impacts["friction"] if by_gravity.sliding else ()
-    return wording.listed([f"{value:g}" for value in sorted(set(rows))])
+def band_text(view: View) -> str:
+    """The impact speeds of the study: "0.025 … 0.51 m/s (1 … 20 in/s)"; of one in m/s, in m/s."""
+    metres, inches = (wording.span(*(f"{v / unit:.2g}" for v in view.band)) for unit in (1.0, units.INCH))
+    also = f" ({inches}{wording.NBSP}in/s)" if view.in_inches else ""
+    return f"{metres}{wording.NBSP}m/s{also}"
 
 
-def _off_axis(results: Results) -> str:
-    """The largest distance from the cup's axis; "" where all impacts were on it."""
-    largest = float(results.impacts["off_axis_m"].max())
-    return wording.length(largest) if largest > 0 else ""
+def _provenance(by_gravity: Views, results: Results) -> dict[str, str]:
+    """What was run, by the names that the page gives it."""
+    view, study = by_gravity.main, by_gravity.main.study
+    place = "the true cup" if study["form"] == "cup" else "the equivalent sphere on a flat plate"
+    bands = [f"{band_text(shown)} {_under(shown)}" for shown in by_gravity.shown]
+    n = f"{study['exponent']:g}"
+    return {
+        "scene": f"{study['scene']} ({place})",
+        "mass": f"{view.mass:.6g} kg ({view.mass / units.POUND:.3g} lb)",
+        "relative radius": wording.length(float(study["relative_radius_m"])),
+        "stiffness k": f"{study['stiffness']:.5g} N/m^{n}",
+        "exponent n": n,
+        "α": "; ".join(f"{alpha:.3g} s/m ({alpha * units.INCH:.3g} s/in)" for alpha in view.alphas),
+        "impact speeds": "; ".join(bands),
+        "gravity": wording.listed([f"{shown.gravity:g} m/s²" for shown in by_gravity.shown]),
+        "starts": f"{study['phases']} places in a time step where the contact starts",
+        "impacts": str(len(results.impacts)),
+        "loops": f"judged from {STEPS_TO_COMPARE} steps in contact on",
+    }
 
 
-def _gravity_text(by_gravity: Views) -> str:
-    """Whether there is any, and how much."""
-    with_gravity = f"{by_gravity.with_gravity.gravity:g} m/s²" if by_gravity.with_gravity else ""
-    without_gravity = "none: free flight at the plate" if by_gravity.without_gravity else ""
-    return " and ".join(filter(None, [with_gravity, without_gravity]))
-
-
-def _drop_heights(view: View) -> str:
-    """From where bodies fall to meet the band: "1 … 13 mm"."""
-    if not view.gravity:
-        return ""
-    low, high = (wording.length(float(v) ** 2 / (2.0 * view.gravity)) for v in view.band)
-    return f"from {low} to {high}"
-
-
-def _law_exponent(view: View) -> str:
-    """The law's own p of ΔE ∝ vᵖ over the band; "" where no score tells it."""
-    score = next((s for s in map(view.score, view.band_runs) if s is not None), None)
-    if score is None or not math.isfinite(score["energy_exponent_law"]):
-        return ""
-    return f"{score['energy_exponent_law']:.2f}"
+def _under(view: View) -> str:
+    return "dropped" if view.gravity else "without gravity"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -12,11 +12,14 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from hcbench.laws import closed_form
-from hcbench.reporting.advised import error_of
+from hcbench.reporting import tables
 from hcbench.reporting.answers import PageChoice, answered, choices
 from hcbench.reporting.page import Script, script
+from hcbench.reporting.plot_style import KIND_COLOURS
+from hcbench.reporting.ranking import STOCK
 from hcbench.reporting.view import REFERENCE, RunKey, View
 from hcbench.reporting.wording import engine_title
+from hcbench.tuning.usual_errors import errors_of
 from hcbench.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -44,10 +47,10 @@ class Explorer:
 TABS = {
     "loop": "Force loop",
     "steps": "Error over step",
-    "settings": "All settings",
     "numbers": "What was measured",
+    "text": "How it was set",
 }
-_SCRIPTS = ("law", "plot", "explorer", "panels", "drop", "start")
+_SCRIPTS = ("law", "plot", "explorer", "answer", "panels", "ranking", "drop", "start")
 
 
 def explorer_script() -> Script:
@@ -94,6 +97,7 @@ def explorer_data(by_gravity: Views) -> dict[str, Any]:
         return {}
     answers = [_answer(shown, answer) for shown in by_gravity.shown for answer in answered(shown)]
     study, start = view.study, _start([tuple(a[name] for name in _WHERE) for a in answers] or ran, view)
+    texts = tables.Texts(by_gravity)
     return {
         "body": {"k": study["stiffness"], "n": study["exponent"], "m": view.mass},
         "alphas": view.alphas,
@@ -101,8 +105,15 @@ def explorer_data(by_gravity: Views) -> dict[str, Any]:
         "gravities": [shown.gravity for shown in by_gravity.shown],
         "engines": [[engine_title(engine), engine] for engine in view.engines],
         "start": dict(zip(_WHERE, start, strict=True)),
+        "hues": KIND_COLOURS,
         "answers": answers,
-        "runs": [run for shown in by_gravity.shown for run in _runs(shown, loops)],
+        "errors": _errors({answer["engine"] for answer in answers}),
+        "runs": [run for shown in by_gravity.shown for run in _runs(shown, loops, texts)],
+        "texts": texts.stored,
+        "how": texts.settings,
+        "ranking": tables.rankings(by_gravity),
+        "heads": {shown.gravity: tables.HEADS[shown.gravity > 0] for shown in by_gravity.shown},
+        "constants": tables.constants(by_gravity),
         "loops": loops.stored,
         "scans": _scans(by_gravity.without_gravity) if by_gravity.without_gravity is not None else [],
         "dropHeight": study.get("train_height"),
@@ -135,11 +146,16 @@ def _answer(view: View, answer: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def _errors(engines: Collection[str]) -> list[dict[str, Any]]:
+    """The table of errors at any α, named as runs are."""
+    return [{"step": each.pop("timestep"), **each} for each in map(dict, errors_of(engines))]
+
+
 def _choice(choice: PageChoice) -> dict[str, Any]:
     shown = [f"{run.engine} {run.label}" for run in choice.shown]
     more = [line for line in choice.more if line]
-    words = {"kind": choice.kind, "title": choice.title, "say": choice.say, "more": more}
-    return {**words, "text": choice.text, "shown": shown}
+    words = {"kind": choice.kind, "setting": choice.setting, "say": choice.say, "more": more}
+    return {**words, "error": choice.error, "band": choice.band, "text": choice.text, "shown": shown}
 
 
 def _unknown(start: Mapping[str, Any]) -> dict[str, Any]:
@@ -147,10 +163,10 @@ def _unknown(start: Mapping[str, Any]) -> dict[str, Any]:
     engine, step, gravity, alpha = (start[name] for name in ("engine", "step", "gravity", "alpha"))
     command = f'hcbench tune {engine} --alpha "{alpha:g} s/m" --timestep "{step:g} s" --gravity {gravity:g}'
     say = f"Ask for a setting of {engine_title(engine)}: this command finds it."
-    return {"kind": "", "title": "", "say": say, "more": [], "text": command, "shown": []}
+    return {"kind": "", "say": say, "more": [], "text": command}
 
 
-def _runs(view: View, loops: LoopStore) -> Iterable[dict[str, Any]]:
+def _runs(view: View, loops: LoopStore, texts: tables.Texts) -> Iterable[dict[str, Any]]:
     """Curves of every setting, step and α of the engines that ran over a band."""
     kept = _kept_loops(view)
     for (run, alpha), by_speed in _impacts(view).items():
@@ -169,7 +185,7 @@ def _runs(view: View, loops: LoopStore) -> Iterable[dict[str, Any]]:
             "step": run.timestep,
             "alpha": alpha,
             "phase": phase,
-            "largest": float(f"{error_of(view, run, alpha):.3g}"),
+            "text": texts.of(view, run, alpha),
             "asked": digits(by_speed, 4),
             "v": digits(map(_finite, speed_in, by_speed), 5),
             "e": places(e, 5),
@@ -193,12 +209,13 @@ def _impacts(view: View) -> dict[tuple[RunKey, float], dict[float, list[_Impact]
 
 
 def _kept_loops(view: View) -> dict[tuple[RunKey, float, float], tuple[Any, ...]]:
-    """(run, α, speed) -> phase, times, penetrations, forces."""
+    """(run, the main α, speed) -> phase, times, penetrations, forces."""
     columns = ["speed_m_per_s", "phase", "time_s", "penetration_m", "force_n"]
     loops: dict[tuple[RunKey, float, float], tuple[Any, ...]] = {}
     if view.results.loops.empty:
         return loops
-    for key, rows in view.results.loops.groupby(_KEY, sort=False):
+    main = np.isclose(view.results.loops["alpha_s_per_m"], view.main_alpha, rtol=1e-9)
+    for key, rows in view.results.loops[main].groupby(_KEY, sort=False):
         place = _run_and_alpha(view, key)
         for speed, phase, *sample in rows[columns].itertuples(index=False, name=None):
             loop = loops.setdefault((*place, speed), (phase, [], [], []))
@@ -232,8 +249,10 @@ def _span(impacts: Sequence[_Impact]) -> tuple[float, float, float]:
 def _drawn(view: View, run: RunKey) -> dict[str, str]:
     style = view.plot_style(run)
     dashes = " ".join(f"{1.6 * dash:.3g}" for dash in style.dashes)
-    names = {"engine": run.engine, "setting": run.label, "label": run.label, "title": run.title}
-    return {**names, "colour": style.colour, "dashes": dashes}
+    label = "nothing set" if run.setting == STOCK else run.setting
+    title = f"{engine_title(run.engine)}, {label}" if run.setting == STOCK else run.title
+    names = {"engine": run.engine, "setting": run.label, "label": label, "title": title}
+    return {**names, "kind": style.kind, "marker": style.marker, "colour": style.colour, "dashes": dashes}
 
 
 def _scans(view: View) -> list[dict[str, Any]]:

@@ -15,8 +15,9 @@ from hcbench.fitting.notebook import as_html, draw_curve
 from hcbench.fitting.result import FitResult
 from hcbench.laws.impact_law import ImpactLaw
 from hcbench.measuring.measurement import Measurement
-from hcbench.reporting import advice, measurement_page, wording
+from hcbench.reporting import measurement_page, wording
 from hcbench.reporting.conditions import views
+from hcbench.reporting.overview_figure import overview_figure
 from hcbench.reporting.page import Drawing, draw, render
 from hcbench.reporting.plot_style import (
     INK,
@@ -27,8 +28,7 @@ from hcbench.reporting.plot_style import (
     new_figure,
     speed_axis,
 )
-from hcbench.reporting.ranking import overview_runs
-from hcbench.reporting.restitution_figures import overview_figure
+from hcbench.reporting.ranking import advised, overview_runs
 from hcbench.sim import registry
 from hcbench.tuning.answer import Answer
 from hcbench.tuning.evaluate import held_out_launches
@@ -126,13 +126,13 @@ def _(answer: Answer) -> tuple[str, dict[str, str], str]:
 
 @_words.register
 def _(tuned: Tuned) -> tuple[str, dict[str, str], str]:
-    target, constant = tuned.target, wording.bound(tuned.evaluation.constant_error)
+    target, constant = tuned.target, wording.error(tuned.evaluation.constant_error)
     rests = (
         f"comes to rest, {wording.length(tuned.rest.penetration)} deep" if tuned.rests else "does not rest"
     )
     facts = {
         "why": tuned.why,
-        "largest error of e": f"{wording.bound(tuned.error)}; that of the best constant e: {constant}",
+        "largest error of e": f"{wording.error(tuned.error)}; that of the best constant e: {constant}",
         "conditions": f"step {wording.time(target.timestep)}, gravity {target.gravity:.4g} m/s², "
         f"{target.speed_min:.3g} to {target.speed_max:.3g} m/s",
         "at rest": rests,
@@ -170,8 +170,7 @@ def _(results: Results) -> Figure:
 def _(results: Results) -> tuple[str, dict[str, str], str]:
     view = views(results).main
     facts = {
-        "in short": " ".join(advice.headline(view)),
-        "plug-ins": advice.plugin_sentence(view),
+        "in short": " ".join(advised(view)),
         "impacts": str(len(results.impacts)),
         "versions": ", ".join(f"{name} {number}" for name, number in results.versions.items()),
     }

@@ -139,17 +139,6 @@ def best(view: View, runs: Sequence[RunKey]) -> list[RunKey]:
     return _least(usable, lambda run: error_ratio(view, run), ROUND_OFF_SCORE)
 
 
-def best_loops(view: View, runs: Sequence[RunKey]) -> list[RunKey]:
-    """Of runs that are set, those with the smallest rms distance in force at the main α."""
-
-    def rms(run: RunKey) -> float:
-        score = view.score(run)
-        judged = score is not None and score["loops"] and not score["energy_gained"]
-        return float(score["loop_rms"]) if score is not None and judged else math.inf
-
-    return _least(runs, rms)
-
-
 def _least(runs: Sequence[RunKey], error: Callable[[RunKey], float], margin: float = 0.0) -> list[RunKey]:
     """The engine's default is no advice: a user who asks has that already."""
     errors = {run: error(run) for run in runs if run.engine != REFERENCE and run.setting != STOCK}
@@ -160,6 +149,20 @@ def _least(runs: Sequence[RunKey], error: Callable[[RunKey], float], margin: flo
 def stock_runs(view: View) -> list[RunKey]:
     """Engines with nothing set."""
     return [run for run in view.band_runs if run.setting == STOCK]
+
+
+def advised(view: View) -> list[str]:
+    """A sentence on engines with nothing set, and one on each engine's best setting at each step."""
+    wrong = dict.fromkeys(run.engine for run in stock_runs(view) if error_ratio(view, run) > 1 + tie(view))
+    titles = wording.listed([wording.engine_title(engine) for engine in wrong], "nor")
+    sentences = [f"With nothing set {titles} does not bounce like the law."] if titles else []
+    runs = [run for run in view.band_runs if run not in stock_runs(view)]
+    for engine, step in dict.fromkeys((run.engine, run.timestep) for run in runs):
+        for run in best(view, [run for run in runs if (run.engine, run.timestep) == (engine, step)])[:1]:
+            error = wording.error(error_of(view, run))
+            words = verdict(view, run).restitution
+            sentences.append(f"{run.title}, step {run.step}: wrong by at most {error}, {words}.")
+    return sentences
 
 
 def overview_runs(view: View) -> list[RunKey]:

@@ -12,7 +12,7 @@ import pandas as pd
 
 from hcbench.benchmark.bounce_sequence import RestAfterDrop
 from hcbench.benchmark.results import RUN_KEY, Results
-from hcbench.impact import Floats, Loop
+from hcbench.impact import Floats
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.reporting.curve import Curve, curve_of
@@ -23,7 +23,6 @@ from hcbench.resolution import STEPS_OF_A_LOOP
 REFERENCE = "reference"  # the engine of the law
 LAW_SETTING = "hunt-crossley"  # its setting that is the law itself
 CURVE_SPEEDS = 3  # from which a run says something about e over speed
-LOOP_POINTS = 241
 _RUN = ["scene", "engine", "setting", "timestep_s"]  # columns that identify a run
 _PLACES = {"plane": "on a flat plate", "cup": "in the cup"}  # a scene's form, in words
 
@@ -67,10 +66,6 @@ class View:
     def __post_init__(self) -> None:
         for key, rows in self.head_on.groupby(RUN_KEY, sort=False):
             self._curves[self._run_and_alpha(key)] = curve_of(rows, self.mass)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """The fields alone: threads of a pool pickle a view while the page computes its cached properties."""
-        return {"results": self.results, "_curves": self._curves}
 
     @cached_property
     def head_on(self) -> pd.DataFrame:
@@ -129,10 +124,6 @@ class View:
     def law(self, alpha: float) -> HuntCrossley:
         """(16) for one α."""
         return HuntCrossley(float(self.study["stiffness"]), alpha, float(self.study["exponent"]))
-
-    def law_loop(self, speed: float) -> Loop:
-        """The law's loop at an impact speed (m/s) for the main α."""
-        return closed_form.loop(self.law(self.main_alpha), self.mass, speed, LOOP_POINTS)
 
     @cached_property
     def contact_time(self) -> float:
@@ -242,21 +233,6 @@ class View:
                 columns = ["timestep", "low", "middle", "high"]
                 run = self._run(*cast("tuple[Any, ...]", key))
                 out[run] = by_step.reset_index().set_axis(columns, axis=1)
-        return out
-
-    @cached_property
-    def loops(self) -> dict[RunKey, dict[float, pd.DataFrame]]:
-        """Loops for the main α at the study's speeds for loops: run -> impact speed (m/s) -> samples in order
-        of time.
-        """
-        out: dict[RunKey, dict[float, pd.DataFrame]] = {}
-        if self.results.loops.empty:
-            return out
-        table = self._of_main_alpha(self.results.loops)
-        table = table[table["speed_m_per_s"].isin(self.study["loop_speeds"])]
-        for key, rows in table.groupby([*_RUN, "speed_m_per_s"], sort=False):
-            *run, speed = cast("tuple[Any, ...]", key)
-            out.setdefault(self._run(*run), {})[float(speed)] = rows
         return out
 
     @cached_property

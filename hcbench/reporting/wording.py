@@ -1,8 +1,9 @@
 """Numbers and names as people read them: used by figures, tables and sentences alike."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
+from hcbench._text import two_digits
 from hcbench.errors import HcbenchError
 from hcbench.sim import registry
 from hcbench.units import INCH
@@ -53,12 +54,6 @@ def alpha_short(value: float) -> str:
     return f"α{NBSP}={NBSP}{value:.3g}{NBSP}s/m"
 
 
-def speeds(values: Iterable[float], in_inches: bool) -> str:
-    """ "4, 8 and 16 in/s", or in m/s."""
-    unit, name = (INCH, "in/s") if in_inches else (1.0, "m/s")
-    return f"{listed([f'{float(v) / unit:.3g}' for v in values])}{NBSP}{name}"
-
-
 def span(low: str, high: str, space: str = NBSP) -> str:
     """ "1 … 20"; "1" where both ends are the same."""
     return low if low == high else f"{low}{space}…{space}{high}"
@@ -77,16 +72,8 @@ def number(value: float) -> str:
 
 
 def error(value: float) -> str:
-    """`number` of a measured error, never "0": a measurement cannot show that."""
-    return number(max(value, 1e-13))
-
-
-def bound(value: float) -> str:
-    """`number` in two digits, rounded up, 10⁻⁷ at the least: what an error is within."""
-    if not value > 1e-7:
-        return number(value) if math.isnan(value) else power_of_ten(1e-7)
-    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return number(math.ceil(value / unit - 1e-9) * unit)
+    """An error of e as `hcbench tune` writes it: "0.028", "1e-7" at the least; "–" for no finite number."""
+    return two_digits(max(value, 1e-7)) if math.isfinite(value) else "–"
 
 
 def four_digits(value: float) -> str:

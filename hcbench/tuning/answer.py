@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 from hcbench._notebook import Drawn
-from hcbench._text import time_step
+from hcbench._text import time_step, two_digits
 from hcbench.errors import SettingError
 from hcbench.recipes.band import why_cut
 from hcbench.recipes.constant import minimax_constant
@@ -235,8 +235,3 @@ class Answer(Drawn):
         """Why the default band is cut, as a sentence; "" where it is not."""
         target = self.target
         return why_cut(target.speed_min, target.timestep, target.gravity)
-
-
-def two_digits(error: float) -> str:
-    """An error as a line prints it."""
-    return f"{error:.2g}" if error >= 1e-5 else f"{error:.0e}".replace("e-0", "e-")

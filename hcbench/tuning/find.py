@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from hcbench._text import two_digits
 from hcbench.errors import EngineFailed, EngineMissing, HcbenchError, SettingError, UserError
 from hcbench.laws.restitution import ConstantRestitution
 from hcbench.recipes.constant import minimax_constant
@@ -15,7 +16,7 @@ from hcbench.recipes.softening import require_end
 from hcbench.setting import PAIR, Pair
 from hcbench.sim import registry
 from hcbench.sim.promise import Promise
-from hcbench.tuning.answer import MAX_ERROR, Answer, Choice, Kind, Never, two_digits
+from hcbench.tuning.answer import MAX_ERROR, Answer, Choice, Kind, Never
 from hcbench.tuning.choose import Match, candidates
 from hcbench.tuning.tuned import Tuned, make_tuned
 
@@ -187,10 +188,7 @@ class _Finder:
         if recipe.exact_above is None:
             tuned = self._best([(recipe, "a law in place of the contact")], math.inf)
             return None if tuned is None else self.choice("exact", tuned)
-        setting, low = recipe(target), target.speed_min
-        for _ in range(_TURNS):  # e at that speed says how high it is
-            above = recipe.exact_above(float(target.restitution(low)))
-            low = max(target.speed_min, above * target.gravity * target.timestep)
+        setting, low = recipe(target), exact_from(recipe, target)
         if not low < target.speed_max:
             return None
         try:
@@ -212,6 +210,17 @@ class _Finder:
             (*self._adapter.needs(setting), *_above(low, target.speed_min)),
             recipe.notes,
         )
+
+
+def exact_from(recipe: Recipe, target: Target) -> float:
+    """The impact speed, m/s, from which a law in place of the contact is exact in a target's conditions."""
+    low = target.speed_min
+    for _ in range(_TURNS):  # e at that speed says how high it is
+        if recipe.exact_above is None or not low < target.speed_max:
+            break
+        above = recipe.exact_above(float(target.restitution(low)))
+        low = max(target.speed_min, above * target.gravity * target.timestep)
+    return low
 
 
 def _above(low: float, asked: float) -> Iterator[str]:

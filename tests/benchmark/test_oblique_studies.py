@@ -16,9 +16,7 @@ from hcbench.benchmark.study import study_from
 from hcbench.checking.judge import judge_results
 from hcbench.checking.text import as_text
 from hcbench.errors import StudyError
-from hcbench.reporting.oblique_figure import oblique_figure, oblique_rows
-from hcbench.reporting.page import png_bytes
-from hcbench.reporting.plot_style import LAW, figure_defaults
+from hcbench.reporting.tables import oblique
 from hcbench.reporting.view import View
 
 STUDY: dict[str, Any] = {
@@ -78,25 +76,18 @@ def test_check_of_a_study_gates_each_angle(results: Results) -> None:
     assert "deg" in as_text(judge_results(results, 0.02)).splitlines()[2]
 
 
-def test_the_figure_shows_each_setting_against_both_laws(results: Results) -> None:
-    rows = oblique_rows(View(results))
-    assert [run.setting for run in rows] == ["hunt-crossley", "impulse"]
-    with figure_defaults():
-        figure = oblique_figure(rows)
-        assert png_bytes(figure).startswith(b"\x89PNG")
-    panels = figure.axes
-    assert len(panels) == 4
-    assert panels[2].get_title("left").startswith("MuJoCo impulse, step 1\xa0ms: e up to ")
-    for panel, seen in zip(panels, ("restitution", "impulse_ratio") * 2, strict=True):
-        table = list(rows.values())[panels.index(panel) // 2]
-        points = [line.get_ydata() for line in panel.lines if line.get_marker() != "None"]
-        drawn = np.concatenate([np.asarray(values) for values in points])
-        assert sorted(drawn) == pytest.approx(sorted(table[seen]))
-        assert sum(line.get_color() == LAW for line in panel.lines) == 2
+def test_the_page_has_the_largest_errors_against_both_laws(results: Results) -> None:
+    rows = {row["run"].setting: row for row in oblique(View(results))}
+    assert list(rows) == ["hunt-crossley", "impulse"]
+    assert rows["hunt-crossley"]["friction"] == "1e-7"
+    impulse = results.impacts[results.impacts["setting"] == "impulse"]
+    ratio = (impulse["impulse_ratio"] - impulse["impulse_ratio_coulomb"]).abs().max()
+    assert float(rows["impulse"]["friction"]) == pytest.approx(ratio, rel=0.05)
+    assert float(rows["impulse"]["largest_e"]) == pytest.approx(impulse["restitution"].max(), rel=5e-3)
 
 
-def test_a_study_without_angles_has_no_such_figure() -> None:
-    assert not oblique_rows(View(run_study(study_from({**STUDY, "run": STUDY["run"][:1]}))))
+def test_a_study_without_angles_has_no_such_table() -> None:
+    assert not oblique(View(run_study(study_from({**STUDY, "run": STUDY["run"][:1]}))))
 
 
 @pytest.mark.parametrize(

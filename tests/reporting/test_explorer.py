@@ -19,11 +19,10 @@ from hcbench.benchmark.bounce_sequence import law_heights
 from hcbench.benchmark.results import REST_COLUMNS, RUN_KEY, TRAIN_COLUMNS, Results
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.reporting.build import page_text
+from hcbench.reporting.build import overview_drawing, page_text
 from hcbench.reporting.conditions import views
-from hcbench.reporting.drawings import drawings
 from hcbench.reporting.measurement_page import measurement_page
-from hcbench.reporting.page import Drawing, draw
+from hcbench.reporting.page import draw
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -91,12 +90,9 @@ def results() -> Results:
 
 @pytest.fixture(scope="module")
 def address(results: Results, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The page with its first figure alone drawn."""
     found = views(results)
-    first, *others = drawings(found)
-    figures = [draw(first), *(draw(Drawing(other.name, None, why="not here")) for other in others)]
     path = tmp_path_factory.mktemp("explorer") / "index.html"
-    path.write_text(page_text(found, results, figures), encoding="utf-8")
+    path.write_text(page_text(found, results, draw(overview_drawing(found.main))), encoding="utf-8")
     return path.as_uri()
 
 
@@ -208,8 +204,8 @@ def test_any_alpha_draws_the_law_and_says_how_to_find_a_setting(page: Page) -> N
     page.fill("#explorer-own-alpha", "0.5")
     page.press("#explorer-own-alpha", "Enter")
     assert "Not asked here" in words(page, "say")
-    assert '--alpha "0.5 s/m"' in words(page, "more")
-    assert lines(page, "curve") == []
+    assert '--alpha "0.5 s/m"' in words(page, "paste-text")
+    assert len(lines(page, "curve")) == 1, "nothing set, which no α changes"
     assert page.locator("#explorer-curve .law").count() == 1
     assert page.evaluate("data.alphas.includes(alphaNow())") is False
 
@@ -259,21 +255,38 @@ def test_pointing_at_a_point_reads_it_and_leaves_the_choice(page: Page) -> None:
     assert words(page, "reading") == before
 
 
-def test_tabs_show_the_error_over_the_step_the_settings_and_the_numbers(page: Page) -> None:
+def test_tabs_show_the_error_over_the_step_the_numbers_and_the_text(page: Page) -> None:
     page.select_option("#explorer-engine", "single")
     page.get_by_role("tab", name="Error over step").click()
     assert len(lines(page, "steps")) == 2
     assert "0.2 m/s" in words(page, "steps-words") or "0.4 m/s" in words(page, "steps-words")
-    page.get_by_role("tab", name="All settings").click()
-    stock = page.get_by_role("checkbox", name=re.compile("stock"))
-    shown = lines(page, "curve")
-    stock.uncheck()
-    assert lines(page, "curve") != shown
-    assert len(lines(page, "curve")) == 1
     page.get_by_role("tab", name="What was measured").click()
     cells = page.locator("#explorer-numbers-body tr").first.locator("td, th").all_inner_texts()
     assert cells[:3] == ["0.1", "3.94", f"{closed_form.restitution(ALPHA, 0.1):.4f}"]
-    assert page.locator("[role=tabpanel]:visible").count() == 1
+    page.get_by_role("tab", name="How it was set").click()
+    assert "How impulse bounces." in words(page, "how")
+    assert json.loads(words(page, "how-text")) == {"number": ALPHA}
+    assert "Holds here." in words(page, "how-notes")
+    assert page.locator("#explorer-body [role=tabpanel]:visible").count() == 1
+
+
+def test_the_ranking_follows_the_choices_and_puts_settings_into_the_plots(page: Page) -> None:
+    page.select_option("#explorer-engine", "single")
+    shown = lines(page, "curve")
+    page.get_by_role("checkbox", name="single nothing set").uncheck()
+    assert len(lines(page, "curve")) == len(shown) - 1
+    rows = page.locator("#explorer-ranking-body tr")
+    assert rows.count() == 3
+    assert rows.nth(0).locator("th").inner_text() == "best constant e"
+    page.get_by_role("button", name="single nothing set").click()
+    assert "How stock bounces." in words(page, "how")
+    assert len(lines(page, "curve")) == len(shown)
+    page.select_option("#explorer-engine", "explicit")
+    page.select_option("#explorer-gravity", "0")
+    page.select_option("#explorer-step", "0.00001")
+    assert "without gravity" in words(page, "where")
+    law = page.locator("#explorer-ranking-body tr", has_text="explicit law").locator("td").all_inner_texts()
+    assert law[-5:-1] == ["–", "–", "–", "✓"], "the paper's claims, of few steps in contact"
 
 
 def test_the_address_holds_the_choice(page: Page, opened: Callable[..., Page]) -> None:
@@ -281,10 +294,10 @@ def test_the_address_holds_the_choice(page: Page, opened: Callable[..., Page]) -
     page.select_option("#explorer-engine", "explicit")
     page.select_option("#explorer-gravity", "0")
     page.locator("#explorer-curve").press("End")
-    page.get_by_role("tab", name="All settings").click()
+    page.get_by_role("tab", name="What was measured").click()
     page.get_by_role("checkbox", name=re.compile("spring")).check()
     again = opened(page.url[page.url.index("#") :])
-    for name in ("say", "reading", "boxes"):
+    for name in ("say", "reading", "ranking-body"):
         assert words(again, name) == words(page, name)
     assert lines(again, "curve") == lines(page, "curve")
     assert again.get_by_role("checkbox", name=re.compile("spring")).is_checked()
@@ -345,17 +358,16 @@ def test_the_text_takes_the_readers_two_names_and_kind(page: Page, opened: Calla
         "Never use spring-damper: gains",
     ):
         assert line in words(page, "more")
-    page.get_by_role("button", name="Plug-in: e within 1e-7").click()
+    page.get_by_role("tab", name="Plug-in").click()
     assert words(page, "say") == "Attach law: e within 1e-7 from 0.1 to 0.4 m/s."
     again = opened(page.url[page.url.index("#") :])
     assert words(again, "say") == words(page, "say")
     assert again.locator("#explorer-second-name").input_value() == "floor"
 
 
-def test_balls_move_when_asked_and_not_by_themselves(page: Page, opened: Callable[..., Page]) -> None:
+def test_balls_play_once_and_stop_when_asked(page: Page, opened: Callable[..., Page]) -> None:
     time = page.locator("#explorer-time")
-    page.wait_for_timeout(150)
-    assert time.input_value() == "0"
+    page.evaluate("pause(); moveTo(0)")
     stopped, passed = page.evaluate(
         """() => new Promise(done => { const begin = performance.now(); at("play").click();
         setTimeout(() => { at("play").click(); done([clock.time, performance.now() - begin]); }, 200); })"""
@@ -368,7 +380,9 @@ def test_balls_move_when_asked_and_not_by_themselves(page: Page, opened: Callabl
     spoken = str(time.get_attribute("aria-valuetext"))
     assert spoken.startswith("0.3")
     assert balls.count() == len(re.findall("mm", spoken)) >= 2
+    assert opened().evaluate("clock.running") > 0, "it plays as the page opens"
     calm = opened(reduced_motion="reduce")
+    assert calm.evaluate("[clock.running, clock.time]") == [0, 0], "but for readers who want no motion"
     moments = []
     for _ in range(3):
         calm.click("#explorer-play")
@@ -387,7 +401,7 @@ def test_axe_finds_nothing_and_nothing_sticks_out(
     pytest.importorskip("axe_playwright_python", reason="axe-core, which checks accessibility, is not here")
     page = opened(width=width, color_scheme=scheme)
     page.evaluate((resources.files("axe_playwright_python") / "axe.min.js").read_text("utf-8"))
-    for tab in ("loop", "steps", "settings", "numbers"):
+    for tab in ("loop", "steps", "numbers", "text"):
         page.click(f"#explorer-tab-{tab}")
         scope = "document" if tab == "loop" else "'#explorer-body'"
         found = page.evaluate(f"axe.run({scope}, {{resultTypes: ['violations']}}).then(r => r.violations)")

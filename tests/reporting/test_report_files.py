@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import pickle
 import re
 import shutil
 from pathlib import Path
 
 import matplotlib as mpl
 import pytest
-from small_results import RUNS, small_results
 
 from hcbench.benchmark.results import Results
 from hcbench.errors import OutputError
 from hcbench.reporting.build import build
-from hcbench.reporting.conditions import Views, views
-from hcbench.reporting.drawings import drawings
-from hcbench.reporting.view import View
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -27,9 +22,11 @@ def test_a_later_report_leaves_no_figure_of_an_earlier_one(page: Path, tmp_path:
     folder = tmp_path / "report"
     shutil.copytree(page.parent, folder)
     (folder / "study.toml").write_text("of the user", encoding="utf-8")
-    fewer = small_results([run for run in RUNS if run[1] == "stock"])
+    results = Results.read(folder)
+    nothing = {name: getattr(results, name).iloc[:0] for name in ("impacts", "loops", "scores")}
+    fewer = Results(results.study, [], results.versions, **nothing)
     build(fewer, folder)
-    assert "figures/error-fine.svg" in contents(page.parent).keys() - contents(folder).keys()
+    assert "figures/overview.svg" in contents(page.parent).keys() - contents(folder).keys()
     fresh = contents(build(fewer, tmp_path / "fresh").parent)
     assert contents(folder) == {**fresh, "study.toml": b"of the user"}
 
@@ -42,13 +39,10 @@ def test_same_results_same_bytes(page: Path, tmp_path: Path) -> None:
     assert contents(again.parent) == contents(page.parent)
 
 
-def test_files_beside_the_page(page: Path, view: View) -> None:
+def test_files_beside_the_page(page: Path) -> None:
     names = set(contents(page.parent))
     assert {"index.html", "restitution.csv", "loops.csv", "scores.csv", "summary.json"} <= names
-    drawn = {d.name for d in drawings(Views(None, view)) if d.draw is not None}
-    assert {n for n in names if n.startswith("figures/")} == {
-        f"figures/{name}.{kind}" for name in drawn for kind in ("svg", "png")
-    }
+    assert {name for name in names if name.startswith("figures/")} == {"figures/overview.svg"}
 
 
 def test_nothing_of_this_machine_or_day_is_in_the_files(page: Path) -> None:
@@ -74,12 +68,3 @@ def test_nothing_is_left_behind_where_nothing_can_be_written(results: Results, t
     with pytest.raises(OutputError, match="can be written"):
         build(results, tmp_path / "file" / "report")
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
-
-
-def test_a_view_can_be_sent_to_a_worker_while_its_page_is_made(results: Results) -> None:
-    """A cached property that is computed while another thread pickles the view would stop the report."""
-    view = views(results).main
-    assert not view.head_on.empty
-    assert "head_on" in vars(view)
-    assert "head_on" not in view.__getstate__()
-    assert pickle.loads(pickle.dumps(view)).head_on.equals(view.head_on)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import re
 from pathlib import Path
@@ -13,11 +14,7 @@ from reported_results import IMPULSE, LAW, dropped
 from small_results import SCENE, SPEEDS
 
 from hcbench.benchmark.results import Results
-from hcbench.reporting import (
-    advice,
-    ranking,
-    wording,
-)
+from hcbench.reporting import ranking, wording
 from hcbench.reporting.build import build
 from hcbench.reporting.conditions import under
 from hcbench.reporting.view import RunKey, View
@@ -32,28 +29,18 @@ def both(without_gravity: Results, with_gravity: Results) -> Results:
     )
 
 
-def test_the_page_leads_with_what_was_dropped_and_marks_the_rest(results: Results, tmp_path: Path) -> None:
+def test_the_page_leads_with_what_was_dropped_and_ranks_both(results: Results, tmp_path: Path) -> None:
     found = both(results, dropped(results, 9.81, law=(5e-3, 0.0), spring_damper=(5e-3, 0.0)))
     page = build(found, tmp_path).read_text(encoding="utf-8")
-    said = re.sub(r'src="[^"]*"', "", page)
-    said = re.sub(r"<style>.*</style>|<script.*?</script>|<[^>]*>", " ", said, flags=re.S)
-    said = said.replace(wording.NBSP, " ").split("Restitution over impact speed, under gravity")[0]
-    first, rest, answer = re.split("Every setting in one line, under gravity|Which setting to use when", said)
-    assert "this command finds it" in first
-    assert "hcbench tune " in first
-    assert "In explicit no setting of this study both bounces and rests under gravity." in answer
-    assert "In single set impulse at 1 ms" in answer
-    warned = answer.split("Do not use under gravity")[1]
-    assert "explicit law, 1 µs" in warned
-    assert "sinks 5 mm at rest" in warned
-    assert "follows the law" in rest
-    headings = re.findall(r"<h2>([^<]*)</h2>", page)
-    without_gravity = headings[
-        headings.index("Without gravity") + 1 : headings.index("How each setting was set")
-    ]
-    without_gravity = [heading for heading in without_gravity if "swatch" not in heading and heading.strip()]
-    assert without_gravity
-    assert all(heading.endswith("without gravity") for heading in without_gravity)
+    assert "this command finds it" in page
+    data = json.loads(re.findall(r'id="explorer-data">(.*?)</script>', page, re.S)[0])
+    assert data["start"]["gravity"] == 9.81
+    rows = {(row["gravity"], row["setting"]): row for row in data["ranking"]}
+    assert "sinks 5\N{NO-BREAK SPACE}mm at rest" in rows[9.81, "law"]["also"]
+    assert rows[9.81, "law"]["grade"] == "bad"
+    assert rows[0.0, "law"]["verdict"] == "follows the law"
+    assert rows[0.0, "law"]["also"].startswith("loop right; under gravity sinks")
+    assert "sinks" not in rows[9.81, "impulse"]["also"]
 
 
 @pytest.mark.parametrize(
@@ -106,5 +93,5 @@ def test_what_ran_on_the_flat_alone_stands_in_and_is_marked(results: Results) ->
     assert RunKey(*LAW[:3], "on a flat plate") in view.band_runs
     assert IMPULSE in view.band_runs
     assert RunKey(*IMPULSE[:3], "on a flat plate") not in view.band_runs
-    sentences = " ".join(advice.headline(view)).replace(wording.NBSP, " ")
-    assert "In explicit set law on a flat plate at 1 µs" in sentences
+    sentences = " ".join(ranking.advised(view)).replace(wording.NBSP, " ")
+    assert "explicit law on a flat plate, step 1 µs" in sentences

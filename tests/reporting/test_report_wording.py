@@ -7,16 +7,12 @@ import math
 
 import pytest
 from reported_results import LAW
-from small_results import ALPHAS
 
 from hcbench.benchmark.results import Results
 from hcbench.benchmark.study import study_from
-from hcbench.reporting import (
-    advice,
-    restitution_figures,
-    wording,
-)
-from hcbench.reporting.drawings import loop_speeds, step_speed
+from hcbench.reporting import wording
+from hcbench.reporting.build import band_text
+from hcbench.reporting.overview_figure import overview_figure
 from hcbench.reporting.view import View
 
 
@@ -50,9 +46,15 @@ def test_a_study_is_reported_in_the_unit_that_it_is_written_in(results: Results,
     study = study_from({**written, "run": [run]}).described()
     assert study["speed_unit"] == unit
     shown = View(dataclasses.replace(results, study={**results.study, "speed_unit": unit}))
-    for text in (advice.band_text(shown), loop_speeds(shown), step_speed(shown)):
-        assert ("in/s" in text) == (unit == "in/s")
-        assert unit in text
-    figure = restitution_figures.restitution_figure(shown, [restitution_figures.Column("", ALPHAS[1], [LAW])])
-    tops = [axis.get_xlabel() for axes in figure.axes for axis in axes.child_axes]
+    assert ("in/s" in band_text(shown)) == (unit == "in/s")
+    assert "m/s" in band_text(shown)
+    tops = [axis.get_xlabel() for axes in overview_figure(shown, [LAW]).axes for axis in axes.child_axes]
     assert ("in/s" in tops) == (unit == "in/s")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.02812, "0.028"), (2.14e-5, "2.1e-5"), (3e-6, "3e-6"), (0.0, "1e-7"), (math.nan, "–")],
+)
+def test_an_error_is_written_as_tune_writes_it(value: float, text: str) -> None:
+    assert wording.error(value) == text

@@ -24,7 +24,7 @@ _SLOWEST = 1.601  # g h: at 1.6 itself, where round-off decides, some bodies sta
 
 def _exact_above(e: float) -> float:
     """Impact speed over g h from which the plug-in's e is exact: Bullet adds g h after the impact."""
-    return max(_SLOWEST, (1.0 + math.sqrt(max(0.0, 1.0 - 0.75 * e**2))) / e**2) if e > 0.0 else math.inf
+    return max(_SLOWEST, (1.0 + math.sqrt(max(0.0, 1.0 - 0.75 * e**2))) / e**2) if e**2 > 0.0 else math.inf
 
 
 RECIPES = (*_NATIVE, *plug_in_recipes("pybullet", _NATIVE, _NO_DRAG, _exact_above))

@@ -17,17 +17,18 @@ function heightAt({touch, parting, height, ended}, time) {
 }
 
 function drawDrop() {
+  if (!at("fall")) return;
   at("fall").hidden = data.dropHeight === null;
   if (data.dropHeight === null) return;
   const law = lawDrop(data.body, alphaNow(), data.dropHeight, data.dropGravity);
-  const dropOf = run => data.drops.find(d => keyOf(d) === keyOf(run) && d.step === run.step && d.alpha === run.alpha);
+  const dropOf = run => data.drops.find(d => keyOf(d) === keyOf(run) && d.step === run.step && (d.alpha === run.alpha || run.kind === "stock"));
   const drops = shownRuns().map(run => ({name: nameOf(run), style: run, drop: dropOf(run)}));
   falling = [{name: "the law", style: LAW_STYLE, drop: law}, ...drops.filter(({drop}) => drop)];
   clock.end = law.touch.at(-1);
   at("time").max = clock.end;
   at("time").step = clock.end / 500;
   const time = {low: 0, high: clock.end, label: "time, s"};
-  dropPlot = new Plot(at("drop"), time, {low: 0, high: 1.06e3 * data.dropHeight, label: "height, mm"}, {height: 300});
+  dropPlot = new Plot(at("drop"), time, {low: 0, high: 1.06e3 * data.dropHeight, label: "height, mm"}, {height: 250});
   const points = Array.from({length: 601}, (_, i) => clock.end * i / 600);
   for (const {name, style, drop} of falling) {
     const heights = points.map(t => heightAt(drop, t)).map(h => h === null ? null : 1e3 * h);
@@ -35,10 +36,21 @@ function drawDrop() {
     else dropPlot.line(style, points, heights);
   }
   const missing = drops.filter(({drop}) => !drop).map(({name}) => name);
-  const why = missing.length ? ` Not dropped at this step and α: ${missing.join(", ")}.` : "";
-  at("drop-words").textContent = `From ${text(1e3 * data.dropHeight)} mm under gravity; a ball in contact is drawn on the plate.${why}`;
+  at("drop-words").textContent = `From ${text(1e3 * data.dropHeight)} mm under gravity.`;
   legend(at("drop-legend"), falling.slice(1).map(({name, style}) => ({title: name, colour: style.colour})));
+  at("lag").textContent = lag(law) + (missing.length ? ` Not dropped here: ${missing.join(", ")}.` : "");
   moveTo(Math.min(clock.time, clock.end));
+}
+
+// How far the chosen setting's last touch lies behind the law's, and why.
+function lag(law) {
+  const own = falling.find(({style}) => keyOf(style) === choiceNow()?.shown[0] && style.kind !== "stock")?.drop;
+  const count = own ? Math.min(own.touch.length, law.touch.length) : 0;
+  if (count < 2) return "";
+  const late = own.touch[count - 1] - law.touch[count - 1];
+  const contact = drop => drop.parting.slice(0, count - 1).reduce((sum, t, i) => sum + t - drop.touch[i], 0) / (count - 1);
+  return `Its bounce ${count} comes ${text(1e3 * Math.abs(late))} ms ${late < 0 ? "before" : "after"} the law's: a contact lasts ${text(1e3 * contact(own))} ms`
+    + ` where the law's lasts ${text(1e3 * contact(law))} ms, as an engine acts once a step of ${stepName(state.step)}.`;
 }
 
 function moveTo(time) {

@@ -4,27 +4,25 @@
 const data = JSON.parse(document.getElementById("explorer-data").textContent);
 const at = id => document.getElementById(`explorer-${id}`);
 const INCH = 0.0254, LAW_STYLE = {colour: "var(--law-ink)", dashes: ""};
-const state = {...data.start, own: null, kind: "", first: "ball", second: "plate", setting: "", speed: NaN, toggled: new Set(), tab: "loop"};
+const state = {...data.start, own: null, band: "", kind: "", first: "ball", second: "plate", setting: "", speed: NaN, toggled: new Set(), tab: "loop"};
 
 // What is chosen
 
 const sameAlpha = run => state.own === null && run.alpha === state.alpha;
 const keyOf = run => `${run.engine} ${run.setting}`;
 const alphaNow = () => state.own ?? state.alpha;
-const answerNow = () => data.answers.find(answer => answer.engine === state.engine && answer.step === state.step
-  && answer.gravity === state.gravity && answer.alpha === alphaNow());
-const choiceNow = () => answerNow()?.choices.find(choice => choice.kind === state.kind) ?? answerNow()?.choices[0];
-
+// What ran at this step and gravity for this α; with nothing set, for any.
 function runsHere() {
-  return data.runs.filter(run => run.gravity === state.gravity && run.step === state.step && sameAlpha(run));
+  return data.runs.filter(run => run.gravity === state.gravity && run.step === state.step && (sameAlpha(run) || run === stockHere()));
 }
 
 function isShown(run) {
-  return (choiceNow()?.shown ?? unanswered()).includes(keyOf(run)) !== state.toggled.has(keyOf(run));
+  const answer = answerNow(), all = answer ? answer.choices.flatMap(choice => choice.shown) : unanswered();
+  return all.includes(keyOf(run)) !== state.toggled.has(keyOf(run));
 }
 
 // Where no answer is known: all that the study ran of this engine.
-const unanswered = () => answerNow() ? [] : runsHere().filter(run => run.engine === state.engine).map(keyOf);
+const unanswered = () => runsHere().filter(run => run.engine === state.engine).map(keyOf);
 
 // The name of a run's line: with its engine where several are shown.
 function nameOf(run) {
@@ -50,8 +48,8 @@ function chosen() {
 
 function describe({run, i}) {
   const v = run.v[i], law = lawRestitution(alphaNow(), v), range = run.high[i] - run.low[i] > 5e-4;
-  const phases = range ? ` (${text(run.low[i])} to ${text(run.high[i])} by chance, with where in a step the contact starts)` : "";
-  return `${run.title} at ${text(v)} m/s (${text(v / INCH)} in/s): e = ${run.e[i].toFixed(4)}${phases}; the law ${law.toFixed(4)}`;
+  const chance = range ? ` (${text(run.low[i])} to ${text(run.high[i])} by chance, with where in a step the contact starts)` : "";
+  return `${run.title} at ${text(v)} m/s (${text(v / INCH)} in/s): e = ${run.e[i].toFixed(4)}${chance}; the law ${law.toFixed(4)}`;
 }
 
 // Choices
@@ -63,8 +61,8 @@ function fill(select, options, value) {
 const isName = name => /^[\w.:/-]{1,60}$/.test(name ?? "");
 
 function showChoices() {
-  const here = data.runs.filter(run => run.engine === state.engine && run.gravity === state.gravity);
-  const steps = [...new Set(here.map(run => run.step))].sort((a, b) => a - b);
+  const here = [...data.runs, ...data.answers].filter(one => one.engine === state.engine && one.gravity === state.gravity);
+  const steps = [...new Set(here.map(one => one.step))].sort((a, b) => a - b);
   for (const name of ["first", "second"]) if (document.activeElement !== at(`${name}-name`)) at(`${name}-name`).value = state[name];
   if (!steps.includes(state.step)) {
     const far = steps.map(h => Math.abs(Math.log(h / state.step)));
@@ -76,69 +74,62 @@ function showChoices() {
   const alphas = data.alphas.map(a => [`${text(a)} s/m`, String(a)]);
   fill(at("alpha"), [...alphas, ["another", "other"]], state.own === null ? state.alpha : "other");
   at("own").hidden = state.own === null;
+  showBands();
   if (state.own !== null && Number(at("own-alpha").value) !== state.own) at("own-alpha").value = state.own;
 }
 
-function showAnswer() {
-  if (!at("say")) return;
-  const choice = choiceNow(), [engine] = data.engines.find(([, key]) => key === state.engine);
-  const command = `hcbench tune ${state.engine} --alpha "${alphaNow()} s/m" --timestep "${state.step} s"`
-    + ` --gravity ${state.gravity} --pair "${state.first},${state.second}"`;
-  const names = {ball: state.first, plate: state.second};
-  const {say, more, text: words} = choice ?? {
-    say: `Not asked here: ${engine} at ${stepName(state.step)} for α = ${text(alphaNow())} s/m.`,
-    more: ["To find a setting, run this command:", command], text: command,
-  };
-  at("say").textContent = say;
-  at("more").replaceChildren(...more.map(line => Object.assign(document.createElement("p"), {textContent: line})));
-  at("paste-text").textContent = choice ? words.replace(/\b(ball|plate)\b/g, name => names[name]) : words;
-  showKinds(choice);
-  at("copied").textContent = "";
-}
-
-function showKinds(choice) {
-  at("kinds").replaceChildren(...(answerNow()?.choices ?? []).map(other => {
-    const button = Object.assign(document.createElement("button"), {type: "button", textContent: other.title, value: other.kind});
-    button.setAttribute("aria-pressed", other === choice);
-    return button;
-  }));
-}
-
-async function copy() {
-  const words = at("paste-text").textContent;
-  try {
-    await navigator.clipboard.writeText(words);
-    at("copied").textContent = "Copied.";
-  } catch {
-    at("paste").open = true;
-    getSelection().selectAllChildren(at("paste-text"));
-    at("copied").textContent = "Selected below: copy it with the keyboard.";
-  }
+function showBands() {
+  const bands = data.errors.filter(isHere).map(each => each.band), usual = data.answers.find(isHere)?.choices.find(c => c.kind !== "exact")?.band;
+  if (!bands.some(band => band.join() === state.band)) state.band = "";
+  at("bands").hidden = bands.length < 2 || !usual;
+  fill(at("band"), bands.map(band => [(band.length ? band : usual ?? []).map(digits3).join(" … ") + " m/s", band.join()]), state.band);
 }
 
 // e over speed
 
 let curve, curvePoints = [];
 
+// What lies far below the rest has a strip of its own at the bottom.
+function split(runs, law) {
+  const heights = runs.map(run => run.high.filter(e => e !== null)).map(high => Math.max(0, ...high));
+  const isFar = i => heights[i] < 0.5 && heights[i] < Math.min(...law) - 0.2;
+  const upper = runs.filter((_, i) => !isFar(i)), far = heights.filter((_, i) => isFar(i));
+  const least = Math.min(...law, ...upper.flatMap(run => run.low.filter(e => e !== null)));
+  const strip = Math.max(0.1, 1.3 * Math.max(0, ...far));
+  return far.length && least > strip + 0.2 ? {least, strip} : {least: far.length ? 0 : least};
+}
+
 function drawCurve() {
-  const runs = shownRuns(), top = data.band[1], speeds = Array.from({length: 81}, (_, i) => top * i / 80);
-  const law = speeds.map(v => lawRestitution(alphaNow(), v));
-  const least = Math.min(...law, ...runs.flatMap(run => run.low.filter(e => e !== null)));
+  const runs = shownRuns(), choice = choiceNow(), top = Math.max(data.band[1], state.band ? choice?.band[1] ?? 0 : 0);
+  const speeds = Array.from({length: 81}, (_, i) => top * i / 80), law = speeds.map(v => lawRestitution(alphaNow(), v));
+  const promised = runs.some(run => run.kind !== "stock") ? [] : (answerNow()?.choices ?? []).flatMap(promise);
+  const {least, strip} = split(runs, [...law, ...promised.flatMap(({low}) => low)]);
   const most = Math.max(1, ...runs.flatMap(run => run.high));
   const low = least < 0.5 ? 0 : Math.floor(20 * least - 0.2) / 20;
   const last = run => run.e.findLast(e => e !== null) ?? low;
   const names = [{name: "the law", y: law.at(-1)}, ...runs.map(run => ({name: nameOf(run), style: run, y: last(run)}))];
+  names.push(...promised.map(each => ({name: each.name, style: each, y: each.low.at(-1)})));
   const right = Plot.room(names.map(({name}) => name), at("curve")), wide = right > 12;
   curve = new Plot(at("curve"), {low: 0, high: top, label: "impact speed, m/s", upper: {label: "in/s", scale: INCH}},
-    {low, high: most > 1.005 ? 1.02 * most : 1, label: "restitution e"}, {height: wide ? 380 : 290, right});
+    {low, high: most > 1.005 ? 1.02 * most : 1, label: "restitution e", strip}, {height: wide ? 330 : 290, right});
   curve.law(speeds, law);
+  promised.forEach(each => curve.band(each, each.v, each.low, each.high));
+  promised.forEach(each => curve.line(each, each.v, each.low));
   runs.forEach(run => curve.band(run, run.v, run.low, run.high));
   runs.forEach(run => curve.line(run, run.v, run.e));
-  runs.forEach(run => curve.dots(run, run.v, run.e));
+  runs.forEach(run => curve.dots(run, run.v, run.e, 4));
   curvePoints = runs.flatMap(run => run.v.flatMap((v, i) => run.e[i] === null ? [] : [{run, i, x: curve.px(v), y: curve.py(run.e[i])}]));
   if (wide) curve.names(names);
   legend(at("curve-legend"), wide ? [] : runs);
   showChosen();
+}
+
+// The law give or take the promised error, where nothing was run.
+function promise({kind, setting, error, band: [from, to]}) {
+  if (!Number.isFinite(error)) return [];
+  const v = Array.from({length: 41}, (_, i) => from + (to - from) * i / 40), law = v.map(speed => lawRestitution(alphaNow(), speed));
+  const low = law.map(e => Math.max(0, e - error)), high = law.map(e => Math.min(1, e + error));
+  return [{name: setting, colour: data.hues[kind], dashes: kind === "exact" ? "" : "2 3", v, low, high}];
 }
 
 function legend(place, runs) {
@@ -204,10 +195,10 @@ function walk(event) {
 // The choice in the address
 
 function save() {
-  const {engine, step, gravity, kind, first, second, setting, speed, toggled, tab} = state;
+  const {engine, step, gravity, band, kind, first, second, setting, speed, toggled, tab} = state;
   const named = first === "ball" && second === "plate" ? {} : {first, second};
   const which = {setting, speed: Number.isFinite(speed) ? speed : "", toggled: [...toggled].join(","), tab};
-  const choice = {engine, step, gravity, alpha: alphaNow(), kind, ...named, ...which};
+  const choice = {engine, step, gravity, alpha: alphaNow(), band, kind, ...named, ...which};
   const parts = Object.entries(choice).filter(([, value]) => value !== "");
   history.replaceState(null, "", `#${new URLSearchParams(parts)}`);
 }
@@ -222,6 +213,7 @@ function load() {
   if (data.alphas.includes(alpha)) Object.assign(state, {alpha, own: null});
   else if (alpha >= 0 && alpha <= 100) state.own = alpha;
   state.kind = choice.get("kind") ?? "";
+  state.band = choice.get("band") ?? "";
   for (const name of ["first", "second"]) if (isName(choice.get(name))) state[name] = choice.get(name);
   state.setting = choice.get("setting") ?? "";
   state.speed = number("speed");
@@ -235,6 +227,7 @@ function draw() {
   drawCurve();
   drawDrop();
   drawTab();
+  if (at("ranking-body")) drawRanking();
 }
 
 function change(update) {

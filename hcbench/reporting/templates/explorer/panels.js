@@ -1,6 +1,6 @@
-// What a chosen impact looked like, its error at other steps, every setting to show, and the numbers.
+// What a chosen impact looked like, its error at other steps, the numbers, and how it was set.
 
-const PANELS = {loop: drawLoop, steps: drawSteps, settings: listSettings, numbers: fillTable};
+const PANELS = {loop: drawLoop, steps: drawSteps, numbers: fillTable, text: showText};
 const TABS = Object.fromEntries(Object.entries(PANELS).filter(([name]) => at(`tab-${name}`)));
 const APART = 4;  // a contact so many times larger than the law's has scales of its own
 
@@ -65,7 +65,7 @@ function drawLoop() {
   draw("force", apart ? "time over its contact's" : "time since touch, µs", over(own.t, ut), over(own.f, uf), over(law.t, lt), over(law.f, lf));
   const times = (name, what) => `${text(ratio(name))} times the law's ${what}`;
   const lone = f.length === 1 ? "The whole bounce happens in one step. " : "";
-  at("loop-words").textContent = `${run.title} at ${text(run.v[i])} m/s, phase ${text(run.phase)} of a step. ${lone}`
+  at("loop-words").textContent = `${run.title} at ${text(run.v[i])} m/s, started ${text(run.phase)} of a step after one. ${lone}`
     + `${text(sizes.x * 1e6)} µm deep, ${times("x", "depth")}; at most ${text(sizes.f)} N, ${times("f", "force")}; `
     + `in contact for ${text(sizes.t * 1e3)} ms, ${times("t", "time")}.`
     + (apart ? " Their sizes differ too much for one scale: each loop is scaled by its own largest." : "");
@@ -118,35 +118,36 @@ function drawSteps() {
     plot.dots(run, xs, ys);
   }
   if (right > 12) plot.names(lines.map(line => ({name: nameOf(line.run), style: line.run, y: line.errors.at(-1)})));
-  const largestHere = lines.map(line => `${line.run.title} ${line.steps.map((h, i) => `${text(line.errors[i])} at ${stepName(h)}`).join(", ")}`);
-  at("steps-words").textContent = `Largest error of e against the law at ${text(speed)} m/s over all phases of a step;`
+  const largestHere = lines.map(line => `${line.run.title} ${line.steps.map((h, i) => `${errorText(line.errors[i])} at ${stepName(h)}`).join(", ")}`);
+  at("steps-words").textContent = `Largest error of e against the law at ${text(speed)} m/s over all places in a step where the contact starts;`
     + " the dashed line is the step chosen above.";
   at("steps").setAttribute("aria-label", `Error over time step at ${text(speed)} m/s. ${largestHere.join("; ")}`);
 }
 
-// Every setting here, and the numbers
+// The numbers, and how the chosen setting was set
 
-function listSettings() {
-  const entries = runsHere().map(run => {
-    const box = Object.assign(document.createElement("input"), {type: "checkbox", checked: isShown(run), value: keyOf(run)});
-    const words = Object.assign(document.createElement("span"), {className: "key", textContent: `${run.title}: wrong by at most ${text(run.largest)}`});
-    words.style.setProperty("--colour", run.colour);
-    const label = document.createElement("label");
-    label.append(box, " ", words);
-    return label;
-  });
-  const none = Object.assign(document.createElement("p"), {textContent: "No setting ran for this α: the law alone is drawn."});
-  at("boxes").replaceChildren(...(entries.length ? entries : [none]));
+function showText() {
+  const point = chosen(), about = point && data.how[keyOf(point.run)];
+  at("how").textContent = about ? `${point.run.title}, ${stepName(state.step)}, α = ${text(alphaNow())} s/m. ${about.summary}` : "Nothing ran for this α: the first screen has its answer.";
+  const pasted = about ? data.texts[point.run.text] : "";
+  at("how-text").hidden = !pasted;
+  at("how-text").textContent = pasted;
+  at("how-notes").replaceChildren(...(about?.notes ?? []).map(note => element("p", note)));
+}
+
+function row(...cells) {
+  const made = document.createElement("tr");
+  made.append(...cells);
+  return made;
+}
+
+function element(name, words, className = "") {
+  return Object.assign(document.createElement(name), {textContent: words, className});
 }
 
 function fillTable() {
   const runs = shownRuns(), speeds = [...new Set(runs.flatMap(run => run.asked))].sort((a, b) => a - b);
-  const cell = (name, words) => Object.assign(document.createElement(name), {textContent: words, className: "number"});
-  const row = (...cells) => {
-    const made = document.createElement("tr");
-    made.append(...cells);
-    return made;
-  };
+  const cell = (name, words) => element(name, words, "number");
   const head = ["speed, m/s", "in/s", "the law", ...runs.map(run => run.title)].map(words => Object.assign(cell("th", words), {scope: "col"}));
   at("numbers-head").replaceChildren(row(...head));
   at("numbers-body").replaceChildren(...speeds.map(v => {

@@ -43,14 +43,23 @@ function ticks(low, high, count, log) {
   return found;
 }
 
+// Marks of settings, of size 1, by the letters that figures have for them.
+const MARKS = {
+  o: "M-1 0A1 1 0 1 1 1 0A1 1 0 1 1 -1 0Z", s: "M-.9 -.9H.9V.9H-.9Z", "^": "M0 -1.1L1 .8H-1Z", v: "M0 1.1L1 -.8H-1Z",
+  "<": "M-1.1 0L.8 -1V1Z", ">": "M1.1 0L-.8 -1V1Z", D: "M0 -1.3L1.3 0L0 1.3L-1.3 0Z", d: "M0 -1.3L.8 0L0 1.3L-.8 0Z",
+  X: "M-1 -.6L-.6 -1L0 -.4L.6 -1L1 -.6L.4 0L1 .6L.6 1L0 .4L-.6 1L-1 .6L-.4 0Z",
+  P: "M-.35 -1H.35V-.35H1V.35H.35V1H-.35V.35H-1V-.35H-.35Z",
+  "*": "M0 -1.3L.35 -.4L1.25 -.4L.55 .15L.8 1.05L0 .5L-.8 1.05L-.55 .15L-1.25 -.4L-.35 -.4Z",
+};
+
 class Plot {
   static paper = false;  // whether it is drawn to be printed
 
-  // x, y: {low, high, label, log, name, only, upper}; name writes a tick, `only` says which there are; upper:
-  // {label, scale}, a second axis on top.
+  // x, y: {low, high, label, log, name, only, upper, strip}; name writes a tick, `only` says which there are;
+  // upper: {label, scale}, a second axis on top; strip: what is up to there has a strip below the rest.
   constructor(svg, x, y, {height = 300, right = 12} = {}) {
     const width = Plot.width(svg);
-    if (Plot.paper) height *= 0.8;
+    if (Plot.paper) height *= 0.75;
     this.svg = svg;
     this.x = x;
     this.y = y;
@@ -69,11 +78,14 @@ class Plot {
   // The width of a plot: that of its place, less what surrounds it.
   static width(svg) {
     const place = svg.parentElement, style = getComputedStyle(place);
-    if (Plot.paper) return {"explorer-curve": 460, "explorer-drop": 225, "explorer-steps": 700}[svg.id] ?? 345;
+    if (Plot.paper) return {"explorer-curve": 700, "explorer-steps": 700}[svg.id] ?? 340;
     return Math.round(place.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight));
   }
 
   static share(axis, value) {
+    const {strip} = axis;
+    if (strip && value <= strip) return 0.14 * (0.15 + 0.85 * value / strip);
+    if (strip) return 0.2 + 0.8 * (value - axis.low) / (axis.high - axis.low);
     if (!axis.log) return (value - axis.low) / (axis.high - axis.low);
     return Math.log(Math.max(value, axis.low) / axis.low) / Math.log(axis.high / axis.low);
   }
@@ -90,10 +102,15 @@ class Plot {
       add(node("line", {class: "grid", x1: at, x2: at, y1: top, y2: bottom}));
       add(node("text", {x: at, y: bottom + 15, "text-anchor": "middle"}, name(this.x, value)));
     }
-    for (const value of ticks(this.y.low, this.y.high, Math.max(2, (bottom - top) / 40), this.y.log)) {
+    const below = this.y.strip ? [0] : [];
+    for (const value of [...below, ...ticks(this.y.low, this.y.high, Math.max(2, (bottom - top) / 40), this.y.log)]) {
       const at = this.py(value);
       add(node("line", {class: "grid", x1: left, x2: right, y1: at, y2: at}));
       add(node("text", {x: left - 6, y: at + 4, "text-anchor": "end"}, name(this.y, value)));
+    }
+    if (this.y.strip) {  // the axis is broken here
+      const cut = bottom - 0.17 * (bottom - top);
+      for (const y of [cut - 3, cut + 3]) add(node("path", {class: "break", d: `M${left - 6} ${y + 3}L${left + 6} ${y - 3}M${right - 6} ${y + 3}L${right + 6} ${y - 3}`}));
     }
     const centre = (left + right) / 2;
     add(node("text", {class: "title", x: centre, y: bottom + 32, "text-anchor": "middle"}, this.x.label));
@@ -137,8 +154,8 @@ class Plot {
   dots(style, xs, ys, radius = 3) {
     xs.forEach((x, i) => {
       if (ys[i] === null) return;
-      const at = {cx: this.px(x).toFixed(1), cy: this.py(ys[i]).toFixed(1), r: radius};
-      this.lines.append(node("circle", {class: "dot", style: `--colour: ${style.colour}`, ...at}));
+      const place = `translate(${this.px(x).toFixed(1)} ${this.py(ys[i]).toFixed(1)}) scale(${radius})`;
+      this.lines.append(node("path", {class: "dot", style: `--colour: ${style.colour}`, d: MARKS[style.marker] ?? MARKS.o, transform: place}));
     });
   }
 

@@ -22,24 +22,23 @@ function listenToChoices() {
       if (known) change({[name]: event.target.value});
     });
   }
+  at("band").addEventListener("change", event => change({band: event.target.value}));
   at("kinds").addEventListener("click", event => {
-    if (!event.target.value) return;
-    const kind = event.target.value;
-    change({kind, setting: ""});
-    at("kinds").querySelector(`[value=${kind}]`).focus();
+    const tab = event.target.closest("button");
+    if (tab) chooseKind(tab.value);
   });
+  at("kinds").addEventListener("keydown", switchKind);
   at("copy").addEventListener("click", copy);
-  at("boxes").addEventListener("change", event => {
-    const key = event.target.value;
-    if (!state.toggled.delete(key)) state.toggled.add(key);
-    drawCurve();
-    drawDrop();
-    save();
+  listenToRanking();
+  at("play").addEventListener("click", play);
+  at("time").addEventListener("input", event => {
+    pause();
+    moveTo(Number(event.target.value));
   });
 }
 
 function start() {
-  for (const name of ["body", "choices", "copy"]) if (at(name)) at(name).hidden = false;
+  for (const name of ["wide", "body", "choices", "copy"]) if (at(name)) at(name).hidden = false;
   document.body.classList.add("explored");  // hides the still pictures that stand in for all this
   if (at("choices")) listenToChoices();
   at("curve").addEventListener("pointermove", hover);
@@ -57,11 +56,6 @@ function start() {
     });
     at(`tab-${name}`).addEventListener("keydown", switchTab);
   }
-  at("play").addEventListener("click", play);
-  at("time").addEventListener("input", event => {
-    pause();
-    moveTo(Number(event.target.value));
-  });
   // As wide as its place; on paper as wide as that will be.
   let width = 0;
   const redraw = () => {
@@ -74,7 +68,7 @@ function start() {
       width = entry.contentRect.width;
       redraw();
     }
-  }).observe(at("body"));
+  }).observe(at("wide"));
   for (const [name, paper] of [["beforeprint", true], ["afterprint", false]]) {
     addEventListener(name, () => {
       Plot.paper = paper;
@@ -87,6 +81,7 @@ function start() {
   });
   load();
   draw();
+  if (at("play") && data.dropHeight && !still.matches) play();
 }
 
 start();

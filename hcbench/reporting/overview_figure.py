@@ -1,0 +1,118 @@
+"""The report in one picture: restitution over impact speed of the settings that matter."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from hcbench.laws import closed_form
+from hcbench.reporting.curve import Curve
+from hcbench.reporting.plot_style import (
+    LAW,
+    SLATE,
+    declutter,
+    draw_band,
+    marker_stride,
+    set_ticks,
+    speed_axis,
+)
+from hcbench.reporting.view import RunKey, View
+
+_FAR, _GAP = 0.5, 0.2  # of e: what never comes above, and so far below the rest, has its own frame
+_BAND_SHOWN = 1e-4  # of e: a smaller range over the phases cannot be seen
+
+_LINEAR: dict[str, Any] = {"color": SLATE, "linewidth": 1.0, "linestyle": (0, (2, 2))}
+
+
+def _draw_law(axes: Axes, view: View, alpha: float) -> None:
+    """e of (16) as a broad pale band, 1 - αv dotted."""
+    v = view.speeds
+    e = closed_form.restitution(alpha, v)
+    axes.plot(v, e, color=LAW, linewidth=6, solid_capstyle="butt", zorder=1)
+    axes.plot(v, 1 - alpha * v, zorder=2, **_LINEAR)
+
+
+def _draw_curve(axes: Axes, view: View, run: RunKey, curve: Curve, nth: int) -> None:
+    """One setting: median over phases, with the band that the phases span."""
+    style = view.plot_style(run)
+    if (curve.high - curve.low > _BAND_SHOWN).any():
+        draw_band(axes, curve.speed, curve.low, curve.high, style.colour)
+    marks = marker_stride(len(curve.speed), nth)
+    axes.plot(curve.speed, curve.middle, markevery=marks, zorder=3, **style.line())
+
+
+def overview_figure(view: View, runs: list[RunKey]) -> Figure:
+    """The page in one picture: the main α, the settings that matter, each named beside its line.
+
+    What lies far below the rest has a frame of its own at the bottom.
+    """
+    alpha, figure, v_end = view.main_alpha, Figure(figsize=(9.2, 4.8)), view.speeds[-1]
+    curves = [
+        (nth, run, curve) for nth, run in enumerate(runs) if (curve := view.curve(run, alpha)) is not None
+    ]
+    lowest = min([1 - alpha * v_end, *(float(c.low.min()) for _, _, c in curves if c.high.max() > _FAR)])
+    far = [item for item in curves if item[2].high.max() < lowest - _GAP]
+    lower = 0.2 if far else 0.0
+    axes = figure.add_axes((0.075, 0.115 + lower, 0.615, 0.765 - lower))
+    _draw_law(axes, view, alpha)
+    axes.set_ylim(max(0.0, lowest - 0.05 * (1.05 - lowest)), 1 + 0.15 * (1 - lowest))
+    labels = [
+        (float(closed_form.restitution(alpha, v_end)), "the law", SLATE, "bold"),
+        (1 - alpha * v_end, "1 − αv", SLATE, "normal"),
+    ]
+    _draw_named(axes, view, [item for item in curves if item not in far], labels)
+    axes.set_ylabel("restitution e")
+    if far:
+        bottom = figure.add_axes((0.075, 0.115, 0.615, lower - 0.04), sharex=axes)
+        top = max(0.1, 1.3 * max(float(curve.high.max()) for _, _, curve in far))
+        bottom.set_ylim(-0.15 * top, top)
+        set_ticks(bottom.yaxis, [0.0, round(0.8 * top, 2)])
+        _draw_named(bottom, view, far, [])
+        axes.tick_params(labelbottom=False)
+    speed_axis(axes, label=not far, inches=view.in_inches)
+    if far:
+        speed_axis(bottom, inches=False)
+    axes.set_xlim(0, v_end * 1.005)
+    return figure
+
+
+def _draw_named(
+    axes: Axes,
+    view: View,
+    curves: list[tuple[int, RunKey, Curve]],
+    labels: list[tuple[float, str, str, str]],
+) -> None:
+    """Curves, and beside them their names and those of other lines."""
+    for nth, run, curve in curves:
+        _draw_curve(axes, view, run, curve, nth)
+        name = (f"{run.title}, {run.step}", view.plot_style(run).colour, "normal")
+        labels = [*labels, (float(curve.middle[-1]), *name)]
+    _label_ends(axes, labels)
+
+
+def _label_ends(axes: Axes, labels: list[tuple[float, str, str, str]]) -> None:
+    """Names in the right margin, each led to its line's end, none over another."""
+    low, high = axes.get_ylim()
+    ends = (np.clip([label[0] for label in labels], low, high) - low) / (high - low)
+    height = axes.get_position().height
+    places = declutter(ends, 0.0444 / height, 0.0, 1.0)
+    for end, place, (_, text, colour, weight) in zip(ends, places, labels, strict=True):
+        axes.annotate(
+            text,
+            (1.0, end),
+            (1.06, place),
+            xycoords="axes fraction",
+            textcoords="axes fraction",
+            color=colour,
+            fontweight=weight,
+            va="center",
+            arrowprops={
+                "arrowstyle": "-",
+                "color": colour,
+                "linewidth": 0.7,
+                "shrinkA": 0,
+                "shrinkB": 0,
+                "relpos": (0.0, 0.5),
+            },
+        )
