@@ -43,7 +43,7 @@ Row: TypeAlias = "list[Any]"
 
 
 class Condition(NamedTuple):
-    """Where errors are told for any α; SI. band: of impact speeds, () for the default of the step."""
+    """Where the file knows errors at any α; SI. band: of impact speeds, () for the default of the step."""
 
     engine: str
     timestep: float
@@ -66,17 +66,17 @@ def lows(condition: Condition) -> list[list[float]]:
     """Where the plug-in's band begins: pairs of an α, s/m, up to which it is a speed, m/s."""
     recipe = first(registry.preferred(condition.engine), Role.LAW, "plane", native=False)
     assert recipe is not None
-    found: list[list[float]] = []
+    steps: list[list[float]] = []
     for alpha in FINE_ALPHAS:
         target = _asked(condition, alpha)[1]
         low = float(f"{exact_from(recipe, target):.4g}")
         if not low < target.speed_max:
             break
-        if found and found[-1][1] == low:
-            found[-1][0] = alpha
+        if steps and steps[-1][1] == low:
+            steps[-1][0] = alpha
         else:
-            found.append([alpha, low])
-    return found
+            steps.append([alpha, low])
+    return steps
 
 
 def _asked(condition: Condition, alpha: float) -> tuple[Scene, Target]:
@@ -88,17 +88,17 @@ def _asked(condition: Condition, alpha: float) -> tuple[Scene, Target]:
 
 def rows(condition: Condition) -> list[Row]:
     """Rows in the order of α."""
-    found = {alpha: row(condition, alpha) for alpha in ALPHAS}
+    known = {alpha: row(condition, alpha) for alpha in ALPHAS}
     open_intervals = list(pairwise(ALPHAS))
     for _ in range(_HALVINGS):
         halves = []
         for low, high in open_intervals:
             between = math.sqrt(low * high)
-            found[between] = row(condition, between)
-            if not all(_is_told(found[low], found[between], found[high], kind) for kind in (1, 2)):
+            known[between] = row(condition, between)
+            if not all(_is_told(known[low], known[between], known[high], kind) for kind in (1, 2)):
                 halves += [(low, between), (between, high)]
         open_intervals = halves
-    ordered = [found[alpha] for alpha in sorted(found)]
+    ordered = [known[alpha] for alpha in sorted(known)]
     return [[*each, _joined(ordered, i)] for i, each in enumerate(ordered)]
 
 
@@ -123,10 +123,10 @@ def write(jobs: int = 2) -> None:
     engines = usual.file_content()["versions"]
     conditions = [Condition(*each) for each in product(engines, STEPS, GRAVITIES, BANDS)]
     with WorkerPool(jobs) as pool:
-        found = pool.map(rows, conditions)
+        tables = pool.map(rows, conditions)
     lines = [
         json.dumps({**each._asdict(), "lows": lows(each), "rows": [_shortened(one) for one in table]})
-        for each, table in zip(conditions, found, strict=True)
+        for each, table in zip(conditions, tables, strict=True)
     ]
     write_text(FILE, "[\n" + ",\n".join(lines) + "\n]\n")
 
@@ -145,5 +145,5 @@ def file_content() -> list[dict[str, Any]]:
 
 def _shortened(one: Row) -> Row:
     """An α in nine digits, errors in four."""
-    told = [each and [each[0], float(f"{each[1]:.4g}")] for each in one[1:3]]
-    return [float(f"{one[0]:.9g}"), *told, one[3]]
+    errors = [each and [each[0], float(f"{each[1]:.4g}")] for each in one[1:3]]
+    return [float(f"{one[0]:.9g}"), *errors, one[3]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
-import shutil
+from functools import partial
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -25,12 +25,11 @@ from hcbench.reporting.measurement_page import measurement_page
 from hcbench.reporting.page import draw
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
     from pathlib import Path
 
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Page
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 HEIGHT, GRAVITY, ALPHA = 0.01, 9.81, ALPHAS[1]
 SPEEDS = (0.1, 0.2, 0.4)
 LAWS = [(alpha, speed) for alpha in (0.0, 0.05, 0.315, 3.0, 30.0) for speed in (1e-4, 0.02, 0.3, 5.0)]
@@ -96,36 +95,10 @@ def address(results: Results, tmp_path_factory: pytest.TempPathFactory) -> str:
     return path.as_uri()
 
 
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Browser]:
-    api = pytest.importorskip("playwright.sync_api", reason="Playwright, which drives a browser, is not here")
-    program = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if program is None:
-        pytest.skip(f"no browser here to open the page in: looked for {', '.join(BROWSERS)}")
-    with api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program)
-        yield browser
-        browser.close()
-
-
 @pytest.fixture
-def opened(chromium: Browser, address: str) -> Iterator[Callable[..., Page]]:
-    """Opens the page; what it asks for or complains of fails the test."""
-    contexts, trouble = [], []
-
-    def open_page(choice: str = "", width: int = 1300, to: str = address, **how: Any) -> Page:
-        contexts.append(chromium.new_context(viewport={"width": width, "height": 900}, **how))
-        page = contexts[-1].new_page()
-        page.on("console", lambda message: trouble.append(message.text))
-        page.on("pageerror", lambda error: trouble.append(str(error)))
-        page.on("request", lambda request: trouble.append(request.url))
-        page.goto(to + choice)
-        return page
-
-    yield open_page
-    for context in contexts:
-        context.close()
-    assert [what for what in trouble if not what.startswith(("file:", "data:"))] == []
+def opened(opening: Callable[..., Page], address: str) -> Callable[..., Page]:
+    """Opens the page of `results`, or one at another address."""
+    return partial(opening, address)
 
 
 @pytest.fixture

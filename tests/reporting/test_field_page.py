@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,18 +17,6 @@ PAGE = (Path(__file__).parents[2] / "reports" / "field" / "index.html").as_uri()
 CELL = "#step=0.001&gravity=9.81&engine=mujoco&column=settings"
 CUT = """[...document.querySelectorAll(".matrix td, .matrix th, h1, h2, p, li, .panel pre")]
     .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.textContent.slice(0, 60))"""
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Browser]:
-    api = pytest.importorskip("playwright.sync_api", reason="Playwright, which drives a browser, is not here")
-    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if program is None:
-        pytest.skip("no browser here to open the page in")
-    with api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture

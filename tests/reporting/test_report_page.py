@@ -1,0 +1,152 @@
+"""The default report's page: its size, on paper too, its contrast, and an answer for any α that loads."""
+
+from __future__ import annotations
+
+import re
+from html import unescape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from pasted import bounces, bullet_bounces, plain_mujoco
+
+import hcbench
+from hcbench.contact.mujoco import load
+from hcbench.laws import closed_form
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from playwright.sync_api import Page
+
+FILE = Path(__file__).parents[2] / "reports" / "steel-1lb" / "index.html"
+ALPHA = 0.25  # none of the study's
+LAUNCHES = [(0.05, 0.1), (0.2, 0.6), (0.5, 0.35)]
+MOST = {"bytes": 1_200_000, "words": 1_800, "code blocks": 3, "pixels": 9_000, "sheets": 3}
+# What a page shows: colours of text in plots, and the ground behind them.
+CONTRAST = """() => {
+  const canvas = document.createElement("canvas").getContext("2d", {willReadFrequently: true});
+  const light = colour => {
+    canvas.fillStyle = colour; canvas.fillRect(0, 0, 1, 1);
+    const linear = [...canvas.getImageData(0, 0, 1, 1).data].slice(0, 3).map(v => v / 255)
+      .map(v => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2];
+  };
+  const texts = [...document.querySelectorAll(".plot text")].filter(e => e.getClientRects().length);
+  return texts.map(e => {
+    const pair = [getComputedStyle(e).fill, getComputedStyle(e.closest(".plot")).backgroundColor].map(light);
+    return [(Math.max(...pair) + 0.05) / (Math.min(...pair) + 0.05), e.textContent];
+  });
+}"""
+SMALLEST = """() => Math.min(...[...document.querySelectorAll("body *")].filter(e => e.checkVisibility()
+  && [...e.childNodes].some(n => n.nodeType === 3 && n.textContent.trim()))
+  .map(e => parseFloat(getComputedStyle(e).fontSize)))"""
+
+
+@pytest.fixture
+def opened(opening: Callable[..., Page]) -> Callable[..., Page]:
+    def at(choice: str = "", **how: Any) -> Page:
+        return opening(FILE.as_uri(), choice and f"#{choice}", **how)
+
+    return at
+
+
+def choice(engine: str, **more: object) -> str:
+    asked = {
+        "engine": engine,
+        "step": 2e-3,
+        "gravity": 9.81,
+        "alpha": ALPHA,
+        "first": "foot",
+        "second": "floor",
+    }
+    return "&".join(f"{name}={value}" for name, value in {**asked, **more}.items())
+
+
+def test_the_page_is_short() -> None:
+    text = FILE.read_text(encoding="utf-8")
+    shown = re.sub(r"<script.*?</script>|<style>.*?</style>|<[^>]*>", " ", text, flags=re.S)
+    found = {
+        "bytes": len(text.encode()),
+        "words": len(unescape(shown).split()),
+        "code blocks": text.count("<pre"),
+    }
+    assert {name: value for name, value in found.items() if value > MOST[name]} == {}
+
+
+def test_in_a_browser_too_and_on_paper(opened: Callable[..., Page]) -> None:
+    page = opened()
+    assert len(page.locator("body").inner_text().split()) <= MOST["words"]
+    assert page.evaluate("document.documentElement.scrollHeight") <= MOST["pixels"]
+    paper = page.pdf(prefer_css_page_size=True)
+    assert len(re.findall(rb"/Type /Page\b", paper)) <= MOST["sheets"]
+    assert re.search(rb"/MediaBox \[0 0 59[45]\S* 84[12]\S*\]", paper), "A4"
+    page.emulate_media(media="print")
+    assert page.evaluate(SMALLEST) >= 12, "9 pt"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_in_plots_stands_out(opened: Callable[..., Page], scheme: Any) -> None:
+    for asked in ("", choice("pybullet")):
+        page = opened(asked, color_scheme=scheme)
+        for tab in ("loop", "steps"):
+            page.click(f"#explorer-tab-{tab}")
+            found = page.evaluate(CONTRAST)
+            assert len(found) > 30
+            assert [text for ratio, text in found if ratio < 4.5] == []
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+def test_a_plug_in_for_any_alpha_is_copied_in_a_minute_and_bounces_by_the_law(
+    opened: Callable[..., Page], engine: str, tmp_path: Path
+) -> None:
+    page = opened(permissions=["clipboard-read", "clipboard-write"])
+    page.select_option("#explorer-engine", engine)
+    page.select_option("#explorer-alpha", "other")
+    page.fill("#explorer-own-alpha", str(ALPHA))
+    page.fill("#explorer-first-name", "foot")
+    page.fill("#explorer-second-name", "floor")
+    page.get_by_role("tab", name="Plug-in").click()
+    page.click("#explorer-copy")
+    page.get_by_text("Copied.").wait_for()
+    text = page.evaluate("navigator.clipboard.readText()")
+    if engine == "mujoco":
+        load()
+        e = bounces(plain_mujoco(text, 2e-3, 9.81), LAUNCHES)
+    else:
+        (e,) = bullet_bounces([(text, 2e-3, 9.81, LAUNCHES)], tmp_path)
+    law = closed_form.restitution(ALPHA, np.array([speed for speed, _ in LAUNCHES]))
+    assert e == pytest.approx(law.tolist(), abs=1e-6)
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+def test_errors_between_those_that_were_run_are_near_what_tune_finds(
+    opened: Callable[..., Page], engine: str
+) -> None:
+    answer = hcbench.tune(engine, timestep=2e-3, alpha=ALPHA)
+    titles = {"settings": "Settings only", "constant": "One e", "exact": "Plug-in"}
+    page = opened(choice(engine))
+    assert page.get_by_role("tab").filter(has_text="within").count() == len(answer.choices)
+    for found in answer.choices:
+        shown = page.get_by_role("tab", name=titles[found.kind]).inner_text().split()
+        assert ("≈" in shown) == (found.kind != "exact")
+        assert float(shown[shown.index("from") - 1]) == pytest.approx(found.max_error, rel=0.1)
+        assert shown[-4:-1] == [f"{found.speeds[0]:.3g}", "to", f"{found.speeds[1]:.3g}"]
+
+
+def test_off_the_table_the_text_is_the_command(opened: Callable[..., Page]) -> None:
+    page = opened(choice("mujoco", alpha=5, kind="settings"))
+    text = page.locator("#explorer-paste-text").inner_text()
+    assert text.startswith('hcbench tune mujoco --alpha "5 s/m" --timestep "0.002 s" --gravity 9.81')
+    assert '--speeds "0.0314:0.508 m/s"' in text
+    assert '--pair "foot,floor"' in text
+    assert page.get_by_role("tab", name="Plug-in").count() == 1
+
+
+def test_alpha_in_words_and_the_drops_lag(opened: Callable[..., Page]) -> None:
+    page = opened()
+    kept = 100 * float(closed_form.restitution(page.evaluate("state.alpha"), 1.0))
+    assert f"keeps {kept:.0f} % of its speed" in page.locator("#explorer-plain").inner_text()
+    page.get_by_role("tab", name="Plug-in").click()
+    assert "an engine acts once a step of 2 ms" in page.locator("#explorer-lag").inner_text()
