@@ -26,7 +26,8 @@ from hcbench.recipes.target import Target
 from hcbench.scene import load_scene
 from hcbench.setting import Setting
 from hcbench.sim import registry
-from hcbench.workers import WorkerPool, process
+from hcbench.sim.columns import Launches
+from hcbench.workers import WorkerPool, serve
 
 SCENE = load_scene("steel-plane")
 LAW = HuntCrossley(SCENE.stiffness, 0.008 / 0.0254)
@@ -76,7 +77,7 @@ def test_mujoco_over_a_users_loop(beside: Any, recipe: str, count: int, must: st
 @pytest.mark.parametrize("recipe", ["spring-damper", "staggered"])
 def test_mujoco_over_a_bare_c_loop(beside: Any, recipe: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Per ball-step of one core. The same balls: in the models that hcbench puts them in, and all in one."""
-    monkeypatch.setattr(process, "_is_worker", True)  # one thread
+    monkeypatch.setattr(serve, "_is_worker", True)  # one thread
     mujoco_engine.cached_pool.cache_clear()
     setting, many, engine = made(f"mujoco.{recipe}"), launches(480), MujocoEngine()
     loaded = load(SCENE, STEP, read_options(setting.options))
@@ -120,9 +121,9 @@ def test_mujoco_over_a_bare_c_loop(beside: Any, recipe: str, monkeypatch: pytest
 
 def test_pybullet_over_a_users_loop(beside: Any) -> None:
     setting, eighty = made("pybullet.spring-damper"), launches(80)
-    many = Batch(SCENE, setting, launches(320), ())
+    many = Batch(SCENE, setting, Launches.of(launches(320)), ())
 
-    process._is_worker = False
+    serve._is_worker = False
     with WorkerPool(2) as pool:
 
         def ours() -> None:
@@ -145,7 +146,7 @@ def in_pybullet_alone(setting: Setting, eighty: list[Launch]) -> None:
     try:
         in_pybullet(SCENE, setting, eighty)
     finally:
-        process._is_worker = False
+        serve._is_worker = False
 
 
 def test_the_plug_in_over_native_contact(beside: Any) -> None:

@@ -83,7 +83,7 @@ class Launch:
         gain = gravity * timestep
         steps = min(steps_most, math.floor(speed / gain - share - phase))
         if steps < 0:
-            fallen = max(0.0, speed**2 - (share * gain) ** 2)
+            fallen = max(0.0, speed * speed - (share * gain) * (share * gain))
             return cls(0.0, phase, fallen / (2.0 * gravity), slip, spin)
         start = max(0.0, speed - gain * (steps + phase + share))
         flight = timestep * (steps + phase)
@@ -133,7 +133,7 @@ class Launch:
         """Approach speed at touch, m/s: sqrt(v² + 2 g clearance). gravity: into the plate, m/s²."""
         if gravity == 0.0:
             return abs(self.speed)
-        return math.sqrt(max(0.0, self.speed**2 + 2.0 * gravity * self.clearance(timestep)))
+        return math.sqrt(max(0.0, self.speed * self.speed + 2.0 * gravity * self.clearance(timestep)))
 
     def flight_time(self, timestep: float, gravity: float) -> float:
         """Time from release to touch, s; infinite where the body does not arrive."""

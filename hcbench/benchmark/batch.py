@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.errors import UserError
-from hcbench.impact import Impact, Launch, Loop, Status
+from hcbench.impact import Impact, Loop, Status
 from hcbench.laws.coulomb import coulomb_ratio
 from hcbench.sim import registry
+from hcbench.sim.columns import STATUSES, Impacts, Launches
 from hcbench.sim.tangential import ALONG_COLUMNS, along_plate
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
     from hcbench.setting import Setting
 
+_STATUSES = np.array([status.value for status in STATUSES], dtype=object)
 MEASURED = {  # column -> attribute of an Impact
     "speed_in_m_per_s": "speed_in",
     "speed_out_m_per_s": "speed_out",
@@ -43,7 +45,7 @@ class Batch:
 
     scene: Scene
     setting: Setting
-    launches: Sequence[Launch]
+    launches: Launches
     kept: Sequence[int]
     oblique: bool = False
 
@@ -56,38 +58,36 @@ class BatchResult:
     loops: Sequence[tuple[int, Loop]]
 
 
-def result_of(impacts: Sequence[Impact], batch: Batch) -> BatchResult:
+def result_of(impacts: Impacts, batch: Batch) -> BatchResult:
     """What is kept of a batch's impacts."""
     loops = [(i, impacts[i].loop) for i in batch.kept]
     columns = columns_of(impacts) | (oblique_columns(impacts, batch.scene) if batch.oblique else {})
     return BatchResult(columns, [(i, loop) for i, loop in loops if loop is not None])
 
 
-def columns_of(impacts: Sequence[Impact]) -> dict[str, Any]:
+def columns_of(impacts: Impacts) -> dict[str, Any]:
     """Column -> values, one an impact."""
     return {
-        "status": [impact.status.value for impact in impacts],
-        "reason": [impact.reason for impact in impacts],
-        "restitution": np.array([impact.restitution for impact in impacts], dtype=np.float64),
-        "samples": np.array([impact.samples for impact in impacts], dtype=np.int64),
-    } | {
-        column: np.array([getattr(impact, name) for impact in impacts], dtype=np.float64)
-        for column, name in MEASURED.items()
-    }
+        "status": _STATUSES[impacts.status],
+        "reason": impacts.reason,
+        "restitution": impacts.restitution,
+        "samples": impacts.samples,
+    } | {column: getattr(impacts, name) for column, name in MEASURED.items()}
 
 
-def oblique_columns(impacts: Sequence[Impact], scene: Scene) -> dict[str, Any]:
+def oblique_columns(impacts: Impacts, scene: Scene) -> dict[str, Any]:
     """OBLIQUE_COLUMNS -> values, one an impact; NaN where it was not measured, or not along the plate."""
-    seen = [along_plate(impact) for impact in impacts]
-    law = [0.0 if i.tangential is None else coulomb_ratio(i.tangential, scene) for i in impacts]
-    columns = np.array([i.launch.angle for i in impacts]), *np.array(seen).T, np.array(law)
+    each = list(impacts)
+    seen = [along_plate(impact) for impact in each]
+    law = [0.0 if i.tangential is None else coulomb_ratio(i.tangential, scene) for i in each]
+    columns = np.array([i.launch.angle for i in each]), *np.array(seen).T, np.array(law)
     return dict(zip(OBLIQUE_COLUMNS, columns, strict=True))
 
 
 def run_batch(batch: Batch) -> BatchResult:
     """All of it at once, as the engine does best."""
-    impacts = registry.engine(batch.setting.engine).run(batch.scene, batch.setting, batch.launches)
-    return result_of(impacts, batch)
+    engine = registry.engine(batch.setting.engine)
+    return result_of(engine.run_columns(batch.scene, batch.setting, batch.launches), batch)
 
 
 def run_one_by_one(which: Sequence[int], batch: Batch) -> Iterator[Impact]:

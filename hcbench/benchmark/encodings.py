@@ -42,7 +42,7 @@ def arrays(tables: Sequence[Mapping[str, Any]], names: Sequence[str], metadata: 
         values = [_filled(table[name], n) for table, n in zip(tables, lengths, strict=True)]
         joined = np.concatenate(values) if values else np.empty(0)
         if name in _TEXTS:
-            content[_WORDS + name], content[name] = _by_number(joined.tolist())
+            content[_WORDS + name], content[name] = _by_number(joined, len(joined))
         else:
             content[name] = joined.astype(np.int64 if name in _WHOLE else np.float64)
     sink = io.BytesIO()
@@ -60,11 +60,13 @@ def _filled(values: Any, length: int) -> Any:
     return np.full(length, values) if isinstance(values, float) else np.asarray(values)
 
 
-def _by_number(values: Sequence[Any]) -> tuple[Any, Any]:
-    """Each text once, in the order in which they come, and which one is where."""
-    numbers: dict[str, int] = {}
-    places = [numbers.setdefault(str(text), len(numbers)) for text in values]
-    return np.array(list(numbers), dtype=str), np.array(places, dtype=np.int32)
+def _by_number(texts: Any, length: int) -> tuple[Any, Any]:
+    """Each text once, in the order in which they come, and which one is where. texts: or one for all rows."""
+    if isinstance(texts, str):
+        return np.array([texts], dtype=str), np.zeros(length, dtype=np.int32)
+    values = np.asarray(texts).tolist()
+    numbers = {text: i for i, text in enumerate(dict.fromkeys(values))}
+    return np.array(list(numbers), dtype=str), np.fromiter(map(numbers.__getitem__, values), np.int32, length)
 
 
 def parquet(
@@ -79,7 +81,7 @@ def parquet(
     rows = []
     for table in tables:
         length = _length(table)
-        columns = [_parquet_column(_filled(table[name], length), kind) for name, kind in kinds.items()]
+        columns = [_parquet_column(table[name], length, kind) for name, kind in kinds.items()]
         rows.append(pa.Table.from_arrays(columns, schema=schema))
     sink = io.BytesIO()
     joined = pa.concat_tables(rows or [schema.empty_table()]).combine_chunks()
@@ -96,13 +98,13 @@ def _parquet_type(name: str) -> Any:
 
 
 # From buffers: `pyarrow.array` loads pandas, which takes more memory than all else that a sweep is.
-def _parquet_column(values: Any, kind: Any) -> Any:
+def _parquet_column(values: Any, length: int, kind: Any) -> Any:
     import pyarrow as pa
 
     if not pa.types.is_dictionary(kind):
-        plain = np.ascontiguousarray(values, dtype=kind.to_pandas_dtype())
+        plain = np.ascontiguousarray(_filled(values, length), dtype=kind.to_pandas_dtype())
         return pa.Array.from_buffers(kind, len(plain), [None, pa.py_buffer(plain)])
-    words, places = _by_number(values.tolist())
+    words, places = _by_number(values, length)
     texts = [text.encode() for text in words.tolist()]
     offsets = np.cumsum([0, *map(len, texts)], dtype=np.int32)
     once = pa.StringArray.from_buffers(len(texts), pa.py_buffer(offsets), pa.py_buffer(b"".join(texts)))

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from hcbench.impact import Launch
 from hcbench.recipes.band import default_band
 from hcbench.sim import registry
+from hcbench.sim.columns import Launches
 from hcbench.sim.engine import SteppedEngine
 from hcbench.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from hcbench.benchmark.study import Run, Study
+    from hcbench.impact import Floats
     from hcbench.scene import Scene
     from hcbench.setting import Setting
 
@@ -45,18 +49,40 @@ class LaunchGrid:
         """How many speeds, angles and phases."""
         return len(self.speeds), len(self.angles), self.phases
 
-    def launch(self, speed: float, phase: float, angle: float) -> Launch:
-        """How a body is sent to touch at a speed (m/s), phase and angle (rad)."""
-        return Launch.touching(
+    def cut(self, part: range) -> tuple[LaunchGrid, range]:
+        """A grid of no more speeds than a part of the launches has, and which of its launches these are."""
+        row = len(self.angles) * self.phases
+        first = part.start // row
+        speeds = self.speeds[first : (part.stop - 1) // row + 1]
+        loop_speeds = tuple(sorted({*self.loop_speeds} & {*speeds}))
+        small = replace(self, speeds=speeds, loop_speeds=loop_speeds)
+        return small, range(part.start - first * row, part.stop - first * row)
+
+    def asked(self, part: range) -> tuple[Floats, Floats]:
+        """The speed at touch, m/s, and the phase of some launches; those of one speed and angle together."""
+        speed, _, phase = np.unravel_index(np.arange(part.start, part.stop), self.shape)
+        return np.array(self.speeds)[speed], (phase + 0.5) / self.phases
+
+    def launches(self, part: range) -> Launches:
+        """How bodies are sent to touch so."""
+        speed, phase = self.asked(part)
+        angle = np.unravel_index(np.arange(part.start, part.stop), self.shape)[1]
+        return Launches.touching(
             speed,
             phase,
             self.setting.timestep,
             self.scene.normal_gravity,
-            slip=Launch.at_angle(angle, speed).slip,
+            slip=speed * np.array([Launch.at_angle(each, 1.0).slip[0] for each in self.angles])[angle],
             spin=self.spin,
             steps_most=math.inf if self.dropped else 2.0,
             share=self.share,
         )
+
+    def looped(self, part: range) -> list[int]:
+        """Which of some launches have their loops kept: at the middle phase, along the normal."""
+        speed, phase = self.asked(part)
+        kept = np.isin(speed, self.loop_speeds) & (phase == (self.phases // 2 + 0.5) / self.phases)
+        return [int(i) for i in np.flatnonzero(kept & ~self.launches(part).is_oblique)]
 
 
 def share_of(setting: Setting) -> float:

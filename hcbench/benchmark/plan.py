@@ -15,11 +15,8 @@ from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from hcbench.benchmark.launch_grid import LaunchGrid, share_of, speeds_at
 from hcbench.benchmark.results import run_key
-from hcbench.impact import Launch
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
@@ -56,19 +53,18 @@ class Inputs:
 class Shard:
     """Some launches of one setting, and everything that is needed to simulate them anywhere.
 
-    number: of all shards of the study. alphas: those that the setting is compared to, s/m. asked: of each
-    launch the speed at touch, m/s, and the phase. kept: the indices of those whose loops are kept. oblique:
-    whether the study has oblique launches.
+    number: of all shards of the study. part: which of the grid's launches. oblique: whether the study has
+    oblique launches.
     """
 
     number: int
-    setting: Setting
-    alphas: tuple[float, ...]
-    asked: tuple[tuple[float, float], ...]
-    launches: tuple[Launch, ...]
-    kept: tuple[int, ...]
+    grid: LaunchGrid
+    part: range
     oblique: bool
     inputs: Inputs
+
+    def __len__(self) -> int:
+        return len(self.part)
 
     def __str__(self) -> str:
         return f"part {self.number}"
@@ -99,27 +95,9 @@ class Plan:
         return sum(map(len, self.grids))
 
     def shard(self, number: int) -> Shard:
-        """One shard by its number: the phases of one speed and angle are together, loops are kept at the
-        middle one, of launches that are not oblique.
-        """
-        grid, cut = self.cuts[number]
-        places = [np.unravel_index(i, grid.shape) for i in cut]
-        asked = tuple((grid.speeds[v], (phase + 0.5) / grid.phases) for v, _, phase in places)
-        launches = tuple(
-            grid.launch(*each, grid.angles[a]) for each, (_, a, _) in zip(asked, places, strict=True)
-        )
-        looped = {(speed, (grid.phases // 2 + 0.5) / grid.phases) for speed in grid.loop_speeds}
-        kept = (i for i, each in enumerate(asked) if each in looped and not launches[i].is_oblique)
-        return Shard(
-            number=number,
-            setting=grid.setting,
-            alphas=grid.alphas,
-            asked=asked,
-            launches=launches,
-            kept=tuple(kept),
-            oblique=self.study.is_oblique,
-            inputs=self.inputs_of(grid),
-        )
+        """One shard by its number."""
+        whole, part = self.cuts[number]
+        return Shard(number, *whole.cut(part), self.study.is_oblique, self.inputs_of(whole))
 
     def inputs_of(self, grid: LaunchGrid) -> Inputs:
         """What the results of a grid depend on besides its setting."""

@@ -172,7 +172,7 @@ def _run(
     for shard, files in _imap_unordered(workers, run, map(plan.shard, missing), timeouts):
         store.write_shard(files)
         summaries[shard.number] = files.summaries
-        now = replace(now, impacts=now.impacts + len(shard.launches), shards=now.shards + 1)
+        now = replace(now, impacts=now.impacts + len(shard), shards=now.shards + 1)
         if time.monotonic() - written >= _SUMMARY_S:
             written = write_summary()
         report_progress(now)

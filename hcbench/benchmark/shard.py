@@ -7,7 +7,7 @@ crashes in a batch of launches, they are run one by one; what then fails is CRAS
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -18,10 +18,11 @@ from hcbench.benchmark.bounce_sequence import Drop, Dropped, simulate_bounces
 from hcbench.benchmark.encodings import parquet
 from hcbench.benchmark.plan import Inputs, Shard, digests_of, versions_here
 from hcbench.benchmark.tables import ShardFiles, shard_files
-from hcbench.errors import CannotRun, SceneError, UserError
+from hcbench.errors import CannotRun, EngineFailed, SceneError, UserError
 from hcbench.impact import Impact, Status
 from hcbench.scene import Scene, load_scene
 from hcbench.sim import registry
+from hcbench.sim.columns import Impacts
 from hcbench.sim.remote import interpreter_of
 from hcbench.workers import call, map_surviving_crashes, use_own_worker
 
@@ -51,21 +52,43 @@ class Timeouts:
 
 
 def run_shard(shard: Shard, timeouts: Timeouts, encode: Encode = parquet) -> ShardFiles:
-    """All of a shard, as the bytes of its files.
+    """All of a shard, as the bytes of its files, made in a worker process.
 
     encode: makes the bytes of a table.
 
     Raises UserError for what the engine refuses, CannotRun where this is not what the shard was planned with.
     """
     use_own_worker()
-    scene = _scene_here(shard.inputs, shard.setting.engine)
+    engine = shard.grid.setting.engine
+    scene = _scene_here(shard.inputs, engine)
+    if interpreter_of(registry.engine(engine)) is None:  # others have no package that writes tables
+        limit = timeouts.limit(shard.grid.setting.timestep, len(shard))
+        with suppress(EngineFailed):  # which launch it was, and why, is found by smaller batches
+            return call(simulate_shard, shard, scene, encode, limit=limit)
+    return _in_batches(shard, scene, partial(_run, timeouts=timeouts), encode)
+
+
+def simulate_shard(shard: Shard, scene: Scene, encode: Encode) -> ShardFiles:
+    """All of a shard, in this process. Raises UserError, and EngineFailed for all that an engine raises."""
+    try:
+        return _in_batches(shard, scene, run_batch, encode)
+    except UserError:
+        raise
+    except Exception as error:
+        raise EngineFailed("shard", f"{type(error).__name__}: {error}", "") from error
+
+
+def _in_batches(
+    shard: Shard, scene: Scene, run: Callable[[Batch], BatchResult], encode: Encode
+) -> ShardFiles:
+    grid, part = shard.grid, shard.part
+    launches, looped = grid.launches(part), grid.looped(part)
     results: list[BatchResult] = []
-    done, size, total = 0, _FIRST, len(shard.launches)
+    done, size, total = 0, _FIRST, len(launches)
     while done < total:
         end = min(done + size, total)
-        kept = [i - done for i in shard.kept if done <= i < end]
-        batch = Batch(scene, shard.setting, shard.launches[done:end], kept, shard.oblique)
-        results.append(_run(batch, timeouts))
+        kept = [i - done for i in looped if done <= i < end]
+        results.append(run(Batch(scene, grid.setting, launches[done:end], kept, shard.oblique)))
         done, size = end, max(_FIRST, int(_SAMPLES // (1 + results[-1].columns["samples"].mean())))
     return shard_files(shard, results, encode)
 
@@ -87,7 +110,7 @@ def _run(batch: Batch, timeouts: Timeouts) -> BatchResult:
             give_up=_GIVE_UP,
             at=where,
         )
-        return result_of(impacts, batch)
+        return result_of(Impacts.of(impacts), batch)
 
 
 def run_bounces(drop: Drop, timeouts: Timeouts) -> Dropped:

@@ -47,15 +47,16 @@ def digest(content: bytes) -> str:
 def shard_files(shard: Shard, results: Sequence[BatchResult], encode: Encode) -> ShardFiles:
     """The files of a shard from its batches: the same impacts give the same bytes."""
     measured = {name: np.concatenate([r.columns[name] for r in results]) for name in results[0].columns}
-    asked = dict(zip(("speed_m_per_s", "phase"), np.array(shard.asked).T, strict=True))
+    speeds, phases = shard.grid.asked(shard.part)
+    asked = {"speed_m_per_s": speeds, "phase": phases}
     starts = np.cumsum([0, *(len(result.columns["status"]) for result in results)]).tolist()
     kept = [(begin + i, loop) for begin, r in zip(starts, results, strict=False) for i, loop in r.loops]
     tables, loops, summaries = [], [], []
-    for alpha in shard.alphas:
-        key = run_key(shard.inputs.scene, shard.setting, alpha)
+    for alpha in shard.grid.alphas:
+        key = run_key(shard.inputs.scene, shard.grid.setting, alpha)
         columns = {**key, **asked, **measured, **_laws(alpha, measured["speed_in_m_per_s"])}
         tables.append(columns)
-        loops += [_loop_columns(key, shard.asked[i], loop) for i, loop in kept]
+        loops += [_loop_columns(key, (float(speeds[i]), float(phases[i])), loop) for i, loop in kept]
         summaries.append({**key, **_summary(columns)})
     looped = encode(loops, LOOP_COLUMNS, {}) if loops else b""
     names = [*IMPACT_COLUMNS, *(OBLIQUE_COLUMNS if shard.oblique else ())]

@@ -29,6 +29,7 @@ from hcbench.errors import EngineFailed, SettingError
 from hcbench.scene import Scene
 from hcbench.setting import PAIR, Pair, Setting
 from hcbench.sim import simulate
+from hcbench.sim.columns import Impacts, Launches
 from hcbench.sim.passivity import Passivity, passivity_of
 from hcbench.sim.promise import Promise
 from hcbench.sim.read_impact import SpeedReading
@@ -69,7 +70,7 @@ class Engine(ABC):
         return recipes.RECIPES if recipes else ()
 
     @abstractmethod
-    def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
+    def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> Sequence[Impact]:
         """One impact for each launch, in order. An impact that went wrong is a record with a status.
 
         Raises SettingError for options the engine does not have, SceneError for a scene it cannot load.
@@ -118,14 +119,23 @@ class Engine(ABC):
     @final
     def run(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
         """Check the request, run it, and hand back one impact for each launch, in order."""
-        _require_types(scene, setting, launches)
+        if not isinstance(launches, list | tuple):
+            raise SettingError("launches", f"{launches!r:.80}", "a list of Launch")
+        for launch in launches:
+            _require_launch(launch, self.name, self.oblique)
+        return list(self.run_columns(scene, setting, Launches.of(launches)))
+
+    @final
+    def run_columns(self, scene: Scene, setting: Setting, launches: Launches) -> Impacts:
+        """As `run`, for launches by the thousand: no object is made of one."""
+        _require_types(scene, setting)
         if setting.engine != self.name:
             raise SettingError("setting", f"made for {setting.engine!r}", f"one for {self.name!r}")
         if not setting.timestep > 0:
             raise SettingError("timestep", f"{setting.timestep!r} s", "a step above 0 s")
-        for launch in launches:
-            _require_launch(launch, self.name, self.oblique)
-        return self.impacts(scene, setting, launches)
+        if not len(launches):
+            return Impacts.of([])
+        return Impacts.of(self.impacts(scene, setting, launches))
 
 
 class SteppedEngine(Engine):
@@ -152,9 +162,9 @@ class SteppedEngine(Engine):
         return SpeedReading.TOUCH_PLANE
 
     @final
-    def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
+    def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> Impacts:
         """One impact for each launch, in order, by `hcbench.sim.simulate`."""
-        return simulate.impacts(self, scene, setting, launches)
+        return simulate.impacts(self, scene, setting, Launches.of(launches))
 
     @final
     def trajectory(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
@@ -162,13 +172,11 @@ class SteppedEngine(Engine):
         return simulate.trajectory(self, scene, setting, launch, duration)
 
 
-def _require_types(scene: object, setting: object, launches: object) -> None:
+def _require_types(scene: object, setting: object) -> None:
     """Raises SettingError for what is of another type than a run takes, by the argument's name."""
     for slot, value, kind in (("scene", scene, Scene), ("setting", setting, Setting)):
         if not isinstance(value, kind):
             raise SettingError(slot, f"{value!r:.80}", f"a {kind.__name__}")
-    if not isinstance(launches, list | tuple):
-        raise SettingError("launches", f"{launches!r:.80}", "a list of Launch")
 
 
 def _require_launch(launch: Launch, engine: str, oblique: bool) -> None:

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.impact import Impact, Launch, Loop, Status
+from hcbench.impact import Impact, Launch, Status
+from hcbench.sim.columns import STATUSES, Impacts, Launches, Recorded
 from hcbench.sim.stop import End, StopRule
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from hcbench.impact import Floats, Trajectory
@@ -22,13 +21,21 @@ if TYPE_CHECKING:
 
 NOT_FINITE = "position, velocity or force is not finite"
 # What became of a launch without a contact to its end. {0}: the time simulated, s; {1}: the engine's words.
-_FAILED: dict[int, tuple[Status, str]] = {
+_FAILED = {
     End.NOT_FINITE: (Status.DIVERGED, "{1}"),
     End.TOO_DEEP: (Status.DIVERGED, "went through the plate: deeper than its own radius"),
     End.TURNED_BACK: (Status.NO_TOUCH, "turned back without a contact force of the pair"),
     End.NEVER_TOUCHED: (Status.NO_TOUCH, "no contact force within {0:.3g} s"),
 }
 _PUSHED = "turned back by something else than the contact of the pair"
+_ENDED = {
+    End.UNFINISHED: Status.UNFINISHED,
+    End.RESTED: Status.RESTED,
+    **{end: status for end, (status, _) in _FAILED.items()},
+}
+_STATUS = np.array([STATUSES.index(_ENDED.get(end, Status.PARTED)) for end in End])
+_FAILS = np.array([end in _FAILED for end in End])
+_DIVERGED = STATUSES.index(Status.DIVERGED)
 
 
 class SpeedReading(StrEnum):
@@ -96,11 +103,11 @@ def impact_of(launch: Launch, trajectory: Trajectory) -> Impact:
         touched = trajectory.force.any()
         counts = np.array([len(trajectory.time)])
         ends = np.array([End.UNFINISHED if touched else End.NEVER_TOUCHED])
-    return impacts_of([launch], trajectory.time, states, counts, ends)[0]
+    return impacts_of(Launches.of([launch]), trajectory.time, states, counts, ends)[0]
 
 
 def impacts_of(
-    launches: Sequence[Launch],
+    launches: Launches,
     time: Floats,
     states: Floats,
     counts: NDArray[np.int64],
@@ -108,7 +115,7 @@ def impacts_of(
     gravity: float = 0.0,
     reading: SpeedReading = SpeedReading.TOUCH_PLANE,
     diverged: str = NOT_FINITE,
-) -> list[Impact]:
+) -> Impacts:
     """Read impacts off trajectories that share their times, shape (n,), even.
 
     states: penetration, rate, force as in `Trajectory`, shape (3, b, n); the first `counts` steps count.
@@ -120,33 +127,35 @@ def impacts_of(
     first, stops, deepest, hardest = _contact(states, counts)
     h = float(time[1] - time[0]) if len(time) > 1 else 0.0
     v_in, v_out, v_after, pushed = _speeds(states, counts, ends, first, stops, h, gravity, reading)
-    time, impacts = time - time[:1], list[Impact]()
-    parted, unfinished, rested = Status.PARTED, int(End.UNFINISHED), int(End.RESTED)
-    columns = (first, stops, counts, ends, pushed, v_in, v_out, deepest, hardest, v_after)
-    rows = zip(launches, *states, *(column.tolist() for column in columns), strict=True)
-    for launch, x, v, f, start, stop, n, end, was_pushed, speed_in, speed_out, depth, force, freed in rows:
-        acted, failed = stop - start, _FAILED.get(end)
-        if failed is not None:
-            impacts.append(Impact(launch, failed[0], failed[1].format(time[n - 1], diverged)))
-        elif was_pushed:
-            impacts.append(Impact(launch, Status.DIVERGED, _PUSHED, samples=acted))
-        elif end == unfinished:
-            reason = f"still in contact, and not at rest, after {n - start} steps ({h * (n - start):.3g} s)"
-            impacts.append(Impact(launch, Status.UNFINISHED, reason, samples=acted))
+    failed, acted, time = _FAILS[ends], stops - first, time - time[:1]
+    pushed &= ~failed
+    measured = ~(failed | pushed | (ends == End.UNFINISHED))
+    reason, source = np.full(len(ends), "", dtype=object), np.full(len(ends), None, dtype=object)
+    source[measured] = Recorded(time, states)
+    for i in np.flatnonzero(~measured | (ends == End.RESTED)):
+        last, touch = float(time[counts[i] - 1]), float(time[first[i]])
+        if failed[i]:
+            reason[i] = _FAILED[End(ends[i])][1].format(last, diverged)
+        elif pushed[i]:
+            reason[i] = _PUSHED
+        elif measured[i]:
+            reason[i] = f"still in contact {last - touch:.3g} s after touch"
         else:
-            status, reason = parted, ""
-            if end == rested:
-                status, reason = (
-                    Status.RESTED,
-                    f"still in contact {time[n - 1] - time[start]:.3g} s after touch",
-                )
-            loop = Loop(time[:acted], x[start:stop], v[start:stop], f[start:stop])
-            measured = (speed_in, speed_out, h * acted, depth, force, acted)
-            impact = Impact(launch, status, reason, *measured, loop, None)
-            if reading is SpeedReading.CROSSING:
-                impact.speed_after_force = freed
-            impacts.append(impact)
-    return impacts
+            long = int(counts[i] - first[i])
+            reason[i] = f"still in contact, and not at rest, after {long} steps ({h * long:.3g} s)"
+    names = ("speed_in", "speed_out", "speed_after_force", "duration", "penetration_max", "force_max")
+    columns = zip(names, (v_in, v_out, v_after, h * acted, deepest, hardest), strict=True)
+    return Impacts(
+        launches=launches,
+        status=np.where(pushed, _DIVERGED, _STATUS[ends]),
+        reason=reason,
+        samples=np.where(failed, 0, acted),
+        tangential=np.full(len(ends), None, dtype=object),
+        source=source,
+        row=np.arange(len(ends)),
+        start=first,
+        **{name: np.where(measured, values, np.nan) for name, values in columns},
+    )
 
 
 def _speeds(

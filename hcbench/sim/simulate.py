@@ -5,7 +5,6 @@ Results are the same bits for any batch size, number of threads and length of ch
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, closing, nullcontext
@@ -18,15 +17,18 @@ from hcbench.errors import SettingError
 from hcbench.impact import Impact, Status, Trajectory
 from hcbench.laws import closed_form
 from hcbench.sim.backend import require
+from hcbench.sim.columns import STATUSES, Impacts, Launches
 from hcbench.sim.entry_points import here
 from hcbench.sim.read_impact import impacts_of
 from hcbench.sim.stop import StopRule
-from hcbench.sim.tangential import with_tangential
+from hcbench.sim.tangential import tangential_of
 from hcbench.sim.world import CannotShareError
-from hcbench.workers import call, map_surviving_crashes, redirect_output
+from hcbench.workers import call, in_worker, map_surviving_crashes, redirect_output
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
 
     from hcbench.impact import Floats, Launch
     from hcbench.scene import Scene
@@ -37,6 +39,9 @@ if TYPE_CHECKING:
 STEP_S = 1e-3  # for one step of a trajectory, beyond the engine's limit for a launch
 SHORTEST_CHUNK, _CHUNK_SHARE = 8, 8  # steps in a chunk: at least, and as a share of those taken already
 _GUESS_SHARE = 2 / 3  # of the steps that a guess expects: then it is seen how soon the bodies part
+_WRONG = [STATUSES.index(status) for status in (Status.NO_TOUCH, Status.DIVERGED)]
+_ROOM = 2**18  # steps of launches that are simulated together, all in all, which bounds memory
+_LEAST_SHARE = 8  # so many times fewer launches than a world has places for, at least, however long they take
 _SLOWEST = 1e-3  # m/s: for a body let down on the plate, a step is judged at this speed
 
 
@@ -50,29 +55,28 @@ def _explained_errors(engine: SteppedEngine) -> AbstractContextManager[None]:
     return engine.backend.explained_errors() if engine.backend else nullcontext()
 
 
-def impacts(
-    engine: SteppedEngine, scene: Scene, setting: Setting, launches: Sequence[Launch]
-) -> list[Impact]:
+def impacts(engine: SteppedEngine, scene: Scene, setting: Setting, launches: Launches) -> Impacts:
     """One impact for each launch, in order; one that the engine's process dies on is CRASHED."""
     require_installed(engine.name)
     # Alike together: they take equally long.
-    order = sorted(range(len(launches)), key=lambda i: (launches[i].height or 0.0, launches[i].speed))
-    in_order = [launches[i] for i in order]
+    order = np.lexsort((launches.speed, np.nan_to_num(launches.height)))
+    in_order = launches.take(order)
     where = (engine.name, scene, setting)
-    if engine.own_process:
-        results = map_surviving_crashes(
-            simulate_all,
-            in_order,
-            *where,
-            lost=lambda launch, reason: Impact(launch, Status.CRASHED, reason),
-            limit=engine.limit,
-            together=engine.together,
-            give_up=engine.together,
+    if engine.own_process and not in_worker():
+        results = Impacts.of(
+            map_surviving_crashes(
+                simulate_all,
+                in_order,
+                *where,
+                lost=lambda launch, reason: Impact(launch, Status.CRASHED, reason),
+                limit=engine.limit,
+                together=engine.together,
+                give_up=engine.together,
+            )
         )
     else:
-        results = list(simulate_all(in_order, *where))
-    back = dict(zip(order, results, strict=True))
-    return [back[i] for i in range(len(launches))]
+        results = Impacts.joined(list(_groups(in_order, *where)))
+    return results.take(np.argsort(order))
 
 
 def trajectory(
@@ -89,42 +93,45 @@ def trajectory(
 
 def impacts_in(world: World, launches: Sequence[Launch]) -> list[Impact]:
     """One impact for each launch in a loaded world, in order."""
-    return [impact for group in run_launches(world, launches) for impact in group]
+    return [impact for group in run_launches(world, Launches.of(launches)) for impact in group]
 
 
-def run_launches(
-    world: World, launches: Sequence[Launch], places: int = 0, expected: int = 0
-) -> Iterator[list[Impact]]:
+def run_launches(world: World, launches: Launches, places: int = 0, expected: int = 0) -> Iterator[Impacts]:
     """Impacts of launches that are sorted by how long they take, in groups of the world's `places`.
 
     places: at most so many together, 0 for as many as the world carries. expected: steps of the first, after
     which each group tells the next; 0 where they have nothing in common.
     Raises SettingError for a launch that cannot arrive.
     """
-    for launch in launches:
-        if launch.speed == 0.0 and math.isinf(launch.flight_time(world.timestep, world.gravity)):
-            raise SettingError("speed", "0 m/s without gravity", "a speed above 0, or gravity")
-    groups = max(1, math.ceil(len(launches) / (places or world.places)))
-    size = max(1, math.ceil(len(launches) / groups))
-    first, whole = round(_GUESS_SHARE * expected), expected
+    if np.isinf(launches.flight_time(world.timestep, world.gravity)[launches.speed == 0.0]).any():
+        raise SettingError("speed", "0 m/s without gravity", "a speed above 0, or gravity")
+    most, first, whole = places or world.places, round(_GUESS_SHARE * expected), expected
 
-    def run(group: Sequence[Launch]) -> list[Impact]:
+    def run(group: Launches) -> Impacts:
         nonlocal first, whole
         group_impacts, taken = _run_group(world, group, first, whole)
         first = whole = taken if expected else 0
         return group_impacts
 
-    parts = [launches[i : i + size] for i in range(0, len(launches), size)]
-    if world.concurrent == 1 or len(parts) == 1:
-        yield from map(run, parts)
+    if world.concurrent > 1 and len(launches) > most:
+        size = _even(len(launches), most)
+        with ThreadPoolExecutor(world.concurrent) as pool:
+            yield from pool.map(run, [launches[i : i + size] for i in range(0, len(launches), size)])
         return
-    with ThreadPoolExecutor(world.concurrent) as pool:
-        yield from pool.map(run, parts)
+    done = 0
+    while done < len(launches):
+        room = max(_ROOM // max(1, whole), math.ceil(most / _LEAST_SHARE))
+        size = _even(len(launches) - done, min(most, room))
+        yield run(launches[done : done + size])
+        done += size
 
 
-def _run_group(
-    world: World, launches: Sequence[Launch], first: int, expected: int
-) -> tuple[list[Impact], int]:
+def _even(count: int, most: int) -> int:
+    """The size of as few groups of `count` as may be, of one size."""
+    return math.ceil(count / math.ceil(count / most))
+
+
+def _run_group(world: World, launches: Launches, first: int, expected: int) -> tuple[Impacts, int]:
     """The impacts of launches that are simulated side by side, and how many steps that took.
 
     first, expected: steps to take before anything is looked at, and probably in all; 0 where unknown.
@@ -134,17 +141,19 @@ def _run_group(
             return _until_ended(world, simulation, launches, first, expected)
     except CannotShareError:
         assert len(launches) > 1, "a launch that is simulated alone shares with none"
-        return [_run_group(world, [launch], first, expected)[0][0] for launch in launches], expected
+        alone = [launches[i : i + 1] for i in range(len(launches))]
+        return Impacts.joined([_run_group(world, launch, first, expected)[0] for launch in alone]), expected
 
 
 def _until_ended(
-    world: World, simulation: Simulation, launches: Sequence[Launch], first: int, expected: int
-) -> tuple[list[Impact], int]:
+    world: World, simulation: Simulation, launches: Launches, first: int, expected: int
+) -> tuple[Impacts, int]:
     after = world.speed_reading.steps_after
     rule = StopRule.for_launches(launches, world.timestep, world.gravity, world.deepest, after)
     left, longest = np.arange(len(launches)), 0
     history: list[Floats] = []  # of shape (3 or 11, b, n) each
-    ended_impacts: dict[int, Impact] = {}
+    parts: list[Impacts] = []
+    order: list[NDArray[np.int64]] = []  # of the parts' launches
     steps = first
     while left.size:
         chunk = simulation.advance(max(SHORTEST_CHUNK, steps)).rows()
@@ -161,30 +170,31 @@ def _until_ended(
             rows = np.concatenate([part[:, ended] for part in history], axis=2)
         else:
             rows = history[0] if len(history) == 1 else np.concatenate(history, axis=2)
-        which, counts, ends = left[ended].tolist(), counts[ended], ends[ended]
-        read = impacts_of(
-            [launches[i] for i in which],
-            np.arange(rows.shape[2], dtype=np.float64) * world.timestep,
-            rows[:3],
-            counts,
-            ends,
-            world.gravity,
-            world.speed_reading,
-            world.diverged,
-        )
-        if len(rows) > 3:
-            whole = zip(read, rows.swapaxes(0, 1), counts.tolist(), strict=True)
-            by = world.timestep, world.mass, world.energy_by_work
-            read = [with_tangential(i, r[:, :n], *by) for i, r, n in whole]
-        for i, impact, count in zip(which, read, counts.tolist(), strict=True):
-            ended_impacts[i] = _explained(impact, simulation.note(count))
+        order.append(left[ended])
+        read = _read(world, launches.take(order[-1]), rows, counts[ended], ends[ended])
+        _explain(read, simulation, counts[ended])
+        parts.append(read)
         if all_ended:
             break
         going = ~ended
         left, history = left[going], [part[:, going] for part in history]
         rule.keep(going)
         simulation.keep(going)
-    return [ended_impacts[i] for i in range(len(launches))], longest
+    return Impacts.joined(parts).take(np.argsort(np.concatenate(order))), longest
+
+
+def _read(
+    world: World, launches: Launches, rows: Floats, counts: NDArray[np.int64], ends: NDArray[np.int64]
+) -> Impacts:
+    """The impacts of launches that have ended. rows: of `Record.rows`, shape (3 or 11, b, n)."""
+    time = np.arange(rows.shape[2], dtype=np.float64) * world.timestep
+    sent = world.gravity, world.speed_reading, world.diverged
+    read = impacts_of(launches, time, rows[:3], counts, ends, *sent)
+    for i in np.flatnonzero(read.is_measured & launches.is_oblique) if len(rows) > 3 else ():
+        speeds, by = (float(read.speed_in[i]), float(read.speed_out[i])), (world.timestep, world.mass)
+        seen = rows[:, i, : counts[i]], int(read.samples[i]), speeds
+        read.tangential[i] = tangential_of(*seen, *by, world.energy_by_work)
+    return read
 
 
 def _steps_to_part(last: Floats, timestep: float) -> float:
@@ -199,20 +209,26 @@ def _steps_to_part(last: Floats, timestep: float) -> float:
         return float((x / -v).max(initial=0.0)) / timestep + 2.0
 
 
-def _explained(impact: Impact, note: str) -> Impact:
-    """With what was in the way of one that went wrong."""
-    if not note or impact.status not in (Status.NO_TOUCH, Status.DIVERGED):
-        return impact
-    return dataclasses.replace(impact, reason=f"{impact.reason}; {note}")
+def _explain(impacts: Impacts, simulation: Simulation, counts: NDArray[np.int64]) -> None:
+    """Say what was in the way of those that went wrong. counts: the steps of each."""
+    for i in np.flatnonzero(np.isin(impacts.status, _WRONG)):
+        if note := simulation.note(int(counts[i])):
+            impacts.reason[i] = f"{impacts.reason[i]}; {note}"
 
 
 def simulate_all(launches: Sequence[Launch], name: str, scene: Scene, setting: Setting) -> Iterator[Impact]:
     """One impact for each launch, in order, in this process."""
+    for group in _groups(Launches.of(launches), name, scene, setting):
+        yield from group
+
+
+def _groups(launches: Launches, name: str, scene: Scene, setting: Setting) -> Iterator[Impacts]:
+    """The impacts of launches, in order, as many at a time as the engine simulates together."""
     engine: SteppedEngine = here(name)  # type: ignore[assignment]
-    speeds = [launch.touch_speed(setting.timestep, scene.gravity) for launch in launches]
+    fastest = float(launches.touch_speed(setting.timestep, scene.gravity).max(initial=_SLOWEST))
     quiet = redirect_output if engine.own_process else nullcontext
     with quiet(), _explained_errors(engine):
-        world = engine.load(scene, setting, max([_SLOWEST, *speeds]))
+        world = engine.load(scene, setting, fastest)
     with world, _explained_errors(engine):
         places = min(world.places, engine.together) if engine.own_process else world.places
         groups = run_launches(world, launches, places, _expected_steps(scene, setting.timestep, launches))
@@ -221,12 +237,12 @@ def simulate_all(launches: Sequence[Launch], name: str, scene: Scene, setting: S
                 group = next(groups, None)
             if group is None:
                 return
-            yield from group
+            yield group
 
 
-def _expected_steps(scene: Scene, timestep: float, launches: Sequence[Launch]) -> int:
+def _expected_steps(scene: Scene, timestep: float, launches: Launches) -> int:
     """About how many steps the first launch takes: flight, and elastic contact of the scene's stiffness."""
-    if not launches:
+    if not len(launches):
         return 0
     speed = launches[0].touch_speed(timestep, scene.gravity)
     flight = launches[0].flight_time(timestep, scene.gravity)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.impact import Floats, Launch, not_finite
+from hcbench.sim.columns import Launches
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -107,9 +108,9 @@ class StopRule:
         after: int = 0,
     ) -> StopRule:
         """A rule that has seen no step yet. gravity: into the plate, m/s². after: steps to see once apart."""
-        flights = np.array([launch.flight_time(timestep, gravity) for launch in launches]) / timestep
+        sent = Launches.of(launches)
+        flights = sent.flight_time(timestep, gravity) / timestep
         flight_steps = np.minimum(np.ceil(FLIGHT_SLACK * flights) + FLIGHT_SLACK_STEPS, FLIGHT_STEPS_MAX)
-        speeds = np.array([launch.touch_speed(timestep, gravity) for launch in launches])
         contact = max(CONTACT_STEPS_MIN, min(math.ceil(CONTACT_S / timestep), CONTACT_STEPS_MAX))
 
         def run(least: int, half_contact: bool) -> QuietRun:
@@ -118,7 +119,7 @@ class StopRule:
         return cls(
             flight_steps=flight_steps.astype(np.int64),
             contact_steps=contact,
-            rest_speed=REST_SHARE * speeds,
+            rest_speed=REST_SHARE * sent.touch_speed(timestep, gravity),
             fall=abs(gravity) * timestep,
             deepest=deepest,
             touch=np.full(len(launches), _NEVER),

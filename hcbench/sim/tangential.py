@@ -6,7 +6,6 @@ normal away from the plate.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -99,45 +98,46 @@ def along_plate(impact: Impact) -> AlongPlate:
     return AlongPlate(0.0, 0.0, 0.0, 0.0, 0.0, impact.energy_lost)
 
 
-def with_tangential(
-    impact: Impact, rows: Floats, timestep: float, mass: float, by_work: bool = False
-) -> Impact:
-    """An impact with what it did along the plate; as it is where it was not measured or not sent obliquely.
+def tangential_of(
+    rows: Floats,
+    samples: int,
+    speeds: tuple[float, float],
+    timestep: float,
+    mass: float,
+    by_work: bool = False,
+) -> Tangential:
+    """What a measured oblique impact did along the plate.
 
-    rows: of `Record.rows`, all steps of this launch, shape (11, n). mass: effective, along the normal, kg.
+    rows: of `Record.rows`, all steps of this launch, shape (11, n). samples: steps in which the force acted.
+    speeds: in and out, m/s. mass: effective, along the normal, kg.
     by_work: the energy after is the one before less what the contact took, where joints and servos act, too.
     """
-    if not (impact.is_measured and impact.launch.is_oblique):
-        return impact
     force, along = rows[2], rows[3:]
     first = int((force != 0.0).argmax())
-    stop = first + impact.samples
+    stop = first + samples
     before, after = along[:, first], along[:, min(stop, along.shape[1] - 1)]
     contact = slice(first, stop)
     energies = [
         float(state[ENERGY]) + 0.5 * mass * speed**2
-        for state, speed in ((before, impact.speed_in), (after, impact.speed_out))
+        for state, speed in zip((before, after), speeds, strict=True)
     ]
     if by_work:
         energies[1] = energies[0] - timestep * _power(rows, contact)
-    return replace(
-        impact,
-        tangential=Tangential(
-            slip_in=tuple(before[SLIP].tolist()),
-            slip_out=tuple(after[SLIP].tolist()),
-            spin_in=tuple(before[SPIN].tolist()),
-            spin_out=tuple(after[SPIN].tolist()),
-            impulse=tuple((timestep * along[FRICTION, contact].sum(axis=1)).tolist()),
-            normal_impulse=float(timestep * force[contact].sum()),
-            energy_in=energies[0],
-            energy_out=energies[1],
-        ),
+    return Tangential(
+        slip_in=tuple(before[SLIP].tolist()),
+        slip_out=tuple(after[SLIP].tolist()),
+        spin_in=tuple(before[SPIN].tolist()),
+        spin_out=tuple(after[SPIN].tolist()),
+        impulse=tuple((timestep * along[FRICTION, contact].sum(axis=1)).tolist()),
+        normal_impulse=float(timestep * force[contact].sum()),
+        energy_in=energies[0],
+        energy_out=energies[1],
     )
 
 
 def _power(rows: Floats, contact: slice) -> float:
     """What the contact takes from the motion, summed over its steps, W: force times the mean of the speeds at
-    the ends of each step. rows: as of `with_tangential`.
+    the ends of each step. rows: as of `tangential_of`.
     """
     ends = slice(contact.start + 1, contact.stop + 1)
     rate, slip = ((part[..., contact] + part[..., ends]) / 2 for part in (rows[1], rows[3:][SLIP]))

@@ -32,7 +32,7 @@ plan = make_plan(study)
 (drop,) = pickle.loads(pickle.dumps(plan_drops(plan)))
 assert simulate_bounces(study.scene, drop).bounces
 shard = pickle.loads(pickle.dumps(plan.shard(0)))
-batch = Batch(study.scene, shard.setting, shard.launches, shard.kept)
+batch = Batch(study.scene, shard.grid.setting, shard.grid.launches(shard.part), [])
 assert run_batch(batch).columns["restitution"][0] > 0.9
 """
 

@@ -45,7 +45,7 @@ class ToyEngine(Engine):
     def recipes(self) -> Sequence[Recipe]:
         return [stock("toy", "As it comes.")]
 
-    def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
+    def impacts(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> Sequence[Impact]:
         import toyphysics  # type: ignore[import-not-found]  # in environments only
 
         if any(launch.speed == CRASH_SPEED for launch in launches):

@@ -15,6 +15,7 @@ import numpy as np
 
 from hcbench.errors import SettingError
 from hcbench.resolution import ROUND_OFF_STEP
+from hcbench.sim.columns import Launches
 from hcbench.sim.tangential import rows_of_ball
 
 if TYPE_CHECKING:
@@ -31,7 +32,8 @@ _ROUND_OFF = (
 
 def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
     """The full states at release, shape (b, nstate); SettingError for a height that a cup has no room for."""
-    gaps = np.array([launch.clearance(model.timestep) for launch in launches])
+    sent = Launches.of(launches)
+    gaps = sent.clearance(model.timestep)
     if model.clearance is not None and (high := gaps.max()) >= model.clearance:
         raise SettingError(
             "height",
@@ -42,10 +44,10 @@ def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
     states, (position, velocity) = np.tile(model.origin, (len(gaps), 1)), model.at
     away = np.array(model.scene.normal)
     states[:, position : position + 3] += model.scene.touch_offset + np.outer(gaps, away)
-    states[:, velocity : velocity + 3] = np.outer([-launch.speed for launch in launches], away)
-    if any(launch.is_oblique for launch in launches):
-        states[:, velocity : velocity + 2] += [launch.slip for launch in launches]
-        states[:, velocity + 3 : velocity + 6] = [launch.spin for launch in launches]
+    states[:, velocity : velocity + 3] = np.outer(-sent.speed, away)
+    if sent.is_oblique.any():
+        states[:, velocity : velocity + 2] += sent.slip
+        states[:, velocity + 3 : velocity + 6] = sent.spin
     return states
 
 

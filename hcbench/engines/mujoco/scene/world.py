@@ -18,6 +18,7 @@ from hcbench.engines.mujoco.model.bodies import speed_reading
 from hcbench.engines.mujoco.scene.batch import BatchedModel, batch_kind, compile_batch
 from hcbench.engines.mujoco.scene.record import Workspace, record, states_at_release
 from hcbench.engines.mujoco.scene.slide_joint import has_one_constraint
+from hcbench.sim.columns import Launches
 from hcbench.sim.world import Record, Simulation, World
 from hcbench.workers import in_worker
 
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from hcbench.sim.world import Flags
 
 _ALONE = 32  # launches at once for each thread where each has a model of its own: bounds memory
+_ROUNDS = 8  # models in a simulation of one thread: reading it costs as much for one model as for all
 _CONCURRENT = 2  # simulations: one is looked at while the other one is stepped
 
 
@@ -150,6 +152,10 @@ class MujocoWorld(World):
         self.speed_reading = speed_reading(pool.model.model)
         self.places = pool.threads * (pool.max_batch if pool.max_batch > 1 else _ALONE)
         self.concurrent = 1 if pool.threads == 1 else _CONCURRENT
+        if (
+            self.concurrent == 1
+        ):  # nothing looks at one simulation while another is stepped: fewer, larger ones
+            self.places *= _ROUNDS
         self._resources = ExitStack()
         self._resources.enter_context(captured_warnings())
 
@@ -173,7 +179,7 @@ class MujocoSimulation(Simulation):
         self._pool = pool
         self._states = states_at_release(pool.model, launches)
         off_axis = pool.model.scene.off_axis > 0.0
-        self._leaves_axis = off_axis or any(launch.is_oblique for launch in launches)
+        self._leaves_axis = off_axis or bool(Launches.of(launches).is_oblique.any())
         self._alone, self._size, self._steps = False, 0, 0
 
     def advance(self, steps: int) -> Record:

@@ -1,0 +1,241 @@
+"""Launches and impacts by the thousand: an array for each quantity; objects are made when asked for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Self, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hcbench.impact import Floats, Impact, Launch, Loop, Status
+
+Flags = NDArray[np.bool_]
+Whole = NDArray[np.int64]
+Objects = NDArray[np.object_]
+
+STATUSES = tuple(Status)
+_CODES = {status: code for code, status in enumerate(STATUSES)}
+_PARTED, _RESTED = _CODES[Status.PARTED], _CODES[Status.RESTED]
+
+
+class _Columns:
+    """Fields that are arrays, or columns again, of one length."""
+
+    __slots__ = ()
+
+    def take(self, which: Any) -> Self:
+        """Those that an index array, a mask or a slice names, in its order."""
+        return type(self)(*(v.take(which) if isinstance(v, _Columns) else v[which] for v in self._values()))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """All of several, one after the other; at least one."""
+        if len(parts) == 1:
+            return parts[0]
+        return cls(*map(_joined, zip(*(part._values() for part in parts), strict=True)))
+
+    def _values(self) -> list[Any]:
+        return [getattr(self, field.name) for field in fields(self)]  # type: ignore[arg-type]
+
+
+def _joined(values: Sequence[Any]) -> Any:
+    return np.concatenate(values) if isinstance(values[0], np.ndarray) else type(values[0]).joined(values)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Launches(_Columns, Sequence[Launch]):
+    """A sequence of `Launch`. speed, phase, height (NaN for none): shape (n,); slip: (n, 2); spin: (n, 3)."""
+
+    speed: Floats
+    phase: Floats
+    height: Floats
+    slip: Floats
+    spin: Floats
+
+    @classmethod
+    def of(cls, launches: Sequence[Launch]) -> Launches:
+        """The columns of launches."""
+        if isinstance(launches, Launches):
+            return launches
+        heights = (math.nan if launch.height is None else launch.height for launch in launches)
+        rows = [(i.speed, i.phase, h, *i.slip, *i.spin) for i, h in zip(launches, heights, strict=True)]
+        return cls.of_table(np.array(rows, dtype=np.float64).reshape(-1, 8))
+
+    @classmethod
+    def of_table(cls, table: Floats) -> Launches:
+        """From all columns beside one another, shape (n, 8)."""
+        return cls(table[:, 0], table[:, 1], table[:, 2], table[:, 3:5], table[:, 5:])
+
+    @classmethod
+    def touching(
+        cls,
+        speed: Floats,
+        phase: Floats,
+        timestep: float,
+        gravity: float,
+        slip: Floats,
+        spin: Sequence[float],
+        steps_most: float,
+        share: float,
+    ) -> Launches:
+        """As `Launch.touching`. speed, phase, slip: shape (n,), the slip along the way of the bodies."""
+        spins, along = np.tile(np.array(spin, dtype=np.float64), (len(speed), 1)), np.zeros((len(speed), 2))
+        along[:, 0] = slip
+        if gravity <= 0.0:
+            return cls(speed, phase, np.full(len(speed), np.nan), along, spins)
+        gain = gravity * timestep
+        steps = np.minimum(steps_most, np.floor(speed / gain - share - phase))
+        fallen = np.maximum(0.0, speed * speed - (share * gain) * (share * gain))
+        start, flight = np.maximum(0.0, speed - gain * (steps + phase + share)), timestep * (steps + phase)
+        height = flight * (speed - 0.5 * gravity * flight)
+        falls = steps < 0
+        start, height = np.where(falls, 0.0, start), np.where(falls, fallen / (2.0 * gravity), height)
+        return cls(start, phase, height, along, spins)
+
+    def __len__(self) -> int:
+        return len(self.speed)
+
+    @overload
+    def __getitem__(self, index: int) -> Launch: ...
+    @overload
+    def __getitem__(self, index: slice) -> Launches: ...
+    def __getitem__(self, index: int | slice) -> Launch | Launches:
+        return self.take(index) if isinstance(index, slice) else next(iter(self.take([index])))
+
+    def __iter__(self) -> Iterator[Launch]:
+        rows = zip(*(column.tolist() for column in self._values()), strict=True)
+        for speed, phase, height, slip, spin in rows:
+            yield Launch(speed, phase, None if math.isnan(height) else height, tuple(slip), tuple(spin))
+
+    def __reduce__(self) -> tuple[Any, ...]:  # as bytes, which every version of NumPy reads
+        table = np.column_stack([self.speed, self.phase, self.height, self.slip, self.spin])
+        return _launches_of, (table.tobytes(),)
+
+    @property
+    def is_oblique(self) -> Flags:
+        """Which arrive otherwise than along the normal and without spin, shape (n,)."""
+        return np.asarray(self.slip.any(axis=1) | self.spin.any(axis=1))
+
+    def clearance(self, timestep: float) -> Floats:
+        """As of `Launch`, m, shape (n,)."""
+        return np.where(np.isnan(self.height), (2.0 + self.phase) * timestep * self.speed, self.height)
+
+    def touch_speed(self, timestep: float, gravity: float) -> Floats:
+        """As of `Launch`, m/s, shape (n,)."""
+        if gravity == 0.0:
+            return np.abs(self.speed)
+        gained = 2.0 * gravity * self.clearance(timestep)
+        return np.asarray(np.sqrt(np.maximum(0.0, self.speed * self.speed + gained)))
+
+    def flight_time(self, timestep: float, gravity: float) -> Floats:
+        """As of `Launch`, s, shape (n,)."""
+        clearance = self.clearance(timestep)
+        both = self.speed + self.touch_speed(timestep, gravity)
+        times = np.full(len(self), np.inf)
+        np.divide(2.0 * clearance, both, out=times, where=both > 0.0)
+        times[clearance <= 0.0] = 0.0
+        return times
+
+
+def _launches_of(table: bytes) -> Launches:
+    return Launches.of_table(np.frombuffer(table).reshape(-1, 8))
+
+
+def _listed(column: NDArray[Any]) -> list[Any]:
+    """A column's values, NaN as the one object that `Impact` has for it: then equal impacts are equal."""
+    values: list[Any] = column.tolist()
+    if column.dtype == np.float64 and np.isnan(column).any():
+        return [np.nan if value != value else value for value in values]  # noqa: PLR0124
+    return values
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recorded:
+    """What was seen of launches together: time, s, (n,); states: penetration, rate, force; (3, b, n)."""
+
+    time: Floats
+    states: Floats
+
+    def loop(self, row: int, start: int, count: int) -> Loop:
+        """Of one launch: so many steps from one on, which is at time 0."""
+        return Loop(self.time[:count], *self.states[:, row, start : start + count])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Impacts(_Columns, Sequence[Impact]):
+    """A sequence of `Impact`; each column has what its attribute of that name has, shape (n,).
+
+    status: indices into STATUSES. source: a `Recorded` that has the loop, in a row from a step on (start);
+    or the loop itself, or None.
+    """
+
+    launches: Launches
+    status: Whole
+    reason: Objects
+    speed_in: Floats
+    speed_out: Floats
+    duration: Floats
+    penetration_max: Floats
+    force_max: Floats
+    speed_after_force: Floats
+    samples: Whole
+    tangential: Objects
+    source: Objects
+    row: Whole
+    start: Whole
+
+    @classmethod
+    def of(cls, impacts: Sequence[Impact]) -> Impacts:
+        """The columns of impacts."""
+        if isinstance(impacts, Impacts):
+            return impacts
+        columns: dict[str, Any] = {
+            "launches": Launches.of([impact.launch for impact in impacts]),
+            "status": np.array([_CODES[impact.status] for impact in impacts], dtype=np.int64),
+            **{name: np.zeros(len(impacts), np.int64) for name in ("row", "start")},
+        }
+        for field in fields(cls):
+            if field.name not in columns:
+                kind = {"Floats": np.float64, "Whole": np.int64}.get(str(field.type), np.object_)
+                column = columns[field.name] = np.empty(len(impacts), kind)
+                name = "loop" if field.name == "source" else field.name
+                column[:] = [getattr(impact, name) for impact in impacts]
+        return cls(**columns)
+
+    def __len__(self) -> int:
+        return len(self.status)
+
+    @overload
+    def __getitem__(self, index: int) -> Impact: ...
+    @overload
+    def __getitem__(self, index: slice) -> Impacts: ...
+    def __getitem__(self, index: int | slice) -> Impact | Impacts:
+        return self.take(index) if isinstance(index, slice) else next(iter(self.take([index])))
+
+    def __iter__(self) -> Iterator[Impact]:
+        measured = self.speed_in, self.speed_out, self.duration, self.penetration_max, self.force_max
+        where = self.source, self.row, self.start, self.samples
+        columns = (self.status, self.reason, *where, self.tangential, self.speed_after_force, *measured)
+        for launch, *values in zip(self.launches, *map(_listed, columns), strict=True):
+            status, reason, source, row, start, samples, along, freed, v_in, v_out, *rest = values
+            time, depth, force = rest
+            loop = source.loop(row, start, samples) if isinstance(source, Recorded) else source
+            kept = (STATUSES[status], reason, v_in, v_out, time, depth, force, samples)
+            yield Impact(launch, *kept, loop, along, freed)
+
+    @property
+    def is_measured(self) -> Flags:
+        """As of `Impact`."""
+        return np.asarray((self.status == _PARTED) | (self.status == _RESTED))
+
+    @property
+    def restitution(self) -> Floats:
+        """As of `Impact`."""
+        e = np.full(len(self), np.nan)
+        parted = (self.status == _PARTED) & (self.speed_in > 0.0)
+        np.divide(self.speed_out, self.speed_in, out=e, where=parted)
+        e[self.status == _RESTED] = 0.0
+        return e
