@@ -36,7 +36,7 @@ _INI = {
     "restitution_phases": "how many phases of a time step restitution tests launch at (default 4)",
     "restitution_timeout": "seconds after which an engine counts as hung (default 60)",
 }
-_KEYS = ("max_error", *OPTIONS, "engine", "timeout")
+_KEYS = ("max_error", "max_depth", "max_vibration", *OPTIONS, "engine", "timeout")
 _MARKER = f"restitution({'=..., '.join(_KEYS)}=...): defaults of the restitution fixture for this test"
 
 
@@ -125,6 +125,12 @@ class ModelBounce:
     def equals(self, baseline: str | Path, max_error: float | None = None) -> Measurement:
         """Assert the same bounce as a baseline that `hcbench check --write-baseline` wrote."""
         return self._hold(baseline=baseline, max_error=max_error)
+
+    def rests(
+        self, max_depth: float | str | None = None, max_vibration: float | str | None = None
+    ) -> Measurement:
+        """Assert most of the penetration ("1 mm") and of the vibration ("1e-4 m/s", rms) at rest."""
+        return self._hold(max_depth=max_depth, max_vibration=max_vibration)
 
     def measured(self) -> Measurement:
         """What was measured, held against nothing."""

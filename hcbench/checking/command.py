@@ -89,9 +89,10 @@ def _run(spec: CheckSpec, outputs: Outputs, jobs: int, progress: Progress, measu
 def _with_targets(checks: list[Check], measure_only: bool) -> list[Check]:
     """The checks. Raises UserError for one that has no target, and so could never fail."""
     for check in checks:
-        if not (measure_only or check.limits) and check.wanted is None and check.baseline is None:
-            got, expected = "no target", "--restitution, --alpha, --pairs, --baseline or --require"
-            raise UserError(check.name, got, expected, "--measure-only measures without a verdict")
+        if not measure_only and not check.has_target:
+            options = "--restitution, --alpha, --pairs, --baseline, --require, --max-depth or --max-vibration"
+            advice = "--measure-only measures without a verdict"
+            raise UserError(check.name, "no target", options, advice)
     return checks
 
 

@@ -69,7 +69,9 @@ def _judge_limits(check: Check) -> Outcome:
 
 def _measure(check: Check) -> Measurement:
     tolerance = TOLERANCE if check.wanted is None else min(check.max_error, TOLERANCE)
-    job = Job(check.source, check.engine, check.request, check.wanted, tolerance, diagnose=True)
+    bounces = check.wanted is not None or check.baseline is not None or check.rest is None
+    what = (check.source, check.engine, check.request, check.wanted, tolerance)
+    job = Job(*what, diagnose=bounces, rest=check.rest)
     return measure_job(job, check.limit)
 
 
@@ -86,7 +88,7 @@ def judge(check: Check, measurement: Measurement) -> Outcome:
         speed_in, e, e_wanted = np.array(columns, dtype=float).reshape(-1, 3).T
         angle = launch.angle if measurement.request.is_oblique else None
         rows.append(speed_row(launch.speed, speed_in, e, e_wanted, len(impacts) - len(good), angle))
-    verdict, message = _verdict(check, measurement, rows)
+    verdict, message = _with_rest(check, measurement, *_verdict(check, measurement, rows))
     worst = worst_of(rows) or rows[0]
     return Outcome(
         check.name, verdict, message, _against(check, rows), check.allowed, tuple(rows), worst, measurement
@@ -136,6 +138,26 @@ def _verdict(check: Check, measurement: Measurement, rows: Sequence[SpeedRow]) -
     if check.wanted is None and check.baseline is None:
         return Verdict.MEASURED, f"at {len(rows)} speeds, and held against nothing: no verdict"
     return Verdict.FAILED, "nothing was measured that could be held against it"
+
+
+def _with_rest(check: Check, measurement: Measurement, verdict: Verdict, message: str) -> tuple[Verdict, str]:
+    """A verdict on the bounce, and on the pair at rest where that has limits."""
+    if check.rest is None or verdict is Verdict.COULD_NOT_RUN:
+        return verdict, message
+    bounced = [] if verdict is Verdict.MEASURED else [message]
+    if measurement.rest is None:
+        return Verdict.FAILED, "; ".join([*bounced, "nothing holds the two together at rest"])
+    beyond = check.rest.beyond(measurement.rest)
+    if not beyond:
+        passed = Verdict.PASSED if verdict is Verdict.MEASURED else verdict
+        return passed, "; ".join([*bounced, f"at rest {measurement.rest.text}"])
+    units = {"penetration": (1e-3, "mm"), "vibration": (1.0, "m/s")}
+    words = [
+        f"{name} at rest {value / si:.3g} {unit}, limit {most / si:g} {unit}"
+        for name, (value, most) in beyond.items()
+        for si, unit in [units[name]]
+    ]
+    return Verdict.FAILED, "; ".join([*bounced, *words])
 
 
 def _within(worst: SpeedRow, max_error: float) -> tuple[Verdict, str]:

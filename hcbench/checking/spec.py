@@ -24,6 +24,7 @@ from hcbench.laws.restitution import (
 from hcbench.measuring.landing import make_drops
 from hcbench.measuring.measurement import Wanted
 from hcbench.measuring.request import make_request, read_limit
+from hcbench.measuring.rest import RestLimits
 from hcbench.sim.landing import DropPlan
 from hcbench.sim.model_under_test import Request
 
@@ -51,7 +52,7 @@ _Number = Annotated[float | str, BeforeValidator(_no_truth_value)]
 class SharedSpec(_LaunchTable):
     """What several checks may share: the options of launches, and these. None: left out.
 
-    limit: time after which a model counts as hung.
+    max_depth, max_vibration: of the pair at rest. limit: time after which a model counts as hung.
     """
 
     model_config = ConfigDict(
@@ -60,6 +61,8 @@ class SharedSpec(_LaunchTable):
     )
 
     max_error: _Number | None = None
+    max_depth: _Number | None = None
+    max_vibration: _Number | None = None
     engine: str | None = None
     limit: _Number | None = None
 
@@ -121,12 +124,20 @@ class Check:
     limits: tuple[Limit, ...] = ()
     drops: DropPlan | None = None
     trajectory: Path | None = None
+    rest: RestLimits | None = None
+
+    @property
+    def has_target(self) -> bool:
+        """Whether anything is held against it."""
+        return bool(self.limits) or any(t is not None for t in (self.wanted, self.baseline, self.rest))
 
     @property
     def against(self) -> str:
         """What the model is compared with, as a phrase."""
         if self.limits:
             return ", ".join(limit.text for limit in self.limits)
+        if self.rest is not None and self.wanted is None and self.baseline is None:
+            return self.rest.text
         if self.baseline is not None:
             return f"the baseline of {self.baseline.engine} {self.baseline.version}"
         return self.wanted.description if self.wanted is not None else "nothing: measured only"
@@ -160,9 +171,11 @@ def plan(spec: CheckSpec) -> Check:
     max_error = read_max_error(spec.max_error, MAX_ERROR if baseline is None else MAX_DRIFT)
     limits, drops = _limits(spec)
     limit = read_limit(spec.limit)
-    return Check(
-        name, source, request, wanted, baseline, max_error, spec.engine, limit, limits, drops, spec.trajectory
-    )
+    rest = read_rest_limits(spec.max_depth, spec.max_vibration)
+    if rest is not None and limits:
+        raise UserError("require", "given with a limit at rest", "one of the two")
+    ways = (limits, drops, spec.trajectory, rest)
+    return Check(name, source, request, wanted, baseline, max_error, spec.engine, limit, *ways)
 
 
 def _limits(spec: CheckSpec) -> tuple[tuple[Limit, ...], DropPlan | None]:
@@ -197,6 +210,18 @@ def read_max_error(value: Quantity | None, default: float = MAX_ERROR) -> float:
     if not 0 <= max_error <= 1:
         raise QuantityError("max-error", f"{max_error:g}", "0 ... 1, a difference in e")
     return max_error
+
+
+def read_rest_limits(depth: Quantity | None, vibration: Quantity | None) -> RestLimits | None:
+    """Most of the penetration and vibration at rest; None where neither is limited."""
+    if depth is None and vibration is None:
+        return None
+    most = {"max-depth": (depth, "length"), "max-vibration": (vibration, "speed")}
+    values = [
+        math.inf if value is None else units.parse(value, quantity, name, least=0.0)
+        for name, (value, quantity) in most.items()
+    ]
+    return RestLimits(*values)
 
 
 def _wanted(spec: CheckSpec) -> RestitutionCurve | None:

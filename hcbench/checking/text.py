@@ -43,6 +43,7 @@ def outcome_text(outcome: Outcome) -> str:
     lines.append(outcome.line)
     if outcome.verdict is Verdict.FAILED and outcome.measurement is not None:
         lines += cause_lines(outcome.measurement.causes, outcome.measurement.remedy)
+        lines += cause_lines(outcome.measurement.rest_causes, "")
     return "\n".join(lines)
 
 
@@ -100,7 +101,7 @@ def as_markdown(report: Report) -> str:
         header, rows = _table(outcome.rows)
         lines += [f"| {' | '.join(header)} |", "|" + "---:|" * len(header)]
         lines += [f"| {' | '.join(cells)} |" for cells in rows]
-        for cause in outcome.measurement.causes:
+        for cause in (*outcome.measurement.causes, *outcome.measurement.rest_causes):
             words = f"**{_safe(cause.title)}** Found: {_safe(cause.evidence)}. Fix: {_safe(cause.fix)}"
             lines += ["", f"- {words}"]
         lines += ["", _safe(outcome.measurement.remedy), "", "</details>"]

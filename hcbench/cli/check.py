@@ -101,13 +101,18 @@ def measure(
     from hcbench.checking.spec import plan
     from hcbench.measuring.measure import Job, measure_job
     from hcbench.measuring.measurement import TOLERANCE
+    from hcbench.measuring.rest import RestLimits
     from hcbench.measuring.text import as_record, as_text
 
     if page is not None and (each or trajectory is not None):
         option = "--all" if each else "--trajectory"
         raise UserError("--page", f"given with {option}", "one --pair: a page shows one")
     asked = plan(_spec(models, python, options, required=True))
-    job = Job(asked.source, asked.engine, asked.request, asked.wanted, TOLERANCE, diagnose=True)
+    job = Job(
+        *(asked.source, asked.engine, asked.request, asked.wanted, TOLERANCE),
+        diagnose=True,
+        rest=RestLimits(),
+    )
     if trajectory is not None:
         _measure_trajectory(job, trajectory, asked.limit, as_json)
         return
@@ -202,6 +207,8 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
 @click.option("--measure-only", is_flag=True, help="Measure without a target; nothing can fail.")
 @output_option("--write-baseline", help="Write the result as a baseline for later versions.")
 @click.option("--max-error", help="Fail when e differs from the target by more than this.  [default: 0.02]")
+@click.option("--max-depth", help="Fail when the pair lies deeper at rest, such as '1 mm'.")
+@click.option("--max-vibration", help="Fail when the pair shakes more at rest, such as '1e-4 m/s' (rms).")
 @output_option("--junit", help="Write JUnit XML.")
 @output_option("--markdown", help="Write a Markdown summary, for a CI step.")
 @output_option("--png", help="Write the error curve.")

@@ -24,6 +24,7 @@ from hcbench.measuring.measurement import TOLERANCE, Measurement, Wanted
 from hcbench.measuring.phases import impacts_of
 from hcbench.measuring.python_file import call_python, is_python
 from hcbench.measuring.request import make_request, read_limit
+from hcbench.measuring.rest import ANY_REST, RestLimits, at_rest, rest_causes
 from hcbench.sim import registry
 from hcbench.sim.capabilities import OpensModels
 from hcbench.sim.engine import Engine
@@ -36,7 +37,6 @@ Answer = TypeVar("Answer")
 LIMIT_S = 60.0  # at least, for one model, which takes a second or two on an idle machine
 LEAST_MEMORY = 4 << 30  # bytes that any model may take
 MEMORY_SHARE = 0.8  # of the machine's memory, which a model may take if that is more
-
 _FROM_USD = "Isaac Sim's URDF exporter makes a URDF of a USD file"
 
 
@@ -44,7 +44,7 @@ _FROM_USD = "Isaac Sim's URDF exporter makes a URDF of a USD file"
 class Job:
     """One measurement. source: see `measure`; only files cross to the worker, objects stay here.
 
-    beyond_bounds: whether numbers beyond physical bounds are admitted.
+    beyond_bounds: whether numbers beyond physical bounds are admitted. rest: None: not measured.
     """
 
     source: Any
@@ -54,6 +54,7 @@ class Job:
     tolerance: float
     diagnose: bool
     beyond_bounds: bool = field(default=False, kw_only=True)
+    rest: RestLimits | None = field(default=None, kw_only=True)
 
 
 @checked
@@ -67,6 +68,7 @@ def measure(
     points: Sequence[tuple[float, float]] = (),
     tolerance: float = TOLERANCE,
     diagnose: bool = True,
+    rest: bool = True,
     limit: Quantity | None = None,
     **launch: Unpack[LaunchOptions],
 ) -> Measurement:
@@ -87,6 +89,8 @@ def measure(
         At most one target: α, s/m or with a unit; one e for all speeds; or pairs of impact speed, m/s, and e.
     tolerance : float
         |e - target| from which hcbench looks for causes, if `diagnose`.
+    rest : bool
+        Whether hcbench measures the pair at rest, too.
     limit : float, text or quantity of Pint's, optional
         Time, s, after which a model in a file counts as hung; 60 s, or what the engine takes to compile.
     **launch
@@ -115,8 +119,9 @@ def measure(
     require("tolerance", tolerance, 0 <= tolerance <= 1, "0 ... 1, a difference in e")
     given = alpha is not None or restitution is not None or points
     goal = Wanted(alpha, restitution, points) if given else None
-    job = Job(model, engine, make_request(pair, **launch), goal, tolerance, diagnose)
-    return measure_job(job, read_limit(limit))
+    most = (RestLimits() if diagnose else ANY_REST) if rest else None
+    job = Job(model, engine, make_request(pair, **launch), goal, tolerance, diagnose, rest=most)
+    return run_job(_measured, job, read_limit(limit))
 
 
 def measure_job(job: Job, limit: float | None = None) -> Measurement:
@@ -140,12 +145,9 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
         answer: Answer = call(_in_worker, work, job, limit=limit, at=where)
         return answer
     except WorkerDied as death:
-        raise EngineFailed(
-            "model",
-            f"{_label(source)}: the engine's process was lost: {death.got}",
-            "a model that runs",
-            "A slow one gets more time by --limit",
-        ) from None
+        got = f"{_label(source)}: the engine's process was lost: {death.got}"
+        advice = "A slow one gets more time by --limit"
+        raise EngineFailed("model", got, "a model that runs", advice) from None
 
 
 def begin_measuring(models: Sequence[str], engine: Any) -> None:
@@ -196,16 +198,18 @@ def _measured(job: Job) -> Measurement:
     with _open(job) as model:
         impacts = impacts_of(model, request)
         facts = model.facts()
-        promise, chosen = facts.promise, False
-        if promise is not None:
+        chosen = False
+        if (promise := facts.promise) is not None:
             facts = dataclasses.replace(facts, notes=(promise.note(impacts), *facts.notes))
             chosen = promise.is_kept(impacts) and job.wanted in (None, promise.curve)
+        rest, suspects = at_rest(model, job.rest, impacts)  # before trials end what a user's function made
         goal = goal_of(facts.asked, request.speeds, job.wanted)
         searched = job.diagnose and not chosen
         diagnosis = diagnose(model, impacts, goal, job.wanted, job.tolerance) if searched else ((), "")
+        lacking = rest_causes(model, rest, job.rest, suspects)
     if not diagnosis[0]:
         _require_touch(impacts, facts)
-    return Measurement(facts, request, tuple(impacts), job.wanted, *diagnosis)
+    return Measurement(facts, request, tuple(impacts), job.wanted, *diagnosis, rest, lacking)
 
 
 def _require_touch(impacts: Sequence[Impact], facts: Facts) -> None:

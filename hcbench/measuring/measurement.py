@@ -27,6 +27,7 @@ from hcbench.laws.restitution import (
 )
 from hcbench.resolution import STEPS_TO_COMPARE, STEPS_TO_SHOW
 from hcbench.sim.model_under_test import Facts, Request
+from hcbench.sim.rest import Rest
 from hcbench.sim.tangential import AlongPlate, along_plate
 
 TOLERANCE = 0.02  # of e
@@ -110,7 +111,8 @@ class CurvePoint:
 class Measurement(Drawn):
     """One pair of one model, measured.
 
-    remedy: what is left with all causes fixed, as a sentence.
+    remedy: what is left with all causes fixed, as a sentence. rest: how the two lie on each other; None where
+    they do not, or where that was not measured. rest_causes: of what is too much there.
     """
 
     facts: Facts
@@ -119,6 +121,8 @@ class Measurement(Drawn):
     wanted: RestitutionCurve | None = None
     causes: tuple[Cause, ...] = ()
     remedy: str = ""
+    rest: Rest | None = None
+    rest_causes: tuple[Cause, ...] = ()
 
     @property
     def curve(self) -> list[CurvePoint]:

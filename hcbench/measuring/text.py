@@ -58,6 +58,8 @@ def as_record(measurement: Measurement) -> dict[str, Any]:
         "loops": [_loop(impact) for impact in measurement.loops],
         "causes": [dataclasses.asdict(c) for c in measurement.causes],
         "remedy": measurement.remedy,
+        "rest": None if measurement.rest is None else measurement.rest.record,
+        "rest_causes": [dataclasses.asdict(c) for c in measurement.rest_causes],
         "notes": list(facts.notes),
     }
 
@@ -120,6 +122,8 @@ def as_text(measurement: Measurement) -> str:
     ]
     if measurement.facts.asked_description:
         lines.append(f"the model asks for: {sanitized(measurement.facts.asked_description)}")
+    if measurement.rest is not None:
+        lines.append(f"at rest: {measurement.rest.text}")
     lines += [f"note: {sanitized(note)}" for note in (*measurement.facts.notes, *motion_notes(measurement))]
     speeds = measurement.request.speeds
     asked = dict(zip(speeds, measurement.facts.asked or (math.nan,) * len(speeds), strict=True))
@@ -149,6 +153,7 @@ def as_text(measurement: Measurement) -> str:
         lines.append(f"{impact.status.value} at {where}: {sanitized(impact.reason)}")
     lines += _score_lines(measurement)
     lines += cause_lines(measurement.causes, measurement.remedy)
+    lines += cause_lines(measurement.rest_causes, "")
     return "\n".join(lines).rstrip() + "\n"
 
 

@@ -15,6 +15,7 @@ from hcbench.impact import Impact, Launch
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.packages import Packages
 from hcbench.sim.promise import Promise
+from hcbench.sim.rest import Rest, let_down
 from hcbench.sim.world import World
 
 if TYPE_CHECKING:
@@ -200,6 +201,14 @@ class ModelUnderTest(World):
     @abstractmethod
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """What may keep this pair from bouncing as asked, likeliest first."""
+
+    def at_rest(self) -> Rest | None:
+        """How the two lie on each other a while later; None where nothing holds them together."""
+        return let_down(self)
+
+    def rest_suspects(self) -> list[Suspect]:
+        """What may keep the two from lying still and shallow, besides what keeps them from bouncing."""
+        return []
 
     @abstractmethod
     def fixed(self, suspects: Sequence[Suspect]) -> ModelUnderTest:

@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 import math
+from contextlib import closing
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.impact import Floats
+from hcbench.impact import Floats, Launch
+
+if TYPE_CHECKING:
+    from hcbench.sim.world import World
 
 # A body rests that sinks slower (m/s), lies less deep (of R, or so many m a second of the step), and
 # vibrates less (m/s) or less than before.
 _SINKING_MAX, _DEPTH_MAX, _DEPTH_STEP, _VIBRATION_MAX, _DECAY_MAX = 1e-5, 1e-3, 0.2, 1e-4, 0.95
+_SECONDS, _STEPS_MAX = 4.0, 4000  # simulated, until a body is taken to lie as it will
+_LET_DOWN = 1e-9  # m: the height it is let down from
 
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """A body at rest, over the last quarter of the time simulated.
+    """A body at rest, over the last of two equal spans of time.
 
     penetration: the greatest, m. sinking: m/s, > 0 into the plate. drift: along the plate, m/s; NaN where
     that was not measured. vibration: rms rate about the sinking, m/s. decay: vibration over that of the
-    quarter before. force_noise: standard deviation of the contact force over its mean; NaN without force.
+    span before. force_noise: standard deviation of the contact force over its mean; NaN without force.
     """
 
     penetration: float
@@ -29,6 +36,25 @@ class Rest:
     decay: float
     force_noise: float = math.nan
     drift: float = math.nan
+
+    @property
+    def text(self) -> str:
+        """One line of it."""
+        if math.isnan(self.penetration):
+            return "it diverges"
+        noise = "" if math.isnan(self.force_noise) else f", force noise {100 * self.force_noise:.2g} %"
+        depth = f"penetration {1e3 * self.penetration:.3g} mm"
+        return f"{depth}, vibration {self.vibration:.2g} m/s (rms){noise}"
+
+    @property
+    def record(self) -> dict[str, float]:
+        """For JSON, SI."""
+        return {
+            "penetration_m": self.penetration,
+            "vibration_m_per_s": self.vibration,
+            "force_noise": self.force_noise,
+            "sinking_m_per_s": self.sinking,
+        }
 
     def failures(self, radius: float, timestep: float) -> list[str]:
         """What keeps a body of this radius (m) from resting as it should at a step (s); none where it rests.
@@ -60,14 +86,14 @@ def rest_of(
     force: Floats | None = None,
     along: Floats | None = None,
 ) -> Rest:
-    """How a body lies at the end of its path: time (s), penetration (m), rate (m/s), force (N), shape (n,).
+    """How a body lies after its path has calmed: time (s), penetration (m), rate (m/s), force (N), (n,).
 
     along: its position along the plate, m, shape (n, k).
     """
     if not (np.isfinite(penetration).all() and np.isfinite(rate).all()):
         return DIVERGED
-    quarter = len(time) // 4
-    before, last = slice(2 * quarter, 3 * quarter), slice(3 * quarter, None)
+    half = len(time) // 2
+    before, last = slice(half), slice(half, None)
     sinking = float(np.polyfit(time[last], penetration[last], 1)[0])
     vibration, earlier = (float(np.sqrt(np.mean((rate[part] - sinking) ** 2))) for part in (last, before))
     noise = drift = math.nan
@@ -77,3 +103,24 @@ def rest_of(
         drift = float(np.linalg.norm(np.polyfit(time[last], along[last], 1)[0]))
     decay = vibration / earlier if earlier > 0 else 0.0
     return Rest(float(penetration[last].max()), sinking, vibration, decay, noise, drift)
+
+
+def last_half(path: Floats) -> Floats:
+    """Of a path, from which a body is taken to have calmed; along the first axis."""
+    return path[len(path) // 2 :]
+
+
+def let_down(world: World) -> Rest | None:
+    """How a body that is let down on the plate lies there later; None where nothing holds it there."""
+    if not world.gravity > 0.0:
+        return None
+    steps = min(_STEPS_MAX, round(_SECONDS / world.timestep))
+    rows: list[Floats] = []
+    with closing(world.follow(Launch(0.0, height=_LET_DOWN))) as simulation:
+        while (left := steps - sum(part.shape[1] for part in rows)) > 0:
+            rows.append(simulation.advance(left).rows()[:3, 0])
+            if not np.isfinite(rows[-1]).all():
+                return DIVERGED
+    x, v, f = (last_half(row) for row in np.concatenate(rows, axis=1))
+    time = np.arange(float(len(x))) * world.timestep
+    return rest_of(time, x, v, f) if f.any() else None

@@ -18,7 +18,7 @@ from hcbench.scene import Scene
 from hcbench.setting import Setting
 from hcbench.sim.engine import Engine, SteppedEngine
 from hcbench.sim.remote import adapter_of
-from hcbench.sim.rest import Rest, rest_of
+from hcbench.sim.rest import Rest, last_half, rest_of
 from hcbench.sim.scripted import ScriptedEngine
 from hcbench.tuning.oblique import friction_error, oblique_launches
 from hcbench.units import STANDARD_GRAVITY
@@ -185,4 +185,4 @@ def rest_test(engine: Engine, scene: Scene, setting: Setting, seconds: float = 5
     steps = min(max(seconds / setting.timestep, _REST_STEPS_MIN), _REST_STEPS_MAX)
     with_gravity = replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
     path = engine.trajectory(with_gravity, setting, Launch(0.0, height=1e-9), steps * setting.timestep)
-    return rest_of(path.time, path.penetration, path.rate, path.force)
+    return rest_of(*map(last_half, (path.time, path.penetration, path.rate, path.force)))

@@ -133,7 +133,7 @@ def test_a_marker_with_a_mistake_says_what_there_is(models: pytest.Pytester) -> 
     )
     result = models.runpytest_subprocess()
     result.assert_outcomes(errors=1)
-    result.stdout.fnmatch_lines(["*mark.restitution: speed; expected max_error, speeds*"])
+    result.stdout.fnmatch_lines(["*mark.restitution: speed; expected max_error, max_depth, *"])
 
 
 def test_the_fixture_and_the_marker_take_every_option_of_launches(models: pytest.Pytester) -> None:

@@ -45,6 +45,27 @@ def standing(opened: Sequence[MujocoModel]) -> Standing:
         return Standing.of(level, slope, hold, _cost(first, data), angle)
 
 
+def rest_of_pair(opened: MujocoModel) -> Rest | None:
+    """How the pair lies a while after the start, where the two touch there, as a held body and its finger do,
+    or else after it was laid on; None where nothing holds the two together.
+    """
+    data, place = copy.copy(opened.start), opened.place
+    data.time = 0.0
+    with captured_warnings():
+        backend().mj_forward(opened.model, data)
+        if not _touches(opened, data):
+            if not place.gravity > 0.0:
+                return None
+            data.qpos[:] = place.qpos
+        moves = bool(opened.model.body_weldid[place.pair.second.body])
+        rest = _rest(opened, data, from_body=place.pair.second.body if moves else 0)
+        return rest if rest is DIVERGED or math.isfinite(rest.force_noise) else None
+
+
+def _touches(opened: MujocoModel, data: Any) -> bool:
+    return bool((opened.place.pair.sides[data.contact.geom].sum(axis=1) == 3).any())
+
+
 def _at_touch(opened: MujocoModel) -> Any:
     data = copy.copy(opened.start)
     data.qpos[:] = opened.place.qpos
@@ -69,8 +90,9 @@ def _rest(opened: MujocoModel, data: Any, gravity: Floats | None = None, from_bo
     """
     mujoco, model, place = backend(), opened.model, opened.place
     before, steps = np.array(model.opt.gravity), min(_MOST_STEPS, round(_SECONDS / model.opt.timestep))
-    path, body, normal = np.zeros((steps, 5)), place.pair.first.body, place.contact.normal
+    path, body, normal = np.zeros((steps - steps // 2, 5)), place.pair.first.body, place.contact.normal
     model.opt.gravity[:] = before if gravity is None else gravity
+    mujoco.mj_step(model, data, nstep=steps // 2)
     for row in path:
         mujoco.mj_step(model, data)
         row[:3], row[3] = data.xpos[body] - data.xpos[from_body], _force(opened, data)
@@ -78,7 +100,7 @@ def _rest(opened: MujocoModel, data: Any, gravity: Floats | None = None, from_bo
     model.opt.gravity[:] = before
     if not np.isfinite(path).all():
         return DIVERGED
-    moment = np.arange(steps) * model.opt.timestep
+    moment = np.arange(len(path)) * model.opt.timestep
     rate = np.gradient(path[:, :3] @ normal, model.opt.timestep)
     across = path[:, :3] - np.outer(path[:, :3] @ normal, normal)
     return rest_of(moment, path[:, 4], rate, path[:, 3], across if from_body == 0 else path[:, :3])

@@ -12,6 +12,7 @@ import numpy as np
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model.bodies import explicit_pairs, geom_friction, geom_name, speed_reading
 from hcbench.engines.mujoco.model.causes import find_suspects
+from hcbench.engines.mujoco.model.causes.at_rest import at_rest
 from hcbench.engines.mujoco.model.causes.context import Context, written_contact
 from hcbench.engines.mujoco.model.causes.friction import WEAK, pyramidal_cone
 from hcbench.engines.mujoco.model.find_pair import moving_joints
@@ -32,6 +33,7 @@ from hcbench.sim.read_impact import SpeedReading
 
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.shared_model import LentModel
+    from hcbench.sim.rest import Rest
     from hcbench.sim.shared_model import SharedModelEngine
 
 _LAST_PART, _ROUGH = 0.01, 0.03  # of the smaller one's size; of the approach: a distance that is not exact
@@ -173,6 +175,16 @@ class MujocoModel(ModelUnderTest):
         backend().mj_integratePos(self.model, data.qpos, place.direction, -back)
         backend().mj_fwdPosition(self.model, data)
         return (place.pair.nearest(data).distance - place.gap) / back
+
+    def at_rest(self) -> Rest | None:
+        """In plain steps: as it starts, where the two touch there; else laid on."""
+        from hcbench.engines.mujoco.model.standing import rest_of_pair
+
+        return rest_of_pair(self)
+
+    def rest_suspects(self) -> list[Suspect]:
+        """A contact that is soft, and one that its step is too long for."""
+        return list(at_rest(Context(self.place, (), None, tuple(self._gravity()))))
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """What may keep this pair from bouncing as asked."""

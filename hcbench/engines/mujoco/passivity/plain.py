@@ -22,7 +22,7 @@ from hcbench.sim.passivity import (
     Finding,
     Passivity,
 )
-from hcbench.sim.rest import Rest, rest_of
+from hcbench.sim.rest import Rest, last_half, rest_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -136,6 +136,7 @@ def _rest(model: Any, seconds: float) -> Rest:
             mujoco.mj_contactForce(model, data, i, force)
             row[4] += force[0]
     time = np.arange(len(path)) * model.opt.timestep
+    time, path = last_half(time), last_half(path)
     return rest_of(time, -path[:, 2], -path[:, 3], path[:, 4], path[:, :2])
 
 

@@ -1,0 +1,88 @@
+"""How a pair lies on each other, and what keeps it from lying shallow and still: each fix tried alone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hcbench.errors import HcbenchError
+from hcbench.measuring.measurement import Cause
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.impact import Impact
+    from hcbench.sim.model_under_test import ModelUnderTest, Suspect
+    from hcbench.sim.rest import Rest
+
+_OTHER_WEIGHT = ("gravity",)  # whose fix takes the weight away
+_HELPS = 0.5  # of what is too much: a fix that helps leaves less
+
+
+@dataclass(frozen=True, slots=True)
+class RestLimits:
+    """Most of the penetration, m, and of the vibration, m/s (rms), of a pair at rest: above them causes are
+    looked for.
+    """
+
+    penetration: float = 1e-3
+    vibration: float = 1e-4
+
+    @property
+    def text(self) -> str:
+        """As a phrase."""
+        depth = [] if math.isinf(self.penetration) else [f"penetration of {1e3 * self.penetration:g} mm"]
+        shaking = [] if math.isinf(self.vibration) else [f"vibration of {self.vibration:g} m/s"]
+        return f"at most a {' and a '.join([*depth, *shaking])} at rest"
+
+    def beyond(self, rest: Rest | None) -> dict[str, tuple[float, float]]:
+        """(value, limit) of what is above its limit, by name; NaN is above any."""
+        each = {name: (getattr(rest, name, math.nan), getattr(self, name)) for name in self.__slots__}
+        return {name: (value, most) for name, (value, most) in each.items() if not value <= most}
+
+
+ANY_REST = RestLimits(math.inf, math.inf)
+
+
+def at_rest(
+    model: ModelUnderTest, limits: RestLimits | None, impacts: Sequence[Impact]
+) -> tuple[Rest | None, list[Suspect]]:
+    """The pair at rest, and what can be tried to bring it within the limits, likeliest first."""
+    rest = None if limits is None else model.at_rest()
+    if limits is None or rest is None or not limits.beyond(rest):
+        return rest, []
+    suspects = [*model.rest_suspects(), *model.suspects(impacts, None)]
+    return rest, [s for s in suspects if s.apply is not None and s.code not in _OTHER_WEIGHT]
+
+
+def rest_causes(
+    model: ModelUnderTest, rest: Rest | None, limits: RestLimits | None, suspects: Sequence[Suspect]
+) -> tuple[Cause, ...]:
+    """What keeps the pair from resting within the limits: fixes that alone leave less than half, the
+    strongest first.
+    """
+    every = {} if limits is None else limits.beyond(rest)
+    beyond = {name: value for name, (value, _) in every.items() if math.isfinite(value)}
+    causes: dict[str, tuple[float, Cause]] = {}
+    for suspect in suspects if beyond else ():
+        if (after := _fixed_rest(model, suspect)) is None:
+            continue
+        left, name = min((getattr(after, name) / before, name) for name, before in beyond.items())
+        if left < _HELPS:
+            unit = {"penetration": "m", "vibration": "m/s"}[name]
+            before = beyond[name]
+            change = f"{name} at rest {before:.2g} {unit}, with this fix {left * before:.2g} {unit}"
+            cause = Cause(suspect.code, suspect.title, f"{suspect.evidence}; {change}", suspect.fix)
+            causes.setdefault(suspect.code, (left, cause))
+    return tuple(cause for _, cause in sorted(causes.values(), key=lambda each: each[0]))
+
+
+def _fixed_rest(model: ModelUnderTest, suspect: Suspect) -> Rest | None:
+    """With one fix made; None where the pair then does not rest, or cannot be measured."""
+    try:
+        with model.fixed([suspect]) as fixed:
+            rest = fixed.at_rest()
+    except HcbenchError:
+        return None
+    return rest if rest is not None and math.isfinite(rest.penetration) else None
