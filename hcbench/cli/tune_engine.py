@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench._text import time_step
+from hcbench._text import time_step, two_digits
 from hcbench.cli.console import print_json, progress
 from hcbench.errors import LimitPassed, UserError
 
@@ -160,7 +160,7 @@ def _rows(best: Choice, target: Target) -> dict[str, str]:
     """What is known of a choice, by names."""
     truth = {"law": "e of the law", "linear": "1 - α v", "points": "the target e"}[target.reading]
     low, high = best.speeds
-    error = f"{best.max_error:.2g} against {truth} over {low:.4g} ... {high:.4g} m/s"
+    error = f"{two_digits(best.max_error)} against {truth} over {low:.4g} ... {high:.4g} m/s"
     tuned = best.tuned
     if tuned is None:
         return {

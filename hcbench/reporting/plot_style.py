@@ -209,16 +209,25 @@ def declutter(positions: Sequence[float] | Floats, gap: float, low: float, high:
 
     The gap gives way where there are more labels than room.
     """
-    from scipy.optimize import isotonic_regression  # slow to import, and needed in worker processes alone
-
     count = len(positions)
     gap = min(gap, (high - low) / max(count - 1, 1))
     order = np.argsort(positions, kind="stable")
     steps = gap * np.arange(count)
-    unclipped = isotonic_regression(np.asarray(positions, dtype=float)[order] - steps).x
+    unclipped = _rising(np.asarray(positions, dtype=float)[order] - steps)
     out: Floats = np.empty(count)
     out[order] = np.clip(unclipped, low, high - gap * (count - 1)) + steps
     return out
+
+
+def _rising(values: Floats) -> Floats:
+    """The nearest values that do not fall, by pooling neighbours that do; SciPy's takes longer to import."""
+    pools: list[tuple[float, int]] = []  # their mean and count
+    for value in values:
+        pools.append((float(value), 1))
+        while len(pools) > 1 and pools[-2][0] > pools[-1][0]:
+            (mean, count), (other, more) = pools[-2:]
+            pools[-2:] = [((mean * count + other * more) / (count + more), count + more)]
+    return np.repeat([mean for mean, _ in pools], [count for _, count in pools])
 
 
 def legend_below(figure: Figure, handles: list[Line2D]) -> None:

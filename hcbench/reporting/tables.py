@@ -11,15 +11,20 @@ from hcbench.reporting.advised import error_of
 from hcbench.reporting.conditions import Views
 from hcbench.reporting.ranking import STOCK, error_ratio, grade, lacks, lies_still, over_constant, verdict
 from hcbench.reporting.view import REFERENCE, RunKey, View
-from hcbench.scoring import CLAIMS
 from hcbench.setting import Setting
 from hcbench.tuning.snippet import snippet
 
 Cells: TypeAlias = dict[str, Any]
 _MARKS = {"good": "✓", "even": "=", "bad": "✗", "none": ""}
+_CLAIMS = {  # what the paper claims of a sound contact, in words for a column
+    "starts_at_zero": "starts at zero",
+    "no_tension": "never pulls",
+    "sharp_at_origin": "ends sharply",
+    "cubic_loss": "loss as the law's",
+}
 HEADS = {
     True: ("deepest in a bounce", "penetration at rest"),
-    False: ("steps in contact", "loop, rms of force", "p of ΔE ∝ vᵖ", *CLAIMS.values()),
+    False: ("steps in contact", "loop, rms of force", "p of ΔE ∝ vᵖ", *_CLAIMS.values()),
 }
 
 
@@ -69,7 +74,7 @@ def _of_contact(score: Mapping[str, Any]) -> list[str]:
     loop = wording.percent(score["loop_rms"]) if score.get("loops") else "–"
     exponent = score.get("energy_exponent", math.nan)
     p = f"{exponent:.2f}" if math.isfinite(exponent) else "–"
-    return [str(score.get("samples_min", "–")), loop, p, *(_claim(score.get(claim)) for claim in CLAIMS)]
+    return [str(score.get("samples_min", "–")), loop, p, *(_claim(score.get(claim)) for claim in _CLAIMS)]
 
 
 def _claim(value: Any) -> str:

@@ -74,7 +74,7 @@ function madeAnswer(here) {
 const engineTitle = () => data.engines.find(([, key]) => key === state.engine)[0];
 
 function tuneLine() {
-  return `hcbench tune ${state.engine} --alpha "${alphaNow()} s/m" --timestep "${state.step} s"`
+  return `hcbench tune ${state.engine} --alpha "${Number(alphaNow().toPrecision(6))} s/m" --timestep "${Number(state.step.toPrecision(9))} s"`
     + ` --gravity ${state.gravity} --pair "${state.first},${state.second}"`;
 }
 

@@ -48,7 +48,7 @@ function chosen() {
 
 function describe({run, i}) {
   const v = run.v[i], law = lawRestitution(alphaNow(), v), range = run.high[i] - run.low[i] > 5e-4;
-  const chance = range ? ` (${text(run.low[i])} to ${text(run.high[i])} by chance, with where in a step the contact starts)` : "";
+  const chance = range ? ` (${run.low[i].toFixed(3)} to ${run.high[i].toFixed(3)} by chance of where in a step the contact starts)` : "";
   return `${run.title} at ${text(v)} m/s (${text(v / INCH)} in/s): e = ${run.e[i].toFixed(4)}${chance}; the law ${law.toFixed(4)}`;
 }
 

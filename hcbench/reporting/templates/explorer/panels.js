@@ -65,7 +65,7 @@ function drawLoop() {
   draw("force", apart ? "time over its contact's" : "time since touch, µs", over(own.t, ut), over(own.f, uf), over(law.t, lt), over(law.f, lf));
   const times = (name, what) => `${text(ratio(name))} times the law's ${what}`;
   const lone = f.length === 1 ? "The whole bounce happens in one step. " : "";
-  at("loop-words").textContent = `${run.title} at ${text(run.v[i])} m/s, started ${text(run.phase)} of a step after one. ${lone}`
+  at("loop-words").textContent = `${run.title} at ${text(run.v[i])} m/s, touched ${text(100 * run.phase)} % into a step. ${lone}`
     + `${text(sizes.x * 1e6)} µm deep, ${times("x", "depth")}; at most ${text(sizes.f)} N, ${times("f", "force")}; `
     + `in contact for ${text(sizes.t * 1e3)} ms, ${times("t", "time")}.`
     + (apart ? " Their sizes differ too much for one scale: each loop is scaled by its own largest." : "");
