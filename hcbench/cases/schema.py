@@ -93,7 +93,7 @@ class Score(TypedDict):
         Obedience | None,
         _field(
             "",
-            "Whether the engine does what restitution asks for; null where the first two cases were not run",
+            "Whether the engine does what restitution asks for; null where it has none",
         ),
     ]
     threshold: Annotated[

@@ -38,7 +38,7 @@ class EngineScore:
     """What the results of one engine came to.
 
     verdicts: of `hcbench_cases.judge`. restitution: "obeyed"; "threshold", where it is obeyed above a speed;
-    "ignored", where the number makes no difference; "mixed"; or None without the first two cases.
+    "ignored", where the number makes no difference; "mixed"; or None where the first case was not run.
     threshold: the highest impact speed under gravity that did not bounce, m/s; 0 where all did.
     """
 
@@ -131,7 +131,9 @@ def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedi
         return "obeyed", threshold
     spread = {asked: [e for _, a, e in measured if a == asked] for asked in {a for _, a, _ in measured}}
     means = [sum(each) / len(each) for each in spread.values()]
-    if not means or max(means) - min(means) < 0.02:
+    if not means:
+        return None, 0.0
+    if max(means) - min(means) < 0.02:
         return "ignored", threshold
     tolerance = normal["tolerance"]["restitution"]["value"]
     off = [speed for speed, asked, e in measured if not abs(e - asked) <= tolerance]

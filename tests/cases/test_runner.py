@@ -13,9 +13,9 @@ from xml.etree import ElementTree
 import pytest
 
 from hcbench import cli
-from hcbench.cases.hcbench_cases import junit, outcome
+from hcbench.cases.hcbench_cases import junit, outcome, run
 from hcbench.cases.run import RUNNER, adapters, run_engines
-from hcbench.cases.score import known_failures, regressions, score
+from hcbench.cases.score import known_failures, regressions, score, the_cases
 
 LINES = 250
 ADAPTER_LINES = 60
@@ -37,11 +37,65 @@ def test_it_is_one_small_file_of_the_standard_library() -> None:
     assert {name.partition(".")[0] for name in imported} <= sys.stdlib_module_names
 
 
-@pytest.mark.parametrize("path", adapters().values(), ids=adapters())
+PYMUNK = Path(__file__).parents[2] / "examples" / "cases" / "pymunk_adapter.py"
+
+
+@pytest.mark.parametrize("path", [*adapters().values(), PYMUNK], ids=[*adapters(), "pymunk"])
 def test_an_adapter_is_small_and_needs_its_engine_alone(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     assert len(text.splitlines()) <= ADAPTER_LINES
-    assert "hcbench" not in text
+    assert "import hcbench" not in text
+    assert "from hcbench" not in text
+
+
+def test_an_engine_in_two_dimensions_can_run_every_case() -> None:
+    for case in the_cases()["cases"]:
+        for world in (each["world"] for each in case["runs"]):
+            assert world["gravity"][1] == 0
+            for body in world["bodies"]:
+                assert body["position"][1] == body["velocity"][1] == body["spin"][0] == body["spin"][2] == 0
+
+
+class ManyWorlds:
+    """An engine without contacts that steps many worlds at once."""
+
+    name, version, combine = "many", "1", None
+
+    def __init__(self) -> None:
+        self.worlds, self.batches = list[dict[str, Any]](), list[int]()
+
+    def make(self, world: dict[str, Any]) -> None:
+        if "materials" in world:
+            raise NotImplementedError("has no materials")
+        self.worlds.append(world)
+
+    def start(self) -> None:
+        self.at = [[[*b["position"], *b["velocity"], 0, 0, 0] for b in w["bodies"]] for w in self.worlds]
+        self.h = {world["timestep"] for world in self.worlds}
+        self.batches.append(len(self.worlds))
+        self.worlds = []
+
+    def step(self) -> None:
+        (h,) = self.h
+        self.at = [
+            [[*(x + h * v for x, v in zip(b, b[3:6], strict=False)), *b[3:]] for b in w] for w in self.at
+        ]
+
+    def state(self) -> list[list[list[float]]]:
+        return self.at
+
+
+def test_an_engine_of_many_worlds_gets_those_of_a_kind_at_once() -> None:
+    engine, cases = ManyWorlds(), the_cases(["C05", "C07", "C10"])
+    runs = run(engine, cases)["runs"]
+    assert sorted(engine.batches) == [12, 12, 15, 15]  # two steps each; C10 is not made
+    assert {"unsupported": "has no materials"} in runs["C10"]
+    for case in cases["cases"][:2]:
+        for each, done in zip(case["runs"], runs[case["id"]], strict=True):
+            step, body, *_ = done["states"][-1]
+            start = each["world"]["bodies"][0]
+            moved = each["world"]["timestep"] * step * start["velocity"][0]
+            assert body[0] == pytest.approx(start["position"][0] + moved)
 
 
 def test_engines_do_what_they_are_known_to(results: list[dict[str, Any]]) -> None:
@@ -112,6 +166,17 @@ def test_a_version_that_fails_what_another_passed_is_one_line(results: list[dict
     (line,) = regressions([before, after])
     assert line.startswith("mujoco C01 ")
     assert "error" in line
+
+
+def test_what_run_writes_score_reads_and_run_replaces(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "results.json"
+    for _ in range(2):  # the second replaces the first without --force
+        assert cli.run(["cases", "run", "mujoco", "--case", "C09", "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert isinstance(json.loads(out.read_text("utf-8")), list)
+    assert "C09" in printed
 
 
 def test_the_command_judges_results_of_any_language(
