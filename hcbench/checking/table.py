@@ -21,6 +21,7 @@ from hcbench._text import sanitized
 from hcbench.checking.spec import Check, CheckSpec, SharedSpec, plan
 from hcbench.errors import UserError
 from hcbench.fields import read_toml, validate
+from hcbench.sim.packages import named_folders
 
 
 class CheckTable(SharedSpec):
@@ -59,9 +60,11 @@ def checks_of(path: Path, baseline: Path | None = None) -> list[Check]:
 def _complete(entry: CheckSpec, table: CheckTable, folder: Path, baseline: Path | None) -> CheckSpec:
     """An entry with what the table says for all of them, and with paths from its folder."""
     shared = {name: getattr(table, name) for name in SharedSpec.model_fields.keys() - entry.model_fields_set}
-    paths = {
+    paths: dict[str, Any] = {
         name: folder / path for name in ("pairs", "baseline", "trajectory") if (path := getattr(entry, name))
     }
+    if package := entry.launch["package"] or table.launch["package"]:
+        paths["package"] = {name: str(folder / path) for name, path in named_folders(package)}
     if not entry.models:
         raise UserError("model", "none given", "a file, or two URDF files")
     models = {"model": tuple(str(folder / model) for model in entry.models)}

@@ -47,7 +47,7 @@ _engine_option = partial(click.option, cls=_EngineOption)
 @click.option(
     "--points", help="Pairs v:e in place of --alpha, such as '0.1:0.95, 0.5:0.85 m/s', or a CSV file."
 )
-@spring_options(_engine_option)
+@spring_options()
 @click.option("--timestep", type=STEP, help="Time step, such as '1 ms'.  [a model: its own]")
 @click.option(
     "--speeds", type=SPEEDS, help="Band of impact speeds.  [default: 1:20 in/s, or that of --points]"

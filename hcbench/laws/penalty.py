@@ -80,6 +80,10 @@ class NewtonSpring:
             return float(kv.restitution(self.kd / (2.0 * math.sqrt(self.ke)), kv.Ending.FORCE))
         return one_way_restitution(self.kd / (2.0 * math.sqrt(self.ke * mass)))
 
+    def points(self, mass: float, low: float, high: float) -> tuple[tuple[float, float], ...]:
+        """(speed m/s, e): one pair, as e is the same over the band. high: m/s."""
+        return ((low, self.restitution(mass)),)
+
 
 def one_way_restitution(zeta: float) -> float:
     """e of a damper that acts on the way in only, over the damping ratio ζ: exp(-ζ acos ζ/√(1-ζ²)).

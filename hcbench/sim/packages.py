@@ -17,16 +17,20 @@ _FILE = re.compile(r"(?P<before>filename\s*=\s*)(?P<quote>[\"'])(?P<name>.*?)(?P
 
 def read_packages(given: str | Mapping[str, str]) -> Packages:
     """(name, folder) of "NAME=DIR, NAME=DIR", or of a mapping. Raises UserError for what is no folder."""
-    parts = (
-        given.split(",") if isinstance(given, str) else [f"{name}={folder}" for name, folder in given.items()]
-    )
-    packages = []
-    for part in parts:
-        name, _, folder = (piece.strip() for piece in part.partition("="))
+    packages = named_folders(given)
+    for name, folder in packages:
         if not (name and folder and Path(folder).is_dir()):
-            raise UserError("package", repr(part.strip()), "NAME=DIR, with a folder that exists")
-        packages.append((name, str(Path(folder).absolute())))
-    return tuple(packages)
+            got = f"{name}={folder}" if folder else name
+            raise UserError("package", repr(got), "NAME=DIR, with a folder that exists")
+    return tuple((name, str(Path(folder).absolute())) for name, folder in packages)
+
+
+def named_folders(given: str | Mapping[str, str]) -> Packages:
+    """(name, folder) as given; "" for what is missing."""
+    if not isinstance(given, str):
+        return tuple((str(name), str(folder)) for name, folder in given.items())
+    parts = (part.partition("=") for part in given.split(","))
+    return tuple((name.strip(), folder.strip()) for name, _, folder in parts)
 
 
 def folders_of(path: Path, packages: Packages) -> dict[str, Path]:

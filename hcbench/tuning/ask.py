@@ -79,7 +79,8 @@ def tune(
         Of e, within which the simplest setting will do.
     **options
         Of an engine: kind ("settings", "exact" for a plug-in, "constant" for one e at all speeds), recipe,
-        match, integrator, friction, corners, scene, mass, stiffness, exponent, adams, newton, progress.
+        match, integrator, friction, corners, scene, mass, stiffness, exponent, progress.
+        Of both: adams, newton, a contact by stiffness and damping in place of an e.
         Of a model: engine, limit, write_model, write_include, version, force, and key, qpos, state,
         coming_from and actuators as `LaunchOptions` describes them.
 
@@ -165,6 +166,8 @@ def tune_pairs(
     reading: Reading,
     speeds: Any,
     max_error: float,
+    adams: AdamsImpact | None = None,
+    newton: NewtonSpring | None = None,
     engine: str | None = None,
     limit: Any = None,
     write_model: str | Path | None = None,
@@ -179,7 +182,8 @@ def tune_pairs(
     if pair is None or not pairs:
         advice = f"`hcbench pairs {sanitized(model)}` lists them"
         raise UserError("pair", "missing", "two bodies or geoms", advice)
-    wanted = Wanted(alpha, restitution, points, reading)
+    spring = _spring(alpha=alpha, restitution=restitution, points=points or None, adams=adams, newton=newton)
+    wanted = spring or Wanted(alpha, restitution, points, reading)
     band = [v for v, _ in read_points(points)] if len(points) > 1 else list(DEFAULT_SPEEDS)
     if speeds is not None:
         band = units.parse_values(speeds, "speed", "speeds", above=0).tolist()
@@ -217,6 +221,16 @@ def names_of(pair: Sequence[str] | str | None) -> Pair:
     return PAIR if names is None else names
 
 
+def _spring(**ways: Any) -> AdamsImpact | NewtonSpring | None:
+    """The contact by stiffness and damping, if that is the one target given. Raises UserError for others."""
+    given = [f"--{name}" for name, value in ways.items() if value is not None]
+    if len(given) != 1:
+        names = ", ".join(f"--{name}" for name in ways)
+        raise UserError("target", " and ".join(given) or "none", f"one of {names}")
+    spring: AdamsImpact | NewtonSpring | None = ways["adams"] or ways["newton"]
+    return spring
+
+
 def make_target(
     *,
     timestep: Any,
@@ -242,13 +256,7 @@ def make_target(
     exponent: the scene's by default. gravity: into the plate, 9.81 m/s² by default.
     """
     points = read_points(points)
-    ways = {"alpha": alpha, "restitution": restitution, "points": points or None}
-    ways |= {"adams": adams, "newton": newton}
-    given = [f"--{name}" for name, value in ways.items() if value is not None]
-    if len(given) != 1:
-        raise UserError(
-            "target", " and ".join(given) or "none", f"one of {', '.join(f'--{name}' for name in ways)}"
-        )
+    spring = _spring(alpha=alpha, restitution=restitution, points=points or None, adams=adams, newton=newton)
     setting = load_scene(scene)
     n = setting.exponent if exponent is None else exponent
     if stiffness is None and n != setting.exponent:
@@ -265,10 +273,8 @@ def make_target(
         band = default_band(step, g)
     low, high = min(band), max(band)
     weight = setting.mass if mass is None else units.parse(mass, "mass", "mass")
-    if adams is not None:
-        points = adams.points(weight, low, high)
-    elif newton is not None:
-        restitution = newton.restitution(weight)
+    if spring is not None:
+        points = spring.points(weight, low, high)
     if restitution is not None:
         points = ((low, units.parse(restitution, "number", "restitution")),)
     law = HuntCrossley(k, 0.0 if alpha is None else units.parse_uncertain(alpha, "alpha", "alpha")[0], n)

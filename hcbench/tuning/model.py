@@ -12,8 +12,9 @@ import numpy as np
 from hcbench._arguments import checked
 from hcbench.errors import EngineFailed, UserError
 from hcbench.impact import Impact
+from hcbench.laws.penalty import AdamsImpact, NewtonSpring
 from hcbench.laws.require import require
-from hcbench.laws.restitution import RestitutionCurve
+from hcbench.laws.restitution import MeasuredRestitution, RestitutionCurve
 from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.phases import impacts_of
 from hcbench.measuring.request import LONGEST_LIMIT_S
@@ -35,14 +36,18 @@ _TRIED_SPEEDS, _TRIED_PHASES = 6, 4
 _HELD_OUT_SPEEDS, _HALVINGS = 7, 2  # and how often the speeds about the worst one are halved
 _PHASES = 4  # to begin with
 _BEFORE_PHASES = 2  # of the model as it was, at the band's ends and middle
+_SAME_MASS = 1.2  # times the lightest, of pairs that a stiffness and a damping give one e
 _FAR = 0.2  # an error of e, from which on a setting is tried no further
 
 
 @dataclass(frozen=True, slots=True)
 class _TuneJob(Job):
-    """others: requests of further pairs. max_error: of e, within which the simplest setting will do."""
+    """others: requests of further pairs. spring: what gives e, in place of `wanted`. max_error: of e, within
+    which the simplest setting will do.
+    """
 
     others: tuple[Request, ...] = ()
+    spring: AdamsImpact | NewtonSpring | None = None
     max_error: float = MAX_ERROR
     output: Output = BESIDE
 
@@ -51,7 +56,7 @@ class _TuneJob(Job):
 def tune_model(
     source: Any,
     requests: Sequence[Request],
-    wanted: RestitutionCurve,
+    wanted: RestitutionCurve | AdamsImpact | NewtonSpring,
     engine: str | None = None,
     max_error: float = MAX_ERROR,
     limit: float = LIMIT_S,
@@ -72,10 +77,11 @@ def tune_model(
         source=source,
         engine=engine,
         request=first,
-        wanted=wanted,
+        wanted=wanted if isinstance(wanted, RestitutionCurve) else None,
         tolerance=0.0,
         diagnose=False,
         others=tuple(others),
+        spring=None if isinstance(wanted, RestitutionCurve) else wanted,
         max_error=max_error,
         output=output,
     )
@@ -84,12 +90,16 @@ def tune_model(
 
 def _tuned(job: Job) -> TunedModel:
     assert isinstance(job, _TuneJob)
-    assert job.wanted is not None
-    wanted, requests = job.wanted, (job.request, *job.others)
+    requests = job.request, *job.others
     engine, source, rebuild = source_of(job)
     if not isinstance(engine, TunesModels):
         expected = "an engine that tunes models of users"
         raise UserError("engine", repr(engine.name), expected, f"{source!r}")
+
+    def as_it_was(request: Request) -> ModelUnderTest:
+        return engine.open(rebuild() if rebuild else source, request, rebuild)
+
+    wanted = job.wanted or _of_spring(job, requests, as_it_was)
     each = [way for request in requests for way in engine.attitudes(source, request)]
     before = engine.standing(source, None, requests)
     tries: list[
@@ -115,9 +125,6 @@ def _tuned(job: Job) -> TunedModel:
         band = min(request.speeds), max(request.speeds)
         promises.append(Promise(setting.name, 1, wanted, largest_error(theirs), band))
 
-    def as_it_was(request: Request) -> ModelUnderTest:
-        return engine.open(rebuild() if rebuild else source, request, rebuild)
-
     return TunedModel(
         setting.name,
         setting.texts(promises, job.output),
@@ -128,6 +135,22 @@ def _tuned(job: Job) -> TunedModel:
         after,
         min(job.max_error, MAX_ERROR),
     )
+
+
+def _of_spring(
+    job: _TuneJob, requests: Sequence[Request], opened: Callable[[Request], ModelUnderTest]
+) -> RestitutionCurve:
+    """e that a contact by stiffness and damping has between bodies of the pairs' effective mass."""
+    assert job.spring is not None
+    masses = []
+    for request in requests:
+        with opened(request) as model:
+            masses.append(model.facts().effective_mass)
+    if max(masses) > _SAME_MASS * min(masses):
+        got = f"effective masses of {min(masses):.3g} to {max(masses):.3g} kg, on which its e depends"
+        raise UserError("pair", got, "pairs of one mass", "Tune them one by one")
+    speeds = [v for request in requests for v in request.speeds]
+    return MeasuredRestitution(job.spring.points(float(np.mean(masses)), min(speeds), max(speeds)))
 
 
 def _tried(

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from hcbench.checking.table import checks_of
 from hcbench.errors import UserError
 from hcbench.measuring.measure import Job
 from hcbench.measuring.pairs import list_pairs
@@ -68,3 +69,12 @@ def test_a_urdf_alone_is_offered_a_floor(robot: Path) -> None:
     robot.write_text(robot.read_text().replace("tools", "arms"))
     with pytest.raises(UserError, match=r"such as a floor. Add a floor: .*plane.urdf"):
         list_pairs(Job(str(robot), "pybullet", make_request(None), None, 0.02, diagnose=False))
+
+
+def test_a_file_of_checks_names_packages_from_its_own_folder(robot: Path, tmp_path: Path) -> None:
+    """As it does the models; the folder that `check` runs in was meant, once."""
+    checks = tmp_path / "checks.toml"
+    entry = f'model = "{robot.relative_to(tmp_path)}"\npackage = "tools=elsewhere"\nrestitution = 0.5\n'
+    checks.write_text(f"[[check]]\n{entry}")
+    (check,) = checks_of(checks)
+    assert check.request.packages == (("tools", str(tmp_path / "elsewhere")),)

@@ -9,6 +9,7 @@ import pytest
 from hcbench import engine
 from hcbench.cli import run
 from hcbench.errors import UserError
+from hcbench.laws.penalty import NewtonSpring
 from hcbench.measuring import Wanted, measure
 from hcbench.measuring.request import make_request
 from hcbench.sim.capabilities import TunesModels
@@ -76,6 +77,17 @@ def test_two_bodies_of_one_size_have_half_the_mass_and_a_note_says_so(
     assert record["pairs"][0]["effective_mass_kg"] == pytest.approx(mass / 2, rel=1e-6)
     assert any("Both bodies move" in note for note in record["notes"])
     assert any('has no name: give it name="geom_1"' in note for note in record["notes"])
+
+
+def test_a_stiffness_and_a_damping_give_e_for_the_effective_mass_of_the_pair(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "balls.xml").write_text(BALL.format(condim="", other=OTHER))
+    pair = ("--pair", "second,ball", "--newton", "semi-implicit, 1e4, 20")
+    record = tuned(tmp_path / "balls.xml", capsys, *pair, *FIRST)
+    mass = 2 / 3 * 3.14159265 * 0.1**3 * 1000
+    wanted = NewtonSpring(False, 1e4, 20.0).restitution(mass)
+    assert record["pairs"][0]["curve"][0]["target"] == pytest.approx(wanted, rel=1e-6)
 
 
 def test_what_changes_for_the_whole_model_is_named(
