@@ -52,7 +52,7 @@ answers: $(INSTALLED)  ## the answers that pages tell: hcbench/tuning/usual_answ
 	$(BIN)/python -c 'from hcbench.tuning import usual, usual_errors; usual.write(); usual_errors.write()'
 
 test-answers: $(INSTALLED)  ## every answer of that file, found again, by the command and by Python
-	HCBENCH_ANSWERS=1 $(BIN)/python -m pytest -n 2 tests/tuning/test_usual_answers.py
+	HCBENCH_ANSWERS=1 $(BIN)/python -m pytest -n 2 tests/tuning/test_usual_answers.py tests/tuning/test_usual_errors.py
 
 test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyproject.toml allows
 	$(LOWEST)/bin/python -m pytest -n 2 --dist loadfile

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hcbench.reporting import wording
-from hcbench.reporting.ranking import STOCK
-from hcbench.reporting.view import RunKey, View
+from hcbench.reporting.view import STOCK, RunKey, View
 
 _VERBS = {"exact": "Attach", "settings": "Set", "constant": "Set"}
 

@@ -16,7 +16,6 @@ from hcbench.reporting import tables
 from hcbench.reporting.answers import PageChoice, answered, choices
 from hcbench.reporting.page import Script, script
 from hcbench.reporting.plot_style import KIND_COLOURS
-from hcbench.reporting.ranking import STOCK
 from hcbench.reporting.view import REFERENCE, RunKey, View
 from hcbench.reporting.wording import engine_title
 from hcbench.tuning.usual_errors import errors_of
@@ -249,9 +248,7 @@ def _span(impacts: Sequence[_Impact]) -> tuple[float, float, float]:
 def _drawn(view: View, run: RunKey) -> dict[str, str]:
     style = view.plot_style(run)
     dashes = " ".join(f"{1.6 * dash:.3g}" for dash in style.dashes)
-    label = "nothing set" if run.setting == STOCK else run.setting
-    title = f"{engine_title(run.engine)}, {label}" if run.setting == STOCK else run.title
-    names = {"engine": run.engine, "setting": run.label, "label": label, "title": title}
+    names = {"engine": run.engine, "setting": run.label, "label": run.name, "title": run.title}
     return {**names, "kind": style.kind, "marker": style.marker, "colour": style.colour, "dashes": dashes}
 
 

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hcbench.laws import closed_form
+from hcbench.reporting import wording
 from hcbench.reporting.curve import Curve
 from hcbench.reporting.plot_style import (
     LAW,
@@ -86,8 +87,8 @@ def _draw_named(
     """Curves, and beside them their names and those of other lines."""
     for nth, run, curve in curves:
         _draw_curve(axes, view, run, curve, nth)
-        name = (f"{run.title}, {run.step}", view.plot_style(run).colour, "normal")
-        labels = [*labels, (float(curve.middle[-1]), *name)]
+        name = f"{wording.engine_title(run.engine)}, {run.name}, {run.step}"
+        labels = [*labels, (float(curve.middle[-1]), name, view.plot_style(run).colour, "normal")]
     _label_ends(axes, labels)
 
 

@@ -7,10 +7,9 @@ from typing import Any
 
 from hcbench.reporting import wording
 from hcbench.reporting.advised import answer_of, best_of, choice_of, error_of
-from hcbench.reporting.view import REFERENCE, RunKey, View
+from hcbench.reporting.view import REFERENCE, STOCK, RunKey, View
 from hcbench.resolution import FOLLOWS, ROUND_OFF_SCORE
 
-STOCK = "stock"  # the setting with nothing set
 TIE = 0.02  # relative: errors this near are one
 TIE_HEAVY = 0.25  # under gravity, where phases of the fall alone scatter e
 _NO_LINE = 1e-6  # of e: a law without damping leaves a constant nothing to be off by

@@ -9,7 +9,7 @@ import numpy as np
 from hcbench.reporting import wording
 from hcbench.reporting.advised import error_of
 from hcbench.reporting.conditions import Views
-from hcbench.reporting.ranking import STOCK, error_ratio, grade, lacks, lies_still, over_constant, verdict
+from hcbench.reporting.ranking import error_ratio, grade, lacks, lies_still, over_constant, verdict
 from hcbench.reporting.view import REFERENCE, RunKey, View
 from hcbench.setting import Setting
 from hcbench.tuning.snippet import snippet
@@ -52,7 +52,6 @@ def _ranking_row(view: View, run: RunKey, with_gravity: View | None) -> Cells:
     return {
         "engine": run.engine,
         "setting": run.label,
-        "label": "nothing set" if run.setting == STOCK else run.label,
         "step": run.timestep,
         "gravity": view.gravity,
         "errors": {f"{alpha:.9g}": _error_cell(view, run, alpha) for alpha in view.alphas},

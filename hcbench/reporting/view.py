@@ -21,6 +21,7 @@ from hcbench.reporting.wording import NBSP, engine_title, span, time
 from hcbench.resolution import STEPS_OF_A_LOOP
 
 REFERENCE = "reference"  # the engine of the law
+STOCK = "stock"  # the setting with nothing set
 LAW_SETTING = "hunt-crossley"  # its setting that is the law itself
 CURVE_SPEEDS = 3  # from which a run says something about e over speed
 _RUN = ["scene", "engine", "setting", "timestep_s"]  # columns that identify a run
@@ -43,12 +44,17 @@ class RunKey(NamedTuple):
     @property
     def title(self) -> str:
         """The engine's title and the setting, and where it ran."""
-        return f"{engine_title(self.engine)} {self.label}"
+        return f"{engine_title(self.engine)}{',' * (self.setting == STOCK)} {self.label}"
+
+    @property
+    def name(self) -> str:
+        """The setting, as it stands beside a line."""
+        return "nothing set" if self.setting == STOCK else self.setting
 
     @property
     def label(self) -> str:
         """The setting, and where it ran if not in the study's own scene."""
-        return f"{self.setting} {self.place}" if self.place else self.setting
+        return f"{self.name} {self.place}" if self.place else self.name
 
     @property
     def step(self) -> str:

@@ -28,7 +28,7 @@ def test_the_overview_shows_the_measured_restitution_and_names_each_line(view: V
     np.testing.assert_array_equal(engines[0], np.column_stack([curve.speed, curve.middle]))
     np.testing.assert_allclose(curve.middle, closed_form.restitution(ALPHAS[1], curve.speed), atol=1e-3)
     assert [text.get_text()[:5] for text in upper.texts] == ["the l", "1 − α", "expli", "singl"]
-    assert [text.get_text()[:12] for text in lower.texts] == ["single stock"], "far below the rest"
+    assert [text.get_text()[:12] for text in lower.texts] == ["single, noth"], "far below the rest"
 
 
 def test_the_figure_has_a_text_for_who_cannot_see_it(view: View, page: Path) -> None:
