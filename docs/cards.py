@@ -15,6 +15,7 @@ import sys
 import textwrap
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "reference" / "settings.md"
 FOLDER = PAGE.with_name("settings")
 CURVES = FOLDER / "curves.json"
-REPORTS = ("steel-1lb", "field")
+REPORTS = ("field", "steel-1lb")
 ALPHA = 0.008 / 0.0254  # s/m, of both reports
 # (gravity in m/s², time step in s): a card shows the first in which its setting works, or else does best.
 CONDITIONS = (
@@ -48,14 +49,17 @@ BEGIN, END = "<!-- begin cards: python docs/cards.py -->\n", "<!-- end cards -->
 
 def measure() -> None:
     """Write what cards show of each setting: from the reports' tables, else measured here."""
-    rows: dict[tuple[str, str], list[dict[str, str]]] = {}
+    rows: dict[tuple[str, str, str], list[dict[str, str]]] = {}
     for report in REPORTS:
         with (ROOT / "reports" / report / "restitution.csv").open(encoding="utf-8") as file:
             for row in csv.DictReader(file):
                 normal = row["scene"] == "steel-plane" and float(row["friction"]) == 0.0
                 if normal and math.isclose(float(row["alpha_s_per_m"]), ALPHA, rel_tol=1e-6):
-                    rows.setdefault((row["engine"], row["setting"]), []).append(row)
-    curves = [curve for key in sorted(rows) if "@" not in key[0] and (curve := _from_table(*key, rows[key]))]
+                    rows.setdefault((row["engine"], row["setting"], report), []).append(row)
+    keys = sorted({key[:2] for key in rows if "@" not in key[0]})
+    curves = [
+        curve for key in keys if (curve := _from_tables(*key, [rows.get((*key, r), []) for r in REPORTS]))
+    ]
     known = {(curve["engine"], curve["setting"]) for curve in curves}
     curves += [curve for key in _recipes() if key not in known and (curve := _measured(*key))]
     curves.sort(key=lambda curve: (curve["engine"], curve["setting"]))
@@ -72,10 +76,10 @@ def _recipes() -> Iterator[tuple[str, str]]:
             )
 
 
-def _from_table(engine: str, setting: str, rows: list[dict[str, str]]) -> dict[str, Any] | None:
+def _from_tables(engine: str, setting: str, tables: list[list[dict[str, str]]]) -> dict[str, Any] | None:
     columns = ("speed_m_per_s", "speed_in_m_per_s", "restitution", "samples", "penetration_max_m")
     curves = []
-    for gravity, step in CONDITIONS:
+    for (gravity, step), rows in product(CONDITIONS, tables):
         impacts = [
             (*(_float(row[name]) for name in columns), row["status"])
             for row in rows
@@ -243,13 +247,15 @@ def picture(curve: dict[str, Any]) -> str:
         return f"{x:.1f}", f"{y:.1f}"
 
     law = [at(v, float(closed_form.restitution(v, ALPHA))) for v in np.linspace(0, 1.04 * fastest, 40)]
-    grid = [bottom + 0.2 * i for i in range(round((top - bottom) / 0.2) + 1)]
-    speeds = np.linspace(0, float(f"{fastest:.1g}"), 5)
+    apart = 0.1 if top - bottom < 0.5 else 0.2
+    grid = [bottom + apart * i for i in range(round((top - bottom) / apart) + 1)]
+    step = 0.1 if fastest < 0.7 else 0.2
+    speeds = [step * i for i in range(int(1.04 * fastest / step) + 1)]
     right, floor = str(WIDTH - RIGHT), str(HEIGHT - BOTTOM)
     lines = [f'<path d="M{LEFT} {at(0, e)[1]}H{right}" stroke="#d5d9dd"/>' for e in grid]
     lines += [f'<text x="{LEFT - 6}" y="{at(0, e)[1]}" dy="4" text-anchor="end">{e:.1f}</text>' for e in grid]
     lines += [
-        f'<text x="{at(v, bottom)[0]}" y="{HEIGHT - 24}" text-anchor="middle">{v:.2g}</text>' for v in speeds
+        f'<text x="{at(v, bottom)[0]}" y="{HEIGHT - 24}" text-anchor="middle">{v:.1f}</text>' for v in speeds
     ]
     lines.append(f'<path d="M{LEFT} {floor}H{right}" stroke="#59636e"/>')
     lines.append(f'<path d="M{"L".join(" ".join(p) for p in law)}" stroke="#1f2328" stroke-width="1.6"/>')

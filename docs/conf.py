@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+from pathlib import Path
 from typing import Any
 
 from docutils import nodes
@@ -53,7 +55,32 @@ class _ReportLinks(SphinxTransform):
                 node.replace_self(nodes.reference("", "", *node.children, refuri=node["reftarget"]))
 
 
+def _notebook(app: Any, docname: str, source: list[str]) -> None:
+    """The page of the notebook has its cells and their outputs."""
+    if docname == "notebook":
+        file = Path(app.srcdir) / "tutorial.ipynb"
+        app.env.note_dependency(str(file))
+        cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
+        source[0] += "\n" + "\n\n".join(_cell(cell) for cell in cells)
+
+
+def _cell(cell: dict[str, Any]) -> str:
+    text = "".join(cell["source"])
+    if cell["cell_type"] == "markdown":
+        return text.replace("# ", "## ", 1) if text.startswith("# ") else text
+    parts = [f"```python\n{text}\n```"]
+    for output in cell["outputs"]:
+        data = output.get("data", {"text/plain": output.get("text", [])})
+        kind = next(kind for kind in ("image/svg+xml", "text/html", "text/plain") if kind in data)
+        shown = "".join(data[kind])
+        if kind == "image/svg+xml":
+            shown = shown[shown.index("<svg") :]
+        parts.append(f"```text\n{shown}\n```" if kind == "text/plain" else f"```{{raw}} html\n{shown}\n```")
+    return "\n\n".join(parts)
+
+
 def setup(app: Any) -> None:
     """Called by Sphinx."""
     app.add_transform(_ReportLinks)
+    app.connect("source-read", _notebook)
     app.connect("autodoc-process-docstring", _plain_text)

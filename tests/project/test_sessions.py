@@ -7,6 +7,7 @@ import re
 from importlib import metadata
 from pathlib import Path
 
+import notebooks
 import pytest
 from sessions import PAGES, ROOT, Shell, agrees, page_steps, prepare, rewritten
 
@@ -34,6 +35,13 @@ def test_a_page_shows_what_its_commands_print(
         if not agrees(step.shown, printed):
             wrong.append("\n".join([f"$ {step.command}", *rewritten(step.shown, printed)]))
     assert not wrong, "\n\n".join(["`make sessions` writes:", *wrong])
+
+
+@pytest.mark.skipif(not has_locked_engines(), reason=f"pages show what {LOCKED} prints")
+@pytest.mark.parametrize("page", notebooks.PAGES, ids=lambda p: p.name)
+def test_a_notebook_shows_what_its_cells_do(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HCBENCH_DATA", os.devnull)
+    assert notebooks.texts(notebooks.stored(page)) == notebooks.texts(notebooks.executed(page))
 
 
 def test_lines_left_out_may_be_any() -> None:

@@ -21,6 +21,8 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+import notebooks
+
 from hcbench.cli import run
 
 ROOT = Path(__file__).parents[2]
@@ -216,5 +218,6 @@ def update(page: Path) -> bool:
 
 if __name__ == "__main__":
     os.environ["HCBENCH_DATA"] = os.devnull
-    for path in [Path(name).absolute() for name in sys.argv[1:]] or PAGES:
-        print("changed" if update(path) else "same", path.relative_to(ROOT))
+    for path in [Path(name).absolute() for name in sys.argv[1:]] or [*PAGES, *notebooks.PAGES]:
+        changed = notebooks.update(path) if path.suffix == ".ipynb" else update(path)
+        print("changed" if changed else "same", path.relative_to(ROOT))
