@@ -13,6 +13,7 @@ import warnings
 from contextlib import suppress
 
 import click
+from click.shell_completion import shell_complete
 
 from hcbench._bounds import beyond_bounds
 from hcbench._text import sanitized
@@ -26,10 +27,12 @@ from hcbench.cli._process import (
 )
 from hcbench.cli.cases import cases
 from hcbench.cli.check import check, measure, pairs
+from hcbench.cli.completion import VARIABLE, completion
 from hcbench.cli.console import beyond_bounds_option
 from hcbench.cli.convert import convert
 from hcbench.cli.engines import engines, plugin
 from hcbench.cli.fit import fit
+from hcbench.cli.help import START, described, group
 from hcbench.cli.land import land
 from hcbench.cli.law import law
 from hcbench.cli.report import paper, report, sweep
@@ -41,7 +44,7 @@ _INTERRUPTED_CODE = 130
 _LONGEST = 80  # of a file's name in a line
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}, epilog=START)
 @click.version_option(package_name="hcbench", message="hcbench %(version)s")
 def app() -> None:
     """Measure how physics engines really bounce, against the Hunt-Crossley law.
@@ -51,11 +54,12 @@ def app() -> None:
 
 
 COMMANDS = (
-    report, sweep, fit, tune, pairs, measure, land, check, paper, law, convert, cases, engines, plugin
+    law, fit, tune, pairs, measure, land, check, convert, report, sweep, paper, cases, engines, plugin,
+    completion,
 )  # fmt: skip
 for command in COMMANDS:
     command.params.append(beyond_bounds_option())
-    app.add_command(translate_errors(command))
+    app.add_command(described(translate_errors(command)))
 
 
 def main() -> None:
@@ -87,6 +91,8 @@ def run(arguments: list[str]) -> int:
 
 def _run(arguments: list[str]) -> int:
     try:
+        if asked := os.environ.get(VARIABLE):  # by a shell, for completions
+            return shell_complete(app, {}, "hcbench", VARIABLE, asked)
         # Not app(...): at Ctrl-C it prints an empty line before anything of ours is asked.
         with app.make_context("hcbench", list(arguments)) as context:
             code = app.invoke(context)

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hcbench.cli.console import as_json, jobs_option, print_json, progress
+from hcbench.cli.console import as_json, jobs_option, print_json
+from hcbench.cli.help import group
 from hcbench.cli.outputs import PathType, force_option, output_option
+from hcbench.cli.terminal import progress
 from hcbench.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
@@ -20,7 +22,7 @@ _SIDE_BY_SIDE = 4  # engines, at most: more are a row each
 _SIGN = {"pass": "pass", "fail": "FAIL", "unsupported": "-", "error": "ERROR"}
 
 
-@click.group()
+@group()
 def cases() -> None:
     """Run a frozen set of bounces in engines; judge their results.
 

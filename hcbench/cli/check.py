@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from hcbench._text import sanitized
 from hcbench.cli.console import (
     as_json,
     drop_options,
     jobs_option,
     launch_options,
     print_json,
-    progress,
     target_option,
 )
+from hcbench.cli.help import command
 from hcbench.cli.outputs import PathType, force_option, output_option
+from hcbench.cli.terminal import progress, show, status
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
@@ -25,6 +28,7 @@ if TYPE_CHECKING:
 
     from hcbench.checking.spec import CheckSpec
     from hcbench.measuring.measure import Job
+    from hcbench.measuring.measurement import Measurement
 
 
 def _file(*names: str, help: str) -> Callable[..., Any]:  # noqa: A002 - Click's own word
@@ -72,7 +76,7 @@ def _begin(models: tuple[str, ...], engine: object) -> None:
         begin_measuring(models, engine)
 
 
-@click.command()
+@command()
 @_PAIR
 @launch_options()
 @_source
@@ -97,12 +101,13 @@ def measure(
 
     Report restitution over speed, force loops, and why it differs from the target.
     """
-    from hcbench._outputs import write_output
-    from hcbench.checking.spec import plan
-    from hcbench.measuring.measure import Job, measure_job
-    from hcbench.measuring.measurement import TOLERANCE
-    from hcbench.measuring.rest import RestLimits
-    from hcbench.measuring.text import as_record, as_text
+    with status("opening the model"):
+        from hcbench._outputs import write_output
+        from hcbench.checking.spec import plan
+        from hcbench.measuring.measure import Job, measure_job
+        from hcbench.measuring.measurement import TOLERANCE
+        from hcbench.measuring.rest import RestLimits
+        from hcbench.measuring.text import as_record, as_text
 
     if page is not None and (each or trajectory is not None):
         option = "--all" if each else "--trajectory"
@@ -119,7 +124,8 @@ def measure(
     if each:
         _measure_each(job, asked.limit, as_json)
         return
-    measurement = measure_job(job, asked.limit)
+    with status("measuring"):
+        measurement = measure_job(job, asked.limit)
     if page is not None:
         from hcbench.reporting.measurement_page import measurement_page
 
@@ -127,18 +133,39 @@ def measure(
     if as_json:
         print_json(as_record(measurement))
     else:
-        print(as_text(measurement))
+        show(as_text(measurement).rstrip())
+        show(f"\nnext:\n  {_next_line(measurement, models, python, options)}")
+
+
+def _next_line(measurement: Measurement, models: tuple[str, ...], python: str | None, options: Any) -> str:
+    """The command to type next: `tune` where the target is missed, else `check`."""
+    from hcbench.measuring.measurement import TOLERANCE
+    from hcbench.sim import registry
+    from hcbench.sim.capabilities import TunesModels
+
+    source = " ".join(map(quote, models)) if python is None else f"--python {quote(python)}"
+    pair = options["pair"] or ",".join(measurement.facts.pair)
+    named = ("engine", "alpha", "restitution")
+    given = " ".join(f"--{name} {quote(str(options[name]))}" for name in named if options[name] is not None)
+    start = f"{source} --pair {quote(pair)} {given}".rstrip()
+    if measurement.wanted is None:
+        return f"hcbench check {start} --write-baseline bounce.json"
+    missed = any(abs(error) > TOLERANCE for _, error in measurement.errors(measurement.wanted))
+    if missed and python is None and isinstance(registry.engine(measurement.facts.engine), TunesModels):
+        return f"hcbench tune {start} --write-model tuned{Path(models[0]).suffix}"
+    return f"hcbench check {start}"
 
 
 def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json: bool) -> None:
     """The touchdowns of a recorded motion."""
     from hcbench.measuring.trajectory import as_record, as_text, touchdowns_job
 
-    motion = touchdowns_job(job, trajectory, limit)
+    with status("reading the motion"):
+        motion = touchdowns_job(job, trajectory, limit)
     if as_json:
         print_json(as_record(motion))
     else:
-        print(as_text(motion), end="")
+        show(as_text(motion).rstrip())
 
 
 def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
@@ -147,7 +174,8 @@ def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
     from hcbench.measuring.pairs import list_pairs
     from hcbench.measuring.text import as_record, as_text
 
-    pairs = [pair for pair in list_pairs(job, limit) if pair.touching]
+    with status("listing the pairs"):
+        pairs = [pair for pair in list_pairs(job, limit) if pair.touching]
     if not pairs:
         advice = "`hcbench pairs` lists what can meet; name one by --pair, or start from another --key"
         raise UserError("all", "no two parts touch at the start", "a pose in which some do", advice)
@@ -156,7 +184,8 @@ def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
         one, two = pair.pair.split(",")
         request = dataclasses.replace(job.request, pair=(one, two))
         try:
-            measurement = measure_job(dataclasses.replace(job, request=request), limit)
+            with status(f"measuring {sanitized(pair.pair)}"):
+                measurement = measure_job(dataclasses.replace(job, request=request), limit)
         except UserError as error:
             records.append({"pair": [one, two], "refused": str(error)})
             lines = f"{pair.pair}: not measured: {error}\n"
@@ -164,12 +193,12 @@ def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
             records.append(as_record(measurement))
             lines = as_text(measurement)
         if not as_json:
-            click.echo(lines)
+            show(lines)
     if as_json:
         print_json(records)
 
 
-@click.command()
+@command()
 @launch_options("key", "qpos", "state", "package")
 @_source
 @as_json
@@ -185,14 +214,16 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
     from hcbench.sim.candidate_pairs import as_records, as_table
 
     asked = plan(_spec(models, python, options, required=True))
-    parts = list_pairs(Job(asked.source, asked.engine, asked.request, None, TOLERANCE, False), asked.limit)
+    job = Job(asked.source, asked.engine, asked.request, None, TOLERANCE, False)
+    with status("listing the pairs"):
+        parts = list_pairs(job, asked.limit)
     if as_json:
         print_json(as_records(parts))
     else:
-        click.echo(as_table(parts), nl=False)
+        show(as_table(parts).rstrip())
 
 
-@click.command()
+@command()
 @_PAIR
 @launch_options()
 @_source
@@ -242,7 +273,7 @@ def check(
     if as_json:
         print_json(as_record_of(report))
     else:
-        print(as_text(report), end="")
+        show(as_text(report).rstrip())
         if write_baseline is not None:
             print(f"written: {write_baseline}: compare later versions with --baseline")
     return report.exit_code

@@ -1,11 +1,8 @@
-"""What the commands share: options, tables, JSON, progress."""
+"""What the commands share: options, their types, JSON."""
 
 import math
 import os
-import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +64,15 @@ def drop_options() -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     return decorate
 
 
+# What a help says that an option takes.
+_KINDS = {
+    "speed": "speed",
+    "time": "time",
+    "timestep": "time",
+    **dict.fromkeys(("restitution", "friction", "exponent", "number"), "number"),
+}
+
+
 class QuantityType(click.types.StringParamType):
     """A number with or without a unit as a float in SI, or several, such as "1:20 in/s", as an array.
 
@@ -77,6 +83,7 @@ class QuantityType(click.types.StringParamType):
         self, quantity: str, *, several: bool = False, positive: bool = False, least: float = -math.inf
     ) -> None:
         self.quantity, self.several = quantity, several
+        self.name = _KINDS.get(quantity, "quantity") + ("s" if several else "")
         self.bounds = {"above": 0.0 if positive else -math.inf, "least": least}
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -93,6 +100,7 @@ class UncertainType(click.types.StringParamType):
 
     def __init__(self, quantity: str, *, above: float = -math.inf) -> None:
         self.quantity, self.above = quantity, above
+        self.name = _KINDS.get(quantity, "quantity")
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Read the text as (value, standard uncertainty); QuantityError names the option."""
@@ -121,33 +129,6 @@ def beyond_bounds_option() -> click.Option:
     return click.Option(
         ["--beyond-bounds"], is_flag=True, is_eager=True, expose_value=False, callback=admit, help=words
     )
-
-
-@contextmanager
-def progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar on stderr with rate and time left, on a terminal; yields `tick(done, total)`."""
-    if not sys.stderr.isatty():  # asked before Rich, which takes a while to import, and knows more terminals
-        yield lambda done, total: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield lambda done, total: None
-        return
-    rate = TextColumn("{task.fields[rate]}")
-    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, speed_estimate_period=120.0) as bar:
-        task = bar.add_task(what, total=None, rate="")
-        first: list[tuple[float, int]] = []
-
-        def tick(done: int, total: int) -> None:
-            first[:] = first or [(time.monotonic(), done)]
-            elapsed, new = time.monotonic() - first[0][0], done - first[0][1]
-            bar.update(task, completed=done, total=total, rate=f"{new / elapsed:,.0f}/s" if new else "")
-
-        yield tick
 
 
 def print_json(content: Any) -> None:

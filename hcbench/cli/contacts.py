@@ -26,6 +26,16 @@ class _NewtonType(click.types.StringParamType):
 
 def spring_options(option: Callable[..., Any] = click.option) -> Callable[[Callable[..., Any]], Any]:
     """Gives a command --adams and --newton."""
-    adams = option("--adams", type=_AdamsType(), help="IMPACT of Adams: k, e, cmax, d in SI or with units.")
-    newton = option("--newton", type=_NewtonType(), help="Newton's solver, ke, kd: 'semi-implicit, 1e4, 20'.")
+    adams = option(
+        "--adams",
+        type=_AdamsType(),
+        metavar="K,E,CMAX,D",
+        help="IMPACT of Adams: k, e, cmax, d in SI or with units.",
+    )
+    newton = option(
+        "--newton",
+        type=_NewtonType(),
+        metavar="SOLVER,KE,KD",
+        help="Newton's solver, ke, kd: 'semi-implicit, 1e4, 20'.",
+    )
     return lambda command: adams(newton(command))

@@ -8,12 +8,17 @@ import click
 
 from hcbench.cli.console import ALPHA, MASS, RESTITUTION, SPEED, TIME, as_json, print_json, target_option
 from hcbench.cli.contacts import spring_options
+from hcbench.cli.help import command
+from hcbench.cli.terminal import show
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from hcbench.laws.conventions import Conversion
     from hcbench.laws.restitution import Reading
 
 
-@click.command()
+@command()
 @click.option("--alpha", type=ALPHA, help="α of e = 1 - α v, such as '0.008 s/in'.")
 @click.option("--drake", type=ALPHA, help="Drake's hunt_crossley_dissipation.")
 @click.option("--simbody", type=ALPHA, help="Simbody's dissipation.")
@@ -34,24 +39,30 @@ def convert(as_json: bool, reading: Reading, **given: Any) -> None:
     Give α, an e at a speed, a parameter of Drake or Simbody, a solref, or a stiffness and damping of Adams
     or Newton. hcbench prints the same contact in the parameters of Chrono, LAMMPS and others, too.
     """
-    from hcbench import units
     from hcbench.sim.convert import convert
 
     contact = convert(**given, target=reading)
     if as_json:
         print_json(contact.as_dict())
         return
-    print(f"α = {contact.alpha:.10g} s/m = {contact.alpha * units.INCH:.10g} s/in")
+    show("\n".join(_lines(contact)))
+
+
+def _lines(contact: Conversion) -> Iterator[str]:
+    from hcbench import units
+
+    yield f"α = {contact.alpha:.10g} s/m = {contact.alpha * units.INCH:.10g} s/in"
     if contact.speed is not None:
         truth = f"e of the law {contact.restitution:.10g}, 1 - α v {contact.restitution_linear:.10g}"
-        print(f"at {contact.speed:.6g} m/s: {truth}")
-    print()
-    wide = [max(len(getattr(row, name)) for row in contact.rows) for name in ("system", "parameter", "text")]
+        yield f"at {contact.speed:.6g} m/s: {truth}"
+    yield ""
+    names = ("system", "parameter", "text")
+    wide = [max(len(getattr(row, name)) for row in contact.rows) for name in names]
     for row in contact.rows:
-        cells = zip((row.system, row.parameter, row.text), wide, strict=True)
-        print("  ".join(cell.ljust(width) for cell, width in cells), f"{row.unit:<4} {row.note}".rstrip())
-    for line in contact.missing:
-        print(f"missing: {line}")
-    print("\ncaveats:")
-    for line in contact.caveats:
-        print(f"- {line}")
+        cells = zip((getattr(row, name) for name in names), wide, strict=True)
+        line = f"{'  '.join(cell.ljust(width) for cell, width in cells)} {row.unit}".rstrip()
+        yield line
+        if row.note:
+            yield f"    {row.note}"
+    yield from (f"missing: {line}" for line in contact.missing)
+    yield from ("", "caveats:", *(f"- {line}" for line in contact.caveats))

@@ -6,30 +6,37 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli.console import as_json, print_json, progress
+from hcbench.cli.console import as_json, print_json
+from hcbench.cli.help import command, group
+from hcbench.cli.terminal import progress, show, status
 from hcbench.errors import OutputError, UserError
 
 if TYPE_CHECKING:
     from hcbench.environments.store import Environment
 
 
-@click.group(invoke_without_command=True)
+_recipes = click.option("--recipes", "-v", is_flag=True, help="Also list each engine's recipes and folder.")
+
+
+@group(invoke_without_command=True)
+@_recipes
 @as_json
 @click.pass_context
-def engines(context: click.Context, as_json: bool) -> None:
-    """List the engines and their settings; add or remove versions.
+def engines(context: click.Context, recipes: bool, as_json: bool) -> None:
+    """List the engines, a line each; add or remove versions.
 
-    The table has version, Python, size and folder of each, and how to install a missing one.
+    The table has version, Python and size of each, and how to install a missing one.
     """
     if context.invoked_subcommand is None:
-        _list(as_json)
+        _list(recipes, as_json)
 
 
 @engines.command("list")
+@_recipes
 @as_json
-def list_engines(as_json: bool) -> None:
+def list_engines(recipes: bool, as_json: bool) -> None:
     """Same as plain `hcbench engines`."""
-    _list(as_json)
+    _list(recipes, as_json)
 
 
 @engines.command()
@@ -63,25 +70,30 @@ def remove(names: tuple[str, ...]) -> None:
         print(f"removed: {matching[0].name}")
 
 
-def _list(as_json: bool) -> None:
+def _list(recipes: bool, as_json: bool) -> None:
     from hcbench.environments import store
     from hcbench.sim import registry
 
     listed = []
-    for name in registry.names():
-        own = [_record(name, {**_beside(name), "settings": _settings(name)})]
-        own += [_record(e.name, _elsewhere(e)) for e in store.environments(name)]
-        if len(own) > 1 and not own[0]["version"]:
-            own[0]["install"] = ""  # a version is there
-        listed += own
+    with status("asking the engines for their versions"):
+        for name in registry.names():
+            settings = _settings(name) if recipes or as_json else {}
+            own = [_record(name, {**_beside(name), "settings": settings})]
+            own += [_record(e.name, _elsewhere(e)) for e in store.environments(name)]
+            if len(own) > 1 and not own[0]["version"]:
+                own[0]["install"] = ""  # a version is there
+            listed += own
     if as_json:
         print_json(listed)
         return
+    width = max(len(record["name"]) for record in listed)
     for record in listed:
-        print(f"{record['name']}  {_described(record)}")
-        width = max(map(len, record["settings"]), default=0)
+        show(f"{record['name']:<{width}}  {_described(record, with_folder=recipes)}")
+        wide = max(map(len, record["settings"]), default=0)
         for setting, summary in record["settings"].items():
-            print(f"  {setting:<{width}}  {summary}")
+            show(f"  {setting:<{wide}}  {summary}")
+    if not recipes:
+        print("\n`hcbench engines -v` lists the recipes of each")
 
 
 def _record(name: str, about: dict[str, Any]) -> dict[str, Any]:
@@ -118,19 +130,20 @@ def _elsewhere(made: Environment) -> dict[str, Any]:
     }
 
 
-def _described(record: dict[str, Any]) -> str:
+def _described(record: dict[str, Any], with_folder: bool) -> str:
     if not record["version"]:
-        return f"not installed: {record['install']}" if record["install"] else "in environments of its own"
+        install = record["install"] if with_folder else record["install"].partition(", or")[0]
+        return f"not installed: {install}" if install else "in environments of its own"
     size = f", {record['size_bytes'] / 1e6:.0f} MB" if record["size_bytes"] else ""
-    where = f" in {record['where']}" if record["where"] else ""
+    where = f" in {record['where']}" if record["where"] and with_folder else ""
     return f"{record['version']}, Python {record['python']}{size}{where}"
 
 
 def _about(made: Environment) -> str:
-    return _described(_elsewhere(made))
+    return _described(_elsewhere(made), with_folder=True)
 
 
-@click.command()
+@command()
 @click.argument("engine")
 @click.option(
     "--install", is_flag=True, help="Install it in the folder from which the engine loads plug-ins."
@@ -144,7 +157,8 @@ def plugin(engine: str, install: bool) -> None:
     from hcbench.sim import registry
     from hcbench.sim.capabilities import plugin_of
 
-    path = plugin_of(registry.engine(engine), install)
+    with status("compiling the plug-in"):
+        path = plugin_of(registry.engine(engine), install)
     if not install and path.parent.name.startswith("hcbench-"):  # a temporary folder
         got, advice = f"{user_folder('cache')} cannot be written to, by you alone", "Set $HCBENCH_CACHE"
         raise OutputError("cache", got, "a folder of your own", advice)

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hcbench.cli.console import QuantityType, UncertainType, as_json, print_json
+from hcbench.cli.help import Command, command
 from hcbench.cli.outputs import PathType, force_option, output_option
+from hcbench.cli.terminal import show, status
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
@@ -22,7 +24,7 @@ _LAWS = ("auto", "hunt-crossley", "constant", "viscoelastic", "plastic")
 _TYPED = "hcbench.fit"  # key of the words typed after `hcbench`
 
 
-class _FilesAfterAgainst(click.Command):
+class _FilesAfterAgainst(Command):
     """Lets --against take all files that follow it, as a shell expands `b*.wav`."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -40,7 +42,7 @@ class _FilesAfterAgainst(click.Command):
         return super().parse_args(ctx, spread)
 
 
-@click.command(cls=_FilesAfterAgainst)
+@command(cls=_FilesAfterAgainst)
 @click.argument("files", nargs=-1, type=PathType(path_type=Path))
 @click.option(
     "--as", "kind", help="Kind of data, in place of what the header says: times, heights, pairs, ..."
@@ -104,11 +106,12 @@ def fit(
     a track (time [s],height [m], or an export of Tracker or phyphox); or forces: time [ms],force [N], or
     penetration [um],rate [m/s],force [N]. Several files of bounces share one α.
     """
-    from hcbench.fitting.ask import read_excerpt
-    from hcbench.fitting.fit import fit as fit_sets
-    from hcbench.fitting.plausible import require_different
-    from hcbench.fitting.read import read_dataset
-    from hcbench.fitting.setup import read_setup
+    with status("starting"):
+        from hcbench.fitting.ask import read_excerpt
+        from hcbench.fitting.fit import fit as fit_sets
+        from hcbench.fitting.plausible import require_different
+        from hcbench.fitting.read import read_dataset
+        from hcbench.fitting.setup import read_setup
 
     _require_together(files, kind, engine, timestep, write_scene)
     setup = read_setup(**options)
@@ -118,12 +121,14 @@ def fit(
         return
     require_different((*files, *against))
     part = read_excerpt(begin, end, touches)
-    result, *others = (
-        fit_sets([read_dataset(path, setup, kind, part) for path in group], law)
-        for group in (files, against)
-        if group
-    )
-    scene = None if engine is None or timestep is None else result.scene(engine, timestep)
+    with status("fitting"):
+        result, *others = (
+            fit_sets([read_dataset(path, setup, kind, part) for path in group], law)
+            for group in (files, against)
+            if group
+        )
+    with status("tuning a scene"):
+        scene = None if engine is None or timestep is None else result.scene(engine, timestep)
     lines = [] if as_json and page is None else _next(result, engine, scene, write_scene)
     _write(result, scene, lines, force, page=page, write_points=write_points, write_scene=write_scene)
     (_print_json if as_json else _print)(result, others, scene, lines)
@@ -166,7 +171,7 @@ def _fit_force(
     if as_json:
         print_json(forces_of.as_record(forces))
     else:
-        print(forces_of.as_text(forces, with_uncertainty, _engine()), end="")
+        show(forces_of.as_text(forces, with_uncertainty, _engine()).rstrip())
     return True
 
 
@@ -187,12 +192,12 @@ def _print(result: FitResult, others: list[FitResult], scene: Replay | None, lin
     from hcbench.fitting.replay import replay_text
     from hcbench.fitting.text import as_text
 
-    print(as_text(result), end="")
+    show(as_text(result).rstrip())
     for other in others:
-        print(against_text(result, other), end="")
+        show(against_text(result, other).rstrip("\n"))
     if scene is not None:
-        print(replay_text(scene), end="")
-    print("", *lines, sep="\n")
+        show(replay_text(scene).rstrip("\n"))
+    show("\n".join(["", *lines]))
 
 
 def _print_json(result: FitResult, others: list[FitResult], scene: Replay | None, _: list[str]) -> None:

@@ -7,11 +7,13 @@ from pathlib import Path
 import click
 
 from hcbench.cli.console import as_json, drop_options, launch_options, print_json
+from hcbench.cli.help import command
 from hcbench.cli.outputs import PathType, force_option, output_option
+from hcbench.cli.terminal import show, status
 from hcbench.errors import UserError
 
 
-@click.command()
+@command()
 @click.argument("models", nargs=-1, type=PathType())
 @drop_options()
 @launch_options("key", "qpos", "state", "timestep", "gravity", "package")
@@ -54,7 +56,8 @@ def land(
     drops = make_drops(**{name: value for name, value in given.items() if value is not None})
     request = make_request(None, **pose)  # type: ignore[arg-type]
     seconds = read_limit(limit)
-    robots = [land_job(Job(s, engine, request, None, TOLERANCE, False), drops, seconds) for s in sources]
+    with status("dropping the robot"):
+        robots = [land_job(Job(s, engine, request, None, TOLERANCE, False), drops, seconds) for s in sources]
     if page is not None:
         from hcbench.reporting.landing_page import landing_page
 
@@ -62,4 +65,4 @@ def land(
     if as_json:
         print_json(as_record(robots[0]) if len(robots) == 1 else [as_record(robot) for robot in robots])
     else:
-        print(as_text(robots), end="")
+        show(as_text(robots).rstrip())

@@ -10,6 +10,8 @@ import click
 
 from hcbench._text import table
 from hcbench.cli.console import ALPHAS, EXPONENT, MASS, SPEEDS, as_json, print_json
+from hcbench.cli.help import command
+from hcbench.cli.terminal import folded, show
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
 _several = partial(click.option, multiple=True, required=True)
 
 
-@click.command()
+@command()
 @_several("--alpha", type=ALPHAS, help="α of e = 1 - α v, such as '0.008 s/in'. Repeatable.")
 @_several("--speed", type=SPEEDS, help="Impact speeds: '16 in/s', '4, 8 in/s', '1:20 in/s'. Repeatable.")
 @click.option("--mass", type=MASS, default="1 lb", show_default=True, help="Effective mass.")
@@ -45,7 +47,7 @@ def law(
 
     import numpy as np
 
-    from hcbench.laws.impact_law import law
+    from hcbench.laws.impact_law import PAPER_STIFFNESS, law
 
     rows = [
         impact
@@ -57,13 +59,15 @@ def law(
         return
     header = ("α s/m", "v_i m/s", "e of the law", "1 - α v_i", "x_m m", "F_max N", "t s", "ΔE J", "τ_max Pa")
     values = [
-        tuple("-" if v is None else f"{v:.6g}" for v in dataclasses.astuple(row)[: len(header)])
+        tuple("-" if v is None else f"{v:.5g}" for v in dataclasses.astuple(row)[: len(header)])
         for row in rows
     ]
-    print("\n".join(table(header, values)))
+    show("\n".join(table(header, values)))
+    if stiffness is None:
+        print(f"x_m ... τ_max: of a steel ball, k = {PAPER_STIFFNESS} (--stiffness), {mass:.4g} kg (--mass)")
     kinds: dict[str, list[str]] = {}
     for warning in dict.fromkeys(w for row in rows for w in row.warnings):
         kinds.setdefault(warning[:12], []).append(warning)
     for first, *others in kinds.values():
         more = f" (and {len(others)} more like it)" if others else ""
-        print(f"warning: {first}{more}", file=sys.stderr)
+        print("\n".join(folded([f"warning: {first}{more}"])), file=sys.stderr)

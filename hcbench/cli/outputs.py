@@ -19,6 +19,10 @@ _LONGEST_NAME = 255  # bytes, on every common file system
 class PathType(click.Path):
     """A path: "" is none, and not the working directory; nor is what no disk takes."""
 
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        """What a help says that it takes."""
+        return "FILE" if self.file_okay else "FOLDER"
+
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Raises UserError."""
         slot = param.opts[0] if param else "path"

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli.console import MASS, progress
+from hcbench.cli.console import MASS
 from hcbench.cli.outputs import PathType
+from hcbench.cli.terminal import progress
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:

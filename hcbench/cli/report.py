@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli.console import jobs_option, progress
+from hcbench.cli.console import jobs_option
+from hcbench.cli.help import command
 from hcbench.cli.outputs import PathType
 from hcbench.cli.reality import NAME, reality_options, report_reality, require_none
+from hcbench.cli.terminal import progress
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
@@ -21,7 +23,7 @@ def _warn(line: str) -> None:
     print(line, file=sys.stderr)
 
 
-@click.command()
+@command()
 @click.argument("study", default="steel-1lb", type=PathType())
 @click.option(
     "--out", type=PathType(path_type=Path), help="Folder to write to.  [default: reports/NAME, or NAME-quick]"
@@ -47,7 +49,7 @@ def report(study: str, out: Path | None, quick: bool, jobs: int, **of_reality: A
     print(write_report(study, out, quick, jobs, progress, _warn).page)
 
 
-@click.command()
+@command()
 @click.argument("study", type=PathType())
 @click.option(
     "--out",
@@ -83,7 +85,7 @@ def sweep(study: str, out: str | None, jobs: int, resume: bool, scheduler: str |
     print(folder)
 
 
-@click.command()
+@command()
 @click.option(
     "--out",
     type=PathType(path_type=Path),

@@ -23,6 +23,7 @@ from hcbench.cli.console import (
     target_option,
 )
 from hcbench.cli.contacts import spring_options
+from hcbench.cli.help import command
 from hcbench.cli.outputs import force_option, output_option
 from hcbench.errors import UserError
 
@@ -38,7 +39,7 @@ class _ModelOption(click.Option):
 _engine_option = partial(click.option, cls=_EngineOption)
 
 
-@click.command()
+@command()
 @click.argument("engine", metavar="ENGINE|MODEL")
 @click.option(
     "--alpha", type=UncertainType("alpha"), help="α of e = 1 - α v: '0.008 s/in' or '0.31 +- 0.004 s/m'."

@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from hcbench._text import time_step, two_digits
-from hcbench.cli.console import print_json, progress
+from hcbench.cli.console import print_json
+from hcbench.cli.terminal import progress, show, show_code
 from hcbench.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
@@ -82,7 +84,21 @@ def tune_engine(
         print_json(_as_json(answer, margin, gate))
     else:
         _print(answer, margin, gate)
+        show(f"\nnext:\n  {_next_line(answer, write_scene)}")
     _require(answer, kind, max_error, gate)
+
+
+def _next_line(answer: Answer, script: Path | None) -> str:
+    """The command that shows how the pasted text does: on the script, or on the user's model."""
+    from hcbench.setting import PAIR
+
+    target, (low, high) = answer.target, answer.best.speeds
+    model, pair = (quote(str(script)), PAIR) if script is not None else ("my.xml", answer.pair)
+    asked = f'--alpha "{target.law.alpha:.10g} s/m"'
+    if target.reading == "points":
+        asked = f"--restitution {target.points[0][1]:g}" if target.is_constant else ""
+    line = f"hcbench measure {model} --pair {','.join(pair)} {asked}".rstrip()
+    return f'{line} --speeds "{low:.3g}:{high:.3g}:5 m/s"'
 
 
 def _require(answer: Answer, kind: Kind | None, max_error: float | None, gate: Passivity | None) -> None:
@@ -122,38 +138,39 @@ def _print(answer: Answer, margin: float, gate: Passivity | None) -> None:
     best, target = answer.best, answer.target
     spheres = "; for spheres: a flat face gains energy" if best.flat is False else ""
     why = best.tuned.why if best.tuned else "the plug-in gives each impact the e of its own speed"
-    print(f"{'setting':<20}  {answer.engine} {best.setting.name}: {why}{spheres}")
+    show(f"{'setting':<20}  {answer.engine} {best.setting.name}: {why}{spheres}")
     if best.tuned is not None and (warning := best.tuned.passivity.warning):
-        print(f"{'warning':<20}  {warning}")
+        show(f"{'warning':<20}  {warning}")
     for name, note in {"caution": answer.caution, "band": answer.band_note}.items():
         if note:
-            print(f"{name:<20}  {note}")
+            show(f"{name:<20}  {note}")
     rows = _rows(best, target)
     if margin:
         rows["uncertainty of α"] = f"e is known to ± {margin:.2g} (95 %)"
     rows["needs"] = "; ".join(best.needs) or "nothing"
     for name, value in rows.items():
-        print(f"{name:<20}  {value}")
-    print(f"\npaste:\n\n{best.text or 'nothing: the default'}\n")
+        show(f"{name:<20}  {value}")
+    show("\npaste:\n")
+    show_code(f"{best.text or 'nothing: the default'}\n")
     for choice in answer.choices:
         if choice is not best:
-            print(f"or {choice.line} ({_FLAGS[choice.kind]})")
+            show(f"or {choice.line} ({_FLAGS[choice.kind]})")
     for never in answer.never:
-        print(f"never {never.setting}: {never.why}")
+        show(f"never {never.setting}: {never.why}")
     if gate is not None:
         _print_gate(gate)
-    print("\nNotes:")
+    show("\nNotes:")
     for line in (*(best.tuned.advice if best.tuned else ()), *best.notes):
-        print(f"- {line}")
+        show(f"- {line}")
 
 
 def _print_gate(gate: Passivity) -> None:
     verdict = "passed" if gate.sphere else "FAILED"
-    print(f"\ncertified: {verdict} for spheres, {'passed' if gate.flat else 'FAILED'} for boxes")
+    show(f"\ncertified: {verdict} for spheres, {'passed' if gate.flat else 'FAILED'} for boxes")
     for finding in gate.findings:
         mark = "ok " if finding.passed else "NOT"
         value = f"{finding.value:.5g} of at most {finding.limit:.5g} {finding.unit}".rstrip()
-        print(f"  {mark} {finding.name}: {value} ({finding.under})")
+        show(f"  {mark} {finding.name}: {value} ({finding.under})")
 
 
 def _rows(best: Choice, target: Target) -> dict[str, str]:
@@ -230,8 +247,9 @@ def _print_interrupted(interrupt: SearchInterrupted, scene: Scene, as_json: bool
         print_json({**head, "timestep_s": best.timestep, "options": dict(best.options), "paste": text})
         return
     error = f"{interrupt.error:.2g} by the search's own model; not simulated yet"
-    print(f"{'setting':<20}  {best.engine} {best.name}, the best so far: {interrupt}")
-    print(f"{'largest error of e':<20}  {error}\n\npaste:\n\n{text}", flush=True)
+    show(f"{'setting':<20}  {best.engine} {best.name}, the best so far: {interrupt}")
+    show(f"{'largest error of e':<20}  {error}\n\npaste:\n")
+    show_code(text)
 
 
 def _as_json(answer: Answer, margin: float, gate: Passivity | None) -> dict[str, Any]:

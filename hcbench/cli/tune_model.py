@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from hcbench._text import time_step
+from hcbench._text import sanitized, time_step
 from hcbench.cli.console import print_json
+from hcbench.cli.terminal import show, show_code, status
 from hcbench.errors import LimitPassed
 
 if TYPE_CHECKING:
@@ -32,17 +34,33 @@ def tune_model(
     limit = MAX_ERROR if max_error is None else max_error
     files: dict[str, Any] = {"write_model": write_model, "write_include": write_include}
     value = None if alpha is None else alpha[0]
-    tuned = tune_pairs(source, alpha=value, max_error=limit, **files, **given)
+    with status(f"trying settings in {sanitized(source)}"):
+        tuned = tune_pairs(source, alpha=value, max_error=limit, **files, **given)
     if as_json:
         print_json(_record(tuned))
     else:
         _print(tuned, limit)
+        if tuned.gains:
+            show(f"\nnext:\n  {_next_line(tuned, write_model, value, given)}")
     if not tuned.gains:
         raise _nothing_gained(tuned)
     if max_error is not None and not tuned.max_error <= max_error:
         raise LimitPassed("max-error", f"{tuned.max_error:.3g}", f"{max_error:g} or less")
     if strict and tuned.worse:
         raise LimitPassed("strict", "; ".join(tuned.worse), "at most 1.2 times what it was")
+
+
+def _next_line(tuned: TunedModel, written: Path | None, alpha: float | None, given: dict[str, Any]) -> str:
+    """The command that holds the first pair to what was promised, in CI too."""
+    pair = tuned.pairs[0]
+    low, high = pair.points[0][0], pair.points[-1][0]
+    asked = [f'--alpha "{alpha:.10g} s/m"'] if alpha is not None else []
+    if given.get("restitution") is not None:
+        asked = [f"--restitution {given['restitution']:g}"]
+    most = math.ceil(tuned.max_error * 100 + 1) / 100
+    model = "tuned.xml" if written is None else quote(str(written))
+    line = ["hcbench check", model, f"--pair {quote(given['pair'][0])}", *asked]
+    return " ".join([*line, f'--speeds "{low:.3g}:{high:.3g}:5 m/s"', f"--max-error {most:g}"])
 
 
 def _nothing_gained(tuned: TunedModel) -> LimitPassed:
@@ -121,26 +139,27 @@ def _print(tuned: TunedModel, limit: float) -> None:
     facts = tuned.pairs[0].facts
     gravity = " ".join(f"{g + 0.0:.4g}" for g in facts.gravity)
     if tuned.flat is False:
-        print("for spheres: a flat face gains energy")
-    print(f"{facts.model}, step {time_step(facts.timestep)} s, gravity {gravity} m/s^2")
-    print(f"setting: {tuned.name}")
+        show("for spheres: a flat face gains energy")
+    show(f"{facts.model}, step {time_step(facts.timestep)} s, gravity {gravity} m/s^2")
+    show(f"setting: {tuned.name}")
     for pair in tuned.pairs:
         facts, low, high = pair.facts, pair.points[0][0], pair.points[-1][0]
         attitude = f", on its {pair.attitude}" if pair.attitude else ""
-        print(f"\n{facts.pair[0]} on {facts.pair[1]}{attitude}, effective mass {facts.effective_mass:.4g} kg")
-        print(f"contact {facts.meeting}; moved by {facts.moved}")
-        print(f"largest error of e: {pair.max_error:.2g} from {low:.2g} to {high:.2g} m/s, tuned, any phase")
-        print("at touch:")
+        show(f"\n{facts.pair[0]} on {facts.pair[1]}{attitude}, effective mass {facts.effective_mass:.4g} kg")
+        show(f"contact {facts.meeting}; moved by {facts.moved}")
+        show(f"largest error of e: {pair.max_error:.2g} from {low:.2g} to {high:.2g} m/s, tuned, any phase")
+        show("at touch:")
         for speed, wanted, least, most in pair.points:
-            print(f"  {speed:.3g} m/s: target {wanted:.4f}, {least:.4f} ... {most:.4f}")
-    print("\n" + "\n".join(_table(tuned)))
+            show(f"  {speed:.3g} m/s: target {wanted:.4f}, {least:.4f} ... {most:.4f}")
+    show("\n" + "\n".join(_table(tuned)))
     for sentence in _reasons(tuned, limit):
-        print(f"\n{sentence}")
+        show(f"\n{sentence}")
     if tuned.gains:
-        print(f"\npaste:\n\n{tuned.text}")
-    print("\nNotes:")
+        show("\npaste:\n")
+        show_code(tuned.text)
+    show("\nNotes:")
     for note in tuned.notes:
-        print(f"- {note}")
+        show(f"- {note}")
 
 
 def _table(tuned: TunedModel) -> list[str]:

@@ -60,22 +60,30 @@ def as_table(pairs: Sequence[CandidatePair], longest: int = 40) -> str:
     rows = [
         (
             sanitized(p.pair),
-            sanitized(f"{p.bodies[0]}, {p.bodies[1]}"),
             f"{p.types[0]}, {p.types[1]}",
             "yes" if p.touching else number(p.distance, ".3g"),
             number(p.effective_mass, ".4g"),
             sanitized(p.joint),
-            sanitized("; ".join(f"{name} {_text(value)}" for name, value in p.settings.items())),
         )
         for p in pairs[:longest]
     ]
-    header = ("--pair", "bodies", "types", "touching, or m", "kg", "moved by", "contact")
+    header = ("--pair", "types", "touching, or m", "kg", "moved by")
     lines = table(header, rows)
     poses = [f"{p.pair} in {', '.join(p.touching_in)}" for p in pairs if p.touching_in and not p.touching]
     lines += [f"touching in other poses: {'; '.join(map(sanitized, poses[:_NAMED]))}"] if poses else []
     if len(pairs) > longest:
         lines.append(f"and {len(pairs) - longest} more: --json lists all")
+    alike: dict[str, list[str]] = {}
+    for p in pairs[:longest]:
+        setting = sanitized("; ".join(f"{name} {_text(value)}" for name, value in p.settings.items()))
+        alike.setdefault(setting, []).append(sanitized(p.pair))
+    lines += [f"contact of {_some(of)}: {setting}" for setting, of in alike.items() if setting]
     return "\n".join(lines) + "\n"
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first of some names, and how many more there are."""
+    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
 
 
 def _text(value: Any) -> str:

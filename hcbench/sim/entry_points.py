@@ -83,5 +83,9 @@ def versioned_title(adapter: Engine, name: str) -> str:
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> UserError:
     """For a name that is not among those registered."""
-    expected = f"one of: {', '.join(known) or 'none'}"
-    return UserError(kind, repr(name), expected, "`hcbench engines` lists them")
+    from difflib import get_close_matches
+
+    names = list(known)
+    near = get_close_matches(name, names, 1)
+    advice = f"Did you mean {near[0]!r}?" if near else "`hcbench engines` lists them"
+    return UserError(kind, repr(name), f"one of: {', '.join(names) or 'none'}", advice)

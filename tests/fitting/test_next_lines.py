@@ -12,7 +12,7 @@ from hcbench.cli import run
 
 
 def typed_next(out: str) -> list[list[str]]:
-    lines = out.partition("next:\n")[2].splitlines()
+    lines = out.partition("next:\n")[2].replace("\\\n", " ").splitlines()
     return [shlex.split(line)[1:] for line in lines if line.startswith("  hcbench ")]
 
 

@@ -1,0 +1,165 @@
+"""Helps of commands: options in groups, examples that can be typed, and where the documentation is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import click
+
+from hcbench.launch_options import OPTIONS
+
+# Flags of options by the title of their group, for all commands; those of no group come last.
+_COMMON: dict[str, Sequence[str]] = {
+    "Target": (
+        *("alpha", "restitution", "points", "pairs", "baseline", "adams", "newton", "drake", "simbody"),
+        *("solref", "target", "match", "require", "max-error", "measure-only"),
+    ),
+    "Model": ("engine", "python", "limit", "package"),
+    "Launches": (
+        *("pair", "all", "trajectory", "heights", "tilt", "controller"),
+        *(option.flag for option in OPTIONS.values()),
+    ),
+    "Output": (
+        *("out", "json", "page", "markdown", "junit", "png", "force", "quick", "resume"),
+        *("write-baseline", "write-scene", "write-model", "write-include", "write-points"),
+    ),
+}
+# Of a command where a flag means something else, or needs a group of its own.
+_OWN: dict[str, Mapping[str, Sequence[str]]] = {
+    "fit": {
+        "What to read": ("as", "touches", "from", "to", "against", "law"),
+        "What you know": (
+            *("height", "gravity", "mass", "diameter", "drag-coefficient", "contact-time"),
+            *("timing", "speed", "exponent"),
+        ),
+        "A scene that bounces alike": ("engine", "timestep", "write-scene"),
+    },
+    "tune": {
+        "Conditions": ("timestep", "speeds", "gravity"),
+        "Of an ENGINE": (
+            *("plugin", "settings", "constant", "recipe", "integrator", "certify", "friction", "corners"),
+            *("scene", "mass", "stiffness", "exponent", "write-scene"),
+        ),
+        "Of a MODEL": (
+            *("pair", "key", "qpos", "state", "from", "actuators", "strict", "for"),
+            *("write-model", "write-include"),
+        ),
+    },
+    "report": {
+        "Study `reality`": ("sets", "data", "part", "identify"),
+        "Your own toss": ("poses", "size", "mass", "model", "inertia"),
+    },
+    "land": {"Drops": ("heights", "tilt", "controller")},
+}
+# What an option of plain text takes.
+_TAKES = {
+    **dict.fromkeys(("alpha", "gravity", "height", "stiffness"), "QUANTITY"),
+    **dict.fromkeys(("restitution", "max-error"), "NUMBER"),
+    **dict.fromkeys(("limit", "timestep"), "TIME"),
+    **dict.fromkeys(("key", "recipe", "integrator", "scene", "engine"), "NAME"),
+    **dict.fromkeys(("angle", "tilt"), "ANGLES"),
+    **{"speeds": "SPEEDS", "phases": "PHASES", "heights": "HEIGHTS", "pair": "PAIR", "points": "POINTS"},
+    **{"move": "PART", "qpos": "JOINTS", "state": "FILE", "package": "NAME=FOLDER", "from": "SIDE"},
+    **{"along": "VECTOR", "spin": "SPIN", "as": "KIND", "touches": "RANGE", "for": "ENGINE@VERSION"},
+    **{"solref": "'A B'", "require": "LIMITS"},
+    **{"sets": "NAMES", "size": "'X Y Z'", "inertia": "NUMBERS", "scheduler": "ADDRESS", "python": "VERSION"},
+}
+# Examples of a command, which a test parses, and its page of the documentation.
+_EXAMPLES: dict[str, tuple[str, Sequence[str]]] = {
+    "law": ("tutorial", ['--alpha "0.3 s/m" --speed "0.1, 0.5, 1 m/s"']),
+    "fit": ("howto/fit", ["drop.wav", 'heights.csv --height "30 +- 0.1 cm"']),
+    "tune": (
+        "howto/tune",
+        [
+            'mujoco --alpha "0.3 s/m" --timestep "2 ms"',
+            'mujoco --alpha "0.3 s/m" --timestep "2 ms" --plugin',
+            'my.xml --pair foot,floor --alpha "0.3 s/m" --write-model tuned.xml',
+        ],
+    ),
+    "pairs": ("howto/measure", ["my.xml"]),
+    "measure": (
+        "howto/measure",
+        ["my.xml --pair ball,plate", 'my.xml --pair foot,floor --alpha "0.3 s/m" --page foot.html'],
+    ),
+    "land": ("howto/land", ['robot.xml --heights "5, 10, 20 cm"']),
+    "check": (
+        "howto/check",
+        ['my.xml --pair ball,plate --alpha "0.3 s/m" --max-error 0.05', "pyproject.toml --junit out.xml"],
+    ),
+    "convert": ("howto/tune", ['--alpha "0.3 s/m" --speed "0.5 m/s"', '--drake "0.45 s/m"']),
+    "report": ("reference/report", ["--quick", "my/study.toml --out my/report --jobs 2", "field"]),
+    "sweep": ("howto/sweeps", ["my/study.toml --out my/sweep --jobs 2"]),
+    "paper": ("explanation/paper", ["--quick"]),
+    "cases": ("howto/cases", ["run mujoco pybullet", "score results.json"]),
+    "engines": ("howto/versions", ["-v", "add mujoco@3.3.0"]),
+    "plugin": ("howto/plugins", ["mujoco", "mujoco --install"]),
+    "completion": ("reference/commands", ["bash >> ~/.bashrc"]),
+}
+
+
+START = """\b
+Examples:
+  hcbench measure my.xml --pair ball,floor
+  hcbench tune mujoco --alpha "0.3 s/m" --timestep "2 ms"
+  hcbench COMMAND --help
+
+Documentation: docs/tutorial.md
+"""
+
+
+def examples(name: str) -> list[str]:
+    """The examples of a command, as they are typed."""
+    return [f"hcbench {name} {words}" for words in _EXAMPLES[name][1]]
+
+
+class Command(click.Command):
+    """A command whose help has its options in groups."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options, a section a group."""
+        groups = {**_OWN.get(self.name or "", {}), **_COMMON}
+        titles = ["Target", *groups, "Options"]
+        sections: dict[str, list[tuple[str, str]]] = {title: [] for title in titles}
+        for parameter in self.get_params(ctx):
+            if isinstance(parameter, click.Option) and (record := parameter.get_help_record(ctx)) is not None:
+                flag = parameter.opts[0].lstrip("-")
+                title = next((title for title, flags in groups.items() if flag in flags), "Options")
+                sections[title].append(record)
+        for title, records in sections.items():
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+
+class Group(click.Group):
+    """A group of such commands."""
+
+    command_class = Command
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """In the order in which they were added."""
+        return list(self.commands)
+
+
+command = partial(click.command, cls=Command)
+
+
+def group(**settings: Any) -> Callable[[Callable[..., Any]], Group]:
+    """As `click.group`."""
+    return click.group(cls=Group, **settings)
+
+
+def described(each: Any) -> Any:
+    """The command, with its examples and the place of its documentation at the end of its help."""
+    for parameter in [
+        *each.params,
+        *(p for sub in getattr(each, "commands", {}).values() for p in sub.params),
+    ]:
+        if parameter.type is click.STRING or isinstance(parameter.type, click.types.FloatParamType):
+            parameter.metavar = parameter.metavar or _TAKES.get(parameter.opts[0].lstrip("-"))
+    page = _EXAMPLES[each.name][0]
+    lines = "\n".join(f"  {line}" for line in examples(each.name))
+    each.epilog = f"\b\nExamples:\n{lines}\n\nDocumentation: docs/{page}.md"
+    return each

@@ -1,0 +1,163 @@
+"""What a person at a terminal sees: lines of at most 100 columns, verdicts in colour, names of work."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import textwrap
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import click
+
+WIDTH = 100  # columns
+_COLOURS = {
+    "PASSED": "green",
+    "MEASURED": "cyan",
+    "FAILED": "red",
+    "MISTAKE": "yellow",
+    "COULD NOT RUN": "red",
+}
+_VERDICT = re.compile(rf"^({'|'.join(_COLOURS)})\b", re.MULTILINE)
+_NAME = re.compile(r"\S.*?\s{2,}(?=\S)")  # what stands before a value in a line `name   value`
+_AFTER_S = 0.5  # of silence, until work is named
+
+
+def show(text: str) -> None:
+    """Print a text: lines folded to 100 columns, and verdicts in colour unless NO_COLOR is set."""
+    lines = "\n".join(folded(text.split("\n")))
+    print(_VERDICT.sub(_coloured, lines) if has_colour() else lines)
+
+
+def show_code(text: str) -> None:
+    """Print lines to paste: long tags are broken between attributes, long calls after commas."""
+    for line in text.split("\n"):
+        is_call = re.fullmatch(r"\s*[\w.]+\([^'\"#]*\)", line) is not None
+        fold = _folded_tag if line.lstrip().startswith("<") else _folded_call if is_call else iter
+        print("\n".join(fold(line)) if len(line) > WIDTH and fold is not iter else line)
+
+
+def has_colour() -> bool:
+    """Whether standard output is a terminal that may have colour (https://no-color.org)."""
+    return sys.stdout.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+
+
+def _coloured(match: re.Match[str]) -> str:
+    return click.style(match[1], fg=_COLOURS[match[1]], bold=True)
+
+
+def folded(lines: list[str]) -> Iterator[str]:
+    """The lines, those of more than 100 columns broken: commands by backslashes, tags between attributes."""
+    for line in lines:
+        if len(line) <= WIDTH:
+            yield line
+        elif re.match(r"\s*(hcbench|next:) ", line):
+            yield from _folded_command(line)
+        elif re.match(r"\s*<", line):
+            yield from _folded_tag(line)
+        else:
+            name = _NAME.match(line)
+            lead = len(line) - len(line.lstrip())
+            is_item = lead > 0 or re.match(r"- |[\w -]+: ", line) is not None
+            after = name.end() if name and name.end() <= WIDTH // 2 else lead + 2 * is_item
+            yield from textwrap.wrap(
+                line, WIDTH, subsequent_indent=" " * after, break_long_words=False,
+                break_on_hyphens=False, drop_whitespace=True, replace_whitespace=False,
+            )  # fmt: skip
+
+
+def _folded_command(line: str) -> Iterator[str]:
+    """Broken before options, so that a shell reads one command."""
+    *lines, last = _joined(re.split(r" (?=--)", line), line, " ", room=2)
+    yield from (f"{each} \\" for each in lines)
+    yield last
+
+
+def _folded_tag(line: str) -> Iterator[str]:
+    """Broken before attributes, which XML allows; a comment between words."""
+    return _joined(re.split(r" (?=\S)" if "<!--" in line else r" (?=[\w:]+=\")", line), line, " ")
+
+
+def _folded_call(line: str) -> Iterator[str]:
+    """Broken after commas within the brackets of a call."""
+    return _joined(re.split(r"(?<=,) ", line), line, " ")
+
+
+def _joined(parts: list[str], line: str, by: str, room: int = 0) -> Iterator[str]:
+    """As many parts a line as fit, all but the first line indented. room: columns to leave free."""
+    longest = max(map(len, parts[1:]), default=0)
+    lead = " " * max(0, min(len(line) - len(line.lstrip()) + 4, WIDTH - room - longest))
+    now = parts[0]
+    for part in parts[1:]:
+        if len(now) + len(by) + len(part) > WIDTH - room:
+            yield now
+            now = f"{lead}{part}"
+        else:
+            now = f"{now}{by}{part}"
+    yield now
+
+
+@contextmanager
+def status(what: str) -> Iterator[None]:
+    """While the work lasts, a line on a terminal says what it is and since when; nothing elsewhere.
+
+    A thread writes it, by the system's own call: it holds no lock that a fork of this process could miss.
+    """
+    if not sys.stderr.isatty():
+        yield
+        return
+    over, begin = threading.Event(), time.monotonic()
+
+    def write() -> None:
+        wait = _AFTER_S
+        while not over.wait(wait):
+            os.write(2, f"\r{what} ... {time.monotonic() - begin:.0f} s".encode())
+            wait = 1.0
+
+    writer = threading.Thread(target=write, daemon=True)
+    writer.start()
+    try:
+        yield
+    finally:
+        over.set()
+        writer.join()
+        os.write(2, b"\r\x1b[K")
+
+
+@contextmanager
+def progress(what: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar on stderr with rate and time left, on a terminal; yields `tick(done, total)`.
+
+    A bar that is full moves on: what follows takes its time, too.
+    """
+    if not sys.stderr.isatty():  # asked before Rich, which takes a while to import, and knows more terminals
+        yield lambda done, total: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda done, total: None
+        return
+    columns = (
+        *(TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[count]}")),
+        *(TextColumn("{task.fields[rate]}"), TimeElapsedColumn(), TimeRemainingColumn()),
+    )
+    with Progress(*columns, console=console, transient=True, speed_estimate_period=120.0) as bar:
+        task = bar.add_task(what, total=None, rate="", count="")
+        first: list[tuple[float, int]] = []
+
+        def tick(done: int, total: int) -> None:
+            first[:] = first or [(time.monotonic(), done)]
+            elapsed, new = time.monotonic() - first[0][0], done - first[0][1]
+            rate = f"{new / elapsed:,.0f}/s" if new else ""
+            bar.update(task, completed=done, total=total, count=f"{done}/{total}", rate=rate)
+            if done >= total:
+                bar.update(task, description=f"{what}: putting together", rate="")
+                bar.tasks[0].total = None  # a bar that moves
+
+        yield tick
