@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import hcbench
+from hcbench._text import COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-_LINES, _COLUMNS = 12, 100  # of a repr, at most
+_LINES = 12  # of a repr, at most
 
 
 class Shown:
@@ -30,7 +31,7 @@ class Shown:
 
     def __repr__(self) -> str:
         """What it found, in at most 12 lines of at most 100 columns."""
-        lines = [line if len(line) <= _COLUMNS else f"{line[: _COLUMNS - 3]}..." for line in self._lines()]
+        lines = [line if len(line) <= COLUMNS else f"{line[: COLUMNS - 3]}..." for line in self._lines()]
         return "\n".join(lines if len(lines) <= _LINES else [*lines[: _LINES - 1], "..."])
 
     def to_frame(self) -> pd.DataFrame:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 _LONGEST = 200
+COLUMNS = 100  # of a line for people
 _UNSEEN = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}  # control, direction, line: all that does not print
 
 
@@ -21,9 +22,10 @@ def sanitized(text: object, longest: int = _LONGEST) -> str:
 
 
 def table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Lines of a table, columns to the right, two spaces between."""
+    """Lines of a table, columns to the right, two spaces between; one, where the lines are too long."""
     widths = [max(len(line[i]) for line in [header, *rows]) for i in range(len(header))]
-    return ["  ".join(c.rjust(w) for c, w in zip(line, widths, strict=True)) for line in [header, *rows]]
+    gap = "  " if sum(widths) + 2 * len(widths) - 2 <= COLUMNS else " "
+    return [gap.join(c.rjust(w) for c, w in zip(line, widths, strict=True)) for line in [header, *rows]]
 
 
 def without_empty(

@@ -94,7 +94,7 @@ _EXAMPLES: dict[str, tuple[str, Sequence[str]]] = {
     "paper": ("explanation/paper", ["--quick"]),
     "cases": ("howto/cases", ["run mujoco pybullet", "score results.json"]),
     "engines": ("howto/versions", ["-v", "add mujoco@3.3.0"]),
-    "plugin": ("howto/plugins", ["mujoco", "mujoco --install"]),
+    "plugin": ("howto/plugin-mujoco", ["mujoco", "mujoco --install"]),
     "completion": ("reference/commands", ["bash >> ~/.bashrc"]),
 }
 

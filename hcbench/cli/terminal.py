@@ -13,7 +13,9 @@ from contextlib import contextmanager
 
 import click
 
-WIDTH = 100  # columns
+from hcbench._text import COLUMNS
+
+WIDTH = COLUMNS
 _COLOURS = {
     "PASSED": "green",
     "MEASURED": "cyan",
@@ -61,7 +63,7 @@ def folded(lines: list[str]) -> Iterator[str]:
         else:
             name = _NAME.match(line)
             lead = len(line) - len(line.lstrip())
-            is_item = lead > 0 or re.match(r"- |[\w -]+: ", line) is not None
+            is_item = lead > 0 or re.match(r"- |[\w ,:.-]+: ", line) is not None
             after = name.end() if name and name.end() <= WIDTH // 2 else lead + 2 * is_item
             yield from textwrap.wrap(
                 line, WIDTH, subsequent_indent=" " * after, break_long_words=False,

@@ -10,7 +10,7 @@ from typing import Any
 
 from hcbench import units
 from hcbench._arguments import checked
-from hcbench._text import number, sanitized, table, time_step
+from hcbench._text import number, sanitized, table, time_step, without_empty
 from hcbench.errors import QuantityError, UserError
 from hcbench.launch_options import Quantities, Quantity
 from hcbench.measuring.measure import Job, run_job, source_of
@@ -123,7 +123,9 @@ def as_text(robots: Sequence[Landings]) -> str:
     lines += ["", *table(header, rows)]
     for name, landings in zip(names, robots, strict=True):
         lines += ["", f"each foot of {name}" if len(robots) > 1 else "each foot", ""]
-        lines += table(_FEET, [row for drop in landings.drops for row in _foot_rows(drop)])
+        is_tilted = any(drop.tilt for drop in landings.drops)
+        feet = [row for drop in landings.drops for row in _foot_rows(drop, is_tilted)]
+        lines += table(*without_empty(_FEET, feet, "deg"))
     return "\n".join(lines) + "\n"
 
 
@@ -170,11 +172,11 @@ def _contact(seconds: float) -> str:
     return "stays" if seconds >= WINDOW_S else number(1e3 * seconds, ".3g")
 
 
-def _foot_rows(drop: Landing) -> list[tuple[str, ...]]:
+def _foot_rows(drop: Landing, is_tilted: bool) -> list[tuple[str, ...]]:
     return [
         (
             f"{drop.height:.4g}",
-            f"{math.degrees(drop.tilt):.4g}",
+            f"{math.degrees(drop.tilt):.4g}" if is_tilted else "",
             sanitized(foot.part, 30),
             f"{1e3 * foot.touch:.3g}",
             f"{foot.speed:.3g}",
