@@ -14,7 +14,7 @@ from hcbench.launch_options import OPTIONS
 _COMMON: dict[str, Sequence[str]] = {
     "Target": (
         *("alpha", "restitution", "points", "pairs", "baseline", "adams", "newton", "drake", "simbody"),
-        *("solref", "target", "match", "require", "max-error", "measure-only"),
+        *("solref", "target", "match", "require", "max-error", "max-depth", "max-vibration", "measure-only"),
     ),
     "Model": ("engine", "python", "limit", "package"),
     "Launches": (
@@ -55,7 +55,7 @@ _OWN: dict[str, Mapping[str, Sequence[str]]] = {
 }
 # What an option of plain text takes.
 _TAKES = {
-    **dict.fromkeys(("alpha", "gravity", "height", "stiffness"), "QUANTITY"),
+    **dict.fromkeys(("alpha", "gravity", "height", "stiffness", "max-depth", "max-vibration"), "QUANTITY"),
     **dict.fromkeys(("restitution", "max-error"), "NUMBER"),
     **dict.fromkeys(("limit", "timestep"), "TIME"),
     **dict.fromkeys(("key", "recipe", "integrator", "scene", "engine"), "NAME"),
