@@ -17,12 +17,14 @@ import pytest
 from hcbench import load_scene, units
 from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import find_study, load_study, study_from
+from hcbench.cases.score import measured
 from hcbench.errors import StudyError
 from hcbench.impact import Launch
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.target import Target
 from hcbench.reporting.build import build
+from hcbench.reporting.field.case_table import case_table
 from hcbench.reporting.field.cells import COLUMNS, GRADES, error_text, rows
 from hcbench.reporting.field.features import FEATURES, features
 from hcbench.reporting.field.headline import headline
@@ -170,6 +172,19 @@ def test_every_cell_of_the_features_says_where_it_is_from(view: FieldView) -> No
     assert engine == "mujoco"
     assert len(cells) == len(FEATURES)
     assert all(cell.source for cell in cells if cell.text != "–")
+
+
+def test_each_engine_that_ran_the_cases_has_a_row_of_their_verdicts() -> None:
+    scores = measured()
+    table = case_table(scores)
+    assert len(table.rows) == len(scores)
+    for _, (_, passed, *verdicts) in table.rows:
+        assert len(verdicts) == len(table.titles)
+        assert passed.text == f"{sum(cell.grade == 'good' for cell in verdicts)} of {len(verdicts)}"
+        assert all(cell.text in ("pass", "fail", "error", "–") for cell in verdicts)
+    assert "obeyed by" in table.sentence
+    fails = {name for reasons in table.why.values() for name in reasons}
+    assert fails <= {name for name, _ in table.rows}
 
 
 def test_an_engine_says_its_own_features() -> None:

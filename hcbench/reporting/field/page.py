@@ -9,7 +9,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from hcbench._files import atomic_folder, write_text
+from hcbench.cases.score import measured
 from hcbench.reporting.field import cells, features, probe
+from hcbench.reporting.field.case_table import case_table
 from hcbench.reporting.field.figures import drawings
 from hcbench.reporting.field.headline import versions
 from hcbench.reporting.field.panel import page_data, setting_of, tables
@@ -94,6 +96,7 @@ def page_text(view: FieldView, figures: list[dict[str, Any]], probes: dict[str, 
         steps=[(time(h), h) for h in view.steps],
         versions=versions(view),
         figures={figure["name"]: figure for figure in figures},
+        cases=case_table(measured()),
         features=features.features(view, probes),
         feature_names=features.FEATURES,
         missing=list(view.study["missing"]),

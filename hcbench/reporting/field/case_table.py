@@ -1,0 +1,80 @@
+"""The cases on the page: which engines pass them, whose restitution is obeyed, and why a case fails."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from hcbench.cases.score import EngineScore, regressions
+from hcbench.reporting.field.cells import Cell
+from hcbench.reporting.wording import NBSP, engine_title, listed
+
+_VERDICTS = {
+    "pass": ("pass", "good"),
+    "fail": ("fail", "bad"),
+    "error": ("error", "bad"),
+    "unsupported": ("–", "none"),
+}
+# What becomes of the restitution that is asked for: in a cell, its grade, and in a sentence.
+_OBEDIENCE = {
+    "obeyed": ("obeyed", "good", "obeyed by {}"),
+    "threshold": ("above {}", "even", "obeyed above some speed by {}"),
+    "mixed": ("in part", "bad", "obeyed in part by {}"),
+    "ignored": ("ignored", "bad", "ignored by {}"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class CaseTable:
+    """titles: of the cases, by id. rows: of each engine its name and cells. why: id -> engine -> reason.
+
+    changes: what another version of an engine changed.
+    """
+
+    sentence: str
+    titles: dict[str, str]
+    rows: Sequence[tuple[str, Sequence[Cell]]]
+    why: dict[str, dict[str, str]]
+    changes: Sequence[str]
+
+
+def case_table(scores: Sequence[EngineScore]) -> CaseTable:
+    """Of engines that were measured, versions of one in their order: those that pass most first."""
+    most = {one.engine: max(other.passed for other in scores if other.engine == one.engine) for one in scores}
+    ranked = sorted(scores, key=lambda one: (-most[one.engine], one.engine))
+    verdicts = [(_name(one), verdict) for one in ranked for verdict in one.verdicts]
+    titles = {verdict["case"]: verdict["title"] for _, verdict in verdicts}
+    why = {
+        case: {name: each["why"] for name, each in verdicts if each["case"] == case and each["why"]}
+        for case in titles
+    }
+    rows = [(_name(one), list(_cells(one))) for one in ranked]
+    return CaseTable(_sentence(ranked), titles, rows, why, regressions(scores))
+
+
+def _name(one: EngineScore) -> str:
+    return f"{_title(one)} {one.version}".strip()
+
+
+def _title(one: EngineScore) -> str:
+    title = engine_title(one.engine)
+    return title[:1].upper() + title[1:]
+
+
+def _sentence(scores: Sequence[EngineScore]) -> str:
+    """Who obeys the restitution that is set, in the last version."""
+    last = {one.engine: one for one in scores}
+    parts = []
+    for word, (_, _, phrase) in _OBEDIENCE.items():
+        engines = [_title(one) for one in last.values() if one.restitution == word]
+        parts += [phrase.format(listed(engines))] if engines else []
+    return f"The restitution that is set is {'; '.join(parts)}."
+
+
+def _cells(one: EngineScore) -> Iterable[Cell]:
+    text, grade, _ = _OBEDIENCE.get(one.restitution or "", ("–", "none", ""))
+    yield Cell(text.format(f"{one.threshold:.2g}{NBSP}m/s"), grade=grade)
+    yield Cell(f"{one.passed} of {len(one.verdicts)}")
+    for verdict in one.verdicts:
+        text, grade = _VERDICTS[verdict["verdict"]]
+        yield Cell(text, grade=grade)
