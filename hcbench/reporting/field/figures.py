@@ -14,11 +14,8 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.reporting.field.view import PLUGIN
 from hcbench.reporting.page import Drawing
 from hcbench.reporting.plot_style import (
-    BLUE,
-    GREEN,
-    INK,
+    KIND_COLOURS,
     LAW,
-    LIMIT,
     draw_loop,
     legend_below,
     log_axis,
@@ -35,11 +32,11 @@ if TYPE_CHECKING:
 
 _COLUMNS = 4  # panels side by side
 _FLOOR, _CEILING = 1e-8, 30.0  # of errors, in figures
-_STOCK: dict[str, Any] = {"color": LIMIT, "marker": "X", "markersize": 5.0}
-_BEST: dict[str, Any] = {"color": BLUE, "marker": "o", "markersize": 4.0}
-_PLUGIN: dict[str, Any] = {"color": GREEN, "marker": "v", "markersize": 4.0}
+_STOCK: dict[str, Any] = {"color": KIND_COLOURS["stock"], "marker": "X", "markersize": 5.0}
+_BEST: dict[str, Any] = {"color": KIND_COLOURS["settings"], "marker": "s", "markersize": 3.5}
+_PLUGIN: dict[str, Any] = {"color": KIND_COLOURS["exact"], "marker": "v", "markersize": 4.0}
 _HEAVY: dict[str, Any] = {"linestyle": (0, (4, 1.6)), "markerfacecolor": "white"}
-_CONSTANT: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (5, 2))}
+_CONSTANT: dict[str, Any] = {"color": KIND_COLOURS["constant"], "linewidth": 1.0, "linestyle": (0, (5, 2))}
 _LAW: dict[str, Any] = {"color": LAW, "linewidth": 6, "solid_capstyle": "butt", "zorder": 1}
 
 
@@ -104,7 +101,7 @@ def loops_figure(view: FieldView) -> Figure:
         axes.plot(1e6 * loop.penetration, 1e-3 * loop.force, **_LAW)
         rows = view.loops[cases[engine]]
         x, force = (rows[name].to_numpy(dtype=float) for name in ("penetration_m", "force_n"))
-        draw_loop(axes, 1e6 * x, 1e-3 * force, color=BLUE, linewidth=1.2)
+        draw_loop(axes, 1e6 * x, 1e-3 * force, color=KIND_COLOURS["settings"], linewidth=1.2)
         axes.set_title(f"{view.title(engine)}\n{cases[engine].setting}", fontsize=8.5)
     _label(panels, "penetration, µm", "force, kN")
     return figure

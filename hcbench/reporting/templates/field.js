@@ -3,7 +3,11 @@
 const data = JSON.parse(document.getElementById("field-data").textContent);
 const at = id => document.getElementById(`field-${id}`);
 const SIGNS = {good: "✓", even: "≈", bad: "✗", none: ""};
-const KINDS = {"one e": "#4f6b57", settings: "#a65400", "plug-in": "#0b62a4"};  // colours of lines
+// Lines by kind: as the figures have them.
+const KINDS = {
+  "nothing set": {colour: "#26303a", marker: "X", dashes: ""}, "one e": {colour: "#4f6b57", marker: "o", dashes: ""},
+  settings: {colour: "#a65400", marker: "s", dashes: ""}, "plug-in": {colour: "#0072b2", marker: "v", dashes: ""},
+};
 const heads = [...document.querySelectorAll(".matrix thead th[data-column]")];
 const columns = heads.map(head => head.dataset.column), names = heads.map(head => head.textContent);
 const opening = {step: 1e-3, gravity: 9.81, engine: "", column: "", sort: "settings", down: ""};
@@ -88,7 +92,7 @@ function panel(engine, [words, below, , , number, note]) {
   if (one && steps.length) {
     right.append(make("div", {class: "plot"}, node("svg", {id: "field-steps", "data-engine": engine, role: "img", "aria-label": spokenSteps(steps)})));
     right.append(make("p", {class: "note"}, "Error of e over the time step, as far as each kind ran. Dashed: the best constant e. ",
-      ...steps.flatMap(({name}) => [make("span", {class: "key", style: `--colour: ${KINDS[name]}`}, name), " "])));
+      ...steps.flatMap(({name}) => [make("span", {class: "key", style: `--colour: ${KINDS[name].colour}`}, name), " "])));
   }
   left.append(make("p", {class: "note"}, make("a", {href: address({})}, "Link to this cell"), " · ", make("a", {href: address({engine: "", column: ""})}, "Close")));
   return make("tr", {class: "panel"}, make("td", {colspan: columns.length + 1}, make("div", {class: one ? "two" : ""}, left, right)));
@@ -124,7 +128,7 @@ function drawCurve() {
   if (!one) return;
   const top = Math.max(...one.speed, 0.5), speeds = Array.from({length: 61}, (_, i) => top * i / 60);
   const law = speeds.map(v => lawRestitution(data.alpha, v)), {speed, middle, low = middle, high = middle} = one;
-  const least = Math.min(...law, ...low), most = Math.max(1, ...high), style = {colour: KINDS[names[columns.indexOf(state.column)]] ?? "#0b62a4", dashes: ""};
+  const least = Math.min(...law, ...low), most = Math.max(1, ...high), style = KINDS[names[columns.indexOf(state.column)]] ?? KINDS.settings;
   const y = {low: least < 0.5 ? 0 : Math.floor(20 * least - 0.2) / 20, high: most > 1 ? 1.02 * most : 1, label: "restitution e"};
   const plot = new Plot(place, {low: 0, high: top, label: "impact speed, m/s"}, y, {height: 250});
   plot.law(speeds, law);
@@ -159,7 +163,7 @@ function drawSteps() {
   const plot = new Plot(place, x, {low, high: 2, log: true, label: "error of e", name: error => powerOfTen(Math.round(Math.log10(error)))}, {height: 220, right});
   plot.line({colour: "var(--soft)", dashes: "5 3"}, steps, known.map(({constant}) => Number(constant)));
   const ends = lines.map(({name, errors}) => {
-    const style = {colour: KINDS[name], dashes: ""};
+    const style = KINDS[name];
     const shown = errors.map(error => error === null ? null : Math.max(error, low));
     plot.line(style, steps, shown);
     plot.dots(style, steps, shown);
