@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from browser_checks import CONTRAST
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -72,4 +73,7 @@ def test_axe_finds_nothing_and_nothing_is_cut(page: Page, width: int, scheme: st
     violations = page.evaluate("axe.run(document, {resultTypes: ['violations']}).then(r => r.violations)")
     assert [(each["id"], each["nodes"][0]["html"]) for each in violations] == []
     assert page.evaluate(CUT) == []
+    contrasts = page.evaluate(CONTRAST)
+    assert len(contrasts) > 15
+    assert [text for ratio, text in contrasts if ratio < 4.5] == []
     assert page.evaluate("document.documentElement.scrollWidth") <= width

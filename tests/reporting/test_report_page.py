@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from browser_checks import CONTRAST
 from pasted import bounces, bullet_bounces, plain_mujoco
 
 import hcbench
@@ -25,20 +26,6 @@ ALPHA = 0.25  # none of the study's
 LAUNCHES = [(0.05, 0.1), (0.2, 0.6), (0.5, 0.35)]
 MOST = {"bytes": 1_200_000, "words": 1_800, "code blocks": 3, "pixels": 9_000, "sheets": 3}
 # What a page shows: colours of text in plots, and the ground behind them.
-CONTRAST = """() => {
-  const canvas = document.createElement("canvas").getContext("2d", {willReadFrequently: true});
-  const light = colour => {
-    canvas.fillStyle = colour; canvas.fillRect(0, 0, 1, 1);
-    const linear = [...canvas.getImageData(0, 0, 1, 1).data].slice(0, 3).map(v => v / 255)
-      .map(v => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2];
-  };
-  const texts = [...document.querySelectorAll(".plot text")].filter(e => e.getClientRects().length);
-  return texts.map(e => {
-    const pair = [getComputedStyle(e).fill, getComputedStyle(e.closest(".plot")).backgroundColor].map(light);
-    return [(Math.max(...pair) + 0.05) / (Math.min(...pair) + 0.05), e.textContent];
-  });
-}"""
 SMALLEST = """() => Math.min(...[...document.querySelectorAll("body *")].filter(e => e.checkVisibility()
   && [...e.childNodes].some(n => n.nodeType === 3 && n.textContent.trim()))
   .map(e => parseFloat(getComputedStyle(e).fontSize)))"""
