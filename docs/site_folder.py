@@ -26,12 +26,12 @@ PAGES = {
     "Docs": START,
     "Answer": "reports/steel-1lb/index.html",
     "Engines": "reports/field/index.html",
-    "Cases": "reports/cases/index.html",
+    "Cases": "docs/reference/cases.html",
     "Measured impacts": "reports/reality/index.html",
     "The paper": "reports/paper/index.html",
 }
 BAR = '<div style="padding:.5rem 1.25rem;font:.9rem/1.5 system-ui,sans-serif"><b>hcbench</b>{}</div>'
-LINK = ' &nbsp; <a style="color:inherit;white-space:nowrap" href="{}">{}</a>'
+LINK = ' &nbsp; <a target="_top" style="color:inherit;white-space:nowrap" href="{}">{}</a>'
 REDIRECT = f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>hcbench</title>
 <meta http-equiv="refresh" content="0; url={START}"></head>
@@ -78,10 +78,10 @@ def build(html: Path, out: Path) -> list[str]:
     shutil.copytree(html, out / "docs", ignore=shutil.ignore_patterns(".*", "objects.inv"))
     (out / "index.html").write_text(REDIRECT, encoding="utf-8")
     (out / ".nojekyll").touch()  # GitHub Pages otherwise leaves out folders such as _static
-    pages = {name: page for name, page in PAGES.items() if page == START or (REPORTS.parent / page).is_file()}
-    for page in pages.values():
-        if page != START:
+    for page in PAGES.values():
+        if (REPORTS.parent / page).is_file():
             _copy(page, out)
+    pages = {name: page for name, page in PAGES.items() if (out / page).is_file()}
     texts = {p.relative_to(out).as_posix(): p.read_text(encoding="utf-8") for p in out.rglob("*.html")}
     for name, text in texts.items():
         texts[name] = _with_bar(name, text, pages) if name != "index.html" else text
