@@ -47,13 +47,21 @@ class Files:
         self._system.makedirs(path.rpartition("/")[0], exist_ok=True)
         return path
 
-    def names(self) -> list[str]:
-        """Of the files in it, sorted; none where there is no such folder."""
+    def names(self, folder: str = "") -> list[str]:
+        """Of the files in it, or in a folder of it, sorted; none where there is no such folder."""
+        return self._entries(folder, directories=False)
+
+    def folders(self) -> list[str]:
+        """The names of the folders in it, sorted."""
+        return self._entries("", directories=True)
+
+    def _entries(self, folder: str, directories: bool) -> list[str]:
         try:
-            entries = self._system.ls(self._root, detail=True, refresh=True)
+            entries = self._system.ls(self._path(folder), detail=True, refresh=True)
         except (FileNotFoundError, NotADirectoryError):
             return []
-        return sorted(entry["name"].rpartition("/")[2] for entry in entries if entry["type"] != "directory")
+        chosen = [entry["name"] for entry in entries if (entry["type"] == "directory") is directories]
+        return sorted(name.rstrip("/").rpartition("/")[2] for name in chosen)
 
     def read(self, name: str) -> bytes:
         """A file's content."""
@@ -124,7 +132,7 @@ class LocalFiles(Files):
                 file.truncate(0)
                 file.write(json.dumps(_myself()))
                 file.flush()
-                for unfinished in [*path.parent.glob(".*.new"), *path.parent.glob("*/.*.new")]:
+                for unfinished in path.parent.rglob(".*.new"):
                     unfinished.unlink()  # what a killed sweep was writing
                 yield
             finally:

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -25,7 +24,7 @@ from hcbench.benchmark.results import Results
 from hcbench.benchmark.shard import Timeouts, run_bounces, run_shard
 from hcbench.benchmark.store import Store
 from hcbench.benchmark.study import Study
-from hcbench.benchmark.tables import Summary
+from hcbench.benchmark.tables import Totals
 from hcbench.errors import CannotRun, HcbenchError
 from hcbench.workers import WorkerPool
 
@@ -146,16 +145,19 @@ def _run(
 ) -> Progress:
     """Run what is not in the store. encode: makes the bytes of a table."""
     store.create_or_verify(plan, resume)
-    verified = dict(store.verified(len(plan)))
-    summaries: dict[int, Sequence[Summary]]
-    summaries = {number: summary for number, summary in verified.items() if summary is not None}
-    damaged = tuple(number for number in verified if number not in summaries)
-    resumed = len(summaries)
-    impacts = sum(summary[0]["impacts"] for summary in summaries.values())
-    now = Progress(impacts, plan.impacts, resumed, resumed, damaged)
+    done, damaged, totals = set[int](), list[int](), Totals()
+    impacts = 0
+    for number, summaries in store.verified(len(plan)):
+        if summaries is None:
+            damaged.append(number)
+            continue
+        done.add(number)
+        totals.add(summaries)
+        impacts += summaries[0]["impacts"]
+    now = Progress(impacts, plan.impacts, len(done), len(done), tuple(damaged))
 
     def write_summary() -> float:
-        store.write_summary(plan.records, list(chain.from_iterable(summaries.values())))
+        store.write_summary(plan.records, totals)
         return time.monotonic()
 
     written = write_summary()
@@ -167,11 +169,11 @@ def _run(
         ends = [seen[i] for i in range(len(drops))]
         dropped = list(zip(drops, ends, strict=True))
         store.write_bounces(bounce_table(dropped, plan.study.main_alpha, encode))
-    missing = [number for number in range(len(plan)) if number not in summaries]
+    missing = (number for number in range(len(plan)) if number not in done)
     run = partial(run_shard, encode=encode)
     for shard, files in _imap_unordered(workers, run, map(plan.shard, missing), timeouts):
-        store.write_shard(files)
-        summaries[shard.number] = files.summaries
+        store.write_shard(files, len(plan))
+        totals.add(files.summaries)
         now = replace(now, impacts=now.impacts + len(shard), shards=now.shards + 1)
         if time.monotonic() - written >= _SUMMARY_S:
             written = write_summary()

@@ -15,13 +15,15 @@ from hcbench._text import sanitized
 from hcbench.benchmark.files import LOCK, Files
 from hcbench.benchmark.plan import SCHEMA, Plan
 from hcbench.benchmark.results import RUN_KEY
-from hcbench.benchmark.tables import SUMMARY, ShardFiles, Summary, digest, metadata_of, summed
+from hcbench.benchmark.tables import SUMMARY, ShardFiles, Summary, Totals, digest, metadata_of
 from hcbench.errors import OutputError, UserError
 from hcbench.fields import ResultTable, validate
 from hcbench.impact import FORMER_E
 
 DESCRIPTION, SUMMARY_FILE, LOOPS, DAMAGED = "_sweep.json", "_summary.csv", "_loops", "_damaged"
-_SHARD = re.compile(r"part-(\d{7})-([0-9a-f]{16})\.parquet")
+_SHARD = re.compile(r"(?:\d{4,}/)?part-(\d{7})-([0-9a-f]{16})\.parquet")
+_FOLDER = re.compile(r"\d{4,}")
+_IN_A_FOLDER = 1000  # shards at most; where there are more, each thousand has a folder of its own
 _BOUNCES = re.compile(r"_bounces-([0-9a-f]{16})\.parquet")
 
 
@@ -102,7 +104,7 @@ class Store:
             with self._output_errors("a folder that can be read and written to"):
                 tables = self._read_shard(number, name)
                 if tables is None:
-                    self._files.move(name, f"{DAMAGED}/{name}")
+                    self._files.move(name, f"{DAMAGED}/{_base(name)}")
             yield number, metadata_of(tables[0])[1] if tables else None
 
     def tables(self, count: int) -> Iterator[tuple[bytes, bytes]]:
@@ -123,7 +125,10 @@ class Store:
         """The names of the existing shards, by number. UserError for what is none of `count` shards."""
         shards: dict[int, str] = {}
         with self._output_errors("a folder that can be read"):
-            tables = [n for n in self._files.names() if n.endswith(".parquet") and not _BOUNCES.fullmatch(n)]
+            names = self._files.names()
+            for folder in filter(_FOLDER.fullmatch, self._files.folders()):
+                names += [f"{folder}/{name}" for name in self._files.names(folder)]
+            tables = [n for n in names if n.endswith(".parquet") and not _BOUNCES.fullmatch(n)]
         for name in tables:
             match = _SHARD.fullmatch(name)
             number = int(match[1]) if match else count
@@ -140,22 +145,25 @@ class Store:
     def _read_shard(self, number: int, name: str) -> tuple[bytes, bytes] | None:
         """A shard's impacts and kept loops; None if damaged."""
         impacts = self._files.read(name)
-        if name != _shard_name(number, impacts):
+        if _base(name) != _shard_name(number, impacts):
             return None
         loops_digest, _ = metadata_of(impacts)
         if not loops_digest:
             return impacts, b""
         with suppress(FileNotFoundError):
-            loops = self._files.read(_loops_name(number, loops_digest))
+            folder = name.removesuffix(_base(name))
+            loops = self._files.read(f"{LOOPS}/{folder}{_loops_name(number, loops_digest)}")
             if digest(loops) == loops_digest:
                 return impacts, loops
         return None
 
-    def write_shard(self, shard: ShardFiles) -> None:
-        """A shard, completely or not at all: it exists when its impacts do, which are written last."""
+    def write_shard(self, shard: ShardFiles, count: int) -> None:
+        """One of `count` shards, completely or not at all: it exists when its impacts do, written last."""
+        folder = f"{shard.number // _IN_A_FOLDER:04d}/" if count > _IN_A_FOLDER else ""
         if shard.loops:
-            self._write(_loops_name(shard.number, digest(shard.loops)), shard.loops)
-        self._write(_shard_name(shard.number, shard.impacts), shard.impacts)
+            name = _loops_name(shard.number, digest(shard.loops))
+            self._write(f"{LOOPS}/{folder}{name}", shard.loops)
+        self._write(folder + _shard_name(shard.number, shard.impacts), shard.impacts)
 
     def bounces(self) -> bytes | None:
         """The table of bounces under gravity; None where there is none that is whole."""
@@ -173,9 +181,9 @@ class Store:
                 self._files.move(name, f"{DAMAGED}/{name}")
         self._write(_bounces_name(table), table)
 
-    def write_summary(self, settings: Sequence[Mapping[str, Any]], summaries: Sequence[Summary]) -> None:
+    def write_summary(self, settings: Sequence[Mapping[str, Any]], totals: Totals) -> None:
         """Bring the summary up to date: one line a setting, α and step, in the study's order."""
-        lines, nothing = summed(summaries), {"impacts": 0}
+        lines, nothing = totals.lines(), {"impacts": 0}
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow([*RUN_KEY, *SUMMARY])
@@ -197,7 +205,11 @@ def _shard_name(number: int, impacts: bytes) -> str:
 
 
 def _loops_name(number: int, loops_digest: str) -> str:
-    return f"{LOOPS}/loops-{number:07d}-{loops_digest}.parquet"
+    return f"loops-{number:07d}-{loops_digest}.parquet"
+
+
+def _base(name: str) -> str:
+    return name.rpartition("/")[2]
 
 
 def _bounces_name(table: bytes) -> str:

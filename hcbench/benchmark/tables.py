@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 _LOOPS = "hcbench.loops"  # in the metadata of a shard's table: the digest of its loops, or nothing
 _SUMMARY = "hcbench.summary"  # and what it adds to the summary
 SUMMARY = ("impacts", "parted", "rested", "failed", "max_error_law", "rms_error_law", "max_error_linear")
+_COUNTS = ("impacts", "parted", "rested", "failed")
+_MOST = ("max_error_law", "max_error_linear")
+_SQUARES = "sum_square_error_law"
+_SMALLEST = 1 << 1074  # one over the smallest float, of which each is a whole multiple
 Summary = dict[str, Any]  # of the impacts of a shard for one α
 
 
@@ -105,21 +109,38 @@ def metadata_of(impacts: bytes) -> tuple[str, list[Summary]]:
     return metadata[_LOOPS].decode(), summaries
 
 
-def summed(summaries: Iterable[Summary]) -> dict[tuple[Any, ...], Summary]:
-    """Lines of the summary by key, the same for every order of the shards: sums are rounded once."""
-    by_key: dict[tuple[Any, ...], list[Summary]] = {}
-    for summary in summaries:
-        by_key.setdefault(tuple(summary[name] for name in RUN_KEY), []).append(summary)
-    return {key: _sum(group) for key, group in by_key.items()}
+class Totals:
+    """The summary of all shards until now: the same for every order of them, as sums are rounded once."""
+
+    def __init__(self) -> None:
+        self._by_key: dict[tuple[Any, ...], Summary] = {}
+
+    def add(self, summaries: Iterable[Summary]) -> None:
+        """Those of a shard."""
+        for summary in summaries:
+            key = tuple(summary[name] for name in RUN_KEY)
+            if (total := self._by_key.get(key)) is None:
+                total = self._by_key[key] = {
+                    **dict.fromkeys(_COUNTS, 0),
+                    **dict.fromkeys(_MOST, 0.0),
+                    _SQUARES: 0,
+                }
+            for name in _COUNTS:
+                total[name] += summary[name]
+            for name in _MOST:
+                total[name] = max(total[name], summary[name])
+            # Exact: whole multiples of the smallest float.
+            above, below = float(summary[_SQUARES]).as_integer_ratio()
+            total[_SQUARES] += above * (_SMALLEST // below)
+
+    def lines(self) -> dict[tuple[Any, ...], Summary]:
+        """The lines of the summary by their keys."""
+        return {key: _line(total) for key, total in self._by_key.items()}
 
 
-def _sum(group: Sequence[Summary]) -> Summary:
-    line: Summary = {name: sum(s[name] for s in group) for name in ("impacts", "parted", "rested", "failed")}
+def _line(total: Summary) -> Summary:
+    line = {name: total[name] for name in _COUNTS}
     if not (good := line["parted"] + line["rested"]):
         return {**line, "max_error_law": math.nan, "rms_error_law": math.nan, "max_error_linear": math.nan}
-    return {
-        **line,
-        "max_error_law": max(s["max_error_law"] for s in group),
-        "rms_error_law": math.sqrt(math.fsum(s["sum_square_error_law"] for s in group) / good),
-        "max_error_linear": max(s["max_error_linear"] for s in group),
-    }
+    rms = math.sqrt(total[_SQUARES] / _SMALLEST / good)
+    return {**line, "rms_error_law": rms, **{name: total[name] for name in _MOST}}
