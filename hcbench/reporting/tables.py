@@ -52,6 +52,7 @@ def _ranking_row(view: View, run: RunKey, with_gravity: View | None) -> Cells:
     return {
         "engine": run.engine,
         "setting": run.label,
+        "title": run.title,
         "step": run.timestep,
         "gravity": view.gravity,
         "errors": {f"{alpha:.9g}": _error_cell(view, run, alpha) for alpha in view.alphas},

@@ -44,7 +44,8 @@ class RunKey(NamedTuple):
     @property
     def title(self) -> str:
         """The engine's title and the setting, and where it ran."""
-        return f"{engine_title(self.engine)}{',' * (self.setting == STOCK)} {self.label}"
+        engine = engine_title(self.engine)
+        return f"{engine}, {self.name}" if self.setting == STOCK else f"{engine} {self.label}"
 
     @property
     def name(self) -> str:
@@ -54,7 +55,7 @@ class RunKey(NamedTuple):
     @property
     def label(self) -> str:
         """The setting, and where it ran if not in the study's own scene."""
-        return f"{self.name} {self.place}" if self.place else self.name
+        return f"{self.setting} {self.place}" if self.place else self.setting
 
     @property
     def step(self) -> str:

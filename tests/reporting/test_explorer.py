@@ -246,12 +246,12 @@ def test_tabs_show_the_error_over_the_step_the_numbers_and_the_text(page: Page) 
 def test_the_ranking_follows_the_choices_and_puts_settings_into_the_plots(page: Page) -> None:
     page.select_option("#explorer-engine", "single")
     shown = lines(page, "curve")
-    page.get_by_role("checkbox", name="single nothing set").uncheck()
+    page.get_by_role("checkbox", name="single, nothing set").uncheck()
     assert len(lines(page, "curve")) == len(shown) - 1
     rows = page.locator("#explorer-ranking-body tr")
     assert rows.count() == 3
     assert rows.nth(0).locator("th").inner_text() == "best constant e"
-    page.get_by_role("button", name="single nothing set").click()
+    page.get_by_role("button", name="single, nothing set").click()
     assert "How stock bounces." in words(page, "how")
     assert len(lines(page, "curve")) == len(shown)
     page.select_option("#explorer-engine", "explicit")

@@ -16,11 +16,11 @@ function drawRanking() {
 }
 
 function rankingRow(one, alphas) {
-  const run = runsHere().find(each => keyOf(each) === keyOf(one)), title = data.engines.find(([, key]) => key === one.engine)[0];
+  const run = runsHere().find(each => keyOf(each) === keyOf(one));
   const head = Object.assign(document.createElement("th"), {scope: "row"});
   const box = Object.assign(document.createElement("input"), {type: "checkbox", checked: Boolean(run) && isShown(run), disabled: !run, value: keyOf(one)});
-  box.setAttribute("aria-label", `show ${title} ${one.setting}`);
-  const name = Object.assign(element("button", `${title} ${one.setting}`, "key"), {type: "button", value: keyOf(one), disabled: !run});
+  box.setAttribute("aria-label", `show ${one.title}`);
+  const name = Object.assign(element("button", one.title, "key"), {type: "button", value: keyOf(one), disabled: !run});
   name.style.setProperty("--colour", run?.colour ?? "var(--law-ink)");
   head.append(box, " ", name);
   const cells = alphas.map(([, key]) => {
