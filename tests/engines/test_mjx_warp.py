@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import xml.etree.ElementTree as ET
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from shared_models import HOPPER, PAIR, SPRING, ball
 
-from hcbench import Measurement, units
+from hcbench import Measurement, cli, units
 from hcbench.errors import SceneError, SettingError
 from hcbench.impact import Floats, Launch
 from hcbench.laws.force import HuntCrossley
@@ -23,6 +24,9 @@ from hcbench.sim.convert import convert
 from hcbench.sim.parallel import require_motion
 from hcbench.tuning.ask import tune
 
+DOCS_MODEL = (
+    Path(__file__).parents[2] / "examples" / "outside" / "mujoco_docs.xml"
+)  # of docs/reference/answers.md
 PLANE = load_scene("steel-plane")
 HEAVY = dataclasses.replace(PLANE, gravity=9.80665)
 SPEEDS, PHASES = (0.031, 0.13, 0.37, 0.5), (0.07, 0.31, 0.62, 0.88)  # of no search or other test
@@ -231,3 +235,14 @@ def test_the_kinds_of_settings_that_exist_gain_no_energy_in_float32(engine: str)
     never = {each.setting: each.why for each in answer.never}
     assert "gains energy" in never["spring-damper"]
     assert ("restitution-law" in never) == (engine == "mjx")
+
+
+@pytest.mark.needs_engine("mjx")
+def test_a_contact_without_damping_keeps_all_in_mjx_too(capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["measure", str(DOCS_MODEL), "--speeds", "1 m/s", "--phases", "1", "--engine"]
+    rows = []
+    for engine in ("mujoco", "mjx"):
+        assert cli.run([*asked, engine]) == 0
+        rows.append([line.split() for line in capsys.readouterr().out.splitlines() if "e+00" in line])
+    assert rows[0] == rows[1]
+    assert "1.0007" in rows[0][0]
