@@ -141,7 +141,7 @@ def _type(each: dict[str, Any]) -> str:
     if "$ref" in each:
         return str(each["$ref"]).rpartition("/")[2]
     if each["type"] == "array":
-        return f"list of {_type(each['items'])}" if "items" in each else "list"
+        return f"list of {_type(each['items'])}".replace("of list", "of lists") if "items" in each else "list"
     if each["type"] == "object":
         return "object"
     return str(each["type"])

@@ -9,9 +9,18 @@ import json
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from hcbench.cases import schema
-from hcbench.cases.score import MEASURED, known_failures, matrix, measured, read_scores, regressions
+from hcbench.cases.score import (
+    MEASURED,
+    known_failures,
+    matrix,
+    measured,
+    read_scores,
+    regressions,
+    the_cases,
+)
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "cases.md"
 
@@ -26,13 +35,29 @@ def tables() -> dict[str, str]:
     """By their names in the page."""
     short = {"unsupported": "–", "": "–"}
     rows = [{key: short.get(word, word) for key, word in row.items()} for row in matrix()]
-    known = [(engine, case, why) for engine, each in known_failures().items() for case, why in each.items()]
+    reasons: dict[tuple[str, str], list[str]] = {}
+    for engine, each in known_failures().items():
+        for case, why in each.items():
+            reasons.setdefault((engine, why), []).append(case)
+    known = [(engine, ", ".join(ids), why) for (engine, why), ids in reasons.items()]
+    asked = [
+        (case["id"], case["title"], str(len(case["runs"])), _tolerance(case), case["source"])
+        for case in the_cases()["cases"]
+    ]
     return {
+        "cases": table([("case", "what it asks", "runs", "tolerance", "source of the true value"), *asked]),
         "matrix": table([rows[0], *(row.values() for row in rows)]),
         "changes": "\n".join(f"- {line}" for line in regressions(measured())),
         "known": table([("engine", "case", "reason"), *known]),
         "fields": table([("object", "field", "type", "unit", "meaning"), *schema.fields()]),
     }
+
+
+def _tolerance(case: dict[str, Any]) -> str:
+    limits = {
+        f"{each['value']:g}: {each['reason'].lower()}": name for name, each in case["tolerance"].items()
+    }
+    return "; ".join(limits)
 
 
 def page() -> str:
