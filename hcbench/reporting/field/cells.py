@@ -135,7 +135,8 @@ def _energy(view: FieldView, engine: str, cases: list[Case]) -> Cell:
     gains = [case for case in cases if view.gains(case)]
     if not gains:
         count = sum(view.scenes(case) for case in cases)
-        return Cell("never grows", f"{count} launches", "good", 0.0, note=note)
+        none = "No launch of a setting of this engine ended with more energy than it began with."
+        return Cell("never grows", f"{count} launches", "good", 0.0, note=f"{none} {note}".strip())
     worst = max(gains, key=lambda case: view.restitution(case)[1])
     high = view.restitution(worst)[1]
     return Cell(f"e up to {number(high)}", worst.setting, "bad", high, worst, note)

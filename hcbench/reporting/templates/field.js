@@ -20,6 +20,9 @@ const make = (tag, attributes = {}, ...children) => {
   return made;
 };
 
+// Text with `code` in it.
+const prose = line => line.split("`").map((part, i) => i % 2 ? make("code", {}, part) : part);
+
 function tableNow() {
   const far = table => Math.abs(Math.log(table.step / state.step)) + (table.gravity === state.gravity ? 0 : 100);
   return data.tables.reduce((best, table) => far(table) < far(best) ? table : best);
@@ -80,11 +83,11 @@ function panel(engine, [words, below, , , number, note]) {
   const title = one?.title ?? `${data.titles[engine]}: ${names[columns.indexOf(state.column)]}`;
   left.append(make("h2", {}, title));
   const [summary, ...notes] = data.recipes[one?.recipe] ?? [];
-  for (const line of [note, summary, ...(one?.lines ?? [])]) if (line) left.append(make("p", {}, line));
-  if (!one && !note) left.append(make("p", {}, [words, below].filter(Boolean).join(", ")));
+  for (const line of [note, summary, ...(one?.lines ?? [])]) if (line) left.append(make("p", {}, ...prose(line)));
+  if (!one) left.append(make("p", {}, [words, below].filter(Boolean).join(", ")), make("p", {class: "note"}, "Source: this run, ", make("a", {href: "scores.csv"}, "scores.csv"), ", and hcbench's adapter."));
   if (one) {
     left.append(...paste(one), ...source(one));
-    if (notes.length) left.append(make("details", {}, make("summary", {}, "Where it holds"), make("ul", {}, ...notes.map(line => make("li", {}, line)))));
+    if (notes.length) left.append(make("details", {}, make("summary", {}, "Where it holds"), make("ul", {}, ...notes.map(line => make("li", {}, ...prose(line))))));
     right.append(make("div", {class: "plot"}, node("svg", {id: "field-curve", "data-case": number, role: "img", "aria-label": spoken(one)})));
     right.append(make("p", {class: "note"}, "Pale: the law. Dots: the middle of the launches at a speed; shaded: all of them."));
   }
