@@ -11,6 +11,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 import sys
 import textwrap
 from collections.abc import Iterator
@@ -42,6 +43,7 @@ CONDITIONS = (
     *((g, h) for h in (1e-4, 1e-5, 1e-6) for g in (9.81, 0.0)),
 )
 WORKS = 0.15  # error of e
+NEAR = 1.08  # impact speeds this near to each other are one point: phases change them a little
 PUBLISHED = {law.slug for law in LAWS.values()}  # docs/explanation/paper.md has them
 FIRST = ("mujoco", "pybullet")
 BEGIN, END = "<!-- begin cards: python docs/cards.py -->\n", "<!-- end cards -->"
@@ -132,12 +134,13 @@ def _measured(engine: str, setting: str) -> dict[str, Any] | None:
 def _curve(engine: str, setting: str, gravity: float, step: float, impacts: list[Any]) -> dict[str, Any]:
     """[impact speed, mean e, lowest, highest] of each launch speed, and the cost; e = 0 of what rests."""
     points = []
-    for speed in sorted({impact[0] for impact in impacts}):
-        own = [i for i in impacts if i[0] == speed and i[-1] in ("parted", "rested")]
-        e = [i[2] if i[-1] == "parted" else 0.0 for i in own]
-        v = [i[1] for i in own if math.isfinite(i[1])]
-        if e and v:
-            points.append([_short(x) for x in (sum(v) / len(v), sum(e) / len(e), min(e), max(e))])
+    bounced = sorted((i for i in impacts if i[-1] in ("parted", "rested") and i[1] > 0), key=lambda i: i[1])
+    while bounced:
+        near = [i for i in bounced if i[1] <= NEAR * bounced[0][1]]
+        bounced = bounced[len(near) :]
+        e = [i[2] if i[-1] == "parted" else 0.0 for i in near]
+        mean_speed = sum(i[1] for i in near) / len(near)
+        points.append([_short(x) for x in (mean_speed, sum(e) / len(e), min(e), max(e))])
     parted = [i for i in impacts if i[-1] == "parted"]
     deep = [i[4] for i in parted if math.isfinite(i[4])]
     return {
@@ -197,6 +200,7 @@ def _card(title: str, recipe: Any, curve: dict[str, Any] | None) -> str:
 
 
 def _wrapped(text: str, bullet: str = "") -> list[str]:
+    text = re.sub(r"(?<![`\w])(<\w+>|--\w[\w-]*)(?!`)", r"`\1`", text)  # markup, and a dash
     return textwrap.wrap(text, 100, initial_indent=bullet, subsequent_indent=" " * len(bullet))
 
 
