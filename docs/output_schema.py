@@ -154,6 +154,12 @@ MEASURE = record(
         "loops": list[LOOP],
         "causes": list[of_class(Cause)],
         "remedy": Text,
+        "rest": record(
+            "AtRest",
+            dict.fromkeys(("penetration_m", "vibration_m_per_s", "force_noise", "sinking_m_per_s"), Number),
+        )
+        | None,
+        "rest_causes": list[of_class(Cause)],
         "notes": Texts,
     },
 )

@@ -30,10 +30,11 @@ FENCE = re.compile(r"^[ ]*```(sh|console|)\n(.*?)^[ ]*```$", re.MULTILINE | re.D
 
 def commands(page: Path) -> list[str]:
     """The lines of a page's shell blocks that call hcbench, continued lines joined."""
-    blocks = [block for _, block in FENCE.findall(page.read_text(encoding="utf-8"))]
-    lines = "\n".join(blocks).replace("\\\n", " ").splitlines()
-    named = [line.strip().removeprefix("$ ") for line in lines]
-    return [line for line in named if line.startswith("hcbench ")]
+    lines = []
+    for kind, block in FENCE.findall(page.read_text(encoding="utf-8")):
+        named = [line.strip() for line in block.replace("\\\n", " ").splitlines()]
+        lines += [line.removeprefix("$ ") for line in named if kind != "console" or line.startswith("$ ")]
+    return [line for line in lines if line.startswith("hcbench ")]
 
 
 def evaluate(page: Path) -> None:
