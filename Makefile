@@ -21,7 +21,7 @@ define NEW_ENVIRONMENT
 endef
 UV_INSTALL = $(@D)/bin/uv pip install --quiet --python $(@D)/bin/python
 
-.PHONY: report test test-pythons fuzz test-random docs sessions test-plugins test-answers answers test-lowest test-models test-reality test-engines bench site check format lock clean
+.PHONY: report test test-pythons fuzz test-random docs sessions test-plugins test-answers answers test-searches test-lowest test-models test-reality test-engines bench site check format lock clean
 
 DIGESTS := reports/steel-1lb/hcbench-files.json
 report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/, and compare it with the repository's
@@ -53,6 +53,9 @@ answers: $(INSTALLED)  ## the answers that pages tell: hcbench/tuning/usual_answ
 
 test-answers: $(INSTALLED)  ## every answer of that file, found again, by the command and by Python
 	HCBENCH_ANSWERS=1 $(BIN)/python -m pytest -n 2 tests/tuning/test_usual_answers.py tests/tuning/test_usual_errors.py
+
+test-searches: $(INSTALLED)  ## what tune finds in long searches, and every command of the pages in a plain model
+	HCBENCH_SEARCHES=1 $(BIN)/python -m pytest -n 2 tests/tuning
 
 test-lowest: $(LOWEST)/.installed  ## every test on the lowest versions that pyproject.toml allows
 	$(LOWEST)/bin/python -m pytest -n 2 --dist loadfile

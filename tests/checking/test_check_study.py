@@ -32,7 +32,6 @@ def test_a_study_is_checked_setting_by_setting(tmp_path: Path) -> None:
     law, voigt = report.outcomes
     assert law.verdict is Verdict.PASSED
     assert voigt.verdict is Verdict.FAILED
-    assert check(CheckSpec(model=str(tmp_path / "study.toml"), max_error=0.5)).exit_code == 0
     with pytest.raises(UserError, match="differs from the study"):
         check(CheckSpec(model=str(tmp_path / "study.toml"), restitution=0.9))
 

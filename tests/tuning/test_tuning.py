@@ -10,6 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from long_searches import long_search
 
 from hcbench.cli import run
 from hcbench.errors import SettingError, UserError
@@ -49,10 +50,10 @@ def test_held_out_launches_span_the_band_and_the_step() -> None:
 @pytest.mark.parametrize(
     ("engine", "timestep", "match", "recipe"),
     [
-        ("mujoco", 1e-6, "both", "staggered"),
-        pytest.param("mujoco", 1e-6, "restitution", "two-pair", marks=pytest.mark.adhesion),
+        pytest.param("mujoco", 1e-6, "both", "staggered", marks=long_search),
+        pytest.param("mujoco", 1e-6, "restitution", "two-pair", marks=[pytest.mark.adhesion, long_search]),
         ("mujoco", 1e-3, "restitution", "compliant-pairs"),
-        ("pybullet", 1e-3, "restitution", "restitution"),
+        pytest.param("pybullet", 1e-3, "restitution", "restitution", marks=long_search),
     ],
 )
 def test_auto_takes_the_simplest_that_holds_under_gravity_and_says_why(
@@ -95,6 +96,7 @@ def test_recipes_of_an_engine_written_elsewhere_are_chosen_by_their_roles(
     assert done.stdout == f"{recipe}\n"
 
 
+@long_search
 def test_in_a_true_cup_the_rows_only_push() -> None:
     cup = load_scene("steel-cup")
     ((chosen, _),) = candidates("mujoco", target(1e-6), cup, "both")
