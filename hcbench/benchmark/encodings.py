@@ -6,6 +6,8 @@ Parquet needs pyarrow, which takes 170 MB of disk. Both read back as the same ta
 from __future__ import annotations
 
 import io
+import os
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,11 +29,9 @@ _ABOUT, _WORDS = "metadata:", "texts:"  # before names of arrays that are no col
 
 def require_parquet() -> None:
     """Raises CannotRun where pyarrow is not installed."""
-    try:
-        import pyarrow.parquet  # noqa: F401
-    except ImportError:
+    if find_spec("pyarrow") is None:  # not imported: it takes memory, and workers write the parts
         got, advice = "pyarrow is not installed", "Try: pip install pyarrow"
-        raise CannotRun("sweep", got, "the package that writes Parquet", advice) from None
+        raise CannotRun("sweep", got, "the package that writes Parquet", advice)
 
 
 def arrays(tables: Sequence[Mapping[str, Any]], names: Sequence[str], metadata: Mapping[str, bytes]) -> bytes:
@@ -73,6 +73,7 @@ def parquet(
     tables: Sequence[Mapping[str, Any]], names: Sequence[str], metadata: Mapping[str, bytes]
 ) -> bytes:
     """The same as the bytes of a Parquet file."""
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # its own keeps 10 MB of what is freed
     import pyarrow as pa
     import pyarrow.parquet as pq
 

@@ -16,6 +16,7 @@ import click
 from click.shell_completion import shell_complete
 
 from hcbench._bounds import beyond_bounds
+from hcbench._command import IS_COMMAND
 from hcbench._text import sanitized
 from hcbench.cli._process import (
     INTERRUPTS,
@@ -65,6 +66,7 @@ for command in COMMANDS:
 def main() -> None:
     """Run the command line; every way out is an exit code and at most one line."""
     try:
+        IS_COMMAND.set(True)
         install_signal_handlers()
         os.environ.pop("MPLBACKEND", None)  # of a notebook: here figures are files
         warnings.formatwarning = lambda message, *_, **__: f"hcbench: {message}\n"

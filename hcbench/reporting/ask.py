@@ -104,10 +104,11 @@ def write_report(
     """As `report`. stage: shows, by a name, how far a part of the work is. warn: takes what was left out."""
     with WorkerPool(jobs) as pool:
         with stage("reading the study"):
-            # While this process imports what draws the page.
-            pool.begin("importlib", "import_module", "hcbench.benchmark.shard")
             from hcbench.benchmark.read import is_sweep, read
             from hcbench.benchmark.run import run_in_pool
+
+            # While this process imports what draws the page.
+            pool.begin("importlib", "import_module", "hcbench.benchmark.shard")
             from hcbench.reporting.build import build
             from hcbench.reporting.page import PAGE
 

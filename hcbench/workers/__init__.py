@@ -62,8 +62,6 @@ def begin(module: str, function: str, *args: Any) -> None:
     """Start the worker process that `call` will use, and let it call a function of a module first.
 
     For what takes a worker a while, such as to import an engine, and this process has other work meanwhile.
-    Only a process of hcbench's own may call it, such as a command: the worker is a copy of it where the
-    system can, and a user's process may hold what no copy should have.
     """
     if not in_worker():
         worker_of_thread().begin(module, function, *args)

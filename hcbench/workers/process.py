@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 from weakref import WeakSet
 
+from hcbench._command import IS_COMMAND
 from hcbench.environments import ADD
 from hcbench.errors import CannotRun, EngineFailed, EngineMissing
 from hcbench.workers.clock import processor_seconds
@@ -106,7 +107,7 @@ class Worker:
     def begin(self, module: str, function: str, *args: Any) -> None:
         """Start the process, unless there is one, and let it call a function of a module first.
 
-        It is a copy of this one, which imports nothing again, where the system can and no other thread runs.
+        In a command it is a copy of this one, which imports nothing again, where the system can.
         Nothing is waited for, and what the function raises is dropped.
         """
         with self._lock:
@@ -117,7 +118,7 @@ class Worker:
         self._kill()
         self._pipe, end = Pipe()
         with end:
-            if first is not None and AVAILABLE and threading.active_count() == 1:
+            if first is not None and AVAILABLE and IS_COMMAND.get() and threading.active_count() == 1:
                 self._process = Fork(partial(serve_forked, end, first))
             else:
                 self._process = self._spawn(end, first)

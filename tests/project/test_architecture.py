@@ -28,6 +28,7 @@ FLOORS = [
         "resolution",
         "_arguments",
         "_bounds",
+        "_command",
         "_compile",
         "_files",
         "_notebook",

@@ -295,8 +295,10 @@ FORKED = """
 import contextlib, os, signal, sys
 sys.path.insert(0, {tests!r})
 import test_workers as tests
+from hcbench._command import IS_COMMAND
 from hcbench.errors import EngineFailed
 from hcbench.workers import begin, call
+IS_COMMAND.set(True)
 signal.signal(signal.SIGTERM, lambda *_: None)
 tests.called_first.append(0)
 begin("test_workers", "remember", 1)
