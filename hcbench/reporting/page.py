@@ -30,7 +30,6 @@ _FILTERS: dict[str, Callable[..., str]] = {
     "fixed": _text.number,
     "four_digits": wording.four_digits,
     "percent": wording.percent,
-    "rough_time": wording.rough_time,
     "sanitized": _text.sanitized,
     "typeset": wording.typeset,
 }

@@ -39,11 +39,6 @@ def length(metres: float) -> str:
     return f"0{NBSP}µm" if math.isfinite(metres) else "–"
 
 
-def rough_time(seconds: float) -> str:
-    """A time in two digits: "0.2 ms", "17 µs"."""
-    return time(float(f"{seconds:.1e}"))
-
-
 def alpha(value: float) -> str:
     """α in SI and in the paper's unit."""
     return f"{alpha_short(value)} ({value * INCH:.3g}{NBSP}s/in)"
@@ -116,13 +111,6 @@ def power_of_ten(value: float) -> str:
     if not math.isclose(value, 10.0**exponent, rel_tol=1e-6):
         return ""
     return {0: "1", 1: "10", -1: "0.1"}.get(exponent, _power_of_ten(exponent))
-
-
-def times(ratio: float) -> str:
-    """ "8.1 times", "1/184 of"."""
-    if ratio >= 1 or ratio <= 0:
-        return f"{ratio:.3g} times"
-    return f"1/{1 / ratio:.3g} of" if ratio < 0.5 else f"{ratio:.2f} of"
 
 
 def percent(share: float) -> str:
