@@ -92,6 +92,8 @@ def read_scores(path: Path) -> list[EngineScore]:
         raise UserError(str(path), error.strerror or "cannot be read", "a JSON file of results") from None
     except ValueError:
         raise UserError(str(path), "not JSON", "a JSON file of results") from None
+    if not content:
+        raise UserError(str(path), "nothing in it", "the results of an engine, or a list of them")
     return [score(each, str(path)) for each in (content if isinstance(content, list) else [content])]
 
 

@@ -201,6 +201,7 @@ def test_the_command_judges_results_of_any_language(
     (told,) = json.loads(capsys.readouterr().out)
     assert told["engine"] == "mine"
     assert told["passed"] == score(results[0]).passed
-    mine.write_text("{}", "utf-8")
-    assert cli.run(["cases", "score", str(mine)]) == 2
+    for nothing in ("{}", "[]", "[1]"):
+        mine.write_text(nothing, "utf-8")
+        assert cli.run(["cases", "score", str(mine)]) == 2
     assert cli.run(["cases", "run", "nothing"]) == 2
