@@ -25,7 +25,7 @@ from hcbench._files import replace_file, user_folder
 from hcbench.errors import CannotRun, UserError
 
 _HERE = Path(__file__).parent
-_FLAGS = ("-O2", "-std=gnu11", "-fPIC", "-shared", "-ffp-contract=off")
+_FLAGS = ("-O3", "-std=gnu11", "-fPIC", "-shared", "-ffp-contract=off")
 _LIMIT_S = 600.0  # a new ziglang builds its own C library first
 
 

@@ -95,12 +95,14 @@ static double share_within(double e0, double lin, double quad) {
   return fmin(1, fmax(0, t));
 }
 
-/* 1/largest eigenvalue of a contact's tangential block. */
-static double tangential_step(const hcb_group* g, int i) {
-  const double* block = g->block + 9 * i;
-  double a = block[4], b = block[5], d = block[8];
-  double largest = 0.5 * (a + d) + sqrt(0.25 * (a - d) * (a - d) + b * b);
-  return largest > 0 ? 1 / largest : 0;
+/* Into lam, which only compression and restitution need: 1/largest eigenvalue of each contact's tangential block. */
+static void set_steps(hcb_group* g) {
+  for (int i = 0; i < g->n; i++) {
+    const double* block = g->block + 9 * i;
+    double a = block[4], b = block[5], d = block[8];
+    double largest = 0.5 * (a + d) + sqrt(0.25 * (a - d) * (a - d) + b * b);
+    g->lam[i] = largest > 0 ? 1 / largest : 0;
+  }
 }
 
 /* Frictionless compression into p and v; lam keeps its normal impulses. */
@@ -113,7 +115,7 @@ static void compress(hcb_group* g) {
     add_impulse(g, i, 0, g->lam[i], g->v);
   }
   if (g->n == 1) {
-    g->v[0] = 0; /* its velocities are its rates: see alone() in impacts.c */
+    g->v[0] = 0; /* its velocities are its rates: see make_few in impacts.c */
     return;
   }
   for (int round = 0; round < 2; round++) { /* the same share of all, then sweeps; the last scaling bounds energy */
@@ -168,7 +170,7 @@ static double friction_sweep(hcb_group* g, double scale, int tangents) {
     p[0] += d;
     add_impulse(g, i, 0, d, g->v);
     change = fmax(change, fabs(d) * W);
-    double step = scale * tangential_step(g, i), limit = g->s->c[g->of[i]].friction * p[0];
+    double step = scale * g->lam[i], limit = g->s->c[g->of[i]].friction * p[0];
     if (!tangents || step == 0) continue;
     double t1 = p[1] - step * rate_in(g, i, 1, g->v), t2 = p[2] - step * rate_in(g, i, 2, g->v);
     double size = length(t1, t2), share = size > limit ? limit / size : 1;
@@ -195,7 +197,7 @@ static void start_friction(hcb_group* g) {
   double lin = 0, quad = 0;
   clear(g, g->add);
   for (int i = 0; i < g->n; i++) {
-    double step = tangential_step(g, i), *t = g->p + 3 * i, limit = g->s->c[g->of[i]].friction * t[0];
+    double step = g->lam[i], *t = g->p + 3 * i, limit = g->s->c[g->of[i]].friction * t[0];
     double u[3] = {0, rate_in(g, i, 1, g->v), rate_in(g, i, 2, g->v)};
     double size = step * length(u[1], u[2]), share = size > limit ? limit / size : 1;
     for (int k = 1; k < 3; k++) {
@@ -236,6 +238,7 @@ static void rub(hcb_group* g) {
     for (int k = 0; k < 3; k++) fastest = fmax(fastest, fabs(g->before[3 * i + k]));
   }
   if (most < HCB_LEAST_FRICTION) return;
+  set_steps(g);
   memcpy(g->best_p, g->p, 3 * g->n * sizeof(double));
   blend(g, g->best_v, NULL, g->v, 1);
   for (int i = 0; i < g->n; i++) {

@@ -4,9 +4,11 @@
 #define HCB_CONTACT_ROWS_C
 
 #include <stddef.h>
+#include <string.h>
 
 /* The rates of a contact over the velocities v of the two parts (bodies, trees) that meet: u_k = J[0][k] v + J[1][k] v, of
-   its normal (u > 0 parts) and two tangents; side s holds 3 rows of its part's velocities each. B = M^-1 J^T, row by row. */
+   its normal (u > 0 parts) and two tangents; side s holds 3 rows of its part's velocities each. B = M^-1 J^T, row by row.
+   J[0] NULL: the velocities of the one part are the rates of all contacts, and B is J M^-1 J^T. */
 typedef struct {
   int part[2]; /* the lower one first; -1: none */
   const double *J[2], *B[2];
@@ -23,6 +25,7 @@ typedef struct {
 static double rate_of(const hcb_system* s, int i, int k, const double* v) {
   const hcb_rows* r = s->rows + i;
   double sum = 0;
+  if (r->part[0] >= 0 && !r->J[0]) return v[3 * i + k];
   for (int side = 0; side < 2 && r->part[side] >= 0; side++) {
     int at = s->at[r->part[side]], size = s->at[r->part[side] + 1] - at;
     const double *row = r->J[side] + (size_t)k * size, *x = v + at;
@@ -41,20 +44,26 @@ static void push_system(const hcb_system* s, int i, int k, double impulse, doubl
   }
 }
 
+/* J of contact i times B of contact j: 3 x 3. */
+static void couple_contacts(const hcb_system* s, int i, int j, double* block) {
+  memset(block, 0, 9 * sizeof(double));
+  for (int side = 0; side < 4; side++) {
+    int q = s->rows[i].part[side / 2];
+    if (q < 0 || q != s->rows[j].part[side % 2]) continue;
+    int n = s->at[q + 1] - s->at[q];
+    const double *x = s->rows[i].J[side / 2], *y = s->rows[j].B[side % 2];
+    for (int d = 0; d < n; d++) {
+      double a[3] = {x[d], x[n + d], x[2 * n + d]}, b[3] = {y[d], y[n + d], y[2 * n + d]};
+      if (a[0] == 0 && a[1] == 0 && a[2] == 0) continue; /* most dofs of a tree do not move a foot */
+      for (int k = 0; k < 9; k++) block[k] += a[k / 3] * b[k % 3];
+    }
+  }
+}
+
 /* J M^-1 J^T of one contact, 3 x 3. */
 static void block_of(const hcb_system* s, int i, double* block) {
-  const hcb_rows* r = s->rows + i;
-  for (int k = 0; k < 9; k++) {
-    double sum = 0;
-    int row = k / 3, column = k % 3;
-    if (column > row) continue;
-    for (int side = 0; side < 2 && r->part[side] >= 0; side++) {
-      int size = s->at[r->part[side] + 1] - s->at[r->part[side]];
-      const double *a = r->J[side] + (size_t)row * size, *b = r->B[side] + (size_t)column * size;
-      for (int j = 0; j < size; j++) sum += a[j] * b[j];
-    }
-    block[k] = block[3 * column + row] = sum;
-  }
+  couple_contacts(s, i, i, block);
+  for (int k = 0; k < 9; k++) block[k] = block[k / 3 > k % 3 ? k : k % 3 * 3 + k / 3];
 }
 
 #endif

@@ -32,6 +32,7 @@
 #include "collision.c"
 
 #define HCB_RESTING_SWEEPS 30
+#define HCB_FEW 8 /* contacts of a group whose rates stand for its velocities */
 
 typedef struct { /* room, as `work` is divided */
   double *block, *first, *total, *group;
@@ -75,28 +76,50 @@ static hcb_group group_of(const hcb_system* s, const hcb_room* r, int n, int par
   return g;
 }
 
-typedef struct { /* a single contact, whose velocities are its rates: no dofs come between them */
+typedef struct { /* a few contacts, whose velocities are their rates: no dofs come between them */
   hcb_system s;
-  hcb_rows rows;
-  int at[2], of, part;
-} hcb_alone;
+  hcb_rows rows[HCB_FEW];
+  hcb_contact c[HCB_FEW];
+  double B[9 * HCB_FEW * HCB_FEW];
+  int at[2], of[HCB_FEW], part;
+} hcb_few;
 
-static void make_alone(hcb_group* g, hcb_alone* one) {
-  static const double unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-  *one = (hcb_alone){.rows = {{0, -1}, {unit, NULL}, {g->block, NULL}}, .at = {0, 3}};
-  one->s = (hcb_system){1, 1, one->at, &one->rows, g->s->c + g->of[0]};
-  g->s = &one->s;
-  g->of = &one->of;
-  g->part = &one->part;
+/* Lets the velocities of a group of few contacts be their rates, where there are not more of these than dofs. */
+static void make_few(hcb_group* g, hcb_few* few) {
+  int n = g->n, dofs = 0, size = 3 * n;
+  for (int q = 0; q < g->parts; q++) dofs += g->s->at[g->part[q] + 1] - g->s->at[g->part[q]];
+  if (n != 1 && (n == 0 || n > HCB_FEW || size > dofs)) return;
+  few->at[0] = few->part = 0;
+  few->at[1] = size;
+  for (int i = 0; i < n; i++) {
+    double* own = few->B + 3 * i * size;
+    for (int j = 0; j < i; j++) {
+      double block[9];
+      couple_contacts(g->s, g->of[j], g->of[i], block);
+      for (int k = 0; k < 9; k++) {
+        own[k % 3 * size + 3 * j + k / 3] = few->B[(3 * j + k / 3) * size + 3 * i + k % 3] = block[k];
+      }
+    }
+    for (int k = 0; k < 9; k++) own[k / 3 * size + 3 * i + k % 3] = g->block[9 * i + k];
+    few->rows[i] = (hcb_rows){{0, -1}, {NULL, NULL}, {own, NULL}};
+    few->c[i] = g->s->c[g->of[i]];
+    few->of[i] = i;
+  }
+  few->s = (hcb_system){n, 1, few->at, few->rows, few->c};
+  g->s = &few->s;
+  g->of = few->of;
+  g->part = &few->part;
   g->parts = 1;
+  clear(g, g->v);
+  if (n > 1) return;
   memset(g->base, 0, 3 * sizeof(double));
   memcpy(g->v, g->before, 3 * sizeof(double));
 }
 
 static void collide_group(const hcb_system* s, const hcb_room* r, int n, int parts, double* u, double* p) {
   hcb_group g = group_of(s, r, n, parts, u);
-  hcb_alone one;
-  if (n == 1) make_alone(&g, &one);
+  hcb_few few;
+  make_few(&g, &few);
   compress(&g);
   restitute(&g);
   rub(&g);
@@ -149,7 +172,7 @@ static int list_approaching(const hcb_system* s, const hcb_room* r, const double
    without each other. rests[i]: which ones; slip[i] of the others is 0. */
 void hcb_resting_slip(const hcb_system* s, const double* u, const int* rests, double* slip, double* work) {
   hcb_room r = divide(s, work);
-  hcb_alone one;
+  hcb_few few;
   int count = 0;
   for (int q = 0; q < s->parts; q++) r.part[q] = q;
   for (int i = 0; i < s->n; i++) {
@@ -157,9 +180,10 @@ void hcb_resting_slip(const hcb_system* s, const double* u, const int* rests, do
     if (rests[i] && r.block[9 * (size_t)i] > 0) r.of[count++] = i;
   }
   hcb_group g = group_of(s, &r, count, s->parts, u);
-  if (count == 1) make_alone(&g, &one);
+  make_few(&g, &few);
   memset(g.p, 0, 3 * count * sizeof(double));
   memset(g.target, 0, count * sizeof(double));
+  set_steps(&g);
   for (int sweep = 0; sweep < HCB_RESTING_SWEEPS; sweep++) friction_sweep(&g, 1, 1);
   for (int i = 0; i < count; i++) slip[r.of[i]] = length(rate_in(&g, i, 1, g.v), rate_in(&g, i, 2, g.v));
 }

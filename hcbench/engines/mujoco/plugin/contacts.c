@@ -130,10 +130,12 @@ static void shift_jointed(const mjModel* m, mjData* d, const double* change, dou
   mju_copy(velocity, d->qvel, nv);
   mju_zero(from, nv);
   mju_add(after, velocity, change, nv);
-  bias_at(m, d, linear ? from : velocity, from);
   bias_at(m, d, linear ? change : after, after);
-  mju_copy(d->qvel, velocity, nv);
-  mj_comVel(m, d);
+  bias_at(m, d, linear ? from : velocity, from);
+  if (linear) {
+    mju_copy(d->qvel, velocity, nv);
+    mj_comVel(m, d);
+  }
   for (int j = 0; j < nv; j++) force[j] += is_lone(m, j) ? 0 : from[j] - after[j];
 }
 

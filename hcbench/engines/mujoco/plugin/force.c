@@ -223,7 +223,7 @@ static void prepare(const mjModel* m, mjData* d, const tree_parts* t, touch* all
       c->inverse_mass = row_dot(part_size(t, c->part[0]), c->row[0], c->solved[0]);
     }
     const double* const solved[2] = {c->solved[0], c->solved[1]};
-    c->law = law_of(m, own, c->inverse_mass, falls ? -along_dofs(t, c->part, solved, 0, gravity) : 0);
+    c->law = law_of(m, own, c->inverse_mass, falls ? -along_row(t, c->part, solved, gravity) : 0);
     if (c->x > 0) set_touch_speed(&c->law, c->x, c->v);
   }
 }

@@ -115,7 +115,7 @@ static int gather(const mjModel* m, mjData* d, int first, blow* all) {
 /* The rows of a contact, and in u its rates without what its velocities and those of the equalities it meets differ by. */
 static hcb_rows rows_of(const mjModel* m, mjData* d, const tree_parts* t, const blow* b, double* u) {
   hcb_rows r = {.part = {-1, -1}};
-  double *J[2] = {NULL, NULL}, *B[2] = {NULL, NULL};
+  double *J[2] = {NULL, NULL}, *B[2] = {NULL, NULL}, own[3];
   if (b->tendon >= 0) {
     tendon_row(m, d, t, b->tendon, r.part, NULL);
   } else {
@@ -132,14 +132,16 @@ static hcb_rows rows_of(const mjModel* m, mjData* d, const tree_parts* t, const 
   } else {
     make_rows(m, d, t, b->body, b->point, b->frame, b->dim > 1 ? 3 : 1, r.part, J);
   }
-  for (int k = 0; k < 3; k++) u[k] = k && b->dim == 1 ? 0 : b->rate[k] - along_dofs(t, r.part, r.J, k, d->qvel);
+  along_rows(t, r.part, r.J, d->qvel, own);
+  for (int k = 0; k < 3; k++) u[k] = k && b->dim == 1 ? 0 : b->rate[k] - own[k];
   for (int s = 0; s < 2 && r.part[s] >= 0; s++) {
     int size = part_size(t, r.part[s]);
     for (int k = 0; k < 3; k++) hold(t, d, r.part[s], J[s] + (size_t)k * size);
     memcpy(B[s], J[s], 3 * (size_t)size * sizeof(double));
-    for (int k = 0; k < 3; k++) solve_part(m, d, t, r.part[s], B[s] + (size_t)k * size);
+    solve_three(m, d, t, r.part[s], B[s]);
   }
-  for (int k = 0; k < 3; k++) u[k] += along_dofs(t, r.part, r.J, k, d->qvel);
+  along_rows(t, r.part, r.J, d->qvel, own);
+  for (int k = 0; k < 3; k++) u[k] += own[k];
   return r;
 }
 
@@ -153,7 +155,9 @@ static hcb_system make_system(const mjModel* m, mjData* d, const tree_parts* t, 
   for (int i = 0; i < n; i++) {
     rows[i] = rows_of(m, d, t, of[i], u + 3 * i);
     c[i] = of[i]->law;
-    for (int k = 0; k < 3; k++) gains[3 * i + k] = gravity ? h * along_dofs(t, rows[i].part, rows[i].B, k, gravity) : 0;
+    memset(gains + 3 * i, 0, 3 * sizeof(double));
+    if (gravity) along_rows(t, rows[i].part, rows[i].B, gravity, gains + 3 * i);
+    for (int k = 0; k < 3; k++) gains[3 * i + k] *= h;
     double gained = -gains[3 * i];
     if (of[i]->tendon >= 0) c[i].still += HCB_STILL * fmax(0, gained);
     calm[i] = c[i].still;

@@ -84,28 +84,45 @@ static int part_of_body(const mjModel* m, const tree_parts* t, int body) {
   return tree < 0 ? -1 : t->of_tree[tree];
 }
 
-/* x = M^-1 x over a part's dofs, from M = L^T D L: mj_solveM of trees alone, as each row of L has ancestors only. */
-static void solve_factored(const mjModel* m, const mjData* d, const tree_parts* t, int part, const double* L,
-                           const double* inverse, double* x) {
+/* x = M^-1 x over a part's dofs, of `count` vectors, from M = L^T D L: mj_solveM of trees alone, as each row of L has
+   ancestors only. Vectors side by side keep the processor busy: each sum waits for itself. */
+static inline void solve_vectors(const mjModel* m, const mjData* d, const tree_parts* t, int part, const double* L,
+                                 const double* inverse, double* x, int count) {
   (void)d;
   const int* const rows[] = {HCB_M_ROWS};
   const int *nnz = rows[0], *adr = rows[1], *colind = rows[2], *dof = t->dof + t->at[part];
   int n = part_size(t, part);
   for (int i = n - 1; i >= 0; i--) {
-    int a = adr[dof[i]];
-    for (int k = 0; k < nnz[dof[i]] - 1 && x[i] != 0; k++) x[t->place[colind[a + k]]] -= L[a + k] * x[i];
+    int a = adr[dof[i]], moves = 0;
+    for (int c = 0; c < count; c++) moves |= x[c * n + i] != 0;
+    for (int k = 0; k < nnz[dof[i]] - 1 && moves; k++) {
+      double* at = x + t->place[colind[a + k]];
+      for (int c = 0; c < count; c++) at[c * n] -= L[a + k] * x[c * n + i];
+    }
   }
-  for (int i = 0; i < n; i++) x[i] *= inverse[dof[i]];
   for (int i = 0; i < n; i++) {
     int a = adr[dof[i]];
-    double sum = 0;
-    for (int k = 0; k < nnz[dof[i]] - 1; k++) sum += L[a + k] * x[t->place[colind[a + k]]];
-    x[i] -= sum;
+    double sum[3] = {0};
+    for (int c = 0; c < count; c++) x[c * n + i] *= inverse[dof[i]];
+    for (int k = 0; k < nnz[dof[i]] - 1; k++) {
+      const double* at = x + t->place[colind[a + k]];
+      for (int c = 0; c < count; c++) sum[c] += L[a + k] * at[c * n];
+    }
+    for (int c = 0; c < count; c++) x[c * n + i] -= sum[c];
   }
 }
 
+static void solve_factored(const mjModel* m, const mjData* d, const tree_parts* t, int part, const double* L,
+                           const double* inverse, double* x) {
+  solve_vectors(m, d, t, part, L, inverse, x, 1);
+}
+
 static void solve_part(const mjModel* m, const mjData* d, const tree_parts* t, int part, double* x) {
-  solve_factored(m, d, t, part, d->qLD, d->qLDiagInv, x);
+  solve_vectors(m, d, t, part, d->qLD, d->qLDiagInv, x, 1);
+}
+
+static void solve_three(const mjModel* m, const mjData* d, const tree_parts* t, int part, double* x) {
+  solve_vectors(m, d, t, part, d->qLD, d->qLDiagInv, x, 3);
 }
 
 /* Rows of b2's velocity minus b1's at a point along `count` directions, over the dofs of each side's part. */
@@ -149,14 +166,26 @@ static void tendon_row(const mjModel* m, mjData* d, const tree_parts* t, int ten
   mj_freeStack(d);
 }
 
-/* Row k of three over the parts of a contact, times a vector over all dofs. */
-static double along_dofs(const tree_parts* t, const int part[2], const double* const rows[2], int k, const double* full) {
+/* A row over the parts of a contact, times a vector over all dofs. */
+static double along_row(const tree_parts* t, const int part[2], const double* const rows[2], const double* full) {
   double sum = 0;
   for (int s = 0; s < 2 && part[s] >= 0; s++) {
-    int size = part_size(t, part[s]);
-    for (int j = 0; j < size; j++) sum += rows[s][(size_t)k * size + j] * full[t->dof[t->at[part[s]] + j]];
+    for (int j = 0; j < part_size(t, part[s]); j++) sum += rows[s][j] * full[t->dof[t->at[part[s]] + j]];
   }
   return sum;
+}
+
+/* Three rows over the parts of a contact, times a vector over all dofs. */
+static void along_rows(const tree_parts* t, const int part[2], const double* const rows[2], const double* full, double* out) {
+  out[0] = out[1] = out[2] = 0;
+  for (int s = 0; s < 2 && part[s] >= 0; s++) {
+    int size = part_size(t, part[s]);
+    const double* row = rows[s];
+    for (int j = 0; j < size; j++) {
+      double x = full[t->dof[t->at[part[s]] + j]];
+      for (int k = 0; k < 3; k++) out[k] += row[k * size + j] * x;
+    }
+  }
 }
 
 static void part_add(const tree_parts* t, int part, const double* x, double scale, double* full) {

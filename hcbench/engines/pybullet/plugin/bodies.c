@@ -14,8 +14,8 @@ typedef struct {
   long tick;
   link_state *base, *link; /* base = link - 1 */
   /* of a tree: each freedom's link, and its twist (angular velocity, velocity at the origin) */
-  int owner[DOFS + 6];
-  double twist_w[DOFS + 6][3], twist_v[DOFS + 6][3], *inverse_mass, falling[DOFS + 6];
+  int* owner;
+  double (*twist_w)[3], (*twist_v)[3], *inverse_mass, *falling;
 } body;
 
 typedef struct { /* what one step pushed, for the substeps that come after */
@@ -59,25 +59,30 @@ static void rotate(const double* q, const double* v, int way, double* out) {
   for (int i = 0; i < 3; i++) out[i] = v[i] + q[3] * twice[i] + way * again[i];
 }
 
+static void add_block(world* w, size_t room) {
+  block* made = malloc(sizeof(block) + room * sizeof(double));
+  *made = (block){w->memory, 0, room};
+  w->memory = made;
+}
+
 static double* take(world* w, size_t count) { /* until the tick's end */
-  if (!w->memory || w->memory->room - w->memory->used < count) {
-    size_t room = count > 1 << 15 ? count : 1 << 15;
-    block* made = malloc(sizeof(block) + room * sizeof(double));
-    *made = (block){w->memory, 0, room};
-    w->memory = made;
-  }
+  if (!w->memory || w->memory->room - w->memory->used < count) add_block(w, count > 1 << 15 ? count : 1 << 15);
   w->memory->used += count;
   return w->memory->data + w->memory->used - count;
 }
 
 static int* take_ints(world* w, size_t count) { return (int*)take(w, count / 2 + 1); }
 
+/* What a tick needed in several blocks, the next one has in one. */
 static void free_taken(world* w) {
-  while (w->memory && w->memory->next) {
+  size_t room = 0;
+  while (w->memory && (w->memory->next || room)) {
     block* next = w->memory->next;
+    room += w->memory->room;
     free(w->memory);
     w->memory = next;
   }
+  if (room) add_block(w, room);
   if (w->memory) w->memory->used = 0;
 }
 
@@ -91,6 +96,19 @@ static int request_state(world* w, const body* b) {
   b3RequestActualStateCommandComputeForwardKinematics(command, b->links > 0);
   (*(process**)w->server)[PROCESS_COMMAND](w->server, command, w->status, (char*)w->state, sizeof(b3State));
   return b3GetStatusType(w->status) == STATE_COMPLETED;
+}
+
+/* Room for what each freedom has; a body without joints needs little, so that many lie close together. */
+static void make_room(body* b, const int* owner) {
+  size_t n = b->freedoms;
+  free(b->falling);
+  b->falling = calloc(b->is_tree ? n * n + 8 * n + 1 : 6, sizeof(double));
+  if (!b->is_tree) return;
+  b->twist_w = (double(*)[3])(b->falling + n);
+  b->twist_v = b->twist_w + n;
+  b->inverse_mass = b->falling + 7 * n;
+  b->owner = (int*)(b->inverse_mass + n * n);
+  memcpy(b->owner, owner, n * sizeof(int));
 }
 
 /* Masses and joints. 0 if there is no such body, or one of more links than Bullet reports. */
@@ -114,14 +132,14 @@ static int read_body(world* w, body* b) {
     rotate(l->info.frame + 3, back, -1, l->pivot);
     b->is_tree |= joint.type != FIXED || b->base->info.mass > 0;
   }
+  int owner[DOFS + 6];
   b->freedoms = b->base->info.mass > 0 && !b->base->info.dynamic_type ? 6 : 0;
-  for (int i = 0; i < 6; i++) b->owner[i] = -1;
+  for (int i = 0; i < 6; i++) owner[i] = -1;
   for (int i = 0; i < b->links && b->links < DOFS; i++) {
     int many = b->link[i].joint == FIXED ? 0 : b->link[i].joint < SPHERICAL ? 1 : 3;
-    for (int k = 0; k < many && b->freedoms < DOFS + 6; k++) b->owner[b->freedoms++] = i;
+    for (int k = 0; k < many && b->freedoms < DOFS + 6; k++) owner[b->freedoms++] = i;
   }
-  free(b->inverse_mass);
-  b->inverse_mass = b->is_tree ? calloc((size_t)b->freedoms * b->freedoms + 1, sizeof(double)) : NULL;
+  make_room(b, owner);
   b->stale = 0;
   return b->links < DOFS;
 }
@@ -147,7 +165,7 @@ static void forget_body(world* w, int id) {
   w->outdated = 1;
   if (id < 0 || id >= w->body_count || !w->bodies[id]) return;
   free(w->bodies[id]->base);
-  free(w->bodies[id]->inverse_mass);
+  free(w->bodies[id]->falling);
   free(w->bodies[id]);
   w->bodies[id] = NULL;
 }
