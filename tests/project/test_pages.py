@@ -47,6 +47,12 @@ def test_no_page_advises_a_package_that_is_not_published(page: Path) -> None:
     assert not re.search(r"pip install ['\"]?hcbench", page.read_text(encoding="utf-8"))
 
 
+def test_the_pages_of_the_reports_are_linked() -> None:
+    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+    for report in (p.parent for p in (ROOT / "reports").glob("*/index.html")):
+        assert f"reports/{report.name}/index.html)" in text
+
+
 def test_every_setting_has_a_card_with_its_picture() -> None:
     page = cards.PAGE.read_text(encoding="utf-8")
     for engine in set(registry.names()) - {"recorded", "toy"}:
