@@ -19,8 +19,10 @@ _LONGEST_NAME = 255  # bytes, on every common file system
 class PathType(click.Path):
     """A path: "" is none, and not the working directory; nor is what no disk takes."""
 
-    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
-        """What a help says that it takes."""
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str | None:
+        """What a help says that an option takes; an argument has its own name."""
+        if isinstance(param, click.Argument):
+            return None
         return "FILE" if self.file_okay else "FOLDER"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
