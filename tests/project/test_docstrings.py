@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 import importlib
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -59,3 +60,36 @@ def test_a_verb_says_what_it_takes_returns_and_raises(name: str) -> None:
         assert f"{section}\n    {'-' * len(section)}\n" in text
     assert f"`hcbench {name}`" in text
     assert name in importlib.import_module("hcbench.cli").app.commands
+
+
+RESULTS: dict[str, Callable[[], Any]] = {
+    "law": lambda: hcbench.law("0.3 s/m"),
+    "pairs": lambda: hcbench.pairs("ball.xml"),
+    "measure": lambda: hcbench.measure("ball.xml", "ball,plate", speeds="0.1:1:9 m/s", phases=1),
+    "check": lambda: hcbench.check("ball.xml", "ball,plate", restitution=0.9, speeds=0.3, phases=1),
+    "tune": lambda: hcbench.tune("mujoco", alpha="0.3 s/m", timestep="2 ms", kind="exact"),
+    "fit": lambda: hcbench.fit("pairs.csv"),
+    "convert": lambda: hcbench.convert(alpha="0.3 s/m", speed="1 m/s"),
+}
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_a_result_shows_itself_in_twelve_lines_and_as_a_table(name: str, folder: Path) -> None:
+    result = RESULTS[name]()
+    lines = repr(result).splitlines()
+    assert 1 <= len(lines) <= 12 and max(map(len, lines)) <= 100
+    assert not any("object at 0x" in line or line.startswith(f"{type(result).__name__}(") for line in lines)
+    frame = result.to_frame()
+    assert len(frame) and len(frame.columns) > 1
+    assert "<t" in result._repr_html_()
+    if name in ("law", "measure", "tune", "fit"):
+        assert result.plot().axes
+
+
+@pytest.mark.parametrize("speed", ["1 m/s", "100 cm/s", 1.0, np.float64(1.0)])
+def test_a_speed_is_text_a_number_or_pints(speed: Any) -> None:
+    registry = pytest.importorskip("pint").UnitRegistry()
+    law = hcbench.law(alpha=0.3 * registry("s/m"))
+    assert law.e(speed) == law.e(100.0 * registry("cm/s")) == pytest.approx(0.768, abs=5e-5)
+    several = np.array([[0.5, 1.0], [1.5, 2.0]])
+    assert law.e(several * registry("m/s")).shape == law.e(several).shape == (2, 2)
