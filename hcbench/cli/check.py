@@ -31,6 +31,10 @@ if TYPE_CHECKING:
     from hcbench.measuring.measurement import Measurement
 
 
+_NO_BOUNCE = 0.01  # e below which nobody sees a bounce
+_EXAMPLE_ALPHA = "0.3 s/m"  # steel's
+
+
 def _file(*names: str, help: str) -> Callable[..., Any]:  # noqa: A002 - Click's own word
     return click.option(*names, type=PathType(path_type=Path, dir_okay=False), help=help)
 
@@ -144,16 +148,19 @@ def _next_line(measurement: Measurement, models: tuple[str, ...], python: str | 
     from hcbench.sim.capabilities import TunesModels
 
     source = " ".join(map(quote, models)) if python is None else f"--python {quote(python)}"
-    pair = options["pair"] or ",".join(measurement.facts.pair)
-    named = ("engine", "alpha", "restitution")
-    given = " ".join(f"--{name} {quote(str(options[name]))}" for name in named if options[name] is not None)
-    start = f"{source} --pair {quote(pair)} {given}".rstrip()
+    pair = quote(options["pair"] or ",".join(measurement.facts.pair))
+    targets = [name for name in ("alpha", "restitution") if options[name] is not None]
+    target = " ".join(f"--{name} {quote(str(options[name]))}" for name in targets)
+    impacts = measurement.measured
     if measurement.wanted is None:
-        return f"hcbench check {start} --write-baseline bounce.json"
-    missed = any(abs(error) > TOLERANCE for _, error in measurement.errors(measurement.wanted))
+        missed = all(impact.restitution < _NO_BOUNCE for impact in impacts)
+    else:
+        missed = any(abs(error) > TOLERANCE for _, error in measurement.errors(measurement.wanted))
     if missed and python is None and isinstance(registry.engine(measurement.facts.engine), TunesModels):
-        return f"hcbench tune {start} --write-model tuned{Path(models[0]).suffix}"
-    return f"hcbench check {start}"
+        target = target or f"--alpha '{_EXAMPLE_ALPHA}'"
+        return f"hcbench tune {source} --pair {pair} {target} --write-model tuned{Path(models[0]).suffix}"
+    engine = f" --engine {quote(options['engine'])}" if options["engine"] else ""
+    return f"hcbench check {source}{engine} --pair {pair} {target or '--write-baseline bounce.json'}"
 
 
 def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json: bool) -> None:
