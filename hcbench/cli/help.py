@@ -103,7 +103,7 @@ START = """\b
 Examples:
   hcbench measure my.xml --pair ball,floor
   hcbench tune mujoco --alpha "0.3 s/m" --timestep "2 ms"
-  hcbench COMMAND --help
+  hcbench fit drop.wav
 
 Documentation: docs/tutorial.md
 """

@@ -165,7 +165,10 @@ def test_the_list_says_version_python_size_and_place(there: Path, capsys: pytest
     assert "hcbench engines add toy" in listed["toy"]["install"] or not listed["toy"]["install"]
     assert listed["reference"]["version"]
     assert run(["engines", "list"]) == 0
-    assert f"toy@2.0  2.0, Python {own['python']}" in capsys.readouterr().out
+    lines = capsys.readouterr().out.splitlines()
+    (line,) = (line for line in lines if line.startswith("toy@2.0 "))
+    assert " ".join(line.split()).startswith(f"toy@2.0 2.0, Python {own['python']}")
+    assert len(lines) <= len(listed) + 2  # one line an engine
 
 
 def test_beside_hcbench_it_works_without_any_environment(
