@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from hcbench.measuring.measurement import Measurement
 
 
-_NO_BOUNCE = 0.01  # e below which nobody sees a bounce
+_NO_BOUNCE = 0.01  # e below which a bounce is not seen
 _EXAMPLE_ALPHA = "0.3 s/m"  # steel's
 
 
