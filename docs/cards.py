@@ -45,6 +45,8 @@ CONDITIONS = (
 WORKS = 0.15  # error of e
 NEAR = 1.08  # impact speeds this near to each other are one point: phases change them a little
 PUBLISHED = {law.slug for law in LAWS.values()}  # docs/explanation/paper.md has them
+# Engines that step MuJoCo's model, or take its contact: where no report has a setting, the card has MuJoCo's.
+LIKE_MUJOCO = ("mjx", "mujoco-warp", "newton")
 FIRST = ("mujoco", "pybullet")
 BEGIN, END = "<!-- begin cards: python docs/cards.py -->\n", "<!-- end cards -->"
 
@@ -178,7 +180,10 @@ def written(curves: list[dict[str, Any]]) -> str:
         if recipes and engine != "recorded":
             title = registry.engine(engine).title
             parts.append(f"## {title}\n")
-            parts += [_card(title, recipe, by_name.get((engine, recipe.name))) for recipe in recipes]
+            for recipe in recipes:
+                own = by_name.get((engine, recipe.name))
+                shared = by_name.get(("mujoco", recipe.name)) if engine in LIKE_MUJOCO else None
+                parts.append(_card(title, recipe, own or shared))
     return "\n" + "\n".join(parts) + "\n"
 
 
@@ -186,9 +191,14 @@ def _card(title: str, recipe: Any, curve: dict[str, Any] | None) -> str:
     lines = [f"### {title}: {recipe.name}", "", *_wrapped(recipe.summary), ""]
     if curve and curve["points"]:
         low, high = curve["points"][0][0], curve["points"][-1][0]
-        what = f"e of {recipe.name} in {title} over speed, beside the law"
+        shown = title if curve["engine"] == recipe.engine else "MuJoCo"
+        what = f"e of {recipe.name} in {shown} over speed, beside the law"
         lines += [f"![{what}](settings/{picture_file(curve).name})", ""]
-        lines += [f"- **Error of e**: {_error(curve)} from {low:.3g} to {high:.3g} m/s, {_condition(curve)}."]
+        where = _condition(curve) if shown == title else f"in MuJoCo, {_condition(curve)}"
+        lines += [f"- **Error of e**: {_error(curve)} from {low:.3g} to {high:.3g} m/s, {where}."]
+    else:
+        lost = curve is not None and curve["failed"]
+        lines += [f"- **Error of e**: {'no impact came back' if lost else 'no report has an e of it'}."]
     if curve and curve["steps"]:
         steps = " ... ".join(f"{n}" for n in dict.fromkeys(curve["steps"]))
         unit = "step" if steps == "1" else "steps"
