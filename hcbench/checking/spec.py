@@ -217,11 +217,11 @@ def read_rest_limits(depth: Quantity | None, vibration: Quantity | None) -> Rest
     if depth is None and vibration is None:
         return None
     most = {"max-depth": (depth, "length"), "max-vibration": (vibration, "speed")}
-    values = [
+    depth_most, vibration_most = (
         math.inf if value is None else units.parse(value, quantity, name, least=0.0)
         for name, (value, quantity) in most.items()
-    ]
-    return RestLimits(*values)
+    )
+    return RestLimits(depth_most, vibration_most, of_user=True)
 
 
 def _wanted(spec: CheckSpec) -> RestitutionCurve | None:

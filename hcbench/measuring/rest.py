@@ -23,11 +23,12 @@ _HELPS = 0.5  # of what is too much: a fix that helps leaves less
 @dataclass(frozen=True, slots=True)
 class RestLimits:
     """Most of the penetration, m, and of the vibration, m/s (rms), of a pair at rest: above them causes are
-    looked for.
+    looked for. of_user: whether they hold of a vibration that still dies away, too.
     """
 
     penetration: float = 1e-3
     vibration: float = 1e-4
+    of_user: bool = False
 
     @property
     def text(self) -> str:
@@ -38,7 +39,12 @@ class RestLimits:
 
     def beyond(self, rest: Rest | None) -> dict[str, tuple[float, float]]:
         """(value, limit) of what is above its limit, by name; NaN is above any."""
-        each = {name: (getattr(rest, name, math.nan), getattr(self, name)) for name in self.__slots__}
+        names = (
+            ("penetration", "vibration")
+            if self.of_user or not (rest and rest.dies_away)
+            else ("penetration",)
+        )
+        each = {name: (getattr(rest, name, math.nan), getattr(self, name)) for name in names}
         return {name: (value, most) for name, (value, most) in each.items() if not value <= most}
 
 

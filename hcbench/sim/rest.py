@@ -38,6 +38,11 @@ class Rest:
     drift: float = math.nan
 
     @property
+    def dies_away(self) -> bool:
+        """Whether the vibration falls."""
+        return self.decay < _DECAY_MAX
+
+    @property
     def text(self) -> str:
         """One line of it."""
         if math.isnan(self.penetration):
@@ -71,7 +76,7 @@ class Rest:
         if not self.penetration < max(_DEPTH_MAX * radius, _DEPTH_STEP * timestep):
             share = 100 * self.penetration / radius
             failures.append(f"it rests {self.penetration:.1e} m deep, {share:.2g} % of the radius")
-        if not (self.vibration < _VIBRATION_MAX or self.decay < _DECAY_MAX):
+        if not (self.vibration < _VIBRATION_MAX or self.dies_away):
             failures.append(f"it keeps on moving at {self.vibration:.1e} m/s (rms)")
         return failures
 

@@ -8,6 +8,7 @@ from outside_models import found_file, outside
 from hcbench.errors import UserError
 from hcbench.measuring import Wanted, measure
 from hcbench.measuring.request import make_request
+from hcbench.sim.model_under_test import Output
 from hcbench.tuning.model import tune_model
 
 GYM, ROBOTICS = "gymnasium/envs/mujoco/assets/", "gymnasium_robotics/envs/assets/"
@@ -100,9 +101,11 @@ TUNED: list[tuple[str, str]] = [
 @outside
 @pytest.mark.parametrize(("file", "pair"), TUNED)
 def test_the_tuned_model_bounces_as_tune_says(file: str, pair: str, tmp_path: Path) -> None:
-    """At speeds and phases that tune has not seen; the model is written beside no mesh of its own."""
+    """At speeds and phases that tune has not seen; the model is written into a folder of its own."""
     wanted = Wanted(restitution=0.5)
-    found = tune_model(str(found_file(file)), [make_request(pair, speeds=[0.3, 1.5])], wanted)
+    found = tune_model(
+        str(found_file(file)), [make_request(pair, speeds=[0.3, 1.5])], wanted, output=Output(tmp_path)
+    )
     (tmp_path / "tuned.xml").write_text(found.written)
     again = measure(tmp_path / "tuned.xml", pair, speeds=[0.35, 0.8, 1.3], phases=5, diagnose=False)
     print(f"{file} {found.name}: e = 0.5 within {found.max_error:.3f}")
