@@ -11,7 +11,7 @@ import click
 from hcbench._text import table
 from hcbench.cli.console import ALPHAS, EXPONENT, MASS, SPEEDS, as_json, print_json
 from hcbench.cli.help import command
-from hcbench.cli.terminal import folded, show
+from hcbench.cli.terminal import show
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
@@ -69,5 +69,5 @@ def law(
     for warning in dict.fromkeys(w for row in rows for w in row.warnings):
         kinds.setdefault(warning[:12], []).append(warning)
     for first, *others in kinds.values():
-        more = f" (and {len(others)} more like it)" if others else ""
-        print("\n".join(folded([f"warning: {first}{more}"])), file=sys.stderr)
+        more = f" (and {len(others)} more)" if others else ""
+        print(f"warning: {first}{more}", file=sys.stderr)

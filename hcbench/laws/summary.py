@@ -56,8 +56,7 @@ def _warnings(law: HuntCrossley, speed: float, shear: float | None) -> tuple[str
         )
     if shear is not None and shear > hertz.SHEAR_LIMIT:
         warnings.append(
-            f"shear stress {shear:.4g} Pa is above {hertz.SHEAR_LIMIT:.4g} Pa (62 000 lb/in²): "
-            "the surfaces may yield (section 1.10)"
+            f"shear stress {shear:.3g} Pa is above {hertz.SHEAR_LIMIT:.3g} Pa: the surfaces may yield"
         )
     if shear is None:
         warnings.append(f"no shear stress for exponent {law.exponent:g}: eq. (6) is for n = 1.5, spheres")
