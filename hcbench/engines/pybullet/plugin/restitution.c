@@ -94,7 +94,8 @@ static int sort_out(world* w, int count, hcb_contact* laws, int* near) {
     hcb_under_gravity(impact, -c->distance, -c->rate[0], c->fall, w->h, 0);
     impact->still = fmax(impact->still, d - w->h * c->fall / 2);
     busy |= w->h * c->fall / 2 - c->rate[0] > impact->still;
-    w->contacts[(*near)++] = *c;
+    if (w->contacts + *near != c) w->contacts[*near] = *c;
+    ++*near;
   }
   return busy;
 }
@@ -121,7 +122,9 @@ static hcb_rows rows_of(world* w, const contact* c, const int* part_of) {
     int side = k ? !lower : lower, size = c->body[side]->freedoms, again = s && own[side] == r.part[0];
     if (own[side] < 0) continue;
     double *J = take(w, 6 * (size_t)size), *B = J + 3 * (size_t)size;
-    for (int row = 0; row < 3; row++) {
+    memcpy(J, c->row[side][0], size * sizeof(double));
+    memcpy(B, c->solved[side][0], size * sizeof(double));
+    for (int row = 1; row < 3; row++) {
       const double* along = c->frame[row];
       make_row(c->body[side], c->link[side], c->at, along, sign_of(side), J + row * size, B + row * size);
     }
