@@ -103,9 +103,12 @@ def rows(condition: Condition) -> list[Row]:
 
 
 def _joined(ordered: Sequence[Row], i: int) -> list[bool]:
-    """Of each kind, whether row i or the next lies on the line between its neighbours."""
+    """Of each kind, whether rows i and i + 1 lie on the line between their neighbours."""
     inner = [k for k in (i, i + 1) if 0 < k < len(ordered) - 1 and i + 1 < len(ordered)]
-    return [any(_is_told(ordered[k - 1], ordered[k], ordered[k + 1], kind) for k in inner) for kind in (1, 2)]
+    return [
+        bool(inner) and all(_is_told(ordered[k - 1], ordered[k], ordered[k + 1], kind) for k in inner)
+        for kind in (1, 2)
+    ]
 
 
 def _is_told(left: Row, middle: Row, right: Row, kind: int) -> bool:
