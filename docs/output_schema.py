@@ -370,16 +370,14 @@ def fields() -> str:
         about = definitions[name]
         about = about.get("items", about)
         if "$ref" in about:
-            parts.append(f"## {name}\n\nA list of {_type(about)}.\n")
+            parts.append(f"## `{name}`\n\nA list of {_type(about)}.\n")
             continue
         rows = [
             f"| `{key}` | {_type(each)} | {each['description']} |"
             for key, each in about["properties"].items()
         ]
-        level = "##" if name.startswith("hcbench ") else "###"
-        parts.append(
-            "\n".join([f"{level} {name}", "", "| field | type | meaning |", "|---|---|---|", *rows, ""])
-        )
+        title = f"## `{name}`" if name.startswith("hcbench ") else f"### {name}"
+        parts.append("\n".join([title, "", "| field | type | meaning |", "|---|---|---|", *rows, ""]))
     return "\n" + "\n".join(parts) + "\n"
 
 
