@@ -47,7 +47,7 @@ def made(recipe: str) -> Setting:
 
 @pytest.mark.parametrize(
     ("recipe", "count", "must", "aim"),
-    [("spring-damper", 80, "15", "18"), ("spring-damper", 640, "19", "22"), ("staggered", 80, "", "")],
+    [("spring-damper", 80, "20", "30"), ("spring-damper", 640, "28", "40"), ("staggered", 80, "", "")],
 )
 def test_mujoco_over_a_users_loop(beside: Any, recipe: str, count: int, must: str, aim: str) -> None:
     setting, eighty, many, engine = made(f"mujoco.{recipe}"), launches(80), launches(count), MujocoEngine()
@@ -113,7 +113,7 @@ def test_mujoco_over_a_bare_c_loop(beside: Any, recipe: str, monkeypatch: pytest
             "C, the models that hcbench makes": ball_steps,
             "hcbench": ball_steps,
         },
-        must="1/1.18",
+        must="1/1.12" if recipe == "spring-damper" else "1/1.06",
         aim="1/1.05",
     )
     mujoco_engine.cached_pool.cache_clear()
@@ -137,8 +137,8 @@ def test_pybullet_over_a_users_loop(beside: Any) -> None:
             },
             per={"a user's loop": 80, "hcbench": 640},
             rounds=3,
-            must="3.6",
-            aim="5",
+            must="6",
+            aim="8",
         )
 
 

@@ -86,7 +86,7 @@ def run_in_pool(
 
     workers = Workers(pool.threads, lambda: pool.jobs, pool.map)
     store = Store(files_in_memory())
-    _run(make_plan(study, pool.map), store, workers, False, report, Timeouts(), arrays)
+    run_plan(make_plan(study, pool.map), store, workers, False, report, Timeouts(), arrays)
     return results_in(store, pool.map)
 
 
@@ -116,7 +116,9 @@ def sweep(
     with _workers(executor, scheduler, jobs) as workers:
         plan = make_plan(study, workers.mapper)
         with store.locked():
-            return _run(plan, store, workers, resume, progress or (lambda _: None), timeouts or Timeouts())
+            return run_plan(
+                plan, store, workers, resume, progress or (lambda _: None), timeouts or Timeouts()
+            )
 
 
 @contextmanager
@@ -134,7 +136,7 @@ def _workers(executor: Executor | None, scheduler: str | None, jobs: int) -> Ite
             yield Workers(pool.threads, lambda: jobs, pool.map)
 
 
-def _run(
+def run_plan(
     plan: Plan,
     store: Store,
     workers: Workers,
