@@ -148,7 +148,7 @@ def test_what_convert_prints_for_mujoco_and_pybullet(
     assert run(arguments) == 0
     printed = capsys.readouterr().out
     law = float(closed_form.restitution(0.3, SPEED))
-    (stiff,) = re.findall(r"^MuJoCo +solref +(\S+ \S+) .*Euler.*; solimp ([\d. ]+)$", printed, re.MULTILINE)
+    (stiff,) = re.findall(r"^MuJoCo +solref +(\S+ \S+)\n.*Euler.*; solimp ([\d. ]+)$", printed, re.MULTILINE)
     solref, solimp = stiff
     numbers = f'condim="1" solref="{solref}" solimp="{solimp} 0.5 2"'
     pair = f'<contact><pair geom1="{FOOT}" geom2="{FLOOR}" {numbers}/></contact>'
