@@ -210,9 +210,13 @@ def _steps_to_part(last: Floats, timestep: float) -> float:
 
 
 def _explain(impacts: Impacts, simulation: Simulation, counts: NDArray[np.int64]) -> None:
-    """Say what was in the way of those that went wrong. counts: the steps of each."""
-    for i in np.flatnonzero(np.isin(impacts.status, _WRONG)):
-        if note := simulation.note(int(counts[i])):
+    """Say what was in the way of those that went wrong. counts: the steps of each.
+
+    Each launch is asked: a simulation of a user's model keeps what acted, for the causes.
+    """
+    wrong = np.isin(impacts.status, _WRONG)
+    for i, count in enumerate(counts.tolist()):
+        if (note := simulation.note(count)) and wrong[i]:
             impacts.reason[i] = f"{impacts.reason[i]}; {note}"
 
 

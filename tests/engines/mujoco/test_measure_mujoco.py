@@ -432,7 +432,7 @@ def test_a_file_that_is_not_there() -> None:
         ({"timestep": 0}, "above 0"),
         ({"key": "nope"}, "qpos0"),
         ({"engine": "physx"}, "one of: .*mjx, mujoco, mujoco-warp, pybullet"),
-        ({"wanted": 1.5}, "0 ... 1"),
+        ({"restitution": 1.5}, "0 ... 1"),
     ],
 )
 def test_a_request_that_makes_no_sense(arguments: dict[str, Any], words: str) -> None:
