@@ -82,7 +82,7 @@ bench: $(INSTALLED)  ## every speed claim, measured against the alternatives; up
 
 docs: $(INSTALLED)  ## the documentation, into docs/_build/html
 	$(BIN)/python -m sphinx -q -W --keep-going docs docs/_build/html
-	ln -sfn ../../reports docs/_build/reports
+	rm -rf docs/_build/reports && cp -R reports docs/_build/  # a link here would end the search for files of a package
 
 sessions: $(INSTALLED)  ## the outputs that pages show, written again: the blocks of `$$ command` in README, examples and docs
 	PYTHONPATH=tests/support $(BIN)/python -m sessions
