@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import sys
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -79,7 +80,7 @@ def main() -> None:
         f"{results['datetime'][:10]}, {processor}, {machine['cores']} cores, load {machine['load']:.1f} as it"
         f" began; CPython {machine['python_version']}, {engines}."
     )
-    table = "\n".join([BEGIN, about, "", *rows(results), END])
+    table = "\n".join([BEGIN, *textwrap.wrap(about, 100), "", *rows(results), END])
     text = README.read_text(encoding="utf-8")
     before, _, rest = text.partition(BEGIN)
     README.write_text(before + table + rest.partition(END)[2], encoding="utf-8")

@@ -56,7 +56,8 @@ def _warnings(law: HuntCrossley, speed: float, shear: float | None) -> tuple[str
         )
     if shear is not None and shear > hertz.SHEAR_LIMIT:
         warnings.append(
-            f"shear stress {shear:.3g} Pa is above {hertz.SHEAR_LIMIT:.3g} Pa (62 000 psi): surfaces may yield"
+            f"shear stress {shear:.3g} Pa is above {hertz.SHEAR_LIMIT:.3g} Pa (62 000 psi):"
+            " surfaces may yield"
         )
     if shear is None:
         warnings.append(f"no shear stress for exponent {law.exponent:g}: eq. (6) is for n = 1.5, spheres")
