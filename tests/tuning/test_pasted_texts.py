@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from long_searches import LONG
 from pasted import FLOOR, FOOT, NAMES, bounces, bullet_bounces, plain_mujoco, renamed
+from sessions import PAGES, page_steps
 
 from hcbench.cli import run
 from hcbench.contact.mujoco import load
@@ -185,13 +185,11 @@ def test_the_plug_ins_of_the_documentation() -> None:
 
 def commands() -> list[str]:
     """Each `hcbench tune ENGINE` of README and documentation whose answer a plain model can show."""
-    pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), ROOT / "examples" / "README.md"]
-    lines = [line for page in pages for line in page.read_text(encoding="utf-8").splitlines()]
-    found = dict.fromkeys(
-        line.split("#")[0].strip() for line in lines if re.match(r"hcbench tune (mujoco|py)", line)
-    )
-    shown = [line for line in found if "--points" not in line and "--match" not in line]
-    return shown if LONG else shown[:1]
+    words = [step.words for page in PAGES for step in page_steps(page)]
+    tunes = [w for w in words if w[1:2] == ["tune"] and w[2] in ("mujoco", "pybullet")]
+    found = dict.fromkeys(shlex.join(w) for w in tunes if not {"--points", "--match", "--json"} & set(w))
+    assert found
+    return list(found)
 
 
 @pytest.mark.parametrize("command", commands())
@@ -199,7 +197,8 @@ def test_what_the_commands_of_readme_and_documentation_print(
     command: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert run([*shlex.split(command)[1:], "--json", "--pair", ",".join(NAMES)]) == 0
+    words = shlex.split(re.sub(r" --pair \S+", "", command))[1:]
+    assert run([*words, "--json", "--pair", ",".join(NAMES)]) == 0
     said: dict[str, Any] = json.loads(capsys.readouterr().out)
     target, choice = said["target"], next(c for c in said["choices"] if c["text"] == said["paste"])
     launches = over(choice["speeds_m_s"])
