@@ -221,15 +221,14 @@ def test_the_path_of_pybullets_plug_in_is_printed(capsys: pytest.CaptureFixture[
 
 def _run_beside_another_client() -> float:
     """The error of e in a client that is not the process's first; in the worker."""
-    from hcbench.engines.pybullet.backend import BulletClient, client, end_client
+    from hcbench.engines.pybullet.backend import BulletClient, client, end_clients
 
-    other = BulletClient.direct()
+    BulletClient.direct()
     client.cache_clear()
     try:
         return verdict("pybullet.restitution-law", 0.008, 1e-3).max_error
     finally:
-        end_client()
-        other.disconnect()
+        end_clients()
 
 
 def test_the_plug_in_acts_in_the_client_of_its_world() -> None:

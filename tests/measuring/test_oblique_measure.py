@@ -92,6 +92,7 @@ def pybullet_outcome() -> tuple[list[tuple[float, float]], list[float]]:
     p.changeDynamics(ball, -1, restitution=0.8, lateralFriction=0.5, **damping, **me)
     p.changeDynamics(plate, -1, restitution=1, lateralFriction=1, **me)
     impacts = measure(World(client, ball, plate), diagnose=False, **ASKED).impacts
+    p.disconnect(client)
     return [(i.speed_in, i.restitution) for i in impacts], [
         i.tangential.impulse_ratio for i in impacts if i.tangential
     ]

@@ -23,6 +23,7 @@ BACKEND = Backend(
 # Bullet's own values of what outlives resetSimulation; contactBreakingThreshold, a global of the process,
 # outlives the client too. Every world made here starts with them.
 UNCLIPPED = 1e9  # for maxJointVelocity: Bullet clips every component of speed and spin, at 100 unless set
+_MOST_CLIENTS = 1024  # MAX_PHYSICS_CLIENTS of Bullet
 LASTING_SETTINGS = {"contactBreakingThreshold": 0.02, "numSubSteps": 0, "enableFileCaching": 0}
 
 
@@ -81,12 +82,13 @@ def is_connected() -> bool:
 
 @cache
 def client() -> BulletClient:
-    """One client for the life of this process, or until `end_client`."""
+    """One client for the life of this process, or until `end_clients`."""
     return BulletClient.direct()
 
 
-def end_client() -> None:
-    """Disconnect it, where there is one."""
-    if client.cache_info().currsize:
-        client().disconnect()
-        client.cache_clear()
+def end_clients() -> None:
+    """Disconnect every client of this process: ours, and those that a user's script left when it failed."""
+    client.cache_clear()
+    if (pybullet := sys.modules.get("pybullet")) is not None:
+        for connected in filter(pybullet.isConnected, range(_MOST_CLIENTS)):
+            pybullet.disconnect(connected)

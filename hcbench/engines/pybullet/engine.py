@@ -18,7 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hcbench.engines.pybullet.backend import BACKEND, end_client, is_connected
+from hcbench.engines.pybullet.backend import BACKEND, end_clients, is_connected
 from hcbench.engines.pybullet.model.open import LiveWorld
 from hcbench.engines.pybullet.scene import snippet
 from hcbench.engines.pybullet.scene.options import read_options
@@ -115,8 +115,8 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         return super().accepts(source) or isinstance(source, int | LiveWorld) or hasattr(source, "_client")
 
     def make_room(self) -> None:
-        """End our client: a script that names none means the first, which must be its own."""
-        end_client()
+        """End all clients: a script that names none means the first, which must be its own."""
+        end_clients()
 
     def open(self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None) -> PybulletModel:
         """A world from files, from a `World`, or from a client."""

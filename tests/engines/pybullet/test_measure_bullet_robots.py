@@ -76,15 +76,27 @@ def test_a_script_has_the_first_client_to_itself_after_worlds_of_ours(script: Pa
     assert e_of_scene() == before
 
 
+def test_a_script_that_failed_leaves_no_client_to_the_next(script: Path, tmp_path: Path) -> None:
+    """Nor does a file that PyBullet refuses."""
+    fails, bad = tmp_path / "fails.py", tmp_path / "bad.urdf"
+    fails.write_text("def world():\n import pybullet as p\n p.connect(p.DIRECT)\n p.loadURDF('none.urdf')\n")
+    bad.write_text('<robot name="r"><link name="a"/><link name="a"/></robot>')
+    for broken in (f"{fails}:world", bad):
+        with pytest.raises(UserError):
+            measure(broken, "body:2,body:0", speeds=[0.5], phases=1, diagnose=False)
+    found = measure(f"{script}:plain", "body:2,body:0", speeds=[0.5], phases=1, diagnose=False)
+    assert found.curve[0].samples
+
+
 def arm_by_hand(script: str, qpos: list[float], rates: list[float], speed: float, phase: float) -> float:
     """e of the arm's tip on the plane: the loop that a user writes, over the tip's own velocity."""
     import runpy
 
     import pybullet as p
 
-    from hcbench.engines.pybullet.backend import end_client
+    from hcbench.engines.pybullet.backend import end_clients
 
-    end_client()  # the script's is the first
+    end_clients()  # the script's is the first
     runpy.run_path(script)["plain"]()
     for joint, (q, rate) in enumerate(zip(qpos, rates, strict=True)):
         p.resetJointState(1, joint, q - rate * (2 + phase) / 240 * speed, rate * speed)
@@ -116,12 +128,12 @@ def placed(script: str) -> tuple[list[float], list[float]]:
     """Joint positions at touch and rates for an approach at 1 m/s, as hcbench has them."""
     import runpy
 
-    from hcbench.engines.pybullet.backend import end_client
+    from hcbench.engines.pybullet.backend import end_clients
     from hcbench.engines.pybullet.model.movers import SwingingLink
     from hcbench.engines.pybullet.model.under_test import open_world
     from hcbench.measuring.request import make_request
 
-    end_client()
+    end_clients()
     make = runpy.run_path(script)["plain"]
     make()
     with open_world(None, make_request(TIP, speeds=[0.5]), make) as world:

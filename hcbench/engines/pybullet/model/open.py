@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -70,17 +71,20 @@ def load_files(paths: Sequence[str], packages: Packages = ()) -> LoadedWorld:
     """A new world with the files loaded in it, as PyBullet loads them by default."""
     files = [Path(path) for path in paths]
     unread = [check_user_model(path) for path in files]
-    bullet = BulletClient.direct()
-    bullet.resetSimulation()
-    bullet.setPhysicsEngineParameter(**_STARTING_SETTINGS)
-    world = LoadedWorld(bullet, " + ".join(path.name for path in files), True)
-    for path, restitution in zip(files, unread, strict=True):
-        for body in _load(bullet, path, packages):
-            _require_readable(bullet, body, path)
-            copies = sum(Path(name).name.partition(" (")[0] == path.name for name in world.files.values())
-            world.files[body] = f"{path.name} ({copies + 1})" if copies else path.name
-            if restitution is not None:
-                world.unread[body] = restitution
+    with ExitStack() as failed:
+        bullet = BulletClient.direct()
+        failed.callback(bullet.disconnect)
+        bullet.resetSimulation()
+        bullet.setPhysicsEngineParameter(**_STARTING_SETTINGS)
+        world = LoadedWorld(bullet, " + ".join(path.name for path in files), True)
+        for path, restitution in zip(files, unread, strict=True):
+            for body in _load(bullet, path, packages):
+                _require_readable(bullet, body, path)
+                copies = sum(Path(name).name.partition(" (")[0] == path.name for name in world.files.values())
+                world.files[body] = f"{path.name} ({copies + 1})" if copies else path.name
+                if restitution is not None:
+                    world.unread[body] = restitution
+        failed.pop_all()
     return world
 
 
