@@ -98,16 +98,8 @@ def as_record(landings: Landings) -> dict[str, Any]:
 
 def _drop_record(drop: Landing) -> dict[str, Any]:
     return {
-        "height_m": drop.height,
-        "tilt_rad": drop.tilt,
-        "speed_in_m_per_s": drop.speed_in,
+        **drop.record,
         "speed_out_m_per_s": drop.speed_out,
-        "restitution": drop.restitution,
-        "peak_over_weight": drop.peak,
-        "contact_s": drop.contact,
-        "slip_m": drop.slip,
-        "penetration_m": drop.penetration,
-        "feet_that_bounce": drop.bouncing,
         "feet": [dataclasses.asdict(foot) for foot in drop.feet],
         "time_s": drop.time.tolist(),
         "force_n": drop.force.tolist(),

@@ -104,6 +104,21 @@ class Landing:
         """How many feet bounce."""
         return sum(foot.bounces > 0 for foot in self.feet)
 
+    @property
+    def record(self) -> dict[str, float]:
+        """The numbers of the drop, SI, by the names that tables and JSON give them."""
+        return {
+            "height_m": self.height,
+            "tilt_rad": self.tilt,
+            "speed_in_m_per_s": self.speed_in,
+            "restitution": self.restitution,
+            "peak_over_weight": self.peak,
+            "contact_s": self.contact,
+            "slip_m": self.slip,
+            "penetration_m": self.penetration,
+            "feet_that_bounce": self.bouncing,
+        }
+
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Landings(Shown):
@@ -132,18 +147,7 @@ class Landings(Shown):
             yield f"from {drop.height:.3g} m: e = {drop.restitution:.3f}, {rest}"
 
     def _rows(self) -> Iterator[dict[str, float]]:
-        for drop in self.drops:
-            yield {
-                "height_m": drop.height,
-                "tilt_rad": drop.tilt,
-                "speed_in_m_per_s": drop.speed_in,
-                "restitution": drop.restitution,
-                "peak_over_weight": drop.peak,
-                "contact_s": drop.contact,
-                "slip_m": drop.slip,
-                "penetration_m": drop.penetration,
-                "feet_that_bounce": drop.bouncing,
-            }
+        return (drop.record for drop in self.drops)
 
 
 class FootfallLog:
