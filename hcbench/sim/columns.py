@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Self, overload
+from typing import Any, Self, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +21,20 @@ _CODES = {status: code for code, status in enumerate(STATUSES)}
 _PARTED, _RESTED = _CODES[Status.PARTED], _CODES[Status.RESTED]
 
 
-class _Columns:
-    """Fields that are arrays, or columns again, of one length."""
+One = TypeVar("One")
+
+
+class _Columns(Sequence[One]):
+    """A sequence of objects, kept as their fields: arrays, or columns again, of one length."""
 
     __slots__ = ()
+
+    @overload
+    def __getitem__(self, index: int) -> One: ...
+    @overload
+    def __getitem__(self, index: slice) -> Self: ...
+    def __getitem__(self, index: int | slice) -> One | Self:
+        return self.take(index) if isinstance(index, slice) else next(iter(self.take([index])))
 
     def take(self, which: Any) -> Self:
         """Those that an index array, a mask or a slice names, in its order."""
@@ -46,7 +56,7 @@ def _joined(values: Sequence[Any]) -> Any:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Launches(_Columns, Sequence[Launch]):
+class Launches(_Columns[Launch]):
     """A sequence of `Launch`. speed, phase, height (NaN for none): shape (n,); slip: (n, 2); spin: (n, 3)."""
 
     speed: Floats
@@ -97,13 +107,6 @@ class Launches(_Columns, Sequence[Launch]):
 
     def __len__(self) -> int:
         return len(self.speed)
-
-    @overload
-    def __getitem__(self, index: int) -> Launch: ...
-    @overload
-    def __getitem__(self, index: slice) -> Launches: ...
-    def __getitem__(self, index: int | slice) -> Launch | Launches:
-        return self.take(index) if isinstance(index, slice) else next(iter(self.take([index])))
 
     def __iter__(self) -> Iterator[Launch]:
         rows = zip(*(column.tolist() for column in self._values()), strict=True)
@@ -165,7 +168,7 @@ class Recorded:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Impacts(_Columns, Sequence[Impact]):
+class Impacts(_Columns[Impact]):
     """A sequence of `Impact`; each column has what its attribute of that name has, shape (n,).
 
     status: indices into STATUSES. source: a `Recorded` that has the loop, in a row from a step on (start);
@@ -207,13 +210,6 @@ class Impacts(_Columns, Sequence[Impact]):
 
     def __len__(self) -> int:
         return len(self.status)
-
-    @overload
-    def __getitem__(self, index: int) -> Impact: ...
-    @overload
-    def __getitem__(self, index: slice) -> Impacts: ...
-    def __getitem__(self, index: int | slice) -> Impact | Impacts:
-        return self.take(index) if isinstance(index, slice) else next(iter(self.take([index])))
 
     def __iter__(self) -> Iterator[Impact]:
         measured = self.speed_in, self.speed_out, self.duration, self.penetration_max, self.force_max
