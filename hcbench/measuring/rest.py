@@ -1,4 +1,4 @@
-"""How a pair lies on each other, and what keeps it from lying shallow and still: each fix tried alone."""
+"""How two bodies rest on each other, and what makes them penetrate or vibrate: each fix is tried alone."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from hcbench.errors import HcbenchError
 from hcbench.measuring.measurement import Cause
+from hcbench.sim.rest import VIBRATION_MAX
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,12 +23,13 @@ _HELPS = 0.5  # of what is too much: a fix that helps leaves less
 
 @dataclass(frozen=True, slots=True)
 class RestLimits:
-    """Most of the penetration, m, and of the vibration, m/s (rms), of a pair at rest: above them causes are
-    looked for. of_user: whether they hold of a vibration that still dies away, too.
+    """The largest penetration (m) and vibration (m/s, rms) of a pair at rest; hcbench looks for causes above.
+
+    of_user: whether the user gave them; then a vibration that still dies away is held to its limit, too.
     """
 
     penetration: float = 1e-3
-    vibration: float = 1e-4
+    vibration: float = VIBRATION_MAX
     of_user: bool = False
 
     @property
@@ -39,11 +41,8 @@ class RestLimits:
 
     def beyond(self, rest: Rest | None) -> dict[str, tuple[float, float]]:
         """(value, limit) of what is above its limit, by name; NaN is above any."""
-        names = (
-            ("penetration", "vibration")
-            if self.of_user or not (rest and rest.dies_away)
-            else ("penetration",)
-        )
+        calms = rest is not None and rest.dies_away and not self.of_user
+        names = ("penetration",) if calms else ("penetration", "vibration")
         each = {name: (getattr(rest, name, math.nan), getattr(self, name)) for name in names}
         return {name: (value, most) for name, (value, most) in each.items() if not value <= most}
 
@@ -65,9 +64,7 @@ def at_rest(
 def rest_causes(
     model: ModelUnderTest, rest: Rest | None, limits: RestLimits | None, suspects: Sequence[Suspect]
 ) -> tuple[Cause, ...]:
-    """What keeps the pair from resting within the limits: fixes that alone leave less than half, the
-    strongest first.
-    """
+    """What keeps the pair from resting within the limits: fixes that alone halve an excess, best first."""
     every = {} if limits is None else limits.beyond(rest)
     beyond = {name: value for name, (value, _) in every.items() if math.isfinite(value)}
     causes: dict[str, tuple[float, Cause]] = {}

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 # A body rests that sinks slower (m/s), lies less deep (of R, or so many m a second of the step), and
 # vibrates less (m/s) or less than before.
-_SINKING_MAX, _DEPTH_MAX, _DEPTH_STEP, _VIBRATION_MAX, _DECAY_MAX = 1e-5, 1e-3, 0.2, 1e-4, 0.95
+_SINKING_MAX, _DEPTH_MAX, _DEPTH_STEP, VIBRATION_MAX, _DECAY_MAX = 1e-5, 1e-3, 0.2, 1e-4, 0.95
 _SECONDS, _STEPS_MAX = 4.0, 4000  # simulated, until a body is taken to lie as it will
 _LET_DOWN = 1e-9  # m: the height it is let down from
 
@@ -76,7 +76,7 @@ class Rest:
         if not self.penetration < max(_DEPTH_MAX * radius, _DEPTH_STEP * timestep):
             share = 100 * self.penetration / radius
             failures.append(f"it rests {self.penetration:.1e} m deep, {share:.2g} % of the radius")
-        if not (self.vibration < _VIBRATION_MAX or self.dies_away):
+        if not (self.vibration < VIBRATION_MAX or self.dies_away):
             failures.append(f"it keeps on moving at {self.vibration:.1e} m/s (rms)")
         return failures
 
