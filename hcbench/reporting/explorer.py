@@ -96,7 +96,7 @@ def explorer_data(by_gravity: Views) -> dict[str, Any]:
         return {}
     answers = [_answer(shown, answer) for shown in by_gravity.shown for answer in answered(shown)]
     study, start = view.study, _start([tuple(a[name] for name in _WHERE) for a in answers] or ran, view)
-    texts = tables.Texts(by_gravity)
+    texts = tables.PastedTexts(by_gravity)
     return {
         "body": {"k": study["stiffness"], "n": study["exponent"], "m": view.mass},
         "alphas": view.alphas,
@@ -165,7 +165,7 @@ def _unknown(start: Mapping[str, Any]) -> dict[str, Any]:
     return {"kind": "", "say": say, "more": [], "text": command}
 
 
-def _runs(view: View, loops: LoopStore, texts: tables.Texts) -> Iterable[dict[str, Any]]:
+def _runs(view: View, loops: LoopStore, texts: tables.PastedTexts) -> Iterable[dict[str, Any]]:
     """Curves of every setting, step and α of the engines that ran over a band."""
     kept = _kept_loops(view)
     for (run, alpha), by_speed in _impacts(view).items():

@@ -107,7 +107,7 @@ def _constant(view: View, runs: Iterable[RunKey], alpha: float) -> str:
     return "–" if score is None else wording.error(score["constant_error_law"])
 
 
-class Texts:
+class PastedTexts:
     """What to paste of each run, every text once."""
 
     def __init__(self, by_gravity: Views) -> None:

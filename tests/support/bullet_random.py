@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pybullet as bullet
+from bullet_scenes import flight_energy
 
 from hcbench.contact import pybullet as contact
 
@@ -164,17 +165,7 @@ class World:
 
     def energy(self) -> float:
         """Kinetic and potential, J, as steps keep it in flight: half a step of gravity in each velocity."""
-        total = 0.0
-        for (body, link), (mass, inertia) in self.masses.items():
-            at, turn = bullet.getBasePositionAndOrientation(body, **self.here)
-            v, w = bullet.getBaseVelocity(body, **self.here)
-            if link >= 0:
-                at, turn, *_, v, w = bullet.getLinkState(body, link, 1, 1, **self.here)
-            m = bullet.getMatrixFromQuaternion(turn)
-            own = [m[i] * w[0] + m[i + 3] * w[1] + m[i + 6] * w[2] for i in range(3)]
-            total += mass * (0.5 * sum(x * x for x in v) + GRAVITY * (at[2] - 0.5 * self.h * v[2]))
-            total += 0.5 * sum(i * x * x for i, x in zip(inertia, own, strict=True))
-        return float(total)
+        return flight_energy(self.masses, GRAVITY, self.h, self.here)
 
 
 def _box(half: list[float]) -> dict[str, Any]:

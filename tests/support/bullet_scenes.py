@@ -21,6 +21,22 @@ if TYPE_CHECKING:
     from hcbench.laws.contact_law import Law
 
 RADIUS = 0.05
+Masses = dict[tuple[int, int], Any]  # (mass, inertia about its axes) by (body, link); -1 is the base
+
+
+def flight_energy(masses: Masses, gravity: float, h: float, here: dict[str, Any]) -> float:
+    """Kinetic and potential, J, as steps h keep it in flight: half a step of gravity in each velocity."""
+    total = 0.0
+    for (body, link), (mass, inertia) in masses.items():
+        at, turn = bullet.getBasePositionAndOrientation(body, **here)
+        v, w = bullet.getBaseVelocity(body, **here)
+        if link >= 0:
+            at, turn, *_, v, w = bullet.getLinkState(body, link, 1, 1, **here)
+        m = bullet.getMatrixFromQuaternion(turn)
+        own = [m[i] * w[0] + m[i + 3] * w[1] + m[i + 6] * w[2] for i in range(3)]
+        total += mass * (0.5 * sum(x * x for x in v) + gravity * (at[2] - 0.5 * h * v[2]))
+        total += 0.5 * sum(i * x * x for i, x in zip(inertia, own, strict=True))
+    return float(total)
 
 
 class Scene:
@@ -35,7 +51,7 @@ class Scene:
         bullet.setPhysicsEngineParameter(fixedTimeStep=h, numSubSteps=0, **self.here)
         bullet.setGravity(0, 0, -gravity, **self.here)
         self.bodies: list[int] = []
-        self._masses: dict[int, Any] = {}
+        self._masses: Masses = {}
         self.floor = self.body((0, 0, -1), (5, 5, 1), mass=0) if floor else None
 
     def body(
@@ -92,21 +108,11 @@ class Scene:
 
     def energy(self) -> float:
         """Kinetic and potential, J, as steps keep it in flight: half a step of gravity in each velocity."""
-        total = 0.0
         for body in self.bodies:
-            if body not in self._masses:
-                link = bullet.getNumJoints(body, **self.here) - 1  # the bob of a pendulum, or the base
-                self._masses[body] = link, *bullet.getDynamicsInfo(body, link, **self.here)[0:3:2]
-            link, mass, inertia = self._masses[body]
-            at, turn = bullet.getBasePositionAndOrientation(body, **self.here)
-            v, w = bullet.getBaseVelocity(body, **self.here)
-            if link >= 0:
-                at, turn, *_, v, w = bullet.getLinkState(body, link, 1, 1, **self.here)
-            m = bullet.getMatrixFromQuaternion(turn)
-            own = [m[i] * w[0] + m[i + 3] * w[1] + m[i + 6] * w[2] for i in range(3)]
-            total += mass * (0.5 * sum(x * x for x in v) + self.gravity * (at[2] - 0.5 * self.h * v[2]))
-            total += 0.5 * sum(i * x * x for i, x in zip(inertia, own, strict=True))
-        return float(total)
+            link = bullet.getNumJoints(body, **self.here) - 1  # the bob of a pendulum, or the base
+            if (body, link) not in self._masses:
+                self._masses[body, link] = bullet.getDynamicsInfo(body, link, **self.here)[0:3:2]
+        return flight_energy(self._masses, self.gravity, self.h, self.here)
 
     def motions(self) -> Floats:
         """Velocities, spins and the rates of joints, shape (n, 3): of a joint the rate comes first."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from hcbench.cases.score import EngineScore, regressions
-from hcbench.reporting.field.cells import Cell
+from hcbench.reporting.field.cells import MatrixCell
 from hcbench.reporting.wording import NBSP, engine_title, listed
 
 _VERDICTS = {
@@ -33,7 +33,7 @@ class CaseTable:
 
     sentence: str
     titles: dict[str, str]
-    rows: Sequence[tuple[str, Sequence[Cell]]]
+    rows: Sequence[tuple[str, Sequence[MatrixCell]]]
     why: dict[str, dict[str, str]]
     changes: Sequence[str]
 
@@ -71,10 +71,10 @@ def _sentence(scores: Sequence[EngineScore]) -> str:
     return f"The restitution that is set is {'; '.join(parts)}."
 
 
-def _cells(one: EngineScore) -> Iterable[Cell]:
+def _cells(one: EngineScore) -> Iterable[MatrixCell]:
     text, grade, _ = _OBEDIENCE.get(one.restitution or "", ("–", "none", ""))
-    yield Cell(text.format(f"{one.threshold:.2g}{NBSP}m/s"), grade=grade)
-    yield Cell(f"{one.passed} of {len(one.verdicts)}")
+    yield MatrixCell(text.format(f"{one.threshold:.2g}{NBSP}m/s"), grade=grade)
+    yield MatrixCell(f"{one.passed} of {len(one.verdicts)}")
     for verdict in one.verdicts:
         text, grade = _VERDICTS[verdict["verdict"]]
-        yield Cell(text, grade=grade)
+        yield MatrixCell(text, grade=grade)

@@ -41,7 +41,7 @@ _LOST = {"diverged": "loses the ball", "no-touch": "no contact", "crashed": "cra
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class MatrixCell:
     """text, and what stands below it. grade: of GRADES. order: to sort by; None is last. case: what it is of.
 
     note: a sentence for who clicks it.
@@ -55,7 +55,7 @@ class Cell:
     note: str = ""
 
 
-def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str, Cell]]:
+def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str, MatrixCell]]:
     """By engine, those that ran so, the nearest to the law by its own settings first: cells by column."""
     made = {
         engine: _row(view, engine, gravity, timestep)
@@ -70,7 +70,7 @@ def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str
     return {engine: made[engine] for engine in sorted(made, key=order)}
 
 
-def _row(view: FieldView, engine: str, gravity: float, timestep: float) -> dict[str, Cell]:
+def _row(view: FieldView, engine: str, gravity: float, timestep: float) -> dict[str, MatrixCell]:
     here = (engine, gravity, timestep)
     own, plugin = view.best(*here), view.best(*here, PLUGIN)
     return {
@@ -80,40 +80,44 @@ def _row(view: FieldView, engine: str, gravity: float, timestep: float) -> dict[
         "slow": _slow(view, own, plugin),
         "loop": _loop(view, own or plugin),
         "files": _files(engine),
-        "version": Cell(view.results.versions.get(engine, "–"), note="The version that this run measured."),
+        "version": MatrixCell(
+            view.results.versions.get(engine, "–"), note="The version that this run measured."
+        ),
     }
 
 
-def _stock(view: FieldView, here: Case | None, without_gravity: Case | None) -> Cell:
+def _stock(view: FieldView, here: Case | None, without_gravity: Case | None) -> MatrixCell:
     """Its e; without gravity where it did not run under gravity."""
     case = here or without_gravity
     if case is None:
-        return Cell("not run", note=_ELSEWHERE)
+        return MatrixCell("not run", note=_ELSEWHERE)
     below = "" if here else "without gravity"
     low, high = view.restitution(case)
     lost = view.lost(case)
     if lost:
-        return Cell(_LOST.get(lost, "never leaves"), below, "bad", case=case)
+        return MatrixCell(_LOST.get(lost, "never leaves"), below, "bad", case=case)
     if high < _SEEN:
-        return Cell("no bounce", below, "bad", view.error(case), case)
-    return Cell(f"e {span(f'{low:.2f}', f'{high:.2f}')}", below, grade(view, case), view.error(case), case)
+        return MatrixCell("no bounce", below, "bad", view.error(case), case)
+    return MatrixCell(
+        f"e {span(f'{low:.2f}', f'{high:.2f}')}", below, grade(view, case), view.error(case), case
+    )
 
 
-def _error(view: FieldView, here: tuple[str, float, float], kind: str) -> Cell:
+def _error(view: FieldView, here: tuple[str, float, float], kind: str) -> MatrixCell:
     """The least error of a kind of settings, and which setting has it."""
     case, tried = view.best(*here, kind), view.cases(*here, kind)
     if not tried:
         ran = any(other.engine == here[0] and view.kind(other) == kind for other in view.scores)
-        return Cell("not run", note=_ELSEWHERE) if ran else Cell("–", note=_NO_SETTING)
+        return MatrixCell("not run", note=_ELSEWHERE) if ran else MatrixCell("–", note=_NO_SETTING)
     least = math.inf if case is None else view.error(case)
     nearer = [other for other in tried if math.isinf(view.error(other)) and not view.off(other) >= least]
     note = f"Left out: {listed([left_out(view, other) for other in nearer])}." if nearer else ""
     if case is None:
         gains = view.gains(nearer[0])
-        return Cell(
+        return MatrixCell(
             "adds energy" if gains else "loses the ball", nearer[0].setting, "bad", None, nearer[0], note
         )
-    return Cell(error_text(least), case.setting, grade(view, case), least, case, note)
+    return MatrixCell(error_text(least), case.setting, grade(view, case), least, case, note)
 
 
 def error_text(error: float) -> str:
@@ -128,7 +132,7 @@ def left_out(view: FieldView, case: Case) -> str:
     return f"{case.setting}, which loses impacts"
 
 
-def _energy(view: FieldView, engine: str, cases: list[Case]) -> Cell:
+def _energy(view: FieldView, engine: str, cases: list[Case]) -> MatrixCell:
     """Whether any setting of the engine adds energy at this step."""
     about = energy_note(engine)
     note = f"{about.text} ({about.source})." if about else ""
@@ -136,45 +140,45 @@ def _energy(view: FieldView, engine: str, cases: list[Case]) -> Cell:
     if not gains:
         count = sum(view.scenes(case) for case in cases)
         none = "No launch of a setting of this engine ended with more energy than it began with."
-        return Cell("never grows", f"{count} launches", "good", 0.0, note=f"{none} {note}".strip())
+        return MatrixCell("never grows", f"{count} launches", "good", 0.0, note=f"{none} {note}".strip())
     worst = max(gains, key=lambda case: view.restitution(case)[1])
     high = view.restitution(worst)[1]
-    return Cell(f"e up to {number(high)}", worst.setting, "bad", high, worst, note)
+    return MatrixCell(f"e up to {number(high)}", worst.setting, "bad", high, worst, note)
 
 
-def _slow(view: FieldView, own: Case | None, plugin: Case | None) -> Cell:
+def _slow(view: FieldView, own: Case | None, plugin: Case | None) -> MatrixCell:
     """Below which impact speed a body stays down, with the engine's best settings and with the plug-in."""
     downs = [(view.stays_down(case), case) for case in (own, plugin) if case is not None]
     if not downs:
-        return Cell("–")
+        return MatrixCell("–")
     down, case = max(downs)
     if not down:
-        return Cell("all bounce", "", "good", 0.0, case)
+        return MatrixCell("all bounce", "", "good", 0.0, case)
     text = "none bounces" if math.isinf(down) else f"rest below {down:.2g}{NBSP}m/s"
-    return Cell(text, case.setting, "bad", down if math.isfinite(down) else None, case)
+    return MatrixCell(text, case.setting, "bad", down if math.isfinite(down) else None, case)
 
 
-def _loop(view: FieldView, case: Case | None) -> Cell:
+def _loop(view: FieldView, case: Case | None) -> MatrixCell:
     """Whether the force over penetration of the best setting follows the law, too."""
     if case is None:
-        return Cell("–")
+        return MatrixCell("–")
     score = view.scores[case]
     if not score["loops"]:
         recipe = view.recipe(case)
         in_one = recipe is not None and recipe.one_step
-        return Cell("none", "one step a bounce" if in_one else "not resolved", case=case)
+        return MatrixCell("none", "one step a bounce" if in_one else "not resolved", case=case)
     rms = float(score["loop_rms"])
     if rms <= LOOP_NEAR:
-        return Cell("the law's", f"within {percent(rms)}", "good", rms, case)
-    return Cell("another", f"off by {percent(rms)}", "bad", rms, case)
+        return MatrixCell("the law's", f"within {percent(rms)}", "good", rms, case)
+    return MatrixCell("another", f"off by {percent(rms)}", "bad", rms, case)
 
 
-def _files(engine: str) -> Cell:
+def _files(engine: str) -> MatrixCell:
     adapter = registry.adapter(registry.base_name(engine))
     if not isinstance(adapter, OpensModels):
-        return Cell("–", note="hcbench opens no model with this engine: it builds the scenes in it.")
+        return MatrixCell("–", note="hcbench opens no model with this engine: it builds the scenes in it.")
     names = listed([name.removeprefix(".") for name in adapter.suffixes])
-    return Cell(names, note="Models that `hcbench measure`, `tune` and `check` open with this engine.")
+    return MatrixCell(names, note="Models that `hcbench measure`, `tune` and `check` open with this engine.")
 
 
 def grade(view: FieldView, case: Case) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench._text import time_step
 from hcbench.reporting.explorer import digits
-from hcbench.reporting.field.cells import Cell, error_text, rows
+from hcbench.reporting.field.cells import MatrixCell, error_text, rows
 from hcbench.reporting.field.headline import band, headline
 from hcbench.reporting.field.view import STOCK, Case, FieldView
 from hcbench.reporting.wording import engine_title, number, time
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class StepMatrix:
     """The matrix at a step. sentences: of `headline`. rows: of `cells.rows`."""
 
     gravity: float
@@ -31,13 +31,13 @@ class Table:
     sentences: Sequence[str]
     band: str
     constant: str
-    rows: Mapping[str, Mapping[str, Cell]]
+    rows: Mapping[str, Mapping[str, MatrixCell]]
 
 
-def tables(view: FieldView) -> list[Table]:
+def tables(view: FieldView) -> list[StepMatrix]:
     """Of every step, with gravity and without."""
     return [
-        Table(
+        StepMatrix(
             gravity,
             step,
             headline(view, gravity, step),
@@ -59,7 +59,7 @@ def setting_of(view: FieldView, case: Case) -> Setting:
     raise AssertionError(f"{case} is of the study")
 
 
-def page_data(view: FieldView, made: Iterable[Table]) -> str:
+def page_data(view: FieldView, made: Iterable[StepMatrix]) -> str:
     """For the page's script, as JSON: the tables, and each case and text of them once."""
     cases: dict[Case, int] = {}
     texts: dict[str, int] = {}
@@ -82,7 +82,7 @@ def page_data(view: FieldView, made: Iterable[Table]) -> str:
     return json.dumps(content, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def _cell(cell: Cell, cases: dict[Case, int]) -> list[Any]:
+def _cell(cell: MatrixCell, cases: dict[Case, int]) -> list[Any]:
     """Its text, the line below, its grade, what to sort by, the number of its case, and its note."""
     order = None if cell.order is None or not math.isfinite(cell.order) else float(f"{cell.order:.4g}")
     number_of_case = None if cell.case is None else cases.setdefault(cell.case, len(cases))

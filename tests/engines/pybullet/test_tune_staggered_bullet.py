@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from hcbench.engines.pybullet.recipes.staggered_fit import Contacts, Impacts, fit_contacts
+from hcbench.engines.pybullet.recipes.staggered_fit import Contacts, FittedImpacts, fit_contacts
 from hcbench.engines.pybullet.scene.options import read_options
 from hcbench.errors import SceneError, SettingError
 from hcbench.impact import Launch
@@ -77,7 +77,7 @@ def test_the_fits_model_of_bullets_step_is_bullets(gravity: float) -> None:
     speeds, phases = np.array([0.03, 0.1, 0.3, 0.5]), np.array([0.1, 0.4, 0.6, 0.9])
     launches = [Launch(v, p) for v, p in zip(speeds.tolist(), phases.tolist(), strict=True)]
     contacts = Contacts(np.array([ONSET]), np.array([STIFFNESS]), np.array([DAMPING]))
-    model = Impacts(speeds, phases, SCENE.mass, H, gravity, 400).restitution(contacts)[0]
+    model = FittedImpacts(speeds, phases, SCENE.mass, H, gravity, 400).restitution(contacts)[0]
     seen = [impact.restitution for impact in simulated(launches, gravity=gravity)]
     assert seen == pytest.approx(model, abs=1e-6 if gravity == 0 else 2e-5)  # it takes off a little lower
     assert seen == pytest.approx(closed_form.restitution(ALPHA, speeds), abs=2e-3)
@@ -95,7 +95,7 @@ def held_out(contacts: Contacts, law: HuntCrossley, timestep: float) -> float:
     """The largest error of e over 2000 impacts under gravity, in the model that is Bullet's."""
     random = np.random.default_rng(16)
     speeds, phases = random.uniform(INCH, 20 * INCH, 2000), random.uniform(0.0, 1.0, 2000)
-    model = Impacts(speeds, phases, SCENE.mass, timestep, 9.81, round(4e-4 / timestep))
+    model = FittedImpacts(speeds, phases, SCENE.mass, timestep, 9.81, round(4e-4 / timestep))
     e = model.restitution(
         Contacts(*(of[None] for of in (contacts.onset, contacts.stiffness, contacts.damping)))
     )

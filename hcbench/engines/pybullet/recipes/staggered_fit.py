@@ -50,7 +50,7 @@ class Contacts:
 
 
 @dataclass(frozen=True, slots=True)
-class Impacts:
+class FittedImpacts:
     """Impacts at speeds (m/s) and phases of a step, shape (n,); `steps` are enough for all to part.
 
     mass: kg. h: s. g: gravity, m/s².
@@ -64,7 +64,7 @@ class Impacts:
     steps: int
 
     @classmethod
-    def of(cls, target: Target, law: HuntCrossley, speeds: int, denser: float = 1.0) -> Impacts:
+    def of(cls, target: Target, law: HuntCrossley, speeds: int, denser: float = 1.0) -> FittedImpacts:
         """Those that a fit looks at, at so many speeds over the target's band; phases may lie denser."""
         shortest, longest = (
             float(closed_form.duration(law, target.mass, v)) for v in (target.speed_max, target.speed_min)
@@ -173,7 +173,7 @@ class _Misfit:
     Parameters are the logarithms of stiffnesses, dampings and distances between starts: 3 rows - 1.
     """
 
-    launches: Impacts
+    launches: FittedImpacts
     wanted: Floats
     loops: _Loops
     unit: float
@@ -236,7 +236,10 @@ def fit_contacts(
 
     result: what an interrupt of the search hands out, of the best contacts until then.
     """
-    launches, others = Impacts.of(target, law, _SPEEDS), Impacts.of(target, law, _OTHER_SPEEDS, 3.0)
+    launches, others = (
+        FittedImpacts.of(target, law, _SPEEDS),
+        FittedImpacts.of(target, law, _OTHER_SPEEDS, 3.0),
+    )
     loops = _Loops.of(law, target.mass, np.geomspace(target.speed_min, target.speed_max, _LOOPS), launches.h)
     wanted = closed_form.restitution(law.alpha, launches.speeds)
     misfit = _Misfit(launches, wanted, loops, max(_SHARE * minimax_constant(target)[1], _LEAST))
