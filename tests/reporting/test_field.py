@@ -23,9 +23,10 @@ from hcbench.impact import Launch
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.target import Target
+from hcbench.reporting import wording
 from hcbench.reporting.build import build
 from hcbench.reporting.field.case_table import case_table
-from hcbench.reporting.field.cells import COLUMNS, GRADES, error_text, rows
+from hcbench.reporting.field.cells import COLUMNS, GRADES, rows
 from hcbench.reporting.field.features import FEATURES, features
 from hcbench.reporting.field.headline import headline
 from hcbench.reporting.field.page import COST
@@ -347,6 +348,6 @@ def test_the_page_says_what_tune_says(data: dict[str, Any]) -> None:
     by_kind = {choice["kind"]: choice for choice in answer["choices"]}
     for kind, column in (("settings", "settings"), ("exact", "plugin")):
         text, setting, *_ = cell_of(data, 9.81, 1e-3, "mujoco", column)
-        assert (text, setting) == (error_text(by_kind[kind]["max_error"]), by_kind[kind]["setting"])
+        assert (text, setting) == (wording.error(by_kind[kind]["max_error"]), by_kind[kind]["setting"])
     assert cell_of(data, 9.81, 1 / 60, "mujoco", "settings")[0] == "not run"
     assert cell_of(data, 9.81, 1 / 240, "pybullet", "plugin")[3] < 1e-6

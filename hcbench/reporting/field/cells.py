@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from hcbench.reporting import wording
 from hcbench.reporting.field.features import energy_note
 from hcbench.reporting.field.view import CONSTANT, OWN, PLUGIN, SETTINGS, STOCK, Case
 from hcbench.reporting.ranking import LOOP_NEAR
@@ -117,12 +118,7 @@ def _error(view: FieldView, here: tuple[str, float, float], kind: str) -> Matrix
         return MatrixCell(
             "adds energy" if gains else "loses the ball", nearer[0].setting, "bad", None, nearer[0], note
         )
-    return MatrixCell(error_text(least), case.setting, grade(view, case), least, case, note)
-
-
-def error_text(error: float) -> str:
-    """A largest error of e; what is below 10⁻⁷ is rounding."""
-    return "≤ 10⁻⁷" if error <= 1e-7 else number(error)
+    return MatrixCell(wording.error(least), case.setting, grade(view, case), least, case, note)
 
 
 def left_out(view: FieldView, case: Case) -> str:

@@ -7,7 +7,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 from hcbench.reporting.field.view import OWN, PLUGIN
-from hcbench.reporting.wording import engine_title, listed, number, sentence, span, time
+from hcbench.reporting.wording import engine_title, error, listed, sentence, span, time
 from hcbench.sim import registry
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def versions(view: FieldView) -> str:
         off = (
             f"bounce alike in all {runs}"
             if largest == 0.0
-            else f"differ in e by up to {number(largest)} over {runs}"
+            else f"differ in e by up to {error(largest)} over {runs}"
         )
         words.append(f"{view.title(one)} and {view.title(other)} {off}")
     return sentence(f"{'; '.join(words)}.") if words else ""

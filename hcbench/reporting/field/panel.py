@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench._text import time_step
 from hcbench.reporting.explorer import digits
-from hcbench.reporting.field.cells import MatrixCell, error_text, rows
+from hcbench.reporting.field.cells import MatrixCell, rows
 from hcbench.reporting.field.headline import band, headline
 from hcbench.reporting.field.view import STOCK, Case, FieldView
-from hcbench.reporting.wording import engine_title, number, time
+from hcbench.reporting.wording import engine_title, error, number, time
 from hcbench.setting import Setting
 from hcbench.sim import registry
 from hcbench.tuning.snippet import snippet
@@ -42,7 +42,7 @@ def tables(view: FieldView) -> list[StepMatrix]:
             step,
             headline(view, gravity, step),
             band(view, step),
-            number(view.constant_error(step)),
+            error(view.constant_error(step)),
             rows(view, gravity, step),
         )
         for gravity in view.gravities
@@ -114,9 +114,7 @@ def _lines(view: FieldView, case: Case) -> list[str]:
     off, down = view.off(case), view.stays_down(case)
     lines = []
     if math.isfinite(off):
-        lines.append(
-            f"At {band(view, case.timestep)}, e is wrong by at most {error_text(off).removeprefix('≤ ')}."
-        )
+        lines.append(f"At {band(view, case.timestep)}, e is wrong by at most {error(off)}.")
     if view.gains(case):
         lines.append(f"It adds energy: e up to {number(view.restitution(case)[1])}.")
     elif case.setting != STOCK and math.isfinite(off):
