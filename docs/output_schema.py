@@ -18,14 +18,17 @@ from typing import Annotated, Any, Literal, NotRequired
 from pydantic import ConfigDict, Field, TypeAdapter, with_config
 from typing_extensions import TypedDict
 
+from hcbench.cases.schema import type_name
 from hcbench.checking.outcome import SpeedRow, Verdict
 from hcbench.fitting.budget import Budget
+from hcbench.fitting.estimates import Estimate
 from hcbench.fitting.flags import Flag
 from hcbench.impact import Status, Tangential
 from hcbench.laws.impact_law import ImpactSummary
 from hcbench.measuring.measurement import Cause
 from hcbench.recipes.target import Target
 from hcbench.scoring import Score
+from hcbench.sim.landing import Footfall, Landings
 from hcbench.sim.rest import Rest
 from hcbench.sim.tangential import ALONG_COLUMNS
 from hcbench.tuning.evaluate import Evaluation
@@ -42,14 +45,14 @@ Pair = list[str]
 
 def record(name: str, fields: dict[str, Any]) -> Any:
     """A record of these fields and no other, each with its meaning."""
-    described = {key: _described(key, kind) for key, kind in fields.items()}
+    described = {key: _described(name, key, kind) for key, kind in fields.items()}
     return with_config(ConfigDict(extra="forbid"))(TypedDict(name, described))  # type: ignore[operator]
 
 
-def _described(key: str, kind: Any) -> Any:
+def _described(name: str, key: str, kind: Any) -> Any:
     if typing.get_origin(kind) is NotRequired:
-        return NotRequired[Annotated[typing.get_args(kind)[0], Field(description=MEANING[key])]]
-    return Annotated[kind, Field(description=MEANING[key])]
+        return NotRequired[_described(name, key, typing.get_args(kind)[0])]
+    return Annotated[kind, Field(description=MEANING.get(f"{name}.{key}") or MEANING[key])]
 
 
 def of_class(kind: type, optional: tuple[str, ...] = ()) -> Any:
@@ -315,7 +318,33 @@ FIT = record(
         "warnings": NotRequired[Texts],
         "budget": NotRequired[of_class(Budget)],
         "max_error": NotRequired[Number],
-        "against": NotRequired[list[dict[str, Any]]],
+        "against": NotRequired[
+            list[
+                record(
+                    "Comparison",
+                    {
+                        "files": Texts,
+                        "compared": Literal["alpha", "one_minus_e"],
+                        "ratio": of_class(Estimate),
+                        "differ": bool,
+                    },
+                )
+            ]
+        ],
+        "scene": NotRequired[
+            record(
+                "FittedScene",
+                {
+                    "engine": Text,
+                    "recipe": Text,
+                    "timestep_s": float,
+                    "alpha_s_per_m": Number,
+                    "recorded_s": Numbers,
+                    "simulated_s": Numbers,
+                    "largest_error_s": Number,
+                },
+            )
+        ],
         "restitution_by_shape": NotRequired[Number],
         "shape_contradicts_impulse": NotRequired[bool],
         "stiffness_n_per_m_n": NotRequired[Number],
@@ -324,6 +353,56 @@ FIT = record(
         "misfit": NotRequired[Number],
     },
 )
+DROPPED = record(
+    "RobotDrop",
+    {
+        "height_m": float,
+        "tilt_rad": float,
+        **dict.fromkeys(("speed_in_m_per_s", "restitution", "peak_over_weight"), Number),
+        **dict.fromkeys(("contact_s", "slip_m", "penetration_m"), Number),
+        "feet_that_bounce": int,
+        "speed_out_m_per_s": Number,
+        "feet": list[of_class(Footfall)],
+        **dict.fromkeys(("time_s", "force_n"), Numbers),
+    },
+)
+LAND = record(
+    "Landing",
+    {
+        "schema": Literal[1],
+        "kind": Literal["hcbench landing"],
+        **{f.name: typing.get_type_hints(Landings)[f.name] for f in dataclasses.fields(Landings)},
+        "window_s": float,
+        "drops": list[DROPPED],
+    },
+)
+PAIRS = list[
+    record(
+        "CandidatePair",
+        {
+            "pair": Text,
+            **dict.fromkeys(("bodies", "geoms", "types"), Pair),
+            "joint": Text,
+            "effective_mass_kg": Number,
+            "distance_m": Number,
+            "touching": bool,
+            "touching_in": Texts,
+            "contact": dict[str, Any],
+        },
+    )
+]
+ENGINES = list[
+    record(
+        "Engine",
+        {
+            **dict.fromkeys(("name", "version", "install"), Text),
+            "settings": dict[str, str],
+            "python": Text,
+            "size_bytes": int | None,
+            "where": Text,
+        },
+    )
+]
 CONVERT = record(
     "Convert",
     {
@@ -347,6 +426,9 @@ OUTPUTS: dict[str, Any] = {
     "tune": TUNE,
     "tune MODEL": TUNE_MODEL,
     "fit": FIT,
+    "pairs": PAIRS,
+    "land": LAND | list[LAND],
+    "engines": ENGINES,
     "convert": CONVERT,
     "law": list[of_class(ImpactSummary)],
 }
@@ -368,9 +450,8 @@ def fields() -> str:
     parts = []
     for name in sorted(definitions, key=lambda name: not name.startswith("hcbench ")):
         about = definitions[name]
-        about = about.get("items", about)
-        if "$ref" in about:
-            parts.append(f"## `{name}`\n\nA list of {_type(about)}.\n")
+        if "properties" not in about:
+            parts.append(f"## `{name}`\n\nA {_type(about)}.\n")
             continue
         rows = [
             f"| `{key}` | {_type(each)} | {each['description']} |"
@@ -382,16 +463,7 @@ def fields() -> str:
 
 
 def _type(each: dict[str, Any]) -> str:
-    if "anyOf" in each:
-        return " or ".join(_type(one) for one in each["anyOf"])
-    if "const" in each or "enum" in each:
-        return ", ".join(f"`{word}`" for word in each.get("enum", [each.get("const")]))
-    if "$ref" in each:
-        name = each["$ref"].rpartition("/")[2]
-        return f"[{name}](#{name.lower()})"
-    if each.get("type") == "array":
-        return f"list of {_type(each['items'])}"
-    return str(each.get("type", "any"))
+    return type_name(each, lambda record: f"[{record}](#{record.lower()})")
 
 
 def write() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, NotRequired
@@ -130,18 +130,17 @@ def fields() -> Iterator[tuple[str, str, str, str, str]]:
     """(object, field, type, unit, meaning) of each field, from the schema."""
     for name, about in schema()["$defs"].items():
         for field, each in about["properties"].items():
-            yield name, field, _type(each), each.get("unit", ""), each["description"]
+            yield name, field, type_name(each), each.get("unit", ""), each["description"]
 
 
-def _type(each: dict[str, Any]) -> str:
+def type_name(each: dict[str, Any], named: Callable[[str], str] = str) -> str:
+    """The type of a field of a JSON Schema, in words. named: writes the name of a record."""
     if "anyOf" in each:
-        return " or ".join(_type(one) for one in each["anyOf"])
+        return " or ".join(type_name(one, named) for one in each["anyOf"])
     if "enum" in each or "const" in each:
         return ", ".join(f"`{word}`" for word in each.get("enum", [each.get("const")]))
     if "$ref" in each:
-        return str(each["$ref"]).rpartition("/")[2]
-    if each["type"] == "array":
-        return f"list of {_type(each['items'])}".replace("of list", "of lists") if "items" in each else "list"
-    if each["type"] == "object":
-        return "object"
-    return str(each["type"])
+        return named(str(each["$ref"]).rpartition("/")[2])
+    if each.get("type") == "array" and "items" in each:
+        return f"list of {type_name(each['items'], named)}".replace("of list", "of lists")
+    return str(each.get("type", "any")).replace("array", "list")

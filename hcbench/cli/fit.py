@@ -107,31 +107,30 @@ def fit(
     penetration [um],rate [m/s],force [N]. Several files of bounces share one α.
     """
     with status("starting"):
-        from hcbench.fitting.ask import read_excerpt
-        from hcbench.fitting.fit import fit as fit_sets
-        from hcbench.fitting.plausible import require_different
-        from hcbench.fitting.read import read_dataset
+        from hcbench.fitting.ask import fit_files, read_excerpt
         from hcbench.fitting.setup import read_setup
 
     _require_together(files, kind, engine, timestep, write_scene)
     setup = read_setup(**options)
     if len(files) == 1 and _fit_force(
-        files[0], kind, setup, as_json, page=page, write_points=write_points, engine=engine
+        files[0],
+        kind,
+        setup,
+        as_json,
+        page=page,
+        write_points=write_points,
+        engine=engine,
+        against=against or None,
     ):
         return
-    require_different((*files, *against))
     part = read_excerpt(begin, end, touches)
     with status("fitting"):
-        result, *others = (
-            fit_sets([read_dataset(path, setup, kind, part) for path in group], law)
-            for group in (files, against)
-            if group
-        )
+        result = fit_files(files, against, law, kind, setup, part)
     with status("tuning a scene"):
         scene = None if engine is None or timestep is None else result.scene(engine, timestep)
     lines = [] if as_json and page is None else _next(result, engine, scene, write_scene)
     _write(result, scene, lines, force, page=page, write_points=write_points, write_scene=write_scene)
-    (_print_json if as_json else _print)(result, others, scene, lines)
+    (_print_json if as_json else _print)(result, scene, lines)
 
 
 def _require_together(
@@ -187,28 +186,24 @@ def _typed() -> tuple[str, ...]:
     return tuple(click.get_current_context().meta[_TYPED])
 
 
-def _print(result: FitResult, others: list[FitResult], scene: Replay | None, lines: list[str]) -> None:
-    from hcbench.fitting.comparison import against_text
+def _print(result: FitResult, scene: Replay | None, lines: list[str]) -> None:
+    from hcbench.fitting.comparison import as_text as comparison_text
     from hcbench.fitting.replay import replay_text
     from hcbench.fitting.text import as_text
 
     show(as_text(result).rstrip())
-    for other in others:
-        show(against_text(result, other).rstrip("\n"))
+    if result.against is not None:
+        show(comparison_text(result.against).rstrip("\n"))
     if scene is not None:
         show(replay_text(scene).rstrip("\n"))
     show("\n".join(["", *lines]))
 
 
-def _print_json(result: FitResult, others: list[FitResult], scene: Replay | None, _: list[str]) -> None:
-    from hcbench.fitting.comparison import against_record
+def _print_json(result: FitResult, scene: Replay | None, _: list[str]) -> None:
     from hcbench.fitting.replay import replay_record
     from hcbench.fitting.text import as_record
 
-    more: dict[str, Any] = {"against": [against_record(result, other) for other in others]}
-    if scene is not None:
-        more["scene"] = replay_record(scene)
-    print_json(as_record(result) | more)
+    print_json(as_record(result) | ({} if scene is None else {"scene": replay_record(scene)}))
 
 
 def _write(

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 from hcbench import units
 from hcbench._arguments import checked
 from hcbench.errors import UserError
+from hcbench.fitting.comparison import compare
 from hcbench.fitting.fit import fit as fit_sets
 from hcbench.fitting.plausible import require_different
 from hcbench.fitting.read import KINDS, Excerpt, read_dataset, read_force
-from hcbench.fitting.setup import SetupOptions, read_setup
+from hcbench.fitting.setup import MeasurementSetup, SetupOptions, read_setup
 from hcbench.launch_options import Quantity
+
+if TYPE_CHECKING:
+    from hcbench.fitting.result import FitResult
 
 LAWS = ("auto", "hunt-crossley", "constant", "viscoelastic", "plastic")
 
@@ -24,6 +30,7 @@ def fit(
     law: str = "auto",
     kind: str | None = None,
     touches: str | None = None,
+    against: str | Path | Sequence[str | Path] = (),
     begin: Quantity | None = None,
     end: Quantity | None = None,
     **known: Unpack[SetupOptions],
@@ -41,6 +48,8 @@ def fit(
         Kind of data, in place of what the header says: "times", "heights", "pairs", ...
     touches : text, optional
         Touches of a recording to use: "2:14", train "B", or "B2:14".
+    against : path or several, optional
+        Files of another material, of the same kind; `against` of the result says whether the two differ.
     begin, end : float, text or quantity of Pint's, optional
         Part of a recording to read, s or with a unit.
     **known : optional
@@ -74,9 +83,26 @@ def fit(
     setup = read_setup(**known)
     if len(paths) == 1 and (forces := read_force(paths[0], setup, kind)) is not None:
         return forces
-    require_different(tuple(paths))
-    part = read_excerpt(begin, end, touches)
-    return fit_sets([read_dataset(path, setup, kind, part) for path in paths], law)
+    others = [Path(file) for file in ([against] if isinstance(against, str | Path) else against)]
+    return fit_files(paths, others, law, kind, setup, read_excerpt(begin, end, touches))
+
+
+def fit_files(
+    paths: Sequence[Path],
+    against: Sequence[Path],
+    law: str,
+    kind: str | None,
+    setup: MeasurementSetup,
+    part: Excerpt,
+) -> FitResult:
+    """One fit of all files, compared with that of another material's where `against` names any."""
+    require_different((*paths, *against))
+    fitted, *others = (
+        fit_sets([read_dataset(path, setup, kind, part) for path in group], law)
+        for group in (paths, against)
+        if group
+    )
+    return replace(fitted, against=compare(fitted, others[0])) if others else fitted
 
 
 def read_excerpt(begin: Any, end: Any, touches: str | None) -> Excerpt:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from hcbench.errors import UserError
@@ -13,13 +13,44 @@ from hcbench.fitting.estimates import Estimate
 if TYPE_CHECKING:
     from hcbench.fitting.result import FitResult
 
+_DROPS_TO_KNOW = 3  # of each material: fewer hardly tell how much drops differ
 
-def compared(one: FitResult, other: FitResult) -> tuple[str, Estimate]:
-    """What is compared, and its ratio with a 95 % interval. Raises UserError where a side has no number."""
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What two materials differ in.
+
+    files: names of the other's. compared: "alpha", or "one_minus_e" where e of both is constant.
+    ratio: of the first material's to the other's.
+    """
+
+    files: tuple[str, ...]
+    compared: str
+    ratio: Estimate
+    few_drops: bool
+
+    @property
+    def differ(self) -> bool:
+        """Whether 1 lies outside the 95 % interval of the ratio."""
+        return not self.ratio.low <= 1.0 <= self.ratio.high
+
+    @property
+    def line(self) -> str:
+        """The verdict and the ratio, in words."""
+        verdict = "the materials differ" if self.differ else "no difference is seen"
+        what = "α" if self.compared == "alpha" else "1 - e"
+        interval = f"{self.ratio.value:.3g}, 95 %: {self.ratio.low:.3g} ... {self.ratio.high:.3g}"
+        return f"{verdict}: {what} is {interval} times theirs"
+
+
+def compare(one: FitResult, other: FitResult) -> Comparison:
+    """The ratio of their α, or of 1 - e. Raises UserError where a side has neither."""
+    files, few = tuple(s.name for s in other.sets), min(len(one.sets), len(other.sets)) < _DROPS_TO_KNOW
     if one.alpha is not None and other.alpha is not None:
-        return "α", ratio(_each(one, "alpha"), _each(other, "alpha"))
+        return Comparison(files, "alpha", ratio(_each(one, "alpha"), _each(other, "alpha")), few)
     if one.restitution is not None and other.restitution is not None:
-        return "1 - e", ratio(_each(one, "restitution"), _each(other, "restitution"))
+        lost = ratio(_each(one, "restitution"), _each(other, "restitution"))
+        return Comparison(files, "one_minus_e", lost, few)
     sides = [(one, "the files"), (other, "--against")]
     silent = next(
         (what for side, what in sides if side.alpha is None and side.restitution is None), "--against"
@@ -35,24 +66,19 @@ def _each(result: FitResult, name: str) -> list[Estimate]:
     return [replace(e, value=1.0 - e.value, low=1.0 - e.high, high=1.0 - e.low) for e in estimate]
 
 
-def against_text(one: FitResult, other: FitResult) -> str:
+def as_text(comparison: Comparison) -> str:
     """Whether the materials differ, and by how much, for a terminal."""
-    what, estimate = compared(one, other)
-    interval = f"{estimate.value:.3g}, 95 %: {estimate.low:.3g} ... {estimate.high:.3g}"
-    names = ", ".join(s.name for s in other.sets)
-    verdict = "no difference is seen" if estimate.low <= 1.0 <= estimate.high else "the materials differ"
-    lines = [f"against {names}", f"  {verdict}: {what} is {interval} times theirs"]
-    if min(len(one.sets), len(other.sets)) < 3:
+    lines = [f"against {', '.join(comparison.files)}", f"  {comparison.line}"]
+    if comparison.few_drops:
         lines.append("  With three drops or more of each, the difference from drop to drop is known better.")
     return "\n" + "\n".join(lines) + "\n"
 
 
-def against_record(one: FitResult, other: FitResult) -> dict[str, Any]:
+def as_record(comparison: Comparison) -> dict[str, Any]:
     """The same for `--json`."""
-    what, estimate = compared(one, other)
     return {
-        "files": [s.name for s in other.sets],
-        "compared": "alpha" if what == "α" else "one_minus_e",
-        "ratio": dataclasses.asdict(estimate),
-        "differ": not estimate.low <= 1.0 <= estimate.high,
+        "files": list(comparison.files),
+        "compared": comparison.compared,
+        "ratio": dataclasses.asdict(comparison.ratio),
+        "differ": comparison.differ,
     }

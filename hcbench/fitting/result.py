@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from hcbench.fitting.budget import Budget
+    from hcbench.fitting.comparison import Comparison
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.estimate import LawFit
     from hcbench.fitting.estimates import Estimate
@@ -40,6 +41,7 @@ class FitResult(Drawn):
     doubts: why neither a law nor α is given although one was fitted. reservation: why no law is given.
     lack: the odds that no law fits.
     drops: of several files, each by itself; between: by which share of α they differ beyond their own errors.
+    against: the comparison with another material, where files of one were given.
     """
 
     sets: tuple[Dataset, ...]
@@ -59,11 +61,14 @@ class FitResult(Drawn):
     reservation: str = ""
     drops: tuple[DropResult, ...] = ()
     between: float | None = None
+    against: Comparison | None = None
 
     def _lines(self) -> Iterator[str]:
         from hcbench.fitting.text import headline
 
         yield from (f"{name}: {value}" for name, value in headline(self).items())
+        if self.against is not None:
+            yield self.against.line
 
     def _rows(self) -> Iterator[dict[str, float]]:
         """e over speed with its 95 % band, as `--write-points` writes it."""

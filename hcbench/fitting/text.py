@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench._text import table
+from hcbench.fitting import comparison
 from hcbench.fitting.candidates import LAWS
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.estimate import quantiles
@@ -267,6 +268,7 @@ def as_record(result: FitResult) -> dict[str, Any]:
         "warnings": list(result.warnings),
         "budget": dataclasses.asdict(result.budget),
         "max_error": limit_of(result),
+        "against": [] if result.against is None else [comparison.as_record(result.against)],
     }
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from measured_bounces import synthesise, times_of, write
 
+import hcbench
 from hcbench.cli import run
 
 
@@ -25,7 +26,8 @@ def drops(folder: Path, name: str, alpha: float, seeds: range) -> list[str]:
 def test_two_materials_are_compared(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], other: float, verdict: str
 ) -> None:
-    words = [*drops(tmp_path, "a", 0.2, range(3)), "--against", *drops(tmp_path, "b", other, range(10, 13))]
+    ours, theirs = drops(tmp_path, "a", 0.2, range(3)), drops(tmp_path, "b", other, range(10, 13))
+    words = [*ours, "--against", *theirs]
     assert run(["fit", *words]) == 0
     assert verdict in capsys.readouterr().out
     assert run(["fit", *words, "--json"]) == 0
@@ -34,3 +36,7 @@ def test_two_materials_are_compared(
     assert against["differ"] == (other != 0.2)
     assert against["ratio"]["low"] < 0.2 / other < against["ratio"]["high"]
     assert against["files"] == ["b10.csv", "b11.csv", "b12.csv"]
+    found = hcbench.fit(*ours, against=theirs)
+    assert found.against is not None
+    assert (found.against.differ, found.against.ratio.value) == (against["differ"], against["ratio"]["value"])
+    assert verdict in repr(found)

@@ -23,6 +23,9 @@ COMMANDS = (
     ("tune", "mujoco", "--recipe", "impulse", "--restitution", "0.8", "--timestep", "2 ms", "--gravity", "0"),
     ("tune MODEL", *BALL, "--restitution", "0.5"),
     ("fit", "examples/recording/drop.wav"),
+    ("pairs", "examples/good.xml"),
+    ("land", "examples/good.xml", "--heights", "2 cm"),
+    ("engines",),
     ("convert", "--alpha", "0.3", "--speed", "1 m/s", "--timestep", "1 ms"),
     ("law", "--alpha", "0.3", "--speed", "0.1, 1 m/s"),
 )
@@ -52,6 +55,7 @@ def test_the_schema_and_the_page_are_written_from_the_types() -> None:
     assert json.loads(output_schema.SCHEMA.read_text(encoding="utf-8")) == output_schema.schema()
     page = output_schema.PAGE.read_text(encoding="utf-8")
     assert page.split(output_schema.BEGIN)[1].split(output_schema.END)[0] == output_schema.fields()
-    about = output_schema.schema()["$defs"].values()
-    named = {name for each in about for name in each.get("properties", {})}
-    assert named == set(output_schema.MEANING)
+    about = output_schema.schema()["$defs"].items()
+    named = {(record, name) for record, each in about for name in each.get("properties", {})}
+    used = {f"{record}.{name}" for record, name in named} | {name for _, name in named}
+    assert set(output_schema.MEANING) <= used
