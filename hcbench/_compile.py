@@ -83,7 +83,7 @@ def _digest(library: Path) -> str:
 
 @functools.cache
 def _temporary_folder() -> Path:
-    """Where no cache can be written to: gone when this process ends."""
+    """A folder for where no cache can be written to; it goes when this process ends."""
     folder = Path(tempfile.mkdtemp(prefix="hcbench-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder

@@ -31,7 +31,7 @@ _SUFFIXES = (".html", ".svg", ".png", ".csv", ".json")  # of what is written int
 
 
 def user_folder(kind: Literal["cache", "data"]) -> Path:
-    """Where hcbench keeps what it made for this user; $HCBENCH_CACHE, $HCBENCH_DATA may say where."""
+    """The folder where hcbench keeps files for this user; $HCBENCH_CACHE, $HCBENCH_DATA override it."""
     base = os.environ.get(f"HCBENCH_{kind.upper()}") or os.environ.get(f"XDG_{kind.upper()}_HOME")
     if not base and sys.platform == "darwin":
         base = Path.home() / "Library" / {"cache": "Caches", "data": "Application Support"}[kind]

@@ -41,7 +41,7 @@ class Shown:
         return pd.DataFrame(list(self._rows()))
 
     def _repr_html_(self) -> str:
-        """How Jupyter shows it."""
+        """The table as Jupyter shows it."""
         html: str = self.to_frame().to_html(index=False, na_rep="", border=0)
         return html
 
@@ -52,7 +52,7 @@ class Drawn(Shown):
     __slots__ = ()
 
     def plot(self) -> Figure:
-        """Its main figure: restitution over impact speed, for `Figure.savefig` or a notebook."""
+        """The main figure: restitution over impact speed, for `Figure.savefig` or a notebook."""
         figure: Figure = hcbench._figures().figure_of(self)
         return figure
 

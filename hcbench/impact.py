@@ -103,7 +103,7 @@ class Launch:
 
     @property
     def at_any_phase(self) -> Launch:
-        """The same for all launches that differ in phase only."""
+        """The launch at phase 0: the same for all launches that differ in phase only."""
         return replace(self, phase=0.0)
 
     @property
@@ -158,7 +158,7 @@ class Trajectory:
     force: Floats
 
     def thinned(self, most: int) -> Trajectory:
-        """At most so many of the steps, evenly, both ends among them."""
+        """A trajectory of at most so many steps, evenly chosen, both ends among them."""
         count = len(self.time)
         every = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
         return self._at(every)

@@ -157,7 +157,7 @@ def score_loop(impact: Impact, law: HuntCrossley, mass: float) -> LoopScore | No
 
 
 def _at_surface(x: Floats, f: Floats) -> float:
-    """Where the line through two samples meets x = 0, N."""
+    """Force at which the line through two samples meets x = 0, N."""
     return float(f[0] - x[0] * (f[1] - f[0]) / (x[1] - x[0])) if x[1] != x[0] else float(f[0])
 
 

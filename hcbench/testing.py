@@ -157,7 +157,7 @@ class EngineConformance:
     def test_where_nothing_bounces_every_launch_ends_as_the_recipe_says(
         self, recipe: str, scene: str
     ) -> None:
-        """With its reason."""
+        """Each launch ends with the status and the reason that the recipe names."""
         impacts = impacts_for(recipe, scene)
         assert {i.status for i in impacts} == {registry.recipe(recipe).ends}
         assert all(i.reason for i in impacts)

@@ -85,13 +85,13 @@ def oblique_columns(impacts: Impacts, scene: Scene) -> dict[str, Any]:
 
 
 def run_batch(batch: Batch) -> BatchResult:
-    """All of it at once, as the engine does best."""
+    """Run the whole batch at once, as the engine does best."""
     engine = registry.engine(batch.setting.engine)
     return result_of(engine.run_columns(batch.scene, batch.setting, batch.launches), batch)
 
 
 def run_one_by_one(which: Sequence[int], batch: Batch) -> Iterator[Impact]:
-    """Some of its launches, each alone: one that the engine fails on is CRASHED, with the reason."""
+    """Run some launches of a batch, each alone; one that the engine fails on is CRASHED, with the reason."""
     engine = registry.engine(batch.setting.engine)
     for i in which:
         launch = batch.launches[i]

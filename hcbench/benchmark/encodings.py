@@ -72,7 +72,7 @@ def _by_number(texts: Any, length: int) -> tuple[Any, Any]:
 def parquet(
     tables: Sequence[Mapping[str, Any]], names: Sequence[str], metadata: Mapping[str, bytes]
 ) -> bytes:
-    """The same as the bytes of a Parquet file."""
+    """Tables below one another, as the bytes of a Parquet file."""
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # its own keeps 10 MB of what is freed
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -48,7 +48,7 @@ class Files:
         return path
 
     def names(self, folder: str = "") -> list[str]:
-        """Of the files in it, or in a folder of it, sorted; none where there is no such folder."""
+        """Names of the files in this folder or in one below it, sorted; none without such a folder."""
         return self._entries(folder, directories=False)
 
     def folders(self) -> list[str]:

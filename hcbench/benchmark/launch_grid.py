@@ -86,7 +86,7 @@ class LaunchGrid:
 
 
 def share_of(setting: Setting) -> float:
-    """Of g h, as `SpeedReading` has it, in an engine under a setting."""
+    """Share of g h that an engine's speed lacks under a setting, as `SpeedReading` has it."""
     engine = registry.adapter(registry.base_name(setting.engine))
     return engine.speed_reading(setting).share if isinstance(engine, SteppedEngine) else 0.0
 

@@ -206,7 +206,7 @@ def _shard_size(grid: LaunchGrid) -> int:
 
 @lru_cache(maxsize=64)
 def versions_here(*engines: str) -> Mapping[str, str]:
-    """Of everything that the bytes of a shard depend on: package or engine -> version."""
+    """Versions of everything that the bytes of a shard depend on: package or engine -> version."""
     packages = {name: version(name) for name in ("hcbench", "numpy", "scipy")}
     with suppress(PackageNotFoundError):  # which only sweeps need
         packages["pyarrow"] = version("pyarrow")

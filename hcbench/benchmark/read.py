@@ -54,7 +54,7 @@ def read(folder: str | Path, mapper: Callable[..., Iterable[Any]] = map) -> Resu
 
 
 def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Results:
-    """All that is in a store, in memory. Raises as `read`.
+    """The results of a finished sweep's store, in memory. Raises as `read`.
 
     mapper: scores settings, as `map` does; that of a pool scores them side by side.
     """
@@ -111,7 +111,7 @@ class _Scored:
 
 
 def _score(truth: _Truth, shards: Sequence[tuple[bytes, bytes]]) -> list[_Scored]:
-    """Of all shards of one setting and step, for each α."""
+    """Score the impacts of one setting and step, all its shards together, for each α."""
     samples = _by_key(loops for _, loops in shards if loops)
     results = []
     for key, impacts in _by_key(rows for rows, _ in shards).items():
@@ -126,7 +126,7 @@ def _score(truth: _Truth, shards: Sequence[tuple[bytes, bytes]]) -> list[_Scored
 
 
 def _rounded(table: pd.DataFrame) -> pd.DataFrame:
-    """With what was measured in the digits that are known: later ones are another processor's to choose."""
+    """A table with measured numbers cut to the digits that every processor computes alike."""
     given = {*RUN_KEY, *_LAUNCH, "angle_rad"}
     measured = {n: c.to_numpy() for n, c in table.items() if n not in given and c.dtype == np.float64}
     return table.assign(**{str(name): to_digits(values) for name, values in measured.items()})
@@ -142,7 +142,7 @@ def to_digits(values: Floats) -> Floats:
 
 
 def _versions(versions: Mapping[str, str]) -> dict[str, str]:
-    """Of everything that makes a result what it is, and its page: those of the sweep and those of here."""
+    """Versions of what made the results, of the sweep, and of what makes their page, of this process."""
     here = {"matplotlib": version("matplotlib"), "python": platform.python_version()}
     packages = ("hcbench", "matplotlib", "numpy", "scipy", "python")
     engines = {name: text for name, text in versions.items() if name not in (*packages, "pyarrow")}

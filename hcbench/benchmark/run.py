@@ -77,7 +77,7 @@ def run_study(study: Study, jobs: int = 1, progress: Callable[[int, int], None] 
 def run_in_pool(
     pool: WorkerPool, study: Study, progress: Callable[[int, int], None] | None = None
 ) -> Results:
-    """As `run_study`, by processes that have more to do before or after."""
+    """Run a study as `run_study` does, in a pool of processes that has other work before or after."""
     from hcbench.benchmark.read import results_in
 
     def report(now: Progress) -> None:

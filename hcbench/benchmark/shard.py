@@ -46,13 +46,13 @@ class Timeouts:
     each: float | None = None
 
     def limit(self, timestep: float, impacts: int) -> float:
-        """For so many impacts."""
+        """Time that a worker gets for so many impacts of a step, s."""
         each = 4.0 * max(1.0, 1e-6 / timestep) if self.each is None else self.each
         return self.start + each * impacts
 
 
 def run_shard(shard: Shard, timeouts: Timeouts, encode: Encode = parquet) -> ShardFiles:
-    """All of a shard, as the bytes of its files, made in a worker process.
+    """Simulate a shard in a worker process, and return the bytes of its files.
 
     encode: makes the bytes of a table.
 
@@ -69,7 +69,7 @@ def run_shard(shard: Shard, timeouts: Timeouts, encode: Encode = parquet) -> Sha
 
 
 def simulate_shard(shard: Shard, scene: Scene, encode: Encode) -> ShardFiles:
-    """All of a shard, in this process. Raises UserError, and EngineFailed for all that an engine raises."""
+    """Simulate a shard in this process. Raises UserError, and EngineFailed for all that an engine raises."""
     try:
         return _in_batches(shard, scene, run_batch, encode)
     except UserError:

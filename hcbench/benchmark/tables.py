@@ -103,7 +103,7 @@ def _largest(values: Floats) -> float:
 
 
 def metadata_of(impacts: bytes) -> tuple[str, list[Summary]]:
-    """Of a shard's table: the digest of its loops, "" for none, and what it adds to the summary."""
+    """What a shard's table carries: the digest of its loops, "" for none, and its part of the summary."""
     metadata = metadata_in(impacts)
     summaries: list[Summary] = json.loads(metadata[_SUMMARY])
     return metadata[_LOOPS].decode(), summaries
@@ -116,7 +116,7 @@ class Totals:
         self._by_key: dict[tuple[Any, ...], Summary] = {}
 
     def add(self, summaries: Iterable[Summary]) -> None:
-        """Those of a shard."""
+        """Add the summaries of a shard."""
         for summary in summaries:
             key = tuple(summary[name] for name in RUN_KEY)
             if (total := self._by_key.get(key)) is None:

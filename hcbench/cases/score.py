@@ -29,7 +29,7 @@ def the_cases(only: Sequence[str] = ()) -> Json:
 
 
 def known_failures() -> dict[str, dict[str, str]]:
-    """Of the engines that have an adapter here: {engine: {case: reason}}."""
+    """Cases that the engines with an adapter here are known to fail: {engine: {case: reason}}."""
     return dict(parse_json(read_text(KNOWN)))
 
 
@@ -51,7 +51,7 @@ class EngineScore:
 
     @property
     def name(self) -> str:
-        """With the version."""
+        """The engine's name with its version."""
         return f"{self.engine} {self.version}".strip()
 
     @property
@@ -85,7 +85,7 @@ def score(results: Json, source: str = "results", only: Sequence[str] = ()) -> E
 
 
 def read_scores(path: Path) -> list[EngineScore]:
-    """Of a file of results: one object, or a list. Raises UserError."""
+    """Score a file of results, which holds one object or a list. Raises UserError."""
     try:
         content = parse_json(read_text(path))
     except OSError as error:
@@ -98,7 +98,7 @@ def read_scores(path: Path) -> list[EngineScore]:
 
 
 def measured() -> list[EngineScore]:
-    """Of the engines and versions that were measured for the pages, in `measured.json`."""
+    """Scores of the engines and versions that were measured for the pages, from `measured.json`."""
     scores = validated(parse_json(read_text(MEASURED)), "scores", MEASURED.name)
     names = ("engine", "version", "restitution", "threshold", "cpu_s")
     return [EngineScore(verdicts=tuple(each["verdicts"]), **{n: each[n] for n in names}) for each in scores]

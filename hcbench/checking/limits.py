@@ -62,7 +62,7 @@ def read_limits(text: str, of_landing: bool) -> tuple[Limit, ...]:
 
 
 def judge_landings(landings: Landings, limits: Sequence[Limit]) -> tuple[Verdict, str]:
-    """Each limit against each drop; the message names the worst."""
+    """Compare each limit with each drop; the message names the worst."""
     values = [
         (limit, getattr(drop, LANDING[limit.name][0]), f"a drop of {drop.height:.4g} m{_tilt(drop.tilt)}")
         for limit in limits
@@ -72,7 +72,7 @@ def judge_landings(landings: Landings, limits: Sequence[Limit]) -> tuple[Verdict
 
 
 def judge_touchdowns(motion: TrajectoryTouchdowns, limits: Sequence[Limit]) -> tuple[Verdict, str]:
-    """Each limit against each foot; the message names the worst."""
+    """Compare each limit with each foot; the message names the worst."""
     values = []
     for foot in motion.feet:
         numbers = {"outside": foot.outside, "normal": foot.speed.max(), "slide": foot.slide.max()}

@@ -57,7 +57,7 @@ class SpeedRow:
         return f"{self.speed_in:.4g} m/s{angle}"
 
     def record(self) -> dict[str, Any]:
-        """For JSON."""
+        """The outcome as JSON has it."""
         record = asdict(self)
         return record if self.angle is not None else {k: v for k, v in record.items() if k != "angle"}
 
@@ -114,7 +114,7 @@ class Outcome:
 
     @property
     def exit_code(self) -> int:
-        """Of this check alone."""
+        """The exit code of this check alone."""
         return _ERRORS[self.verdict].exit_code if self.verdict in _ERRORS else 0
 
 

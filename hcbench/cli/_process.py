@@ -131,7 +131,7 @@ def install_signal_handlers() -> None:
 
 
 def ignore_signals() -> None:
-    """For the last moments of a command that has done its work: its exit code stays."""
+    """Ignore signals in the last moments of a command that has done its work: its exit code stays."""
     if _AGAIN is not None:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
     for name in ("SIGALRM", *SIGNALS):

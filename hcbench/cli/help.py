@@ -139,7 +139,7 @@ class Group(click.Group):
     command_class = Command
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """In the order in which they were added."""
+        """Names of the commands, in the order in which they were added."""
         return list(self.commands)
 
 
@@ -147,7 +147,7 @@ command = partial(click.command, cls=Command)
 
 
 def group(**settings: Any) -> Callable[[Callable[..., Any]], Group]:
-    """As `click.group`."""
+    """A group of commands with this help, as `click.group` makes one."""
     return click.group(cls=Group, **settings)
 
 

@@ -166,14 +166,14 @@ def _first(pattern: str, text: str) -> str:
 
 
 def _python_version(folder: Path) -> str:
-    """Of the interpreter that an environment was made with."""
+    """Version of the Python that an environment was made with."""
     match = re.search(r"(?m)^version_info = (\S+)", (folder / "pyvenv.cfg").read_text(encoding="utf-8"))
     assert match is not None, "uv says which"
     return match[1]
 
 
 def _version_in(folder: Path, package: str) -> str:
-    """Of a package in an environment."""
+    """Version of a package in an environment."""
     places = [str(place) for place in folder.glob("[Ll]ib/**/site-packages")]
     (distribution,) = metadata.Distribution.discover(name=package, path=places)
     return distribution.version

@@ -33,12 +33,12 @@ class Environment:
 
     @property
     def name(self) -> str:
-        """As settings say it: "myengine@1.2"."""
+        """The name that settings use: "myengine@1.2"."""
         return f"{self.engine}@{self.version}"
 
     @property
     def executable(self) -> Path:
-        """Its Python."""
+        """The Python of this environment."""
         windows = self.folder / "Scripts" / "python.exe"
         return windows if windows.exists() else self.folder / "bin" / "python"
 
@@ -61,7 +61,7 @@ def home() -> Path:
 
 
 def environments(engine: str = "*") -> list[Environment]:
-    """All that are whole, or those of one engine, by engine and version."""
+    """Environments that are complete, of all engines or of one, by engine and version."""
     whole = []
     for folder in home().glob(f"{engine}@*"):
         with suppress(OSError, ValueError, KeyError, TypeError):

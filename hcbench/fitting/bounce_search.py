@@ -100,7 +100,7 @@ class _Search:
         self.gap, self.unheard = np.zeros((n, n), dtype=bool), np.zeros((n, n), dtype=np.int64)
 
     def extend(self, i: int) -> None:
-        """All flights that begin at click i, when those that end there are known."""
+        """Extend trains by all flights that begin at click i, when those that end there are known."""
         flight = self.times - self.times[i]
         to = np.flatnonzero((flight >= self.shortest) & (flight <= _LONGEST))
         if not to.size:

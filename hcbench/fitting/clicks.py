@@ -100,11 +100,11 @@ class Timer:
             shifts -= np.median(shifts)
 
     def times(self, places: Indices) -> Floats:
-        """Of clicks at any places, s: shape (n,)."""
+        """Times of clicks at any places, s: shape (n,)."""
         return np.array([self._time(int(p)) for p in places]) / self.band.rate
 
     def _time(self, place: int) -> float:
-        """In samples; each is found once."""
+        """Time of a click, in samples; each is found once."""
         if place not in self._times:
             onset = self._onset_of(place)
             shift = _shift_to(self.template, self._piece(onset), self._reach)
@@ -146,7 +146,7 @@ def _shifted(piece: Floats, shift: float) -> Floats:
 
 
 def _shift_to(template: Floats, piece: Floats, reach: int) -> float:
-    """By how many samples a piece lies after the template, to fractions of one."""
+    """How many samples a piece lies after the template, to fractions of one."""
     core = template[reach : len(template) - reach]
     score = np.correlate(piece, core, "valid")
     top = int(np.argmax(score))

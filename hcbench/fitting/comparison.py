@@ -75,7 +75,7 @@ def as_text(comparison: Comparison) -> str:
 
 
 def as_record(comparison: Comparison) -> dict[str, Any]:
-    """The same for `--json`."""
+    """The comparison as `--json` prints it."""
     return {
         "files": list(comparison.files),
         "compared": comparison.compared,

@@ -80,7 +80,7 @@ class Dataset(ABC):
 
     @property
     def widening(self) -> float:
-        """By how much the interval of α is widened, for errors with longer tails than normal ones."""
+        """Factor by which the interval of α is widened, for errors with longer tails than normal ones."""
         return 1.0
 
     @property
@@ -176,7 +176,7 @@ class TouchTimes(Dataset):
         return np.arange(len(self.times)) if self.numbers is None else self.numbers - self.numbers[0]
 
     def _launches(self) -> Floats:
-        """Of every flight; of two that an unheard touch joins, half of both."""
+        """Launch of every flight; of two that an unheard touch joins, half of both."""
         which = self._which
         full = np.interp(np.arange(which[-1] + 1), which, self.times)
         flights = np.diff(full) - self.setup.contact_time.value
@@ -233,12 +233,12 @@ class TouchTimes(Dataset):
 
     @property
     def widening(self) -> float:
-        """That of clicks, some of which are mistimed by 0.1 to 0.5 ms."""
+        """The widening for clicks, some of which are mistimed by 0.1 to 0.5 ms."""
         return _OF_CLICKS if self.picks is not None else 1.0
 
     @property
     def reservation(self) -> str:
-        """Where the touches are likely the ball's, not surely; none where the user chose them."""
+        """Why the touches may not be the ball's; "" where they surely are or the user chose them."""
         return reservation_of(self.heard) if self.heard else ""
 
     def touches(self) -> list[str]:

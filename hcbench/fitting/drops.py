@@ -36,7 +36,7 @@ class Drops:
 
     @property
     def between(self) -> float:
-        """By which share of the value the drops differ, its posterior mean."""
+        """Share of the value by which the drops differ, its posterior mean."""
         return float(self.share @ _BETWEEN)
 
     def estimate(self, inputs: float = 0.0) -> Estimate:
@@ -48,7 +48,7 @@ class Drops:
 
 
 def shared_value(each: Sequence[Estimate]) -> Drops:
-    """In ln of the value drop k is N(μ, s_k² + τ²), μ flat, τ half-Cauchy: a random effect for each."""
+    """The value that several drops share, and by how much they differ, from a random-effects model."""
     x, s = _logs(each)
     log_likelihood, mean, sd = _over_between(x, s)
     return Drops(_shares(log_likelihood + _prior()), mean, sd)

@@ -34,12 +34,12 @@ class Posterior:
     weight: Floats
 
     def quantiles(self, values: Floats, shares: Sequence[float]) -> list[float]:
-        """Of a function of the parameters with these values (g,) on the grid."""
+        """Quantiles of a function of the parameters with these values (g,) on the grid."""
         return quantiles(values, self.weight, shares)
 
 
 def quantiles(values: Floats, weight: Floats, shares: Sequence[float]) -> list[float]:
-    """Of weighted values (g,); the weights add up to 1."""
+    """Quantiles of weighted values (g,); the weights add up to 1."""
     order = np.argsort(values, kind="stable")
     sorted_weight = weight[order]
     below = np.cumsum(sorted_weight) - 0.5 * sorted_weight

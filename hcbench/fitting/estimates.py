@@ -38,7 +38,7 @@ def estimate_of(fit: LawFit, name: str, inputs: float = 0.0) -> Estimate:
 
 
 def widened(estimate: Estimate, factor: float) -> Estimate:
-    """With an interval that many times as wide."""
+    """The estimate with an interval that many times as wide."""
     value = estimate.value
     low, high = value - factor * (value - estimate.low), value + factor * (estimate.high - value)
     return Estimate(value, factor * estimate.uncertainty, max(0.0, low), high)
@@ -65,7 +65,7 @@ def alpha_of(plain: LawFit, lossy: LawFit, inputs: float = 0.0, odds: float = OD
 
 
 def in_question(plain: LawFit, lossy: LawFit, odds: float) -> list[LawFit]:
-    """Of the two, those that the other does not rule out at these odds."""
+    """The fits of the two laws that the other does not rule out at these odds."""
     lead, limit = plain.log_evidence - lossy.log_evidence, math.log(odds)
     return [fit for fit, is_left in ((plain, lead > -limit), (lossy, lead < limit)) if is_left]
 

@@ -144,7 +144,7 @@ def _require_loss(sets: Sequence[Dataset], whole: _Fitted) -> None:
 
 
 def _lack(each: Sequence[_Fitted]) -> LackOfFit:
-    """Of all files: the product of their odds, and the shape in the file that asks for it most."""
+    """Lack of fit of all files: the product of their odds, and the shape of the one that fits worst."""
     lacks = [_lack_of_one(one) for one in each]
     odds, adhesion = (
         math.exp(min(sum(math.log(max(getattr(one, name), 1e-300)) for one in lacks), 700.0))

@@ -56,7 +56,7 @@ class Ballistics:
         return speed, self.gravity / speed * (1.0 - self.drag * speed * speed)
 
     def path(self, launch: float, time: Floats) -> tuple[Floats, Floats, Floats]:
-        """At times since a launch: heights, m, their derivatives by its speed, and velocities, m/s."""
+        """A flight at times since launch: heights, m, their derivatives by its speed, velocities, m/s."""
         g = self.gravity
         if not self.drag:
             return launch * time - 0.5 * g * time**2, time.copy(), launch - g * time
@@ -70,7 +70,7 @@ class Ballistics:
         return height, v / g * (u + slope) / (1.0 + u * u), -v * slope
 
     def fall(self, touch: float, before: Floats) -> tuple[Floats, Floats, Floats]:
-        """The same at times before the touch of a ball let go from rest, by the speed of the touch."""
+        """A fall from rest at times before its touch: heights, derivatives and velocities as of `path`."""
         g = self.gravity
         if not self.drag:
             return touch * before - 0.5 * g * before**2, before.copy(), g * before - touch

@@ -211,7 +211,7 @@ def fit_loop(name: str, penetration: Floats, rate: Floats, force: Floats, expone
 
 
 def _covariance(done: object, order: list[int | None]) -> Floats:
-    """Of the parameters in this order, 0 for one that was given, from the scatter about the fit."""
+    """Covariance of the parameters in this order, from the scatter about the fit; 0 for a given one."""
     jacobian, fun = done.jac, done.fun  # type: ignore[attr-defined]
     degrees = max(len(fun) - jacobian.shape[1], 1)
     whole = np.linalg.pinv(jacobian.T @ jacobian) * float((fun**2).sum()) / degrees
@@ -253,7 +253,7 @@ def as_record(force_fit: ForceFit) -> dict[str, object]:
 
 
 def as_text(force_fit: ForceFit, describe: Callable[[float, float], str], engine: str) -> str:
-    """For a terminal. describe: a value and its standard uncertainty as text."""
+    """The fit for a terminal. describe: a value and its standard uncertainty as text."""
     sd = np.sqrt(np.diag(force_fit.covariance))
     low, high = force_fit.alpha_interval
     k, n = force_fit.stiffness, force_fit.exponent

@@ -123,7 +123,7 @@ class _Change:
 
 
 def _shape(change: Floats) -> str:
-    """In words, of the change at the slowest, the middle and the fastest impact."""
+    """How e departs from the law, in words, by the change at a slow, a middle and a fast impact."""
     slow, middle, fast = change
     if middle > max(slow, fast):
         return "e lies above the law at middle speeds and below it at both ends"

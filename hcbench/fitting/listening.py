@@ -72,14 +72,14 @@ def listen(recording: Recording, setup: MeasurementSetup) -> list[Picks]:
 
 
 def quick_score(recording: Recording) -> float:
-    """Of the likeliest train in the first band alone; 0 for none."""
+    """Score of the likeliest train in the first band alone; 0 for none."""
     band = next(bands(recording))
     trains = likeliest_trains(band.places / band.rate, band.level, band.duration, SHORTEST, 1)
     return trains[0].score if trains else 0.0
 
 
 def _trains(recording: Recording) -> list[tuple[FrequencyBand, Train]]:
-    """Of all bands, without those that share their clicks with a likelier one."""
+    """Trains in all bands, without those that share their clicks with a likelier one."""
     trains = []
     for band in bands(recording):
         times = band.places / band.rate
@@ -138,7 +138,7 @@ class _Heard:
 
     @property
     def evidence(self) -> float:
-        """Of the likelier law: e0 alone would bend to a reflection that stands for the first touch."""
+        """Evidence of the likelier law: e0 alone would bend to a reflection in place of the first touch."""
         return -math.inf if self.fit is None else max(self.fit.log_evidence, self.plain().log_evidence)
 
     @property

@@ -56,7 +56,7 @@ def next_lines(
 
 
 def _inwards(low: float, high: float) -> tuple[float, float]:
-    """To three digits each, and not beyond: pairs that were measured hold for no other speeds."""
+    """Both ends rounded inwards to three digits: pairs that were measured hold for no other speeds."""
     first, last = (10.0 ** (math.floor(math.log10(v)) - 2) for v in (low, high))
     return math.ceil(low / first - 1e-9) * first, math.floor(high / last + 1e-9) * last
 

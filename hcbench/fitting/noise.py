@@ -61,7 +61,7 @@ def _log_cell(grid: Floats) -> float:
 
 
 def coarse_grid(sets: Sequence[Dataset]) -> NoiseGrid:
-    """All that is possible."""
+    """A coarse grid over all noise that is possible."""
     scatter = np.linspace(math.log(SCATTER_SCALE / _SPAN), math.log(MOST_SCATTER), _COARSE)
     noise = tuple(
         np.log(s.noise_scale) + np.linspace(-math.log(_SPAN), math.log(100.0), _COARSE)

@@ -40,7 +40,7 @@ class Picks:
     alpha: Estimate | None = None
 
     def taken(self, touches: range) -> Picks:
-        """Those touches of the list, counted from 1."""
+        """The picks of these touches of the list, counted from 1."""
         kept = np.isin(np.arange(1, len(self.times) + 1), touches)
         return replace(self, times=self.times[kept], numbers=self.numbers[kept], level=self.level[kept])
 

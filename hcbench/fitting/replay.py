@@ -58,12 +58,12 @@ class Replay:
 
     @property
     def lateness(self) -> float:
-        """Of the touches, their mean, s."""
+        """Mean lateness of the scene's touches, s."""
         return float(np.mean(self.simulated - self.recorded[: len(self.simulated)]))
 
     @property
     def e_off(self) -> float:
-        """By how much e of the scene's α is off that of the fit's, at most."""
+        """Largest difference of e between the scene's α and the fit's."""
         if self.alpha is None:
             return 0.0
         target = self.tuned.target
@@ -102,7 +102,7 @@ def replay(result: FitResult, engine: str, timestep: float, recipe: str = "auto"
 
 
 def _made_up(scene: Replay, result: FitResult) -> Replay:
-    """With the α at which touches are as often early as late, by a few steps of the secant method.
+    """A scene with the α at which touches are as often early as late, by a few steps of the secant method.
 
     A contact of a plug-in lasts about a step, and the ball's hardly any time: at the α of the fit each flight
     begins late. A larger α shortens the flights by as much.
@@ -140,7 +140,7 @@ def _touch_times(result: FitResult) -> TouchTimes:
 
 
 def _recorded(result: FitResult) -> Floats:
-    """From the second touch on, up to the first that is unheard."""
+    """Recorded touches from the second on, up to the first that is unheard, s."""
     s = _touch_times(result)
     numbers = np.arange(len(s.times)) if s.numbers is None else s.numbers
     whole = int(np.argmax(np.append(np.diff(numbers) > 1, True))) + 1
@@ -223,7 +223,7 @@ def replay_text(scene: Replay) -> str:
 
 
 def replay_record(scene: Replay) -> dict[str, Any]:
-    """The same for `--json`."""
+    """The scene as `--json` prints it."""
     return {
         "engine": scene.setting.engine,
         "recipe": scene.tuned.recipe.name,

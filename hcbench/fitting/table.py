@@ -145,7 +145,7 @@ def read_table(path: Path, lines: list[tuple[int, str]]) -> Table:
 
 
 def table_of(path: Path, lines: list[tuple[int, str]]) -> Table:
-    """The same of lines with their numbers."""
+    """The table in these lines, each with its number in the file."""
     name = sanitized(path.name)
     if not lines:
         raise UserError(name, "has comments only", "a header and rows of numbers")

@@ -90,7 +90,7 @@ def limit_of(result: FitResult, more: float = 0.0) -> float:
 
 
 def as_text(result: FitResult) -> str:
-    """All of it, for a terminal."""
+    """The whole fit, for a terminal."""
     rows = headline(result)
     width = max(map(len, rows))
     top = [f"{name:<{width}}  {value}" for name, value in rows.items()]

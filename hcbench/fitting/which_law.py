@@ -44,7 +44,7 @@ def laws_left(evidence: Mapping[str, float], odds: float = ODDS_TO_TELL) -> set[
 
 
 def odds_of(evidence: Mapping[str, float]) -> dict[str, float]:
-    """Of each law against the likeliest of the others."""
+    """Odds of each law against the likeliest of the others."""
     return {
         name: math.exp(max(-700.0, min(700.0, one - max(e for n, e in evidence.items() if n != name))))
         for name, one in evidence.items()

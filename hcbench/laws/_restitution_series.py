@@ -118,7 +118,7 @@ def restitution_of(d: Floats) -> Floats:
 
 
 def restitution_of_one(d: float) -> float:
-    """The same for one number d <= TOP as a float: without arrays a hundred times as fast."""
+    """Restitution of one number d <= TOP as a float: without arrays a hundred times as fast."""
     top, series = (LOW, LOW_SERIES) if d <= LOW else (TOP, SERIES)
     x2 = 4.0 * (SHIFT + top) / top * d / (SHIFT + d) - 2.0
     b1 = b2 = 0.0

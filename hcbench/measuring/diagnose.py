@@ -202,7 +202,7 @@ def _summary(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -> str
 
 
 def _constant_e_hint(impacts: Sequence[Impact], goal: Goal, tolerance: float) -> str:
-    """That this contact has one e and several are wanted; "" where that is not what is wrong."""
+    """A sentence if this contact has one e where the target has several; "" if that is not what is wrong."""
     parted = [i for i in impacts if i.status is Status.PARTED]
     e, wanted = [i.restitution for i in parted], [goal(i.speed_in) for i in parted]
     if not parted or any(map(math.isnan, wanted)):

@@ -90,7 +90,7 @@ def _landed(drops: DropPlan, job: Job) -> Landings:
 
 
 def as_record(landings: Landings) -> dict[str, Any]:
-    """For JSON."""
+    """The landings as `--json` prints them."""
     about = {f.name: getattr(landings, f.name) for f in dataclasses.fields(landings) if f.name != "drops"}
     drops = [_drop_record(drop) for drop in landings.drops]
     return {"schema": 1, "kind": "hcbench landing", **about, "window_s": WINDOW_S, "drops": drops}
@@ -160,7 +160,7 @@ def _row(drop: Landing, name: str) -> tuple[str, ...]:
 
 
 def _contact(seconds: float) -> str:
-    """In ms; of a foot that stays on the floor, that it does."""
+    """Contact time of a foot in ms, or that it stays on the floor."""
     return "stays" if seconds >= WINDOW_S else number(1e3 * seconds, ".3g")
 
 

@@ -199,7 +199,7 @@ class Measurement(Drawn):
 
     @property
     def effective_mass(self) -> float:
-        """Of the model, or else by the change of momentum in the first impact with a loop, kg."""
+        """Effective mass of the model, kg, or else by the momentum of the first impact with a loop."""
         if math.isfinite(self.facts.effective_mass):
             return self.facts.effective_mass
         for impact in self.impacts:

@@ -34,7 +34,7 @@ class RestLimits:
 
     @property
     def text(self) -> str:
-        """As a phrase."""
+        """The limits as a phrase."""
         depth = [] if math.isinf(self.penetration) else [f"penetration of {1e3 * self.penetration:g} mm"]
         shaking = [] if math.isinf(self.vibration) else [f"vibration of {self.vibration:g} m/s"]
         return f"at most a {' and a '.join([*depth, *shaking])} at rest"
@@ -82,7 +82,7 @@ def rest_causes(
 
 
 def _fixed_rest(model: ModelUnderTest, suspect: Suspect) -> Rest | None:
-    """With one fix made; None where the pair then does not rest, or cannot be measured."""
+    """The pair at rest with one fix made; None where it then does not rest, or cannot be measured."""
     try:
         with model.fixed([suspect]) as fixed:
             rest = fixed.at_rest()

@@ -163,7 +163,7 @@ def motion_notes(measurement: Measurement) -> list[str]:
 
 
 def _approach_note(measurement: Measurement) -> list[str]:
-    """That gravity, joints or servos changed a launch on its way, if it was not meant to fall."""
+    """Lines that say if gravity, joints or servos changed a launch that was not meant to fall."""
     if measurement.request.height is not None:
         return []
     strange = [p for p in measurement.curve if p.speed > 0 and not p.speed_in < _FASTER * p.speed]
@@ -184,14 +184,14 @@ def _gained(measurement: Measurement) -> float:
 
 
 def _acted_after(measurement: Measurement) -> list[CurvePoint]:
-    """Where joints or servos change the speed between the contact's force and the touch plane."""
+    """Points where joints or servos change the speed between the contact's force and the touch plane."""
     if not measurement.facts.shares:
         return []
     return [p for p in measurement.curve if abs(p.restitution_after_force - p.restitution) >= _NOTABLE_SHARE]
 
 
 def _parting_note(measurement: Measurement) -> list[str]:
-    """That joints or servos act on until the bodies part."""
+    """Lines that say if joints or servos act on until the bodies part."""
     if not (points := _acted_after(measurement)):
         return []
     worst = max(points, key=lambda p: abs(p.restitution_after_force - p.restitution))

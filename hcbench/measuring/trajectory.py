@@ -38,7 +38,7 @@ def measure_trajectory(
     engine: str | None = None,
     limit: Quantity | None = None,
 ) -> TrajectoryTouchdowns:
-    """At which speeds the parts of a robot really met the floor in a recorded motion.
+    """Measure at which speeds the parts of a robot met the floor in a recorded motion.
 
     model: as `measure` takes it. trajectory: an .npz or JSON file, or a mapping, with qpos (n, nq),
         qvel (n, nv) and time (n,) of the states; without time, one a time step of the model.
@@ -80,7 +80,7 @@ def _touchdowns(recorded: dict[str, Floats], job: Job) -> TrajectoryTouchdowns:
 
 
 def as_record(motion: TrajectoryTouchdowns) -> dict[str, Any]:
-    """For JSON."""
+    """The touchdowns as `--json` prints them."""
     about = {f.name: getattr(motion, f.name) for f in dataclasses.fields(motion) if f.name != "feet"}
     feet = [
         {
@@ -99,7 +99,7 @@ def as_record(motion: TrajectoryTouchdowns) -> dict[str, Any]:
 
 
 def as_text(motion: TrajectoryTouchdowns) -> str:
-    """As lines for a terminal."""
+    """The touchdowns, as lines for a terminal."""
     lines = [
         f"{sanitized(motion.model)}: {motion.states} states, one every {1e3 * motion.interval:.4g} ms",
         f"{motion.engine} {motion.version}",

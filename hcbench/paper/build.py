@@ -23,7 +23,7 @@ ASKED = (0.3, 0.5, 0.7, 0.9)  # restitutions of the table of laws
 
 
 def drawings(effort: Effort) -> list[Drawing]:
-    """All figures, in the page's order; `effort` is of the forced ones."""
+    """All figures, in the page's order. effort: what the forced ones may cost."""
     functions: dict[str, Any] = {
         "figure-1": impact_figures.figure_1,
         "figure-2": impact_figures.figure_2,

@@ -98,7 +98,7 @@ def simulate_in_engine(
 def _simulate(
     name: str, blocks: TwoBlocks, position: float, velocity: float, forces: Floats
 ) -> tuple[Floats, Floats]:
-    """In the worker process."""
+    """Simulate the two blocks, in the worker process."""
     states: tuple[Floats, Floats]
     states = registry.submodule(name, "scene.two_blocks").simulate(blocks, position, velocity, forces)
     return states

@@ -54,7 +54,7 @@ class Printed:
 
 
 def printed_numbers() -> list[Printed]:
-    """All of them, in the paper's order."""
+    """Every number that the paper prints, in its order."""
     return [*_first_sections(), *_constants(), *_stresses(), *_case()]
 
 

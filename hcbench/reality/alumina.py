@@ -79,7 +79,7 @@ def rigid(bounces: MeasuredBounces, e: float, friction: float) -> SettingErrors:
 
 
 def judged(bounces: MeasuredBounces, later: Floats, spin: Floats) -> SettingErrors:
-    """Of the first figure's throws alone."""
+    """Errors over the throws of the first figure alone."""
     n = len(TANGENTIAL)
     away = np.abs(later[:n, 0] / bounces.velocity[:n, 0] - TANGENTIAL[:, 1])
     return SettingErrors(away, away)

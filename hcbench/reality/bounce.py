@@ -42,7 +42,7 @@ class MeasuredBounces:
         return len(self.numbers)
 
     def of(self, keep: NDArray[np.bool_]) -> "MeasuredBounces":
-        """Those that a mask keeps."""
+        """The bounces that a mask keeps."""
         return MeasuredBounces(
             self.numbers[keep], self.attitude[keep], self.velocity[keep], self.spin[keep],
             self.velocity_after[keep], self.spin_after[keep],

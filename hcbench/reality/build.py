@@ -48,7 +48,7 @@ def build(results: RealityResults, folder: Path) -> Path:
 
 
 def impacts_text(impacts: Sequence[ImpactRead]) -> str:
-    """All that was read of impacts, a line each."""
+    """Everything that was read of the impacts, a line each."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)

@@ -68,7 +68,7 @@ def _cases(data: str, parts: tuple[int, ...], folder: Path | None, variant: str)
 
 
 def outcome_of(cell: Cell) -> SettingErrors:
-    """In a worker process."""
+    """The errors of a cell's setting, found in a worker process."""
     outcome: SettingErrors = SETS[cell.data].outcome(cell.module, cell.contact, cell.values, cell.cases)
     return outcome
 

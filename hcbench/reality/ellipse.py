@@ -49,16 +49,16 @@ class EllipseImpacts:
     numbers: Floats
 
     def of(self, parts: tuple[int, ...]) -> "EllipseImpacts":
-        """Those with number % 5 in `parts`."""
+        """The impacts with number % 5 in `parts`."""
         keep = np.isin(self.numbers % 5, parts)
         return EllipseImpacts(*(getattr(self, name)[keep] for name in self.__slots__))
 
     def as_published(self) -> "EllipseImpacts":
-        """With the tangent's lever of the stored sign."""
+        """The impacts with the tangent's lever as it is stored."""
         return replace(self, tangent=self.tangent * [1.0, 1.0, -1.0])
 
     def as_original(self) -> "EllipseImpacts":
-        """With the speed up after of the original data, 12 ms of gravity more than the copy's."""
+        """The impacts with the original's speed up after, 12 ms of gravity more than the copy's."""
         return replace(self, after=self.after + np.array([0.0, LATE, 0.0]))
 
 

@@ -46,13 +46,13 @@ def good(impacts: Sequence[ImpactRead]) -> list[ImpactRead]:
 
 
 def speeds_and_e(impacts: Sequence[ImpactRead]) -> tuple[Floats, Floats]:
-    """Of good impacts."""
+    """Impact speeds, m/s, and e of the good impacts."""
     kept = good(impacts)
     return np.array([each.speed_in for each in kept]), np.array([each.e for each in kept])
 
 
 def slope_of(name: str, speed: Floats, e: Floats, constant: str) -> Slope:
-    """By least squares, the interval by bootstrap over impacts."""
+    """Slope of e over speed by least squares, its interval by bootstrap over impacts."""
     noise = np.random.default_rng(0)
     drawn = (noise.integers(0, len(e), len(e)) for _ in range(500))
     slopes = [np.polyfit(speed[i], e[i], 1)[0] for i in drawn]
@@ -62,7 +62,7 @@ def slope_of(name: str, speed: Floats, e: Floats, constant: str) -> Slope:
 
 
 def cube_slopes(impacts: Sequence[ImpactRead], twins: Mapping[str, Sequence[ImpactRead]]) -> list[Slope]:
-    """Of the tosses and of their twins."""
+    """Slopes of e of the cube's tosses and of their twins."""
     read = {law: slope_of(f"cube, synthetic: {law}", *speeds_and_e(each), "") for law, each in twins.items()}
     constant = read.get("constant e")
     words = (
@@ -72,7 +72,7 @@ def cube_slopes(impacts: Sequence[ImpactRead], twins: Mapping[str, Sequence[Impa
 
 
 def ellipse_slope(impacts: Any) -> Slope:
-    """Of the drops: noise in the speed before makes a slope of its own."""
+    """Slope of e of the ellipse's drops; noise in the speed before makes a slope of its own."""
     speed = -np.einsum("ij,ij->i", impacts.normal, impacts.before)
     out = np.einsum("ij,ij->i", impacts.normal, impacts.after)
     e = out / speed
@@ -81,7 +81,7 @@ def ellipse_slope(impacts: Any) -> Slope:
 
 
 def ball_slope(bounces: Any) -> Slope:
-    """Of the bounces."""
+    """Slope of e of the ball's bounces."""
     speed = -bounces.velocity[:, 2]
     return slope_of("ball", speed, bounces.velocity_after[:, 2] / speed, "0")
 

@@ -32,7 +32,7 @@ def of_friction(cell: Cell) -> SettingErrors:
 
 
 def best(outcomes: list[SettingErrors]) -> SettingErrors:
-    """Of each toss, the one whose score is least."""
+    """For each toss, the outcome of the floor that fits it best."""
     pick = np.argmin([each.scores for each in outcomes], axis=0)
 
     def chosen(name: str) -> Floats:

@@ -29,7 +29,7 @@ Parameters = Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]]
 
 
 def committed() -> Parameters:
-    """Those that a search of `identify` ended with, as shipped."""
+    """The parameters that a search of `identify` ended with, as shipped."""
     parameters: Parameters = json.loads(read_text(COMMITTED))
     return parameters
 

@@ -40,7 +40,7 @@ class Motion:
 
 
 def rotation(quaternion: Floats) -> Rotation:
-    """Of quaternions (w, x, y, z), shape (4,) or (n, 4)."""
+    """Rotation of quaternions (w, x, y, z), shape (4,) or (n, 4)."""
     return Rotation.from_quat(np.roll(quaternion, -1, axis=-1))
 
 
@@ -105,7 +105,7 @@ class Tosses:
     motions: Sequence[Motion]
 
     def of(self, keep: Callable[[Motion], bool]) -> "Tosses":
-        """Those motions that `keep` is true of."""
+        """The motions for which `keep` is true."""
         return replace(self, motions=[each for each in self.motions if keep(each)])
 
     def simulated(

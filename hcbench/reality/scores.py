@@ -38,12 +38,12 @@ class SettingScore:
 
 
 def of_cell(cell: Cell, outcome: SettingErrors) -> SettingScore:
-    """Of an engine's setting."""
+    """The score of an engine's setting in a cell."""
     return of_outcome(cell.data, cell.engine, cell.contact.name, cell.contact.cone, outcome)
 
 
 def of_outcome(data: str, engine: str, setting: str, cone: str, outcome: SettingErrors) -> SettingScore:
-    """Of a setting or a floor."""
+    """The score of a setting or of a floor."""
     low, high = interval(outcome.errors)
     turned = None if outcome.rotations is None else float(np.degrees(outcome.rotations.mean()))
     mean = float(outcome.errors.mean())

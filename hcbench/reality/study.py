@@ -70,7 +70,7 @@ class RealityResults:
 
 
 def run(request: RealityRequest, pool: WorkerPool, tick: Tick | None = None) -> RealityResults:
-    """All of it. EngineMissing where no engine that can simulate a toss is installed."""
+    """Run the whole study. EngineMissing where no engine that can simulate a toss is installed."""
     parameters = identify(pool, request.sets, request.folders, tick) if request.identify else committed()
     cells = [cell for data in request.sets for cell in _cells(request, parameters, data)]
     variants = [cell for cell in cells if cell.data == "cube" and _is_in_switches(cell)]

@@ -45,7 +45,7 @@ def report_progress(progress: Progress | None) -> Iterator[None]:
 
 @contextmanager
 def map_result(make: Callable[[Any], Any]) -> Iterator[None]:
-    """In a SearchInterrupted that leaves the block, replace the best result by `make` of it."""
+    """When a SearchInterrupted leaves the block, replace the best result by `make` of it."""
     try:
         yield
     except SearchInterrupted as interrupt:

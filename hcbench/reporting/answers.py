@@ -30,7 +30,7 @@ class PageChoice:
 
 
 def choices(view: View, answer: Mapping[str, Any]) -> list[PageChoice]:
-    """Those of an answer, the best first as `tune` has it, then in its order."""
+    """The choices of an answer as the page shows them: the best first, then in `tune`'s order."""
     ordered = sorted(answer["choices"], key=lambda choice: choice["kind"] != answer["best"])
     return [_choice(view, answer, choice) for choice in ordered]
 

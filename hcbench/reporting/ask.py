@@ -101,7 +101,10 @@ def _silent(_: str) -> Iterator[Tick]:
 def write_report(
     study: str, out: Path | None, quick: bool, jobs: int, stage: Stage, warn: Callable[[str], None]
 ) -> StudyReport:
-    """As `report`. stage: shows, by a name, how far a part of the work is. warn: takes what was left out."""
+    """Write a report as `report` does.
+
+    stage: shows, by a name, how far a part of the work is. warn: takes what was left out.
+    """
     with WorkerPool(jobs) as pool:
         with stage("reading the study"):
             from hcbench.benchmark.read import is_sweep, read
@@ -140,7 +143,7 @@ def find_plan(name: str, warn: Callable[[str], None]) -> tuple[str, Study]:
 
 
 def missing_engines(engines: Iterable[str], warn: Callable[[str], None]) -> tuple[str, ...]:
-    """Those of some engines that are not installed; `warn` takes a line with the commands that add them."""
+    """Engines that are not installed; `warn` takes a line with the commands that add them."""
     from hcbench.sim import install, registry
 
     missing = tuple(name for name in engines if not registry.is_there(name))
@@ -151,12 +154,12 @@ def missing_engines(engines: Iterable[str], warn: Callable[[str], None]) -> tupl
 
 
 def default_folder(name: str, quick: bool) -> Path:
-    """Where a report goes unless said: a preview not in place of the whole."""
+    """The folder of a report without --out; that of a preview is another."""
     return Path("reports") / (f"{name}-quick" if quick else name)
 
 
 def folder_for(out: Path | None, default: Path, missing: tuple[str, ...], present: set[str]) -> Path:
-    """Where a report goes: not in place of one that has engines that this one lacks."""
+    """The folder of a report, never one that holds engines that this report lacks."""
     folder = out or default
     if not (lost := present & set(missing)):
         return folder

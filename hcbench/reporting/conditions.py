@@ -23,7 +23,7 @@ class Views(NamedTuple):
 
     @property
     def shown(self) -> list[View]:
-        """With gravity, and without."""
+        """The views with gravity and without, those that there are."""
         return [view for view in (self.with_gravity, self.without_gravity) if view is not None]
 
     @property

@@ -53,5 +53,5 @@ def _error(rows: pd.DataFrame) -> str:
 
 
 def _difference(axis: pd.Series, other: pd.Series) -> str:
-    """Of the launches that were made at both places; "–" where there are none."""
+    """Largest difference of e between launches made at both places; "–" where there are none."""
     return wording.error(float((other - axis).dropna().abs().max())) if len(other) else "–"

@@ -74,7 +74,7 @@ class LoopStore:
 
 
 def explorer(by_gravity: Views) -> Explorer | None:
-    """That of a report; None where no engine ran over a band."""
+    """The explorer of a report; None where no engine ran over a band."""
     data = explorer_data(by_gravity)
     if not data:
         return None
@@ -83,7 +83,7 @@ def explorer(by_gravity: Views) -> Explorer | None:
 
 
 def explorer_data(by_gravity: Views) -> dict[str, Any]:
-    """All of it, JSON-able; nothing where no engine ran over a band."""
+    """Everything that the explorer knows, JSON-able; {} where no engine ran over a band."""
     view, loops = by_gravity.main, LoopStore()
     ran = [
         (shown.gravity, run.engine, run.timestep, alpha)
@@ -285,10 +285,10 @@ def _drops(view: View) -> list[dict[str, Any]]:
 
 
 def digits(values: Iterable[float], count: int) -> list[float | None]:
-    """In so many digits, None for what is not finite."""
+    """Numbers in so many digits, None for what is not finite."""
     return [float(f"{v:.{count}g}") if math.isfinite(v) else None for v in values]
 
 
 def places(values: Iterable[float], count: int) -> list[float | None]:
-    """With so many decimals, None for what is not finite."""
+    """Numbers with so many decimals, None for what is not finite."""
     return [round(float(v), count) + 0.0 if math.isfinite(v) else None for v in values]

@@ -69,7 +69,7 @@ def draw(drawing: Drawing, folder: Path | None = None, png: bool = True) -> dict
 def counted(
     figures: Iterable[dict[str, Any]], total: int, tick: Callable[[int, int], None] | None
 ) -> Iterator[dict[str, Any]]:
-    """The same figures; `tick` is called with how many came."""
+    """The figures, one after the other; `tick` is called with how many came."""
     for done, figure in enumerate(figures, 1):
         yield figure
         if tick is not None:
@@ -90,7 +90,7 @@ class Script:
 
     @property
     def sha256(self) -> str:
-        """As a content security policy names it."""
+        """The digest of the script, as a content security policy names it."""
         return base64.b64encode(hashlib.sha256(self.text.encode()).digest()).decode()
 
 

@@ -100,7 +100,7 @@ class View:
 
     @property
     def mass(self) -> float:
-        """Of the ball, kg."""
+        """Mass of the ball, kg."""
         return float(self.study["mass_kg"])
 
     @cached_property
@@ -150,7 +150,7 @@ class View:
 
     @cached_property
     def band_runs(self) -> list[RunKey]:
-        """Those of them that figures show: the law itself is in every panel already."""
+        """Runs that figures show, without the law itself, which is in every panel already."""
         return [run for run in self.tabled_runs if not run.is_law]
 
     @cached_property

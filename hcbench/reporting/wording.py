@@ -55,7 +55,7 @@ def span(low: str, high: str, space: str = NBSP) -> str:
 
 
 def number(value: float) -> str:
-    """In two or three digits: "0.065", "2.1·10⁻⁵", "0"; "<10⁻¹²" for round-off, "–" for no finite number."""
+    """A number in two or three digits: "0.065", "2.1·10⁻⁵", "0"; "<10⁻¹²" for round-off, "–" for none."""
     if not math.isfinite(value):
         return "–"
     size = abs(value)
@@ -119,7 +119,7 @@ def percent(share: float) -> str:
 
 
 def sentence(text: str) -> str:
-    """With a capital, but for the symbol e."""
+    """Text with a capital first letter, except the symbol e."""
     return text if text.startswith("e ") else text[:1].upper() + text[1:]
 
 

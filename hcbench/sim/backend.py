@@ -86,7 +86,7 @@ class Backend:
 
 @cache  # reading it takes milliseconds, and every setting asks for it
 def installed_version(package: str) -> str:
-    """Of a package of this environment. PackageNotFoundError for none."""
+    """Version of a package of this environment. PackageNotFoundError for none."""
     return metadata.version(package)
 
 

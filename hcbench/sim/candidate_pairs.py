@@ -35,7 +35,7 @@ class CandidatePair:
 
 
 def as_records(pairs: Sequence[CandidatePair]) -> list[dict[str, Any]]:
-    """For JSON: an object a pair."""
+    """The pairs as `--json` prints them, an object each."""
     return [
         {
             "pair": p.pair,
@@ -54,7 +54,7 @@ def as_records(pairs: Sequence[CandidatePair]) -> list[dict[str, Any]]:
 
 
 def as_table(pairs: Sequence[CandidatePair], longest: int = 40) -> str:
-    """Those that touch first, then the nearest."""
+    """The pairs as a table, those that touch first, then the nearest."""
     if not pairs:
         return "no two parts of this model can meet\n"
     rows = [
@@ -91,7 +91,7 @@ def _text(value: Any) -> str:
 
 
 def in_order(pairs: Sequence[CandidatePair]) -> list[CandidatePair]:
-    """Those that touch at the start first, then those that do in another pose, then the nearest."""
+    """Pairs in order: touching at the start, touching in another pose, then the nearest."""
     far = math.inf
 
     def rank(p: CandidatePair) -> tuple[bool, bool, float]:

@@ -37,12 +37,12 @@ class _Columns(Sequence[One]):
         return self.take(index) if isinstance(index, slice) else next(iter(self.take([index])))
 
     def take(self, which: Any) -> Self:
-        """Those that an index array, a mask or a slice names, in its order."""
+        """The rows that an index array, a mask or a slice names, in its order."""
         return type(self)(*(v.take(which) if isinstance(v, _Columns) else v[which] for v in self._values()))
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """All of several, one after the other; at least one."""
+        """Several of them joined, one after the other; at least one."""
         if len(parts) == 1:
             return parts[0]
         return cls(*map(_joined, zip(*(part._values() for part in parts), strict=True)))
@@ -76,7 +76,7 @@ class Launches(_Columns[Launch]):
 
     @classmethod
     def of_table(cls, table: Floats) -> Launches:
-        """From all columns beside one another, shape (n, 8)."""
+        """Launches from a table of all their columns, shape (n, 8)."""
         return cls(table[:, 0], table[:, 1], table[:, 2], table[:, 3:5], table[:, 5:])
 
     @classmethod
@@ -91,7 +91,10 @@ class Launches(_Columns[Launch]):
         steps_most: float,
         share: float,
     ) -> Launches:
-        """As `Launch.touching`. speed, phase, slip: shape (n,), the slip along the way of the bodies."""
+        """Launches that touch at these speeds and phases, as `Launch.touching` makes one.
+
+        speed, phase, slip: shape (n,), the slip along the way of the bodies.
+        """
         spins, along = np.tile(np.array(spin, dtype=np.float64), (len(speed), 1)), np.zeros((len(speed), 2))
         along[:, 0] = slip
         if gravity <= 0.0:
@@ -123,18 +126,18 @@ class Launches(_Columns[Launch]):
         return np.asarray(self.slip.any(axis=1) | self.spin.any(axis=1))
 
     def clearance(self, timestep: float) -> Floats:
-        """As of `Launch`, m, shape (n,)."""
+        """Clearance of each launch, as `Launch.clearance`, m, shape (n,)."""
         return np.where(np.isnan(self.height), (2.0 + self.phase) * timestep * self.speed, self.height)
 
     def touch_speed(self, timestep: float, gravity: float) -> Floats:
-        """As of `Launch`, m/s, shape (n,)."""
+        """Speed of each launch at touch, as `Launch.touch_speed`, m/s, shape (n,)."""
         if gravity == 0.0:
             return np.abs(self.speed)
         gained = 2.0 * gravity * self.clearance(timestep)
         return np.asarray(np.sqrt(np.maximum(0.0, self.speed * self.speed + gained)))
 
     def flight_time(self, timestep: float, gravity: float) -> Floats:
-        """As of `Launch`, s, shape (n,)."""
+        """Flight time of each launch to its touch, as `Launch.flight_time`, s, shape (n,)."""
         clearance = self.clearance(timestep)
         both = self.speed + self.touch_speed(timestep, gravity)
         times = np.full(len(self), np.inf)
@@ -163,7 +166,7 @@ class Recorded:
     states: Floats
 
     def loop(self, row: int, start: int, count: int) -> Loop:
-        """Of one launch: so many steps from one on, which is at time 0."""
+        """The force loop of one launch: so many steps from `start` on, which is at time 0."""
         return Loop(self.time[:count], *self.states[:, row, start : start + count])
 
 

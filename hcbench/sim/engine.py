@@ -108,7 +108,7 @@ class Engine(ABC):
         return passivity_of(self, scene, setting, speeds, whole)
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
-        """The same setting with Coulomb's μ of its contact in it, to be pasted."""
+        """The setting with Coulomb's μ of its contact in it, to be pasted."""
         return setting
 
     def script(self, scene: Scene, setting: Setting) -> str:
@@ -127,7 +127,7 @@ class Engine(ABC):
 
     @final
     def run_columns(self, scene: Scene, setting: Setting, launches: Launches) -> Impacts:
-        """As `run`, for launches by the thousand: no object is made of one."""
+        """Run launches by the thousand as `run` does, without an object for each."""
         _require_types(scene, setting)
         if setting.engine != self.name:
             raise SettingError("setting", f"made for {setting.engine!r}", f"one for {self.name!r}")

@@ -82,7 +82,7 @@ def versioned_title(adapter: Engine, name: str) -> str:
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> UserError:
-    """For a name that is not among those registered."""
+    """The error for a name that is not registered."""
     from difflib import get_close_matches
 
     names = list(known)

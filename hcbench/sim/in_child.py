@@ -79,7 +79,7 @@ class ForkedSimulation(Simulation):
         self._child = _Child(lambda: release().advance)
 
     def advance(self, steps: int) -> Record:
-        """As the simulation's own."""
+        """Advance the simulation in its child process."""
         record: Record = self._child.ask(steps)
         return record
 

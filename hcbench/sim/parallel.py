@@ -38,7 +38,7 @@ def unit_in_last_place(coordinate: float, bits: int) -> float:
 
 
 def require_motion_at(coordinate: float, timestep: float, fastest: float, bits: int) -> None:
-    """The same for a body whose largest coordinate where it touches is this, m."""
+    """Require that numbers of so many bits resolve the motion of a body at this coordinate, m."""
     place = unit_in_last_place(coordinate, bits)
     if fastest * timestep < _FEWEST * place:
         got = f"{timestep:g} s in float{bits}: at {fastest:.3g} m/s the ball moves {fastest * timestep:.1g} m"

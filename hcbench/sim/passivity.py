@@ -59,7 +59,7 @@ class Bounces:
         return self.max_e <= MOST_E and not self.still_bouncing
 
     def joined(self, other: Bounces) -> Bounces:
-        """Of both."""
+        """The bounces of both."""
         return Bounces(
             max(self.max_e, other.max_e),
             max(self.gains_below, other.gains_below),
@@ -108,7 +108,7 @@ class Passivity:
 
     @property
     def scenes(self) -> int:
-        """In how many scenes energy never grew, where it never did."""
+        """How many scenes were simulated without energy growing, where it never did."""
         return self.bounces.tried + len(self.findings)
 
     @property
@@ -179,7 +179,7 @@ class DropReader:
 def passivity_of(
     engine: Engine, scene: Scene, setting: Setting, speeds: tuple[float, float], whole: bool
 ) -> Passivity:
-    """By impacts below and above a band (m/s) in the engine itself; whole: by drops too."""
+    """Test a setting for energy by impacts below and above a band, m/s; whole: by drops, too."""
     low, high = speeds
     adapter = getattr(engine, "adapter", engine)  # of one in an environment of its own
     controlled = getattr(adapter, "error_controlled", None)

@@ -33,7 +33,7 @@ class Promise:
 
     @property
     def text(self) -> str:
-        """As a model keeps it; "" for a target that is neither one α nor one e."""
+        """The promise as a model keeps it; "" for a target that is neither one α nor one e."""
         low, high = self.speeds
         if isinstance(self.curve, Restitution):
             goal = f"{'alpha' if self.curve.reading == 'law' else 'linear'} {self.curve.alpha:.6g} s/m"
@@ -47,7 +47,7 @@ class Promise:
 
     @classmethod
     def read(cls, text: str) -> Promise | None:
-        """Of such a text; None for another."""
+        """Read a promise from such a text; None for any other text."""
         match = _TEXT.fullmatch(text)
         if match is None:
             return None

@@ -64,7 +64,7 @@ class SpeedReading(StrEnum):
 
     @property
     def share(self) -> float:
-        """Of g h, that v lacks for its square less 2 g x to stay the same in free flight."""
+        """Share of g h that v lacks for its square less 2 g x to stay the same in free flight."""
         return {"touch plane": 0.5, "touch plane, four substeps": 0.125}.get(self, 0.0)
 
     def speeds(self, before: States, after: States, fall: float, gravity: float) -> tuple[Floats, Floats]:

@@ -78,7 +78,7 @@ class Wrapped(HasPlugin, TunesModels):
         return self.adapter.with_friction(setting, friction)
 
     def accepts(self, source: Any) -> bool:
-        """As the adapter does."""
+        """Whether the engine's adapter accepts such a model."""
         return isinstance(self.adapter, OpensModels) and self.adapter.accepts(source)
 
 
@@ -205,7 +205,7 @@ def adapter_of(engine: Engine) -> Engine:
 
 
 def interpreter_of(engine: Engine) -> Interpreter | None:
-    """Of the environment that an engine runs in; None for this process' own."""
+    """The Python of the environment that an engine runs in; None for that of this process."""
     return engine.interpreter if isinstance(engine, RemoteEngine) else None
 
 

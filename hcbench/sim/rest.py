@@ -53,7 +53,7 @@ class Rest:
 
     @property
     def record(self) -> dict[str, float]:
-        """For JSON, SI."""
+        """The numbers at rest as JSON has them, SI."""
         return {
             "penetration_m": self.penetration,
             "vibration_m_per_s": self.vibration,
@@ -111,7 +111,7 @@ def rest_of(
 
 
 def last_half(path: Floats) -> Floats:
-    """Of a path, from which a body is taken to have calmed; along the first axis."""
+    """Second half of a path, in which a body is taken to have calmed; along the first axis."""
     return path[len(path) // 2 :]
 
 

@@ -118,7 +118,7 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
         )
 
     def forms(self, setting: Setting) -> Sequence[str]:
-        """Of scenes that the lines can be written for."""
+        """Forms of scenes that the script can be written for."""
         return ("plane",)
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> ScriptWorld:
@@ -189,7 +189,7 @@ class BallSimulation(Simulation):
         )
 
     def keep(self, which: Flags) -> None:
-        """There is only one."""
+        """Keep the one launch that there is."""
 
 
 _SCRIPT = '''"""A ball dropped on a {form} in {title}: prints restitution against impact speed (m/s)."""

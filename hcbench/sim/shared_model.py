@@ -52,7 +52,7 @@ class Copies(ABC):
         """States after each of at most `steps` more steps, shape (n, places, n)."""
 
     def place_first(self, states: Floats) -> Floats:
-        """The same for some copies, shape (b, n): the others follow the last of them."""
+        """Place the first copies by their states, shape (b, n); the others follow the last of them."""
         others = np.repeat(states[-1:], self.places - len(states), axis=0)
         return self.place(np.concatenate([states, others]))[: len(states)]
 
@@ -106,11 +106,11 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         """Lines in the engine's own words that put a law into its steps; "" for none."""
 
     def bits_of(self, setting: Setting) -> int:
-        """Of the numbers under a setting. Raises SettingError."""
+        """How many bits the numbers have under a setting. Raises SettingError."""
         return self.bits
 
     def impedance(self, setting: Setting) -> float:
-        """Of a bounce in one step: the largest that its numbers keep."""
+        """The largest impedance of a bounce in one step that its numbers resolve."""
         return 0.9999
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> CopiesWorld:
@@ -141,7 +141,7 @@ class SharedModelEngine(OpensModels, SteppedEngine):
     def pairs(
         self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
     ) -> list[CandidatePair]:
-        """Those of `model_engine`."""
+        """The pairs of a model, as `model_engine` lists them."""
         return self._opener().pairs(source, request, rebuild)
 
     def _opener(self) -> OpensModels:

@@ -198,7 +198,7 @@ def _read(
 
 
 def _steps_to_part(last: Floats, timestep: float) -> float:
-    """At most so many steps until bodies part that are on their way out, as a contact speeds them up on it.
+    """Upper bound of the steps until bodies part that are on their way out.
 
     last: penetration and rate, shape (2, b). Infinite where one is not on its way out.
     """

@@ -53,12 +53,12 @@ class Standing:
 
     @classmethod
     def of(cls, rest: Rest, on_slope: Rest, hold: float, cost: tuple[float, float], slope: float) -> Standing:
-        """Of rests on the level and on a slope (rad), drift in a grasp, (iterations, time) of a step."""
+        """Made of rests on the level and on a slope (rad), drift in a grasp, (iterations, time) of a step."""
         return cls(rest.penetration, on_slope.drift, hold, rest.vibration, *cost, rest.force_noise, slope)
 
     @property
     def record(self) -> dict[str, float]:
-        """For JSON, and a row of the table by key."""
+        """The numbers as JSON and the table have them, by key."""
         names = [quantity.key for quantity in QUANTITIES]
         return dict(zip(names, astuple(self), strict=False)) | {"force_noise": self.force_noise}
 

@@ -87,7 +87,7 @@ ALONG_COLUMNS = (  # of `AlongPlate`, in files
 
 
 def along_plate(impact: Impact) -> AlongPlate:
-    """Of any impact: one that is not oblique has neither slip nor spin."""
+    """What an impact did along the plate; one that is not oblique has neither slip nor spin."""
     all_of_it = impact.tangential
     if all_of_it is not None:
         (slip_in, _), (slip_out, _) = all_of_it.slip_in, all_of_it.slip_out

@@ -37,7 +37,7 @@ class Touchdowns:
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryTouchdowns:
-    """All touchdowns in a recorded motion.
+    """Touchdowns in a recorded motion.
 
     states: how many were read. interval: between two, s. feet: those that touch down most first.
     """

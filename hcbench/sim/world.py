@@ -38,7 +38,7 @@ class Record:
     tangential: Floats | None = None
 
     def rows(self) -> Floats:
-        """All of it, one quantity below the other, shape (3 or 11, b, n)."""
+        """The whole record, one quantity below the other, shape (3 or 11, b, n)."""
         normal = np.stack([self.penetration, self.rate, self.force])
         return normal if self.tangential is None else np.concatenate([normal, self.tangential])
 

@@ -72,7 +72,7 @@ class Choice:
 
     @property
     def line(self) -> str:
-        """In one line: kind, name, error with its band."""
+        """The choice in one line: kind, name, error with its band."""
         return f"{KINDS[self.kind]}: {self.setting.name}, {self.within}"
 
     @property

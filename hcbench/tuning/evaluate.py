@@ -131,7 +131,7 @@ def _error_controlled(engine: Engine, setting: Setting) -> bool:
 
 
 def _friction_errors(impacts: Sequence[Impact], _: Target, scene: Scene) -> Floats:
-    """Of friction's impulse, shape (n,); NaN where there is none."""
+    """Errors of friction's impulse, shape (n,); NaN where there is none."""
     return np.array([friction_error([impact], scene) for impact in impacts])
 
 

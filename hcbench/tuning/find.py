@@ -93,7 +93,7 @@ class _Finder:
         self._adapter = registry.engine(engine)
 
     def named(self, name: str) -> Choice:
-        """Of a recipe that the user names."""
+        """The choice by a recipe that the user names."""
         recipes = registry.recipes(self.engine)
         if name not in recipes:
             raise UserError("recipe", f"{name!r} for {self.engine!r}", f"one of: auto, {', '.join(recipes)}")
@@ -147,7 +147,7 @@ class _Finder:
         return min(usable, key=lambda tuned: tuned.error, default=None)
 
     def _failure(self, tuned: Tuned) -> EngineFailed:
-        """Of launches without a restitution, which are never a verdict on a setting."""
+        """The error for launches without a restitution, which are never a verdict on a setting."""
         failed = tuned.evaluation
         got = f"{failed.failed} launches gave no restitution: {failed.reason or 'not a number'}"
         advice = "Try other speeds, another step or another --recipe"

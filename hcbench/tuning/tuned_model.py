@@ -113,5 +113,5 @@ class TunedModel(Shown):
 
 
 def largest_error(pairs: Sequence[TunedPair]) -> float:
-    """Of e, of all pairs."""
+    """Largest error of e over all pairs."""
     return max(pair.max_error for pair in pairs)

@@ -48,7 +48,7 @@ class Question(NamedTuple):
 
 
 def usual_answers(study: Mapping[str, Any], versions: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Those to the questions of a study's α, of the engines in these versions.
+    """Answers to the usual questions for a study's α, of the engines in these versions.
 
     study: as JSON; none where its ball is another. Each has the keys of `Question` and of `Answer.record`.
     """
@@ -85,7 +85,7 @@ def write(jobs: int = 2) -> None:
 
 
 def questions() -> Iterator[Question]:
-    """All of the file's."""
+    """Every question that the file answers."""
     yield from (Question(*each) for each in product(file_content()["versions"], _STEPS, _GRAVITIES, _ALPHAS))
 
 

@@ -153,7 +153,7 @@ class WorkerPool:
         return list(self.imap(function, jobs))
 
     def imap(self, function: Callable[[Job], Result], jobs: Iterable[Job]) -> Iterator[Result]:
-        """As `map`, begun at once; each result is waited for where it is asked for."""
+        """Map as `map` does, begun at once; each result is waited for where it is asked for."""
         return self._results(self.threads.map(partial(call, function, limit=None), jobs))
 
     def _results(self, results: Iterator[Result]) -> Iterator[Result]:

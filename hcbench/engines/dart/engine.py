@@ -64,7 +64,7 @@ class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
         return "\n".join(filter(None, (length, _set(options), _hook(options))))
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """Its restitution, with what constraint force mixing of 1e-5 takes added."""
+        """DART's restitution for an e, with what constraint force mixing of 1e-5 takes added."""
         e = contact.restitution
         if e is None:
             return Vocabulary(caveats=_CAVEATS)

@@ -72,12 +72,12 @@ class DrakeEngine(DescribesContact, OpensFiles, ScriptedEngine[DrakeOptions]):
         return "\n".join(filter(None, (plant, _LAW if options.law else contact, integrator)))
 
     def speed_reading(self, setting: Setting) -> SpeedReading:
-        """At the touch plane: all of its contacts act from there on."""
+        """Drake's speeds are those at the touch plane: all of its contacts act from there on."""
         exact = self.read(setting).plant == "continuous"
         return SpeedReading.TOUCH_PLANE_EXACT_FLIGHT if exact else SpeedReading.TOUCH_PLANE
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """Its dissipation."""
+        """Drake's dissipation of a contact."""
         note, name = "d = 1.5 α, on both bodies; continuous plants only", "hunt_crossley_dissipation"
         value = SystemValue("Drake", name, (1.5 * contact.alpha,), "s/m", note)
         return Vocabulary(

@@ -82,7 +82,7 @@ class ExudynEngine(DescribesContact, ScriptedEngine[ExudynOptions]):
         return "\n".join((contact, _SETTINGS, _SOLVER.format(options.solver)))
 
     def speed_reading(self, setting: Setting) -> SpeedReading:
-        """At the touch plane; what a solver keeps in free flight decides."""
+        """Exudyn's speeds are those at the touch plane, by what its solver keeps in free flight."""
         return SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:

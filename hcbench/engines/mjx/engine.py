@@ -56,14 +56,14 @@ class MjxEngine(DescribesContact, SharedModelEngine):
     exact = "JAX_ENABLE_X64=1 (a setting: precision = 'float64')"
 
     def bits_of(self, setting: Setting) -> int:
-        """Of its precision."""
+        """How many bits the numbers of a setting have."""
         precision = setting.options.get("precision", "float32")
         if precision not in _BITS:
             raise SettingError("mjx option 'precision'", repr(precision), "'float32' or 'float64'")
         return _BITS[precision]
 
     def impedance(self, setting: Setting) -> float:
-        """Of 1 - d float32 keeps too little for more."""
+        """The largest impedance d under a setting: float32 keeps too little of 1 - d for more."""
         return 0.9999 if self.bits_of(setting) == 64 else IMPEDANCE
 
     def law_lines(self, law: PythonLaw | None) -> str:
@@ -71,7 +71,7 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         return law_text(law, _FORCE, _EACH)
 
     def copies(self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0) -> MjxCopies:
-        """In one vmap."""
+        """Copies of a model that one vmap steps together."""
         if model.nplugin:
             got = "a plug-in, which MJX leaves out without a warning"
             raise SceneError("model", got, "a model without", "`hcbench tune mjx` puts a law into its step")
@@ -94,7 +94,7 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         return bool(self.backend.module("jax").config.jax_enable_x64)
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """Its solref for a bounce in one step."""
+        """MJX's solref for a bounce in one step."""
         e, h, note = (
             contact.restitution,
             contact.timestep,

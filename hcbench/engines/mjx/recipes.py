@@ -19,7 +19,7 @@ _PUSHES = "`two-pair` and `staggered` are refused: MJX ignores a pair's adhesion
 
 
 def _coarser(options: Mapping[str, Any]) -> dict[str, Any]:
-    """With an impedance whose rest float32 can tell."""
+    """Options with an impedance d so far below 1 that float32 resolves 1 - d."""
     rows = [{**row, "solimp": [IMPEDANCE, IMPEDANCE, *row["solimp"][2:]]} for row in options["rows"]]
     return {**options, "rows": rows}
 

@@ -10,7 +10,7 @@ CONTACT_STEPS = 20  # that a contact lasts
 
 
 def solref(e: float, h: float) -> str:
-    """Of a contact whose discrete motion leaves at e, where the force is zero again."""
+    """The solref with which a contact in discrete steps leaves at e, where the force is zero again."""
     if e == 0:
         return "0.02 1"  # the default
     low, high = 0.0, 0.99  # of the damping ratio

@@ -84,7 +84,7 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         return law_snippet(law_of(setting.options["law"]), form, pair)
 
     def promised(self, text: str, pair: Pair, promise: Promise) -> str:
-        """With a <custom> section."""
+        """The text of a setting with a <custom> section that keeps its promise."""
         from hcbench.engines.mujoco.scene.promises import promise_lines
 
         lines = promise_lines([pair], promise) if "<pair" in text else ""
@@ -92,7 +92,7 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         return f"{head}{lines}\n{end}{tail}" if lines and end else "\n".join(filter(None, [text, lines]))
 
     def needs(self, setting: Setting) -> tuple[str, ...]:
-        """MuJoCo's version, the plug-in, the cone."""
+        """What a setting needs: a version of MuJoCo, the plug-in, the elliptic cone."""
         options = read_options(setting.options)
         needs = []
         if options.law is not None:
@@ -109,7 +109,7 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
     def passivity(
         self, scene: Scene, setting: Setting, speeds: tuple[float, float], whole: bool = False
     ) -> Passivity:
-        """In the model of the rows, boxes in plain MuJoCo; whole: all in plain MuJoCo."""
+        """Test for energy in the model of the rows, and boxes in plain MuJoCo; whole: all in plain MuJoCo."""
         from hcbench.engines.mujoco.passivity.judge import certified, flat_with_law, screened
 
         passivity = certified(scene, setting) if whole else screened(scene, setting, speeds)
@@ -217,7 +217,7 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
     def touchdowns(
         self, source: Any, request: Request, recorded: Mapping[str, Floats]
     ) -> TrajectoryTouchdowns:
-        """By qpos and qvel of each state."""
+        """Find where a recorded motion met the floor, by qpos and qvel of each state."""
         from hcbench.engines.mujoco.model.open import load as load_user_model
         from hcbench.engines.mujoco.model.touchdowns import touchdowns
 
@@ -231,7 +231,7 @@ class MujocoEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Steppe
         return attitudes_of(_one_file(source), request)
 
     def standing(self, source: Any, setting: ModelSetting | None, requests: Sequence[Request]) -> Standing:
-        """In plain steps of the model."""
+        """Measure how a user's model stands, in plain steps of the model."""
         from hcbench.engines.mujoco.model.standing import standing
 
         opened = [setting.open(r) if setting else self.open(source, r) for r in requests]

@@ -82,7 +82,7 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         return WarpCopies(model, start, most, run_lines(law, known))
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """Its solref for a bounce in one step."""
+        """MuJoCo Warp's solref for a bounce in one step."""
         e, h, note = contact.restitution, contact.timestep, "bounces in one step; solimp 0.9999 0.9999 0.001"
         rows = (SystemValue("MuJoCo Warp", "solref", (0.0, -(1.0 + e) / h), "", note),) if e and h else ()
         return Vocabulary(rows, caveats=_CAVEATS)

@@ -21,7 +21,7 @@ _NOTES = {"notes": (_FLOAT, _COPIES), "integrators": _STEPS, "within": _SCATTER}
 
 
 def compliant_pairs(target: Target, integrator: str = "Euler") -> Mapping[str, Any]:
-    """MuJoCo's, with an adhesion of the size of the contact's force: float32 forgets that beside 1e6 N."""
+    """MuJoCo's pairs, with adhesion as large as the contact's force: beside 1e6 N float32 loses that."""
     enough = 2.0 * target.mass * target.speed_max / target.timestep
 
     def held(options: Mapping[str, Any]) -> dict[str, Any]:

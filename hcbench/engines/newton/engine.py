@@ -80,7 +80,7 @@ class NewtonEngine(DescribesContact, ScriptedWorldsEngine[NewtonOptions]):
         return "\n".join(filter(None, _parts(options)))
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """Its restitution, ke and kd."""
+        """Newton's restitution, ke and kd of a contact."""
         e, note = contact.restitution, "on both shapes, with enable_restitution"
         rows = [SystemValue("Newton", "restitution", (e,), "", f"{contact.at}; {note}")] if e else []
         if e and contact.contact_time is not None:

@@ -73,11 +73,11 @@ class OpensimEngine(DescribesContact, ScriptedEngine[OpensimOptions]):
         return "\n".join(filter(None, _parts(options)))
 
     def speed_reading(self, setting: Setting) -> SpeedReading:
-        """At the touch plane; its flights are exact."""
+        """OpenSim's speeds are those at the touch plane; its flights are exact."""
         return SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """Its dissipation."""
+        """OpenSim's dissipation of a contact."""
         note = "c = α, of HuntCrossleyForce; with an accuracy of 1e-9 or less"
         return Vocabulary(
             (SystemValue("OpenSim", "dissipation", (contact.alpha,), "s/m", note),), caveats=(_CAVEAT,)

@@ -29,7 +29,7 @@ def stock_accuracy(target: Target) -> dict[str, Any]:
 
 
 def hunt_crossley_force(target: Target) -> dict[str, Any]:
-    """With error control that is tight enough for e."""
+    """The law as OpenSim's force, under error control that is tight enough for e."""
     return {**stock_accuracy(target), "accuracy": _ACCURACY}
 
 

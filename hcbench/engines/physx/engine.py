@@ -76,7 +76,7 @@ class PhysxEngine(DescribesContact, ScriptedEngine[PhysxOptions]):
         return "\n".join(filter(None, _parts(options)))
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """Its restitution."""
+        """PhysX's restitution of a contact."""
         if contact.restitution is None:
             return Vocabulary(caveats=_CAVEATS)
         note = f"{contact.at}; on both materials"

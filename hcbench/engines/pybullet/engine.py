@@ -83,7 +83,7 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         return (*needs, "the variables of the two bodies")
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
-        """With lateralFriction of ball and plate, which Bullet multiplies."""
+        """The setting with lateralFriction of ball and plate, which Bullet multiplies."""
         ball = {**setting.options.get("ball", {}), "lateralFriction": friction}
         plate = {**setting.options.get("plate", {}), "lateralFriction": 1.0}
         return replace(setting, options={**setting.options, "ball": ball, "plate": plate})
@@ -147,7 +147,7 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, SteppedEngine):
         return model_settings(source, requests, goal, rebuild)
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """Its restitution."""
+        """Bullet's restitution of a contact."""
         if contact.restitution is None:
             return Vocabulary(caveats=(_CAVEAT,))
         note = f"{contact.at}; on one body, 1 on the other"

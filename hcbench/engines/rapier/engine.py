@@ -58,11 +58,11 @@ class RapierEngine(DescribesContact, ScriptedEngine[RapierOptions]):
         return _EACH if options.law else _set(options)
 
     def speed_reading(self, setting: Setting) -> SpeedReading:
-        """Its solver's four iterations each take a quarter of the step."""
+        """Rapier's speeds are those at the touch plane: its solver divides the step into four."""
         return SpeedReading.TOUCH_PLANE_FOUR_SUBSTEPS
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """Its restitution."""
+        """Rapier's restitution of a contact."""
         if contact.restitution is None:
             return Vocabulary()
         note = f"{contact.at}; on both colliders, whose average it uses"

@@ -115,7 +115,7 @@ class TwoSidedContact:
         return SIGNS * y[0] - self.half_gap[rows], SIGNS * y[1]
 
     def _forces(self, x: Floats, w: Floats) -> Floats:
-        """Of both blocks, N, shape (2, rows)."""
+        """Forces on both blocks, N, shape (2, rows)."""
         right, left = self.laws
         inside = np.maximum(x, 0.0)
         if right == left:

@@ -39,7 +39,7 @@ class CaseTable:
 
 
 def case_table(scores: Sequence[EngineScore]) -> CaseTable:
-    """Of engines that were measured, versions of one in their order: those that pass most first."""
+    """The table of the engines that were measured: those that pass most first, versions in their order."""
     most = {one.engine: max(other.passed for other in scores if other.engine == one.engine) for one in scores}
     ranked = sorted(scores, key=lambda one: (-most[one.engine], one.engine))
     verdicts = [(_name(one), verdict) for one in ranked for verdict in one.verdicts]

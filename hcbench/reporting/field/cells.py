@@ -57,7 +57,7 @@ class MatrixCell:
 
 
 def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str, MatrixCell]]:
-    """By engine, those that ran so, the nearest to the law by its own settings first: cells by column."""
+    """Cells by column of each engine that ran so, the nearest to the law by its own settings first."""
     made = {
         engine: _row(view, engine, gravity, timestep)
         for engine in view.engines
@@ -88,7 +88,7 @@ def _row(view: FieldView, engine: str, gravity: float, timestep: float) -> dict[
 
 
 def _stock(view: FieldView, here: Case | None, without_gravity: Case | None) -> MatrixCell:
-    """Its e; without gravity where it did not run under gravity."""
+    """What the engine's default does: its e, without gravity where it did not run under gravity."""
     case = here or without_gravity
     if case is None:
         return MatrixCell("not run", note=_ELSEWHERE)
@@ -178,7 +178,7 @@ def _files(engine: str) -> MatrixCell:
 
 
 def grade(view: FieldView, case: Case) -> str:
-    """Of GRADES."""
+    """Which of GRADES a case has: how its error of e compares with the best constant e's."""
     if view.follows_law(case):
         return "good"
     return "even" if view.error(case) <= 1.25 * view.constant_error(case.timestep) else "bad"

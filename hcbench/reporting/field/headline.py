@@ -57,7 +57,7 @@ def headline(view: FieldView, gravity: float, timestep: float) -> list[str]:
 def _following(
     view: FieldView, engines: list[str], gravity: float, timestep: float, *kinds: str
 ) -> list[str]:
-    """Those whose nearest setting of some kinds follows the law, by their names without versions."""
+    """Engines whose best setting of some kinds follows the law, by their names without versions."""
     best = {engine: view.best(engine, gravity, timestep, *kinds) for engine in engines}
     return _bases([engine for engine, case in best.items() if case is not None and view.follows_law(case)])
 

@@ -35,7 +35,7 @@ class StepMatrix:
 
 
 def tables(view: FieldView) -> list[StepMatrix]:
-    """Of every step, with gravity and without."""
+    """The matrix of engines by condition at every step, with gravity and without."""
     return [
         StepMatrix(
             gravity,
@@ -60,7 +60,7 @@ def setting_of(view: FieldView, case: Case) -> Setting:
 
 
 def page_data(view: FieldView, made: Iterable[StepMatrix]) -> str:
-    """For the page's script, as JSON: the tables, and each case and text of them once."""
+    """What the page's script needs, as JSON: the tables, and each of their cases and texts once."""
     cases: dict[Case, int] = {}
     texts: dict[str, int] = {}
     shown = []
@@ -83,7 +83,7 @@ def page_data(view: FieldView, made: Iterable[StepMatrix]) -> str:
 
 
 def _cell(cell: MatrixCell, cases: dict[Case, int]) -> list[Any]:
-    """Its text, the line below, its grade, what to sort by, the number of its case, and its note."""
+    """A cell as the script takes it: text, line below, grade, sort key, number of its case, note."""
     order = None if cell.order is None or not math.isfinite(cell.order) else float(f"{cell.order:.4g}")
     number_of_case = None if cell.case is None else cases.setdefault(cell.case, len(cases))
     return [cell.text, cell.below, cell.grade, order, number_of_case, cell.note]

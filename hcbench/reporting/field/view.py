@@ -94,7 +94,7 @@ class FieldView:
 
     @cached_property
     def engines(self) -> list[str]:
-        """In the study's order, the reference left out."""
+        """Engines that ran, in the study's order, without the reference."""
         return [e for e in dict.fromkeys(case.engine for case in self.scores) if e != REFERENCE]
 
     @cached_property
@@ -104,7 +104,7 @@ class FieldView:
 
     @cached_property
     def steps(self) -> list[float]:
-        """Of all engines, s, rising."""
+        """Time steps of all engines, s, rising."""
         return sorted({case.timestep for case in self.scores if case.engine != REFERENCE})
 
     def title(self, engine: str) -> str:
@@ -162,7 +162,7 @@ class FieldView:
         return None
 
     def scenes(self, case: Case) -> int:
-        """In how many launches energy never grew, of a case that gains none."""
+        """In how many launches of a case energy never grew, where the case gains none."""
         choice = self.choice(case)
         return len(self.impacts[case]) if choice is None else int(choice["scenes"])
 
@@ -178,7 +178,7 @@ class FieldView:
         return float((bounced["restitution"] - bounced["restitution_law"]).astype(float).abs().max())
 
     def stays_down(self, case: Case) -> float:
-        """From which speed on every impact bounces, m/s; 0 where all do, inf where the fastest does not.
+        """Speed from which on every impact bounces, m/s; 0 where all do, inf where the fastest does not.
 
         Slower ones that come to rest have no e: they are no error of it.
         """
@@ -202,7 +202,7 @@ class FieldView:
         return "" if statuses.isin(("parted", "rested")).any() else str(statuses.mode().iloc[0])
 
     def curve(self, case: Case) -> pd.DataFrame:
-        """By speed: the columns speed (at touch, m/s), low, middle, high of e over the phases."""
+        """e of a case over speed: columns speed (at touch, m/s), low, middle, high of e over the phases."""
         rows = self.impacts[case]
         rows = rows[rows["restitution"].notna()]
         by_speed = rows.groupby(rows["speed_m_per_s"].astype(float).round(12))

@@ -61,7 +61,7 @@ class DrakeModel(ModelUnderTest):
 
     @property
     def step_cost(self) -> float:
-        """Of a Simulator and what Python reads after each step; grows with the degrees of freedom."""
+        """Cost of a Simulator's step with what Python reads after it; grows with the degrees of freedom."""
         return 20.0 + float(self.loaded.plant.num_velocities())
 
     def pair_values(self) -> tuple[float, float]:
@@ -217,7 +217,7 @@ class DrakeSimulation(Simulation):
         return -gap.distance, rate, force
 
     def _force(self, normal: Any) -> float:
-        """Of the step just taken, along the normal, N: the sampled ports are of that step."""
+        """Contact force of the step just taken, along the normal, N: the sampled ports are of that step."""
         results = self._loaded.plant.get_contact_results_output_port().Eval(self._context)
         total = 0.0
         for i in range(results.num_point_pair_contacts()):

@@ -97,7 +97,7 @@ class LoadedPlant:
         return bool(self.inspector.GetProximityProperties(geometry).HasProperty("material", name))
 
     def property(self, geometry: Any, name: str) -> float:
-        """Of a shape's contact: of its file, or Drake's own."""
+        """A property of a shape's contact, from its file or else Drake's default."""
         properties = self.inspector.GetProximityProperties(geometry)
         return float(
             properties.GetProperty("material", name) if self.says(geometry, name) else _DEFAULTS[name]

@@ -119,7 +119,7 @@ def _gains(model: Any, data: Any, root: int, joint: int) -> tuple[float, float]:
 
 
 def _reach(model: Any, data: Any, body: int, anchor: Floats) -> float:
-    """From a joint's anchor to the farthest geom that hangs on it, m."""
+    """Distance from a joint's anchor to the farthest geom that hangs on it, m."""
     reach = 0.0
     for geom in range(model.ngeom):
         above = int(model.geom_bodyid[geom])

@@ -210,7 +210,7 @@ class _Bench:
         return -away, float(np.linalg.norm(velocity - away * normal))
 
     def _name(self, body: int, foot: _Foot) -> str:
-        """Of the only geom that touched, where it has one; else of the body."""
+        """What to call a foot: the only geom that touched, where it has a name, else the body."""
         (geom, *more) = sorted(foot.geoms)
         name = "" if more else self.model.geom(geom).name
         return geom_name(self.model, geom) if name else body_name(self.model, body)

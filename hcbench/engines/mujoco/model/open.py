@@ -88,7 +88,7 @@ def _from_file(mujoco: Any, path: Path, packages: Packages) -> Any:
 
 
 def _keep_folders(urdf: str) -> str:
-    """With the option by which MuJoCo does not strip the folders of a URDF's files."""
+    """A URDF with the option that keeps MuJoCo from stripping the folders of its files."""
     if "<compiler" in urdf:
         return re.sub(r"<compiler(?![^>]*strippath)", '<compiler strippath="false"', urdf, count=1)
     option = '<mujoco><compiler strippath="false"/></mujoco>'

@@ -59,12 +59,12 @@ class ContactPair:
     second: NamedGeoms
 
     def swapped(self) -> ContactPair:
-        """The same two in the other order."""
+        """The same pair with its two parts in the other order."""
         return ContactPair(self.model, self.second, self.first)
 
     @property
     def geoms(self) -> tuple[int, ...]:
-        """Of both."""
+        """The geoms of both parts."""
         return self.first.geoms + self.second.geoms
 
     @cached_property
@@ -134,7 +134,7 @@ class ContactPair:
         return ContactPair(self.model, *sides)
 
     def nearest(self, data: Any) -> Nearest:
-        """Of all their geoms."""
+        """Where the two parts are nearest, of all their geoms."""
         if self.height_field >= 0:
             return self._above_field(data)
         best = Nearest(np.inf, np.zeros(3), np.zeros(3), (self.first.geoms[0], self.second.geoms[0]))

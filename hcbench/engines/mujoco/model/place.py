@@ -227,7 +227,7 @@ def _move_over(pair: ContactPair, data: Any, joint: MovingJoint, normal: Floats)
 
 
 def _guess_normal(pair: ContactPair, data: Any) -> Floats:
-    """For two that just touch at the start: that of MuJoCo's contact, of a plane, or between centres."""
+    """The normal of two that just touch at the start: of MuJoCo's contact, a plane, or between centres."""
     contact = pair.contact(data)
     if contact is not None:
         return contact.normal

@@ -42,7 +42,7 @@ def has_force_law(model: Any, geoms: Sequence[int]) -> bool:
 
 
 def _config(model: Any, geoms: Sequence[int], keys: Sequence[str]) -> dict[str, str] | None:
-    """Of the plug-in with these keys, for two geoms or their bodies; None without one."""
+    """The config of the plug-in with these keys for two geoms or their bodies; None without one."""
     ends = [*model.plugin_attradr.tolist(), model.npluginattr][1:]
     for start, end in zip(model.plugin_attradr.tolist(), ends, strict=True):
         values = bytes(model.plugin_attr[start:end].astype(np.uint8)).decode().split("\0")[:-1]
@@ -56,7 +56,7 @@ def _config(model: Any, geoms: Sequence[int], keys: Sequence[str]) -> dict[str, 
 
 
 def _number(model: Any, text: str) -> float:
-    """Of a config: itself, or the name of a <numeric>."""
+    """A number in a config, which may be the name of a <numeric>."""
     try:
         return float(text)
     except ValueError:

@@ -56,16 +56,16 @@ class LentModel(ModelUnderTest):
         require_motion_at(self._reach, self.timestep, max(own.request.speeds), self._copies.bits)
 
     def release(self, launches: Sequence[Launch]) -> LentSimulation:
-        """A copy for each launch."""
+        """Release a copy of the model for each launch."""
         return LentSimulation(self._copies, [self._own.released(launch, LentFlight) for launch in launches])
 
     @property
     def step_cost(self) -> float:
-        """MuJoCo's, as the copies share a step."""
+        """The cost of MuJoCo's step: all copies share one."""
         return self._own.step_cost
 
     def facts(self) -> Facts:
-        """MuJoCo's, under the name of who steps."""
+        """MuJoCo's facts of the pair, under the name of the engine that steps it."""
         own = self._own.facts()
         settings = {**own.settings, "numbers": f"float{self._copies.bits}"}
         version = self._engine.version()
@@ -137,13 +137,13 @@ class LentFlight(MujocoUserSimulation):
         return np.append(self._data.qpos, self._data.qvel)
 
     def hand_in(self, states: Floats) -> int:
-        """Some more states, shape (n, nq + nv); how many steps can be read with them."""
+        """Take more states of the engine, shape (n, nq + nv); return how many steps can now be read."""
         self._states.extend(states)
         # Under RK4 a step is read once the one after it is.
         return len(self._states) - (1 if self._staged and self._last is None else 0)
 
     def _take_step(self, data: Any) -> None:
-        """MuJoCo's own step, for its forces, and then the engine's state."""
+        """Take MuJoCo's own step, for its forces, and then set the engine's state."""
         before = np.abs(data.qvel)
         super()._take_step(data)
         its = data.qvel.copy()
@@ -157,7 +157,7 @@ class LentFlight(MujocoUserSimulation):
         data.qpos[:], data.qvel[:] = state[: self._model.nq], state[self._model.nq :]
 
     def _force(self, solved: float, seen: Any) -> float:
-        """MuJoCo's own, and what the engine made of the momentum besides."""
+        """The pair's force: MuJoCo's own, and what the engine changed of the momentum besides."""
         row = self._reader.row(seen)
         slowed = -float(row @ self._changed)
         noise = self._round_off * float(np.abs(row) @ self._speeds)
@@ -196,7 +196,7 @@ class LentSimulation(Simulation):
         self._which = self._which[which]
 
     def note(self, steps: int) -> str:
-        """Of all of them."""
+        """What else acted in the first steps of all launches."""
         return "; ".join(dict.fromkeys(filter(None, (flight.note(steps) for flight in self._flights))))
 
     def close(self) -> None:

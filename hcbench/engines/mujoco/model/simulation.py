@@ -191,7 +191,7 @@ class MujocoUserSimulation(Simulation):
         return float(self._place.pair.approach_row(data, point, reader.normal) @ data.qvel)
 
     def _with_hidden_force(self, step: _Step, after: _Step) -> _Step:
-        """With the mean force of the whole step, where the state before it had none but a stage of it did."""
+        """A step with its mean force, where a stage of RK4 had one but the state before had none."""
         if step.force != 0.0 or math.isnan(step.free):
             return step
         mean = (step.free - after.rate) / self._h

@@ -53,7 +53,7 @@ class MujocoAlongPlate:
         data.qvel[:] += velocity
 
     def _dofs(self) -> list[int]:
-        """Those of the joint, with the turns of a free one."""
+        """Degrees of freedom of the launched joint, the turns of a free joint included."""
         model, dofs = self.pair.model, list(self.place.joint.dofs)
         joint = int(model.dof_jntid[dofs[0]])
         free = int(model.jnt_type[joint]) == int(backend().mjtJoint.mjJNT_FREE)
@@ -86,7 +86,7 @@ class MujocoAlongPlate:
         return np.array([*(row @ velocity for row in rows), *(self.axes @ spin), *friction, energy])
 
     def _kinetic_energy(self, data: Any, velocity: Floats, point: Floats) -> float:
-        """Of the two bodies, J; where joints and servos act, of what is launched, as the other sees it."""
+        """Kinetic energy of the two bodies, J; where joints act, of the launched one against the other."""
         model, mujoco, centre = self.pair.model, backend(), np.zeros((3, self.pair.model.nv))
         own, momentum = np.where(self._moving, velocity, 0.0), np.zeros(model.nv)
         mujoco.mj_mulM(model, data, momentum, own)

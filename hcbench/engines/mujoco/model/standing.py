@@ -29,7 +29,7 @@ _TIMED, _REPEATS = 200, 5  # steps, and times of which the shortest counts
 
 
 def standing(opened: Sequence[MujocoModel]) -> Standing:
-    """Of pairs of one model, each at touch."""
+    """Measure how pairs of one model stand, each at touch."""
     first = opened[0]
     stands = not first.model.body_weldid[first.place.pair.second.body]
     held = [pair for pair in itertools.combinations(opened, 2) if _is_grasp(*pair)]
@@ -107,7 +107,7 @@ def _rest(opened: MujocoModel, data: Any, gravity: Floats | None = None, from_bo
 
 
 def _depth(opened: MujocoModel, data: Any) -> float:
-    """Of the deepest point of the pair's contact, m; 0 without one."""
+    """Penetration at the deepest point of the pair's contact, m; 0 without one."""
     mine = opened.place.pair.sides[data.contact.geom].sum(axis=1) == 3
     return float(opened.place.contact.onset - data.contact.dist[mine].min()) if mine.any() else 0.0
 
@@ -141,7 +141,7 @@ def _hold(one: MujocoModel, other: MujocoModel) -> float:
 
 
 def _force(opened: MujocoModel, data: Any) -> float:
-    """Of the pair's contact, N."""
+    """Force of the pair's contact, N."""
     force, total = np.zeros(6), 0.0
     for i in range(data.ncon):
         if opened.place.pair.sides[data.contact[i].geom].sum() == 3:

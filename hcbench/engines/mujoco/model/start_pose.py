@@ -45,7 +45,7 @@ def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, st
 
 
 def _reset(model: Any, data: Any, key: str | None) -> str:
-    """To a keyframe by name or number, or "qpos0"; None: the first keyframe, or qpos0 where there is none."""
+    """Reset to a keyframe by name or number, or to "qpos0"; None: to the first keyframe if there is one."""
     names = ["qpos0", *(model.key(i).name or str(i) for i in range(model.nkey))]
     if key is None:
         key = names[min(1, model.nkey)]

@@ -100,7 +100,7 @@ def _events(
 
 
 def _moving_first(model: Any, data: Any, kept: set[tuple[int, ...]] | None) -> list[_Geoms | None]:
-    """Of each contact that acts the two geoms, the one that moves first; None for others."""
+    """The two geoms of each contact that acts, the body that moves first; None for other contacts."""
     pairs: list[_Geoms | None] = []
     for (a, b), distance, excluded in zip(
         data.contact.geom.tolist(), data.contact.dist, data.contact.exclude, strict=True

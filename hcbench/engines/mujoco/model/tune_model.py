@@ -129,7 +129,7 @@ def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> PairToTun
 
 
 def _grouped(pairs: Sequence[PairToTune]) -> list[PairToTune]:
-    """With one `like` for those that are alike in their load, too, as the four feet of a robot."""
+    """Pairs with one `like` for all that have the same load, too, as the four feet of a robot."""
     return [replace(a, like=(next(i for i, b in enumerate(pairs) if _is_like(a, b)),)) for a in pairs]
 
 

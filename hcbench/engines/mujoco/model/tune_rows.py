@@ -46,7 +46,7 @@ class Load:
 
     @classmethod
     def at_touch(cls, place: PairAtTouch, timestep: float, rk4: bool, slides: bool) -> Load:
-        """Of a pair that just touches."""
+        """The load on the contact of a pair that just touches."""
         mobility = estimated_mobility(place.pair.model, place.pair.first.body, place.pair.second.body)
         points = len(place.contact.rows)
         strength = points / (mobility * place.effective_mass) if mobility > 0 else 1.0

@@ -177,7 +177,7 @@ class MujocoModel(ModelUnderTest):
         return (place.pair.nearest(data).distance - place.gap) / back
 
     def at_rest(self) -> Rest | None:
-        """In plain steps: as it starts, where the two touch there; else laid on."""
+        """Measure the pair at rest in plain steps: from the start if the two touch there, else laid on."""
         from hcbench.engines.mujoco.model.standing import rest_of_pair
 
         return rest_of_pair(self)

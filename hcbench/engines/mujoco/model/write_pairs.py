@@ -46,7 +46,7 @@ class PairToTune:
 
     @property
     def place(self) -> PairAtTouch:
-        """In its first attitude."""
+        """The pair at touch in its first attitude."""
         return self.opened[0].place
 
     @cached_property

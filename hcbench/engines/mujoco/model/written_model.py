@@ -87,7 +87,7 @@ def own_text(source: Any, folder: Path | None, lines: str) -> str:
 
 
 def _moved(text: str, path: Path, folder: Path) -> str:
-    """With includes as they are found from another folder."""
+    """A model's text with its includes as they are found from another folder."""
 
     def moved(match: re.Match[str]) -> str:
         return f"{match[1]}{quoteattr(os.path.relpath((path.parent / match[3]).resolve(), folder.resolve()))}"

@@ -43,14 +43,14 @@ class _Drops:
         self._rows, self._h, self._g = rows, timestep, gravity
 
     def touching(self, speeds: Floats, phases: Floats) -> _Drops:
-        """That touch at so many m/s in a phase of the step, from the first state in contact on."""
+        """Drops that touch at these speeds, m/s, and phases, from their first state in contact on."""
         time = self._h * (1.0 - phases)
         self._x = speeds * time + self._g * time**2 / 2.0
         self._v, self._speed_in = speeds + self._g * (time - self._h / 2.0), speeds
         return self
 
     def from_rest(self, heights: Floats) -> _Drops:
-        """That fall from so many m."""
+        """Drops that fall from these heights, m."""
         self._x, self._v = -heights, np.zeros(len(heights))
         self._speed_in = self._kept(self._x, self._v)
         self._fly(np.arange(len(heights)), np.zeros(len(heights)))
@@ -62,7 +62,7 @@ class _Drops:
         return np.asarray(np.sqrt(np.maximum(0.0, squared)))
 
     def _fly(self, which: NDArray[np.int64], clock: Floats) -> None:
-        """Those in flight, to the first state in contact."""
+        """Advance the drops in flight to their first state in contact."""
         g, h, x, v = self._g, self._h, self._x[which], self._v[which]
         half = v + g * h / 2.0
         steps = np.floor((-half + np.sqrt(half**2 - 2.0 * g * x)) / (g * h)) + 1.0

@@ -34,7 +34,7 @@ _CONES = ("elliptic", "pyramidal")
 
 
 def screened(scene: Scene, setting: Setting, speeds: tuple[float, float]) -> Passivity | None:
-    """In the model of its rows, and boxes in plain MuJoCo; None for what is not rows on a plane."""
+    """Test a setting for energy in the model of its rows, and boxes in plain MuJoCo; None without rows."""
     options = read_options(setting.options)
     if not options.rows or scene.form != "plane" or (options.integrator or "Euler") not in _LIKE_EULER:
         return None
@@ -64,7 +64,7 @@ def _is_restitution_law(scene: Scene, setting: Setting) -> bool:
 
 
 def certified(scene: Scene, setting: Setting) -> Passivity | None:
-    """By the whole gate in plain MuJoCo, under all that the setting says it takes; None as `screened`."""
+    """Test a setting by the whole gate in plain MuJoCo, under every option it allows; None as `screened`."""
     options = read_options(setting.options)
     is_rows = bool(options.rows) and scene.form == "plane"
     if not is_rows and not _is_restitution_law(scene, setting):

@@ -125,7 +125,7 @@ def rest_on_slope(contact: Contact, options: Stepping, degrees: float = 10.0) ->
 
 
 def _rest(model: Any, seconds: float) -> Rest:
-    """Of the first body, from where it stands."""
+    """How the first body rests, from where it stands."""
     mujoco, data, force = backend(), backend().MjData(model), np.zeros(6)
     path, start = np.empty((round(seconds / model.opt.timestep), 5)), data.qpos[:3].copy()
     for row in path:
@@ -141,7 +141,7 @@ def _rest(model: Any, seconds: float) -> Rest:
 
 
 def box_growth(contact: Contact, options: Stepping, attitude: str, speed: float) -> float:
-    """By what energy grew, at most, from a flight of a box to a later one: above 1 it gained some."""
+    """Largest ratio of a box's energy in a flight to that in an earlier one: above 1 it gained some."""
     model, (quaternion, high) = contact.with_boxes(options), _ATTITUDES[attitude]
     data = backend().MjData(model)
     data.qpos[2:7] = _HALF * high + 2.4 * contact.timestep * speed, *quaternion
@@ -177,7 +177,7 @@ def boxes(contact: Contact, options: Stepping) -> Iterator[Finding]:
 
 
 def certify(contact: Contact, slides: bool, runs: Sequence[Stepping]) -> Passivity:
-    """All of the gate, under each of the options. slides: whether the contact has friction."""
+    """Run the whole gate under each of the options. slides: whether the contact has friction."""
     bounces, findings, flat, drift = Bounces(0.0, 0.0, 0, 0), list[Finding](), True, math.nan
     for options in runs:
         dropped = drops(contact, options)

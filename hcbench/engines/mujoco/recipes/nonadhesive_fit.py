@@ -100,7 +100,7 @@ class InitialGuess:
     lowest: float
 
     def solimps(self, low: float, top: float) -> list[Solimp]:
-        """Of the dampers, for a band of penetrations, m."""
+        """The solimps of the dampers, for a band of penetrations, m."""
         count = max(self.dampers, round(self.dampers * float(np.log(top / low)) / _USUAL_LOG_BAND))
         widths = np.geomspace(low * self.lowest, 1.6 * top, count)
         return [(MIN_IMPEDANCE, self.highest, float(width), 0.5, self.power) for width in widths]
@@ -120,14 +120,14 @@ class PushingRows:
     misfit: float = np.inf
 
     def rows(self) -> list[ConstraintRow]:
-        """As rows of contact, without those that do nothing."""
+        """Rows of contact, without those that do nothing."""
         numbers = zip(self.stiffness, self.damping, self.solimps, self.onsets, strict=True)
         return [ConstraintRow.direct(*row) for row in numbers if row[0] > 0 or row[1] > 0]
 
 
 @dataclass(frozen=True)
 class _Terms:
-    """Of rows at samples, (n, rows) each: a_ref = lever S + rate D, and weights."""
+    """Terms of rows at samples, (n, rows) each: a_ref = lever S + rate D, and weights."""
 
     lever: Floats
     rate: Floats

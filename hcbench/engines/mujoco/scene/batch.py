@@ -106,7 +106,7 @@ class BatchedModel:
         return _SLIDING if self.sliding else _FREE
 
     def _spans(self) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
-        """Of positions and of velocities: where in a packed state, how many a ball, where in one's state."""
+        """Spans of positions and velocities: place in a packed state, numbers a ball, place in its state."""
         nq, nv = self._widths
         inner = axis.Z if self.sliding else 0
         return (1, nq, self.at[0] + inner), (1 + nq * self.size, nv, self.at[1] + inner)

@@ -65,7 +65,7 @@ def rows_snippet(setting: Setting, form: str, pair: Pair = PAIR) -> str:
 
 
 def pairs_text(rows: Sequence[ConstraintRow], pair: tuple[str, str], indent: str = "") -> str:
-    """Each row as a <pair> of two geoms, a line each."""
+    """Text of the rows, a line each: a <pair> of two geoms."""
     lines = []
     for row in rows:
         attributes = pair_attributes(row, shortest)
@@ -223,7 +223,7 @@ def _anchor_files(root: ET.Element, folder: Path) -> None:
 
 
 def _write_limits(root: ET.Element, scene: Scene, rows: Sequence[ConstraintRow], path: Path) -> None:
-    """Each row the limit of a tendon between the two centres, as the scene's own `contact` is."""
+    """Write each row as the limit of a tendon between the two centres, as the scene's own `contact` is."""
     original = named(root, "spatial", "contact", path)
     holder = next(section for section in root.findall("tendon") if original in list(section))
     clearance = -scene.plate_radius - scene.ball_radius

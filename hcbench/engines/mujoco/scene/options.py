@@ -60,7 +60,7 @@ class Options:
     impratio: float | None = None
 
     def attributes(self, number: Callable[[float], str] = repr) -> dict[str, str]:
-        """Of the <option> of a model, those that are set, but for the step. number: writes one."""
+        """Attributes of a model's <option> that are set, except the step. number: writes one."""
         ratio = None if self.impratio is None else number(self.impratio)
         texts = {"integrator": self.integrator, "cone": self.cone, "impratio": ratio}
         return {key: text for key, text in texts.items() if text is not None}

@@ -63,7 +63,7 @@ class Workspace:
 
     @classmethod
     def of(cls, model: SceneModel, batch: BatchedModel, threads: int, room: int) -> Workspace:
-        """With room for so many bytes of states, of each thread."""
+        """A workspace with room for so many bytes of states of each thread."""
         data = [model.mujoco.MjData(batch.model) for _ in range(threads)]
         return cls(batch, data, np.empty(threads * room // 8))
 

@@ -85,7 +85,7 @@ class ConstraintRow:
         return -self.solref[1]
 
     def option(self) -> dict[str, Any]:
-        """As a MuJoCo setting writes it."""
+        """The row as a MuJoCo setting writes it."""
         rubbing = {"friction": self.friction, "solreffriction": list(self.solreffriction)}
         return {
             "solref": list(self.solref),

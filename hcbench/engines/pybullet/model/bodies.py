@@ -135,7 +135,7 @@ class JointTree:
         self._carries = np.array([[owner in carried[link] for owner in self._owners] for link in links])
 
     def response(self, link: int, point: Vector, direction: Vector) -> Response:
-        """As `BulletBody.response`."""
+        """The response of this body to a push, as `BulletBody.response`."""
         if self.outdated:
             self._read()
         row = self._carries[link + 1] * (self._v @ direction + self._w @ cross(point, direction))

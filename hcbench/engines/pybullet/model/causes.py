@@ -71,7 +71,7 @@ class Call:
 
     @property
     def text(self) -> str:
-        """As a user writes it; bodies from files are called as their files."""
+        """The fix as a user writes it; bodies from files are called as their files."""
         keywords = ", ".join(f"{k}={v:g}" for k, v in self.settings.items())
         if self.side is None:
             return f"p.setPhysicsEngineParameter({keywords})"
@@ -161,7 +161,7 @@ def _unset_restitutions(c: BulletContext) -> Iterator[Suspect]:
 
 
 def _restitution_product(c: BulletContext) -> Iterator[Suspect]:
-    """Both set, but not to what is wanted, or to more than 1."""
+    """Restitutions that are both set, but whose product is not the target, or above 1."""
     first, second = restitutions(c.bullet, c.place)
     product, e = first * second, c.fix_e
     if product > 0.0 and c.wanted is not None and abs(product - e) > _SAME_E:

@@ -53,7 +53,7 @@ class _InPlace(Simulation):
         self._simulation = release()
 
     def advance(self, steps: int) -> Record:
-        """As the simulation's own."""
+        """Advance the simulation in its child process."""
         return self._simulation.advance(steps)
 
     def keep(self, which: Flags) -> None:

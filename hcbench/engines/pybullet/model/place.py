@@ -111,7 +111,7 @@ def place(
 
 
 def _chosen(bullet: BulletClient, first: BodyPart, second: BodyPart, move: str) -> BulletPlacement:
-    """By the joint, or the joints of a link and of those between it and the touch, that `move` names."""
+    """Launch by the joint that `move` names, or the joints of that link and of those up to the touch."""
     kind, _, name = move.partition(":")
     place_of = JOINT_NAME if kind == "joint" else LINK_NAME
     for moving, other in ((first, second), (second, first)):
@@ -208,7 +208,7 @@ def nearest(bullet: BulletClient, first: BodyPart, second: BodyPart) -> Any:
 
 
 def _normal(point: Any) -> Floats:
-    """From the first to the second."""
+    """Unit normal of a contact point, from the first body to the second."""
     return -np.array(point[NORMAL], dtype=float)
 
 

@@ -105,7 +105,7 @@ class BulletAlongPlate:
 
 
 def _kinetic_energy(body: BulletBody) -> float:
-    """Of a body with all its links, J; 0 for a fixed one."""
+    """Kinetic energy of a body with all its links, J; 0 for a fixed one."""
     if body.kind == "fixed":
         return 0.0
     energy = 0.0

@@ -65,7 +65,7 @@ class FittedImpacts:
 
     @classmethod
     def of(cls, target: Target, law: HuntCrossley, speeds: int, denser: float = 1.0) -> FittedImpacts:
-        """Those that a fit looks at, at so many speeds over the target's band; phases may lie denser."""
+        """Impacts that a fit looks at, at so many speeds over the target's band; phases may lie denser."""
         shortest, longest = (
             float(closed_form.duration(law, target.mass, v)) for v in (target.speed_max, target.speed_min)
         )
@@ -180,14 +180,14 @@ class _Misfit:
 
     @staticmethod
     def contacts(parameters: Floats) -> Contacts:
-        """Of parameters (b, 3 rows - 1)."""
+        """Contacts of parameters (b, 3 rows - 1)."""
         rows = (parameters.shape[-1] + 1) // 3
         k, c, apart = np.split(np.exp(parameters), [rows, 2 * rows], axis=-1)
         return Contacts(np.cumsum(np.concatenate([0.0 * k[..., :1], apart], axis=-1), axis=-1), k, c)
 
     @staticmethod
     def parameters(contacts: Contacts) -> Floats:
-        """Of contacts (rows,)."""
+        """Parameters of contacts (rows,)."""
         return np.asarray(
             np.log(np.concatenate([contacts.stiffness, contacts.damping, np.diff(contacts.onset)]))
         )
@@ -200,7 +200,7 @@ class _Misfit:
         return np.concatenate([each, self.loops.misfit(made) / (_FORCE_SHARE * self.unit)], axis=1)
 
     def jacobian(self, parameters: Floats, power: int) -> Floats:
-        """Of `residuals` at one point: (residuals, parameters)."""
+        """Jacobian of `residuals` at one point: (residuals, parameters)."""
         nudges = _NUDGE * np.eye(len(parameters))
         up, down = (self.residuals(parameters + sign * nudges, power) for sign in (1, -1))
         return np.asarray((up - down).T / (2 * _NUDGE))

@@ -69,13 +69,13 @@ class Context:
 
     @property
     def names(self) -> str:
-        """Of all geoms that touch, as a fix names them."""
+        """Names of all geoms that touch, as a fix names them."""
         *some, last = (geom_name(self.model, g) for g in self.all_geoms)
         return f"{', '.join(some)} and {last}"
 
     @property
     def integrator(self) -> str:
-        """As XML spells it."""
+        """The model's integrator as XML spells it."""
         return integrator_name(self.model)
 
     @property
