@@ -118,7 +118,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _figures() -> Any:
-    """What draws every result, for those below that show themselves."""
+    """The module that draws results, for rooms that may not import it."""
     from importlib import import_module
 
     return import_module("hcbench.reporting.notebook")

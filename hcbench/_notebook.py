@@ -22,7 +22,7 @@ class Shown:
     __slots__ = ()
 
     def _lines(self) -> Iterable[str]:
-        """What it found, in lines."""
+        """The result in lines."""
         raise NotImplementedError
 
     def _rows(self) -> Iterable[Mapping[str, Any]]:
@@ -30,12 +30,12 @@ class Shown:
         raise NotImplementedError
 
     def __repr__(self) -> str:
-        """What it found, in at most 12 lines of at most 100 columns."""
+        """The result in at most 12 lines of at most 100 columns."""
         lines = [line if len(line) <= COLUMNS else f"{line[: COLUMNS - 3]}..." for line in self._lines()]
         return "\n".join(lines if len(lines) <= _LINES else [*lines[: _LINES - 1], "..."])
 
     def to_frame(self) -> pd.DataFrame:
-        """What it found as a table of pandas; numbers are SI, and the columns' names have the units."""
+        """The result as a table of pandas; numbers are SI, and the columns' names have the units."""
         import pandas as pd  # slow to import
 
         return pd.DataFrame(list(self._rows()))

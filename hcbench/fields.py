@@ -73,7 +73,7 @@ class InUnits:
 
     @property
     def expected(self) -> str:
-        """What an error says was expected."""
+        """The words of an error for what was expected."""
         kind = units.QUANTITIES[self.quantity]
         what = f"{'numbers' if self.several else 'a number'}{' in ' * bool(kind.unit)}{kind.unit}"
         return f"{what}, or text like {kind.example!r}"

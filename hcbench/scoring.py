@@ -241,7 +241,7 @@ def _gains_energy(impacts: Sequence[Impact]) -> bool:
 
 
 def _of_loops(loops: list[LoopScore]) -> dict[str, Any]:
-    """What the loops say together: of each number the worst."""
+    """Figures of all loops together: the worst of each."""
     return {
         "loops": len(loops),
         "loop_rms": max((s.rms for s in loops), default=math.nan),

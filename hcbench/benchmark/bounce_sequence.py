@@ -69,7 +69,7 @@ class RestAfterDrop:
 
 
 def rest(path: Trajectory) -> RestAfterDrop:
-    """How it lies at the end of a trajectory; NaN where its engine gave up."""
+    """How a body lies at the end of a trajectory; NaN where its engine gave up."""
     last = path.penetration[path.time >= path.time[-1] - 1.0]
     return RestAfterDrop(float(last.mean()), float(np.ptp(last)))
 

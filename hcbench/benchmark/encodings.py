@@ -114,7 +114,7 @@ def _parquet_column(values: Any, length: int, kind: Any) -> Any:
 
 
 def metadata_in(content: bytes) -> dict[str, bytes]:
-    """What goes with a table of either kind."""
+    """The metadata stored with a table of either kind."""
     if content.startswith(_PARQUET):
         import pyarrow.parquet as pq
 

@@ -46,7 +46,7 @@ class LaunchGrid:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """How many speeds, angles and phases."""
+        """Numbers of speeds, angles and phases."""
         return len(self.speeds), len(self.angles), self.phases
 
     def cut(self, part: range) -> tuple[LaunchGrid, range]:
@@ -64,7 +64,7 @@ class LaunchGrid:
         return np.array(self.speeds)[speed], (phase + 0.5) / self.phases
 
     def launches(self, part: range) -> Launches:
-        """How bodies are sent to touch so."""
+        """The launches that reach these speeds and phases at touch."""
         speed, phase = self.asked(part)
         angle = np.unravel_index(np.arange(part.start, part.stop), self.shape)[1]
         return Launches.touching(

@@ -114,7 +114,7 @@ def _run(batch: Batch, timeouts: Timeouts) -> BatchResult:
 
 
 def run_bounces(drop: Drop, timeouts: Timeouts) -> Dropped:
-    """What became of a drop. Raises as `run_shard`, and EngineFailed for a crash."""
+    """Simulate a drop in a worker process. Raises as `run_shard`, and EngineFailed for a crash."""
     use_own_worker()
     scene = _scene_here(drop.inputs, drop.setting.engine)
     limit = timeouts.start + _STEP_S * drop.duration / drop.setting.timestep

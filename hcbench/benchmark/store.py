@@ -50,7 +50,7 @@ class Store:
             raise OutputError("folder", got, expected, "Then go on with --resume") from None
 
     def description(self) -> dict[str, Any] | None:
-        """What is swept here; None where there is no sweep. UserError for another schema."""
+        """The description of the sweep; None where there is no sweep. UserError for another schema."""
         with self._output_errors("a folder that can be read"):
             if DESCRIPTION not in self._files.names():
                 return None

@@ -245,7 +245,7 @@ def _run(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Pat
 
 
 def _stated(table: SentTable) -> dict[str, Any]:
-    """What a table says of its scene."""
+    """The scene as a table of the study's file states it."""
     stated = {"gravity": table.gravity, "friction": table.friction}
     return {name: value for name, value in stated.items() if value is not None}
 

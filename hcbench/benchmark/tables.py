@@ -44,7 +44,7 @@ class ShardFiles:
 
 
 def digest(content: bytes) -> str:
-    """What a file's name says of its content."""
+    """The digest of a content, for the name of its file."""
     return hashlib.sha256(content).hexdigest()[:16]
 
 

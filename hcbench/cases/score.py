@@ -56,7 +56,7 @@ class EngineScore:
 
     @property
     def passed(self) -> int:
-        """How many cases."""
+        """How many cases the engine passes."""
         return sum(verdict["verdict"] == "pass" for verdict in self.verdicts)
 
     def as_dict(self) -> dict[str, Any]:

@@ -96,7 +96,7 @@ def judge(check: Check, measurement: Measurement) -> Outcome:
 
 
 def _against(check: Check, rows: Sequence[SpeedRow]) -> str:
-    """What it is held against; of an uncertain α, how far that lets e be off."""
+    """The target in words; of an uncertain α, how wrong it lets e be."""
     speeds = np.array([row.speed_in for row in rows if not math.isnan(row.speed_in)])
     if not isinstance(check.wanted, Restitution) or not check.wanted.uncertainty or not speeds.size:
         return check.against
@@ -172,7 +172,7 @@ def _newly_failed(check: Check, measurement: Measurement) -> list[Impact]:
 
 
 def _changes(check: Check, measurement: Measurement) -> str:
-    """What has changed since the baseline, apart from the bounce."""
+    """Sentences on what has changed since the baseline, apart from the bounce."""
     baseline, facts = check.baseline, measurement.facts
     if baseline is None:
         return ""

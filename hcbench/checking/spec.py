@@ -128,7 +128,7 @@ class Check:
 
     @property
     def has_target(self) -> bool:
-        """Whether anything is held against it."""
+        """Whether the check has a target."""
         return bool(self.limits) or any(t is not None for t in (self.wanted, self.baseline, self.rest))
 
     @property

@@ -115,7 +115,7 @@ def _require(answer: Answer, kind: Kind | None, max_error: float | None, gate: P
 
 
 def _gate(answer: Answer) -> Passivity:
-    """What the whole gate says of the best choice, in the plain engine."""
+    """Run the whole test for energy on the best choice, in the plain engine."""
     from hcbench.sim import registry
 
     best = answer.best
@@ -174,7 +174,7 @@ def _print_gate(gate: Passivity) -> None:
 
 
 def _rows(best: Choice, target: Target) -> dict[str, str]:
-    """What is known of a choice, by names."""
+    """Rows of the table of a choice: name and value."""
     truth = {"law": "e of the law", "linear": "1 - α v", "points": "the target e"}[target.reading]
     low, high = best.speeds
     error = f"{two_digits(best.max_error)} against {truth} over {low:.4g} ... {high:.4g} m/s"

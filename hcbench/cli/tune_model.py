@@ -70,7 +70,7 @@ def _nothing_gained(tuned: TunedModel) -> LimitPassed:
 
 
 def _cure(tuned: TunedModel) -> str:
-    """What would do it."""
+    """What to change where no setting reaches the target."""
     from hcbench.sim import registry
     from hcbench.sim.capabilities import HasPlugin
 
@@ -85,7 +85,7 @@ def _cure(tuned: TunedModel) -> str:
 
 
 def _reasons(tuned: TunedModel, limit: float) -> list[str]:
-    """What keeps e from the target, a sentence each."""
+    """Reasons why e misses the target, a sentence each."""
     reasons = []
     if tuned.max_error > limit and abs(tuned.taken) > limit:
         verb = "take" if tuned.taken > 0.0 else "add"

@@ -135,13 +135,13 @@ def run_with_parent(
 
 
 def _one_line(text: str) -> str:
-    """What uv says, without its drawing."""
+    """A message of uv in one line, without its drawing."""
     words = re.sub(r"[×╰─▶│├┬]|(?m:^\s*(error|cause|hint):)|(?m:^(Using|warning:) .*)", " ", text)
     return " ".join(words.split())
 
 
 def _explained(text: str, about: str, folder: Path) -> HcbenchError:
-    """What uv says as an error of ours, in one line."""
+    """The error of hcbench for a message of uv, in one line."""
     if "No space left" in text or "os error 28" in text:
         left = f"{shutil.disk_usage(folder).free >> 20} MiB left on the disk of {store.home()}"
         return OutputError("engines", f"no space for {about}: {left}", "more of it")

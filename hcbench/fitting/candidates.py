@@ -27,7 +27,7 @@ class FittedCurve(ABC):
     @property
     @abstractmethod
     def count(self) -> int:
-        """How many parameters it has."""
+        """Number of parameters of the law."""
 
     @abstractmethod
     def local(self, speed: float) -> Local:
@@ -51,7 +51,7 @@ class CandidateLaw(ABC):
 
     @abstractmethod
     def describe(self, parameters: tuple[float, ...], reference: float) -> dict[str, float]:
-        """What people call its parameters, SI."""
+        """The law's parameters by the names that people know, SI."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class _PowerCurve(FittedCurve):
 
     @property
     def count(self) -> int:
-        """How many parameters it has."""
+        """Number of parameters of the law."""
         return 1
 
     def local(self, speed: float) -> Local:
@@ -161,7 +161,7 @@ class _HuntCrossleyCurve(FittedCurve):
 
     @property
     def count(self) -> int:
-        """How many parameters it has."""
+        """Number of parameters of the law."""
         return 1 if self.log_e0 is None else 2
 
     def local(self, speed: float) -> Local:

@@ -39,7 +39,7 @@ class Dataset(ABC):
     @property
     @abstractmethod
     def kind(self) -> str:
-        """What it is called."""
+        """Name of this kind of data."""
 
     @property
     def known_noise(self) -> float | None:
@@ -163,7 +163,7 @@ class TouchTimes(Dataset):
 
     @property
     def kind(self) -> str:
-        """What it came from."""
+        """Name of the kind of data that the times came from."""
         return "times" if self.picks is None else "sound"
 
     @property

@@ -224,7 +224,7 @@ def _covariance(done: object, order: list[int | None]) -> Floats:
 
 
 def as_record(force_fit: ForceFit) -> dict[str, object]:
-    """What `--json` prints."""
+    """The fit of forces as `--json` prints it."""
     low, high = force_fit.alpha_interval
     return {
         "schema": 1,

@@ -34,7 +34,7 @@ class Heights(Dataset):
 
     @property
     def kind(self) -> str:
-        """What it is called."""
+        """Name of this kind of data."""
         return "heights"
 
     @property

@@ -37,7 +37,7 @@ class SpeedPairs(Dataset):
 
     @property
     def kind(self) -> str:
-        """What it is called."""
+        """Name of this kind of data."""
         return "speeds" if self.twice else "pairs"
 
     @property

@@ -165,7 +165,7 @@ def _require_few(name: str, count: int, what: str) -> None:
 
 
 def too_few_touches(name: str, count: int, least: int) -> UserError:
-    """What is refused, and why."""
+    """The error for a recording with too few touches, with the reason."""
     why = "Times alone give the speeds of the flights only: two flights are one e, with no check of it"
     advice = why if count == 3 else "Record more bounces" + ("" if least == 3 else ", or give --height")
     return UserError(name, f"{count} touches", f"{least} or more{' without --height' * (least == 4)}", advice)

@@ -70,7 +70,7 @@ def _band_of(fit: LawFit, speeds: Floats) -> Floats:
 
 
 def _wider(result: FitResult) -> float:
-    """How much wider the interval given is than the posterior's."""
+    """Factor by which the interval is wider than the posterior's."""
     is_constant = result.best.law.name == "constant"
     estimate = result.restitution if is_constant else result.alpha
     name = "restitution" if is_constant else "alpha"
@@ -104,7 +104,7 @@ def as_text(result: FitResult) -> str:
 
 
 def headline(result: FitResult) -> dict[str, str]:
-    """What was found, row by row."""
+    """The main numbers of the fit, by name."""
     low, high = result.speeds
     count = sum(len(s.pairs()[0]) for s in result.sets)
     rows = {"data": ", ".join(f"{s.name}: {s.kind}" for s in result.sets) + f"; {count} impacts"}

@@ -54,7 +54,7 @@ class Track(Dataset):
 
     @property
     def kind(self) -> str:
-        """What it is called."""
+        """Name of this kind of data."""
         return "track"
 
     @property

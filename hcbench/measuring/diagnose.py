@@ -191,7 +191,7 @@ def _cause(suspect: Suspect, alone: float = math.nan, without: float = math.nan)
 
 
 def _summary(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -> str:
-    """What is left with all causes fixed."""
+    """A sentence on what remains with all causes fixed."""
     before, after = trials.max_error([]), trials.max_error(fixes)
     e = [i.restitution for i in trials.impacts(fixes) if math.isfinite(i.restitution)]
     if not e or after > max(tolerance, _HALF * before):

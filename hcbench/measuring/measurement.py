@@ -134,7 +134,7 @@ class Measurement(Drawn):
 
     @property
     def headline(self) -> list[str]:
-        """What was measured, and where, in four lines."""
+        """Model, pair, engine and conditions of the measurement, in four lines."""
         facts, step = self.facts, time_step(self.facts.timestep)
         gravity = float(np.linalg.norm(facts.gravity))
         return [

@@ -57,7 +57,7 @@ class Cell:
 
     @property
     def cases(self) -> Any:
-        """What the data set compares the engine with."""
+        """The measured motions or bounces of the cell's data set."""
         return _cases(self.data, self.parts, self.folder, self.variant)
 
 

@@ -79,7 +79,7 @@ def find(name: str, data: Path | None) -> Path | None:
 
 
 def missing(name: str) -> str:
-    """What has to be downloaded before a data set can be used; "" for one that is shipped."""
+    """What to download before a data set can be used; "" for one that is shipped."""
     source = SOURCES[name]
     if source.shipped:
         return ""

@@ -33,7 +33,7 @@ _USUAL_STEP = 2e-3  # s: what the page opens with, where it ran
 
 @dataclass(frozen=True, slots=True)
 class Explorer:
-    """What the templates need of it. data: JSON. choice: the best of the answer that the page opens with.
+    """What the templates need. data: JSON. choice: the best of the answer that the page opens with.
 
     tabs: id -> title of the panels under the plots.
     """
@@ -53,7 +53,7 @@ _SCRIPTS = ("law", "plot", "explorer", "answer", "panels", "ranking", "drop", "s
 
 
 def explorer_script() -> Script:
-    """What draws it."""
+    """The script that draws the explorer."""
     return script(*(f"explorer/{name}.js" for name in _SCRIPTS))
 
 

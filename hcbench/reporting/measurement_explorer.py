@@ -63,7 +63,7 @@ def _measured(measurement: Measurement, points: Sequence[CurvePoint], loops: Loo
 
 
 def _asked(points: Sequence[CurvePoint], e: Sequence[float]) -> dict[str, Any]:
-    """What the model asks for, which has no loops."""
+    """The curve of e that the model's settings ask for; it has no loops."""
     known = {"phase": 0.5, "samples": [0] * len(e), "loops": [-1] * len(e)}
     values = places(e, 5)
     line = _line("what the model asks for", LIMIT, points)

@@ -94,7 +94,7 @@ def lacks(view: View, run: RunKey) -> tuple[str, ...]:
 
 
 def lies_still(view: View, run: RunKey) -> bool:
-    """Whether it had come to rest at the end of its drop."""
+    """Whether a run's body had come to rest at the end of its drop."""
     rest = view.rests.get(run)
     return rest is not None and rest.motion <= REST_MOTION * view.gravity * run.timestep**2
 

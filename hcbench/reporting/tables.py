@@ -108,7 +108,7 @@ def _constant(view: View, runs: Iterable[RunKey], alpha: float) -> str:
 
 
 class PastedTexts:
-    """What to paste of each run, every text once."""
+    """The texts to paste of all runs, every text once."""
 
     def __init__(self, by_gravity: Views) -> None:
         """by_gravity: the study."""

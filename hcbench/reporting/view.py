@@ -38,7 +38,7 @@ class RunKey(NamedTuple):
 
     @property
     def is_law(self) -> bool:
-        """Whether it is the law itself, which every figure shows anyway."""
+        """Whether a run is the law itself, which every figure shows anyway."""
         return (self.engine, self.setting) == (REFERENCE, LAW_SETTING)
 
     @property
@@ -159,7 +159,7 @@ class View:
         return engines_of(self.band_runs)
 
     def resolves_contact(self, run: RunKey) -> bool:
-        """Whether its step is short enough to see the contact from inside."""
+        """Whether a run's step is short enough to resolve the contact."""
         return run.timestep <= self.contact_time / STEPS_OF_A_LOOP * (1 + 1e-9)
 
     def runs_by_resolution(self, resolved: bool) -> list[RunKey]:
@@ -189,7 +189,7 @@ class View:
         return plot_styles([*planned, *ran], law=REFERENCE)
 
     def plot_style(self, run: RunKey) -> PlotStyle:
-        """How a run is drawn."""
+        """The style in which figures draw a run."""
         return self.plot_styles[run.engine, run.setting]
 
     # What they did

@@ -40,13 +40,13 @@ class Backend:
     newest_python: str = ""
 
     def add_command(self, name: str = "") -> str:
-        """What adds it in an environment of its own. name: with a version, such as "myengine@1.2"."""
+        """The command that adds the engine in its own environment. name: may have a version, "engine@1.2"."""
         python = f" --python {self.newest_python}" if self.newest_python else ""
         return f"{ADD} {name or self.engine}{python}"
 
     @property
     def command(self) -> str:
-        """What installs it."""
+        """The command that installs the engine."""
         return self.install or f"pip install {self.package}"
 
     def version(self) -> str:

@@ -29,7 +29,7 @@ def names() -> list[str]:
 
 
 def entry_point(name: str) -> EntryPoint:
-    """What an engine of a registered name comes by."""
+    """The entry point under which an engine is registered."""
     return registered()[name]
 
 

@@ -170,7 +170,7 @@ class FootfallLog:
         self.penetration = max(self.penetration, depth)
 
     def footfall(self, part: str) -> Footfall:
-        """What it added up to."""
+        """The footfall that the steps add up to."""
         return Footfall(
             part, self.touch, self.speed, self.slide, self.contact, self.bounces,
             self.force_max, self.slip, self.penetration,

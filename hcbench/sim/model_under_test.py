@@ -29,7 +29,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What to measure.
+    """What a user asks to have measured in a model.
 
     pair: names of the two, moving one first; None where the model leaves no choice.
     speeds: launch speeds, m/s. phases: where in a step the contact starts, each 0 ... 1.

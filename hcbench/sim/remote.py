@@ -200,7 +200,7 @@ def remote(adapter: Engine, name: str, environment: Environment) -> Engine:
 
 
 def adapter_of(engine: Engine) -> Engine:
-    """What an engine is, wherever it runs."""
+    """The adapter of an engine, in whichever environment it runs."""
     return engine.adapter if isinstance(engine, Wrapped) else engine
 
 

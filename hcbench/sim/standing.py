@@ -13,7 +13,7 @@ WORSE = 1.2  # times what it was: more is worse
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """What is compared. si: of what is printed. enough: below it, as printed, any number will do."""
+    """A quantity to compare. si: of what is printed. enough: below it, as printed, any number will do."""
 
     key: str
     title: str
@@ -63,7 +63,7 @@ class Standing:
         return dict(zip(names, astuple(self), strict=False)) | {"force_noise": self.force_noise}
 
     def worse_than(self, before: Standing) -> Iterator[str]:
-        """What is more than 1.2 times what it was and not small enough, in words."""
+        """Quantities that grew by more than a fifth and are not small, in words."""
         for quantity, was, now in zip(QUANTITIES, astuple(before), astuple(self), strict=False):
             unit = quantity.si
             lost = math.isnan(now) and not math.isnan(was)

@@ -101,7 +101,7 @@ def plugin_law(
 
 
 class TossModule(Protocol):
-    """What `scene.toss` of an engine is."""
+    """The functions that `scene.toss` of an engine's folder has."""
 
     SETTINGS: tuple[ContactSetting, ...]
     SHAPES: frozenset[Shape]

@@ -159,7 +159,7 @@ class Answer(Drawn):
 
     @property
     def text(self) -> str:
-        """What to paste, of the best choice."""
+        """The text to paste of the best choice."""
         return self.best.text
 
     @property
@@ -173,7 +173,7 @@ class Answer(Drawn):
 
     @property
     def best(self) -> Choice:
-        """What was asked for, or else the next kind."""
+        """The choice of the kind that was asked for, or else of the next kind."""
         if self.named is not None:
             return self.named
         best = next((choice for kind in _NEXT[self.asked] if (choice := self.of(kind))), None)

@@ -61,21 +61,21 @@ class Tuned(Drawn):
 
     @property
     def rest_failures(self) -> list[str]:
-        """What keeps a body from resting on it, in words."""
+        """Why a body does not rest under the setting, a phrase each; none where it rests."""
         return self.rest.failures(self.scene.relative_radius, self.setting.timestep)
 
     @property
     def rests(self) -> bool:
-        """Whether a body comes to rest on it, from no height and from drops."""
+        """Whether a body comes to rest under the setting, laid down and dropped."""
         return not self.rest_failures and not self.passivity.bounces.still_bouncing
 
     def holds(self, max_error: float) -> bool:
-        """Whether it can be recommended in the target's conditions."""
+        """Whether the setting can be recommended in the target's conditions."""
         return self.error <= max_error and not self.flaws
 
     @property
     def flaws(self) -> str:
-        """What keeps it from being recommended however well it bounces; "" where nothing does."""
+        """Why the setting may not be recommended, however well it bounces; "" where it may."""
         deep = "deep" if self.evaluation.deep else ""
         rests = "" if not self.rest_failures else "does not rest"
         lost = f"{self.evaluation.failed} impacts gave no restitution" if self.evaluation.failed else ""

@@ -75,7 +75,7 @@ class TunedModel(Shown):
 
     @property
     def text(self) -> str:
-        """What to paste: lines for the model or script."""
+        """The text to paste: lines for the model or script."""
         return self.texts.paste
 
     @property

@@ -40,7 +40,7 @@ class Question(NamedTuple):
     alpha: float
 
     def answered(self) -> Answer:
-        """What `hcbench tune` says of it."""
+        """The answer of `hcbench tune` to the question."""
         scene, target = make_target(
             timestep=self.timestep, alpha=self.alpha, gravity=self.gravity, scene=_SCENE
         )

@@ -68,7 +68,7 @@ def begin(module: str, function: str, *args: Any) -> None:
 
 
 def _is_here(at: Interpreter | None) -> bool:
-    """Whether this is a worker process, and such a one."""
+    """Whether this process is a worker of that interpreter already."""
     return in_worker() and (at is None or at.name == environment())
 
 

@@ -51,7 +51,7 @@ def tables(view: FieldView) -> list[StepMatrix]:
 
 
 def setting_of(view: FieldView, case: Case) -> Setting:
-    """What a case was made of."""
+    """The setting that a case ran with."""
     for record in view.results.settings:
         key = (record["engine"], record["setting"], record["gravity_m_per_s2"], record["timestep_s"])
         if key == tuple(case):

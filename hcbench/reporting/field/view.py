@@ -113,7 +113,7 @@ class FieldView:
         return f"{engine_title(plain)} {self.results.versions.get(engine, '')}".strip()
 
     def recipe(self, case: Case) -> Recipe | None:
-        """What made the setting; None where this hcbench has no such recipe."""
+        """The recipe that made the setting of a case; None where this hcbench has no such recipe."""
         return registry.recipes(registry.base_name(case.engine)).get(case.setting)
 
     def kind(self, case: Case) -> str:
@@ -210,7 +210,7 @@ class FieldView:
         return e.assign(speed=by_speed["speed_in_m_per_s"].median())
 
     def follows_law(self, case: Case) -> bool:
-        """Whether it is nearer to the law than a tenth of what a constant e can be."""
+        """Whether a case's error of e is below a tenth of the best constant e's."""
         return self.error(case) <= FOLLOWS * self.constant_error(case.timestep)
 
     def _case(self, row: Mapping[Any, Any]) -> Case:

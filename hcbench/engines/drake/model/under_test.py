@@ -231,7 +231,7 @@ class DrakeSimulation(Simulation):
         return total
 
     def _of_pair(self, shapes: tuple[Any, Any], force: Any, normal: Any) -> float:
-        """What parts the pair; 0 for another contact, which is noted. force: on the first shape, N."""
+        """Force that parts the pair; 0 for another contact, which is noted. force: on the first shape, N."""
         first, second = self._place.first.geometries, self._place.second.geometries
         if shapes[0] in first and shapes[1] in second:
             return -float(normal @ force)

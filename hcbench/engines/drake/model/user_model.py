@@ -93,7 +93,7 @@ class LoadedPlant:
             scene_graph.AssignRole(source, geometry, properties, self.drake.RoleAssign.kReplace)
 
     def says(self, geometry: Any, name: str) -> bool:
-        """Whether a shape's file says this of its contact."""
+        """Whether a shape's file sets this property of its contact."""
         return bool(self.inspector.GetProximityProperties(geometry).HasProperty("material", name))
 
     def property(self, geometry: Any, name: str) -> float:
@@ -104,7 +104,7 @@ class LoadedPlant:
         )
 
     def is_hydroelastic(self, geometry: Any) -> bool:
-        """Whether a file asks for pressure fields there."""
+        """Whether a shape's file asks for a pressure field (hydroelastic contact)."""
         properties = self.inspector.GetProximityProperties(geometry)
         return bool(properties.HasProperty("hydroelastic", "compliance_type"))
 

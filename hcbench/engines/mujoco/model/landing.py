@@ -105,7 +105,7 @@ class _Bench:
         return bool((on_floor & (distances <= 0.0) & (data.contact.exclude == 0)).any())
 
     def _way_up(self, data: Any, address: int) -> float:
-        """How far up from where it is the robot just touches, m."""
+        """Height by which to raise the robot until it just touches the floor, m."""
         trial, here = copy.copy(data), data.qpos[address : address + 3].copy()
 
         def touches(way: float) -> bool:

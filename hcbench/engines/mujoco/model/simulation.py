@@ -111,7 +111,7 @@ class MujocoUserSimulation(Simulation):
         """There is one launch only."""
 
     def note(self, steps: int) -> str:
-        """Which other contacts acted."""
+        """Which contacts besides the pair's acted in the first steps."""
         touched = {geom for geom, step in self._first_touch.items() if step < steps}
         self._others |= touched
         names = ", ".join(sorted(geom_name(self._model, geom) for geom in touched)[:4])

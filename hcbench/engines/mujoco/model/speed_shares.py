@@ -26,7 +26,7 @@ def has_more_than_contacts(model: Any) -> bool:
 
 
 def strange_share(shares: Mapping[str, float]) -> float:
-    """How much else than the contact and gravity did."""
+    """Share of the change of speed that neither the contact nor gravity made."""
     return sum(abs(share) for name, share in shares.items() if name not in (CONTACT, WEIGHT))
 
 

@@ -136,7 +136,7 @@ class MujocoModel(ModelUnderTest):
         )
 
     def _other_ways(self) -> str:
-        """How to launch something else, where this was chosen of several."""
+        """A hint how to launch another body, where this one was chosen of several."""
         several = len(moving_joints(self.model, self.place.pair.first.body)) > 1
         return " (--move chooses)" if self.request.move is None and several else ""
 

@@ -111,7 +111,7 @@ def _slip(solref: Sequence[float], solimp: Sequence[float], impedance: float) ->
 
 
 def mass_note(place: PairAtTouch) -> list[str]:
-    """What to know of a pair that moves as a whole."""
+    """A note on the effective mass of a pair that moves as a whole."""
     model, bodies = place.pair.model, (place.pair.first.body, place.pair.second.body)
     if not all(model.body_weldid[body] for body in bodies):
         return []

@@ -74,7 +74,7 @@ def certified(scene: Scene, setting: Setting) -> Passivity | None:
 
 
 def _pasted(options: Options, pairs: Sequence[Pair]) -> str:
-    """What a user pastes for some pairs."""
+    """The text that a user pastes for some pairs."""
     if options.law is None:
         return f"<contact>{''.join(pairs_text(options.rows, pair) for pair in pairs)}</contact>"
     from hcbench.engines.mujoco import plugin
@@ -85,7 +85,7 @@ def _pasted(options: Options, pairs: Sequence[Pair]) -> str:
 
 
 def tried(scene: Scene, setting: Setting) -> tuple[Contact, list[Stepping]]:
-    """What is tried, and under which options: each integrator, cone and solver once."""
+    """A contact to try, and its options: each integrator, cone and solver once."""
     options = read_options(setting.options)
     written = options.attributes(repr)
     integrator = written.pop("integrator", "Euler")

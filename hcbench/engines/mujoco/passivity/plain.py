@@ -46,7 +46,7 @@ _ATTITUDES = {
 
 @dataclass(frozen=True, slots=True)
 class Stepping:
-    """What a plain model runs under."""
+    """Options under which a plain model is simulated."""
 
     integrator: str = "Euler"
     cone: str = "elliptic"
@@ -58,7 +58,7 @@ class Stepping:
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """What is tried.
+    """A contact that is tried in plain models.
 
     option: attributes of <option> that it asks for. text: what to paste for pairs of geoms.
     radius: of the ball, m.

@@ -54,7 +54,7 @@ class Samples:
         return np.concatenate([(self.scale * a.T).T, np.einsum("sn,n...->s...", self.sensitivity, a)])
 
     def goal(self) -> Floats:
-        """What `scaled` should be."""
+        """The values that `scaled` should have."""
         goal = self.scaled(self.a)
         goal[-len(self.speeds) :] -= self.bias / _RESTITUTION_SCALE / np.sqrt(len(self.speeds))
         return goal

@@ -40,7 +40,7 @@ _LOGIT = -2.67  # of dw, at the start
 
 @dataclass(frozen=True)
 class _Pairs:
-    """What the damper's parameters are relative to.
+    """Scales that the damper's parameters are relative to.
 
     omega: frequency of the spring, 1/s. speed: at the top of the band, m/s. mass: kg.
     """

@@ -164,7 +164,10 @@ def _on_plane(model: SceneModel, paths: _Paths) -> Floats:
 
 
 def _along_plate(model: SceneModel, paths: _Paths) -> Floats:
-    """What `Record.tangential` has. MuJoCo gives the spin of a free body in the body's own frame."""
+    """Motion along the plate, as `Record.tangential` has it.
+
+    MuJoCo gives the spin of a free body in the body's own frame.
+    """
     velocity, turned = paths.vector(1, 0), paths.vector(0, 3, 4)[:, :-1]
     spin, axis = paths.vector(1, 3)[:, :-1], turned[..., 1:]
     spin = spin + 2.0 * np.cross(axis, np.cross(axis, spin) + turned[..., :1] * spin)

@@ -38,7 +38,7 @@ def stays_on_axis(mujoco: Any, model: Any) -> bool:
 
 
 def _solves_well(mujoco: Any, model: Any) -> bool:
-    """Whether the solver may go on until it is done: cut short, a free ball's answer is another."""
+    """Whether the solver may iterate until it converges: stopped early, it moves a free ball otherwise."""
     option, usual = model.opt, mujoco.MjOption()
     return bool(
         option.iterations >= usual.iterations

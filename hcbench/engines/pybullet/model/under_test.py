@@ -112,7 +112,7 @@ class PybulletModel(ModelUnderTest):
         return x, y, z
 
     def _falls_alone(self) -> bool:
-        """Whether gravity makes the two approach: not when both fall."""
+        """Whether gravity makes the two approach; it does not when both fall."""
         masses = [self.bullet.getDynamicsInfo(s.body, -1)[0] for s in (self.place.first, self.place.second)]
         return isinstance(self.place.mover, FreeBase) and min(masses) == 0.0
 
