@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import logging
+import math
 import re
-from contextlib import contextmanager
+import time
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import hcbench
+from hcbench.benchmark.store import GO_ON
 from hcbench.errors import CannotRun
 
 if TYPE_CHECKING:
@@ -17,6 +21,7 @@ if TYPE_CHECKING:
 # As Dask reads them; what it cannot read leaves it a client that cannot even be closed.
 _ADDRESS = re.compile(r"inproc://\S+|(\w+://)?[^\s/]+:\d+")
 _CONNECT_S, _WORKERS_S = 10.0, 60.0
+_COUNT_S = 1.0  # between two counts of the workers, which cost an answer of the scheduler each
 _INSTALL = "pip install distributed pyarrow"
 
 
@@ -24,7 +29,8 @@ _INSTALL = "pip install distributed pyarrow"
 def connected(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
     """The executor behind a scheduler's address, and how many tasks its workers run at once.
 
-    Raises CannotRun without an answer, without a worker, and where a worker has another hcbench.
+    Raises CannotRun without an answer, without a worker, where a worker has another hcbench, and where the
+    scheduler or the last worker goes away.
     """
     try:
         from distributed import Client
@@ -42,22 +48,61 @@ def connected(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
             "the address of a running Dask scheduler, like tcp://host:8786",
         ) from None
     try:
-        _require_workers(client, address)
-        yield client.get_executor(pure=False), lambda: max(1, sum(client.ncores().values()))
+        with _quiet():
+            _require_workers(client, address)
+            yield client.get_executor(pure=False), _width(client, address)
+    except Exception:
+        if client.status == "running":
+            raise
+        got = f"{address} went away, and did not come back within {_CONNECT_S:g} s"
+        raise CannotRun("scheduler", got, "one that lasts as long as the sweep", GO_ON) from None
     finally:
         client.close()
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without Dask's lines on standard error about a lost scheduler, which CannotRun tells."""
+    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+def _width(client: Any, address: str) -> Callable[[], int]:
+    """How many tasks the workers run at once. CannotRun where there has been no worker for a while."""
+    threads, counted, seen = 1, -math.inf, time.monotonic()
+
+    def width() -> int:
+        nonlocal threads, counted, seen
+        now = time.monotonic()
+        if now - counted >= _COUNT_S:
+            with suppress(OSError):  # no answer: Dask connects again, or gives up and closes the client
+                threads, counted = sum(client.ncores().values()), now
+        if threads:
+            seen = now
+        elif now - seen >= _WORKERS_S:
+            raise _without_workers(address, GO_ON)
+        return max(1, threads)
+
+    return width
+
+
+def _without_workers(address: str, advice: str) -> CannotRun:
+    got = f"{address} has no workers after {_WORKERS_S:g} s"
+    return CannotRun("scheduler", got, "one at least", advice)
 
 
 def _require_workers(client: Any, address: str) -> None:
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)
     except OSError:  # a timeout is one
-        raise CannotRun(
-            "scheduler",
-            f"{address} has no workers after {_WORKERS_S:g} s",
-            "one at least",
-            "Start some: `dask worker`",
-        ) from None
+        raise _without_workers(address, "Start some: `dask worker`") from None
     here = hcbench.__version__
     # In the standard library's words: a worker without hcbench can say so.
     for worker, there in client.run(version, "hcbench", on_error="return").items():

@@ -22,7 +22,7 @@ from hcbench.benchmark.files import files_in_memory, open_files
 from hcbench.benchmark.plan import Plan, make_plan
 from hcbench.benchmark.results import Results
 from hcbench.benchmark.shard import Timeouts, run_bounces, run_shard
-from hcbench.benchmark.store import Store
+from hcbench.benchmark.store import GO_ON, Store
 from hcbench.benchmark.study import Study
 from hcbench.benchmark.tables import Totals
 from hcbench.errors import CannotRun, HcbenchError
@@ -36,7 +36,7 @@ Result = TypeVar("Result")
 
 _AHEAD = 2  # jobs handed out for each that is running
 _SUMMARY_S = 5.0  # between two summaries
-_GO_ON = "Then go on with --resume"
+_LOOK_S = 1.0  # between two looks at workers while nothing comes back
 _TRIES = 2  # of a job that its executor fails
 
 
@@ -195,7 +195,7 @@ def _imap_unordered(
         try:
             running[workers.executor.submit(function, job, timeouts)] = job, tries
         except RuntimeError as error:  # broken, or shut down
-            raise CannotRun("executor", str(error), "one that takes work", _GO_ON) from error
+            raise CannotRun("executor", str(error), "one that takes work", GO_ON) from error
 
     try:
         while True:
@@ -203,7 +203,7 @@ def _imap_unordered(
                 submit(job, 1)
             if not running:
                 return
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
+            for future in wait(running, _LOOK_S, FIRST_COMPLETED).done:
                 job, tries = running.pop(future)
                 try:
                     result = future.result()
@@ -213,7 +213,7 @@ def _imap_unordered(
                     if tries == _TRIES:
                         reason = " ".join(f"{type(error).__name__}: {error}".split())
                         got = f"failed {job} {tries} times: {reason:.200}"
-                        raise CannotRun("executor", got, "", _GO_ON) from error
+                        raise CannotRun("executor", got, "", GO_ON) from error
                     submit(job, tries + 1)
                 else:
                     yield job, result

@@ -21,6 +21,7 @@ from hcbench.fields import ResultTable, validate
 from hcbench.impact import FORMER_E
 
 DESCRIPTION, SUMMARY_FILE, LOOPS, DAMAGED = "_sweep.json", "_summary.csv", "_loops", "_damaged"
+GO_ON = "Then go on with --resume"
 _SHARD = re.compile(r"(?:\d{4,}/)?part-(\d{7})-([0-9a-f]{16})\.parquet")
 _FOLDER = re.compile(r"\d{4,}")
 _IN_A_FOLDER = 1000  # shards at most; where there are more, each thousand has a folder of its own
@@ -47,7 +48,7 @@ class Store:
             yield
         except OSError as error:
             got = f"{self.where}: {error.strerror or error}"
-            raise OutputError("folder", got, expected, "Then go on with --resume") from None
+            raise OutputError("folder", got, expected, GO_ON) from None
 
     def description(self) -> dict[str, Any] | None:
         """The description of the sweep; None where there is no sweep. UserError for another schema."""

@@ -5,12 +5,11 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from small_sweeps import TESTS, small, whole
+from small_sweeps import TESTS, small, until, whole
 from sweep_engine import note
 
 from hcbench.benchmark.read import read
@@ -61,14 +60,6 @@ def test_killed_at_any_moment_and_resumed_it_is_as_if_nothing_had_been(tmp_path:
     note(package)
     sweep(study, tmp_path / "whole")
     assert whole(killed) == whole(tmp_path / "whole")
-
-
-def until(so: Callable[[], bool], process: subprocess.Popen[bytes]) -> None:
-    end = time.monotonic() + 60
-    while not so():
-        assert time.monotonic() < end
-        assert process.poll() is None
-        time.sleep(0.02)
 
 
 def test_an_interrupt_leaves_whole_parts_and_no_process(tmp_path: Path, package: Path) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +46,15 @@ def whole(folder: Path) -> dict[str, bytes]:
         for path in sorted(folder.rglob("*"))
         if path.is_file() and "_damaged" not in path.parts
     }
+
+
+def until(so: Callable[[], bool], process: subprocess.Popen[Any]) -> None:
+    """Wait for what a process does while it runs."""
+    end = time.monotonic() + 60
+    while not so():
+        assert time.monotonic() < end
+        assert process.poll() is None
+        time.sleep(0.02)
 
 
 BOUNCING = """scene = "steel-plane"
