@@ -47,7 +47,8 @@ class Engine(ABC):
     """A physics engine, or anything else that can drop a body on a plate.
 
     name: as registered, and as settings name it. title: as reports print it. backend: the package that it
-    needs; None for none. bits: of its numbers. oblique: launches bodies at an angle too.
+    needs; None for none. bits: of its numbers. oblique: launches bodies at an angle too. devices: that it can
+    compute on, such as "cpu" and "gpu", where a setting's option `device` says so.
     What only some engines can do is in `hcbench.sim.capabilities`.
     """
 
@@ -56,6 +57,7 @@ class Engine(ABC):
     backend: Backend | None = None
     bits: int = 64
     oblique: bool = True
+    devices: tuple[str, ...] = ()
 
     def version(self) -> str:
         """Version of the installed backend, not imported; raises EngineMissing where there is none."""
@@ -75,6 +77,18 @@ class Engine(ABC):
 
         Raises SettingError for options the engine does not have, SceneError for a scene it cannot load.
         """
+
+    @final
+    def device_of(self, setting: Setting) -> str:
+        """The device that a setting names, where its impacts are read while they are stepped, and have no
+        loops; "" for none. Raises SettingError for one that the engine does not have.
+        """
+        device = setting.options.get("device", "") if self.devices else ""
+        if device and device not in self.devices:
+            raise SettingError(
+                f"{self.name} option 'device'", repr(device), " or ".join(map(repr, self.devices))
+            )
+        return str(device)
 
     def trajectory(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
         """Every step of `duration` s after release, however often the body bounces.

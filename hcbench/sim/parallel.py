@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import linecache
+import re
 from abc import abstractmethod
+from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hcbench._text import shortest
-from hcbench.errors import SettingError
+from hcbench.errors import CannotRun, SettingError
 from hcbench.laws.force import HuntCrossley
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import Options, PythonLaw, ScriptedEngine
@@ -24,6 +27,8 @@ if TYPE_CHECKING:
     from hcbench.sim.world import Flags
 
 _MOST_STEPS = 64  # between two looks
+_WORKING = 4  # times a state's bytes that a step takes in all
+_GUESSED = 4 << 30  # bytes of free memory
 _FEWEST = 4.0  # units in the last place of the position that a step at the highest speed must move it by
 
 
@@ -152,3 +157,24 @@ def run_lines(lines: str, names: dict[str, Any]) -> dict[str, Any]:
     linecache.cache[file] = len(lines), None, lines.splitlines(keepends=True), file
     exec(compile(lines, file, "exec"), names)
     return names
+
+
+def no_gpu(engine: str, library: str, needed: str) -> CannotRun:
+    """The error of an engine that is to compute on a GPU, where its library sees none."""
+    got = f"no GPU is visible to {library}"
+    return CannotRun(
+        f"{engine} device", got, f"one, and {needed}", "Without --device it computes where it can"
+    )
+
+
+def batch_in(memory: int, each: int) -> int:
+    """Copies that half of so much memory has room for. each: bytes of one's state, which steps work on."""
+    return max(1, memory // (2 * _WORKING * each))
+
+
+def free_memory() -> int:
+    """Bytes of this machine's memory that nothing uses; a guess where it does not say."""
+    with suppress(OSError, AttributeError):
+        line = re.search(r"MemAvailable:\s+(\d+) kB", Path("/proc/meminfo").read_text())
+        return int(line[1]) << 10 if line else _GUESSED
+    return _GUESSED

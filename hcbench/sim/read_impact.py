@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
@@ -125,67 +126,82 @@ def impacts_of(
     """
     counts = counts - np.where(ends == End.PARTED, reading.steps_after, 0)
     first, stops, deepest, hardest = _contact(states, counts)
-    h = float(time[1] - time[0]) if len(time) > 1 else 0.0
-    v_in, v_out, v_after, pushed = _speeds(states, counts, ends, first, stops, h, gravity, reading)
-    failed, acted, time = _FAILS[ends], stops - first, time - time[:1]
-    pushed &= ~failed
-    measured = ~(failed | pushed | (ends == End.UNFINISHED))
-    reason, source = np.full(len(ends), "", dtype=object), np.full(len(ends), None, dtype=object)
-    source[measured] = Recorded(time, states)
-    for i in np.flatnonzero(~measured | (ends == End.RESTED)):
-        last, touch = float(time[counts[i] - 1]), float(time[first[i]])
-        if failed[i]:
-            reason[i] = _FAILED[End(ends[i])][1].format(last, diverged)
-        elif pushed[i]:
-            reason[i] = _PUSHED
-        elif measured[i]:
-            reason[i] = f"still in contact {last - touch:.3g} s after touch"
-        else:
-            long = int(counts[i] - first[i])
-            reason[i] = f"still in contact, and not at rest, after {long} steps ({h * long:.3g} s)"
-    names = ("speed_in", "speed_out", "speed_after_force", "duration", "penetration_max", "force_max")
-    columns = zip(names, (v_in, v_out, v_after, h * acted, deepest, hardest), strict=True)
-    return Impacts(
-        launches=launches,
-        status=np.where(pushed, _DIVERGED, _STATUS[ends]),
-        reason=reason,
-        samples=np.where(failed, 0, acted),
-        tangential=np.full(len(ends), None, dtype=object),
-        source=source,
-        row=np.arange(len(ends)),
-        start=first,
-        **{name: np.where(measured, values, np.nan) for name, values in columns},
-    )
-
-
-def _speeds(
-    states: Floats,
-    counts: NDArray[np.int64],
-    ends: NDArray[np.int64],
-    first: NDArray[np.int64],
-    stops: NDArray[np.int64],
-    h: float,
-    gravity: float,
-    reading: SpeedReading,
-) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
-    """Speeds in, out and after the contact's last force, m/s, and which launches were pushed in; (b,) each.
-
-    The speed after the force is NaN where the reading has no other than that out.
-    """
     each, after = np.arange(len(counts)), np.minimum(stops, counts - 1)
     came, left = (tuple(states[:2, each, step]) for step in (first, after))
-    v_after = np.full(len(counts), np.nan)
-    if reading is SpeedReading.CROSSING:
-        deep = states[0] > 0.0
-        entered = np.where(deep.any(axis=1), np.minimum(first, deep.argmax(axis=1)), first)
-        v_in, v_out = (_crossing_speed(states[0], at, h) for at in (entered - 1, counts - 1))
-        v_in = np.where(entered < 2, came[1], v_in)  # released so near that no free step is known
-        v_after = np.where(ends == End.RESTED, 0.0, -left[1])
+    h = float(time[1] - time[0]) if len(time) > 1 else 0.0
+    seen = Contacts(counts, ends, first, stops, deepest, hardest, came, left)
+    if reading is not SpeedReading.CROSSING:
+        speeds: States = reading.speeds(came, left, gravity * h, gravity)
     else:
-        v_in, v_out = reading.speeds(came, left, gravity * h, gravity)
-    pushed = ~(came[1] > 0.0) | ((ends == End.PARTED) & (left[1] > 0.0))
-    v_out[ends == End.RESTED] = 0.0
-    return v_in, v_out, v_after, pushed
+        speeds = _crossing_speeds(states, seen, h)
+    return seen.impacts(launches, speeds, h, diverged, Recorded(time - time[:1], states))
+
+
+@dataclass(frozen=True, slots=True)
+class Contacts:
+    """What was seen of launches that have ended; arrays of shape (b,), SI.
+
+    counts, ends: the steps of each, and why it ended (`End`). first, stops: the step in which the contact
+    force first acts, and the one after the last. deepest, hardest: largest penetration and force between
+    them. came, left: penetration and rate in the first, and once the force has ceased.
+    """
+
+    counts: NDArray[np.int64]
+    ends: NDArray[np.int64]
+    first: NDArray[np.int64]
+    stops: NDArray[np.int64]
+    deepest: Floats
+    hardest: Floats
+    came: States
+    left: States
+
+    def impacts(
+        self, launches: Launches, speeds: States, h: float, diverged: str, record: Recorded | None = None
+    ) -> Impacts:
+        """The impacts. speeds: in, out and, where it is another, after the force, m/s. h: the step, s.
+        record: has the loops.
+        """
+        ends, acted, failed = self.ends, self.stops - self.first, _FAILS[self.ends]
+        v_in, v_out = speeds[:2]
+        v_after = speeds[2] if len(speeds) > 2 else np.full(len(ends), np.nan)
+        v_out[ends == End.RESTED] = 0.0
+        pushed = ~failed & (~(self.came[1] > 0.0) | ((ends == End.PARTED) & (self.left[1] > 0.0)))
+        measured = ~(failed | pushed | (ends == End.UNFINISHED))
+        reason, source = np.full(len(ends), "", dtype=object), np.full(len(ends), None, dtype=object)
+        source[measured] = record
+        for i in np.flatnonzero(~measured | (ends == End.RESTED)):
+            last, touch = h * int(self.counts[i] - 1), h * int(self.first[i])
+            if failed[i]:
+                reason[i] = _FAILED[End(ends[i])][1].format(last, diverged)
+            elif pushed[i]:
+                reason[i] = _PUSHED
+            elif measured[i]:
+                reason[i] = f"still in contact {last - touch:.3g} s after touch"
+            else:
+                steps = int(self.counts[i] - self.first[i])
+                reason[i] = f"still in contact, and not at rest, after {steps} steps ({h * steps:.3g} s)"
+        names = ("speed_in", "speed_out", "speed_after_force", "duration", "penetration_max", "force_max")
+        columns = zip(names, (v_in, v_out, v_after, h * acted, self.deepest, self.hardest), strict=True)
+        return Impacts(
+            launches=launches,
+            status=np.where(pushed, _DIVERGED, _STATUS[ends]),
+            reason=reason,
+            samples=np.where(failed, 0, acted),
+            tangential=np.full(len(ends), None, dtype=object),
+            source=source,
+            row=np.arange(len(ends)),
+            start=self.first,
+            **{name: np.where(measured, values, np.nan) for name, values in columns},
+        )
+
+
+def _crossing_speeds(states: Floats, seen: Contacts, h: float) -> States:
+    """Speeds in, out and after the contact's last force, m/s, (b,) each, where the path crosses the plane."""
+    deep, first = states[0] > 0.0, seen.first
+    entered = np.where(deep.any(axis=1), np.minimum(first, deep.argmax(axis=1)), first)
+    v_in, v_out = (_crossing_speed(states[0], at, h) for at in (entered - 1, seen.counts - 1))
+    v_in = np.where(entered < 2, seen.came[1], v_in)  # released so near that no free step is known
+    return v_in, v_out, np.where(seen.ends == End.RESTED, 0.0, -seen.left[1])
 
 
 def _contact(

@@ -54,6 +54,7 @@ class Wrapped(HasPlugin, TunesModels):
     def __init__(self, adapter: Engine, name: str) -> None:
         self.adapter, self.name, self.title = adapter, name, versioned_title(adapter, name)
         self.backend, self.bits, self.oblique = adapter.backend, adapter.bits, adapter.oblique
+        self.devices = adapter.devices
         if isinstance(adapter, OpensModels):
             self.suffixes, self.opens = adapter.suffixes, adapter.opens
 

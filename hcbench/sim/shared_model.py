@@ -18,9 +18,11 @@ from hcbench.recipes.search import map_result
 from hcbench.setting import PAIR
 from hcbench.sim import registry
 from hcbench.sim.capabilities import OpensModels, opener
+from hcbench.sim.columns import Impacts
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.parallel import BatchWorld, require_motion
 from hcbench.sim.read_impact import SpeedReading
+from hcbench.sim.read_steps import NEVER, Reading, begun, contacts_of, reader, rule_for
 from hcbench.sim.scripted import PythonLaw, python_law_of
 
 if TYPE_CHECKING:
@@ -32,24 +34,45 @@ if TYPE_CHECKING:
     from hcbench.scene import Scene
     from hcbench.setting import Pair, Setting
     from hcbench.sim.candidate_pairs import CandidatePair
+    from hcbench.sim.columns import Launches
     from hcbench.sim.model_under_test import ModelUnderTest, Request
+    from hcbench.sim.read_steps import Rule
+
+
+_HEIGHT, _RISING = 2, 7 + 2  # of a ball's state: velocities come after the 7 positions of a free joint
+_LOOK = 16  # steps between two looks at which launches have ended
+_FEW = 8  # times fewer launches than began have not ended: the others' steps are no longer worth it
+_LONGER, _REST = 4, 256  # times the steps that the most take, and steps, that the few go on with the others
+_WIDTH = 32  # copies in a batch, at least
 
 
 class Copies(ABC):
-    """`places` copies of a model, always so many. bits: of the engine's numbers."""
+    """Copies of a model: `places` where steps are recorded, any number to read from. bits: of the numbers.
+    room: copies that the memory has room for. kind: of the floats that `read_on` computes with.
+    """
 
     places: int
     bits: int
+    room: int = 0
+    kind: type = np.float64
 
     @abstractmethod
     def place(self, states: Floats) -> Floats:
         """Put the copies into states, positions and then velocities, with nothing else remembered; as the
-        engine then has them. Both of shape (places, n), SI.
+        engine then has them. Both of shape (b, n), SI; b is `places` where `step` follows.
         """
 
     @abstractmethod
     def step(self, steps: int) -> Floats:
         """States after each of at most `steps` more steps, shape (n, places, n)."""
+
+    def read_on(self, rule: Rule, reading: Reading, fewest: int, most: int) -> Reading:
+        """Step balls on and read each step, until at most `fewest` go on or `most` steps are taken."""
+        add = reader(np)
+        while np.count_nonzero(reading.end == 0) > fewest and reading.steps.max() < most:
+            for state in self.step(_LOOK):
+                reading = Reading(*add(state[:, _HEIGHT], state[:, _RISING], *rule, *reading))
+        return reading
 
     def place_first(self, states: Floats) -> Floats:
         """Place the first copies by their states, shape (b, n); the others follow the last of them."""
@@ -65,14 +88,43 @@ class CopiesWorld(BatchWorld):
     ) -> None:
         super().__init__(scene, timestep)
         self._copies, self._rest, self.speed_reading = copies, rest, reading
-        self.places, self.bits = copies.places, copies.bits
-        self._at = [2, 7 + 2]  # height, and velocity upwards, after the 7 positions of a free joint
+        self.places, self.bits, self.room = copies.places, copies.bits, copies.room
+        self._at = [_HEIGHT, _RISING]
 
     def place(self, heights: Floats, velocities: Floats) -> Floats:
         """New states."""
-        states = np.tile(self._rest, (self.places, 1))
+        states = np.tile(self._rest, (len(heights), 1))
         states[:, self._at] = np.stack([heights, velocities], axis=1)
         return self._copies.place(states)[:, self._at].T
+
+    def read(self, launches: Launches) -> Impacts:
+        """Together, until few have not ended: those few begin again, in a batch of their own."""
+        left, parts, order = np.arange(len(launches)), list[Impacts](), list[Any]()
+        while left.size:
+            reading = self._read(launches.take(left))
+            ended = reading.end > 0
+            seen = contacts_of(Reading(*(column[ended] for column in reading)))
+            order.append(left[ended])
+            h, g = self.timestep, self.gravity
+            speeds = self.speed_reading.speeds(seen.came, seen.left, g * h, g)
+            parts.append(seen.impacts(launches.take(order[-1]), speeds, h, self.diverged))
+            left = left[~ended]
+        return Impacts.joined(parts).take(np.argsort(np.concatenate(order)))
+
+    def _read(self, launches: Launches) -> Reading:
+        """A copy for each launch, and some for the last: a length that compilers have seen before."""
+        count, unit = len(launches), max(_WIDTH, 2 ** (len(launches).bit_length() - 4))
+        sent = launches.take(np.minimum(np.arange(-(-count // unit) * unit), count - 1))
+        placed = self.place(self.scene.touch_radius + sent.clearance(self.timestep), -sent.speed)
+        kind = self._copies.kind
+        rule = rule_for(sent, self.scene, self.timestep, self.bits, kind)
+        reading = begun(placed[0], placed[1], kind)
+        few = len(sent) // _FEW if len(sent) > _FEW * _WIDTH else 0
+        reading = self._copies.read_on(rule, reading, few, NEVER)
+        if few:
+            most = _LONGER * int(reading.steps.max()) + _REST
+            reading = self._copies.read_on(rule, reading, 0, most)
+        return Reading(*(column[:count] for column in reading))
 
     def step(self, steps: int) -> Floats:
         """Up to as many steps as the copies take at once."""
@@ -88,17 +140,21 @@ class SharedModelEngine(OpensModels, SteppedEngine):
     """
 
     model_engine: str
-    own: tuple[str, ...] = ("law",)
+    own: tuple[str, ...] = ("law", "device")
     lacks: frozenset[str] = frozenset()
     exact = ""
     oblique = False
 
     @abstractmethod
-    def copies(self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0) -> Copies:
-        """Copies of a model that `model_engine` compiled. Raises SceneError for what this one does not have.
+    def copies(
+        self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0, device: str = ""
+    ) -> Copies:
+        """Copies of a model that `model_engine` compiled. Raises SceneError for what this one does not have,
+        CannotRun for a device that this machine lacks.
 
         start: that engine's own state, of all that does not move by itself. bits: of the numbers; 0 for those
         that its users get who set nothing. law: `law_lines`, of a ball of this radius, m, above z = 0.
+        device: that is to be read from, of `devices`; "" for the engine's own choice, and recorded steps.
         """
 
     @abstractmethod
@@ -125,7 +181,8 @@ class SharedModelEngine(OpensModels, SteppedEngine):
                 f"{difference.title.removesuffix('.')} ({difference.evidence})",
             )
             raise SettingError(slot, got, "", difference.fix)
-        copies = self.copies(loaded.model, loaded.start, bits, self.law_lines(law), scene.touch_radius)
+        lines, device = self.law_lines(law), self.device_of(setting)
+        copies = self.copies(loaded.model, loaded.start, bits, lines, scene.touch_radius, device)
         exact = loaded.exact_flight
         reading = SpeedReading.TOUCH_PLANE_EXACT_FLIGHT if exact else SpeedReading.TOUCH_PLANE
         return CopiesWorld(scene, setting.timestep, copies, loaded.rest, reading)

@@ -62,7 +62,9 @@ def impacts(engine: SteppedEngine, scene: Scene, setting: Setting, launches: Lau
     order = np.lexsort((launches.speed, np.nan_to_num(launches.height)))
     in_order = launches.take(order)
     where = (engine.name, scene, setting)
-    if engine.own_process and not in_worker():
+    if engine.device_of(setting):
+        results = call(_together, in_order, *where, limit=engine.limit * len(in_order))
+    elif engine.own_process and not in_worker():
         results = Impacts.of(
             map_surviving_crashes(
                 simulate_all,
@@ -75,7 +77,7 @@ def impacts(engine: SteppedEngine, scene: Scene, setting: Setting, launches: Lau
             )
         )
     else:
-        results = Impacts.joined(list(_groups(in_order, *where)))
+        results = _together(in_order, *where)
     return results.take(np.argsort(order))
 
 
@@ -103,8 +105,7 @@ def run_launches(world: World, launches: Launches, places: int = 0, expected: in
     which each group tells the next; 0 where they have nothing in common.
     Raises SettingError for a launch that cannot arrive.
     """
-    if np.isinf(launches.flight_time(world.timestep, world.gravity)[launches.speed == 0.0]).any():
-        raise SettingError("speed", "0 m/s without gravity", "a speed above 0, or gravity")
+    _require_arrival(world, launches)
     most, first, whole = places or world.places, round(_GUESS_SHARE * expected), expected
 
     def run(group: Launches) -> Impacts:
@@ -124,6 +125,19 @@ def run_launches(world: World, launches: Launches, places: int = 0, expected: in
         size = _even(len(launches) - done, min(most, room))
         yield run(launches[done : done + size])
         done += size
+
+
+def _require_arrival(world: World, launches: Launches) -> None:
+    if np.isinf(launches.flight_time(world.timestep, world.gravity)[launches.speed == 0.0]).any():
+        raise SettingError("speed", "0 m/s without gravity", "a speed above 0, or gravity")
+
+
+def _read_while_stepping(world: World, launches: Launches) -> Iterator[Impacts]:
+    """Impacts of launches, in groups of the world's `room`. Raises as `run_launches`."""
+    _require_arrival(world, launches)
+    size = _even(len(launches), world.room)
+    for i in range(0, len(launches), size):
+        yield world.read(launches[i : i + size])
 
 
 def _even(count: int, most: int) -> int:
@@ -226,6 +240,10 @@ def simulate_all(launches: Sequence[Launch], name: str, scene: Scene, setting: S
         yield from group
 
 
+def _together(launches: Launches, name: str, scene: Scene, setting: Setting) -> Impacts:
+    return Impacts.joined(list(_groups(launches, name, scene, setting)))
+
+
 def _groups(launches: Launches, name: str, scene: Scene, setting: Setting) -> Iterator[Impacts]:
     """The impacts of launches, in order, as many at a time as the engine simulates together."""
     engine: SteppedEngine = here(name)  # type: ignore[assignment]
@@ -235,7 +253,12 @@ def _groups(launches: Launches, name: str, scene: Scene, setting: Setting) -> It
         world = engine.load(scene, setting, fastest)
     with world, _explained_errors(engine):
         places = min(world.places, engine.together) if engine.own_process else world.places
-        groups = run_launches(world, launches, places, _expected_steps(scene, setting.timestep, launches))
+        expected = _expected_steps(scene, setting.timestep, launches)
+        groups = (
+            _read_while_stepping(world, launches)
+            if world.room
+            else run_launches(world, launches, places, expected)
+        )
         while True:
             with quiet():
                 group = next(groups, None)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hcbench.impact import Floats, Launch
+    from hcbench.sim.columns import Impacts, Launches
 
     Flags = NDArray[Any]
 
@@ -87,6 +88,7 @@ class World(ABC):
     in a thread of its own. deepest: penetration beyond which the engine cannot see the contact any more, m.
     diverged: the reason to give where numbers are not finite. speed_reading: which speeds e is the ratio of.
     energy_by_work: whether the energy lost is what the contact takes, as joints or servos change it, too.
+    room: launches that `read` takes together; 0 for a world whose steps are recorded.
     """
 
     timestep: float
@@ -98,10 +100,15 @@ class World(ABC):
     diverged: str = NOT_FINITE
     speed_reading: SpeedReading = SpeedReading.TOUCH_PLANE
     energy_by_work: bool = False
+    room: int = 0
 
     @abstractmethod
     def release(self, launches: Sequence[Launch]) -> Simulation:
         """Bodies at their starting points, at most `places` of them, with nothing remembered."""
+
+    def read(self, launches: Launches) -> Impacts:
+        """The impacts of up to `room` launches, read while they are stepped; they have no loops."""
+        raise NotImplementedError
 
     def follow(self, launch: Launch) -> Simulation:
         """One launch to be followed as far as one likes, stepped exactly as the engine's users do it."""

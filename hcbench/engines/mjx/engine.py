@@ -2,6 +2,7 @@
 
 Options of a setting: those of MuJoCo, and
     precision: "float32", JAX's own, or "float64", by jax_enable_x64, which is one for a whole process.
+    device: "cpu" or "gpu": all launches are one batch there, and no step leaves it.
     law: {"kind": "restitution", ...} for e(v) set in each step, or {"kind": "force", ...} in place of the
         contact, as `hcbench.laws.contact_law.law_of` reads them.
 
@@ -20,13 +21,15 @@ from hcbench.errors import SceneError, SettingError
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
-from hcbench.sim.parallel import law_text
+from hcbench.sim.parallel import batch_in, free_memory, law_text, no_gpu
+from hcbench.sim.read_steps import Reading, reader
 from hcbench.sim.shared_model import Copies, SharedModelEngine
 from hcbench.workers import in_worker
 
 if TYPE_CHECKING:
     from hcbench.impact import Floats
     from hcbench.setting import Setting
+    from hcbench.sim.read_steps import Rule
     from hcbench.sim.scripted import PythonLaw
 
 _PLACES = 32
@@ -51,7 +54,8 @@ class MjxEngine(DescribesContact, SharedModelEngine):
     together = _PLACES
     suffixes = (".xml", ".mjcf", ".mjb")
     model_engine = "mujoco"
-    own = ("law", "precision")
+    own = ("law", "precision", "device")
+    devices = ("cpu", "gpu")
     lacks = frozenset({"adhesion", "impedance in float32"})
     exact = "JAX_ENABLE_X64=1 (a setting: precision = 'float64')"
 
@@ -70,7 +74,9 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         """The step of one world with a law in it, for jit and vmap."""
         return law_text(law, _FORCE, _EACH)
 
-    def copies(self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0) -> MjxCopies:
+    def copies(
+        self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0, device: str = ""
+    ) -> MjxCopies:
         """Copies of a model that one vmap steps together."""
         if model.nplugin:
             got = "a plug-in, which MJX leaves out without a warning"
@@ -82,12 +88,23 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         if in_worker() and not jax.config.jax_compilation_cache_dir:  # else the user's process, or choice
             jax.config.update("jax_compilation_cache_dir", str(user_folder("cache") / "jax"))
         try:
-            on_device = mjx.put_model(model)
+            chosen = jax.devices(device or None)[0]
+        except RuntimeError:
+            raise no_gpu("mjx", "JAX", "jax[cuda12]") from None
+        try:
+            on_device = mjx.put_model(model, device=chosen)
         except NotImplementedError as error:
             raise SceneError("model", f"MJX: {error}", "what MJX has of MuJoCo") from None
-        empty = mjx.make_data(on_device)  # put_data has other types in 64 bits
-        empty = empty.replace(**{name: jax.numpy.asarray(getattr(start, name)) for name in _HELD})
-        return MjxCopies(on_device, empty, bits, *_compiled(law or "step = mjx.step", radius, bits))
+        empty = mjx.make_data(on_device, device=chosen)  # put_data has other types in 64 bits
+        held = {name: jax.device_put(getattr(start, name), chosen) for name in _HELD}
+        copies = MjxCopies(
+            on_device, empty.replace(**held), bits, *_compiled(law or "step = mjx.step", radius, bits)
+        )
+        if device:
+            memory = (chosen.memory_stats() or {}).get("bytes_limit") or free_memory()
+            each = sum(array.nbytes for array in jax.tree.leaves(empty))
+            copies.room = batch_in(memory, each)
+        return copies
 
     @cache  # noqa: B019 - one adapter a process
     def _starts_in_64_bits(self) -> bool:
@@ -109,8 +126,9 @@ class MjxCopies(Copies):
 
     places = _PLACES
 
-    def __init__(self, model: Any, empty: Any, bits: int, place: Any, run: Any) -> None:
+    def __init__(self, model: Any, empty: Any, bits: int, place: Any, run: Any, read: Any) -> None:
         self.bits, self._model, self._empty, self._place, self._run = bits, model, empty, place, run
+        self.kind, self._read = np.dtype(f"f{bits // 8}").type, read
 
     def place(self, states: Floats) -> Floats:
         """New data."""
@@ -124,10 +142,17 @@ class MjxCopies(Copies):
         self._data, path = self._run(self._model, self._data, count)
         return np.asarray(path, np.float64)[:count]
 
+    def read_on(self, rule: Rule, reading: Reading, fewest: int, most: int) -> Reading:
+        """Without a look in between."""
+        self._data, reading = self._read(self._model, self._data, rule, reading, fewest, most)
+        return Reading(*map(np.asarray, reading))
+
 
 @lru_cache(maxsize=16)
-def _compiled(step_text: str, radius: float, bits: int) -> tuple[Any, Any]:
-    """For each law and precision: what places copies, and what takes so many steps and records them."""
+def _compiled(step_text: str, radius: float, bits: int) -> tuple[Any, Any, Any]:
+    """For each law and precision: what places copies, what takes so many steps and records them, and what
+    reads them instead.
+    """
     import jax
     import jax.numpy as jnp
     from mujoco import mjx
@@ -147,7 +172,19 @@ def _compiled(step_text: str, radius: float, bits: int) -> tuple[Any, Any]:
     def place(empty: Any, state: Any) -> Any:
         return empty.replace(qpos=state[: empty.qpos.size], qvel=state[empty.qpos.size :])
 
-    return jax.jit(jax.vmap(place, in_axes=(None, 0))), jax.jit(run)
+    def read(model: Any, data: Any, rule: Any, reading: Any, fewest: int, most: int) -> Any:
+        def goes_on(carry: Any) -> Any:
+            _, now = carry
+            return ((now.end == 0).sum() > fewest) & (now.steps.max() < most)
+
+        def one(carry: Any) -> Any:
+            data = step(model, carry[0])
+            return data, Reading(*add(data.qpos[:, 2], data.qvel[:, 2], *rule, *carry[1]))
+
+        return jax.lax.while_loop(goes_on, one, (data, reading))
+
+    add = reader(jnp)
+    return jax.jit(jax.vmap(place, in_axes=(None, 0))), jax.jit(run), jax.jit(read)
 
 
 _FORCE = """\

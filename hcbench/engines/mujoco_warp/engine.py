@@ -3,6 +3,7 @@
 Options of a setting: those of MuJoCo, and
     law: {"kind": "restitution", ...} for e(v) set in each step, or {"kind": "force", ...} in place of the
         contact, as `hcbench.laws.contact_law.law_of` reads them.
+    device: "cpu" or "gpu": all launches are one batch there, and no step leaves it.
 
 Of several <pair>s of the same two geoms it keeps one, without a warning: its scenes have a copy of the ball's
 geom for each.
@@ -12,6 +13,8 @@ from __future__ import annotations
 
 import copy
 import xml.etree.ElementTree as ET
+from functools import cache
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +24,8 @@ from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.setting import PAIR
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
-from hcbench.sim.parallel import law_text, run_lines
+from hcbench.sim.parallel import batch_in, free_memory, law_text, no_gpu, run_lines
+from hcbench.sim.read_steps import EACH, WHOLE, Reading, Rule, reader
 from hcbench.sim.shared_model import Copies, SharedModelEngine
 
 if TYPE_CHECKING:
@@ -30,6 +34,7 @@ if TYPE_CHECKING:
     from hcbench.setting import Pair, Setting
     from hcbench.sim.scripted import PythonLaw
 
+_BYTES = 16_000  # of a copy in memory
 _PLACES = 128  # a step of one world costs as much as of all
 _MOST_STEPS = 64  # between two looks
 _MOST_CONTACTS = 256  # of a world, and constraints of a user's model; Warp's own is 48
@@ -53,6 +58,7 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
     suffixes = (".xml", ".mjcf", ".mjb")
     model_engine = "mujoco"
     lacks = frozenset({"several pairs"})
+    devices = ("cpu", "gpu")
 
     def script(self, scene: Scene, setting: Setting) -> str:
         """MuJoCo's scene, with a geom for each pair."""
@@ -69,17 +75,26 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         """What puts a law into a model."""
         return law_text(law, _FORCE, _EACH)
 
-    def copies(self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0) -> WarpCopies:
+    def copies(
+        self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0, device: str = ""
+    ) -> WarpCopies:
         """On one device."""
         warp, mujoco_warp = self.backend.module("warp"), self.backend.module("mujoco_warp")
         warp.config.quiet = True
+        if device == "gpu" and not warp.is_cuda_available():
+            raise no_gpu("mujoco-warp", "Warp", "an NVIDIA driver")
+        where = warp.get_device(device.replace("gpu", "cuda")) if device else warp.get_preferred_device()
+        warp.set_device(where)
         try:
             on_device = mujoco_warp.put_model(model)
         except (NotImplementedError, ValueError) as error:
             raise SceneError("model", f"MuJoCo Warp: {error}", "what it has of MuJoCo") from None
         known = {"wp": warp, "mjw": mujoco_warp, "model": on_device, "R": radius, "np": np}
         most = int(model.npair) + 4 if radius else _MOST_CONTACTS  # a ball on a plane, or anything
-        return WarpCopies(model, start, most, run_lines(law, known))
+        copies = WarpCopies(model, start, most, run_lines(law, known))
+        if device:
+            copies.room = batch_in(where.free_memory if where.is_cuda else free_memory(), _BYTES)
+        return copies
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """MuJoCo Warp's solref for a bounce in one step."""
@@ -105,7 +120,7 @@ def with_a_geom_each(xml: str) -> str:
 class WarpCopies(Copies):
     """Copies of a model on one device."""
 
-    places, bits = _PLACES, 32
+    places, bits, kind = _PLACES, 32, np.float32
 
     def __init__(self, model: Any, start: Any, most: int, names: dict[str, Any]) -> None:
         self._model, self._start, self._most, self._names = model, start, most, names
@@ -114,7 +129,7 @@ class WarpCopies(Copies):
     def place(self, states: Floats) -> Floats:
         """New data."""
         self._data = self._names["mjw"].put_data(
-            self._model, self._start, nworld=self.places, nconmax=self._most, njmax=self._most
+            self._model, self._start, nworld=len(states), nconmax=self._most, njmax=self._most
         )
         self._data.qpos.assign(states[:, : self._model.nq].astype(np.float32))
         self._data.qvel.assign(states[:, self._model.nq :].astype(np.float32))
@@ -124,16 +139,64 @@ class WarpCopies(Copies):
         """Up to as many steps as are worth a look."""
         path = []
         for _ in range(min(steps, _MOST_STEPS)):
-            self._before(self._data)
-            self._step(self._names["model"], self._data)
+            self._take_step()
             path.append(self._state())
+        self._require_room()
+        return np.array(path)
+
+    def read_on(self, rule: Rule, reading: Reading, fewest: int, most: int) -> Reading:
+        """By a kernel after each step; every _MOST_STEPS steps this process looks which have ended."""
+        warp, kernel = self._names["wp"], _reading_kernel(self._names["wp"])
+        now = Reading(*map(warp.array, reading))
+        sent = [warp.array(number) if number.ndim else number.item() for number in rule]
+        seen = [self._data.qpos, self._data.qvel, *sent, *now]
+        while np.count_nonzero(now.end.numpy() == 0) > fewest and now.steps.numpy().max() < most:
+            for _ in range(_MOST_STEPS):
+                self._take_step()
+                warp.launch(kernel, dim=self._data.nworld, inputs=seen)
+        self._require_room()
+        return Reading(*(column.numpy() for column in now))
+
+    def _take_step(self) -> None:
+        self._before(self._data)
+        self._step(self._names["model"], self._data)
+
+    def _require_room(self) -> None:
         if self._data.overflow.numpy().any():
             got = f"a copy has more than {self._most} contacts or constraints"
             raise EngineFailed("mujoco-warp", got, "fewer", "Measure a model of the two alone")
-        return np.array(path)
 
     def _state(self) -> Floats:
         return np.hstack([self._data.qpos.numpy(), self._data.qvel.numpy()]).astype(np.float64)
+
+
+def _both(a: bool, b: bool) -> bool:
+    return a and b
+
+
+def _either(a: bool, b: bool) -> bool:
+    return a or b
+
+
+@cache
+def _reading_kernel(warp: Any) -> Any:
+    """`reader` as a kernel: a ball's reading in each thread."""
+    both, either = warp.func(_both), warp.func(_either)
+    library = SimpleNamespace(abs=warp.abs, where=warp.where, logical_and=both, logical_or=either)
+    kinds = {name: "int" if name in WHOLE else "float" for name in (*Rule._fields, *Reading._fields)}
+    each = {*EACH, *Reading._fields}  # the others are one number for all
+    typed = [f"_{name}: {f'wp.array[{kind}]' if name in each else kind}" for name, kind in kinds.items()]
+    taken = [f"_{name}[i]" if name in each else f"_{name}" for name in kinds]
+    lines = [
+        "@wp.kernel",
+        f"def read(qpos: wp.array2d[float], qvel: wp.array2d[float], {', '.join(typed)}):",
+        "    i = wp.tid()",
+        f"    {', '.join(Reading._fields)} = add(qpos[i, 2], qvel[i, 2], {', '.join(taken)})",
+        *(f"    _{name}[i] = {name}" for name in Reading._fields),
+    ]
+    add = reader(library)
+    add.__annotations__ = dict.fromkeys(("height_after", "rising_after", *kinds), Any)  # Warp insists
+    return run_lines("\n".join(lines), {"wp": warp, "add": warp.func(add)})["read"]
 
 
 _FORCE = """\

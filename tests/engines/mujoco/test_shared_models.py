@@ -14,11 +14,14 @@ from hcbench.engines.mujoco.model.open import load
 from hcbench.engines.mujoco.model.under_test import MujocoModel
 from hcbench.engines.mujoco.scene.shared_scene import differences
 from hcbench.errors import SettingError
-from hcbench.impact import Floats, Impact, Status
+from hcbench.impact import Floats, Impact, Launch, Status
 from hcbench.measuring.diagnose import diagnose, goal_of
 from hcbench.measuring.request import make_request
-from hcbench.sim import registry, simulate
+from hcbench.scene import load_scene
+from hcbench.setting import Setting
+from hcbench.sim import registry, shared_model, simulate
 from hcbench.sim.capabilities import opener
+from hcbench.sim.columns import Launches
 from hcbench.sim.model_under_test import ModelUnderTest
 from hcbench.sim.shared_model import Copies, SharedModelEngine
 
@@ -32,12 +35,15 @@ class MujocoCopies(Copies):
     places = 8
 
     def __init__(self, model: Any, start: Any, bits: int) -> None:
-        self.model, self.bits = model, bits
-        self.data = [mujoco.MjData(model) for _ in range(self.places)]
-        for data in self.data:
-            data.ctrl[:] = start.ctrl
+        self.model, self.bits, self.start = model, bits, start
 
     def place(self, states: Floats) -> Floats:
+        self.data = [mujoco.MjData(self.model) for _ in states]
+        for data in self.data:
+            data.ctrl[:] = self.start.ctrl
+        return self.put(states)
+
+    def put(self, states: Floats) -> Floats:
         states = states.astype(f"f{self.bits // 8}").astype(float)
         for data, state in zip(self.data, states, strict=True):
             data.qpos[:], data.qvel[:] = np.split(state, [self.model.nq])
@@ -49,7 +55,7 @@ class MujocoCopies(Copies):
             for data in self.data:
                 mujoco.mj_step(self.model, data)
             states = np.array([np.append(data.qpos, data.qvel) for data in self.data])
-            path.append(self.place(states) if self.bits == 32 else states)
+            path.append(self.put(states) if self.bits == 32 else states)
         return np.array(path)
 
 
@@ -192,3 +198,27 @@ def test_an_engine_that_steps_shared_models_is_chosen_by_name_only() -> None:
         engine = opener(registry.engine(name))
         assert ".xml" in engine.suffixes
         assert not engine.accepts("model.xml")
+
+
+@pytest.mark.parametrize("bits", [64, 32])
+def test_balls_read_while_they_are_stepped_are_those_of_a_record_to_the_bit(
+    bits: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shared_model, "_WIDTH", 2)  # so that the last ones begin again on their own
+    scene, setting = (
+        dataclasses.replace(load_scene("steel-plane"), gravity=9.81),
+        Setting(
+            "itself",
+            "mine",
+            1e-4,
+            {"rows": [{"solref": [-1e5, -50.0], "solimp": [0.9, 0.9, 0.001, 0.5, 2.0]}]},
+        ),
+    )
+    speeds, phases = np.linspace(0.05, 0.5, 8), np.linspace(0.0, 0.8, 5)
+    launches = [Launch(v, p) for v in speeds for p in phases]
+    launches[3] = Launch(0.1, 0.5, height=0.03)  # falls ten times as long as the others take
+    with ItselfEngine(bits).load(scene, setting, 1.0) as world:
+        theirs = simulate.impacts_in(world, launches)
+        mine = world.read(Launches.of(launches))
+    assert all(impact.status is Status.PARTED for impact in mine)
+    assert list(mine) == [dataclasses.replace(impact, loop=None) for impact in theirs]
