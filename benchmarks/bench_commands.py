@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import tempfile
+import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import pytest
 
 from hcbench.benchmark.run import sweep
 from hcbench.benchmark.study import study_from
+from hcbench.reporting.ask import report
 
 HCBENCH = str(Path(sys.executable).with_name("hcbench"))
 # As it was released, so that runs years apart compare.
@@ -101,8 +103,9 @@ def swept(impacts: int, recipe: str, timestep: str) -> Any:
     """A study of so many impacts."""
     alphas = "0.002, 0.004, 0.008, 0.016 s/in"
     run = {"engine": "mujoco", "recipe": recipe, "timesteps": timestep}
-    speeds = f"1:20:{impacts // 32} in/s"
-    return study_from({"scene": "steel-plane", "alphas": alphas, "speeds": speeds, "phases": 8, "run": [run]})
+    count = min(impacts // 32, 31_250)
+    about = {"speeds": f"1:20:{count} in/s", "phases": impacts // (4 * count), "run": [run]}
+    return study_from({"scene": "steel-plane", "alphas": alphas, **about})
 
 
 def test_two_jobs_over_one(beside: Any, tmp_path: Path) -> None:
@@ -121,20 +124,22 @@ def test_two_jobs_over_one(beside: Any, tmp_path: Path) -> None:
     )
 
 
-def test_memory_of_a_sweep(benchmark: Any) -> None:
+IMPACTS = int(os.environ.get("HCBENCH_BENCH_IMPACTS", "1_000_000"))
+
+
+def peak_alone(what: str, impacts: int, folder: Path) -> float:
+    """Peak memory in MiB of a sweep into a folder, or of the report of the sweep there, by two jobs."""
+    command = (sys.executable, __file__, what, str(impacts), str(folder))
+    return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+
+
+def test_memory_of_a_sweep(benchmark: Any, tmp_path: Path) -> None:
     """Peak memory, its processes' together: proportional set size, so that shared pages count once."""
-    impacts, peaks = os.environ.get("HCBENCH_BENCH_IMPACTS", "1_000_000"), []
-
-    def run() -> None:
-        alone = subprocess.run(
-            [sys.executable, __file__, impacts], check=True, capture_output=True, text=True
-        )
-        peaks.append(float(alone.stdout))
-
-    benchmark.pedantic(run, rounds=1)
-    seconds = benchmark.stats.stats.min / int(impacts)
+    peaks: list[float] = []
+    benchmark.pedantic(lambda: peaks.append(peak_alone("sweep", IMPACTS, tmp_path)), rounds=1)
+    seconds = benchmark.stats.stats.min / IMPACTS
     benchmark.extra_info.update(
-        what=f"memory of a sweep of {int(impacts):,} impacts, two jobs",
+        what=f"memory of a sweep of {IMPACTS:,} impacts, two jobs",
         unit="MiB",
         seconds={"hcbench": max(peaks)},
         also=f"{seconds * 1e6:.0f} µs an impact",
@@ -143,11 +148,45 @@ def test_memory_of_a_sweep(benchmark: Any) -> None:
     )
 
 
-def peak_of_a_sweep(impacts: int) -> float:
-    """MiB."""
-    study, peak = swept(impacts, "impulse", "1e-3 s"), [0.0]
-    with tempfile.TemporaryDirectory() as folder:
-        sweep(study, f"{folder}/sweep", jobs=2, progress=lambda _: peak.append(memory()))
+def test_memory_of_a_report(benchmark: Any, tmp_path: Path) -> None:
+    """As of a sweep: of a report of so many impacts, and of ten times as many by its slope from a quarter."""
+    peaks: dict[int, float] = {}
+    for impacts in (IMPACTS // 4, IMPACTS):
+        peak_alone("sweep", impacts, tmp_path / str(impacts))
+
+    def run() -> None:
+        for impacts in (IMPACTS // 4, IMPACTS):
+            peaks[impacts] = peak_alone("report", impacts, tmp_path / str(impacts))
+
+    benchmark.pedantic(run, rounds=1)
+    few, most = peaks.values()
+    slope = (most - few) / (IMPACTS - IMPACTS // 4)
+    benchmark.extra_info.update(
+        what=f"memory of a report of {10 * IMPACTS:,} impacts, two jobs",
+        unit="MiB",
+        seconds={"hcbench": most + slope * 9 * IMPACTS},
+        also=f"extrapolated; of {IMPACTS:,}: {most:.0f} MiB",
+        must="1 GiB",
+        aim="",
+    )
+
+
+def peak_of(what: str, impacts: int, folder: str) -> float:
+    """MiB, looked at every 20 ms."""
+    peak, done = [0.0], threading.Event()
+
+    def watch() -> None:
+        while not done.wait(0.02):
+            peak.append(memory())
+
+    watching = threading.Thread(target=watch)
+    watching.start()
+    if what == "sweep":
+        sweep(swept(impacts, "impulse", "1e-3 s"), folder, jobs=2)
+    else:
+        report(folder, out=f"{folder}-report", jobs=2)
+    done.set()
+    watching.join()
     return max(peak)
 
 
@@ -156,8 +195,9 @@ def memory() -> float:
     total = 0
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit() and (entry.name == str(os.getpid()) or parent(entry) == os.getpid()):
-            lines = (entry / "smaps_rollup").read_text().splitlines()
-            total += next(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
+            with suppress(OSError):  # ended meanwhile
+                lines = (entry / "smaps_rollup").read_text().splitlines()
+                total += next((int(line.split()[1]) for line in lines if line.startswith("Pss:")), 0)
     return total / 1024
 
 
@@ -169,4 +209,4 @@ def parent(entry: Path) -> int:
 
 
 if __name__ == "__main__":
-    print(peak_of_a_sweep(int(sys.argv[1])))
+    print(peak_of(sys.argv[1], int(sys.argv[2]), sys.argv[3]))

@@ -78,10 +78,10 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode("utf-8"))
 
 
-def write_bytes(path: Path, content: bytes) -> None:
+def write_bytes(path: Path, content: bytes | Iterable[bytes]) -> None:
     """Write a file whole or not at all, or through a device or pipe, and through links to either.
 
-    UserError, or OutputError, where it cannot be written.
+    content: or its pieces, one after the other. UserError, or OutputError, where it cannot be written.
     """
     try:
         stream = _open_stream(path)
@@ -90,7 +90,7 @@ def write_bytes(path: Path, content: bytes) -> None:
             replace_file(path.resolve(), content)
         else:
             with stream:
-                stream.write(content)
+                stream.writelines([content] if isinstance(content, bytes) else content)
     except OSError as error:
         raise _unwritable("output", path, error, "a place that can be written to") from None
 
@@ -124,7 +124,7 @@ def _open_stream(path: Path) -> BinaryIO | None:
     return None
 
 
-def replace_file(path: Path, content: bytes, sync: bool = False) -> None:
+def replace_file(path: Path, content: bytes | Iterable[bytes], sync: bool = False) -> None:
     """Write a file whole or not at all: a neighbour first, which is then renamed; OSError where that fails.
 
     sync: wait until it is on disk.
@@ -132,7 +132,7 @@ def replace_file(path: Path, content: bytes, sync: bool = False) -> None:
     neighbour = path.parent / f".hcbench-{os.getpid()}-{threading.get_ident()}.new"
     try:
         with neighbour.open("wb") as file:
-            file.write(content)
+            file.writelines([content] if isinstance(content, bytes) else content)
             if sync:
                 file.flush()
                 os.fsync(file.fileno())
@@ -277,7 +277,8 @@ def _read_manifest(folder: Path) -> dict[str, str]:
 
 
 def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @contextmanager

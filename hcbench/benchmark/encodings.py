@@ -15,7 +15,7 @@ import numpy as np
 from hcbench.errors import CannotRun
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     import pandas as pd
 
@@ -125,36 +125,42 @@ def metadata_in(content: bytes) -> dict[str, bytes]:
         return {name.removeprefix(_ABOUT): file[name].tobytes() for name in names}
 
 
-def frame(contents: Iterable[bytes]) -> pd.DataFrame:
-    """Tables of one kind below one another, with texts as such."""
-    import pandas as pd
-
-    contents = list(contents)
-    if contents and contents[0].startswith(_PARQUET):
-        return _parquet_frame(contents)
-    tables = [_array_columns(content) for content in contents]
-    joined = {name: np.concatenate([table[name] for table in tables]) for name in (tables or [{}])[0]}
-    texts = {name: str for name in joined if name in _TEXTS}
-    return pd.DataFrame(joined).astype(texts)
-
-
-def _array_columns(content: bytes) -> dict[str, Any]:
-    with np.load(io.BytesIO(content), allow_pickle=False) as file:
-        names = [name for name in file.files if not name.startswith((_ABOUT, _WORDS))]
-        return {
-            name: file[_WORDS + name].astype(object)[file[name]] if name in _TEXTS else file[name]
-            for name in names
-        }
-
-
-def _parquet_frame(contents: Sequence[bytes]) -> pd.DataFrame:
-    import pandas as pd
+def columns_in(content: bytes, names: Collection[str] | None = None) -> dict[str, Any]:
+    """The columns of a table of either kind as arrays, with texts as such; or those of some that it has."""
+    if not content.startswith(_PARQUET):
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
+            there = [name for name in file.files if not name.startswith((_ABOUT, _WORDS))]
+            return {name: _array_column(file, name) for name in there if names is None or name in names}
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    table = pa.concat_tables(
-        [pq.ParquetFile(pa.BufferReader(content)).read(use_threads=False) for content in contents]
-    ).to_pandas()
-    texts = {name: str for name in table if isinstance(table[name].dtype, pd.CategoricalDtype)}
-    frame: pd.DataFrame = table.astype(texts)
-    return frame
+    file = pq.ParquetFile(pa.BufferReader(content))
+    wanted = [name for name in file.schema_arrow.names if names is None or name in names]
+    table = file.read(wanted, use_threads=False)
+    return {name: _parquet_values(table[name].combine_chunks()) for name in wanted}
+
+
+def _array_column(file: Any, name: str) -> Any:
+    return file[_WORDS + name].astype(object)[file[name]] if name in _TEXTS else file[name]
+
+
+def _parquet_values(column: Any) -> Any:
+    import pyarrow as pa
+
+    if not pa.types.is_dictionary(column.type):
+        return column.to_numpy(zero_copy_only=False)
+    words = np.array(column.dictionary.to_pylist(), dtype=object)
+    return words[column.indices.to_numpy(zero_copy_only=False)]
+
+
+def frame(contents: Iterable[bytes]) -> pd.DataFrame:
+    """Tables of one kind below one another, with texts as such."""
+    return frame_of([columns_in(content) for content in contents])
+
+
+def frame_of(tables: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """The same of `columns_in` tables, one or more."""
+    import pandas as pd
+
+    joined = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+    return pd.DataFrame(joined).astype({name: str for name in joined if name in _TEXTS})

@@ -10,9 +10,12 @@ from __future__ import annotations
 import json
 import os
 import secrets
+import shutil
 import socket
+import tempfile
 import threading
 import time
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -20,10 +23,9 @@ from typing import Any
 
 from fsspec.core import url_to_fs
 from fsspec.implementations.local import LocalFileSystem
-from fsspec.implementations.memory import MemoryFileSystem
 
 from hcbench._files import parse_json, replace_file
-from hcbench.errors import CannotRun, UserError
+from hcbench.errors import CannotRun, OutputError, UserError
 
 LOCK = "_lock"
 _FRESHEN_S, _STALE_S = (
@@ -152,11 +154,22 @@ def open_files(where: str) -> Files:
     return (LocalFiles if local else Files)(system, root, where)
 
 
-def files_in_memory() -> Files:
-    """A new folder in memory."""
-    system = MemoryFileSystem(skip_instance_cache=True)
-    system.store, system.pseudo_dirs = {}, [""]  # in place of those that all instances share
-    return Files(system, "/study", "memory")
+class TemporaryFiles(Files):
+    """Files of a new temporary folder; it goes with the last that holds this object, or with this process."""
+
+    def __init__(self) -> None:
+        """OutputError where there is no room for it."""
+        try:
+            root = tempfile.mkdtemp(prefix="hcbench-")
+        except OSError as error:
+            got, expected = error.strerror or str(error), "a temporary folder that can be written to"
+            raise OutputError("TMPDIR", got, expected) from None
+        super().__init__(LocalFileSystem(), root, root)
+        self.remove = weakref.finalize(self, shutil.rmtree, root, ignore_errors=True)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For another process, which reads it as long as it is there."""
+        return Files, (self._system, self._root, self.where)
 
 
 def _myself() -> dict[str, Any]:

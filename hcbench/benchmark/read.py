@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
+import itertools
 import json
 import os
 import platform
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,28 +15,31 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench import scoring
-from hcbench.benchmark.batch import MEASURED
 from hcbench.benchmark.bounce_sequence import RESTS
-from hcbench.benchmark.encodings import frame, metadata_in
+from hcbench.benchmark.encodings import columns_in, frame, frame_of, metadata_in
 from hcbench.benchmark.files import open_files
-from hcbench.benchmark.results import LOOP_COLUMNS, REST_COLUMNS, RUN_KEY, Results
+from hcbench.benchmark.fold import to_digits
+from hcbench.benchmark.gather import Gathered, gather, places_of
+from hcbench.benchmark.results import (
+    LOOP_COLUMNS,
+    REST_COLUMNS,
+    RUN_KEY,
+    ImpactTable,
+    Key,
+    Results,
+)
 from hcbench.benchmark.store import DESCRIPTION, Store
-from hcbench.benchmark.tables import metadata_of
 from hcbench.errors import UserError
-from hcbench.impact import LOOP_TOLERANCE, Floats, Impact, Launch, Loop, Status
-from hcbench.laws.force import HuntCrossley
 from hcbench.tuning.usual import usual_answers
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
     import pandas as pd
 
 _LAUNCH = ["speed_m_per_s", "phase"]
 _SETTING = [name for name in RUN_KEY if name != "alpha_s_per_m"]
-_DIGITS, _DECIMALS, _LEAST = 10, 14, 1e-14  # of measured numbers
-# By their exponents, negative ones from the end: the float nearest to each, which no processor may miss.
-_POWERS = np.array([float(f"1e{k}") for k in (*range(_DECIMALS + 1), *range(-30, 0))])
+_PIECE = 16_384  # rows that are read at once
 
 
 def is_sweep(folder: str | Path) -> bool:
@@ -54,75 +57,71 @@ def read(folder: str | Path, mapper: Callable[..., Iterable[Any]] = map) -> Resu
 
 
 def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Results:
-    """The results of a finished sweep's store, in memory. Raises as `read`.
+    """What is in a store, in as much memory as its page takes: rows are read when they are asked for.
 
-    mapper: scores settings, as `map` does; that of a pool scores them side by side.
+    mapper: scores settings, as `map` does; that of a pool scores them side by side. Raises as `read`.
     """
     import pandas as pd  # here, as a sweep itself needs none of it
 
     about = store.description()
     if about is None:
         raise UserError("folder", f"{store.where} holds no sweep", "what `hcbench sweep` wrote")
-    study, shards = about["study"], dict[tuple[Any, ...], list[tuple[bytes, bytes]]]()
-    for impacts, loops in store.tables(about["parts"]):
-        key = next(iter(metadata_of(impacts)[1]))
-        shards.setdefault(tuple(key[name] for name in _SETTING), []).append((impacts, loops))
-    truth = _Truth(study["stiffness"], study["exponent"], study["mass_kg"], tuple(study["loop_speeds"]))
-    scored = {one.key: one for some in mapper(partial(_score, truth), shards.values()) for one in some}
-    keys = dict.fromkeys(tuple(setting[name] for name in RUN_KEY) for setting in about["settings"])
-    results = [scored[key] for key in keys]
+    study, shards = about["study"], list(store.shards(about["parts"]).items())
+    of_settings = dict[Key, list[tuple[int, str]]]()
+    for begin, end in itertools.pairwise(about["parts_of_settings"]):
+        key = next(iter(places_of(store.tables(*shards[begin])[0])))
+        of_settings.setdefault(_setting_of(key), []).extend(shards[begin:end])
+    jobs = [(store, study, own) for own in of_settings.values()]
+    gathered = {one.key: one for some in mapper(gather, jobs) for one in some}
+    results = [gathered[key] for key in _keys(about)]
+    rows = _StoredRows(store, of_settings)
+    scores = [(*one.key, *one.score) for one in results]
     return Results(
         study=study,
         settings=about["settings"],
         versions=_versions(about["versions"]),
-        impacts=_rounded(pd.concat([one.impacts for one in results], ignore_index=True)),
-        loops=_rounded(
-            _loop_table([((*one.key, *launch), loop) for one in results for launch, loop in one.loops])
-        ),
-        scores=_rounded(
-            pd.DataFrame([one.score for one in results], columns=[*RUN_KEY, *scoring.SCORE_FIELDS])
-        ),
+        impacts=ImpactTable({one.key: one.folded for one in results}, rows),
+        loops=_rounded(_loop_table(results)),
+        scores=_rounded(pd.DataFrame(scores, columns=[*RUN_KEY, *scoring.SCORE_FIELDS])),
         **{name: _rounded(table) for name, table in _drops(store, study).items()},
         answers=usual_answers(study, about["versions"]),
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Truth:
-    """What impacts are scored against: the law but for its α; the effective mass, kg.
-
-    loop_speeds: of the loops that are scored, m/s.
-    """
-
-    stiffness: float
-    exponent: float
-    mass: float
-    loop_speeds: tuple[float, ...]
+def _keys(about: Mapping[str, Any]) -> dict[Key, None]:
+    """Keys of all settings, in the study's order."""
+    return dict.fromkeys(tuple(setting[name] for name in RUN_KEY) for setting in about["settings"])
 
 
-@dataclass(frozen=True, slots=True)
-class _Scored:
-    """A setting at one α and step: its impacts, its row of the scores, its kept loops by speed and phase."""
+@dataclass(frozen=True)
+class _StoredRows:
+    """Reads the rows of an `ImpactTable` out of a store. of_settings: their shards by _SETTING."""
 
-    key: tuple[Any, ...]
-    impacts: pd.DataFrame
-    score: tuple[Any, ...]
-    loops: Sequence[tuple[Any, Loop]]
+    store: Store
+    of_settings: Mapping[Key, Sequence[tuple[int, str]]]
+
+    def __call__(self, keys: Collection[Key]) -> Iterator[pd.DataFrame]:
+        decoded = lru_cache(maxsize=8)(self._decoded)  # for each α of a setting
+        for key in keys:
+            pieces: list[dict[str, Any]] = []
+            for shard in self.of_settings[_setting_of(key)]:
+                columns, places = decoded(shard)
+                if key in places:
+                    pieces.append({name: values[places[key]] for name, values in columns.items()})
+                if sum(len(piece["status"]) for piece in pieces) >= _PIECE:
+                    yield _rounded(frame_of(pieces))
+                    pieces = []
+            if pieces:
+                yield _rounded(frame_of(pieces))
+
+    def _decoded(self, shard: tuple[int, str]) -> tuple[dict[str, Any], dict[Key, slice]]:
+        content, _ = self.store.tables(*shard)
+        return columns_in(content), places_of(content)
 
 
-def _score(truth: _Truth, shards: Sequence[tuple[bytes, bytes]]) -> list[_Scored]:
-    """Score the impacts of one setting and step, all its shards together, for each α."""
-    samples = _by_key(loops for _, loops in shards if loops)
-    results = []
-    for key, impacts in _by_key(rows for rows, _ in shards).items():
-        by_launch = samples[key].groupby(_LAUNCH) if key in samples else ()
-        kept = {launch: _loop(table) for launch, table in by_launch}
-        compared = {launch: loop for launch, loop in kept.items() if launch[0] in truth.loop_speeds}
-        law = HuntCrossley(truth.stiffness, key[RUN_KEY.index("alpha_s_per_m")], truth.exponent)
-        score = dataclasses.astuple(scoring.score(_impacts(impacts, compared), law, truth.mass))
-        loops = [(launch, loop.simplified(LOOP_TOLERANCE)) for launch, loop in kept.items()]
-        results.append(_Scored(key, impacts, (*key, *score), loops))
-    return results
+def _setting_of(key: Key) -> Key:
+    """A key but for its α."""
+    return tuple(value for name, value in zip(RUN_KEY, key, strict=True) if name in _SETTING)
 
 
 def _rounded(table: pd.DataFrame) -> pd.DataFrame:
@@ -130,15 +129,6 @@ def _rounded(table: pd.DataFrame) -> pd.DataFrame:
     given = {*RUN_KEY, *_LAUNCH, "angle_rad"}
     measured = {n: c.to_numpy() for n, c in table.items() if n not in given and c.dtype == np.float64}
     return table.assign(**{str(name): to_digits(values) for name, values in measured.items()})
-
-
-def to_digits(values: Floats) -> Floats:
-    """The values as files have them: to so many digits."""
-    known = np.isfinite(values) & (np.abs(values) > _LEAST)
-    size = np.floor(np.log10(np.abs(values), out=np.zeros_like(values), where=known)).astype(int)
-    scale = _POWERS[np.minimum(_DIGITS - 1 - size, _DECIMALS)]
-    small = np.where(np.isfinite(values), 0.0, values)
-    return np.asarray(np.where(known, np.round(values * scale) / scale, small))
 
 
 def _versions(versions: Mapping[str, str]) -> dict[str, str]:
@@ -162,41 +152,11 @@ def _drops(store: Store, study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
     return {"trains": frame([table]), "rests": pd.DataFrame(rests, columns=REST_COLUMNS)}
 
 
-def _by_key(files: Iterable[bytes]) -> dict[tuple[Any, ...], pd.DataFrame]:
-    """Tables of all files by the values of RUN_KEY, in the files' order."""
-    contents = list(files)
-    return dict(iter(frame(contents).groupby(RUN_KEY, sort=False))) if contents else {}
-
-
-def _loop(table: pd.DataFrame) -> Loop:
-    columns = (table[name].to_numpy() for name in ("time_s", "penetration_m", "rate_m_per_s", "force_n"))
-    return Loop(*columns)
-
-
-def _impacts(table: pd.DataFrame, kept: Mapping[Any, Loop]) -> list[Impact]:
-    columns = {name: table[name].tolist() for name in table}
-    angles = columns.get("angle_rad", [0.0] * len(table))
-    measured = zip(*(columns[column] for column in MEASURED), strict=True)
-    named = (columns[name] for name in ("status", "reason", "samples"))
-    return [
-        Impact(
-            launch=Launch.at_angle(angle, *launch),
-            status=Status(status),
-            reason=reason,
-            samples=samples,
-            loop=None if angle else kept.get(launch),
-            **dict(zip(MEASURED.values(), values, strict=True)),
-        )
-        for angle, launch, status, reason, samples, values in zip(
-            angles, zip(*(columns[name] for name in _LAUNCH), strict=True), *named, measured, strict=True
-        )
-    ]
-
-
-def _loop_table(loops: Sequence[tuple[tuple[Any, ...], Loop]]) -> pd.DataFrame:
-    """LOOP_COLUMNS of loops, each with the columns before the samples' own."""
+def _loop_table(results: Sequence[Gathered]) -> pd.DataFrame:
+    """LOOP_COLUMNS of all kept loops."""
     import pandas as pd
 
+    loops = [((*one.key, *launch), loop) for one in results for launch, loop in one.loops]
     if not loops:
         return pd.DataFrame(columns=LOOP_COLUMNS)
     lengths = [len(loop.time) for _, loop in loops]

@@ -9,21 +9,22 @@ hcbench-files.json: what of a folder was written, so that the next time clears u
 
 from __future__ import annotations
 
-import io
 import json
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from hcbench._files import json_text, parse_json, read_text, write_text
+from hcbench._files import json_text, parse_json, read_text, write_bytes, write_text
 from hcbench._notebook import Drawn
+from hcbench.benchmark.fold import FOLDED, FOLDED_OBLIQUE, Folded, Folder
 from hcbench.errors import UserError
 from hcbench.fields import ResultTable, validate
 from hcbench.impact import FORMER_E
 from hcbench.scoring import CLAIMS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
     import pandas as pd
 
@@ -63,6 +64,9 @@ REST_COLUMNS = [*RUN_KEY, "followed_s", "depth_m", "motion_m"]
 LOOP_COLUMNS = [*RUN_KEY, "speed_m_per_s", "phase", "time_s", "penetration_m", "rate_m_per_s", "force_n"]
 
 
+Key: TypeAlias = tuple[Any, ...]  # the values of RUN_KEY
+
+
 def run_key(scene: Scene, setting: Setting, alpha: float) -> dict[str, Any]:
     """The values of RUN_KEY."""
     place = (scene.name, scene.gravity, scene.off_axis, scene.friction)
@@ -76,7 +80,89 @@ def _none(columns: list[str]) -> pd.DataFrame:
     return pd.DataFrame(columns=columns)
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+class ImpactTable:
+    """Impacts by setting, α and step, of which only so much is in memory as pages show."""
+
+    def __init__(
+        self, folded: Mapping[Key, Folded], read: Callable[[Collection[Key]], Iterable[pd.DataFrame]]
+    ) -> None:
+        """folded: in the study's order. read: rows of some keys in that order, in pieces of one key each."""
+        self.folded, self._read = folded, read
+
+    @classmethod
+    def of(cls, rows: pd.DataFrame, study: Mapping[str, Any]) -> ImpactTable:
+        """The table of impacts that are in memory anyway."""
+        if rows.empty:
+            return cls({}, _InMemory({(): rows}))
+        groups, folded = dict(iter(rows.groupby(RUN_KEY, sort=False))), {}
+        for key, group in groups.items():
+            folder, names = Folder(study), (*FOLDED, *FOLDED_OBLIQUE)
+            folder.add({name: group[name].to_numpy() for name in names if name in group})
+            folded[key] = folder.folded()
+        return cls(folded, _InMemory(groups))
+
+    def __len__(self) -> int:
+        return sum(map(len, self.folded.values()))
+
+    @cached_property
+    def frame(self) -> pd.DataFrame:
+        """A row an impact."""
+        return self.rows(self.folded)
+
+    def rows(self, keys: Collection[Key]) -> pd.DataFrame:
+        """Rows of some keys."""
+        import pandas as pd
+
+        return pd.concat(list(self._read(keys)), ignore_index=True)
+
+    def pieces(self) -> Iterator[pd.DataFrame]:
+        """All rows, some at a time."""
+        yield from self._read(self.folded)
+
+    def only(self, keys: Collection[Key]) -> ImpactTable:
+        """The table of some keys."""
+        return ImpactTable({key: one for key, one in self.folded.items() if key in keys}, self._read)
+
+    def without_rows(self) -> ImpactTable:
+        """The table without its rows, which is small to send."""
+        return ImpactTable(self.folded, _no_rows)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """With all rows: where they are stored may be gone when it is read."""
+        read = self._read
+        if read is not _no_rows:
+            read = _InMemory({key: self.rows([key]) for key in self.folded})
+        return ImpactTable, (self.folded, read)
+
+
+def _no_rows(_: Collection[Key]) -> Iterable[pd.DataFrame]:
+    return []
+
+
+@dataclass(frozen=True, slots=True)
+class _InMemory:
+    tables: Mapping[Key, pd.DataFrame]
+
+    def __call__(self, keys: Collection[Key]) -> Iterable[pd.DataFrame]:
+        """Tables of some keys; all of them where there is none."""
+        return (self.tables[key] for key in keys or self.tables)
+
+
+class _Frame:
+    """`Results.impacts`: a table of pandas, read when it is first asked for."""
+
+    def __get__(self, results: Any, _: Any = None) -> pd.DataFrame:
+        if results is None:
+            raise AttributeError("impacts")  # a field without a default
+        held = results.__dict__["_impacts"]
+        frame: pd.DataFrame = held.frame if isinstance(held, ImpactTable) else held
+        return frame
+
+    def __set__(self, results: Any, held: pd.DataFrame | ImpactTable) -> None:
+        results.__dict__["_impacts"] = held
+
+
+@dataclass(frozen=True, repr=False)
 class Results(Drawn):
     """Everything a report or a check reads.
 
@@ -88,16 +174,22 @@ class Results(Drawn):
     study: Mapping[str, Any]
     settings: Sequence[Mapping[str, Any]]
     versions: Mapping[str, str]
-    impacts: pd.DataFrame
-    loops: pd.DataFrame
-    scores: pd.DataFrame
+    impacts: _Frame = _Frame()
+    loops: pd.DataFrame  # type: ignore[misc]  # no default stands before it
+    scores: pd.DataFrame  # type: ignore[misc]
     trains: pd.DataFrame = field(default_factory=lambda: _none(TRAIN_COLUMNS))
     rests: pd.DataFrame = field(default_factory=lambda: _none(REST_COLUMNS))
     answers: Sequence[Mapping[str, Any]] = field(default=(), kw_only=True)
 
+    @cached_property
+    def table(self) -> ImpactTable:
+        """The impacts, folded; `impacts` reads all rows."""
+        held = self.__dict__["_impacts"]
+        return held if isinstance(held, ImpactTable) else ImpactTable.of(held, self.study)
+
     def _lines(self) -> Iterator[str]:
         yield str(self.study["title"])
-        yield f"{len(self.impacts)} impacts, {len(self.settings)} settings"
+        yield f"{len(self.table)} impacts, {len(self.settings)} settings"
         yield ", ".join(f"{name} {version}" for name, version in self.versions.items())
         yield "tables: .impacts, .loops, .scores, .trains, .rests"
 
@@ -114,15 +206,15 @@ class Results(Drawn):
             "versions": self.versions,
             "settings": list(self.settings),
             "answers": list(self.answers),
-            "impacts": len(self.impacts),
+            "impacts": len(self.table),
             "scores": json.loads(self.scores.to_json(orient="records", double_precision=15)),
         }
 
     def write(self, folder: Path) -> None:
         """Write the files into an existing folder."""
-        tables = (self.impacts, self.loops, self.scores, self.trains, self.rests)
-        for name, table in zip(TABLES, tables, strict=True):
-            write_text(folder / f"{name}.csv", csv_text(table))
+        tables = ([self.loops], [self.scores], [self.trains], [self.rests])
+        for name, pieces in zip(TABLES, (self.table.pieces(), *tables), strict=True):
+            write_bytes(folder / f"{name}.csv", _csv(pieces))
         write_text(folder / "summary.json", json_text(self.summary()))
 
     @classmethod
@@ -169,8 +261,8 @@ def _read_table(path: Path) -> pd.DataFrame:
     return table
 
 
-def csv_text(table: pd.DataFrame) -> str:
+def _csv(pieces: Iterable[pd.DataFrame]) -> Iterator[bytes]:
     """CSV with every float in the fewest digits that read back the same."""
-    buffer = io.StringIO()
-    table.to_csv(buffer, index=False, lineterminator="\n")
-    return buffer.getvalue()
+    for i, piece in enumerate(pieces):
+        text: str = piece.to_csv(index=False, lineterminator="\n", header=not i)
+        yield text.encode()

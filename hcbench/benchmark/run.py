@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from hcbench._arguments import checked
 from hcbench.benchmark.bounce_sequence import bounce_table, plan_drops
 from hcbench.benchmark.encodings import arrays, parquet, require_parquet
-from hcbench.benchmark.files import files_in_memory, open_files
+from hcbench.benchmark.files import TemporaryFiles, open_files
 from hcbench.benchmark.plan import Plan, make_plan
 from hcbench.benchmark.results import Results
 from hcbench.benchmark.shard import Timeouts, run_bounces, run_shard
@@ -85,9 +85,14 @@ def run_in_pool(
             progress(now.impacts, now.of)
 
     workers = Workers(pool.threads, lambda: pool.jobs, pool.map)
-    store = Store(files_in_memory())
-    run_plan(make_plan(study, pool.map), store, workers, False, report, Timeouts(), arrays)
-    return results_in(store, pool.map)
+    plan = make_plan(study, pool.map)
+    files = TemporaryFiles()
+    try:
+        run_plan(plan, Store(files), workers, False, report, Timeouts(), arrays)
+        return results_in(Store(files), pool.map)
+    except BaseException:
+        files.remove()
+        raise
 
 
 def sweep(

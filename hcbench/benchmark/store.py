@@ -70,7 +70,10 @@ class Store:
             advice = f"hcbench {by} wrote it: finish it with that one, or sweep into a new folder"
             raise UserError("folder", what, f"schema {SCHEMA}", advice)
         validate(ResultTable, description, UserError, f"{self.where}/{DESCRIPTION}: {{}}")
-        if not isinstance(parts := description.get("parts"), int) or isinstance(parts, bool) or parts < 1:
+        starts, parts = description.get("parts_of_settings"), description.get("parts")
+        numbers = [*(starts if isinstance(starts, list) else ()), parts]
+        whole = all(type(number) is int for number in numbers) and numbers == sorted(numbers)
+        if not whole or len(numbers) < 3 or numbers[0] or numbers[-2] != parts or not parts:
             got = f"{self.where}: {DESCRIPTION} has parts {parts!r:.40}"
             raise UserError("folder", got, "what a sweep wrote")
         return description
@@ -108,19 +111,22 @@ class Store:
                     self._files.move(name, f"{DAMAGED}/{_base(name)}")
             yield number, metadata_of(tables[0])[1] if tables else None
 
-    def tables(self, count: int) -> Iterator[tuple[bytes, bytes]]:
-        """Impacts and kept loops of each of `count` shards. UserError for one that is missing or damaged."""
+    def shards(self, count: int) -> dict[int, str]:
+        """The names of all of `count` shards, by number. UserError where one is missing."""
         shards = self._shards(count)
         if len(shards) < count:
             got = f"{self.where} holds {len(shards)} of {count} parts"
             raise UserError("folder", got, "a finished sweep", "Finish it by --resume")
-        for number, name in shards.items():
-            with self._output_errors("a folder that can be read"):
-                tables = self._read_shard(number, name)
-            if tables is None:
-                got = f"{self.where}: {name} is cut short or edited"
-                raise UserError("folder", got, "what a sweep wrote", "Mend it by --resume")
-            yield tables
+        return shards
+
+    def tables(self, number: int, name: str) -> tuple[bytes, bytes]:
+        """Impacts and kept loops of a shard. UserError for one that is damaged."""
+        with self._output_errors("a folder that can be read"):
+            tables = self._read_shard(number, name)
+        if tables is None:
+            got = f"{self.where}: {name} is cut short or edited"
+            raise UserError("folder", got, "what a sweep wrote", "Mend it by --resume")
+        return tables
 
     def _shards(self, count: int) -> dict[int, str]:
         """The names of the existing shards, by number. UserError for what is none of `count` shards."""

@@ -189,8 +189,8 @@ def judge_results(results: Results, max_error: float, reading: Reading = "law") 
 
     reading: "law" for e of eq. (16), "linear" for 1 - α v.
     """
-    groups = results.impacts.groupby(RUN_KEY, sort=False)
-    return Report(tuple(_judge_run(key, group, max_error, reading) for key, group in groups))
+    keys = results.table.folded
+    return Report(tuple(_judge_run(key, results.table.rows([key]), max_error, reading) for key in keys))
 
 
 def _conditions(run: Mapping[str, Any]) -> str:

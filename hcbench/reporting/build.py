@@ -84,7 +84,7 @@ def page_text(by_gravity: Views, results: Results, overview: dict[str, Any]) -> 
         oblique_rows=tables.oblique(by_gravity.sliding),
         cup_rows=cup_table.rows(by_gravity, results),
         lost=wording.listed(tables.failed_impacts(by_gravity)),
-        impact_count=len(results.impacts),
+        impact_count=len(results.table),
         rules=ranking,
         add_commands=add_commands,
     )
@@ -113,7 +113,7 @@ def _provenance(by_gravity: Views, results: Results) -> dict[str, str]:
         "impact speeds": "; ".join(bands),
         "gravity": wording.listed([f"{shown.gravity:g} m/s²" for shown in by_gravity.shown]),
         "starts": f"{study['phases']} places in a time step where the contact starts",
-        "impacts": str(len(results.impacts)),
+        "impacts": str(len(results.table)),
         "loops": f"judged from {STEPS_TO_COMPARE} steps in contact on",
     }
 

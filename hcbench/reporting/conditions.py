@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
-from hcbench.benchmark.results import CONDITIONS, Results
+from hcbench.benchmark.results import CONDITIONS, RUN_KEY, Results
 from hcbench.reporting.view import View
 
 if TYPE_CHECKING:
@@ -37,7 +37,8 @@ def views(results: Results) -> Views:
     gravities = {float(record["gravity_m_per_s2"]) for record in results.settings}
     strongest = max(gravities, default=0.0)
     without_gravity = View(under(results, 0.0)) if 0.0 in gravities or not gravities else None
-    rough = results.impacts[results.impacts["friction"] > 0.0]
+    friction = RUN_KEY.index("friction")
+    rough = results.table.only([key for key in results.table.folded if key[friction] > 0.0])
     sliding = View(replace(results, impacts=rough)) if len(rough) else None
     return Views(View(under(results, strongest)) if strongest else None, without_gravity, sliding)
 
@@ -61,9 +62,13 @@ def under(results: Results, gravity: float) -> Results:
 
     keys = {tuple(row) for row in chosen.itertuples(index=False)}
     settings = [r for r in results.settings if tuple(r[name] for name in chosen.columns) in keys]
-    impacts, study = pick(results.impacts), dict(results.study)
+    places = [RUN_KEY.index(name) for name in chosen.columns]
+    impacts = results.table.only(
+        [key for key in results.table.folded if tuple(key[i] for i in places) in keys]
+    )
+    study = dict(results.study)
     if gravity != study["gravity"]:
-        speeds = sorted({float(speed) for speed in impacts["speed_m_per_s"]})
+        speeds = sorted({float(v) for one in impacts.folded.values() for v in one.curve.asked})
         study |= {"gravity": gravity, "speeds": speeds, "loop_speeds": []}
     return replace(
         results,

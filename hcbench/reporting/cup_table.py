@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, cast
+import math
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from hcbench.benchmark.results import Results
+from hcbench.benchmark.results import RUN_KEY, Key, Results
 from hcbench.reporting import wording
 from hcbench.reporting.conditions import Views
 
@@ -24,11 +23,14 @@ def rows(by_gravity: Views, results: Results) -> list[dict[str, Any]]:
     study, view = results.study, by_gravity.main
     if study["form"] != "cup":
         return []
-    table = results.impacts[results.impacts["friction"] == 0.0]
-    table = table[np.isclose(table["alpha_s_per_m"].astype(float), view.main_alpha, rtol=1e-9)]
+    runs: dict[tuple[Any, ...], list[Key]] = {}
+    for key in results.table.folded:
+        values = dict(zip(RUN_KEY, key, strict=True))
+        if values["friction"] == 0.0 and math.isclose(values["alpha_s_per_m"], view.main_alpha, rel_tol=1e-9):
+            runs.setdefault(tuple(values[name] for name in _RUN), []).append(key)
     shown = []
-    for key, group in table.groupby(_RUN, sort=False):
-        gravity = float(cast("tuple[Any, ...]", key)[0])
+    for (gravity, *_), keys in runs.items():
+        group = results.table.rows(keys)
         own, on_axis = group["scene"] == study["scene"], group["off_axis_m"] == 0.0
         if (own & on_axis).all():
             continue
@@ -39,7 +41,7 @@ def rows(by_gravity: Views, results: Results) -> list[dict[str, Any]]:
             shown.append(
                 {
                     "run": view.run_of({**group.iloc[0].to_dict(), "scene": study["scene"]}),
-                    "dropped": gravity > 0,
+                    "dropped": float(gravity) > 0,
                     "error": _error(group[own & on_axis]),
                     "off_axis": _difference(axis, off),
                     "flat": _difference(axis, flat),

@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
 
 _Where: TypeAlias = tuple[float, str, float, float]
 _WHERE = ("gravity", "engine", "step", "alpha")
-_Impact: TypeAlias = tuple[Any, ...]  # phase, e, the law's e, speed at touch, samples in contact
 _KEY = ["scene", "engine", "setting", "timestep_s", "alpha_s_per_m"]
 _USUAL_STEP = 2e-3  # s: what the page opens with, where it ran
 
@@ -168,56 +166,47 @@ def _unknown(start: Mapping[str, Any]) -> dict[str, Any]:
 def _runs(view: View, loops: LoopStore, texts: tables.PastedTexts) -> Iterable[dict[str, Any]]:
     """Curves of every setting, step and α of the engines that ran over a band."""
     kept = _kept_loops(view)
-    for (run, alpha), by_speed in _impacts(view).items():
+    for (run, alpha), one in view.head_on.items():
         if run not in view.band_runs or run.engine == REFERENCE or view.curve(run, alpha) is None:
             continue
-        of_run = {speed: loop for speed in by_speed if (loop := kept.get((run, alpha, speed)))}
+        curve, of_run = one.curve, kept.get((run, alpha), {})
         # Shown of each speed is the impact whose loop was kept, or else one half-way through a step.
-        phase = min((p for p, *_ in of_run.values() or chain(*by_speed.values())), key=_from_middle)
-        shown = [min(impacts, key=lambda impact: abs(impact[0] - phase)) for impacts in by_speed.values()]
-        _, e, _, speed_in, samples = zip(*shown, strict=True)
-        spans = [_span(impacts) for impacts in by_speed.values()]
-        low, high, error = zip(*spans, strict=True)
+        phases = [phase for phase, *_ in of_run.values()]
+        shown = curve.half_way
+        if phases and abs(curve.of_loops.phase - phases[0]) < abs(shown.phase - phases[0]):
+            shown = curve.of_loops
+        numbers = [-1] * len(curve.asked)
+        for speed, (_, *loop) in of_run.items():
+            numbers[int(np.abs(curve.asked - speed).argmin())] = loops.add(loop)
         yield {
             **_drawn(view, run),
             "gravity": view.gravity,
             "step": run.timestep,
             "alpha": alpha,
-            "phase": phase,
+            "phase": shown.phase,
             "text": texts.of(view, run, alpha),
-            "asked": digits(by_speed, 4),
-            "v": digits(map(_finite, speed_in, by_speed), 5),
-            "e": places(e, 5),
-            "low": places(low, 5),
-            "high": places(high, 5),
-            "error": digits(error, 3),
-            "samples": samples,
-            "loops": [loops.add(of_run[speed][1:]) if speed in of_run else -1 for speed in by_speed],
+            "asked": digits(curve.asked, 4),
+            "v": digits(np.where(np.isfinite(shown.speed_in), shown.speed_in, curve.asked), 5),
+            "e": places(shown.restitution, 5),
+            "low": places(curve.low, 5),
+            "high": places(curve.high, 5),
+            "error": digits(curve.error, 3),
+            "samples": shown.samples.tolist(),
+            "loops": numbers,
         }
 
 
-def _impacts(view: View) -> dict[tuple[RunKey, float], dict[float, list[_Impact]]]:
-    """(run, α) -> speed -> its impacts, one a phase."""
-    columns = ["speed_m_per_s", "phase", "restitution", "restitution_law", "speed_in_m_per_s", "samples"]
-    impacts: dict[tuple[RunKey, float], dict[float, list[_Impact]]] = {}
-    for key, rows in view.head_on.groupby(_KEY, sort=False):
-        by_speed = impacts.setdefault(_run_and_alpha(view, key), {})
-        for speed, *impact in sorted(rows[columns].itertuples(index=False, name=None)):
-            by_speed.setdefault(speed, []).append(tuple(impact))
-    return impacts
-
-
-def _kept_loops(view: View) -> dict[tuple[RunKey, float, float], tuple[Any, ...]]:
-    """(run, the main α, speed) -> phase, times, penetrations, forces."""
+def _kept_loops(view: View) -> dict[tuple[RunKey, float], dict[float, tuple[Any, ...]]]:
+    """(run, the main α) -> speed -> phase, times, penetrations, forces."""
     columns = ["speed_m_per_s", "phase", "time_s", "penetration_m", "force_n"]
-    loops: dict[tuple[RunKey, float, float], tuple[Any, ...]] = {}
+    loops: dict[tuple[RunKey, float], dict[float, tuple[Any, ...]]] = {}
     if view.results.loops.empty:
         return loops
     main = np.isclose(view.results.loops["alpha_s_per_m"], view.main_alpha, rtol=1e-9)
     for key, rows in view.results.loops[main].groupby(_KEY, sort=False):
-        place = _run_and_alpha(view, key)
+        of_run = loops.setdefault(_run_and_alpha(view, key), {})
         for speed, phase, *sample in rows[columns].itertuples(index=False, name=None):
-            loop = loops.setdefault((*place, speed), (phase, [], [], []))
+            loop = of_run.setdefault(speed, (phase, [], [], []))
             for values, value in zip(loop[1:], sample, strict=True):
                 values.append(value)
     return loops
@@ -226,23 +215,6 @@ def _kept_loops(view: View) -> dict[tuple[RunKey, float, float], tuple[Any, ...]
 def _run_and_alpha(view: View, key: Any) -> tuple[RunKey, float]:
     values = dict(zip(_KEY, key, strict=True))
     return view.run_of(values), float(values["alpha_s_per_m"])
-
-
-def _from_middle(phase: float) -> float:
-    return abs(phase - 0.5)
-
-
-def _finite(measured: float, asked: float) -> float:
-    return measured if math.isfinite(measured) else asked
-
-
-def _span(impacts: Sequence[_Impact]) -> tuple[float, float, float]:
-    """Least and largest e, and the largest distance from the law; NaN where none came back."""
-    known = [(e, abs(e - law)) for _, e, law, *_ in impacts if math.isfinite(e)]
-    if not known:
-        return math.nan, math.nan, math.nan
-    values, errors = zip(*known, strict=True)
-    return min(values), max(values), max(errors)
 
 
 def _drawn(view: View, run: RunKey) -> dict[str, str]:

@@ -171,7 +171,7 @@ def _(results: Results) -> tuple[str, dict[str, str], str]:
     view = views(results).main
     facts = {
         "in short": " ".join(advised(view)),
-        "impacts": str(len(results.impacts)),
+        "impacts": str(len(results.table)),
         "versions": ", ".join(f"{name} {number}" for name, number in results.versions.items()),
     }
     return _text.sanitized(str(results.study["title"])), facts, ""

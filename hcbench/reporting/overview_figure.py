@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from hcbench.benchmark.fold import Curve
 from hcbench.laws import closed_form
 from hcbench.reporting import wording
-from hcbench.reporting.curve import Curve
 from hcbench.reporting.plot_style import (
     LAW,
     SLATE,

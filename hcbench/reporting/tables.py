@@ -1,6 +1,7 @@
 """The page's tables as rows of text; the page only lays them out."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any, TypeAlias
 
@@ -138,28 +139,26 @@ def oblique(view: View | None) -> list[Cells]:
     view: of the rough impacts; None where there are none. e is that of the normal direction; friction is the
     impulse over the normal one, against Coulomb's law.
     """
-    if view is None or "angle_rad" not in view.results.impacts:
-        return []
-    impacts = view.results.impacts
-    main = np.isclose(impacts["alpha_s_per_m"].astype(float), view.main_alpha, rtol=1e-9)
-    rough = impacts[main & (impacts["friction"] > 0)]
+    runs: dict[RunKey, list[tuple[float, float, float]]] = {}
+    for run, one in view.of_main_alpha() if view is not None else ():
+        if one.friction is not None:
+            runs.setdefault(run, []).append((one.off, one.friction, one.restitution[1]))
     rows = []
-    for _, table in rough.groupby(["scene", "engine", "setting", "timestep_s"], sort=False):
-        if (table["slip_in_m_per_s"] != 0).any():
-            e = (table["restitution"] - table["restitution_law"]).abs().max()
-            friction = (table["impulse_ratio"] - table["impulse_ratio_coulomb"]).abs().max()
-            errors = {"e": wording.error(float(e)), "friction": wording.error(float(friction))}
-            run = view.run_of(table.iloc[0].to_dict())
-            rows.append({"run": run, **errors, "largest_e": f"{table['restitution'].max():.3g}"})
+    for run, worst in runs.items():
+        off, friction, e = np.fmax.reduce(worst).tolist()
+        errors = {"e": wording.error(off), "friction": wording.error(friction)}
+        rows.append({"run": run, **errors, "largest_e": f"{e:.3g}"})
     return rows
 
 
 def failed_impacts(by_gravity: Views) -> list[str]:
     """Impacts without a bounce, counted by what became of them."""
-    counts: dict[str, int] = {}
+    counts = Counter[str]()
     for view in by_gravity.shown:
-        for status, count in view.results.impacts["status"].value_counts().items():
-            counts[str(status)] = counts.get(str(status), 0) + int(count)
+        here = Counter[str]()
+        for one in view.folded.values():
+            here.update(one.status)
+        counts.update(dict(here.most_common()))
     counts.pop("parted", None)
     return [f"{count} {_ENDINGS.get(status, status)}" for status, count in counts.items()]
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping
-from dataclasses import dataclass, field
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, cast
 
@@ -11,11 +12,11 @@ import numpy as np
 import pandas as pd
 
 from hcbench.benchmark.bounce_sequence import RestAfterDrop
-from hcbench.benchmark.results import RUN_KEY, Results
+from hcbench.benchmark.fold import Curve, Folded
+from hcbench.benchmark.results import RUN_KEY, Key, Results
 from hcbench.impact import Floats
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.reporting.curve import Curve, curve_of
 from hcbench.reporting.plot_style import PlotStyle, plot_styles
 from hcbench.reporting.wording import NBSP, engine_title, span, time
 from hcbench.resolution import STEPS_OF_A_LOOP
@@ -68,18 +69,17 @@ class View:
     """Results under one gravity as a report looks at them: `under` picks them."""
 
     results: Results
-    _curves: dict[tuple[RunKey, float], Curve] = field(default_factory=dict, init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        for key, rows in self.head_on.groupby(RUN_KEY, sort=False):
-            self._curves[self._run_and_alpha(key)] = curve_of(rows, self.mass)
+    @property
+    def folded(self) -> Mapping[Key, Folded]:
+        """The impacts by RUN_KEY."""
+        return self.results.table.folded
 
     @cached_property
-    def head_on(self) -> pd.DataFrame:
-        """Impacts at the study's smallest angle, 0 as a rule: what curves over speed are of."""
-        impacts = self.results.impacts
-        angles = impacts.get("angle_rad", pd.Series(0.0, impacts.index))
-        return impacts.loc[angles == angles.min()]
+    def head_on(self) -> dict[tuple[RunKey, float], Folded]:
+        """Impacts of runs and α at the study's smallest angle, 0 as a rule: what curves over speed are of."""
+        least = min((one.angle for one in self.folded.values()), default=0.0)
+        return {self._run_and_alpha(key): one for key, one in self.folded.items() if one.angle == least}
 
     # The study and its law
 
@@ -120,8 +120,9 @@ class View:
 
     def band_text(self, timestep: float) -> str:
         """The impact speeds at a step, m/s."""
-        rows = self.head_on[self.head_on["timestep_s"] == timestep]["speed_m_per_s"].astype(float)
-        return f"{span(f'{rows.min():.3g}', f'{rows.max():.3g}')}{NBSP}m/s"
+        curves = [one.curve.asked for (run, _), one in self.head_on.items() if run.timestep == timestep]
+        speeds = np.concatenate(curves)
+        return f"{span(f'{speeds.min():.3g}', f'{speeds.max():.3g}')}{NBSP}m/s"
 
     @cached_property
     def speeds(self) -> Floats:
@@ -145,8 +146,8 @@ class View:
     def tabled_runs(self) -> list[RunKey]:
         """Runs over enough speeds to show a curve, in the study's order."""
         enough = min(CURVE_SPEEDS, len(self.study["speeds"]))
-        tried = self.head_on.groupby(RUN_KEY, sort=False)["speed_m_per_s"].nunique()
-        return list(dict.fromkeys(self._run_and_alpha(key)[0] for key, n in tried.items() if n >= enough))
+        tried = self.head_on.items()
+        return list(dict.fromkeys(run for (run, _), one in tried if len(one.curve.asked) >= enough))
 
     @cached_property
     def band_runs(self) -> list[RunKey]:
@@ -185,7 +186,7 @@ class View:
     def plot_styles(self) -> dict[tuple[str, str], PlotStyle]:
         """How each (engine, setting) of the study is drawn."""
         planned = [(run["engine"], run["recipe"]) for run in self.study["runs"]]
-        ran = [run[:2] for run in (*(run for run, _ in self._curves), *self.bounces)]
+        ran = [run[:2] for run in (*(run for run, _ in self.head_on), *self.bounces)]
         return plot_styles([*planned, *ran], law=REFERENCE)
 
     def plot_style(self, run: RunKey) -> PlotStyle:
@@ -196,8 +197,12 @@ class View:
 
     def curve(self, run: RunKey, alpha: float) -> Curve | None:
         """e over speed; None where the study has no such run or no impact of it came back."""
-        curve = self._curves.get((run, alpha))
-        return curve if curve is not None and curve.speed.size else None
+        return self._curves.get((run, alpha))
+
+    @cached_property
+    def _curves(self) -> dict[tuple[RunKey, float], Curve]:
+        curves = {where: one.curve.bounced() for where, one in self.head_on.items()}
+        return {where: curve for where, curve in curves.items() if curve.speed.size}
 
     def score(self, run: RunKey, alpha: float | None = None) -> Mapping[str, Any] | None:
         """The score of a run for one α, else the main one."""
@@ -231,16 +236,12 @@ class View:
 
         Columns: timestep, low, middle, high (NaN where no impact came back).
         """
-        impacts = self._of_main_alpha(self.head_on)
-        here = impacts[np.isclose(impacts["speed_m_per_s"], self.study["step_speed"], rtol=1e-9)]
-        out: dict[RunKey, pd.DataFrame] = {}
-        for key, rows in here.groupby(_RUN[:-1], sort=False):
-            by_step = rows.groupby("timestep_s")["restitution"].agg(["min", "median", "max"])
-            if len(by_step) > 1:
-                columns = ["timestep", "low", "middle", "high"]
-                run = self._run(*cast("tuple[Any, ...]", key))
-                out[run] = by_step.reset_index().set_axis(columns, axis=1)
-        return out
+        rows: dict[RunKey, list[tuple[float, ...]]] = {}
+        for (run, alpha), one in self.head_on.items():
+            if one.at_step is not None and self._is_main(alpha):
+                rows.setdefault(run._replace(timestep=0.0), []).append((run.timestep, *one.at_step))
+        columns = ["timestep", "low", "middle", "high"]
+        return {run: pd.DataFrame(sorted(by), columns=columns) for run, by in rows.items() if len(by) > 1}
 
     @cached_property
     def bounces(self) -> dict[RunKey, pd.DataFrame]:
@@ -264,15 +265,24 @@ class View:
         place = "" if scene == self.study["scene"] else _PLACES[self.study["scenes"][scene]["form"]]
         return RunKey(str(engine), str(setting), float(timestep), place)
 
-    def _run_and_alpha(self, key: Hashable) -> tuple[RunKey, float]:
-        values = dict(zip(RUN_KEY, cast("tuple[Any, ...]", key), strict=True))
+    def _run_and_alpha(self, key: Key) -> tuple[RunKey, float]:
+        values = dict(zip(RUN_KEY, key, strict=True))
         return self.run_of(values), float(values["alpha_s_per_m"])
 
     @cached_property
     def depths(self) -> dict[RunKey, float]:
         """Greatest penetration of each run for the main α, m."""
-        groups = self._of_main_alpha(self.results.impacts).groupby(_RUN, sort=False)["penetration_max_m"]
-        return {self._run(*cast("tuple[Any, ...]", key)): depth for key, depth in groups.max().items()}
+        return {run: one.depth for run, one in self.of_main_alpha()}
+
+    def of_main_alpha(self) -> Iterator[tuple[RunKey, Folded]]:
+        """The runs for the main α; one that ran under several conditions comes with each."""
+        for key, one in self.folded.items():
+            run, alpha = self._run_and_alpha(key)
+            if self._is_main(alpha):
+                yield run, one
+
+    def _is_main(self, alpha: float) -> bool:
+        return math.isclose(alpha, self.main_alpha, rel_tol=1e-9)
 
     def _of_main_alpha(self, table: pd.DataFrame) -> pd.DataFrame:
         return table[np.isclose(table["alpha_s_per_m"].astype(float), self.main_alpha, rtol=1e-9)]

@@ -15,7 +15,8 @@ import pandas as pd
 import pytest
 from small_sweeps import ENGINES, bouncing, small, whole
 
-from hcbench.benchmark.read import read, to_digits
+from hcbench.benchmark.fold import to_digits
+from hcbench.benchmark.read import read
 from hcbench.benchmark.results import RUN_KEY
 from hcbench.benchmark.run import Progress, run_study, sweep
 from hcbench.benchmark.study import study_from

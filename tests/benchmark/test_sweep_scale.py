@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hcbench.benchmark.encodings import arrays
-from hcbench.benchmark.files import files_in_memory
+from hcbench.benchmark.files import TemporaryFiles
 from hcbench.benchmark.results import RUN_KEY
 from hcbench.benchmark.store import Store
 from hcbench.benchmark.tables import ShardFiles, Summary, Totals
@@ -35,7 +35,7 @@ def totals(parts: Iterable[Sequence[Summary]]) -> Totals:
 
 
 def test_the_parts_of_a_large_sweep_lie_in_folders_of_at_most_a_thousand() -> None:
-    files = files_in_memory()
+    files = TemporaryFiles()
     store, own = Store(files), [summary("a", 0.25)]
     about = {"hcbench.loops": b"", "hcbench.summary": json.dumps(own).encode()}
     for number in range(PARTS):

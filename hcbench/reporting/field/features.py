@@ -83,8 +83,8 @@ def _slowest_bounce(view: FieldView, engine: str) -> str:
     if case is None:
         return ""
     curve = view.curve(case)
-    bounces = curve[curve["high"] >= NO_BOUNCE] if len(curve) else curve
+    bounces = curve.asked[curve.high >= NO_BOUNCE]
     if not len(bounces):
         return "nothing set: at no speed"
-    slowest, lowest = float(bounces.index.min()), float(view.speeds(case.timestep)[0])
+    slowest, lowest = float(bounces.min()), float(view.speeds(case.timestep)[0])
     return "" if slowest <= lowest * (1 + 1e-9) else f"nothing set: {slowest:.2g}{NBSP}m/s"

@@ -93,7 +93,7 @@ def _case(view: FieldView, case: Case, texts: dict[str, int]) -> dict[str, Any]:
     """e over speed (m/s): its middle, and its range over the launches where they differ."""
     curve = view.curve(case)
     speed, low, middle, high = (
-        digits(curve[name].astype(float), 5) for name in ("speed", "low", "middle", "high")
+        digits(values, 5) for values in (curve.speed, curve.low, curve.middle, curve.high)
     )
     setting = "nothing set" if case.setting == STOCK else case.setting
     text = snippet(setting_of(view, case), "plane")

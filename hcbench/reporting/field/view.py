@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -12,7 +12,8 @@ import numpy as np
 import pandas as pd
 
 from hcbench import scoring
-from hcbench.benchmark.results import Results
+from hcbench.benchmark.fold import Curve, Folded
+from hcbench.benchmark.results import RUN_KEY, Key, Results
 from hcbench.recipes.recipe import Recipe, Role
 from hcbench.reporting.view import REFERENCE
 from hcbench.reporting.wording import engine_title
@@ -42,8 +43,8 @@ class FieldView:
     results: Results
 
     def __getstate__(self) -> dict[str, Any]:
-        """The fields alone: threads of a pool pickle a view while the page computes its cached properties."""
-        return {"results": self.results}
+        """The field alone: threads of a pool pickle a view while the page computes its cached properties."""
+        return {"results": replace(self.results, impacts=self.results.table.without_rows())}
 
     @property
     def study(self) -> Mapping[str, Any]:
@@ -57,10 +58,7 @@ class FieldView:
 
     @cached_property
     def _speeds(self) -> dict[float, Any]:
-        return {
-            case.timestep: np.unique(rows["speed_m_per_s"].astype(float).round(12))
-            for case, rows in self.impacts.items()
-        }
+        return {case.timestep: one.curve.asked.round(12) for case, one in self.folded.items()}
 
     def speeds(self, timestep: float) -> Any:
         """Impact speeds of every engine at a step, with gravity and without, m/s, rising."""
@@ -77,10 +75,20 @@ class FieldView:
         return {self._case(row): {str(k): v for k, v in row.items()} for row in rows}
 
     @cached_property
-    def impacts(self) -> dict[Case, pd.DataFrame]:
+    def folded(self) -> dict[Case, Folded]:
         """Each case's impacts."""
-        groups = self._of_alpha(self.results.impacts).groupby(_KEY, sort=False)
-        return {self._case(rows.iloc[0].to_dict()): rows for _, rows in groups}
+        return {self._case(dict(zip(RUN_KEY, key, strict=True))): one for key, one in self._of_main}
+
+    @property
+    def _of_main(self) -> list[tuple[Key, Folded]]:
+        alpha, every = RUN_KEY.index("alpha_s_per_m"), self.results.table.folded.items()
+        return [(key, one) for key, one in every if math.isclose(key[alpha], self.alpha, rel_tol=1e-9)]
+
+    @cached_property
+    def impacts(self) -> dict[Case, pd.DataFrame]:
+        """Each case's impacts, a row each."""
+        rows = self.results.table.rows
+        return {case: rows([key]) for case, (key, _) in zip(self.folded, self._of_main, strict=True)}
 
     @cached_property
     def loops(self) -> dict[Case, pd.DataFrame]:
@@ -164,7 +172,7 @@ class FieldView:
     def scenes(self, case: Case) -> int:
         """In how many launches of a case energy never grew, where the case gains none."""
         choice = self.choice(case)
-        return len(self.impacts[case]) if choice is None else int(choice["scenes"])
+        return len(self.folded[case]) if choice is None else int(choice["scenes"])
 
     def off(self, case: Case) -> float:
         """Largest |e - e of the law| of the impacts that bounced, as `tune` says it where it does; NaN for
@@ -173,17 +181,14 @@ class FieldView:
         choice = self.choice(case)
         if choice is not None:
             return float(choice["max_error"])
-        rows = self.impacts[case]
-        bounced = rows[rows["status"] == "parted"]
-        return float((bounced["restitution"] - bounced["restitution_law"]).astype(float).abs().max())
+        return self.folded[case].off_parted
 
     def stays_down(self, case: Case) -> float:
         """Speed from which on every impact bounces, m/s; 0 where all do, inf where the fastest does not.
 
         Slower ones that come to rest have no e: they are no error of it.
         """
-        rows, speeds = self.impacts[case], self.speeds(case.timestep)
-        rested = rows[rows["status"] == "rested"]["speed_m_per_s"].astype(float).max()
+        rested, speeds = self.folded[case].rested, self.speeds(case.timestep)
         above = speeds[speeds > rested * (1.0 + 1e-9)]
         return 0.0 if math.isnan(rested) else float(min(above, default=math.inf))
 
@@ -193,21 +198,16 @@ class FieldView:
 
     def restitution(self, case: Case) -> tuple[float, float]:
         """The least and the largest e over speeds and phases; NaN where no impact came back."""
-        e = self.impacts[case]["restitution"].astype(float)
-        return float(e.min()), float(e.max())
+        return self.folded[case].restitution
 
     def lost(self, case: Case) -> str:
         """What became of the impacts where none gave an e, in a word; "" where any did."""
-        statuses = self.impacts[case]["status"]
-        return "" if statuses.isin(("parted", "rested")).any() else str(statuses.mode().iloc[0])
+        counts = self.folded[case].status
+        return "" if {"parted", "rested"} & counts.keys() else min(counts, key=lambda s: (-counts[s], s))
 
-    def curve(self, case: Case) -> pd.DataFrame:
-        """e of a case over speed: columns speed (at touch, m/s), low, middle, high of e over the phases."""
-        rows = self.impacts[case]
-        rows = rows[rows["restitution"].notna()]
-        by_speed = rows.groupby(rows["speed_m_per_s"].astype(float).round(12))
-        e = by_speed["restitution"].agg(["min", "median", "max"]).set_axis(["low", "middle", "high"], axis=1)
-        return e.assign(speed=by_speed["speed_in_m_per_s"].median())
+    def curve(self, case: Case) -> Curve:
+        """e over the speeds from which an impact came back."""
+        return self.folded[case].curve.bounced()
 
     def follows_law(self, case: Case) -> bool:
         """Whether a case's error of e is below a tenth of the best constant e's."""

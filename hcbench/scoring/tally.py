@@ -1,0 +1,287 @@
+"""Adds up the scores of impacts, in parts of any size."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hcbench.impact import Floats
+from hcbench.laws import closed_form
+from hcbench.laws.force import HuntCrossley
+from hcbench.resolution import ROUND_OFF_SUM, STEPS_AT_ITS_ENDS
+from hcbench.scoring.loops import LoopScore
+
+_NEAR_ZERO = 0.005  # of the largest force: what counts as zero
+_EXPONENT_SLACK = 0.15  # how far the exponent of ΔE may be from the law's own
+_GAIN = 1e-9  # relative: restitution above 1 by more than round-off
+_Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """How one setting at one step did over a band of speeds and phases, against one α. Loop figures are the
+    worst over the loops given, NaN where none was resolved. Claims: True, False, or None for "not resolved".
+    """
+
+    impacts: int
+    parted: int
+    rested: int
+    failed: int
+    max_error_law: float
+    rms_error_law: float
+    worst_speed_law: float
+    max_error_linear: float
+    rms_error_linear: float
+    constant_restitution: float
+    constant_error_law: float
+    constant_error_linear: float
+    phase_spread: float
+    alpha_fit: float
+    alpha_fit_rms: float
+    energy_exponent: float
+    energy_exponent_law: float
+    energy_gained: bool
+    samples_min: int
+    loops: int
+    loop_rms: float
+    area_ratio: float
+    force_ratio: float
+    penetration_ratio: float
+    duration_ratio: float
+    touch_force: float
+    tension_share: float
+    starts_at_zero: bool | None
+    no_tension: bool | None
+    sharp_at_origin: bool | None
+    cubic_loss: bool | None
+
+
+CLAIMS = {
+    "starts_at_zero": "the force starts at zero",
+    "no_tension": "the bodies never pull on each other",
+    "sharp_at_origin": "the loop comes to a sharp point at the origin",
+    "cubic_loss": "the energy lost grows with the impact speed as it does by the law",
+}
+
+
+SCORE_FIELDS = tuple(f.name for f in fields(Score))
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """Impacts as columns, shape (n,).
+
+    speed: asked for, m/s. launch: a number that launches share which differ in phase only. speed_in, m/s, e
+    and energy_lost (a share) are NaN where there is none. gained: whether any is known to have gained energy.
+    """
+
+    speed: Floats
+    launch: NDArray[np.int64]
+    parted: _Flags
+    rested: _Flags
+    speed_in: Floats
+    e: Floats
+    energy_lost: Floats
+    samples: NDArray[np.int64]
+    gained: bool
+
+
+class Tally:
+    """Adds up impacts of one setting at one step, and scores them against one law.
+
+    It keeps the speed and e of each impact, 16 bytes, as α is fitted to all of them; all else is summed.
+    """
+
+    def __init__(self, law: HuntCrossley, mass: float) -> None:
+        """mass: effective mass, kg."""
+        self._law, self._mass = law, mass
+        self._counts = np.zeros(3, dtype=np.int64)  # impacts, parted, rested
+        self._ends = np.array([math.inf, -math.inf])  # of the speeds asked for
+        self._pairs: list[tuple[Floats, Floats]] = []
+        self._off_law, self._off_linear = _Errors(), _Errors()
+        self._spreads = np.full(2, math.nan)  # over phases: of e, and of its error
+        self._loss, self._law_loss = _Slope(), _Slope()
+        self._gained, self._samples = False, 0
+        self._loops: list[LoopScore] = []
+
+    def add_loops(self, loops: Iterable[LoopScore]) -> None:
+        """Add the scores of loops of some of the impacts."""
+        self._loops += loops
+
+    def add(self, some: Measured) -> None:
+        """Add one or more impacts; all phases of a launch at once."""
+        good = some.parted | some.rested
+        speed_in, e, launch = some.speed_in[good], some.e[good], some.launch[good]
+        self._counts += [len(good), some.parted.sum(), some.rested.sum()]
+        self._ends = np.array([min(self._ends[0], some.speed.min()), max(self._ends[1], some.speed.max())])
+        self._gained |= some.gained or bool((some.energy_lost[good] < -2 * _GAIN).any())
+        if not len(e):
+            return
+        law = self._law
+        off_law = e - closed_form.restitution(law.alpha, speed_in)
+        self._off_law.add(off_law, speed_in)
+        self._off_linear.add(e - (1 - law.alpha * speed_in), speed_in)
+        spreads = np.array([phase_spread(launch, e), phase_spread(launch, off_law)])
+        self._spreads = np.fmax(self._spreads, spreads)
+        self._loss.add(speed_in, 0.5 * self._mass * speed_in**2 * (1 - e**2))
+        self._law_loss.add(speed_in, np.asarray(closed_form.energy_loss(law, self._mass, speed_in)))
+        least = int(some.samples[good].min())
+        self._samples = min(self._samples, least) if self._pairs else least
+        self._pairs.append((speed_in, e))
+
+    def score(self) -> Score:
+        """Score all that was added."""
+        impacts, parted, rested = self._counts.tolist()
+        constant, constant_error = best_constant(self._law.alpha, self._ends)
+        exponent, law_exponent = self._loss.value(), self._law_loss.value()
+        many = parted + rested > 1
+        alpha_fit, alpha_fit_rms = _fitted_alpha(self._pairs) if many else (math.nan, math.nan)
+        return Score(
+            impacts=impacts,
+            parted=parted,
+            rested=rested,
+            failed=impacts - parted - rested,
+            max_error_law=self._off_law.largest,
+            rms_error_law=self._off_law.rms(),
+            worst_speed_law=self._off_law.worst_speed,
+            max_error_linear=self._off_linear.largest,
+            rms_error_linear=self._off_linear.rms(),
+            constant_restitution=constant,
+            constant_error_law=constant_error,
+            constant_error_linear=float(self._law.alpha * np.ptp(self._ends) / 2),
+            # Phases of a fall change the speed too: what e, or its error, does not owe to that.
+            phase_spread=float(self._spreads.min()),
+            alpha_fit=alpha_fit,
+            alpha_fit_rms=alpha_fit_rms,
+            energy_exponent=exponent,
+            energy_exponent_law=law_exponent,
+            energy_gained=self._gained,
+            samples_min=self._samples,
+            **_of_loops(self._loops),
+            **_claims(self._loops, exponent, law_exponent),
+        )
+
+
+class _Errors:
+    """Adds up errors, NaN as long as there is none. worst_speed: where the first largest is, m/s."""
+
+    def __init__(self) -> None:
+        self.largest = self.worst_speed = math.nan
+        self._squares, self._count = 0.0, 0
+
+    def add(self, errors: Floats, speeds: Floats) -> None:
+        worst = int(np.abs(errors).argmax())
+        if not abs(float(errors[worst])) <= self.largest:
+            self.largest, self.worst_speed = abs(float(errors[worst])), float(speeds[worst])
+        self._squares += float(np.sum(errors**2))
+        self._count += len(errors)
+
+    def rms(self) -> float:
+        """Their root mean square."""
+        return math.sqrt(self._squares / self._count) if self._count else math.nan
+
+
+class _Slope:
+    """p of ΔE ∝ v_i^p, the least-squares slope in log-log: by sums about the first point."""
+
+    def __init__(self) -> None:
+        self._first, self._ends = np.zeros(2), np.array([math.inf, 0.0])
+        self._sums = np.zeros(5)  # n, x, y, xx, xy
+
+    def add(self, speed_in: Floats, loss: Floats) -> None:
+        lossy = loss > 0
+        if not lossy.any():
+            return
+        speeds = speed_in[lossy]
+        points = np.array([np.log(speeds), np.log(loss[lossy])])
+        if not self._sums[0]:
+            self._first = points[:, 0].copy()
+        x, y = points - self._first[:, None]
+        self._sums += [len(x), x.sum(), y.sum(), (x * x).sum(), (x * y).sum()]
+        self._ends = np.array([min(self._ends[0], speeds.min()), max(self._ends[1], speeds.max())])
+
+    def value(self) -> float:
+        """NaN unless the losses span speeds a factor of 1.5 apart."""
+        n, x, y, xx, xy = self._sums.tolist()
+        return (
+            (n * xy - x * y) / (n * xx - x * x)
+            if n >= 3 and self._ends[1] >= 1.5 * self._ends[0]
+            else math.nan
+        )
+
+
+def phase_spread(launch: NDArray[np.int64], values: Floats) -> float:
+    """The largest difference between values of one launch; NaN where each has one value."""
+    order = np.lexsort((values, launch))
+    _, first, count = np.unique(launch[order], return_index=True, return_counts=True)
+    several, ordered = count > 1, values[order]
+    spans = ordered[first + count - 1] - ordered[first]
+    return float(spans[several].max()) if several.any() else math.nan
+
+
+def fit_alpha(speed_in: Floats, restitution: Floats) -> tuple[float, float]:
+    """α (s/m) whose e of (16) is nearest to measured pairs by least squares, and what is left (rms)."""
+    return _fitted_alpha([(speed_in, restitution)])
+
+
+def _fitted_alpha(pairs: Sequence[tuple[Floats, Floats]]) -> tuple[float, float]:
+    from scipy.optimize import minimize_scalar  # here, as simulating without scoring needs none of it
+
+    count = sum(len(speed_in) for speed_in, _ in pairs)
+
+    def misfit(log_alpha: float) -> float:
+        alpha = math.exp(log_alpha)
+        off = (closed_form.restitution(alpha, speed_in) - e for speed_in, e in pairs)
+        return sum(float(np.sum(each**2)) for each in off) / count
+
+    scale = sum(float(np.sum(speed_in)) for speed_in, _ in pairs) / count
+    best = minimize_scalar(misfit, bounds=(math.log(1e-6 / scale), math.log(1e3 / scale)), method="bounded")
+    return math.exp(best.x), math.sqrt(best.fun)
+
+
+def best_constant(alpha: float, speeds: Floats) -> tuple[float, float]:
+    """The one constant e that is least wrong over `speeds` (m/s), and its largest error against (16).
+
+    e of (16) falls with speed, so the minimax constant is half-way between the ends of the band.
+    """
+    ends = closed_form.restitution(alpha, np.array([np.min(speeds), np.max(speeds)]))
+    return float(ends.mean()), float(abs(ends[0] - ends[1]) / 2)
+
+
+def _of_loops(loops: list[LoopScore]) -> dict[str, Any]:
+    """Figures of all loops together: the worst of each."""
+    return {
+        "loops": len(loops),
+        "loop_rms": max((s.rms for s in loops), default=math.nan),
+        "area_ratio": _furthest([s.area_ratio for s in loops]),
+        "force_ratio": _furthest([s.force_ratio for s in loops]),
+        "penetration_ratio": _furthest([s.penetration_ratio for s in loops]),
+        "duration_ratio": _furthest([s.duration_ratio for s in loops]),
+        "touch_force": max((s.touch_force for s in loops), default=math.nan),
+        "tension_share": max((s.tension_share for s in loops), default=math.nan),
+    }
+
+
+def _claims(loops: list[LoopScore], exponent: float, law_exponent: float) -> dict[str, Any]:
+    """The paper's claims about a sound contact model, judged on what was measured."""
+    seen = bool(loops) and min(s.samples for s in loops) >= STEPS_AT_ITS_ENDS
+    zero = all(s.touch_force < _NEAR_ZERO for s in loops)
+    sharp = zero and all(s.parting_force < _NEAR_ZERO for s in loops)
+    cubic = abs(exponent - law_exponent) < _EXPONENT_SLACK
+    return {
+        "starts_at_zero": zero if seen else None,
+        "no_tension": all(s.tension_share < ROUND_OFF_SUM for s in loops) if seen else None,
+        "sharp_at_origin": sharp if seen else None,
+        "cubic_loss": None if math.isnan(exponent) or math.isnan(law_exponent) else cubic,
+    }
+
+
+def _furthest(ratios: list[float]) -> float:
+    """The ratio furthest from 1, either way."""
+    known = [r for r in ratios if not math.isnan(r)]
+    return max(known, key=lambda r: abs(math.log(r)) if r > 0 else math.inf, default=math.nan)
