@@ -9,7 +9,7 @@ two bodies become one ("product", "average", "maximum", "minimum", "geometric", 
 has `make(world)`, `step()` and `state()`, which lists [x, y, z, vx, vy, vz, wx, wy, wz] of each body that
 moves, in SI units and the world's frame. It raises NotImplementedError for what the engine cannot do.
 An engine that steps many worlds at once also has `start()`: `make` adds a world, `start` starts all that were
-added since, of one timestep and the same shapes, and `state` lists the states of each.
+added since, of as many steps of one length and the same shapes, and `state` lists the states of each.
 
 MIT License, copyright (c) 2026 the hcbench authors. Permission is hereby granted, free of charge, to any
 person obtaining a copy, to use, copy, modify, merge, publish, distribute, sublicense and sell it, if this
@@ -45,7 +45,8 @@ def run(engine: Any, cases: Json) -> Json:
     batches: dict[str, list[Json]] = {}
     for number, each in enumerate(runs):
         world, shapes = each["world"], [(b["shape"], b.get("fixed")) for b in each["world"]["bodies"]]
-        kind = (world["timestep"], world["floor"], shapes) if hasattr(engine, "start") else number
+        alike = (each["steps"], world["timestep"], world["floor"], shapes)
+        kind = alike if hasattr(engine, "start") else number
         batches.setdefault(str(kind), []).append(each)
     states = {id(each): done for batch in batches.values() for each, done in _run(engine, batch)}
     done = {case["id"]: [states[id(each)] for each in case["runs"]] for case in cases["cases"]}
@@ -66,7 +67,7 @@ def _run(engine: Any, runs: list[Json]) -> list[tuple[Json, Json]]:
                 result["unsupported"] = str(error)
         if made and batch:
             engine.start()
-        for step in range(1 + max((each["steps"] for each, _ in made), default=-1)):
+        for step in range(1 + runs[0]["steps"] if made else 0):
             if step:
                 engine.step()
             asked = [any(a <= step <= b for a, b in each["record"]) for each, _ in made]

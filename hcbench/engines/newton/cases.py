@@ -4,13 +4,13 @@ from typing import Any
 
 import newton
 import numpy as np
+import warp
 
-VARIANTS = [  # solver, how it joins two restitutions, options
-    ("XPBD", "average", {"enable_restitution": True, "iterations": 10}), ("Kamino", "minimum", {}),
+# solver, how it joins two restitutions, options
+VARIANTS = [("XPBD", "average", {"enable_restitution": True, "iterations": 10}), ("Kamino", "minimum", {}),
     ("Steel", "average", {"restitution_velocity_threshold": 0.0}), ("VBD", None, {}),
-    ("MuJoCo", None, {"cone": "elliptic", "impratio": 100.0}),
-    ("SemiImplicit", None, {"angular_damping": 0.0}), ("Featherstone", None, {"angular_damping": 0.0}),
-]  # fmt: skip
+    ("MuJoCo", None, {"cone": "elliptic", "impratio": 100.0}), ("SemiImplicit", None, {"angular_damping": 0}),
+    ("Featherstone", None, {"angular_damping": 0})]  # fmt: skip
 
 
 class Engine:
@@ -32,29 +32,29 @@ class Engine:
             common |= {"ke": (np.pi / 20 / self.h) ** 2, "kd": np.pi / 10 / self.h * np.cos(angle) + 1e-6}
         self.builder.begin_world(gravity=world["gravity"])
         for body in world["bodies"]:
-            i, at, half = -1, (*body["position"], 0.0, 0.0, 0.0, 1.0), body.get("half")
+            i, at, size = -1, (*body["position"], 0, 0, 0, 1), body.get("half", [body.get("radius")] * 3)
             if not body.get("fixed"):
                 i, at = self.builder.add_body(xform=at), (0.0,) * 6 + (1.0,)
                 self.builder.joint_qd[-6:] = [*body["velocity"], *body["spin"]]
-            kind, size = ("BOX", half) if half else ("SPHERE", (body["radius"], 0.0, 0.0))
-            density = body["mass"] / (8 * float(np.prod(half)) if half else 4 / 3 * np.pi * size[0] ** 3)
-            cfg = newton.ModelBuilder.ShapeConfig(density=density, restitution=e, **common)
+            kind, volume = body["shape"].upper(), np.prod(size) * (8 if "half" in body else 4 / 3 * np.pi)
+            cfg = self.builder.ShapeConfig(density=float(body["mass"] / volume), restitution=e, **common)
             self.builder.add_shape(body=i, type=newton.GeoType[kind], xform=at, scale=size, cfg=cfg)
         if world["floor"]:
-            self.builder.add_ground_plane(cfg=newton.ModelBuilder.ShapeConfig(restitution=floor, **common))
+            self.builder.add_ground_plane(cfg=self.builder.ShapeConfig(restitution=floor, **common))
         self.builder.end_world()
 
     def start(self) -> None:
-        _, self.model, self.builder = self.builder.color(), self.builder.finalize(), newton.ModelBuilder()
-        self.stepper, self.contacts = self.solver(self.model, **self.options), self.model.contacts()
-        self.now, self.after = self.model.state(), self.model.state()
-        newton.eval_fk(self.model, self.model.joint_q, self.model.joint_qd, self.now)
+        _, model, self.builder = self.builder.color(), self.builder.finalize(), newton.ModelBuilder()
+        self.worlds, model.rigid_contact_max = model.world_count, 16 * model.world_count  # not 1000 for one
+        self.stepper, self.at, self.after = self.solver(model, **self.options), model.state(), model.state()
+        newton.eval_fk(model, model.joint_q, model.joint_qd, self.at)
+        with warp.ScopedCapture() as self.captured:
+            self.contacts = model.collide(self.at)
+            self.stepper.step(self.at, self.after, None, self.contacts, self.h)
+            self.at.assign(self.after)
 
     def step(self) -> None:
-        self.model.collide(self.now, self.contacts)
-        self.stepper.step(self.now, self.after, None, self.contacts, self.h)
-        self.now, self.after = self.after, self.now
+        warp.capture_launch(self.captured.graph)
 
     def state(self) -> Any:
-        bodies = np.hstack([self.now.body_q.numpy()[:, :3], self.now.body_qd.numpy()])
-        return bodies.reshape(self.model.world_count, -1, 9)
+        return np.hstack([self.at.body_q.numpy()[:, :3], self.at.body_qd.numpy()]).reshape(self.worlds, -1, 9)
