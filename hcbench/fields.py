@@ -10,7 +10,6 @@ entry = validate(Entry, content, StudyError, "study.toml: {}")
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -128,6 +127,8 @@ Steps = Annotated[tuple[float, ...], InUnits("timestep", several=True, above=0.0
 
 def read_toml(path: Path, error: type[UserError], slot: str, expected: str = "a TOML file") -> dict[str, Any]:
     """The content of a TOML file; raises `error` where there is none. expected: what the file should be."""
+    import tomllib  # here: it takes as long to import as most of what reads fields
+
     try:
         return tomllib.loads(read_text(path, most=16 << 20))
     except FileNotFoundError:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, cast
 
 from hcbench._outputs import require_output, write_output
 from hcbench._text import sanitized
-from hcbench.checking.baseline import write_baseline
 from hcbench.checking.judge import judge_results, run_checks
 from hcbench.checking.outcome import Outcome, Report, Verdict
 from hcbench.checking.spec import Check, CheckSpec, plan, read_max_error
@@ -153,5 +152,7 @@ def _write(report: Report, outputs: Outputs) -> None:
             kind = UserError if first.verdict is Verdict.MISTAKE else OutputError
             got = f"not written: {sanitized(first.name)} was not measured: {first.message}"
             raise kind("baseline", got, "every check measured")
+        from hcbench.checking.baseline import write_baseline
+
         measured = {o.name: o.measurement for o in report.outcomes if o.measurement is not None}
         write_baseline(outputs.baseline, measured, outputs.force)

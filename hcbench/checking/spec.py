@@ -10,7 +10,6 @@ from pydantic import BeforeValidator, ConfigDict, create_model
 
 from hcbench import units
 from hcbench._text import sanitized
-from hcbench.checking.baseline import Baseline, read_baseline
 from hcbench.checking.limits import Limit, read_limits
 from hcbench.checking.measured_pairs import read_pairs
 from hcbench.errors import QuantityError, UserError
@@ -27,6 +26,9 @@ from hcbench.measuring.request import make_request, read_limit
 from hcbench.measuring.rest import RestLimits
 from hcbench.sim.landing import DropPlan
 from hcbench.sim.model_under_test import Request
+
+if TYPE_CHECKING:
+    from hcbench.checking.baseline import Baseline
 
 MAX_ERROR = 0.02
 MAX_DRIFT = 1e-4  # of e from a baseline: far above rounding, far below what anybody sees
@@ -117,7 +119,7 @@ class Check:
     source: Any
     request: Request
     wanted: RestitutionCurve | None
-    baseline: Baseline | None
+    baseline: "Baseline | None"
     max_error: float
     engine: str | None
     limit: float | None
@@ -164,8 +166,11 @@ def plan(spec: CheckSpec) -> Check:
         if launch["speeds"] is None:
             request = replace(request, speeds=tuple(wanted.speeds.tolist()))
         _require_inside(request.speeds, wanted)
-    baseline = None if spec.baseline is None else read_baseline(spec.baseline, name)
-    if baseline is not None:
+    baseline = None
+    if spec.baseline is not None:
+        from hcbench.checking.baseline import read_baseline
+
+        baseline = read_baseline(spec.baseline, name)
         request = _as_written(baseline, request, launch)
     source = spec.models[0] if len(spec.models) == 1 else spec.models
     max_error = read_max_error(spec.max_error, MAX_ERROR if baseline is None else MAX_DRIFT)
@@ -192,7 +197,7 @@ def _limits(spec: CheckSpec) -> tuple[tuple[Limit, ...], DropPlan | None]:
     return limits, make_drops(**given) if spec.trajectory is None else None
 
 
-def _as_written(baseline: Baseline, request: Request, given: LaunchOptions) -> Request:
+def _as_written(baseline: "Baseline", request: Request, given: LaunchOptions) -> Request:
     """The request with the launches of a baseline. Raises UserError where others are given."""
     written = baseline.request(request)
     for name, value in given.items():

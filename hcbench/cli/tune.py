@@ -123,20 +123,25 @@ def tune(engine: str, points: str | None, max_error: float | None, **options: An
 
     ENGINE is an engine's name, tuned in a scene. MODEL is your own model, whose pairs are tuned in it.
     """
-    from hcbench.checking.measured_pairs import parse_points
     from hcbench.cli.tune_engine import tune_engine
     from hcbench.cli.tune_model import tune_model
     from hcbench.tuning.ask import is_model
 
     if max_error is not None and not 0 <= max_error <= 1:
         raise UserError("--max-error", f"{max_error:g}", "0 ... 1, a difference in e")
-    options |= {"points": () if points is None else parse_points(points), "max_error": max_error}
+    options |= {"points": () if points is None else _parsed(points), "max_error": max_error}
     if is_model(engine):
         _drop(options, _EngineOption, f"given with the model {engine}", "an engine's name")
         tune_model(engine, **options)
     else:
         _drop(options, _ModelOption, f"given with the engine {engine!r}", "a model file")
         tune_engine(engine, **options)
+
+
+def _parsed(points: str) -> tuple[tuple[float, float], ...]:
+    from hcbench.checking.measured_pairs import parse_points
+
+    return parse_points(points)
 
 
 def _drop(options: dict[str, Any], others: type[click.Option], got: str, expected: str) -> None:

@@ -18,6 +18,7 @@ from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.penalty import AdamsImpact, NewtonSpring
 from hcbench.laws.require import positive, require
 from hcbench.laws.restitution import Reading
+from hcbench.laws.root import root
 
 _OVER_ALPHA = {"alpha": 1.0, "drake": 1.5, "simbody": 1.0}  # each dissipation over α
 SOLVERS_OF_NEWTON = {"mujoco": True, "semi-implicit": False}  # that read ke and kd: whether per unit mass
@@ -263,12 +264,10 @@ def _smc_delivers(asked: float) -> float:
 
 def _smc_for(e: float) -> float | None:
     """The e to set in SMC so that it gives e; None below the least that it can give."""
-    from scipy.optimize import brentq
-
     least = 1e-300
     if e >= 1.0 or e <= _smc_delivers(least):
         return 1.0 if e == 1.0 else None
-    return math.exp(brentq(lambda log: _smc_delivers(math.exp(log)) - e, math.log(least), 0.0, xtol=1e-14))
+    return math.exp(root(lambda log: _smc_delivers(math.exp(log)) - e, math.log(least), 0.0, 1e-14))
 
 
 def _flores_for(alpha_speed: float) -> float:

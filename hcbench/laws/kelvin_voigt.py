@@ -20,6 +20,7 @@ import numpy as np
 from hcbench.impact import Floats, Loop
 from hcbench.laws.force import KelvinVoigt
 from hcbench.laws.require import positive, within
+from hcbench.laws.root import root
 
 
 class Ending(StrEnum):
@@ -49,9 +50,7 @@ def damping_ratio_for(e: float, ending: Ending) -> float:
     within(
         "restitution", e, np.nextafter(0.0, 1.0), 1.0, "0 < e <= 1; no damping, however large, gives e = 0"
     )
-    from scipy.optimize import brentq  # slow to import, and not every engine needs it
-
-    loss = -np.log(e)
+    loss = -float(np.log(e))
     if ending is Ending.SURFACE:
         return float(loss / np.hypot(np.pi, loss))
     if e == 1.0:
@@ -60,9 +59,7 @@ def damping_ratio_for(e: float, ending: Ending) -> float:
     top = 1.0
     while 2.0 * top * float(_g(np.asarray(top))) < loss:
         top *= 2.0
-    return float(
-        brentq(lambda z: 2.0 * z * float(_g(np.asarray(z))) - loss, 0.0, top, xtol=1e-300, rtol=1e-15)
-    )
+    return root(lambda z: 2.0 * z * float(_g(np.asarray(z))) - loss, 0.0, top, 1e-300, 1e-15)
 
 
 def matched(e: float, duration: float, mass: float, ending: Ending) -> KelvinVoigt:

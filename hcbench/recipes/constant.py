@@ -7,6 +7,7 @@ import numpy as np
 from hcbench.errors import SettingError
 from hcbench.laws import closed_form
 from hcbench.laws.kelvin_voigt import Ending, damping_ratio_for
+from hcbench.laws.root import root
 from hcbench.recipes.target import Target
 from hcbench.resolution import STEPS_OF_A_SPRING
 
@@ -82,8 +83,6 @@ def one_way_spring_damper(target: Target, duration: float, instead: str) -> tupl
     e = exp(-ζ/√(1-ζ²) acos ζ), ζ = c/(2 √(k m)), and it lasts (acos ζ/√(1-ζ²) + π/2)/ω, ω² = k/m: the way in
     is a damped oscillator's from touch to its first standstill. SettingError for e below e^-1.
     """
-    from scipy.optimize import brentq  # slow to import
-
     e, _ = minimax_constant(target)
 
     def way_in(zeta: float) -> float:
@@ -91,7 +90,7 @@ def one_way_spring_damper(target: Target, duration: float, instead: str) -> tupl
 
     if not math.exp(-0.99) < e <= 1.0:
         raise SettingError("restitution", f"{e:.4g}", "e within 0.372 ... 1", f"Use `{instead}`")
-    zeta = float(brentq(lambda z: z * way_in(z) + math.log(e), 0.0, 1.0 - 1e-9, xtol=1e-15))
+    zeta = root(lambda z: z * way_in(z) + math.log(e), 0.0, 1.0 - 1e-9, 1e-15)
     omega = (way_in(zeta) + math.pi / 2) / duration
     k = target.mass * omega**2
     return k, 2.0 * zeta * math.sqrt(k * target.mass)

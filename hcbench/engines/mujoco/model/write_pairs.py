@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from hcbench.engines.mujoco.model.list_pairs import contact_in_force
 from hcbench.engines.mujoco.model.tune_rows import Load, estimated_mobility
 from hcbench.engines.mujoco.model.written_model import spec_of, taken_pairs
 from hcbench.engines.mujoco.recipes.compliant_fit import IMPRATIO
+from hcbench.engines.mujoco.scene.elements import quoted
 from hcbench.engines.mujoco.scene.mjcf import numbers_text
 from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow
 
@@ -169,7 +169,7 @@ def _set(element: Any, names: tuple[str, str], values: dict[str, Any]) -> str:
         f'{name}="{_numbers(value) if isinstance(value, list) else f"{value:g}"}"'
         for name, value in values.items()
     )
-    first, second = (quoteattr(name) for name in names)
+    first, second = (quoted(name) for name in names)
     return f"<pair geom1={first} geom2={second} {attributes}/>"
 
 

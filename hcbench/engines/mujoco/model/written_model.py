@@ -6,9 +6,9 @@ import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from xml.sax.saxutils import quoteattr
 
 from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.scene.elements import quoted
 from hcbench.errors import UserError
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def whole_text(spec: Any, folder: Path | None) -> str:
         return text
 
     def moved(match: re.Match[str]) -> str:
-        return f"{match[1]}={quoteattr(os.path.relpath(match[2], folder.resolve()))}"
+        return f"{match[1]}={quoted(os.path.relpath(match[2], folder.resolve()))}"
 
     return _DIRECTORY.sub(moved, text)
 
@@ -90,7 +90,7 @@ def _moved(text: str, path: Path, folder: Path) -> str:
     """A model's text with its includes as they are found from another folder."""
 
     def moved(match: re.Match[str]) -> str:
-        return f"{match[1]}{quoteattr(os.path.relpath((path.parent / match[3]).resolve(), folder.resolve()))}"
+        return f"{match[1]}{quoted(os.path.relpath((path.parent / match[3]).resolve(), folder.resolve()))}"
 
     return _INCLUDE.sub(moved, text)
 
@@ -102,7 +102,7 @@ def _directories(path: Path, folder: Path) -> str:
         return ""
     names = ("meshdir", "texturedir")
     leading = [(name, os.path.relpath(getattr(spec, name), folder.resolve())) for name in names]
-    return f"<compiler {' '.join(f'{name}={quoteattr(value)}' for name, value in leading)}/>\n"
+    return f"<compiler {' '.join(f'{name}={quoted(value)}' for name, value in leading)}/>\n"
 
 
 def included(lines: str) -> str:

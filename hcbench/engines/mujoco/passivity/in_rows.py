@@ -13,8 +13,6 @@ from hcbench.sim.passivity import HEIGHTS, LASTS, MOST_E, Bounces
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from hcbench.engines.mujoco.scene.rows import ConstraintRow
     from hcbench.impact import Floats
 
@@ -30,10 +28,11 @@ def bounces_in_rows(
     u = np.geomspace(_SLOW * speeds[0], max(speeds[1], math.sqrt(2.0 * gravity * HEIGHTS[-1])), _SPEEDS)
     later = (np.arange(_PHASES) + 0.5) / _PHASES
     v, phase = (axis.ravel() for axis in np.meshgrid(u, later, indexing="ij"))
-    impacts = _Drops(rows, timestep, gravity).touching(v, phase).run(impacts=1)
+    drops = _Drops(rows, timestep, gravity)
+    impacts = drops.run(drops.touching(v, phase), impacts=1)
     if gravity == 0.0:
         return impacts
-    return impacts.joined(_Drops(rows, timestep, gravity).from_rest(np.array(HEIGHTS)).run())
+    return impacts.joined(drops.run(drops.from_rest(np.array(HEIGHTS))))
 
 
 class _Drops:
@@ -42,59 +41,60 @@ class _Drops:
     def __init__(self, rows: Sequence[ConstraintRow], timestep: float, gravity: float) -> None:
         self._rows, self._h, self._g = rows, timestep, gravity
 
-    def touching(self, speeds: Floats, phases: Floats) -> _Drops:
-        """Drops that touch at these speeds, m/s, and phases, from their first state in contact on."""
+    def touching(self, speeds: Floats, phases: Floats) -> Floats:
+        """States of drops that touch at these speeds, m/s, and phases, from the first in contact on."""
         time = self._h * (1.0 - phases)
-        self._x = speeds * time + self._g * time**2 / 2.0
-        self._v, self._speed_in = speeds + self._g * (time - self._h / 2.0), speeds
-        return self
+        x = speeds * time + self._g * time**2 / 2.0
+        return self._states(x, speeds + self._g * (time - self._h / 2.0), speeds)
 
-    def from_rest(self, heights: Floats) -> _Drops:
-        """Drops that fall from these heights, m."""
-        self._x, self._v = -heights, np.zeros(len(heights))
-        self._speed_in = self._kept(self._x, self._v)
-        self._fly(np.arange(len(heights)), np.zeros(len(heights)))
-        return self
+    def from_rest(self, heights: Floats) -> Floats:
+        """States of drops that fall from these heights, m."""
+        at_rest = np.zeros(len(heights))
+        states = self._states(-heights, at_rest, self._kept(-heights, at_rest))
+        states[:2], _ = self._flown(*states[:2])
+        return states
+
+    def _states(self, x: Floats, v: Floats, speed_in: Floats) -> Floats:
+        """Penetration, rate, speed at the last touch, time, and steps since the last flight; (5, n)."""
+        return np.stack([x, v, speed_in, *np.zeros((2, len(x)))])
 
     def _kept(self, x: Floats, v: Floats) -> Floats:
         """Speed at the touch plane of a flight, m/s."""
         squared = (v + self._g * self._h / 2.0) ** 2 - 2.0 * self._g * x
         return np.asarray(np.sqrt(np.maximum(0.0, squared)))
 
-    def _fly(self, which: NDArray[np.int64], clock: Floats) -> None:
-        """Advance the drops in flight to their first state in contact."""
-        g, h, x, v = self._g, self._h, self._x[which], self._v[which]
+    def _flown(self, x: Floats, v: Floats) -> tuple[tuple[Floats, Floats], Floats]:
+        """(x, v) of drops in flight advanced to their first state in contact, and how long that takes, s."""
+        g, h = self._g, self._h
         half = v + g * h / 2.0
         steps = np.floor((-half + np.sqrt(half**2 - 2.0 * g * x)) / (g * h)) + 1.0
-        self._x[which] = x + steps * h * half + g * h**2 * steps**2 / 2.0
-        self._v[which] = v + g * h * steps
-        clock[which] += steps * h
+        return (x + steps * h * half + g * h**2 * steps**2 / 2.0, v + g * h * steps), steps * h
 
-    def run(self, impacts: float = math.inf) -> Bounces:
+    def run(self, states: Floats, impacts: float = math.inf) -> Bounces:
         """Until each has rested, has had so many impacts, or LASTS are over."""
-        count = len(self._x)
-        clock, still = np.zeros(count), np.zeros(count, np.int64)
-        going, max_e, gains_below, bouncing = np.arange(count), 0.0, 0.0, 0
+        count, max_e, gains_below, bouncing = states.shape[1], 0.0, 0.0, 0
+        x, v, speed_in, clock, still = states
         for _ in range(_MOST_STEPS):
-            x, v = self._x[going], self._v[going]
-            v = v - self._h * acceleration(self._rows, x, v, self._g)
-            x = x + self._h * v
-            self._x[going], self._v[going] = x, v
-            clock[going] += self._h
-            still[going] += 1
-            parted = going[(x <= 0.0) & (v < 0.0)]
+            v -= self._h * acceleration(self._rows, x, v, self._g)
+            x += self._h * v
+            clock += self._h
+            still += 1.0
+            parted = np.flatnonzero((x <= 0.0) & (v < 0.0))
             if parted.size:
-                out = self._kept(self._x[parted], self._v[parted])
-                e = out / self._speed_in[parted]
+                out, came = self._kept(x[parted], v[parted]), speed_in[parted]
+                e = out / came
                 max_e = max(max_e, float(e.max()))
-                gains_below = max(gains_below, float(self._speed_in[parted][e > MOST_E].max(initial=0.0)))
+                gains_below = max(gains_below, float(came[e > MOST_E].max(initial=0.0)))
                 if impacts == 1:
                     clock[parted] = math.inf
                 else:
-                    self._speed_in[parted], still[parted] = out, 0
-                    self._fly(parted, clock)
-            bouncing += int((np.isfinite(clock[going]) & (clock[going] > LASTS)).sum())
-            going = going[(clock[going] <= LASTS) & (still[going] < _RESTED)]
-            if not going.size:
-                break
+                    speed_in[parted], still[parted] = out, 0.0
+                    (x[parted], v[parted]), flight = self._flown(x[parted], v[parted])
+                    clock[parted] += flight
+            going = (clock <= LASTS) & (still < _RESTED)
+            if not going.all():
+                bouncing += int((np.isfinite(clock) & (clock > LASTS)).sum())
+                x, v, speed_in, clock, still = states = states[:, going]
+                if not states.size:
+                    break
         return Bounces(max_e, gains_below, bouncing, count)

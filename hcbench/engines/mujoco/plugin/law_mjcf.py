@@ -3,10 +3,9 @@
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 from hcbench.engines.mujoco.plugin import config
-from hcbench.engines.mujoco.scene.elements import as_text, named, remove_pairs, section
+from hcbench.engines.mujoco.scene.elements import as_text, named, quoted, remove_pairs, section
 from hcbench.laws.contact_law import Friction, Law, is_force
 from hcbench.scene import Scene
 from hcbench.setting import PAIR, Pair
@@ -63,5 +62,5 @@ def law_snippet(law: Law, form: str, pair: Pair = PAIR) -> str:
             1, '<!-- limited="false" on the tendon "contact": the force takes the place of its limit -->'
         )
     elif is_force(law):
-        lines.append(f'<contact><exclude body1="world" body2={quoteattr(pair[0])}/></contact>')
+        lines.append(f'<contact><exclude body1="world" body2={quoted(pair[0])}/></contact>')
     return "\n".join(lines)

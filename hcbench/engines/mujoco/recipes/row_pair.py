@@ -46,20 +46,21 @@ class _Rows(NamedTuple):
     dmax: Floats
     width: Floats  # over v h
     midpoint: Floats
-    rise: Floats  # 1/midpoint^(power - 1), of the sigmoid up to its midpoint
-    level: Floats  # 1/(1 - midpoint)^(power - 1), of the sigmoid from there on
+    rise: Floats  # (dmax - dmin)/midpoint^(power - 1), of the sigmoid up to its midpoint
+    level: Floats  # (dmax - dmin)/(1 - midpoint)^(power - 1), of the sigmoid from there on
 
     def of(self, which: Any) -> _Rows:
         """The rows of some of the launches."""
-        return _Rows(*(column[which] for column in self))
+        return _Rows(*(column.take(which) for column in self))
 
     def impedance(self, penetration: Floats) -> Floats:
         """d(r) of the damper, "Impedance": a sigmoid from dmin to dmax as r grows to the width."""
         u = np.clip(penetration / self.width, 0.0, 1.0)
         early = u <= self.midpoint
-        sigmoid = np.where(early, u, 1.0 - u) ** 2
+        sigmoid = np.where(early, u, 1.0 - u)
+        sigmoid *= sigmoid
         sigmoid *= sigmoid  # to the power of 4, `_POWER`
-        sigmoid *= np.where(early, self.rise, self.level) * (self.dmax - MIN_IMPEDANCE)
+        sigmoid *= np.where(early, self.rise, self.level)
         return np.where(early, MIN_IMPEDANCE + sigmoid, self.dmax - sigmoid)
 
 
@@ -107,7 +108,9 @@ class RowFit:
         """The rows of all launches under each of p settings, shape (p n,)."""
         stiffness, spring_damping, damping, dmax, width, midpoint = numbers
         weight = self.corners * _WEIGHT / MIN_IMPEDANCE  # k = K d/dmax², b = D/dmax, where d = dmax = dmin
-        rise, level = 1.0 / midpoint ** (_POWER - 1.0), 1.0 / (1.0 - midpoint) ** (_POWER - 1.0)
+        rise, level = (
+            (dmax - MIN_IMPEDANCE) * (1.0 / m ** (_POWER - 1.0)) for m in (midpoint, 1.0 - midpoint)
+        )
         columns = (weight * stiffness, weight * spring_damping, damping / dmax, dmax, width, midpoint)
         return _Rows(*(np.repeat(column, len(self.speeds)) for column in (*columns, rise, level)))
 
@@ -120,18 +123,21 @@ class RowFit:
         ahead = 0.0 if self.rk4 else 0.5  # of a step's fall: by so much Euler's speed is that of later
         x = np.tile(self.speeds * later + g * later**2 / 2, count)
         v = np.tile(self.speeds + g * (later - ahead), count)
-        e, deepest, which = np.zeros(x.size), x.copy(), np.arange(x.size)
+        e, deepest, deep, which = np.zeros(x.size), x.copy(), x.copy(), np.arange(x.size)
         for _ in range(int(_FOLLOWED * self.highest[0])):
             x, v = self._step(rows, x, v)
-            deepest[which] = np.maximum(deepest[which], x)
-            parted = (x <= 0.0) & (v < 0.0)
-            if parted.any():
+            np.maximum(deep, x, out=deep)
+            open_now = (x <= 0.0) & (v < 0.0)
+            parted = np.flatnonzero(open_now)
+            if parted.size:
                 out = np.sqrt(np.maximum(0.0, (v[parted] + g * ahead) ** 2 - 2 * g * x[parted]))
                 e[which[parted]] = out / self.speeds[which[parted] % launches]
-                going = np.flatnonzero(~parted)
+                deepest[which[parted]] = deep[parted]
+                going = np.flatnonzero(~open_now)
+                x, v, deep, which, rows = x[going], v[going], deep[going], which[going], rows.of(going)
                 if not going.size:
                     break
-                x, v, which, rows = x[going], v[going], which[going], rows.of(going)
+        deepest[which] = deep
         return e.reshape(-1, launches), deepest.reshape(-1, launches)
 
     def _step(self, rows: _Rows, x: Floats, v: Floats) -> tuple[Floats, Floats]:
@@ -156,15 +162,20 @@ class RowFit:
         """
         g, spring_weight = self.fall, self.corners * _WEIGHT
         d = rows.impedance(x)
-        weight = self.corners * d / (1.0 - d)
-        spring = rows.stiffness * x + rows.damping * v  # w a_ref of the spring
+        weight = self.corners * d
+        weight /= np.subtract(1.0, d, out=d)
+        spring = rows.stiffness * x  # w a_ref of the spring
+        spring += rows.damping * v
         damper = rows.damper * v  # a_ref of the damper
         a = (spring + weight * damper - g) / (1.0 + spring_weight + weight)
         if not self.adhesive:  # f >= 0; a row once left out never comes back, as a is larger with it
-            weight = np.where(damper < a, 0.0, weight)
+            weight[damper < a] = 0.0
             a = (spring + weight * damper - g) / (1.0 + spring_weight + weight)
-        a = np.where(spring < spring_weight * a, (weight * damper - g) / (1.0 + weight), a)
-        return np.where(x > 0.0, a, -g)
+        alone = np.flatnonzero(spring < spring_weight * a)
+        weight = weight.take(alone)
+        a[alone] = (weight * damper.take(alone) - g) / (1.0 + weight)
+        a[np.flatnonzero(x <= 0.0)] = -g
+        return a
 
     def rows(self, parameters: Floats, timestep: float, speed: float) -> list[ConstraintRow]:
         """Spring and damper in SI units, of parameters (6,)."""

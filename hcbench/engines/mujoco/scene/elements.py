@@ -7,6 +7,14 @@ from pathlib import Path
 
 from hcbench.errors import SceneError
 
+_ESCAPES = {"&": "amp", "<": "lt", ">": "gt", '"': "quot", "\n": "#10", "\r": "#13", "\t": "#9"}
+_ESCAPED = str.maketrans({character: f"&{name};" for character, name in _ESCAPES.items()})
+
+
+def quoted(text: str) -> str:
+    """The value of an attribute, in quotes: xml.sax.saxutils would import all that can open an address."""
+    return f'"{text.translate(_ESCAPED)}"'
+
 
 def remove_pairs(root: ET.Element) -> None:
     """Take away the <pair>s of ball and plate."""

@@ -10,11 +10,10 @@ import copy
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 from hcbench._text import shortest
 from hcbench.engines.mujoco.plugin.law_mjcf import write_law
-from hcbench.engines.mujoco.scene.elements import as_text, named, remove_pairs, section
+from hcbench.engines.mujoco.scene.elements import as_text, named, quoted, remove_pairs, section
 from hcbench.engines.mujoco.scene.options import Options, read_options
 from hcbench.engines.mujoco.scene.rows import ConstraintRow
 from hcbench.errors import SceneError, SettingError
@@ -77,7 +76,7 @@ def pairs_text(rows: Sequence[ConstraintRow], pair: tuple[str, str], indent: str
 
 
 def _written(attributes: Mapping[str, str]) -> str:
-    return " ".join(f"{key}={quoteattr(value)}" for key, value in attributes.items())
+    return " ".join(f"{key}={quoted(value)}" for key, value in attributes.items())
 
 
 def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
-from xml.sax.saxutils import quoteattr
 
 from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.scene.elements import quoted
 from hcbench.sim.promise import Promise
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ def promise_lines(pairs: Iterable[Pair], promise: Promise) -> str:
     """The <custom> section of these pairs, to paste; "" for a target that a text cannot say."""
     if not promise.text:
         return ""
-    lines = [f"  <text name={quoteattr(_name(*pair))} data={quoteattr(promise.text)}/>" for pair in pairs]
+    lines = [f"  <text name={quoted(_name(*pair))} data={quoted(promise.text)}/>" for pair in pairs]
     return "\n".join(["<custom>", *lines, "</custom>"])
 
 

@@ -105,6 +105,8 @@ def impedance(solimp: Sequence[Floats | float], depth: Floats) -> Floats:
     """d at depths below the onset (m); solimp's numbers and depths broadcast."""
     d0, dw, width, midpoint, power = solimp
     u = np.minimum(np.maximum(depth / width, 0.0), 1.0)  # `np.clip` takes four times as long
+    if np.ndim(power) == 0 and power == 1.0:
+        return np.asarray(d0 + (dw - d0) * u)
     sigmoid = np.where(u <= midpoint, _rise(u, midpoint, power), 1.0 - _rise(1.0 - u, 1.0 - midpoint, power))
     return np.asarray(d0 + (dw - d0) * np.where(power == 1.0, u, sigmoid))
 
@@ -126,11 +128,11 @@ def combine(
     reference: a_ref of each. may_pull: whether it has adhesion. gravity: together, m/s².
     """
     while True:
-        pushed = (weights * reference).sum(axis=axis, keepdims=True) - gravity
-        a = pushed / (1.0 + weights.sum(axis=axis, keepdims=True))
+        pushed = np.add.reduce(weights * reference, axis=axis, keepdims=True) - gravity
+        a = pushed / (1.0 + np.add.reduce(weights, axis=axis, keepdims=True))
         # Without a row that pulls a is larger: a row once left out never comes back.
         pulls = (reference < a) & (weights > 0.0) & np.logical_not(may_pull)
-        if not pulls.any():
+        if not np.logical_or.reduce(pulls, axis=None):
             return a.squeeze(axis), weights
         weights = np.where(pulls, 0.0, weights)
 
@@ -143,8 +145,12 @@ def acceleration(rows: Sequence[ConstraintRow], x: Floats, v: Floats, gravity: f
     for i, row in enumerate(rows):
         depth, dw = x - row.onset, row.solimp[1]
         d = impedance(row.solimp, depth)
-        reference[i] = row.stiffness * d / dw**2 * depth + row.damping / dw * v
-        weights[i] = _weight(d, depth)
+        np.divide(d, 1.0 - d, out=weights[i])
+        weights[i] *= depth > 0.0
+        d *= row.stiffness
+        d /= dw**2
+        d *= depth
+        np.add(d, row.damping / dw * v, out=reference[i])
     may_pull = np.array([row.adhesion != 0.0 for row in rows]).reshape(-1, *[1] * np.ndim(x))
     return combine(reference, weights, may_pull, 0, gravity)[0]
 

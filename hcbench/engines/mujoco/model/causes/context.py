@@ -88,11 +88,12 @@ class Context:
         """Whether o_solref and o_solimp replace those of every contact."""
         return bool(self.model.opt.enableflags & backend().mjtEnableBit.mjENBL_OVERRIDE)
 
-    @property
+    @cached_property
     def written_e(self) -> float:
         """e of the contact as written, at the median speed; NaN without one."""
-        speed = float(np.median(speeds_of(self.impacts)))
-        return self.written.restitution(speed) if self.written is not None else np.nan
+        speeds = sorted(speeds_of(self.impacts))  # np.median would import numpy.ma
+        median = (speeds[(len(speeds) - 1) // 2] + speeds[len(speeds) // 2]) / 2
+        return self.written.restitution(median) if self.written is not None else np.nan
 
     def goal(self) -> float:
         """The one e that a pasted constant setting should have."""

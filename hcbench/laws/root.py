@@ -1,0 +1,53 @@
+"""A root in a bracket: importing scipy.optimize takes longer than all else that a command for one does."""
+
+import math
+from collections.abc import Callable
+
+_MOST_STEPS = 1000
+
+
+def root(
+    function: Callable[[float], float],
+    low: float,
+    high: float,
+    absolute: float,
+    relative: float = 2.0**-50,
+) -> float:
+    """x between `low` and `high`, where `function` has unlike signs, within `absolute` + `relative` |x|.
+
+    R. P. Brent, "Algorithms for Minimization without Derivatives", 1973, chapter 4: a secant or an inverse
+    parabola where it falls well within the bracket, else its middle. The same bits as SciPy's brentq.
+    """
+    before, x, other = low, high, low
+    f_before, f = function(before), function(x)
+    if f_before == 0.0:
+        return before
+    f_other, earlier, step = 0.0, 0.0, 0.0
+    for _ in range(_MOST_STEPS):
+        if f != 0.0 and (f_before < 0.0) != (f < 0.0):
+            other, f_other = before, f_before
+            earlier = step = x - before
+        if abs(f_other) < abs(f):
+            before, x, other = x, other, x
+            f_before, f, f_other = f, f_other, f
+        near, half = (absolute + relative * abs(x)) / 2, (other - x) / 2
+        if f == 0.0 or abs(half) < near:
+            break
+        guess = math.inf
+        if abs(earlier) > near and abs(f) < abs(f_before):
+            guess = _guess(before, x, other, f_before, f, f_other)
+        good = 2 * abs(guess) < min(abs(earlier), 3 * abs(half) - near)
+        earlier, step = (step, guess) if good else (half, half)
+        before, f_before = x, f
+        x += step if abs(step) > near else near if half > 0.0 else -near
+        f = function(x)
+    return x
+
+
+def _guess(a: float, b: float, c: float, f_a: float, f_b: float, f_c: float) -> float:
+    """From b to the root of the secant through a and b, or of the inverse parabola through all three."""
+    if a == c:
+        return -f_b * (b - a) / (f_b - f_a)
+    slope_a, slope_c = (f_a - f_b) / (a - b), (f_c - f_b) / (c - b)
+    bent = slope_c * slope_a * (f_c - f_a)
+    return -f_b * (f_c * slope_c - f_a * slope_a) / bent if bent else math.inf  # where it underflows
