@@ -60,9 +60,21 @@ class BatchResult:
 
 def result_of(impacts: Impacts, batch: Batch) -> BatchResult:
     """What is kept of a batch's impacts."""
-    loops = [(i, impacts[i].loop) for i in batch.kept]
+    loops = [(i, _loop(i, impacts, batch)) for i in batch.kept]
     columns = columns_of(impacts) | (oblique_columns(impacts, batch.scene) if batch.oblique else {})
     return BatchResult(columns, [(i, loop) for i, loop in loops if loop is not None])
+
+
+def _loop(i: int, impacts: Impacts, batch: Batch) -> Loop | None:
+    """The loop of one impact: simulated once more where no step was recorded, on a device."""
+    impact, scene, setting = impacts[i], batch.scene, batch.setting
+    if "device" not in setting.options or not impact.is_measured:
+        return impact.loop
+    start, stop = int(impacts.start[i]), int(impacts.start[i]) + impact.samples
+    engine = registry.engine(setting.engine)
+    path = engine.trajectory(scene, setting, impact.launch, stop * setting.timestep)
+    states = path.penetration, path.rate, path.force
+    return Loop(path.time[: impact.samples], *(column[start:stop] for column in states))
 
 
 def columns_of(impacts: Impacts) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench.benchmark.launch_grid import LaunchGrid, share_of, speeds_at
 from hcbench.benchmark.results import run_key
+from hcbench.errors import UserError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
@@ -35,6 +36,7 @@ SCHEMA = 3
 _NAMED = re.compile(r'file(?:name)?\s*=\s*"([^"]+)"')  # how MJCF and URDF name meshes and parts
 # In a shard, at most: about a second of work, a fine grain for 10^8 impacts.
 SHARD_IMPACTS, _STEPS = 4096, 5_000_000
+_ON_A_DEVICE = 2**20  # impacts in a shard, at most: there they are one batch
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +131,8 @@ def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
     recipes = [_recipe(run) for run in study.runs]
     engines = sorted({run.engine for run in study.runs})
     versions = versions_here(*engines)  # a missing engine is an error before any recipe runs
+    for engine in engines if study.device else ():
+        _require_device(study.device, engine)
     scenes = {scene.name: scene for scene in (study.scene, *(run.scene for run in study.runs))}
     inputs = {
         name: Inputs(scene, {engine: digests_of(scene, engine) for engine in engines}, versions)
@@ -160,6 +164,15 @@ def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
     return Plan(study, inputs, records, list(grids.values()), cuts, starts)
 
 
+def _require_device(device: str, name: str) -> None:
+    """Raises UserError for an engine that cannot choose it, CannotRun where this machine lacks it."""
+    engine = registry.engine(name)
+    if device not in engine.devices:
+        able = [other for other in registry.names() if device in registry.adapter(other).devices]
+        raise UserError("--device", f"{device!r} for {name}", f"a study of {' and '.join(able)} alone")
+    engine.require_device(device)
+
+
 def _recipe(run: Run) -> Recipe:
     return registry.recipe(f"{run.engine}.{run.recipe}")
 
@@ -187,7 +200,8 @@ def _settings(
     turns = sorted(range(len(targets)), key=lambda k: count[targets[k][0]])
     made = mapper(_make_setting, [(study.runs[i], target) for i, target in map(targets.__getitem__, turns)])
     settings = dict(zip(turns, made, strict=True))
-    return [settings[k] for k in range(len(targets))]
+    on = {"device": study.device} if study.device else {}
+    return [replace(s, options={**s.options, **on}) for s in map(settings.__getitem__, range(len(targets)))]
 
 
 def _make_setting(order: tuple[Run, Target]) -> Setting:
@@ -198,6 +212,8 @@ def _make_setting(order: tuple[Run, Target]) -> Setting:
 def _shard_size(grid: LaunchGrid) -> int:
     """Launches in each shard of a grid: as few shards as may be, of one size."""
     scene, slowest = grid.scene, min(grid.speeds)
+    if "device" in grid.setting.options:
+        return math.ceil(len(grid) / math.ceil(len(grid) / _ON_A_DEVICE))
     elastic = closed_form.elastic_duration(scene.stiffness, scene.exponent, scene.mass, slowest)
     steps = math.ceil(elastic / grid.setting.timestep) + 8  # a scale, no more
     most = max(1, min(SHARD_IMPACTS, _STEPS // steps))

@@ -84,7 +84,8 @@ def _in_batches(
     grid, part = shard.grid, shard.part
     launches, looped = grid.launches(part), grid.looped(part)
     results: list[BatchResult] = []
-    done, size, total = 0, _FIRST, len(launches)
+    total = len(launches)
+    done, size = 0, total if "device" in grid.setting.options else _FIRST
     while done < total:
         end = min(done + size, total)
         kept = [i - done for i in looped if done <= i < end]

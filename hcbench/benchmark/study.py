@@ -70,7 +70,8 @@ class Study:
     bounce after bounce until they rest; those at the step train_step, s, too, without having to. page: what
     is written of it; "field": all installed engines side by side. missing: those that are not.
     speed_unit: that its speeds are shown in, "in/s" or "m/s", as they were written. left_out: of a preview,
-    what of its study it has and what not, in words.
+    what of its study it has and what not, in words. device: that its engines compute on, in batches of any
+    size; "" for each engine's own way.
     """
 
     title: str
@@ -89,6 +90,7 @@ class Study:
     all_loops: bool = False
     speed_unit: str = "in/s"
     left_out: str = ""
+    device: str = ""
 
     @property
     def is_oblique(self) -> bool:
@@ -97,7 +99,7 @@ class Study:
 
     def described(self) -> dict[str, Any]:
         """As JSON, defaults filled in."""
-        skipped = {"scene", "runs", *(() if self.left_out else ("left_out",))}
+        skipped = {"scene", "runs", *(name for name in ("left_out", "device") if not getattr(self, name))}
         if self.page == "report":
             skipped |= {"page", *(() if self.missing else ("missing",))}
         names = [f.name for f in dataclasses.fields(self) if f.name not in skipped]

@@ -21,6 +21,13 @@ jobs_option = click.option(
 )
 
 
+device_option = click.option(
+    "--device",
+    type=click.Choice(["cpu", "gpu"]),
+    help="Where engines on JAX and Warp compute, up to a million impacts in one batch.",
+)
+
+
 def target_option(help: str) -> Callable[..., Any]:  # noqa: A002 - Click's own word
     """The option that says how α gives e(v)."""
     choice = click.Choice(["law", "linear"])

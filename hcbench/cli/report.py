@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli.console import jobs_option
+from hcbench.cli.console import device_option, jobs_option
 from hcbench.cli.help import command
 from hcbench.cli.outputs import PathType
 from hcbench.cli.reality import NAME, reality_options, report_reality, require_none
@@ -30,8 +30,11 @@ def _warn(line: str) -> None:
 )
 @click.option("--quick", is_flag=True, help="Preview with one α and fewer speeds, phases and steps.")
 @jobs_option
+@device_option
 @reality_options
-def report(study: str, out: Path | None, quick: bool, jobs: int, **of_reality: Any) -> None:
+def report(
+    study: str, out: Path | None, quick: bool, jobs: int, device: str | None, **of_reality: Any
+) -> None:
     """Run a study and write its page.
 
     Write tables and figures beside the page.
@@ -41,12 +44,14 @@ def report(study: str, out: Path | None, quick: bool, jobs: int, **of_reality: A
     if study == NAME:
         if quick:
             raise UserError("--quick", f"given with `{NAME}`", "--sets, for fewer data sets")
+        if device:
+            raise UserError("--device", f"given with `{NAME}`", "the name of a study")
         print(report_reality(out, jobs, **of_reality))
         return
     require_none(of_reality)
     with progress("starting"):
         from hcbench.reporting.ask import write_report
-    print(write_report(study, out, quick, jobs, progress, _warn).page)
+    print(write_report(study, out, quick, jobs, progress, _warn, device or "").page)
 
 
 @command()
@@ -60,8 +65,11 @@ def report(study: str, out: Path | None, quick: bool, jobs: int, **of_reality: A
 @click.option(
     "--resume", is_flag=True, help="Continue the sweep in the folder; finished parts are not run again."
 )
+@device_option
 @click.option("--scheduler", help="Address of a Dask scheduler, tcp://HOST:8786, to run on its workers.")
-def sweep(study: str, out: str | None, jobs: int, resume: bool, scheduler: str | None) -> None:
+def sweep(
+    study: str, out: str | None, jobs: int, resume: bool, device: str | None, scheduler: str | None
+) -> None:
     """Run a study of any size, in parts.
 
     Finished parts survive an interruption. Together they are one table for pandas and `hcbench report`.
@@ -72,7 +80,7 @@ def sweep(study: str, out: str | None, jobs: int, resume: bool, scheduler: str |
         from hcbench.benchmark.run import sweep as run
         from hcbench.reporting.ask import find_plan
 
-        name, plan = find_plan(study, _warn)
+        name, plan = find_plan(study, _warn, device or "")
     folder = out or str(Path("sweeps") / name)
     with progress("impacts") as tick:
 

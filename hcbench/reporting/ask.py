@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -99,7 +100,13 @@ def _silent(_: str) -> Iterator[Tick]:
 
 
 def write_report(
-    study: str, out: Path | None, quick: bool, jobs: int, stage: Stage, warn: Callable[[str], None]
+    study: str,
+    out: Path | None,
+    quick: bool,
+    jobs: int,
+    stage: Stage,
+    warn: Callable[[str], None],
+    device: str = "",
 ) -> StudyReport:
     """Write a report as `report` does.
 
@@ -116,7 +123,9 @@ def write_report(
             from hcbench.reporting.page import PAGE
 
             swept = is_sweep(study)
-            name, plan = (Path(study).resolve().name, None) if swept else find_plan(study, warn)
+            if swept and device:
+                raise UserError("--device", "given with a sweep that has run", "a study")
+            name, plan = (Path(study).resolve().name, None) if swept else find_plan(study, warn, device)
             default = default_folder(name, quick)
             folder = folder_for(out, default, plan.missing if plan else (), engines_in(out or default))
         if plan is None:
@@ -132,14 +141,14 @@ def write_report(
     return StudyReport(folder / PAGE, results)
 
 
-def find_plan(name: str, warn: Callable[[str], None]) -> tuple[str, Study]:
+def find_plan(name: str, warn: Callable[[str], None], device: str = "") -> tuple[str, Study]:
     """A study and its name. A built-in one leaves out what is not installed, with a line to `warn`."""
     path = find_study(name)
     study = load_study(path)
     if is_built_in(path):
         missing = missing_engines(dict.fromkeys(run.engine for run in study.runs), warn)
         study = study.of_engines(lambda engine: engine not in missing)
-    return name_of(path), study
+    return name_of(path), dataclasses.replace(study, device=device)
 
 
 def missing_engines(engines: Iterable[str], warn: Callable[[str], None]) -> tuple[str, ...]:

@@ -78,17 +78,19 @@ class Engine(ABC):
         Raises SettingError for options the engine does not have, SceneError for a scene it cannot load.
         """
 
+    def require_device(self, device: str) -> None:  # noqa: B027 - most have no choice
+        """Raises CannotRun where this machine lacks one of the engine's `devices`."""
+
     @final
     def device_of(self, setting: Setting) -> str:
         """The device that a setting names, where its impacts are read while they are stepped, and have no
         loops; "" for none. Raises SettingError for one that the engine does not have.
         """
-        device = setting.options.get("device", "") if self.devices else ""
+        device = str(setting.options.get("device", "")) if self.devices else ""
         if device and device not in self.devices:
-            raise SettingError(
-                f"{self.name} option 'device'", repr(device), " or ".join(map(repr, self.devices))
-            )
-        return str(device)
+            expected = " or ".join(map(repr, self.devices))
+            raise SettingError(f"{self.name} option 'device'", repr(device), expected)
+        return device
 
     def trajectory(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
         """Every step of `duration` s after release, however often the body bounces.

@@ -161,10 +161,8 @@ def run_lines(lines: str, names: dict[str, Any]) -> dict[str, Any]:
 
 def no_gpu(engine: str, library: str, needed: str) -> CannotRun:
     """The error of an engine that is to compute on a GPU, where its library sees none."""
-    got = f"no GPU is visible to {library}"
-    return CannotRun(
-        f"{engine} device", got, f"one, and {needed}", "Without --device it computes where it can"
-    )
+    advice = f"{needed}, or use --device cpu"
+    return CannotRun(f"{engine} device", f"no GPU is visible to {library}", "", advice)
 
 
 def batch_in(memory: int, each: int) -> int:

@@ -138,6 +138,10 @@ class RemoteEngine(Wrapped):
         impacts: list[Impact] = self._call("impacts", scene, setting, launches, launches=len(launches))
         return impacts
 
+    def require_device(self, device: str) -> None:
+        """As the engine does, there."""
+        self._call("require_device", device)
+
     def trajectory(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:
         """The engine's, there."""
         steps = duration / setting.timestep

@@ -29,6 +29,7 @@ from hcbench.workers.serve import serve, serve_forked
 Result = TypeVar("Result")
 
 _IDLE = 0.05  # share of the time that a process at work gets, on the busiest machine
+_LONGEST_S = 1e6  # that this process waits, which counts it in milliseconds of 32 bits
 _START_S = 60.0  # for a new interpreter to come up on a busy machine
 
 
@@ -161,6 +162,7 @@ class Worker:
         if limit is None or self._process is None:
             return self._pipe.poll(limit)
         begun = used = processor_seconds(self._process.pid)
+        limit = min(limit, _LONGEST_S)
         while not self._pipe.poll(limit):
             before, used = used, processor_seconds(self._process.pid)
             if used - before < _IDLE * limit or used - begun >= limit:

@@ -12,7 +12,10 @@ import pytest
 from shared_models import HOPPER, PAIR, SPRING, ball
 
 from hcbench import Measurement, cli, units
-from hcbench.errors import SceneError, SettingError
+from hcbench.benchmark.batch import Batch, run_batch
+from hcbench.benchmark.plan import make_plan
+from hcbench.benchmark.study import load_study
+from hcbench.errors import CannotRun, SceneError, SettingError, UserError
 from hcbench.impact import Floats, Launch
 from hcbench.laws.force import HuntCrossley
 from hcbench.measuring.measure import measure
@@ -20,6 +23,7 @@ from hcbench.recipes.target import Target
 from hcbench.scene import Scene, load_scene
 from hcbench.setting import Setting
 from hcbench.sim import registry
+from hcbench.sim.columns import Launches
 from hcbench.sim.convert import convert
 from hcbench.sim.parallel import require_motion
 from hcbench.tuning.ask import tune
@@ -27,6 +31,7 @@ from hcbench.tuning.ask import tune
 DOCS_MODEL = (
     Path(__file__).parents[2] / "examples" / "outside" / "mujoco_docs.xml"
 )  # of docs/reference/answers.md
+EXAMPLE = Path(__file__).parents[2] / "examples" / "study.toml"
 PLANE = load_scene("steel-plane")
 HEAVY = dataclasses.replace(PLANE, gravity=9.80665)
 SPEEDS, PHASES = (0.031, 0.13, 0.37, 0.5), (0.07, 0.31, 0.62, 0.88)  # of no search or other test
@@ -94,7 +99,7 @@ def test_mjx_refuses_pairs_that_pull(recipe: str) -> None:
 @pytest.mark.needs_engine("mjx")
 def test_mjx_refuses_an_impedance_that_float32_does_not_keep_and_takes_it_in_float64() -> None:
     setting = shared_setting("impulse", "mjx", 1e-3)
-    with pytest.raises(SettingError, match=r"float32 keeps too little.*'float64'"):
+    with pytest.raises(SettingError, match=r"rounded in float32.*'float64'"):
         restitutions(setting)
     exact = dataclasses.replace(setting, options={**setting.options, "precision": "float64"})
     _, e = restitutions(exact)
@@ -193,7 +198,7 @@ def test_a_users_model_bounces_as_in_mujoco_as_far_as_float32_lets_it(model: str
     ("engine", "recipe", "code", "words"),
     [
         ("mjx", "two-pair", "adhesion-dropped", "MJX drops a pair's adhesion"),
-        ("mjx", "impulse", "impedance-rounding", "float32 keeps too little"),
+        ("mjx", "impulse", "impedance-rounding", "is rounded in float32"),
         ("mujoco-warp", "", "pairs-dropped", "keeps one of several pairs"),
     ],
 )
@@ -246,3 +251,79 @@ def test_a_contact_without_damping_keeps_all_in_mjx_too(capsys: pytest.CaptureFi
         rows.append([line.split() for line in capsys.readouterr().out.splitlines() if "e+00" in line])
     assert rows[0] == rows[1]
     assert "1.0007" in rows[0][0]
+
+
+def on_device(setting: Setting, device: str = "cpu") -> Setting:
+    return dataclasses.replace(setting, options={**setting.options, "device": device})
+
+
+@pytest.mark.needs_engine
+@pytest.mark.parametrize(
+    ("recipe", "timestep"),
+    [
+        ("mjx.impulse", 1e-3),
+        ("mjx.spring-damper", 1e-5),
+        ("mujoco-warp.impulse", 1e-3),
+        ("mujoco-warp.restitution-law", 1e-3),
+        ("mujoco-warp.spring-damper", 1e-5),
+    ],
+)
+@pytest.mark.parametrize("scene", [PLANE, HEAVY], ids=["no gravity", "gravity"])
+def test_what_is_read_on_the_device_is_what_is_read_of_every_step(
+    recipe: str, timestep: float, scene: Scene
+) -> None:
+    setting = registry.recipe(recipe)(target(timestep))
+    engine, launches = registry.engine(setting.engine), LAUNCHES * 20  # more than one recorded batch
+    kept, read = (engine.run(scene, s, launches) for s in (setting, on_device(setting)))
+    assert [impact.status for impact in kept] == [impact.status for impact in read]
+    assert [impact.samples for impact in kept] == [impact.samples for impact in read]
+    for name, within in (("restitution", 1e-6), ("penetration_max", 1e-4), ("force_max", 1e-4)):
+        a, b = (np.array([getattr(impact, name) for impact in each]) for each in (kept, read))
+        assert np.abs(a - b).max() < within * a.max(), name
+    assert all(impact.loop is None for impact in read)
+
+
+@pytest.mark.needs_engine("mujoco-warp")
+def test_loops_are_kept_of_the_impacts_that_are_named() -> None:
+    setting = registry.recipe("mujoco-warp.spring-damper")(target(1e-5))
+    sent = Launches.of(LAUNCHES)
+    kept, read = (run_batch(Batch(PLANE, s, sent, [2, 11])) for s in (setting, on_device(setting)))
+    assert [i for i, _ in read.loops] == [2, 11]
+    for (_, one), (_, other) in zip(kept.loops, read.loops, strict=True):
+        assert np.allclose(one.time, other.time)
+        assert np.abs(one.force - other.force).max() < 1e-4 * one.force.max()
+
+
+@pytest.mark.needs_engine
+@pytest.mark.parametrize("engine", ["mjx", "mujoco-warp"])
+def test_a_hundred_thousand_launches_are_one_batch(engine: str) -> None:
+    setting = on_device(registry.recipe(f"{engine}.impulse")(target(1e-3)))
+    table = np.zeros((100_000, 8))
+    table[:, 0], table[:, 1], table[:, 2] = np.linspace(0.03, 0.5, len(table)), 0.5, np.nan
+    impacts = registry.engine(engine).run_columns(PLANE, setting, Launches.of_table(table))
+    assert impacts.is_measured.all()
+    e = impacts.restitution
+    assert np.abs(e - e[0]).max() < 5e-4
+
+
+@pytest.mark.needs_engine
+@pytest.mark.parametrize("engine", ["mjx", "mujoco-warp"])
+def test_a_gpu_that_is_not_there_is_named_before_anything_runs(engine: str) -> None:
+    try:
+        registry.engine(engine).require_device("gpu")
+    except CannotRun as error:
+        assert str(error).startswith(f"{engine} device: no GPU is visible to ")
+    registry.engine(engine).require_device("cpu")
+
+
+@pytest.mark.parametrize("engine", ["mjx", "mujoco-warp"])
+def test_another_device_is_refused(engine: str) -> None:
+    setting = Setting(engine, "mine", 1e-3, {"device": "tpu"})
+    with pytest.raises(SettingError, match=r"option 'device': 'tpu'; expected 'cpu' or 'gpu'"):
+        registry.adapter(engine).device_of(setting)
+
+
+def test_a_study_of_an_engine_without_a_choice_is_refused() -> None:
+    study = dataclasses.replace(load_study(EXAMPLE), device="gpu")
+    with pytest.raises(UserError, match=r"--device: 'gpu' for mujoco; expected a study of mjx and"):
+        make_plan(study)

@@ -87,10 +87,7 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         jax.config.update("jax_enable_x64", bits == 64)
         if in_worker() and not jax.config.jax_compilation_cache_dir:  # else the user's process, or choice
             jax.config.update("jax_compilation_cache_dir", str(user_folder("cache") / "jax"))
-        try:
-            chosen = jax.devices(device or None)[0]
-        except RuntimeError:
-            raise no_gpu("mjx", "JAX", "jax[cuda12]") from None
+        chosen = self._device(device)
         try:
             on_device = mjx.put_model(model, device=chosen)
         except NotImplementedError as error:
@@ -105,6 +102,16 @@ class MjxEngine(DescribesContact, SharedModelEngine):
             each = sum(array.nbytes for array in jax.tree.leaves(empty))
             copies.room = batch_in(memory, each)
         return copies
+
+    def require_device(self, device: str) -> None:
+        """Raises CannotRun where JAX sees no such device."""
+        self._device(device)
+
+    def _device(self, device: str) -> Any:
+        try:
+            return self.backend.module("jax").devices(device or None)[0]
+        except RuntimeError:
+            raise no_gpu(self.name, "JAX", "Install jax[cuda12] into its environment") from None
 
     @cache  # noqa: B019 - one adapter a process
     def _starts_in_64_bits(self) -> bool:

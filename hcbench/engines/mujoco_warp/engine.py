@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from hcbench.setting import Pair, Setting
     from hcbench.sim.scripted import PythonLaw
 
+_LOOK = 8  # steps between two looks at which balls have ended
 _BYTES = 16_000  # of a copy in memory
 _PLACES = 128  # a step of one world costs as much as of all
 _MOST_STEPS = 64  # between two looks
@@ -81,9 +82,7 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         """On one device."""
         warp, mujoco_warp = self.backend.module("warp"), self.backend.module("mujoco_warp")
         warp.config.quiet = True
-        if device == "gpu" and not warp.is_cuda_available():
-            raise no_gpu("mujoco-warp", "Warp", "an NVIDIA driver")
-        where = warp.get_device(device.replace("gpu", "cuda")) if device else warp.get_preferred_device()
+        where = self._device(device)
         warp.set_device(where)
         try:
             on_device = mujoco_warp.put_model(model)
@@ -95,6 +94,16 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         if device:
             copies.room = batch_in(where.free_memory if where.is_cuda else free_memory(), _BYTES)
         return copies
+
+    def require_device(self, device: str) -> None:
+        """Raises CannotRun where Warp sees no such device."""
+        self._device(device)
+
+    def _device(self, device: str) -> Any:
+        warp = self.backend.module("warp")
+        if device == "gpu" and not warp.is_cuda_available():
+            raise no_gpu(self.name, "Warp", "Install NVIDIA's driver")
+        return warp.get_device(device.replace("gpu", "cuda")) if device else warp.get_preferred_device()
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """MuJoCo Warp's solref for a bounce in one step."""
@@ -145,13 +154,13 @@ class WarpCopies(Copies):
         return np.array(path)
 
     def read_on(self, rule: Rule, reading: Reading, fewest: int, most: int) -> Reading:
-        """By a kernel after each step; every _MOST_STEPS steps this process looks which have ended."""
+        """By a kernel after each step; every _LOOK steps this process looks which have ended."""
         warp, kernel = self._names["wp"], _reading_kernel(self._names["wp"])
         now = Reading(*map(warp.array, reading))
         sent = [warp.array(number) if number.ndim else number.item() for number in rule]
         seen = [self._data.qpos, self._data.qvel, *sent, *now]
         while np.count_nonzero(now.end.numpy() == 0) > fewest and now.steps.numpy().max() < most:
-            for _ in range(_MOST_STEPS):
+            for _ in range(_LOOK):
                 self._take_step()
                 warp.launch(kernel, dim=self._data.nworld, inputs=seen)
         self._require_room()
