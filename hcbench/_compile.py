@@ -52,7 +52,7 @@ def compiler() -> list[str]:
     raise NotCompiled("no C compiler found (looked for $CC, cc, gcc, clang and the package ziglang)")
 
 
-def _private(folder: Path) -> bool:
+def is_private(folder: Path) -> bool:
     """Whether `folder` exists, is writable, and by this user alone: no other may leave a library there."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -91,7 +91,7 @@ def _temporary_folder() -> Path:
 
 def _folder() -> Path:
     folder = user_folder("cache")
-    return folder if _private(folder) else _temporary_folder()
+    return folder if is_private(folder) else _temporary_folder()
 
 
 def _compile(command: list[str], target: Path) -> None:

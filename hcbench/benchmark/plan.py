@@ -13,13 +13,14 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from hcbench.benchmark.launch_grid import LaunchGrid, share_of, speeds_at
 from hcbench.benchmark.results import run_key
 from hcbench.errors import UserError
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.recipes import kept
 from hcbench.recipes.target import Target
 from hcbench.sim import registry
 
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from hcbench.setting import Setting
 
 SCHEMA = 3
+_Job: TypeAlias = "tuple[Run, Target, Path | None]"  # of which a setting is made, and where it is kept
 _NAMED = re.compile(r'file(?:name)?\s*=\s*"([^"]+)"')  # how MJCF and URDF name meshes and parts
 # In a shard, at most: about a second of work, a fine grain for 10^8 impacts.
 SHARD_IMPACTS, _STEPS = 4096, 5_000_000
@@ -195,18 +197,25 @@ def _settings(
     study: Study, targets: Sequence[tuple[int, Target]], mapper: Callable[..., Iterable[Any]]
 ) -> list[Setting]:
     """A setting for each (index of a run, target), in order."""
+    runs = [(study.runs[i], target) for i, target in targets]
+    jobs = [(*one, kept.place_of(_recipe(one[0]), one[1], versions_here(one[0].engine))) for one in runs]
+    settings = {k: setting for k, job in enumerate(jobs) if (setting := _kept_setting(job)) is not None}
     # Runs of few settings are made first: that they are few is mostly because each takes a search.
     count = Counter(i for i, _ in targets)
-    turns = sorted(range(len(targets)), key=lambda k: count[targets[k][0]])
-    made = mapper(_make_setting, [(study.runs[i], target) for i, target in map(targets.__getitem__, turns)])
-    settings = dict(zip(turns, made, strict=True))
+    turns = sorted({*range(len(jobs))} - settings.keys(), key=lambda k: count[targets[k][0]])
+    settings.update(zip(turns, mapper(_make_setting, [jobs[k] for k in turns]), strict=True))
     on = {"device": study.device} if study.device else {}
     return [replace(s, options={**s.options, **on}) for s in map(settings.__getitem__, range(len(targets)))]
 
 
-def _make_setting(order: tuple[Run, Target]) -> Setting:
-    run, target = order
-    return _recipe(run)(target)
+def _kept_setting(job: _Job) -> Setting | None:
+    run, target, place = job
+    return kept.kept(_recipe(run), target, place)
+
+
+def _make_setting(job: _Job) -> Setting:
+    run, target, place = job
+    return kept.make(_recipe(run), target, place)
 
 
 def _shard_size(grid: LaunchGrid) -> int:
