@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Self, TypeVar, overload
 
@@ -215,10 +215,14 @@ class Impacts(_Columns[Impact]):
         return len(self.status)
 
     def __iter__(self) -> Iterator[Impact]:
+        return self.objects(self.launches)
+
+    def objects(self, launches: Iterable[Launch]) -> Iterator[Impact]:
+        """An object of each, with its launch among these, which are in the same order."""
         measured = self.speed_in, self.speed_out, self.duration, self.penetration_max, self.force_max
         where = self.source, self.row, self.start, self.samples
         columns = (self.status, self.reason, *where, self.tangential, self.speed_after_force, *measured)
-        for launch, *values in zip(self.launches, *map(_listed, columns), strict=True):
+        for launch, *values in zip(launches, *map(_listed, columns), strict=True):
             status, reason, source, row, start, samples, along, freed, v_in, v_out, *rest = values
             time, depth, force = rest
             loop = source.loop(row, start, samples) if isinstance(source, Recorded) else source

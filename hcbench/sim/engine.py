@@ -139,7 +139,7 @@ class Engine(ABC):
             raise SettingError("launches", f"{launches!r:.80}", "a list of Launch")
         for launch in launches:
             _require_launch(launch, self.name, self.oblique)
-        return list(self.run_columns(scene, setting, Launches.of(launches)))
+        return list(self.run_columns(scene, setting, Launches.of(launches)).objects(launches))
 
     @final
     def run_columns(self, scene: Scene, setting: Setting, launches: Launches) -> Impacts:

@@ -31,15 +31,19 @@ class Record:
     are NaN from the step on at which the engine gave up.
     tangential: what was seen along the plate, shape (8, b, n), rows as `hcbench.impact` numbers them; None
     where no launch is oblique, or from an engine that knows the normal direction only.
+    whole: all of these, one below the other, where an engine has them so; shape (3 or 11, b, n).
     """
 
     penetration: Floats
     rate: Floats
     force: Floats
     tangential: Floats | None = None
+    whole: Floats | None = None
 
     def rows(self) -> Floats:
         """The whole record, one quantity below the other, shape (3 or 11, b, n)."""
+        if self.whole is not None:
+            return self.whole
         normal = np.stack([self.penetration, self.rate, self.force])
         return normal if self.tangential is None else np.concatenate([normal, self.tangential])
 

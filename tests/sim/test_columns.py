@@ -58,6 +58,8 @@ def test_impacts_are_those_of_their_objects() -> None:
         Impact(SENT[2], Status.CRASHED, "no answer"),
     ]
     columns = Impacts.joined([Impacts.of(impacts[:2]), Impacts.of(impacts[2:])])
+    given = [impact.launch for impact in columns.objects(SENT[:3])]
+    assert all(one is other for one, other in zip(given, SENT, strict=False))
     _assert_same(list(columns), impacts)
     _assert_same([columns[2], columns[0]], [impacts[2], impacts[0]])
     np.testing.assert_array_equal(columns.restitution, [impact.restitution for impact in impacts])

@@ -123,19 +123,14 @@ class _Paths:
     def state(self, kind: int, i: int) -> Floats:
         """Shape (b, n + 1). kind, i: 0 and 0 ... 6 for positions, 1 and 0 ... 5 for velocities."""
         values = np.empty((len(self.start), self.path.shape[1] + 1))
-        values[:, :-1], values[:, -1] = self.before(kind, i)
+        values[:, 0], after = self.around(kind, i)
+        values[:, 1:] = values[:, :1] if after is None else after
         return values
 
-    def before(self, kind: int, i: int) -> tuple[Floats, Floats]:
-        """Before each step, shape (b, n), and after the last one, (b,); arguments as for `state`."""
-        start, after = (
-            self.start[:, self.batch.at[kind] + i],
-            self.batch.columns(self.path, (kind, i), len(self.start)),
-        )
-        values = np.empty((len(start), self.path.shape[1]))
-        values[:, 0] = start
-        values[:, 1:] = start[:, None] if after is None else after[:, :-1]
-        return values, start if after is None else after[:, -1]
+    def around(self, kind: int, i: int) -> tuple[Floats, Floats | None]:
+        """Before the first step, (b,), and after each, shape (b, n); None where it stays what it is."""
+        start = self.start[:, self.batch.at[kind] + i]
+        return start, self.batch.columns(self.path, (kind, i), len(start))
 
     def vector(self, kind: int, i: int, count: int = 3) -> Floats:
         """Several components of a state from `i` on, shape (b, n + 1, count)."""
@@ -150,16 +145,21 @@ class _Paths:
 
 def _on_plane(model: SceneModel, paths: _Paths) -> Floats:
     """Penetration is how far the centre is below where it touches."""
-    (z, _), (vz, last) = paths.before(0, 2), paths.before(1, 2)
-    seen = np.empty((3, *z.shape))
-    np.subtract(model.origin[model.at[0] + 2], z, out=seen[0])
-    np.negative(vz, out=seen[1])
-    gained = np.empty_like(vz)
-    np.subtract(vz.ravel()[1:], vz.ravel()[:-1], out=gained.ravel()[:-1])  # rows apart are slower by far
-    gained[:, -1] = last - vz[:, -1]
+    (start, z), (first, vz) = paths.around(0, 2), paths.around(1, 2)
+    assert z is not None, "a ball can move along the normal"
+    assert vz is not None, "a ball can move along the normal"
+    touch, seen = model.origin[model.at[0] + 2], np.empty((3, *z.shape))
+    depth, rate, gained = seen
+    # Of all rows in one go: rows apart are slower by far.
+    np.subtract(touch, z.ravel()[:-1], out=depth.ravel()[1:])
+    np.negative(vz.ravel()[:-1], out=rate.ravel()[1:])
+    np.subtract(vz.ravel()[1:], vz.ravel()[:-1], out=gained.ravel()[1:])
+    depth[:, 0], rate[:, 0], gained[:, 0] = touch - start, -first, vz[:, 0] - first
     if fall := model.scene.gravity * model.timestep:
         gained += fall
-    seen[2] = _force(model, gained, (vz, last), paths.acceleration(2) if model.sensed else None)
+    force = _force(model, gained, (rate, vz[:, -1]), paths.acceleration(2) if model.sensed else None)
+    if force is not gained:
+        seen[2] = force
     return seen
 
 
@@ -208,8 +208,8 @@ def _force(model: SceneModel, gained: Floats, speed: tuple[Floats, Floats], sens
     """Normal force of each step, N, shape (b, n); exactly 0 where the contact did not act.
 
     gained: what the contact adds to the velocity that parts the bodies, m/s, (b, n), to be overwritten.
-    speed: the velocity, or the sum of its absolute components, before each step, (b, n), and after the last
-    one, (b,). sensed: by contact at the step's start, m/s².
+    speed: the velocity, of either sign, or the sum of its absolute components, before each step, (b, n), and
+    after the last one, (b,). sensed: by contact at the step's start, m/s².
     """
     h, g = model.timestep, model.scene.gravity
     before, last = speed[0].ravel(), speed[1]

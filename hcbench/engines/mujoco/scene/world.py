@@ -192,7 +192,7 @@ class MujocoSimulation(Simulation):
                 seen, self._states = recorded
                 self._steps += seen.shape[2]
                 x, v, f = seen[:3]
-                return Record(x, v, f, seen[3:] if oblique else None)
+                return Record(x, v, f, seen[3:] if oblique else None, seen)
             self._alone = True  # MuJoCo gave up on a whole batch for the sake of one ball
 
     def _next_batch(self, steps: int) -> BatchedModel:
