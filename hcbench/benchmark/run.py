@@ -12,6 +12,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -21,7 +22,7 @@ from hcbench.benchmark.encodings import arrays, parquet, require_parquet
 from hcbench.benchmark.files import TemporaryFiles, open_files
 from hcbench.benchmark.plan import Plan, make_plan
 from hcbench.benchmark.results import Results
-from hcbench.benchmark.shard import Timeouts, run_bounces, run_shard
+from hcbench.benchmark.shard import Timeouts, run_bounces, run_jobs, run_shard
 from hcbench.benchmark.store import GO_ON, Store
 from hcbench.benchmark.study import Study
 from hcbench.benchmark.tables import Totals
@@ -34,10 +35,12 @@ if TYPE_CHECKING:
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
-_AHEAD = 2  # jobs handed out for each that is running
+_AHEAD = 2  # tasks handed out for each that is running
+_TOGETHER = 16  # jobs in a task, at most
+_TASK_S = 1.0  # of a task on a cluster, about: each costs its scheduler milliseconds
 _SUMMARY_S = 5.0  # between two summaries
 _LOOK_S = 1.0  # between two looks at workers while nothing comes back
-_TRIES = 2  # of a job that its executor fails
+_TRIES = 2  # of a task that its executor fails
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +59,15 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class Workers:
-    """What runs a study. width: how many jobs the executor runs at once. mapper: as `map`, for recipes."""
+    """What runs a study. width: how many tasks the executor runs at once. mapper: as `map`, for recipes.
+
+    task_s: how long a task may take, s, that has several jobs.
+    """
 
     executor: Executor
     width: Callable[[], int]
     mapper: Callable[..., Iterable[Any]] = map
+    task_s: float = 0.0
 
 
 @checked
@@ -135,7 +142,7 @@ def _workers(executor: Executor | None, scheduler: str | None, jobs: int) -> Ite
         from hcbench.benchmark.cluster import connected
 
         with connected(scheduler) as (cluster, threads):
-            yield Workers(cluster, threads)
+            yield Workers(cluster, threads, task_s=_TASK_S)
     else:
         with WorkerPool(jobs) as pool:
             yield Workers(pool.threads, lambda: jobs, pool.map)
@@ -192,36 +199,38 @@ def run_plan(
 def _imap_unordered(
     workers: Workers, function: Callable[[Job, Timeouts], Result], jobs: Iterable[Job], timeouts: Timeouts
 ) -> Iterator[tuple[Job, Result]]:
-    """(job, its result), the first to finish first; few are handed out ahead. A failed job is tried again."""
-    waiting = iter(jobs)
-    running: dict[Future[Result], tuple[Job, int]] = {}
+    """(job, its result), the first to finish first. Few are handed out ahead; what failed is tried again."""
+    waiting, together = iter(jobs), 1
+    running: dict[Future[tuple[list[Result], float]], tuple[list[Job], int]] = {}
 
-    def submit(job: Job, tries: int) -> None:
+    def submit(task: list[Job], tries: int) -> None:
         try:
-            running[workers.executor.submit(function, job, timeouts)] = job, tries
+            running[workers.executor.submit(run_jobs, function, task, timeouts)] = task, tries
         except RuntimeError as error:  # broken, or shut down
             raise CannotRun("executor", str(error), "one that takes work", GO_ON) from error
 
     try:
         while True:
-            while len(running) < _AHEAD * workers.width() and (job := next(waiting, None)) is not None:
-                submit(job, 1)
+            while len(running) < _AHEAD * workers.width() and (task := list(islice(waiting, together))):
+                submit(task, 1)
             if not running:
                 return
             for future in wait(running, _LOOK_S, FIRST_COMPLETED).done:
-                job, tries = running.pop(future)
+                task, tries = running.pop(future)
                 try:
-                    result = future.result()
+                    results, seconds = future.result()
                 except HcbenchError:
                     raise
                 except Exception as error:
                     if tries == _TRIES:
                         reason = " ".join(f"{type(error).__name__}: {error}".split())
-                        got = f"failed {job} {tries} times: {reason:.200}"
+                        got = f"failed {task[0]} {tries} times: {reason:.200}"
                         raise CannotRun("executor", got, "", GO_ON) from error
-                    submit(job, tries + 1)
+                    submit(task, tries + 1)
                 else:
-                    yield job, result
+                    yield from zip(task, results, strict=True)
+                    more = len(task) * workers.task_s / max(seconds, 1e-9)
+                    together = int(min(max(more, 1), _TOGETHER))
     finally:
         for future in running:
             future.cancel()

@@ -1,17 +1,19 @@
 """Simulates one shard, or one sequence of bounces, wherever it is sent.
 
-`run_shard` and `run_bounces` are all that an executor is given. Engines run in a worker process. Where that
-crashes in a batch of launches, they are run one by one; what then fails is CRASHED, with the reason.
+An executor is given `run_jobs`, of `run_shard` or `run_bounces`, and nothing else. Engines run in a worker
+process. Where that crashes in a batch of launches, they are run one by one; what then fails is CRASHED, with
+the reason.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from hcbench.benchmark.batch import Batch, BatchResult, result_of, run_batch, run_one_by_one
 from hcbench.benchmark.bounce_sequence import Drop, Dropped, simulate_bounces
@@ -28,6 +30,9 @@ from hcbench.workers import call, map_surviving_crashes, use_own_worker
 
 if TYPE_CHECKING:
     from hcbench.benchmark.encodings import Encode
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
 
 _FIRST = 64  # launches in the first batch of a shard: it shows how long contacts last
 _SAMPLES = 500_000  # steps in contact in a batch, at most: 16 MB of loops
@@ -49,6 +54,14 @@ class Timeouts:
         """Time that a worker gets for so many impacts of a step, s."""
         each = 4.0 * max(1.0, 1e-6 / timestep) if self.each is None else self.each
         return self.start + each * impacts
+
+
+def run_jobs(
+    function: Callable[[Job, Timeouts], Result], jobs: Sequence[Job], timeouts: Timeouts
+) -> tuple[list[Result], float]:
+    """What a function makes of each job, and how long all of them took, s."""
+    began = time.perf_counter()
+    return [function(job, timeouts) for job in jobs], time.perf_counter() - began
 
 
 def run_shard(shard: Shard, timeouts: Timeouts, encode: Encode = parquet) -> ShardFiles:

@@ -71,7 +71,7 @@ class Failing(ThreadPoolExecutor):
         self._most = times
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        number = args[0].number
+        (number,) = (shard.number for shard in args[1])
         self._times[number] = self._times.get(number, 0) + 1
         if self._times[number] > self._most:
             return super().submit(fn, *args, **kwargs)
