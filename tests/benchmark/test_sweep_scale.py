@@ -5,11 +5,16 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from typing import TYPE_CHECKING
+import re
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
+from hcbench.benchmark import plan, run
 from hcbench.benchmark.encodings import arrays
 from hcbench.benchmark.files import TemporaryFiles
 from hcbench.benchmark.results import RUN_KEY
@@ -17,9 +22,18 @@ from hcbench.benchmark.store import Store
 from hcbench.benchmark.tables import ShardFiles, Summary, Totals
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
 PARTS = 1100
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def simulated(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """benchmarks/simulated_sweep.py."""
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    yield import_module("simulated_sweep")
+    del sys.modules["simulated_sweep"]
 
 
 def summary(setting: str, square: float) -> Summary:
@@ -62,3 +76,34 @@ def test_a_setting_of_which_nothing_bounced_has_no_error(name: str) -> None:
     failed = {**summary("a", 0.0), "parted": 0, "rested": 0, "failed": 5}
     ((_, line),) = itertools.islice(totals([[failed]]).lines().items(), 1)
     assert math.isnan(line[name])
+
+
+def test_a_sweep_of_many_parts_has_few_files_in_a_folder_and_reads_none_of_them(
+    monkeypatch: pytest.MonkeyPatch, simulated: Any
+) -> None:
+    monkeypatch.setattr(plan, "SHARD_IMPACTS", 8)
+    monkeypatch.setattr(run, "_SUMMARY_S", 0.0)  # after each part
+    reads = []
+    for impacts in (12_000, 24_000):
+        files = simulated.counted(simulated.planned(impacts))
+        assert sum(files.counts.values()) >= 2 * impacts / 8, "a summary for each part"
+        assert max(count for folder, count in files.counts.items() if folder) == 1000
+        reads.append(files.reads)
+    assert reads[0] == reads[1]
+
+
+def test_the_page_plans_10_9_impacts_as_they_are_cut(simulated: Any) -> None:
+    text = (ROOT / "docs/reference/sweeps.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| ([^|]+?) +\| ([^|]+?) +\|$", text.partition("## Plan for")[2], re.MULTILINE))
+    parts = len(simulated.planned(10**9))
+    folders = math.ceil(parts / 1000)
+    assert rows["parts"] == f"{parts:_}".replace("_", " ")
+    assert rows["most files in a folder"] == f"1000, in {folders} folders"
+    written = float(rows["processor time of a part that is sent and written"].removesuffix(" ms"))
+    for step, microseconds in simulated.WORKER_US.items():
+        engines = 1e-6 * microseconds * 1e9
+        minutes = max(1e-3 * written * parts, engines / simulated.CORES) / 60
+        cells = re.search(rf"^\| {step} \| ([^|]+) µs \| ([^|]+) \| ([^|]+) min \|$", text, re.MULTILINE)
+        assert cells is not None
+        limit = engines / parts / (1e-3 * written)
+        assert cells.groups() == (f"{microseconds:g}", f"{limit:.0f}", f"{minutes:.2g}")
