@@ -75,7 +75,7 @@ _EXAMPLES: dict[str, tuple[str, Sequence[str]]] = {
         [
             'mujoco --alpha "0.3 s/m" --timestep "2 ms"',
             'mujoco --alpha "0.3 s/m" --timestep "2 ms" --plugin',
-            'my.xml --pair foot,floor --alpha "0.3 s/m" --write-model tuned.xml',
+            "my.xml --pair foot,floor --alpha 0.3 --write-model tuned.xml",
         ],
     ),
     "pairs": ("howto/measure", ["my.xml"]),

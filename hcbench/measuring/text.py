@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -154,7 +155,7 @@ def as_text(measurement: Measurement) -> str:
     lines += _score_lines(measurement)
     lines += cause_lines(measurement.causes, measurement.remedy)
     lines += cause_lines(measurement.rest_causes, "")
-    return "\n".join(lines).rstrip() + "\n"
+    return re.sub("\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n"  # one empty line between parts
 
 
 def motion_notes(measurement: Measurement) -> list[str]:

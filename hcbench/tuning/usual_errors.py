@@ -1,7 +1,7 @@
 """Errors of the answers at any α, found once (`make answers`): a page tells them without a search.
 
-A row is what `find_answer` says at one α; rows are added until those on both sides of one tell its errors.
-Where they do not, as where the answer is another setting, the errors between two rows are left unknown.
+A row is what `find_answer` says at one α. Between two rows a page tells the line through the rows around,
+if each of those lies near it; where they do not, as where a search ends otherwise, it tells none.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from functools import lru_cache
 from itertools import pairwise, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+import numpy as np
 
 from hcbench._files import parse_json, read_text, write_text
 from hcbench.errors import SettingError
@@ -33,12 +35,16 @@ SCENE = "steel-plane"
 STEPS = (1e-3, 2e-3, 1 / 240, 5e-3)
 GRAVITIES = (9.81, 0.0)
 BANDS = ((), (0.1, 2.0))  # m/s; (): the default of a step
-ALPHAS = tuple(alpha / INCH for alpha in (0.001, 0.002, 0.004, 0.008, 0.016, 0.032))
+_DIGITS = (*range(10, 20), *range(20, 50, 2), 25, 35, 45, *range(50, 100, 5))  # what people type
+_STUDIED = tuple(alpha / INCH for alpha in (0.001, 0.002, 0.004, 0.008, 0.016, 0.032))
+_TYPED = (float(f"{digits}e{power}") for power in (-3, -2, -1) for digits in _DIGITS)
+ALPHAS = tuple(sorted({*_STUDIED, *(alpha for alpha in _TYPED if _STUDIED[0] < alpha < _STUDIED[-1])}))
 FINE_ALPHAS = tuple(float(f"{10 ** (k / 32 - 2):.4g}") for k in range(129))  # 0.01 ... 100 s/m
-NEAR = 0.05  # relative: how far an error in the middle may lie from the line between two
-_HALVINGS = 3
+NEAR, AROUND = 0.06, 8  # relative: how far so many rows around may lie from the line that is told of them
+_FEW_NEAR, _FEW = 0.05, 6  # the same where a row in the middle is tried, too
+_KINDS = (1, 2)  # columns of a row
 
-# α s/m; setting and error of "settings", of "constant"; whether this and the next row tell what lies between.
+# α s/m; setting and error of "settings", of "constant"; None for no such choice.
 Row: TypeAlias = "list[Any]"
 
 
@@ -87,38 +93,40 @@ def _asked(condition: Condition, alpha: float) -> tuple[Scene, Target]:
 
 
 def rows(condition: Condition) -> list[Row]:
-    """Rows in the order of α."""
-    known = {alpha: row(condition, alpha) for alpha in ALPHAS}
-    open_intervals = list(pairwise(ALPHAS))
-    for _ in range(_HALVINGS):
-        halves = []
-        for low, high in open_intervals:
-            between = math.sqrt(low * high)
-            known[between] = row(condition, between)
-            if not all(_is_told(known[low], known[between], known[high], kind) for kind in (1, 2)):
-                halves += [(low, between), (between, high)]
-        open_intervals = halves
-    ordered = [known[alpha] for alpha in sorted(known)]
-    return [[*each, _joined(ordered, i)] for i, each in enumerate(ordered)]
-
-
-def _joined(ordered: Sequence[Row], i: int) -> list[bool]:
-    """Of each kind, whether rows i and i + 1 lie on the line between their neighbours."""
-    inner = [k for k in (i, i + 1) if 0 < k < len(ordered) - 1 and i + 1 < len(ordered)]
-    return [
-        bool(inner) and all(_is_told(ordered[k - 1], ordered[k], ordered[k + 1], kind) for k in inner)
-        for kind in (1, 2)
+    """Rows in the order of α: at ALPHAS, and where these tell settings' errors, one in each middle, too."""
+    table = [row(condition, alpha) for alpha in ALPHAS]
+    told = [line(table, i, 1, _FEW_NEAR, _FEW) is not None for i in range(len(table) - 1)]
+    middles = [
+        row(condition, float(f"{math.sqrt(left[0] * right[0]):.4g}"))
+        for (left, right), is_told in zip(pairwise(table), told, strict=True)
+        if is_told
     ]
+    return sorted([*table, *middles], key=lambda each: float(each[0]))
 
 
-def _is_told(left: Row, middle: Row, right: Row, kind: int) -> bool:
-    """Whether an error lies on a line over log α between two others; none where they have none."""
-    if left[kind] is None or middle[kind] is None or right[kind] is None:
-        return left[kind] is middle[kind] is right[kind]
-    share = math.log(middle[0] / left[0]) / math.log(right[0] / left[0])
-    error = left[kind][1] + share * (right[kind][1] - left[kind][1])
-    same = left[kind][0] == middle[kind][0] == right[kind][0]
-    return bool(same and math.isclose(error, middle[kind][1], rel_tol=NEAR))
+def line(
+    table: Sequence[Row], i: int, kind: int, near: float = NEAR, count: int = AROUND
+) -> list[Any] | None:
+    """The settings of the rows around the interval from i to i + 1, and its error at both ends.
+
+    kind: the column. None where one of `count` rows around has no error, or one that is not near the line
+    through all of them, straight over logarithms of both.
+    """
+    first = max(0, min(i + 1 - count // 2, len(table) - count))
+    around = table[first : first + count]
+    if any(each[kind] is None for each in around):
+        return None
+    alphas = np.log([_alpha(each) for each in around])
+    errors = np.log([each[kind][1] for each in around])
+    fitted = np.polynomial.Polynomial.fit(alphas, errors, 1)
+    if np.abs(np.expm1(errors - fitted(alphas))).max() > near:
+        return None
+    names = " or ".join(sorted({each[kind][0] for each in around}))
+    return [names, *(_shortened(math.exp(fitted(math.log(_alpha(each))))) for each in table[i : i + 2])]
+
+
+def _alpha(one: Row) -> float:
+    return float(one[0])
 
 
 def write(jobs: int = 2) -> None:
@@ -128,15 +136,33 @@ def write(jobs: int = 2) -> None:
     with WorkerPool(jobs) as pool:
         tables = pool.map(rows, conditions)
     lines = [
-        json.dumps({**each._asdict(), "lows": lows(each), "rows": [_shortened(one) for one in table]})
+        json.dumps({**each._asdict(), "lows": lows(each), "rows": [_as_written(one) for one in table]})
         for each, table in zip(conditions, tables, strict=True)
     ]
     write_text(FILE, "[\n" + ",\n".join(lines) + "\n]\n")
 
 
 def errors_of(engines: Collection[str]) -> list[dict[str, Any]]:
-    """Each condition of some engines with its rows, as JSON."""
-    return [condition for condition in file_content() if condition["engine"] in engines]
+    """Each condition of some engines, as JSON for a page.
+
+    names: of settings, by the numbers that the rows have in their place. rows: each with the two lines, of
+    settings and of one e, from its α to the next; None where no error is told.
+    """
+    return [_told(condition) for condition in file_content() if condition["engine"] in engines]
+
+
+def _told(condition: dict[str, Any]) -> dict[str, Any]:
+    table, names = condition["rows"], dict[str, int]()
+    told = [
+        [one[0], *(one[kind] for kind in _KINDS), *(line(table, i, kind) for kind in _KINDS)]
+        for i, one in enumerate(table[:-1])
+    ]
+    told.append([*table[-1], None, None])
+    numbered = [
+        [alpha, *(one and [names.setdefault(one[0], len(names)), *one[1:]] for one in choices)]
+        for alpha, *choices in told
+    ]
+    return {**condition, "names": list(names), "rows": numbered}
 
 
 @lru_cache(maxsize=1)
@@ -146,7 +172,10 @@ def file_content() -> list[dict[str, Any]]:
     return known
 
 
-def _shortened(one: Row) -> Row:
+def _as_written(one: Row) -> Row:
     """An α in nine digits, errors in four."""
-    errors = [each and [each[0], float(f"{each[1]:.4g}")] for each in one[1:3]]
-    return [float(f"{one[0]:.9g}"), *errors, one[3]]
+    return [float(f"{one[0]:.9g}"), *(each and [each[0], _shortened(each[1])] for each in one[1:])]
+
+
+def _shortened(error: float) -> float:
+    return float(f"{error:.4g}")

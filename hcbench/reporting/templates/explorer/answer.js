@@ -27,22 +27,36 @@ function choiceNow() {
   return choices.find(choice => choice.kind === state.kind) ?? choices[0];
 }
 
-// What the table tells of an α: [setting, error, whether it was run] of either kind, null for no such choice,
-// undefined where it is not known, as off the table.
-function rowAt(rows, alpha) {
+// What the table tells of an α, of settings and of one e: the setting, its error and whether it was run; null
+// for no such choice; errors that were run near it where no error is told between them.
+function rowAt({rows, names}, alpha) {
   const same = rows.find(row => near(row[0], alpha));
-  if (same) return [1, 2].map(kind => same[kind] && [...same[kind], true]);
+  if (same) return [1, 2].map(kind => same[kind] && {setting: names[same[kind][0]], error: same[kind][1], ran: true});
   const i = rows.findIndex((row, at) => at + 1 < rows.length && row[0] < alpha && alpha < rows[at + 1][0]);
-  if (i < 0) return [];
-  const [left, right] = [rows[i], rows[i + 1]], share = Math.log(alpha / left[0]) / Math.log(right[0] / left[0]);
-  const between = (one, other) => one && [one[0], one[1] + share * (other[1] - one[1]), false];
-  return [1, 2].map(kind => left[3][kind - 1] ? between(left[kind], right[kind]) : undefined);
+  if (i < 0) return [{}, {}];
+  const [row, next] = [rows[i], rows[i + 1]], share = Math.log(alpha / row[0]) / Math.log(next[0] / row[0]);
+  return [1, 2].map(kind => {
+    if (rows.every(each => !each[kind])) return null;
+    const line = row[kind + 2];
+    if (line) return {setting: names[line[0]], error: line[1] * (line[2] / line[1]) ** share};
+    return {nearby: rows.slice(Math.max(0, i - 1), i + 3).map(each => each[kind]?.[1] ?? null)};
+  });
+}
+
+// Errors near an α whose own is not known.
+function nearbyText(errors) {
+  const known = errors?.filter(error => error !== null) ?? [];
+  if (!errors) return "No error is known here without a run.";
+  if (!known.length) return "At the nearest α that were run there is none to advise.";
+  const [low, high] = [Math.min(...known), Math.max(...known)].map(errorText);
+  const some = known.length < errors.length ? "; at some there is none to advise" : "";
+  return `At the nearest α that were run, e is within ${low === high ? low : `${low} … ${high}`}${some}.`;
 }
 
 // For an α or a band that no answer is of: the plug-in's text, and errors of the rest from the table.
 function madeAnswer(here) {
   const alpha = alphaNow(), table = data.errors.find(each => isHere(each) && each.band.join() === state.band);
-  const row = table ? rowAt(table.rows, alpha) : [], low = table?.lows.find(([most]) => alpha <= most)?.[1];
+  const row = table ? rowAt(table, alpha) : [{}, {}], low = table?.lows.find(([most]) => alpha <= most)?.[1];
   const usual = here[0].choices.find(choice => choice.kind !== "exact")?.band ?? here[0].choices[0].band;
   const band = table?.band.length ? [Math.max(table.band[0], usual[0]), table.band[1]] : usual;
   const stock = stockHere();
@@ -52,13 +66,13 @@ function madeAnswer(here) {
   const asked = kind => `${tuneLine()} --speeds "${digits3(band[0])}:${digits3(band[1])} m/s" ${FLAGS[kind]}`;
   const choices = ["settings", "constant"].flatMap((kind, i) => {
     const told = row[i];
-    if (told === undefined) {
-      const say = `Ask for it: this command finds ${kind === "settings" ? "settings" : "one e"} of ${engineTitle()}.`;
-      return [{kind, setting: "", error: NaN, band, shown, more: ["No error is known here without a run."], text: asked(kind), say}];
-    }
     if (!told) return [];
-    const [setting, error, ran] = told;
-    const more = [ran ? "The command finds its numbers." : "≈ lies between two α that were run; the command finds the numbers and measures the error."];
+    const {setting, error, ran, nearby} = told;
+    if (!setting) {
+      const say = `Ask for it: this command finds ${kind === "settings" ? "settings" : "one e"} of ${engineTitle()}.`;
+      return [{kind, setting: "", error: NaN, band, shown, more: [nearbyText(nearby)], text: asked(kind), say}];
+    }
+    const more = [ran ? "The command finds its numbers." : "≈ lies between α that were run; the command finds the numbers and measures the error."];
     return [made(kind, setting, error, ran ? errorText(error) : `≈ ${errorText(error)}`, more, asked(kind))];
   });
   const known = here.flatMap(answer => answer.choices.filter(choice => choice.kind === "exact").map(choice => ({answer, choice})))[0];

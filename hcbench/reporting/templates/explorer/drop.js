@@ -44,12 +44,12 @@ function drawDrop() {
 
 // How far the chosen setting's last touch lies behind the law's, and why.
 function lag(law) {
-  const own = falling.find(({style}) => keyOf(style) === choiceNow()?.shown[0] && style.kind !== "stock")?.drop;
+  const {name, drop: own} = falling.find(({style}) => keyOf(style) === choiceNow()?.shown[0] && style.kind !== "stock") ?? {};
   const count = own ? Math.min(own.touch.length, law.touch.length) : 0;
   if (count < 2) return "";
   const late = own.touch[count - 1] - law.touch[count - 1];
   const contact = drop => drop.parting.slice(0, count - 1).reduce((sum, t, i) => sum + t - drop.touch[i], 0) / (count - 1);
-  return `Its bounce ${count} comes ${text(1e3 * Math.abs(late))} ms ${late < 0 ? "before" : "after"} the law's: a contact lasts ${text(1e3 * contact(own))} ms`
+  return `Bounce ${count} of ${name} comes ${text(1e3 * Math.abs(late))} ms ${late < 0 ? "before" : "after"} the law's: a contact lasts ${text(1e3 * contact(own))} ms`
     + ` where the law's lasts ${text(1e3 * contact(law))} ms, as an engine acts once a step of ${stepName(state.step)}.`;
 }
 

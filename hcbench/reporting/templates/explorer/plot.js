@@ -79,7 +79,7 @@ class Plot {
   static width(svg) {
     const place = svg.parentElement, style = getComputedStyle(place);
     if (Plot.paper) return {"explorer-curve": 700, "explorer-steps": 700}[svg.id] ?? 340;
-    return Math.round(place.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight));
+    return Math.max(120, Math.round(place.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight)));  // 0: hidden
   }
 
   static share(axis, value) {
