@@ -49,7 +49,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _leave_out_missing_engines(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Of the tests of an engine that is not installed the first is skipped, and the others are deselected."""
+    """Skip the first test of an engine that is not installed, and deselect its others."""
     there = cache(registry.is_there)
     missing: set[str] = set()
     kept, left_out = [], []
@@ -68,7 +68,7 @@ def _leave_out_missing_engines(config: pytest.Config, items: list[pytest.Item]) 
 
 
 def _needed_engine(item: pytest.Item) -> str:
-    """That a marker `needs_engine` names, or without a name the parameter `engine`, `name` or `recipe`."""
+    """The engine that a marker `needs_engine` names, or else the parameter `engine`, `name` or `recipe`."""
     marker = item.get_closest_marker("needs_engine")
     if marker is None:
         return ""

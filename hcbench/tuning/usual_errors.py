@@ -1,7 +1,8 @@
-"""Errors of the answers at any α, found once (`make answers`): a page tells them without a search.
+"""Errors of the answers at any α, found once (`make answers`): a page has them without a search.
 
-A row is what `find_answer` says at one α. Between two rows a page tells the line through the rows around,
-if each of those lies near it; where they do not, as where a search ends otherwise, it tells none.
+A row is what `find_answer` says at one α. Between two rows a page has the error of one e from the line
+through the rows around, where each of those lies near it. Errors of settings jump from α to α, as searches
+end otherwise: those are known at the rows alone.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import json
 import math
 from collections.abc import Collection, Sequence
 from functools import lru_cache
-from itertools import pairwise, product
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -40,9 +41,7 @@ _STUDIED = tuple(alpha / INCH for alpha in (0.001, 0.002, 0.004, 0.008, 0.016, 0
 _TYPED = (float(f"{digits}e{power}") for power in (-3, -2, -1) for digits in _DIGITS)
 ALPHAS = tuple(sorted({*_STUDIED, *(alpha for alpha in _TYPED if _STUDIED[0] < alpha < _STUDIED[-1])}))
 FINE_ALPHAS = tuple(float(f"{10 ** (k / 32 - 2):.4g}") for k in range(129))  # 0.01 ... 100 s/m
-NEAR, AROUND = 0.06, 8  # relative: how far so many rows around may lie from the line that is told of them
-_FEW_NEAR, _FEW = 0.05, 6  # the same where a row in the middle is tried, too
-_KINDS = (1, 2)  # columns of a row
+NEAR, AROUND = 0.05, 8  # relative: how far so many rows around may lie from their line, to trust it
 
 # α s/m; setting and error of "settings", of "constant"; None for no such choice.
 Row: TypeAlias = "list[Any]"
@@ -92,36 +91,22 @@ def _asked(condition: Condition, alpha: float) -> tuple[Scene, Target]:
     )
 
 
-def rows(condition: Condition) -> list[Row]:
-    """Rows in the order of α: at ALPHAS, and where these tell settings' errors, one in each middle, too."""
-    table = [row(condition, alpha) for alpha in ALPHAS]
-    told = [line(table, i, 1, _FEW_NEAR, _FEW) is not None for i in range(len(table) - 1)]
-    middles = [
-        row(condition, float(f"{math.sqrt(left[0] * right[0]):.4g}"))
-        for (left, right), is_told in zip(pairwise(table), told, strict=True)
-        if is_told
-    ]
-    return sorted([*table, *middles], key=lambda each: float(each[0]))
+def line(table: Sequence[Row], i: int) -> list[Any] | None:
+    """The settings of one e in the rows around the interval from i to i + 1, and its error at both ends.
 
-
-def line(
-    table: Sequence[Row], i: int, kind: int, near: float = NEAR, count: int = AROUND
-) -> list[Any] | None:
-    """The settings of the rows around the interval from i to i + 1, and its error at both ends.
-
-    kind: the column. None where one of `count` rows around has no error, or one that is not near the line
-    through all of them, straight over logarithms of both.
+    None where one of AROUND rows has no such error, or one that is not near the line through all of them,
+    straight over logarithms of both.
     """
-    first = max(0, min(i + 1 - count // 2, len(table) - count))
-    around = table[first : first + count]
-    if any(each[kind] is None for each in around):
+    first = max(0, min(i + 1 - AROUND // 2, len(table) - AROUND))
+    around = table[first : first + AROUND]
+    if any(constant is None for _, _, constant in around):
         return None
     alphas = np.log([_alpha(each) for each in around])
-    errors = np.log([each[kind][1] for each in around])
+    errors = np.log([error for _, _, (_, error) in around])
     fitted = np.polynomial.Polynomial.fit(alphas, errors, 1)
-    if np.abs(np.expm1(errors - fitted(alphas))).max() > near:
+    if np.abs(np.expm1(errors - fitted(alphas))).max() > NEAR:
         return None
-    names = " or ".join(sorted({each[kind][0] for each in around}))
+    names = " or ".join(sorted({name for _, _, (name, _) in around}))
     return [names, *(_shortened(math.exp(fitted(math.log(_alpha(each))))) for each in table[i : i + 2])]
 
 
@@ -134,10 +119,10 @@ def write(jobs: int = 2) -> None:
     engines = usual.file_content()["versions"]
     conditions = [Condition(*each) for each in product(engines, STEPS, GRAVITIES, BANDS)]
     with WorkerPool(jobs) as pool:
-        tables = pool.map(rows, conditions)
+        asked = iter(pool.map(_asked_row, list(product(conditions, ALPHAS))))
     lines = [
-        json.dumps({**each._asdict(), "lows": lows(each), "rows": [_as_written(one) for one in table]})
-        for each, table in zip(conditions, tables, strict=True)
+        json.dumps({**each._asdict(), "lows": lows(each), "rows": [next(asked) for _ in ALPHAS]})
+        for each in conditions
     ]
     write_text(FILE, "[\n" + ",\n".join(lines) + "\n]\n")
 
@@ -145,22 +130,18 @@ def write(jobs: int = 2) -> None:
 def errors_of(engines: Collection[str]) -> list[dict[str, Any]]:
     """Each condition of some engines, as JSON for a page.
 
-    names: of settings, by the numbers that the rows have in their place. rows: each with the two lines, of
-    settings and of one e, from its α to the next; None where no error is told.
+    names: of settings, by the numbers that the rows have in their place. rows: each with the line of one e
+    from its α to the next, None where that is not known.
     """
-    return [_told(condition) for condition in file_content() if condition["engine"] in engines]
+    return [_for_page(condition) for condition in file_content() if condition["engine"] in engines]
 
 
-def _told(condition: dict[str, Any]) -> dict[str, Any]:
+def _for_page(condition: dict[str, Any]) -> dict[str, Any]:
     table, names = condition["rows"], dict[str, int]()
-    told = [
-        [one[0], *(one[kind] for kind in _KINDS), *(line(table, i, kind) for kind in _KINDS)]
-        for i, one in enumerate(table[:-1])
-    ]
-    told.append([*table[-1], None, None])
+    lines = [*(line(table, i) for i in range(len(table) - 1)), None]
     numbered = [
-        [alpha, *(one and [names.setdefault(one[0], len(names)), *one[1:]] for one in choices)]
-        for alpha, *choices in told
+        [alpha, *(one and [names.setdefault(one[0], len(names)), *one[1:]] for one in (*choices, onward))]
+        for (alpha, *choices), onward in zip(table, lines, strict=True)
     ]
     return {**condition, "names": list(names), "rows": numbered}
 
@@ -172,9 +153,10 @@ def file_content() -> list[dict[str, Any]]:
     return known
 
 
-def _as_written(one: Row) -> Row:
-    """An α in nine digits, errors in four."""
-    return [float(f"{one[0]:.9g}"), *(each and [each[0], _shortened(each[1])] for each in one[1:])]
+def _asked_row(question: tuple[Condition, float]) -> Row:
+    """A row as the file has it: α in nine digits, errors in four."""
+    alpha, *choices = row(*question)
+    return [float(f"{alpha:.9g}"), *(each and [each[0], _shortened(each[1])] for each in choices)]
 
 
 def _shortened(error: float) -> float:

@@ -14,7 +14,7 @@ from hcbench.cases.score import known_failures, the_cases
 
 
 def normal_restitution(degrees: float, friction: float) -> float:
-    """Of MuJoCo's ball without spin in the oblique case, at a step of 1/240 s."""
+    """e of MuJoCo's ball without spin in the oblique case, at a step of 1/240 s."""
     oblique = copy.deepcopy(the_cases(["C05"]))
     (case,) = oblique["cases"]
     number = 3 * (15, 30, 45, 60, 75).index(int(degrees)) + 1

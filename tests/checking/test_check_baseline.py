@@ -89,7 +89,7 @@ def test_a_damaged_baseline_is_refused(tmp_path: Path, damage: dict[str, Any]) -
     "changed", [{"height_m": 0.1}, {"spin_rad_per_s": [0, 1, 0]}, {"slip_m_per_s": [0, 1]}]
 )
 def test_launches_of_a_baseline_that_would_not_be_made_are_damage(changed: dict[str, Any]) -> None:
-    """They were held against nothing, and the check passed."""
+    """Once such launches had no target, and the check passed."""
     impact = {"phase": 0.5, "height_m": None, "status": "parted", "restitution": 0.9}
     impacts = [{**impact, "speed_m_per_s": 0.1}, {**impact, "speed_m_per_s": 0.5, **changed}]
     with pytest.raises(ValueError, match="all of one request"):

@@ -83,7 +83,7 @@ def test_json_on_the_command_line_is_json(capsys: pytest.CaptureFixture[str]) ->
 
 
 def test_a_study_has_no_baseline_to_write(tmp_path: Path) -> None:
-    """It ran, and then said that nothing was measured."""
+    """Once the command ran the study, and then said that nothing was measured."""
     (tmp_path / "study.toml").write_text('scene = "steel-plane"\n')
     with pytest.raises(UserError, match=r"write-baseline: given with .*study.toml, a study"):
         check(CheckSpec(model=str(tmp_path / "study.toml")), Outputs(baseline=tmp_path / "b.json"))

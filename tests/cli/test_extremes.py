@@ -188,7 +188,7 @@ def test_the_ends_of_the_range_are_computed_without_a_warning() -> None:
 
 @pytest.mark.parametrize("stiffness", [1e27, 1e30])
 def test_a_contact_too_shallow_for_a_positions_digits_is_refused(stiffness: float) -> None:
-    """Its steps had no end."""
+    """Once the steps to such a touch had no end."""
     law = HuntCrossley(stiffness, 0.3)
     with pytest.raises(UserError, match="depth of contact"):
         simulate(VibroImpact(0.45, 1e-3, law, law), 0.0, 1.0, until=0.01)

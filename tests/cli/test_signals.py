@@ -118,7 +118,7 @@ def test_a_model_that_hangs_is_left_alone_when_interrupted(
 
 
 def test_what_is_ignored_stays_ignored(tmp_path: Path) -> None:
-    """As under nohup: the terminal may go."""
+    """A command under nohup outlives its terminal."""
     (tmp_path / "hangs.py").write_text(HANGS, encoding="utf-8")
     script = (
         "import signal, runpy; signal.signal(signal.SIGHUP, signal.SIG_IGN);"

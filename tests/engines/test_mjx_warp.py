@@ -171,7 +171,7 @@ def measured(model: str, pair: str, engine: str, **asked: Any) -> Measurement:
 
 
 def scene_xml(engine: str, recipe: str, timestep: float = 1e-3) -> str:
-    """What tune writes for an engine."""
+    """The scene that `tune` writes for an engine."""
     setting = registry.recipe(f"{engine}.{recipe}")(
         dataclasses.replace(target(timestep), gravity=HEAVY.gravity)
     )

@@ -41,7 +41,7 @@ class Planted:
           {_last(self.ball)}/></body></worldbody>{self.contact}</mujoco>"""
 
     def pasted(self, fix: str) -> Planted:
-        """With the text of a fix pasted where it says."""
+        """A model with the text of a fix pasted where the fix says."""
         attributes = " ".join(re.findall(r'\w+="[^"]*"', fix))
         if fix.startswith("<option><flag"):
             return replace(self, flag=fix.removeprefix("<option>").removesuffix("</option>"))

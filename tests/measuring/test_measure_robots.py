@@ -91,7 +91,7 @@ def test_e_of_an_arms_tip_is_that_of_a_loop_written_by_hand(kp: float, speed: fl
 
 
 def touching_pose(model: Any, start: list[float]) -> Any:
-    """Where the push at the hand leads from a pose, in small steps."""
+    """The pose at touch to which small steps along the push at the hand lead."""
     data = mujoco.MjData(model)
     data.qpos[:] = start
     for _ in range(2000):
@@ -156,7 +156,7 @@ SHAPES: dict[str, tuple[str, str, str, list[float], int]] = {
 @pytest.mark.parametrize("name", SHAPES)
 @pytest.mark.parametrize("speed", [0.2, 1.1])
 def test_e_of_a_shape_is_that_of_a_loop_written_by_hand(name: str, speed: float) -> None:
-    """With a ball, a pendulum, two arms and a leg, and a ball and an arm in PyBullet: twelve models."""
+    """Twelve models: a ball, a pendulum, two arms and a leg, and a ball and an arm in PyBullet."""
     bodies, geom, other, touch, up = SHAPES[name]
     text = f"{HEAD}{FLOOR}{bodies}</worldbody></mujoco>"
     found = measure(text, f"geom:{geom},geom:{other}", speeds=[speed], phases=[0.3], diagnose=False)

@@ -101,7 +101,7 @@ TUNED: list[tuple[str, str]] = [
 @outside
 @pytest.mark.parametrize(("file", "pair"), TUNED)
 def test_the_tuned_model_bounces_as_tune_says(file: str, pair: str, tmp_path: Path) -> None:
-    """At speeds and phases that tune has not seen; the model is written into a folder of its own."""
+    """The speeds and phases are none of those that tune saw; the model has a folder of its own."""
     wanted = Wanted(restitution=0.5)
     found = tune_model(
         str(found_file(file)), [make_request(pair, speeds=[0.3, 1.5])], wanted, output=Output(tmp_path)

@@ -131,7 +131,7 @@ def test_a_pair_that_never_touches_is_refused_with_what_stopped_it() -> None:
 
 
 def test_a_robot_that_stands_in_the_floor_is_raised_up_to_a_limit() -> None:
-    """Its foot starts 18 mm deep, as in keyframes of robots that stand on soft contacts."""
+    """The robot's foot starts 18 mm deep, as in keyframes of robots that stand on soft contacts."""
     standing = robot("leg").replace('name="trunk" pos="0 0 .6"', 'name="trunk" pos="0 0 .325"')
     found, free = measured(standing, 0.5), measured(robot("leg"), 0.5)
     assert found.curve[0].restitution == pytest.approx(free.curve[0].restitution, abs=1e-6)

@@ -46,7 +46,7 @@ class Rk4Engine(SteppedEngine):
     title = "Runge-Kutta"
 
     def version(self) -> str:
-        """Of this file."""
+        """The version of this file."""
         return "1"
 
     def recipes(self) -> Sequence[Recipe]:

@@ -39,7 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class _Page(HTMLParser):
-    """What a browser would load, and whether every tag that opens closes."""
+    """Reads a page: what a browser would load, and whether every tag that opens closes."""
 
     def __init__(self) -> None:
         super().__init__()

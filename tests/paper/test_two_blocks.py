@@ -50,7 +50,7 @@ def test_the_mjcf_says_the_case_and_the_gap_of_the_page() -> None:
 
 
 def test_the_urdfs_put_a_plane_on_either_side() -> None:
-    """In a process of its own: PyBullet keeps settings in globals."""
+    """The test runs in a process of its own: PyBullet keeps settings in globals."""
     pytest.importorskip("pybullet")
     code = (
         "import pybullet as p, sys; p.connect(p.DIRECT); f = sys.argv[1];"

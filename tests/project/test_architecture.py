@@ -55,7 +55,7 @@ def _room(path: Path) -> str:
 
 
 def _room_of(parts: Sequence[str]) -> str:
-    """Of a module's name below hcbench: the module where it has a floor of its own, else its package."""
+    """The room of a module: itself where it has a floor of its own, else its package."""
     return parts[0]
 
 

@@ -26,7 +26,7 @@ def tracked() -> dict[str, bytes]:
 
 
 def test_the_reports_of_a_clone_are_small(tracked: dict[str, bytes]) -> None:
-    """What a reader opens, in at most 5 MB."""
+    """They hold what a reader opens, in at most 5 MB."""
     assert sum(map(len, tracked.values())) <= 5e6
 
 

@@ -38,7 +38,7 @@ def test_the_reading_returns_the_e_and_the_friction_of_a_simulation() -> None:
 
 
 def test_e_of_the_cube() -> None:
-    """Of every third toss; all of them: 0.248."""
+    """e of every third toss; e of all of them is 0.248."""
     tosses = cube.cases((0, 1, 2, 3)).of(lambda each: each.number % 3 == 0)
     impacts = first(tosses)
     assert np.median([each.e for each in impacts]) == pytest.approx(0.245, abs=0.015)

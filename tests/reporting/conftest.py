@@ -23,7 +23,7 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stab
 
 @pytest.fixture(scope="session")
 def results() -> Results:
-    """Of five small settings."""
+    """Results of five small settings."""
     return small_results()
 
 

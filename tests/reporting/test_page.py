@@ -111,7 +111,7 @@ class Browser:
 
 @pytest.fixture(scope="module")
 def results() -> Results:
-    """With a title and a setting's name that would like to be scripts."""
+    """Results with a title and a setting's name that try to be scripts."""
     plain = small_results(title=f"A ball {HOSTILE}")
 
     def renamed(table: pd.DataFrame) -> pd.DataFrame:

@@ -13,8 +13,10 @@ from browser_checks import CONTRAST
 from pasted import bounces, bullet_bounces, plain_mujoco
 
 import hcbench
+from hcbench._text import two_digits
 from hcbench.contact.mujoco import load
 from hcbench.laws import closed_form
+from hcbench.tuning.usual_errors import errors_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,7 +24,8 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 FILE = Path(__file__).parents[2] / "reports" / "steel-1lb" / "index.html"
-ALPHA = 0.25  # none of the study's
+ALPHA = 0.25  # none of the study's, one that people type
+BETWEEN = 0.27  # none that was run
 LAUNCHES = [(0.05, 0.1), (0.2, 0.6), (0.5, 0.35)]
 MOST = {"bytes": 1_200_000, "words": 1_800, "code blocks": 3, "pixels": 9_000, "sheets": 3}
 # What a page shows: colours of text in plots, and the ground behind them.
@@ -108,18 +111,43 @@ def test_a_plug_in_for_any_alpha_is_copied_in_a_minute_and_bounces_by_the_law(
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
-def test_errors_between_those_that_were_run_are_near_what_tune_finds(
-    opened: Callable[..., Page], engine: str
+@pytest.mark.parametrize("alpha", [ALPHA, BETWEEN])
+def test_errors_at_any_alpha_are_those_of_tune(
+    opened: Callable[..., Page], engine: str, alpha: float
 ) -> None:
-    answer = hcbench.tune(engine, timestep=2e-3, alpha=ALPHA)
+    """Between α that were run one e has a near error, and settings have the command."""
+    answer = hcbench.tune(engine, timestep=2e-3, alpha=alpha)
     titles = {"settings": "Settings only", "constant": "One e", "exact": "Plug-in"}
-    page = opened(choice(engine))
-    assert page.get_by_role("tab").filter(has_text="within").count() == len(answer.choices)
+    page = opened(choice(engine, alpha=alpha))
+    assert page.locator("#explorer-kinds").get_by_role("tab").count() == len(answer.choices)
     for found in answer.choices:
-        shown = page.get_by_role("tab", name=titles[found.kind]).inner_text().split()
-        assert ("≈" in shown) == (found.kind != "exact")
-        assert float(shown[shown.index("from") - 1]) == pytest.approx(found.max_error, rel=0.1)
-        assert shown[-4:-1] == [f"{found.speeds[0]:.3g}", "to", f"{found.speeds[1]:.3g}"]
+        shown = page.get_by_role("tab", name=titles[found.kind]).inner_text()
+        if alpha == BETWEEN and found.kind == "settings":
+            assert "at the nearest α" in shown
+            continue
+        ((mark, error, *band),) = re.findall(r"e within (≈ )?(\S+) from (\S+) to (\S+) m/s", shown)
+        assert bool(mark) == (alpha == BETWEEN and found.kind == "constant")
+        if not mark:
+            assert error == two_digits(found.max_error)
+        assert float(error) == pytest.approx(found.max_error, rel=0.1)
+        assert band == [f"{speed:.3g}" for speed in found.speeds]
+
+
+def test_between_alphas_that_were_run_settings_have_the_command_and_the_errors_around(
+    opened: Callable[..., Page],
+) -> None:
+    (rows,) = (
+        each["rows"]
+        for each in errors_of(["mujoco"])
+        if (each["timestep"], each["gravity"], each["band"]) == (2e-3, 9.81, [])
+    )
+    at = max(i for i, row in enumerate(rows) if row[0] < BETWEEN)
+    errors = [two_digits(error) for _, (_, error), *_ in rows[at - 1 : at + 3]]
+    page = opened(choice("mujoco", alpha=BETWEEN, kind="settings"))
+    text = page.locator("#explorer-paste-text").inner_text()
+    assert text.startswith(f'hcbench tune mujoco --alpha "{BETWEEN} s/m" --timestep "0.002 s"')
+    shown = page.get_by_role("tab", name="Settings only").inner_text()
+    assert f"{min(errors, key=float)} … {max(errors, key=float)} at the nearest α" in shown
 
 
 def test_off_the_table_the_text_is_the_command(opened: Callable[..., Page]) -> None:

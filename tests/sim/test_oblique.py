@@ -188,7 +188,7 @@ def test_a_loop_by_hand_in_plain_pybullet_agrees(launch: Launch) -> None:
 
 @pytest.mark.parametrize("gravity", [0.0, 9.81])
 def test_the_restitution_of_pybullet_survives_gravity_friction_slip_and_spin(gravity: float) -> None:
-    """At its own step of 1/240 s; and its friction is Coulomb's."""
+    """At PyBullet's step of 1/240 s its friction is Coulomb's, too."""
     launches = [
         Launch(v, phase, slip=slip, spin=spin)
         for v in (0.1, 0.7, 2.9)

@@ -72,7 +72,7 @@ def test_a_urdf_alone_is_offered_a_floor(robot: Path) -> None:
 
 
 def test_a_file_of_checks_names_packages_from_its_own_folder(robot: Path, tmp_path: Path) -> None:
-    """As it does the models; the folder that `check` runs in was meant, once."""
+    """Packages are found from the file's folder as models are, not from the folder that `check` runs in."""
     checks = tmp_path / "checks.toml"
     entry = f'model = "{robot.relative_to(tmp_path)}"\npackage = "tools=elsewhere"\nrestitution = 0.5\n'
     checks.write_text(f"[[check]]\n{entry}")

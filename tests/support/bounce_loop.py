@@ -47,7 +47,7 @@ def bounce_of(
 
 
 def _slope_at_zero(path: Floats, near: float) -> float:
-    """Of the parabola through three values, where it is 0; near: about where that is, in steps."""
+    """Slope of the parabola through three values where it is 0. near: about where that is, in steps."""
     parabola = np.poly1d(np.polyfit(np.arange(len(path)), path, len(path) - 1))
     zeros = parabola.roots[np.isreal(parabola.roots)].real
     return float(parabola.deriv()(zeros[np.abs(zeros - near).argmin()]))

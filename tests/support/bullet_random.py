@@ -134,18 +134,18 @@ class World:
         return bytes(part & 255 for part in said[:-1]).decode()
 
     def step(self) -> None:
-        """As always."""
+        """Take steps of Bullet."""
         bullet.stepSimulation(**self.here)
 
     def places(self) -> list[Any]:
-        """Of each body: its pose, and the positions of its joints."""
+        """Pose of each body, and the positions of its joints."""
         return [
             (bullet.getBasePositionAndOrientation(body, **self.here), [at for at, _ in self._joints(body)])
             for body in self.bodies
         ]
 
     def rates(self) -> list[Floats]:
-        """Of each body: velocity, spin and the rates of its joints."""
+        """Velocity, spin and the rates of the joints of each body."""
         return [
             np.concatenate([*bullet.getBaseVelocity(body, **self.here), [v for _, v in self._joints(body)]])
             for body in self.bodies
@@ -156,7 +156,7 @@ class World:
         return [bullet.getJointState(body, joint, **self.here)[:2] for joint in joints]
 
     def put(self, places: list[Any], rates: list[Floats]) -> None:
-        """All bodies there, with these rates."""
+        """Put all bodies there, with these rates."""
         for body, (pose, joints), rate in zip(self.bodies, places, rates, strict=True):
             bullet.resetBasePositionAndOrientation(body, *pose, **self.here)
             bullet.resetBaseVelocity(body, rate[:3].tolist(), rate[3:6].tolist(), **self.here)

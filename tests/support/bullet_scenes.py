@@ -81,7 +81,7 @@ class Scene:
         return made
 
     def ready(self, link: int = -1) -> Scene:
-        """With the law between all pairs of bodies, of which `link` has the shape."""
+        """The scene with the law between all pairs of bodies, of which `link` has the shape."""
         pairs = [((one, link), (two, link)) for one, two in combinations(self.bodies, 2)]
         if self.floor is not None:
             pairs += [((body, link), (self.floor, -1)) for body in self.bodies]
@@ -97,7 +97,7 @@ class Scene:
         bullet.resetBaseVelocity(self.bodies[which], velocity, (0, 0, 0), **self.here)
 
     def step(self, count: int = 1) -> None:
-        """As always."""
+        """Take steps of Bullet."""
         for _ in range(count):
             bullet.stepSimulation(**self.here)
 

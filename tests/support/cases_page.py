@@ -32,7 +32,7 @@ def table(rows: Sequence[Iterable[str]]) -> str:
 
 
 def tables() -> dict[str, str]:
-    """By their names in the page."""
+    """The page's tables by their names."""
     short = {"unsupported": "–", "": "–"}
     rows = [{key: short.get(word, word) for key, word in row.items()} for row in matrix()]
     reasons: dict[tuple[str, str], list[str]] = {}

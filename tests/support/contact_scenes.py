@@ -53,7 +53,7 @@ class Scene:
         return self.spec.compile()
 
     def data(self, model: Any) -> Any:
-        """At the start."""
+        """The state at the start."""
         data = mujoco.MjData(model)
         for body, velocity in self.start:
             joint = model.body(body).jntadr[0]

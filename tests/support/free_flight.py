@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def speed_at_plane(gap: float, upwards: float, gravity: float, step: float) -> float:
-    """Of a body `gap` m above its touch with a velocity upwards, m/s, at steps of `step` s.
+    """Speed at the touch plane of a body `gap` m above it with a velocity upwards, m/s, at steps of `step` s.
 
     A step adds -g h to the velocity u and then h u to the height z: (u - g h/2)² + 2 g z stays the same.
     """

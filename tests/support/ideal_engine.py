@@ -23,7 +23,7 @@ _QUIET = 1e-9  # m/s
 
 @cache
 def damping_ratio(e: float) -> float:
-    """Of a spring and damper that parts with e where its force is zero, by bisection on its motion."""
+    """Damping of a spring and damper that parts with e at zero force, by bisection on its motion."""
     low, high = 0.0, 0.999
     for _ in range(40):
         middle = (low + high) / 2

@@ -21,7 +21,7 @@ Launches = Sequence[tuple[float, float]]  # (speed at touch m/s, phase of the st
 
 
 def renamed(text: str) -> str:
-    """As the page's script puts a reader's names into a text."""
+    """A text with the reader's names in it, as the page's script puts them."""
     return re.sub(r"\b(ball|plate)\b", lambda found: {"ball": FOOT, "plate": FLOOR}[found[0]], text)
 
 

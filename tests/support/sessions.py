@@ -108,7 +108,7 @@ class Shell:
 
 @cache
 def _run_once(*arguments: str) -> tuple[int, list[str]]:
-    """Those of a command that several pages may show: it reads the examples alone, and writes nothing."""
+    """Lines of a command that several pages may show: it reads the examples alone, and writes nothing."""
     return _run(list(arguments))
 
 

@@ -59,7 +59,7 @@ def spring_damper(alpha: float) -> Force:
 
 
 def turn_around(restitution: float, step: float) -> Force:
-    """All of the bounce in one step."""
+    """A contact that makes the whole bounce in one step."""
     return lambda x, v: MASS * (1 + restitution) * v / step if x > 0 and v > 0 else 0.0
 
 

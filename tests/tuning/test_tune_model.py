@@ -54,7 +54,7 @@ def tuned(path: Path, capsys: pytest.CaptureFixture[str], *options: str) -> dict
 def test_measure_finds_no_larger_error_in_the_written_model_than_tune_prints(
     text: str, pair: str, e: float, limit: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """At speeds that tune has not seen, and at the phases that `measure` and `check` choose."""
+    """The speeds are none of those that tune saw, and at the phases that `measure` and `check` choose."""
     path = tmp_path / "robot.xml"
     path.write_text(text)
     record = tuned(path, capsys, "--pair", pair, "--restitution", str(e))

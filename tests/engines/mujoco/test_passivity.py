@@ -61,7 +61,7 @@ def plain_drops(setting: Setting, heights: list[float], seconds: float) -> tuple
 
 @pytest.mark.adhesion
 def test_the_model_of_the_rows_finds_a_setting_that_bounces_for_ever_as_plain_steps_do() -> None:
-    """What hcbench advised at 1/240 s before its searches were safe."""
+    """The setting is one that hcbench advised at 1/240 s before its searches looked at energy."""
     rows = [
         {"solref": [-30754.3, -0.960032], "solimp": [1e-4, 1e-4, 1, 0.5, 1]},
         {"solref": [0, -12.5684], "solimp": [1e-4, 0.29914, 5.28273e-3, 0.381628, 4], "adhesion": 1e6},

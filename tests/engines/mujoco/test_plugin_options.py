@@ -56,7 +56,7 @@ def test_no_solver_wins_energy_at_rest(option: dict[str, Any], cone: str) -> Non
 @pytest.mark.parametrize("cone", CONES)
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_box_rests_on_a_slope(integrator: str, cone: str) -> None:
-    """It neither vibrates nor creeps: 15 degrees, friction .5."""
+    """The box neither vibrates nor creeps at 15 degrees with friction 0.5."""
     spec = world(2e-3, integrator=integrator, cone=cone)
     turned = [np.cos(np.radians(7.5)), 0, np.sin(np.radians(7.5)), 0]
     spec.worldbody.first_geom().quat = turned
@@ -133,7 +133,7 @@ def documented() -> dict[str, tuple[float, float]]:
 
 
 def rounded_up(share: float) -> str:
-    """To one digit, of 1e-6 or more."""
+    """A number of 1e-6 or more, rounded up to one digit."""
     digit = 10.0 ** np.floor(np.log10(max(share, 1e-6)))
     return f"{np.ceil(max(share, 1e-6) / digit - 1e-9) * digit:.0e}"
 

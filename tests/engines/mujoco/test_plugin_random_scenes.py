@@ -13,7 +13,7 @@ COUNT, SECONDS = (1000, 1.0) if "HCBENCH_PLUGINS" in os.environ else (6, 0.4)
 
 
 def test_contact_wins_no_energy_in_random_scenes() -> None:
-    """Of the energy at the start."""
+    """The largest gain is told as a share of the energy at the start."""
     won = np.zeros(COUNT)
     for seed in range(COUNT):
         scene, options = random_scene(seed)

@@ -20,7 +20,7 @@ PAGE = Path(__file__).parents[3] / "docs" / "reference" / "plugins.md"
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize("kind", ["box", "stack", "ramp", "pile", "heap", "table"])
 def test_what_rests_neither_creeps_nor_vibrates(kind: str, integrator: str, cone: str) -> None:
-    """At 2 ms, once it has settled: below 1e-8 m/s and 1e-8 m of drift a second."""
+    """At 2 ms a settled body moves below 1e-8 m/s and drifts below 1e-8 m a second."""
     scene = at_rest(kind, 2e-3, {"integrator": integrator, "cone": cone})
     model = scene.model()
     data = scene.data(model)

@@ -130,7 +130,7 @@ class Scene:
         return np.array(linear) + np.cross(turning, np.subtract(point, centre))
 
     def force_over_acceleration(self) -> float:
-        """Of one step in which 1 N acts where the two touch, in kg."""
+        """Force over acceleration of one step in which 1 N acts where the two touch, kg."""
         point = self.nearest()[5]
         self.lower(-1.0)
         point = np.add(point, [0, 0, 1.0]).tolist()

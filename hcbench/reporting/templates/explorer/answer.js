@@ -27,30 +27,28 @@ function choiceNow() {
   return choices.find(choice => choice.kind === state.kind) ?? choices[0];
 }
 
-// What the table tells of an α, of settings and of one e: the setting, its error and whether it was run; null
-// for no such choice; errors that were run near it where no error is told between them.
+// What the table has of an α, of settings and of one e: the setting, its error and whether it was run; null for
+// no such choice; the errors at the nearest α where its own is not known.
 function rowAt({rows, names}, alpha) {
   const same = rows.find(row => near(row[0], alpha));
   if (same) return [1, 2].map(kind => same[kind] && {setting: names[same[kind][0]], error: same[kind][1], ran: true});
   const i = rows.findIndex((row, at) => at + 1 < rows.length && row[0] < alpha && alpha < rows[at + 1][0]);
   if (i < 0) return [{}, {}];
-  const [row, next] = [rows[i], rows[i + 1]], share = Math.log(alpha / row[0]) / Math.log(next[0] / row[0]);
+  const share = Math.log(alpha / rows[i][0]) / Math.log(rows[i + 1][0] / rows[i][0]), line = rows[i][3];
   return [1, 2].map(kind => {
-    if (rows.every(each => !each[kind])) return null;
-    const line = row[kind + 2];
-    if (line) return {setting: names[line[0]], error: line[1] * (line[2] / line[1]) ** share};
-    return {nearby: rows.slice(Math.max(0, i - 1), i + 3).map(each => each[kind]?.[1] ?? null)};
+    if (rows.every(row => !row[kind])) return null;
+    if (kind === 2 && line) return {setting: names[line[0]], error: line[1] * (line[2] / line[1]) ** share};
+    return {nearby: rows.slice(Math.max(0, i - 1), i + 3).map(row => row[kind]?.[1] ?? null)};
   });
 }
 
-// Errors near an α whose own is not known.
+// Errors at the nearest α, where that of α is not known.
 function nearbyText(errors) {
   const known = errors?.filter(error => error !== null) ?? [];
-  if (!errors) return "No error is known here without a run.";
-  if (!known.length) return "At the nearest α that were run there is none to advise.";
+  if (!errors) return "no error known here";
+  if (!known.length) return "none to advise at the nearest α";
   const [low, high] = [Math.min(...known), Math.max(...known)].map(errorText);
-  const some = known.length < errors.length ? "; at some there is none to advise" : "";
-  return `At the nearest α that were run, e is within ${low === high ? low : `${low} … ${high}`}${some}.`;
+  return `${low === high ? low : `${low} … ${high}`} at the nearest α${known.length < errors.length ? ", or none" : ""}`;
 }
 
 // For an α or a band that no answer is of: the plug-in's text, and errors of the rest from the table.
@@ -70,7 +68,8 @@ function madeAnswer(here) {
     const {setting, error, ran, nearby} = told;
     if (!setting) {
       const say = `Ask for it: this command finds ${kind === "settings" ? "settings" : "one e"} of ${engineTitle()}.`;
-      return [{kind, setting: "", error: NaN, band, shown, more: [nearbyText(nearby)], text: asked(kind), say}];
+      const known = nearbyText(nearby), more = ["Errors of settings differ from α to α: the command measures that of yours."];
+      return [{kind, setting: "", error: NaN, band, shown, more, text: asked(kind), say, known}];
     }
     const more = [ran ? "The command finds its numbers." : "≈ lies between α that were run; the command finds the numbers and measures the error."];
     return [made(kind, setting, error, ran ? errorText(error) : `≈ ${errorText(error)}`, more, asked(kind))];
@@ -126,7 +125,7 @@ function showKinds(choice) {
   at("kinds").replaceChildren(...Object.keys(KINDS).flatMap(kind => {
     const other = choices.find(each => each.kind === kind);
     if (!other) return [];
-    const within = other.say.match(/e within .*(?=\.$)/)?.[0] ?? "no error known here";
+    const within = other.known ?? other.say.match(/e within .*(?=\.$)/)?.[0] ?? "no error known here";
     const tab = Object.assign(document.createElement("button"), {type: "button", value: kind, id: `explorer-kind-${kind}`});
     tab.append(Object.assign(document.createElement("b"), {textContent: KINDS[kind]}), within);
     tab.setAttribute("role", "tab");
