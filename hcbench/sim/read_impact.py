@@ -51,17 +51,19 @@ class SpeedReading(StrEnum):
     TOUCH_PLANE_EXACT_FLIGHT: steps that are exact in free flight, as RK4's, keep v² - 2 g x.
     CROSSING: where the simulated path crosses the touch plane, by the parabola through the states around it:
         for bodies on joints or under servos, which have no one acceleration.
+    STAGED_CROSSING: the same where a contact bends the step that it ends in, as RK4's, too.
     """
 
     TOUCH_PLANE = "touch plane"
     TOUCH_PLANE_FOUR_SUBSTEPS = "touch plane, four substeps"
     TOUCH_PLANE_EXACT_FLIGHT = "touch plane, exact flight"
     CROSSING = "crossing of the touch plane"
+    STAGED_CROSSING = "crossing of the touch plane, by stages"
 
     @property
     def steps_after(self) -> int:
         """Free steps that it needs after the bodies have parted."""
-        return int(self is SpeedReading.CROSSING)
+        return {"crossing of the touch plane": 1, "crossing of the touch plane, by stages": 2}.get(self, 0)
 
     @property
     def share(self) -> float:
@@ -93,6 +95,16 @@ def _crossing_speed(x: Floats, at: NDArray[np.int64], h: float) -> Floats:
     with np.errstate(all="ignore"):
         squared = (0.5 * (after - before)) ** 2 - 2.0 * (after - 2.0 * here + before) * here
         return np.asarray(np.sqrt(np.maximum(0.0, squared)) / h)
+
+
+def _early_crossing_speed(states: Floats, h: float) -> Floats:
+    """The same, by two states, penetration and rate, shape (2, b, 2), and the acceleration between them."""
+    if states.shape[2] < 2 or h == 0.0:
+        return np.asarray(states[1, :, 0])
+    (x, x_next), (v, v_next) = states.transpose(0, 2, 1)
+    a, mean = (v_next - v) / h, (x_next - x) / h
+    middle = 0.5 * (x + x_next) - a * h * h / 8.0
+    return np.asarray(np.sqrt(np.maximum(0.0, mean * mean - 2.0 * a * middle)))
 
 
 def impact_of(launch: Launch, trajectory: Trajectory) -> Impact:
@@ -130,10 +142,10 @@ def impacts_of(
     came, left = (tuple(states[:2, each, step]) for step in (first, after))
     h = float(time[1] - time[0]) if len(time) > 1 else 0.0
     seen = Contacts(counts, ends, first, stops, deepest, hardest, came, left)
-    if reading is not SpeedReading.CROSSING:
+    if not reading.steps_after:
         speeds: States = reading.speeds(came, left, gravity * h, gravity)
     else:
-        speeds = _crossing_speeds(states, seen, h)
+        speeds = _crossing_speeds(states, seen, h, seen.counts - 2 + reading.steps_after)
     return seen.impacts(launches, speeds, h, diverged, Recorded(time - time[:1], states))
 
 
@@ -195,12 +207,15 @@ class Contacts:
         )
 
 
-def _crossing_speeds(states: Floats, seen: Contacts, h: float) -> States:
-    """Speeds in, out and after the contact's last force, m/s, (b,) each, where the path crosses the plane."""
+def _crossing_speeds(states: Floats, seen: Contacts, h: float, last: NDArray[np.int64]) -> States:
+    """Speeds in, out and after the contact's last force, m/s, (b,) each, where the path crosses the plane.
+    last: the middle one of three free states after the contact.
+    """
     deep, first = states[0] > 0.0, seen.first
     entered = np.where(deep.any(axis=1), np.minimum(first, deep.argmax(axis=1)), first)
-    v_in, v_out = (_crossing_speed(states[0], at, h) for at in (entered - 1, seen.counts - 1))
-    v_in = np.where(entered < 2, seen.came[1], v_in)  # released so near that no free step is known
+    v_in, v_out = (_crossing_speed(states[0], at, h) for at in (entered - 1, last))
+    early = _early_crossing_speed(states[:2, :, :2], h)
+    v_in = np.where(entered < 2, np.where(entered < 1, seen.came[1], early), v_in)
     return v_in, v_out, np.where(seen.ends == End.RESTED, 0.0, -seen.left[1])
 
 

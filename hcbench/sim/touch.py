@@ -14,6 +14,7 @@ from hcbench.errors import SceneError, UserError
 DEEPEST = 0.1  # of the smaller one's size: an overlap at the start up to which it is just moved out
 LEAST_APPROACH = 1e-3  # share of a joint's motion that must be along the normal for it to launch a body
 _ROUNDS = 60
+_SEEN = 1e-9  # m: an overlap that is more than rounding
 _PASSED = 4.0  # times the smallest distance: two that are so far apart again will not meet
 _SCAN_STEPS = 200
 _CLOSE = 1e-12  # of the smaller one's size: a distance that counts as touching
@@ -53,6 +54,12 @@ def travel_by_scan(touches: Callable[[float], bool], start: float, stop: float) 
         middle = 0.5 * (low + high)
         low, high = (low, middle) if touches(middle) else (middle, high)
     return float(high)
+
+
+def overlap_notes(overlap: float) -> list[str]:
+    """That the two were in each other at the start, by that many m."""
+    said = f"The two overlap by {overlap:.3g} m at the start: moved apart to touch."
+    return [said] if overlap > _SEEN else []
 
 
 def require_apart(

@@ -1,6 +1,7 @@
 """e of feet, wheels and fingers on soft joints: at the touch plane, as a loop over mj_step sees it."""
 
 import mujoco
+import numpy as np
 import pytest
 from bounce_loop import bounce_by_distance
 
@@ -76,6 +77,38 @@ def test_e_is_that_of_a_loop_that_watches_the_gap(name: str, speed: float) -> No
     into, out = bounce_by_distance(model, data, "tip", "floor")
     assert impact.speed_in == pytest.approx(into, rel=1e-9)
     assert impact.restitution == pytest.approx(out / into, abs=1e-9)
+
+
+# Bodies without joints: one struck at its end, one that falls on what the floor holds, and, under RK4, one
+# whose heel strikes the floor two steps before.
+ROD = """<body name="tip" pos="0 0 .3" euler="0 50 0"><freejoint/>
+<geom name="tip" type="capsule" size=".03 .12" mass=".5" {contact}/></body>"""
+BLOCKS = """<body name="low" pos="0 0 .1"><freejoint/><geom name="low" type="box" size=".2 .2 .1" mass="2"
+ {contact}/></body><body name="tip" pos="0 0 .4"><freejoint/><geom name="tip" size=".1" mass="1" {contact}/>
+</body>"""
+FEET = """<body name="tip" pos="0 0 .1"><freejoint/><geom name="tip" size=".05" mass="1" {contact}/>
+<geom name="heel" size=".05" pos="-.2 0 -.0013" mass="1" {contact}/></body>"""
+
+
+@pytest.mark.parametrize(
+    ("body", "integrator", "other"),
+    [(ROD, "Euler", "floor"), (BLOCKS, "Euler", "low"), (FEET, "RK4", "floor")],
+    ids=["rod", "blocks", "feet"],
+)
+def test_e_of_bodies_that_have_no_one_acceleration(body: str, integrator: str, other: str) -> None:
+    option = OPTION.format(integrator=integrator, gravity="0 0 -9.81")
+    bodies = body.format(contact=CONTACT.format(k=40000, b=60))
+    text = f"<mujoco>{option}<worldbody>{FLOOR}{bodies}</worldbody></mujoco>"
+    found = measure(text, f"geom:tip,{other}", speeds=[0.5], phases=[0.3], diagnose=False)
+    (impact,), model = found.impacts, mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    gap = mujoco.mj_geomDistance(model, data, model.geom("tip").id, model.geom(other).id, 10, np.zeros(6))
+    moved = model.body("tip").jntadr[0]
+    data.qpos[model.jnt_qposadr[moved] + 2] -= gap - 2.3 * model.opt.timestep * 0.5
+    data.qvel[model.jnt_dofadr[moved] + 2] = -0.5
+    into, out = bounce_by_distance(model, data, "tip", other)
+    assert impact.restitution == pytest.approx(out / into, abs=1e-4)
 
 
 def test_the_speed_that_the_contact_gives_is_said_beside_what_servos_leave_of_it() -> None:

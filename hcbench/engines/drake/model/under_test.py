@@ -16,6 +16,7 @@ from hcbench.laws.closed_form import alpha_of
 from hcbench.laws.restitution import Restitution
 from hcbench.measuring import causes
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Suspect
+from hcbench.sim.touch import overlap_notes
 from hcbench.sim.world import Record, Simulation
 
 if TYPE_CHECKING:
@@ -81,9 +82,7 @@ class DrakeModel(ModelUnderTest):
         (_, version, _, request), config, place = self._given, self.loaded.config, self.place
         stiffness, dissipation = self.pair_values()
         points = self._is_point_contact()
-        notes = [ignored_in_words(self.loaded.ignored)]
-        if place.overlap > 0:
-            notes.append(f"The two overlap by {place.overlap:.3g} m at the start: moved apart to touch.")
+        notes = [ignored_in_words(self.loaded.ignored), *overlap_notes(place.overlap)]
         if self.others:
             notes.append(f"Other contacts acted during the impact: {', '.join(sorted(self.others))}.")
         curve = Restitution(dissipation / 1.5)

@@ -37,7 +37,7 @@ class _Step(NamedTuple):
 
 
 _NEAR = 4.0  # steps of the way to the touch plane, within which distances are looked at without a contact
-_STAGE_REACH = 2.0  # steps of its speed, within which a stage of RK4 may touch
+_STAGE_REACH = 1.05  # steps of its approach, within which a stage of RK4 may touch
 _STAGE_NOISE = 1e-9  # of the largest change of speed: below it a step under RK4 had no contact in it
 
 
@@ -151,7 +151,7 @@ class MujocoUserSimulation(Simulation):
                 self._x = self._reader.depth(seen, self._x)
             self._x = min(self._x, 0.0) if self._touched else self._x
         self._rate = rate
-        near = self._staged and force == 0.0 and self._x + _STAGE_REACH * self._h * abs(rate) > 0.0
+        near = self._staged and force == 0.0 and self._x + _STAGE_REACH * self._h * max(rate, 0.0) > 0.0
         free = self._rate_without_contact() if near else math.nan
         along = None
         if self._along is not None:

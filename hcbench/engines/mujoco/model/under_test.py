@@ -30,12 +30,14 @@ from hcbench.sim import simulate
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Request, Suspect
 from hcbench.sim.promise import Promise
 from hcbench.sim.read_impact import SpeedReading
+from hcbench.sim.touch import overlap_notes
 
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.shared_model import LentModel
     from hcbench.sim.rest import Rest
     from hcbench.sim.shared_model import SharedModelEngine
 
+_TURNS = 1e-6  # of its mass, by which less of a body struck beside its centre takes part
 _LAST_PART, _ROUGH = 0.01, 0.03  # of the smaller one's size; of the approach: a distance that is not exact
 
 Flight = TypeVar("Flight", bound=MujocoUserSimulation)
@@ -62,9 +64,21 @@ class MujocoModel(ModelUnderTest):
         self.timestep, self.mass = float(model.opt.timestep), self.place.effective_mass
         self.gravity = self.place.gravity
         self.energy_by_work = self.place.pair.more_than_contacts
-        self.speed_reading = SpeedReading.CROSSING if self.energy_by_work else speed_reading(model)
+        self.speed_reading = speed_reading(model)
+        if not self._falls_freely():
+            staged = self.speed_reading is SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
+            self.speed_reading = SpeedReading.STAGED_CROSSING if staged else SpeedReading.CROSSING
         self.others: set[int] = set()  # geoms that touched the two during an impact
         self.shares: dict[str, float] = {}  # what took the approach speed, over that at touch
+
+    def _falls_freely(self) -> bool:
+        """Whether the two have one acceleration beside the contact: no joints, nothing that carries the other
+        one, and no turning: a corner that turns has another one after the impact.
+        """
+        model, place = self.model, self.place
+        first, second = place.pair.first.body, place.pair.second.body
+        central = place.effective_mass >= (1.0 - _TURNS) * float(model.body_subtreemass[first])
+        return central and not (self.energy_by_work or model.body_weldid[second])
 
     def release(self, launches: Sequence[Launch]) -> MujocoUserSimulation:
         """The launch under way from its starting point."""
@@ -153,9 +167,9 @@ class MujocoModel(ModelUnderTest):
         return (0.0, 0.0, 0.0) if off else self.model.opt.gravity
 
     def _notes(self) -> list[str]:
-        notes = [self.place.note] if self.place.note else []
-        if self.place.overlap > 0:
-            notes.append(f"The two overlap by {self.place.overlap:.3g} m at the start: moved apart to touch.")
+        notes = [*([self.place.note] if self.place.note else []), *overlap_notes(self.place.overlap)]
+        if self.model.nflex:
+            notes.append("The model has flexes, which act, but only geoms are measured.")
         if abs(slope := self._distance_slope() - 1.0) > _ROUGH:
             notes.append(
                 f"MuJoCo's distance of the two falls by {1.0 + slope:.3g} m in a metre of approach:"

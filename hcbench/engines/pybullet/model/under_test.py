@@ -37,6 +37,7 @@ from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.candidate_pairs import CandidatePair
 from hcbench.sim.model_under_test import Facts, ModelSetting, ModelUnderTest, Request, Suspect, Texts
 from hcbench.sim.packages import Packages
+from hcbench.sim.touch import overlap_notes
 from hcbench.sim.world import Simulation
 
 _UNKNOWN_RESTITUTIONS = "restitutions that PyBullet does not report for bodies with maximal coordinates"
@@ -143,9 +144,7 @@ class PybulletModel(ModelUnderTest):
             curve, words = plugin.restitution_of(self.law[1]), f"plug-in hcbench: {self.law[1]}"
             asked = () if curve is None else tuple(float(curve.at(v)) for v in self.request.speeds)
         parameters = self.bullet.getPhysicsEngineParameters()
-        notes = [self.place.note] if self.place.note else []
-        if self.place.overlap > 0:
-            notes.append(f"The two overlap by {self.place.overlap:.3g} m at the start: moved apart to touch.")
+        notes = [*([self.place.note] if self.place.note else []), *overlap_notes(self.place.overlap)]
         return Facts(
             engine="pybullet",
             version=BACKEND.version(),
