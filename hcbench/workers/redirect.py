@@ -5,6 +5,13 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
+from typing import Any
+
+
+@cache  # opening it takes as long as three launches
+def _c() -> Any:
+    return ctypes.CDLL(None)
 
 
 @contextmanager
@@ -22,7 +29,7 @@ def redirect_output() -> Iterator[None]:
         sys.stdout.flush()
         sys.stderr.flush()
         with suppress(OSError, TypeError, AttributeError):  # C keeps a buffer of its own
-            ctypes.CDLL(None).fflush(None)
+            _c().fflush(None)
         for fd, copy in copies:
             os.dup2(copy, fd)
             os.close(copy)
