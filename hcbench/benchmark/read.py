@@ -102,17 +102,18 @@ class _StoredRows:
 
     def __call__(self, keys: Collection[Key]) -> Iterator[pd.DataFrame]:
         decoded = lru_cache(maxsize=8)(self._decoded)  # for each α of a setting
-        for key in keys:
-            pieces: list[dict[str, Any]] = []
-            for shard in self.of_settings[_setting_of(key)]:
-                columns, places = decoded(shard)
-                if key in places:
-                    pieces.append({name: values[places[key]] for name, values in columns.items()})
-                if sum(len(piece["status"]) for piece in pieces) >= _PIECE:
-                    yield _rounded(frame_of(pieces))
-                    pieces = []
-            if pieces:
+        pieces: list[dict[str, Any]] = []
+        count = 0
+        for key, shard in ((k, shard) for k in keys for shard in self.of_settings[_setting_of(k)]):
+            columns, places = decoded(shard)
+            if key in places:
+                pieces.append({name: values[places[key]] for name, values in columns.items()})
+                count += len(pieces[-1]["status"])
+            if count >= _PIECE:
                 yield _rounded(frame_of(pieces))
+                pieces, count = [], 0
+        if pieces:
+            yield _rounded(frame_of(pieces))
 
     def _decoded(self, shard: tuple[int, str]) -> tuple[dict[str, Any], dict[Key, slice]]:
         content, _ = self.store.tables(*shard)

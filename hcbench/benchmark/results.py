@@ -86,7 +86,7 @@ class ImpactTable:
     def __init__(
         self, folded: Mapping[Key, Folded], read: Callable[[Collection[Key]], Iterable[pd.DataFrame]]
     ) -> None:
-        """folded: in the study's order. read: rows of some keys in that order, in pieces of one key each."""
+        """folded: in the study's order. read: rows of some keys in that order, in pieces."""
         self.folded, self._read = folded, read
 
     @classmethod

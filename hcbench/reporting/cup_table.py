@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _RUN = ["gravity_m_per_s2", "engine", "setting", "timestep_s"]
+_SCENE, _OFF_AXIS = RUN_KEY.index("scene"), RUN_KEY.index("off_axis_m")
 _LAUNCH = ["speed_m_per_s", "phase"]
 
 
@@ -30,10 +31,10 @@ def rows(by_gravity: Views, results: Results) -> list[dict[str, Any]]:
             runs.setdefault(tuple(values[name] for name in _RUN), []).append(key)
     shown = []
     for (gravity, *_), keys in runs.items():
+        if all(key[_SCENE] == study["scene"] and key[_OFF_AXIS] == 0.0 for key in keys):
+            continue
         group = results.table.rows(keys)
         own, on_axis = group["scene"] == study["scene"], group["off_axis_m"] == 0.0
-        if (own & on_axis).all():
-            continue
         axis, off, flat = (
             group[which].set_index(_LAUNCH)["restitution"] for which in (own & on_axis, own & ~on_axis, ~own)
         )
