@@ -50,7 +50,7 @@ class Run:
         return any(self.angles) or any(self.spin)
 
     def described(self) -> dict[str, Any]:
-        """As JSON."""
+        """This part of the study as JSON has it."""
         left_out = {"scene"} if self.is_oblique else {"scene", "angles", "spin"}
         names = [f.name for f in dataclasses.fields(self) if f.name not in left_out]
         scene = self.scene
@@ -98,7 +98,7 @@ class Study:
         return any(run.is_oblique for run in self.runs)
 
     def described(self) -> dict[str, Any]:
-        """As JSON, defaults filled in."""
+        """The study as JSON has it, defaults filled in."""
         skipped = {"scene", "runs", *(name for name in ("left_out", "device") if not getattr(self, name))}
         if self.page == "report":
             skipped |= {"page", *(() if self.missing else ("missing",))}

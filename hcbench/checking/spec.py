@@ -102,7 +102,7 @@ class CheckSpec(SharedSpec):
 
     @property
     def models(self) -> tuple[str, ...]:
-        """The files."""
+        """The files of the models."""
         return (self.model,) if isinstance(self.model, str) else self.model
 
 

@@ -26,7 +26,7 @@ class PathType(click.Path):
         return "FILE" if self.file_okay else "FOLDER"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Raises UserError."""
+        """The path; raises UserError for an empty or a too long one."""
         slot = param.opts[0] if param else "path"
         if not str(value):
             raise UserError(slot, "an empty path", "a path", "Leave the option out for its default")

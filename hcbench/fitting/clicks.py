@@ -43,7 +43,7 @@ class FrequencyBand:
 
     @property
     def duration(self) -> float:
-        """s."""
+        """Duration of the sound, s."""
         return len(self.sound) / self.rate
 
 

@@ -179,7 +179,7 @@ def _of_alpha(whole: _Fitted, chosen: str | None) -> LawFit:
 
 
 def _drop(one: _Fitted, evidence: dict[str, float]) -> DropResult:
-    """One file by itself."""
+    """The fit of one file by itself."""
     (s,) = one.sets
     doubts = tuple(s.doubts(one.likeliest))
     if doubts:
@@ -271,7 +271,7 @@ def _constant(
 
 
 def _lost(e: Estimate) -> Estimate:
-    """1 - e."""
+    """Share of speed that is lost, 1 - e."""
     return replace(e, value=1.0 - e.value, low=1.0 - e.high, high=1.0 - e.low)
 
 

@@ -84,7 +84,7 @@ class ForkedSimulation(Simulation):
         return record
 
     def keep(self, which: Flags) -> None:
-        """There is one launch only."""
+        """Keep the one launch that there is."""
 
     def close(self) -> None:
         """End the copy."""

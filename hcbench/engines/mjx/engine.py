@@ -138,7 +138,7 @@ class MjxCopies(Copies):
         self.kind, self._read = np.dtype(f"f{bits // 8}").type, read
 
     def place(self, states: Floats) -> Floats:
-        """New data."""
+        """Put the copies into new states."""
         rounded = states.astype(f"f{self.bits // 8}")
         self._data = self._place(self._empty, rounded)
         return rounded.astype(np.float64)

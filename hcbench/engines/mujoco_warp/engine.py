@@ -79,7 +79,7 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
     def copies(
         self, model: Any, start: Any, bits: int = 0, law: str = "", radius: float = 0.0, device: str = ""
     ) -> WarpCopies:
-        """On one device."""
+        """Copies of a model on one device."""
         warp, mujoco_warp = self.backend.module("warp"), self.backend.module("mujoco_warp")
         warp.config.quiet = True
         where = self._device(device)
@@ -136,7 +136,7 @@ class WarpCopies(Copies):
         self._step, self._before = names["mjw"].step, names.get("before_step", lambda data: None)
 
     def place(self, states: Floats) -> Floats:
-        """New data."""
+        """Put the copies into new states."""
         self._data = self._names["mjw"].put_data(
             self._model, self._start, nworld=len(states), nconmax=self._most, njmax=self._most
         )

@@ -26,7 +26,7 @@ def list_pairs(drake: Any, source: Any, request: Request) -> list[CandidatePair]
 
 
 def _in_order(loaded: LoadedPlant, both: frozenset[Any]) -> list[Part]:
-    """The one that moves first."""
+    """The two of a pair, the one that moves first."""
     shapes = sorted(both, key=lambda g: (loaded.plant.IsAnchored(loaded.body_of(g)), loaded.short(g)))
     return [Part(loaded.short(shape), loaded.body_of(shape), (shape,)) for shape in shapes]
 

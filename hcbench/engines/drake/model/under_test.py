@@ -199,7 +199,7 @@ class DrakeSimulation(Simulation):
         return Record(*np.array(rows).T[:, None])
 
     def keep(self, which: Flags) -> None:
-        """There is one launch only."""
+        """Keep the one launch that there is."""
 
     def _step(self) -> tuple[float, float, float]:
         """Penetration and rate before a step, and the force in it."""

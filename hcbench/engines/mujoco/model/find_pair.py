@@ -168,7 +168,7 @@ def _of_joints(model: Any, joints: list[int]) -> MovingJoint | None:
 
 
 def immobile_error(pair: ContactPair) -> UserError:
-    """Neither of the two can be launched."""
+    """The error where neither of the two can be launched."""
     states = []
     for part in (pair.first, pair.second):
         hinged = any(pair.model.body_jntnum[body] for body in _ancestors(pair.model, part.body))

@@ -108,7 +108,7 @@ class MujocoUserSimulation(Simulation):
         return Record(x, v, f, np.array(seen).T[:, None] if seen else None)
 
     def keep(self, which: Flags) -> None:
-        """There is one launch only."""
+        """Keep the one launch that there is."""
 
     def note(self, steps: int) -> str:
         """Which contacts besides the pair's acted in the first steps."""

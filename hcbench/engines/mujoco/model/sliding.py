@@ -64,7 +64,7 @@ class MujocoAlongPlate:
         return np.asarray(point + data.xipos[self.body] - self._origin)
 
     def seen(self, data: Any) -> None:
-        """A contact point was seen in this state."""
+        """Note that a contact point was seen in this state."""
         self._origin = data.xipos[self.body].copy()
 
     def push(self, contact: Any, wrench: Floats, turned: bool) -> None:

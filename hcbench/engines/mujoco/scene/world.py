@@ -228,4 +228,4 @@ class FollowedLaunch(Simulation):
         return Record(*seen)
 
     def keep(self, which: Flags) -> None:
-        """There is one launch only."""
+        """Keep the one launch that there is."""

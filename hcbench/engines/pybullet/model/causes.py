@@ -78,7 +78,7 @@ class Call:
         return f"p.changeDynamics({self.side.variable}, {self.side.link}, {keywords})"
 
     def apply(self, bullet: BulletClient) -> None:
-        """Make it."""
+        """Make the fix in the world."""
         if self.side is None:
             bullet.setPhysicsEngineParameter(**self.settings)
         else:

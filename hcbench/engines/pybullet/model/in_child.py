@@ -57,7 +57,7 @@ class _InPlace(Simulation):
         return self._simulation.advance(steps)
 
     def keep(self, which: Flags) -> None:
-        """There is one launch only."""
+        """Keep the one launch that there is."""
 
     def close(self) -> None:
         """Put the world back."""

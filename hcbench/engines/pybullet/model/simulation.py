@@ -74,7 +74,7 @@ class LaunchInUserWorld(Simulation):
         return Record(x, v, f, seen[3:] if self._along is not None else None)
 
     def keep(self, which: Flags) -> None:
-        """There is one launch only."""
+        """Keep the one launch that there is."""
 
     def _step(self) -> tuple[float, ...]:
         along = None if self._along is None else self._along.motion(self._contact_point(), self._before)

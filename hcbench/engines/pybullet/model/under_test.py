@@ -107,7 +107,7 @@ class PybulletModel(ModelUnderTest):
         self.bullet.setGravity(*(self._settings_before[f"gravityAcceleration{axis}"] for axis in "XYZ"))
 
     def _gravity(self) -> tuple[float, float, float]:
-        """m/s^2."""
+        """Gravity of the world, m/s^2."""
         parameters = self.bullet.getPhysicsEngineParameters()
         x, y, z = (float(parameters[f"gravityAcceleration{axis}"]) for axis in "XYZ")
         return x, y, z

@@ -37,7 +37,7 @@ class Context:
 
     @property
     def model(self) -> Any:
-        """The MjModel."""
+        """The MjModel that is measured."""
         return self.place.pair.model
 
     @cached_property
@@ -80,7 +80,7 @@ class Context:
 
     @property
     def timestep(self) -> float:
-        """s."""
+        """Time step of the model, s."""
         return float(self.model.opt.timestep)
 
     @property
@@ -136,5 +136,5 @@ def _first_set(values: Floats, default: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def same(a: Sequence[float] | Floats, b: Sequence[float]) -> bool:
-    """Equal as far as XML goes."""
+    """Whether two parameters are equal in the digits of XML."""
     return bool(np.allclose(a, b, rtol=1e-12, atol=0))
