@@ -52,7 +52,8 @@ def _warnings(law: HuntCrossley, speed: float, shear: float | None) -> tuple[str
     warnings = []
     if speed > SPEED_LIMIT * (1 + 1e-12):  # 20 in/s itself, however it was converted, is within
         warnings.append(
-            f"speed {speed:.4g} m/s is above {SPEED_LIMIT:.3g} m/s (20 in/s): past the paper's range of (2)"
+            f"speed {speed:.4g} m/s is above {SPEED_LIMIT:.3g} m/s (20 in/s):"
+            " past the paper's range of e = 1 - α v"
         )
     if shear is not None and shear > hertz.SHEAR_LIMIT:
         warnings.append(
