@@ -46,8 +46,7 @@ def run(engine: Any, cases: Json) -> Json:
     for number, each in enumerate(runs):
         world, shapes = each["world"], [(b["shape"], b.get("fixed")) for b in each["world"]["bodies"]]
         alike = (each["steps"], world["timestep"], world["floor"], shapes)
-        kind = alike if hasattr(engine, "start") else number
-        batches.setdefault(str(kind), []).append(each)
+        batches.setdefault(str(alike if hasattr(engine, "start") else number), []).append(each)
     states = {id(each): done for batch in batches.values() for each, done in _run(engine, batch)}
     done = {case["id"]: [states[id(each)] for each in case["runs"]] for case in cases["cases"]}
     about = {name: getattr(engine, name, None) for name in ("name", "version", "combine")}
@@ -93,8 +92,7 @@ def restitution(each: Json, states: States) -> float:
         if step - 1 in z and step + 1 in z
     }
     turned = next((later for step, later in pairwise(z) if z[later] > z[step]), math.inf)
-    risen = [step for step in squares if step > turned and z[step] >= touch]
-    after = max(risen, key=lambda step: z[step], default=None)
+    after = max((s for s in squares if s > turned and z[s] >= touch), key=lambda s: z[s], default=None)
     return 0.0 if after is None else math.sqrt(max(0.0, squares[after]) / squares[min(squares)])
 
 
@@ -113,9 +111,8 @@ def drift(each: Json, states: States) -> float:
 
 def vibration(each: Json, states: States) -> float:
     """Standard deviation of the velocity in the last recorded steps, m/s, of the body that shakes most."""
-    last = _last(each, states)
-    bodies = range(1, len(last[0]))
-    return max(math.hypot(*(pstdev(state[body][i] for state in last) for i in (3, 4, 5))) for body in bodies)
+    end = _last(each, states)
+    return max(math.hypot(*(pstdev(s[b][i] for s in end) for i in (3, 4, 5))) for b in range(1, len(end[0])))
 
 
 def force_noise(each: Json, states: States) -> float:
@@ -170,12 +167,15 @@ def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
             if "states" not in result:
                 ((word, why),) = result.items()
                 return {**verdict, "verdict": word, "why": str(why)}
+            numbers = (x for _, *bodies in result["states"] for body in bodies for x in body)
+            if not all(map(math.isfinite, numbers)):
+                return {**verdict, "verdict": "fail", "why": f"a state is not finite (run {number})"}
             for name, measured, true in _compared(each, result["states"], combine):
                 if not abs(measured - true) <= off[name]:  # a nan is the worst
                     off[name], verdict["worst"][name] = abs(measured - true), [measured, true, number]
     except NotImplementedError as error:
         return {**verdict, "verdict": "unsupported", "why": str(error)}
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
         return {**verdict, "verdict": "error", "why": f"cannot be read: {type(error).__name__} {error}"}
     why = [
         f"{name} {measured:.4g}, not {true:.4g} within {limits[name]:g} (run {number})"

@@ -74,18 +74,43 @@ def score(results: Json, source: str = "results", only: Sequence[str] = ()) -> E
     validated(results, "results", source)
     if results["set"] != cases["set"]:
         raise UserError(source, f"results of {results['set']!r}", f"of {cases['set']!r}")
+    for case in cases["cases"]:
+        _require_runs(case, results["runs"].get(case["id"], []), source)
+    verdicts, engine = judge(results, cases), results["engine"]
     try:
-        verdicts, engine = judge(results, cases), results["engine"]
         obeyed, threshold = _obedience(results["runs"], cases, verdicts)
-    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-        got = f"states that cannot be read: {error}"
-        raise UserError(source, got, "those after the steps that `record` asks for") from None
+    except (ArithmeticError, ValueError) as error:
+        raise UserError(source, f"a ball at rest before an impact: {error}", "states of the cases") from None
     cpu_s = float(results.get("cpu_s", 0.0))
     return EngineScore(engine["name"], engine["version"], tuple(verdicts), obeyed, threshold, cpu_s)
 
 
-def read_scores(path: Path) -> list[EngineScore]:
-    """Score a file of results, which holds one object or a list. Raises UserError."""
+def _require_runs(case: Json, done: Sequence[Json], source: str) -> None:
+    """Raise UserError where runs are missing, or a run has other states than the case asks for."""
+    if len(done) != len(case["runs"]):
+        got, hint = f"{len(done)} of {len(case['runs'])} runs", "Name the cases of the file by `--case`"
+        raise UserError(f"{source}: {case['id']}", got, "all of them", hint)
+    for number, (each, result) in enumerate(zip(case["runs"], done, strict=True)):
+        slot = f"{source}: {case['id']}, run {number}"
+        if len(result) != 1:
+            raise UserError(slot, " and ".join(result) or "nothing", "states, unsupported or error")
+        if "states" not in result:
+            continue
+        steps = [step for first, last in each["record"] for step in range(first, last + 1)]
+        if [step for step, *_ in result["states"]] != steps:
+            wanted = ", ".join(f"{first} ... {last}" for first, last in each["record"])
+            raise UserError(slot, "states after other steps", f"those after steps {wanted}")
+        moving = sum(not body.get("fixed") for body in each["world"]["bodies"])
+        for step, *bodies in result["states"]:
+            if len(bodies) != moving:
+                raise UserError(f"{slot}, step {step}", f"{len(bodies)} bodies", str(moving))
+
+
+def read_scores(path: Path, only: Sequence[str] = ()) -> list[EngineScore]:
+    """Score a file of results, which holds one object or a list, in all cases or in `only` these.
+
+    Raises UserError.
+    """
     try:
         content = parse_json(read_text(path))
     except OSError as error:
@@ -94,7 +119,7 @@ def read_scores(path: Path) -> list[EngineScore]:
         raise UserError(str(path), "not JSON", "a JSON file of results") from None
     if not content:
         raise UserError(str(path), "nothing in it", "the results of an engine, or a list of them")
-    return [score(each, str(path)) for each in (content if isinstance(content, list) else [content])]
+    return [score(each, str(path), only) for each in (content if isinstance(content, list) else [content])]
 
 
 def measured() -> list[EngineScore]:

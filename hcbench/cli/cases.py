@@ -30,11 +30,14 @@ def cases() -> None:
     """
 
 
+_case_option = click.option(
+    "--case", "only", multiple=True, metavar="ID", help="This case alone, such as C13. Repeatable."
+)
+
+
 @cases.command("run")
 @click.argument("engines", metavar="ENGINE[@VERSION]...", nargs=-1, required=True)
-@click.option(
-    "--case", "only", multiple=True, metavar="ID", help="Run this case alone, such as C13. Repeatable."
-)
+@_case_option
 @output_option("--out", help="Write the results, a JSON list, for `hcbench cases score`.")
 @output_option("--junit", help="Write the verdicts as JUnit's XML.")
 @click.option(
@@ -79,13 +82,14 @@ def run_cases(
 
 @cases.command("score")
 @click.argument("results", nargs=-1, required=True, type=PathType(path_type=Path))
+@_case_option
 @click.option("--markdown", is_flag=True, help="Print a Markdown table.")
 @as_json
-def score_cases(results: tuple[Path, ...], markdown: bool, as_json: bool) -> None:
+def score_cases(results: tuple[Path, ...], only: tuple[str, ...], markdown: bool, as_json: bool) -> None:
     """Judge files of results, from any engine in any language."""
     from hcbench.cases.score import read_scores
 
-    _print([each for path in results for each in read_scores(path)], as_json, markdown)
+    _print([each for path in results for each in read_scores(path, only)], as_json, markdown)
 
 
 def _print(scores: Sequence[EngineScore], as_json: bool, markdown: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import re
 from typing import Any
@@ -52,6 +53,40 @@ def test_what_is_no_result_is_refused_with_its_place(
 ) -> None:
     with pytest.raises(UserError, match=re.escape(place)):
         score({**results[0], **change}, "mine.json")
+
+
+def changed(results: list[dict[str, Any]], states: Any) -> dict[str, Any]:
+    """The results with other states of one ball."""
+    runs = copy.deepcopy(results[0]["runs"])
+    runs["C09"][7]["states"] = states(runs["C09"][7]["states"])
+    return {**results[0], "runs": runs}
+
+
+@pytest.mark.parametrize(
+    ("place", "states"),
+    [
+        ("C09, run 7: states after other steps", lambda states: []),
+        ("C09, run 7: states after other steps", lambda states: states[1:]),
+        ("C09, run 7, step 3: 2 bodies", lambda s: [*s[:3], s[3] + s[3][1:], *s[4:]]),
+        ("runs.C09.7.states", lambda s: [*s[:3], [3, [0.0] * 8], *s[4:]]),
+    ],
+)
+def test_states_that_the_case_does_not_ask_for_are_refused(
+    results: list[dict[str, Any]], place: str, states: Any
+) -> None:
+    with pytest.raises(UserError, match=re.escape(f"mine.json: {place}")):
+        score(changed(results, states), "mine.json", ["C07", "C09"])
+
+
+def test_missing_runs_are_refused_and_a_state_that_is_not_finite_fails(
+    results: list[dict[str, Any]],
+) -> None:
+    with pytest.raises(UserError, match=r"C01: 0 of 108 runs.*--case"):
+        score(results[0])
+    blown = changed(results, lambda states: [*states[:-1], [states[-1][0], [float("nan")] * 9]])
+    verdicts = {v["case"]: v for v in score(blown, only=["C07", "C09"]).verdicts}
+    assert verdicts["C07"]["verdict"] == "pass"
+    assert (verdicts["C09"]["verdict"], verdicts["C09"]["why"]) == ("fail", "a state is not finite (run 7)")
 
 
 def test_the_matrix_has_a_word_for_each_case_of_each_engine() -> None:
