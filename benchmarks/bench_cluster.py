@@ -14,8 +14,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 
 from bench_commands import parent, swept
@@ -23,7 +24,7 @@ from bench_commands import parent, swept
 from hcbench.benchmark.run import sweep
 from hcbench.workers import WorkerPool
 
-ROUNDS, JOBS, TICK = 3, 2, os.sysconf("SC_CLK_TCK")
+ROUNDS, JOBS, SETTLE_S, TICK = 3, 2, 10.0, os.sysconf("SC_CLK_TCK")
 STEPS = {"1 ms": ("impulse", "1e-3 s", 1.0), "1 µs": ("spring-damper", "1e-6 s", 0.1)}
 SCHEDULER = "from distributed.cli.dask_scheduler import main; main()"
 WORKER = "from distributed.cli.dask_worker import main; main()"
@@ -68,18 +69,26 @@ def spent(run: Callable[[], object], *counters: Callable[[], float]) -> list[flo
     return [counter() - begun for counter, begun in zip(counters, before, strict=True)]
 
 
-def compare(step: str, impacts: int, address: str, dask: Sequence[int], folder: Path) -> None:
-    """Print both rows of a step. dask: the processes of scheduler and workers. Engines are warm in both."""
+def compare(step: str, impacts: int, address: str, dask: Mapping[int, float], folder: Path) -> None:
+    """Print both rows of a step. Engines are warm in both.
+
+    dask: the processes of scheduler and workers, and which share of a core each takes without work.
+    """
     recipe, timestep, share = STEPS[step]
     number, best = int(impacts * share), dict[str, list[float]]()
-    study = swept(number, recipe, timestep)
+    study, scheduler = swept(number, recipe, timestep), next(iter(dask))
+
+    def working(*processes: int) -> float:
+        """Without what they take for the time that it lasts, which is long on a busy machine."""
+        return processor(*processes) - time.perf_counter() * sum(dask[each] for each in processes)
+
     with WorkerPool(JOBS) as pool:
         for turn in range(ROUNDS):
             to = [folder / f"{recipe}-{name}-{turn}" for name in ("dask", "own")]
             each = {
                 "Dask": spent(
                     lambda: sweep(study, to[0], scheduler=address),  # noqa: B023
-                    *(here, lambda: processor(dask[0]), lambda: processor(*dask[1:])),
+                    *(here, lambda: working(scheduler), lambda: working(*set(dask) - {scheduler})),
                 ),
                 "own processes": spent(
                     lambda: sweep(study, to[1], executor=pool.threads),  # noqa: B023
@@ -103,9 +112,14 @@ def main(impacts: int) -> None:
         words = ("--scheduler-file", str(where), "--no-dashboard")
         one = (*words, "--nthreads", "1", "--no-nanny", "--local-directory", str(folder))
         codes = [(SCHEDULER, "--host", "127.0.0.1", "--port", "0", *words), *[(WORKER, *one)] * JOBS]
-        dask = [stack.enter_context(running(*code)).pid for code in codes]
+        processes = [stack.enter_context(running(*code)).pid for code in codes]
         while not where.is_file() or not (about := where.read_text()):
             time.sleep(0.1)
+        time.sleep(SETTLE_S)
+        counters = [partial(processor, process) for process in processes]
+        without_work = spent(lambda: time.sleep(SETTLE_S), *counters)
+        dask = {p: took / SETTLE_S for p, took in zip(processes, without_work, strict=True)}
+        print("shares of a core without work:", *(f"{share:.3f}" for share in dask.values()))
         for step in STEPS:
             compare(step, impacts, json.loads(about)["address"], dask, folder)
 

@@ -54,11 +54,11 @@ class Counted(Files):
 
 
 class Done(Executor):
-    """Every part is done when it is handed out."""
+    """Every part is done when it is handed out, and took 1 ms."""
 
     def submit(self, fn: Any, /, *args: Any, **_: Any) -> Future[Any]:
         done = Future[Any]()
-        done.set_result(([part_without_engine(shard) for shard in args[1]], 1e-3))
+        done.set_result(([part_without_engine(shard) for shard in args[1]], 1e-3 * len(args[1])))
         return done
 
 

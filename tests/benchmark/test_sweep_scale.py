@@ -7,6 +7,7 @@ import json
 import math
 import re
 import sys
+from concurrent.futures import Executor, Future
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,7 @@ from hcbench.benchmark import plan, run
 from hcbench.benchmark.encodings import arrays
 from hcbench.benchmark.files import TemporaryFiles
 from hcbench.benchmark.results import RUN_KEY
+from hcbench.benchmark.shard import Timeouts
 from hcbench.benchmark.store import Store
 from hcbench.benchmark.tables import ShardFiles, Summary, Totals
 
@@ -90,6 +92,30 @@ def test_a_sweep_of_many_parts_has_few_files_in_a_folder_and_reads_none_of_them(
         assert max(count for folder, count in files.counts.items() if folder) == 1000
         reads.append(files.reads)
     assert reads[0] == reads[1]
+
+
+class Recorded(Executor):
+    """An executor whose tasks are counted."""
+
+    def __init__(self, inner: Executor) -> None:
+        self._inner, self.sizes = inner, list[int]()
+
+    def submit(self, fn: Any, /, *args: Any, **_: Any) -> Future[Any]:
+        self.sizes.append(len(args[1]))
+        return self._inner.submit(fn, *args)
+
+
+@pytest.mark.parametrize(("task_s", "most"), [(0.0, 1), (0.004, 4), (9.0, 16)])
+def test_short_parts_go_to_a_cluster_together(
+    monkeypatch: pytest.MonkeyPatch, simulated: Any, task_s: float, most: int
+) -> None:
+    monkeypatch.setattr(plan, "SHARD_IMPACTS", 8)
+    parts, executor = simulated.planned(1000), Recorded(simulated.Done())  # each takes 1 ms
+    workers = run.Workers(executor, lambda: 1, task_s=task_s)
+    run.run_plan(parts, Store(simulated.Counted()), workers, False, lambda _: None, Timeouts())
+    assert sum(executor.sizes) == len(parts)
+    assert executor.sizes[0] == 1
+    assert max(executor.sizes) == most
 
 
 def test_the_page_plans_10_9_impacts_as_they_are_cut(simulated: Any) -> None:
