@@ -1,0 +1,59 @@
+"""MuJoCo Warp, many worlds at once: it steps the models that MuJoCo's adapter makes."""
+
+import runpy
+from dataclasses import fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import mujoco_warp
+import numpy as np
+import warp
+
+MuJoCo = runpy.run_path(str(Path(__file__).parents[1] / "mujoco" / "cases.py"))["Engine"]
+
+
+class Engine(MuJoCo):  # type: ignore[misc, valid-type]
+    name, version = "mujoco-warp", version("mujoco-warp")
+
+    def __init__(self) -> None:
+        self.made: list[tuple[Any, Any]] = []
+
+    def make(self, world: dict[str, Any]) -> None:
+        super().make(world)
+        self.model.opt.impratio = 100.0  # 1e6 is nan in float32
+        self.made.append((self.model, self.data))
+
+    def start(self) -> None:
+        self.worlds, self.made = self.made, []
+        models = [mujoco_warp.put_model(model) for model, _ in self.worlds]
+        self._join(models)
+        self._join([model.opt for model in models])
+        self.now = mujoco_warp.put_data(*self.worlds[0], nworld=len(models), nconmax=16, njmax=64)
+        self.now.qpos.assign(np.array([data.qpos for _, data in self.worlds]))
+        self.now.qvel.assign(np.array([data.qvel for _, data in self.worlds]))
+        self.all = models[0]
+        with warp.ScopedCapture() as self.captured:
+            mujoco_warp.step(self.all, self.now)
+
+    @staticmethod
+    def _join(parts: list[Any]) -> None:
+        """Give the first part the arrays of all, where they differ: one world each."""
+        for name in (field.name for field in fields(parts[0])):
+            first = getattr(parts[0], name)
+            if isinstance(first, warp.array) and first.size and first.shape[0] == 1:
+                each = [getattr(part, name).numpy()[0] for part in parts]
+                if not all(np.array_equal(each[0], other) for other in each):
+                    setattr(parts[0], name, warp.array(np.array(each), dtype=first.dtype))
+
+    def step(self) -> None:
+        warp.capture_launch(self.captured.graph)
+
+    def state(self) -> list[Any]:
+        q, v = self.now.qpos.numpy(), self.now.qvel.numpy()
+        return [self._state(*each) for each in zip(self.worlds, q, v, strict=True)]
+
+    def _state(self, world: tuple[Any, Any], q: Any, v: Any) -> Any:
+        self.model, self.data = world
+        self.data.qpos[:], self.data.qvel[:] = q, v
+        return super().state()
