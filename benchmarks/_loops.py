@@ -102,6 +102,30 @@ def bare(model: Any, launches: Sequence[Launch], timestep: float, steps: int) ->
     return run
 
 
+def users_ball(timestep: float) -> str:
+    """MJCF of a free ball over a plane that bounces."""
+    return (
+        f'<mujoco><option timestep="{timestep}"/><worldbody><geom name="plate" type="plane" size="1 1 .1"/>'
+        '<body name="ball" pos="0 0 .2"><freejoint/><geom size=".1" solref="-1e4 -20"/></body>'
+        "</worldbody></mujoco>"
+    )
+
+
+def users_robot(timestep: float, legs: int = 10) -> str:
+    """MJCF of a trunk of 6 degrees of freedom, and ten legs of six joints with springs and damping."""
+    hinge = '<joint type="hinge" axis="{0}" damping=".5" armature=".01" stiffness="20"/>'
+    axes = ["0 1 0", "1 0 0"] * 3
+    parts = [hinge.format(axis) + '<geom type="capsule" fromto="0 0 0 0 0 .08" size=".02"/>' for axis in axes]
+    leg = '<body pos="0 0 .1">'.join(parts) + "</body>" * (len(parts) - 1)
+    turns = np.linspace(0.0, 2.0 * np.pi, legs, endpoint=False)
+    bodies = "".join(f'<body pos="{0.3 * np.cos(a)} {0.3 * np.sin(a)} .1">{leg}</body>' for a in turns)
+    return (
+        f'<mujoco><option timestep="{timestep}"/><default><geom contype="0"/></default><worldbody>'
+        '<geom name="plate" type="plane" size="3 3 .1" contype="1"/><body name="ball" pos="0 0 .5">'
+        f'<freejoint/><geom size=".2" solref="-1e4 -20"/>{bodies}</body></worldbody></mujoco>'
+    )
+
+
 def in_pybullet(scene: Scene, setting: Setting, launches: Sequence[Launch]) -> int:
     """Depth, rate and force of each step of each launch, until it has parted; how many steps that is."""
     mark_as_worker()  # this process is the benchmark's own

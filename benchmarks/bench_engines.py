@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import mujoco
 import mujoco.rollout
 import numpy as np
 import pytest
-from _loops import bare, in_mujoco, in_mujoco_barely, in_pybullet
+from _loops import bare, in_mujoco, in_mujoco_barely, in_pybullet, users_ball, users_robot
 
 from hcbench.benchmark.batch import Batch, run_batch
 from hcbench.contact.mujoco import load as load_plugins
@@ -22,10 +23,11 @@ from hcbench.engines.mujoco.scene.world import BatchPool
 from hcbench.impact import Launch
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.measuring.request import make_request
 from hcbench.recipes.target import Target
 from hcbench.scene import load_scene
 from hcbench.setting import Setting
-from hcbench.sim import registry
+from hcbench.sim import registry, simulate
 from hcbench.sim.columns import Launches
 from hcbench.workers import WorkerPool, serve
 
@@ -147,6 +149,55 @@ def in_pybullet_alone(setting: Setting, eighty: list[Launch]) -> None:
         in_pybullet(SCENE, setting, eighty)
     finally:
         serve._is_worker = False
+
+
+@pytest.mark.parametrize(
+    ("what", "text", "timestep", "must", "aim"),
+    [
+        ("a ball", users_ball, 1e-4, "1/3", "1/1.5"),
+        ("a ball", users_ball, 2e-3, "1/3", "1/1.5"),
+        ("66 degrees of freedom", users_robot, 2e-3, "1/1.5", "1/1.1"),
+    ],
+)
+def test_a_users_model_over_mj_step(
+    beside: Any, what: str, text: Any, timestep: float, must: str, aim: str
+) -> None:
+    """CPU time per step of launches at eight speeds and four phases, and of the same steps of mj_step."""
+    model = mujoco.MjModel.from_xml_string(text(timestep))
+    opened = MujocoEngine().open(model, make_request("ball,plate", phases=4))
+    launches = Launches.of(opened.request.launches())
+    seen = list(simulate.run_launches(opened, launches))
+    after = 1 + opened.speed_reading.steps_after
+    counts = [int(count) for group in seen for count in group.start + group.samples + after]
+    data, state = mujoco.MjData(model), mujoco.mjtState.mjSTATE_INTEGRATION
+    starts = np.empty((len(launches), mujoco.mj_stateSize(model, state)))
+    for launch, start in zip(launches, starts, strict=True):
+        data.qpos[:] = opened.place.qpos
+        back = -launch.clearance_in_phase(timestep, opened.gravity)
+        mujoco.mj_integratePos(model, data.qpos, opened.place.direction, back)
+        data.qvel[:] = launch.speed * opened.place.direction
+        mujoco.mj_getState(model, data, start, state)
+
+    def stepped() -> float:
+        began = time.process_time()
+        for start, count in zip(starts, counts, strict=True):
+            mujoco.mj_setState(model, data, start, state)
+            for _ in range(count):
+                mujoco.mj_step(model, data)
+        return time.process_time() - began
+
+    def ours() -> float:
+        began = time.process_time()
+        list(simulate.run_launches(opened, launches))
+        return time.process_time() - began
+
+    beside(
+        f"MuJoCo, a step of a user's model, {what} at {1e3 * timestep:g} ms",
+        {"mj_step in Python, nothing read": stepped, "hcbench": ours},
+        per=sum(counts),
+        must=must,
+        aim=aim,
+    )
 
 
 def test_the_plug_in_over_native_contact(beside: Any) -> None:

@@ -170,7 +170,7 @@ def _until_ended(
     order: list[NDArray[np.int64]] = []  # of the parts' launches
     steps = first
     while left.size:
-        chunk = simulation.advance(max(SHORTEST_CHUNK, steps)).rows()
+        chunk = simulation.advance(max(SHORTEST_CHUNK, world.least_steps, steps)).rows()
         history.append(chunk)
         counts, ends = rule.add(*chunk[:3])
         ended = counts > 0
@@ -186,7 +186,7 @@ def _until_ended(
             rows = history[0] if len(history) == 1 else np.concatenate(history, axis=2)
         order.append(left[ended])
         read = _read(world, launches.take(order[-1]), rows, counts[ended], ends[ended])
-        _explain(read, simulation, counts[ended])
+        _explain(read, simulation, counts)
         parts.append(read)
         if all_ended:
             break
@@ -224,13 +224,14 @@ def _steps_to_part(last: Floats, timestep: float) -> float:
 
 
 def _explain(impacts: Impacts, simulation: Simulation, counts: NDArray[np.int64]) -> None:
-    """Say what was in the way of those that went wrong. counts: the steps of each.
+    """Say what was in the way of those that went wrong. counts: the steps of each launch under way that has
+    ended, which the impacts are of, else 0.
 
     Each launch is asked: a simulation of a user's model keeps what acted, for the causes.
     """
     wrong = np.isin(impacts.status, _WRONG)
-    for i, count in enumerate(counts.tolist()):
-        if (note := simulation.note(count)) and wrong[i]:
+    for i, launch in enumerate(np.flatnonzero(counts).tolist()):
+        if (note := simulation.note(launch, int(counts[launch]))) and wrong[i]:
             impacts.reason[i] = f"{impacts.reason[i]}; {note}"
 
 

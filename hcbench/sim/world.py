@@ -76,8 +76,11 @@ class Simulation(ABC):
     def keep(self, which: Flags) -> None:
         """Go on with these only, shape (b,): the others have ended."""
 
-    def note(self, steps: int) -> str:
-        """What else acted on the bodies in the first `steps` steps, in words; "" where nothing did."""
+    def note(self, launch: int, steps: int) -> str:
+        """What else acted on a launch's bodies in its first `steps` steps, in words; "" where nothing did.
+
+        launch: its place among those under way.
+        """
         return ""
 
     def close(self) -> None:  # noqa: B027 - most have nothing to put back
@@ -88,10 +91,11 @@ class World(ABC):
     """One or more equal bodies over what they fall on, in one engine.
 
     timestep: s. gravity: m/s², along the normal, into the plate. mass: effective mass along the normal, kg.
-    places: launches that one simulation carries. concurrent: simulations that may be under way at once, each
-    in a thread of its own. deepest: penetration beyond which the engine cannot see the contact any more, m.
-    diverged: the reason to give where numbers are not finite. speed_reading: which speeds e is the ratio of.
-    energy_by_work: whether the energy lost is what the contact takes, as joints or servos change it, too.
+    places: launches that one simulation carries. least_steps: that it takes at once, at least. concurrent:
+    simulations that may be under way at once, each in a thread of its own. deepest: penetration beyond which
+    the engine cannot see the contact any more, m. diverged: the reason to give where numbers are not finite.
+    speed_reading: which speeds e is the ratio of. energy_by_work: whether the energy lost is what the contact
+    takes, as joints or servos change it, too.
     room: launches that `read` takes together; 0 for a world whose steps are recorded.
     """
 
@@ -99,6 +103,7 @@ class World(ABC):
     gravity: float
     mass: float
     places: int = 1
+    least_steps: int = 0
     concurrent: int = 1
     deepest: float = math.inf
     diverged: str = NOT_FINITE

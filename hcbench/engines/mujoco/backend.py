@@ -71,11 +71,10 @@ def captured_warnings() -> Iterator[list[str]]:
 
 def forget_resets(data: Any) -> None:
     """Start counting what `resets` reports from 0."""
-    for warning in data.warning:
-        warning.number = 0
+    data.warning.number[:] = 0
 
 
 def resets(data: Any) -> bool:
     """Whether MuJoCo reset the state, as bad; in a first step the time does not show it."""
     bad = backend().mjtWarning
-    return any(w.number for w in data.warning[int(bad.mjWARN_BADQPOS) : int(bad.mjWARN_BADQACC) + 1])
+    return bool(data.warning.number[int(bad.mjWARN_BADQPOS) : int(bad.mjWARN_BADQACC) + 1].any())

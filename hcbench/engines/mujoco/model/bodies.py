@@ -50,6 +50,14 @@ def integrator_name(model: Any) -> str:
     return {"euler": "Euler", "rk4": "RK4"}.get(name, name)
 
 
+def is_whole_state(model: Any) -> bool:
+    """Whether MuJoCo's state tells how a model moves on: nothing that it does not know of remembers more."""
+    mujoco = backend()
+    sleeps = int(getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", 0)) & model.opt.enableflags
+    callbacks = [getattr(mujoco, name)() for name in dir(mujoco) if name.startswith("get_mjcb_")]
+    return not (model.nplugin or sleeps or any(callbacks))
+
+
 def speed_reading(model: Any) -> SpeedReading:
     """MuJoCo's contact acts from the touch plane on; only RK4 is exact in free flight."""
     exact = int(model.opt.integrator) == int(backend().mjtIntegrator.mjINT_RK4)
@@ -93,20 +101,19 @@ def geom_friction(model: Any, geoms: tuple[int, int]) -> float:
 
 def approach_row(model: Any, data: Any, first: int, second: int, point: Floats, normal: Floats) -> Floats:
     """(nv,) J: the approach rate of two bodies' material points at `point` along `normal` is J @ qvel."""
-    mujoco = backend()
-    row, jacobian = np.zeros(model.nv), np.zeros((3, model.nv))
-    for body, sign in ((first, 1.0), (second, -1.0)):
-        if body:
-            mujoco.mj_jac(model, data, jacobian, None, point, body)
-            row += sign * (normal @ jacobian)
+    jac, jacobian = backend().mj_jac, np.empty((3, model.nv))
+    jac(model, data, jacobian, None, point, first)
+    row: Floats = normal.dot(jacobian)
+    if second:
+        jac(model, data, jacobian, None, point, second)
+        row -= normal.dot(jacobian)
     return row
 
 
 def response(model: Any, data: Any, row: Floats) -> Floats:
     """(nv,) M^-1 J^T of a row J of the Jacobian: the change of velocity by a unit impulse along it."""
-    solved = np.zeros((1, model.nv))
-    backend().mj_solveM(model, data, solved, row.reshape(1, -1))
-    moved: Floats = solved[0]
+    moved = np.empty(model.nv)
+    backend().mj_solveM(model, data, moved[None], row[None])
     return moved
 
 

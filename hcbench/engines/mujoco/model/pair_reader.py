@@ -16,60 +16,93 @@ if TYPE_CHECKING:
 
 
 class PairReader:
-    """Reads depth, force and rate of the pair off an MjData that belongs to one state."""
+    """Reads depth, force and rate of the pair off an MjData that belongs to one state.
+
+    others: whether there were contacts besides the pair's in the state that was read last.
+    """
 
     def __init__(self, model: Any, place: PairAtTouch, data: Any, along: MujocoAlongPlate | None) -> None:
         mujoco = backend()
-        self.model, self.place, self.along, self.count = model, place, along, 0
-        self.table = place.pair.sides.tolist()
-        self.pyramid = int(model.opt.cone) == int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
-        self.wrench = np.zeros(6)
-        self.force_of = mujoco.mj_contactForce
-        self.point, self.normal = place.contact.point, place.contact.normal
+        self.model, self.place, self.along, self.others = model, place, along, False
+        self._pyramid = int(model.opt.cone) == int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
+        self._wrench, self._force_of = np.zeros(6), mujoco.mj_contactForce
+        self._point, self._normal = place.contact.point, place.contact.normal
         self._row: Floats | None = None
+        # Of the last contacts: the geoms of all; of each of the pair's its place, whether the moving geom is
+        # its second, and whether its normal has two rows; then these, points, axes and the distance until
+        # they are asked for.
+        self._geoms: list[list[int]] = []
+        self._mine: list[tuple[int, bool, bool]] = []
+        self._unread: tuple[list[tuple[int, bool, bool]], Floats, Floats, float] | None = None
         self.row(data)
+
+    @property
+    def normal(self) -> Floats:
+        """The last contact's, from the moving body."""
+        self._use_contact()
+        return self._normal
 
     def contact_point(self, data: Any) -> Floats:
         """The last contact's, m; of a body that slides and spins it goes along with the body's centre."""
-        return self.point if self.along is None else self.along.moved_with(data, self.point)
+        self._use_contact()
+        return self._point if self.along is None else self.along.moved_with(data, self._point)
 
     def row(self, data: Any) -> Floats:
         """(nv,) approach row at the last contact, from the kinematics in `data`."""
         if self._row is None or self.along is not None:
-            self._row = self.place.pair.approach_row(data, self.contact_point(data), self.normal)
+            point = self.contact_point(data)
+            self._row = self.place.pair.approach_row(data, point, self._normal)
         return self._row
 
     def read(self, data: Any, velocity: Floats) -> tuple[float | None, float, float]:
         """(penetration beyond the onset, None without a contact; force; approach rate)."""
-        mine = []
-        for i in range(data.ncon):
-            contact = data.contact[i]
-            a, b = contact.geom.tolist()
-            if self.table[a] + self.table[b] == 3:
-                mine.append((i, contact, self.table[a] == 2))
-        self.count = len(mine)
-        if not mine:
-            self._row = None  # the links have turned since
+        self._row, contacts = None, data.contact  # the links have turned since
+        # Columns of all contacts: a look at one number of one contact takes as long.
+        if (geoms := contacts.geom.tolist()) != self._geoms:
+            self._find_pair(geoms, contacts.dim.tolist())
+        if not self._mine:
             return None, 0.0, float(self.row(data) @ velocity)
-        force, distance, acting = 0.0, math.inf, []
-        for i, contact, turned in mine:
-            distance = min(distance, contact.dist)
-            address = contact.efc_address
-            if address >= 0:
-                self.force_of(self.model, data, i, self.wrench)
-                force += float(self.wrench[0])
+        distances, addresses, rates = contacts.dist.tolist(), contacts.efc_address.tolist(), data.efc_vel
+        distance, force, parting, acting = math.inf, 0.0, 0.0, 0
+        for i, turned, is_pyramid in self._mine:
+            distance = min(distance, distances[i])
+            if (address := addresses[i]) >= 0:
+                self._force_of(self.model, data, i, self._wrench)
+                force += self._wrench.item(0)
+                # As the engine has it: the two edges of a pyramid lie evenly about the normal.
+                rate = rates.item(address)
+                parting += 0.5 * (rate + rates.item(address + 1)) if is_pyramid else rate
+                acting += 1
                 if self.along is not None:
-                    self.along.push(contact, self.wrench, turned)
-                acting.append(self._parting_rate(data, address, contact.dim))
-        self.point = mine[0][1].pos.copy() if len(mine) == 1 else np.mean([c.pos for _, c, _ in mine], axis=0)
-        _, contact, turned = mine[0]
-        self.normal = -contact.frame[:3] if turned else contact.frame[:3].copy()
-        self._row = None
-        if self.along is not None:  # on the moving body's surface; MuJoCo has it halfway to the other's
-            self.point = self.point - 0.5 * distance * self.normal
+                    self.along.push(contacts.frame[i], self._wrench, turned)
+        self._unread = self._mine, contacts.pos.copy(), contacts.frame.copy(), distance
+        if self.along is not None:
             self.along.seen(data)
-        rate = -sum(acting) / len(acting) if acting else float(self.row(data) @ velocity)
+        rate = -parting / acting if acting else float(self.row(data) @ velocity)
         return self.place.contact.onset - distance, force, rate
+
+    def _find_pair(self, geoms: list[list[int]], dims: list[int]) -> None:
+        """Find the pair's contacts among all."""
+        sides = self.place.pair.sides
+        self._geoms = geoms
+        self._mine = [
+            (i, bool(sides[a] == 2), self._pyramid and dims[i] > 1)
+            for i, (a, b) in enumerate(geoms)
+            if sides[a] + sides[b] == 3
+        ]
+        self.others = len(self._mine) < len(geoms)
+
+    def _use_contact(self) -> None:
+        """Take the point and the normal from the last contacts."""
+        if self._unread is None:
+            return
+        mine, points, frames, distance = self._unread
+        first, turned, _ = mine[0]
+        self._point = points[first] if len(mine) == 1 else points[[i for i, _, _ in mine]].mean(axis=0)
+        self._normal = -frames[first, :3] if turned else frames[first, :3]
+        if self.along is not None:  # on the moving body's surface; MuJoCo has it halfway to the other's
+            self._point = self._point - 0.5 * distance * self._normal
+        self._unread = None
 
     def depth(self, data: Any, guess: float) -> float:
         """Penetration beyond the onset without a contact; the guess for shapes without a distance."""
@@ -77,12 +110,14 @@ class PairReader:
             return guess
         return self.place.gap - float(self.place.pair.nearest(data).distance)
 
-    def _parting_rate(self, data: Any, address: int, dim: int) -> float:
-        """Rate along the normal, as the engine has it: the two edges of a pyramid lie evenly about it."""
-        velocity = data.efc_vel
-        if dim == 1 or not self.pyramid:
-            return float(velocity[address])
-        return 0.5 * float(velocity[address] + velocity[address + 1])
+    def other_geoms(self, data: Any) -> set[int]:
+        """Geoms that touch the moving tree, or the other one's, besides the pair."""
+        sides, in_tree, geoms = self.place.pair.sides, self.place.pair.in_trees, data.contact.geom
+        acting = (data.contact.efc_address >= 0) & (geoms.min(axis=1) >= 0)
+        geoms = geoms[acting & (sides[geoms].sum(axis=1) != 3)]
+        inside = in_tree[geoms]
+        theirs = inside.any(axis=1)[:, None] & (~inside | inside.all(axis=1)[:, None])
+        return set(geoms[theirs].tolist())
 
 
 def with_kinematics(data: Any, model: Any) -> Any:

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.model.pair_reader import with_kinematics
-from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation
+from hcbench.engines.mujoco.model.simulation import Flights, MujocoFlight
+from hcbench.engines.mujoco.model.workspace import Workspace
 from hcbench.engines.mujoco.scene.shared_scene import differences, rounded_adhesion
 from hcbench.impact import Impact, Launch
 from hcbench.measuring.measurement import TOLERANCE
@@ -20,7 +21,6 @@ from hcbench.sim import simulate
 from hcbench.sim.model_under_test import Facts, ModelUnderTest, Suspect
 from hcbench.sim.parallel import require_motion_at, unit_in_last_place
 from hcbench.sim.read_impact import NOT_FINITE
-from hcbench.sim.world import Record, Simulation
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from hcbench.impact import Floats
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.shared_model import Copies, SharedModelEngine
-    from hcbench.sim.world import Flags
+    from hcbench.sim.world import Flags, Record
 
 _SMOOTH = 100.0  # units in the last place that a step moves the bodies by, from which e does not scatter
 
@@ -57,7 +57,8 @@ class LentModel(ModelUnderTest):
 
     def release(self, launches: Sequence[Launch]) -> LentSimulation:
         """Release a copy of the model for each launch."""
-        return LentSimulation(self._copies, [self._own.released(launch, LentFlight) for launch in launches])
+        flights = [LentFlight(self._own, launch, Workspace.of(self._own)) for launch in launches]
+        return LentSimulation(self._copies, flights)
 
     @property
     def step_cost(self) -> float:
@@ -120,7 +121,7 @@ class LentModel(ModelUnderTest):
         return LentModel(self._own.fixed(suspects), self._engine, as_given=False)
 
 
-class LentFlight(MujocoUserSimulation):
+class LentFlight(MujocoFlight):
     """One launch, whose states another engine hands in; MuJoCo only reads them."""
 
     def start_from(self, state: Floats, bits: int) -> None:
@@ -166,11 +167,12 @@ class LentFlight(MujocoUserSimulation):
         return force if abs(force) * h > mass * noise else 0.0
 
 
-class LentSimulation(Simulation):
+class LentSimulation(Flights[LentFlight]):
     """Launches under way in copies of their model."""
 
     def __init__(self, copies: Copies, flights: Sequence[LentFlight]) -> None:
-        self._copies, self._flights, self._which = copies, list(flights), np.arange(len(flights))
+        super().__init__(flights)
+        self._copies, self._which = copies, np.arange(len(flights))
         started = copies.place_first(np.array([flight.state for flight in flights]))
         for flight, state in zip(flights, started, strict=True):
             flight.start_from(state, copies.bits)
@@ -181,25 +183,9 @@ class LentSimulation(Simulation):
         while count < 1:
             path = self._copies.step(steps)[:, self._which]
             count = min(flight.hand_in(path[:, i]) for i, flight in enumerate(self._flights))
-        rows = [flight.advance(count).rows()[:, 0] for flight in self._flights]
-        seen = np.full((len(rows[0]), len(rows), count), np.nan)
-        for i, row in enumerate(rows):
-            seen[:, i, : row.shape[1]] = row
-        return Record(seen[0], seen[1], seen[2], seen[3:] if len(seen) > 3 else None)
+        return self.side_by_side([flight.advance(count) for flight in self._flights])
 
     def keep(self, which: Flags) -> None:
         """Read these only: the engine goes on with all."""
-        for flight, kept in zip(self._flights, which, strict=True):
-            if not kept:
-                flight.close()
-        self._flights = [flight for flight, kept in zip(self._flights, which, strict=True) if kept]
+        super().keep(which)
         self._which = self._which[which]
-
-    def note(self, steps: int) -> str:
-        """What else acted in the first steps of all launches."""
-        return "; ".join(dict.fromkeys(filter(None, (flight.note(steps) for flight in self._flights))))
-
-    def close(self) -> None:
-        """Return the speed lost to each cause."""
-        for flight in self._flights:
-            flight.close()

@@ -67,9 +67,9 @@ class MujocoAlongPlate:
         """Note that a contact point was seen in this state."""
         self._origin = data.xipos[self.body].copy()
 
-    def push(self, contact: Any, wrench: Floats, turned: bool) -> None:
-        """Add the friction of one contact. turned: the moving geom is its second."""
-        pushed = wrench[1] * contact.frame[3:6] + wrench[2] * contact.frame[6:9]
+    def push(self, frame: Floats, wrench: Floats, turned: bool) -> None:
+        """Add the friction of one contact. frame: its axes, (9,). turned: the moving geom is its second."""
+        pushed = wrench[1] * frame[3:6] + wrench[2] * frame[6:9]
         self.friction = self.friction + (pushed if turned else -pushed)
 
     def row(self, data: Any, velocity: Floats, point: Floats, rate: float) -> Floats:

@@ -1,5 +1,6 @@
 """What changes the approach speed of a pair during a contact, told apart: contact, limits, actuators, ..."""
 
+from bisect import bisect_left
 from collections.abc import Mapping
 from typing import Any
 
@@ -7,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hcbench.engines.mujoco.backend import backend
-from hcbench.engines.mujoco.model.bodies import response
 from hcbench.impact import Floats
 from hcbench.sim.model_under_test import CONTACT, WEIGHT
 
@@ -15,6 +15,7 @@ OTHERS = "other contacts"
 LIMITS, EQUALITIES, FRICTION = "limits of joints and tendons", "equality constraints", "friction in joints"
 ACTUATORS, PASSIVE = "actuators", "springs and damping of joints"
 NAMES = (CONTACT, OTHERS, LIMITS, EQUALITIES, FRICTION, ACTUATORS, PASSIVE, WEIGHT)
+_ROOM = 64  # steps that there is room for at first
 
 
 def has_more_than_contacts(model: Any) -> bool:
@@ -31,40 +32,67 @@ def strange_share(shares: Mapping[str, float]) -> float:
 
 
 class SpeedShares:
-    """Adds up what each cause takes off the approach speed of one launch, m/s, as long as the force acts."""
+    """Adds up what each cause takes off the approach speed of one launch, as long as the force acts.
+
+    Forces are multiplied by what they move once for many steps: after a step of MuJoCo's, each operation
+    of NumPy's takes longer.
+    """
 
     def __init__(self, model: Any, sides: NDArray[np.int8]) -> None:
-        self._model, self._sides, self._kinds = model, sides, backend().mjtConstraint
-        self.taken = np.zeros(len(NAMES))
+        self._model, self._sides, self._h = model, sides, float(model.opt.timestep)
+        self._steps = np.empty((_ROOM, 5, model.nv))  # of each: what moves, and four forces
+        self.forget()
 
-    def add(self, data: Any, row: Floats) -> None:
-        """One step. data: its constraints and forces are of the state before the step. row: (nv,) J."""
-        model = self._model
-        moved = response(model, data, row)
-        parts = dict.fromkeys(NAMES, 0.0)
-        if data.nefc:
-            coupling = np.zeros(data.nefc)
-            backend().mj_mulJacVec(model, data, coupling, moved)
-            accelerations = coupling * data.efc_force
-            for name, mask in self._rows(data):
-                parts[name] = float(accelerations[mask].sum())
-        parts[ACTUATORS] = float(moved @ data.qfrc_actuator)
-        parts[PASSIVE] = float(moved @ data.qfrc_passive)
-        parts[WEIGHT] = -float(moved @ data.qfrc_bias)
-        self.taken -= float(model.opt.timestep) * np.array([parts[name] for name in NAMES])
+    def forget(self) -> None:
+        """Begin anew."""
+        self._taken: Floats = np.zeros(len(NAMES))
+        self._clear()
 
-    def _rows(self, data: Any) -> list[tuple[str, NDArray[np.bool_]]]:
-        kinds, kind = self._kinds, np.asarray(data.efc_type)
-        of_contact = kind >= int(kinds.mjCNSTR_CONTACT_FRICTIONLESS)
-        geoms = data.contact.geom[data.efc_id[of_contact]]
-        mine = np.zeros(len(kind), bool)
-        mine[of_contact] = self._sides[geoms].sum(axis=1) == 3
-        limits = (kind == int(kinds.mjCNSTR_LIMIT_JOINT)) | (kind == int(kinds.mjCNSTR_LIMIT_TENDON))
-        friction = (kind == int(kinds.mjCNSTR_FRICTION_DOF)) | (kind == int(kinds.mjCNSTR_FRICTION_TENDON))
-        return [
-            (CONTACT, mine),
-            (OTHERS, of_contact & ~mine),
-            (LIMITS, limits),
-            (EQUALITIES, kind == int(kinds.mjCNSTR_EQUALITY)),
-            (FRICTION, friction),
-        ]
+    def _clear(self) -> None:
+        self._at: list[int] = []  # which steps those in `_steps` are
+        self._told_apart: list[tuple[int, list[float]]] = []  # of those with more constraints than contacts
+
+    def add(self, step: int, data: Any, row: Floats, others: bool) -> None:
+        """One step. data: its constraints and forces are of the state before the step. row: (nv,) J.
+
+        others: whether there are contacts besides the pair's.
+        """
+        entry = len(self._at)
+        if entry == len(self._steps):
+            self._steps = np.concatenate([self._steps, np.empty_like(self._steps)])
+        here = self._steps[entry]
+        backend().mj_solveM(self._model, data, here[:1], row[None])  # M^-1 J^T
+        here[1], here[2] = data.qfrc_constraint, data.qfrc_actuator
+        here[3], here[4] = data.qfrc_passive, data.qfrc_bias
+        if others or data.ne or data.nf or data.nl:
+            self._told_apart.append((entry, self._by_constraint(data, here[0])))
+        self._at.append(step)
+
+    def taken(self, steps: int) -> dict[str, float]:
+        """What each cause took in the first `steps` steps, the last of them added after `settle`; m/s."""
+        return dict(zip(NAMES, self._sum(bisect_left(self._at, steps)).tolist(), strict=True))
+
+    def settle(self) -> None:
+        """Keep the sums of the steps until now, and not the steps."""
+        self._taken = self._sum(len(self._at))
+        self._clear()
+
+    def _sum(self, entries: int) -> Floats:
+        parts, steps = np.zeros((entries, len(NAMES))), self._steps[:entries]
+        parts[:, [0, *range(5, len(NAMES))]] = (steps[:, :1] * steps[:, 1:]).sum(axis=2)
+        parts[:, -1] *= -1.0
+        for entry, accelerations in self._told_apart:
+            if entry < entries:
+                parts[entry, :5] = accelerations
+        # One after the other: the same bits, however many steps are added at once.
+        return np.asarray(np.cumsum(np.vstack([self._taken, -self._h * parts]), axis=0)[-1])
+
+    def _by_constraint(self, data: Any, moved: Floats) -> list[float]:
+        """Acceleration, m/s², by each of the first five of NAMES."""
+        accelerations, ends = np.zeros(data.nefc), np.cumsum((data.ne, data.nf, data.nl))
+        backend().mj_mulJacVec(self._model, data, accelerations, moved)
+        accelerations *= data.efc_force
+        equalities, friction, limits, contacts = np.split(accelerations, ends)
+        mine = self._sides[data.contact.geom[data.efc_id[ends[-1] :]]].sum(axis=1) == 3
+        parts = contacts[mine], contacts[~mine], limits, equalities, friction
+        return [float(part.sum()) for part in parts]

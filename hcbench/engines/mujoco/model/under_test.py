@@ -5,12 +5,18 @@ from __future__ import annotations
 import copy
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
-from hcbench.engines.mujoco.model.bodies import explicit_pairs, geom_friction, geom_name, speed_reading
+from hcbench.engines.mujoco.model.bodies import (
+    explicit_pairs,
+    geom_friction,
+    geom_name,
+    is_whole_state,
+    speed_reading,
+)
 from hcbench.engines.mujoco.model.causes import find_suspects
 from hcbench.engines.mujoco.model.causes.at_rest import at_rest
 from hcbench.engines.mujoco.model.causes.context import Context, written_contact
@@ -38,9 +44,8 @@ if TYPE_CHECKING:
     from hcbench.sim.shared_model import SharedModelEngine
 
 _TURNS = 1e-6  # of its mass, by which less of a body struck beside its centre takes part
+_PLACES = 32  # launches in a simulation: looking at the steps of one costs as much as at those of all
 _LAST_PART, _ROUGH = 0.01, 0.03  # of the smaller one's size; of the approach: a distance that is not exact
-
-Flight = TypeVar("Flight", bound=MujocoUserSimulation)
 
 
 class MujocoModel(ModelUnderTest):
@@ -51,6 +56,7 @@ class MujocoModel(ModelUnderTest):
     """
 
     diverged = "MuJoCo found the state unstable and reset it"
+    least_steps = 32  # as a simulation steps no launch after it has parted
 
     def __init__(self, model: Any, label: str, state: Any, request: Request) -> None:
         self.model, self.label, self.state, self.request = model, label, state, request
@@ -68,6 +74,7 @@ class MujocoModel(ModelUnderTest):
         if not self._falls_freely():
             staged = self.speed_reading is SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
             self.speed_reading = SpeedReading.STAGED_CROSSING if staged else SpeedReading.CROSSING
+        self.places = _PLACES if is_whole_state(model) else 1
         self.others: set[int] = set()  # geoms that touched the two during an impact
         self.shares: dict[str, float] = {}  # what took the approach speed, over that at touch
 
@@ -81,22 +88,12 @@ class MujocoModel(ModelUnderTest):
         return central and not (self.energy_by_work or model.body_weldid[second])
 
     def release(self, launches: Sequence[Launch]) -> MujocoUserSimulation:
-        """The launch under way from its starting point."""
-        (launch,) = launches
-        return self.released(launch, MujocoUserSimulation)
+        """The launches under way from their starting points."""
+        return MujocoUserSimulation(self, launches, self.speed_reading.steps_after)
 
-    def released(self, launch: Launch, kind: type[Flight]) -> Flight:
-        """A launch under way, in a simulation of this kind."""
-        return kind(
-            self.model,
-            self.start,
-            self.place,
-            launch,
-            self.others,
-            self.shares,
-            self.request.along,
-            self.gravity,
-        )
+    def follow(self, launch: Launch) -> MujocoUserSimulation:
+        """One launch, stepped on after it has parted."""
+        return MujocoUserSimulation(self, [launch], None)
 
     def stepped_by(self, engine: SharedModelEngine) -> LentModel:
         """The same pair, stepped by another engine."""

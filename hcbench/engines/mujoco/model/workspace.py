@@ -1,0 +1,47 @@
+"""What launches of a MuJoCo model are stepped in."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.plugin_contact import WithoutContact, restitution_law
+
+if TYPE_CHECKING:
+    from hcbench.engines.mujoco.model.under_test import MujocoModel
+
+
+@dataclass(frozen=True, slots=True)
+class Workspace:
+    """What launches of a model are stepped in, one at a time: allocating it takes as long as 500 steps.
+
+    data: the state under way. seen: the state before the step, which RK4 does not leave in `data`. free: for
+    steps of RK4 without contact. beside: for those without a plug-in's. Those without a use are None.
+    """
+
+    data: Any
+    seen: Any
+    free: Any
+    beside: WithoutContact | None
+
+    @classmethod
+    def of(cls, opened: MujocoModel) -> Self:
+        """For a model."""
+        mujoco, model, data = backend(), opened.model, copy.copy(opened.start)
+        plugged = restitution_law(model, opened.place.contact.rows[0][2]) is not None
+        staged = int(model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4)
+        seen, free = (mujoco.MjData(model), mujoco.MjData(model)) if staged else (data, None)
+        return cls(data, seen, free, WithoutContact(model) if plugged else None)
+
+
+def copy_state(model: Any, source: Any, target: Any) -> None:
+    """Put one MjData into the state of another."""
+    mujoco = backend()
+    kind = mujoco.mjtState.mjSTATE_INTEGRATION
+    state = np.empty(mujoco.mj_stateSize(model, kind))
+    mujoco.mj_getState(model, source, state, kind)
+    mujoco.mj_setState(model, target, state, kind)
