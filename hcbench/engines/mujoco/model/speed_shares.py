@@ -44,7 +44,7 @@ class SpeedShares:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Begin again from zero."""
         self._taken: Floats = np.zeros(len(NAMES))
         self._clear()
 
