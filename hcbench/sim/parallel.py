@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from hcbench.sim.world import Flags
 
 _MOST_STEPS = 64  # between two looks
-_WORKING = 4  # times a state's bytes that a step takes in all
 _GUESSED = 4 << 30  # bytes of free memory
 _FEWEST = 4.0  # units in the last place of the position that a step at the highest speed must move it by
 
@@ -166,8 +165,8 @@ def no_gpu(engine: str, library: str, needed: str) -> CannotRun:
 
 
 def batch_in(memory: int, each: int) -> int:
-    """Copies that half of so much memory has room for. each: bytes of one's state, which steps work on."""
-    return max(1, memory // (2 * _WORKING * each))
+    """Copies that half of so much memory has room for. each: bytes that a step needs for one."""
+    return max(1, memory // (2 * each))
 
 
 def free_memory() -> int:

@@ -11,6 +11,7 @@ A user's model is simulated in JAX's own precision, or that of the environment v
 
 from __future__ import annotations
 
+import os
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +34,9 @@ if TYPE_CHECKING:
     from hcbench.sim.scripted import PythonLaw
 
 _PLACES = 32
+# Of XLA: with two, batched Cholesky factorizations that run at once take both, and wait for a third.
+_THREADS = "16"
+_WORKING = 4  # times a state's bytes that a step takes in all
 _BUFFER = 512  # steps that are recorded before they are looked at
 IMPEDANCE = 0.9  # of a bounce in one step: float32 tells 1 - d to 2e-6
 _HELD = ("ctrl", "act", "mocap_pos", "mocap_quat", "eq_active")  # of a state, as the user has set it
@@ -81,6 +85,8 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         if model.nplugin:
             got = "a plug-in, which MJX leaves out without a warning"
             raise SceneError("model", got, "a model without", "`hcbench tune mjx` puts a law into its step")
+        if device == "cpu" and in_worker():  # before MJX starts XLA
+            os.environ.setdefault("NPROC", _THREADS)
         exact = self._starts_in_64_bits()  # before a setting says otherwise
         bits = bits or (64 if exact else 32)
         jax, mjx = self.backend.module("jax"), self.backend.module("mujoco.mjx")
@@ -100,7 +106,7 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         if device:
             memory = (chosen.memory_stats() or {}).get("bytes_limit") or free_memory()
             each = sum(array.nbytes for array in jax.tree.leaves(empty))
-            copies.room = batch_in(memory, each)
+            copies.room = batch_in(memory, _WORKING * each)
         return copies
 
     def require_device(self, device: str) -> None:
