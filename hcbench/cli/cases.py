@@ -133,7 +133,7 @@ def _read_known(path: Path) -> Mapping[str, Mapping[str, str]]:
 def _junit(scores: Sequence[EngineScore], known: Mapping[str, Mapping[str, str]]) -> str:
     from hcbench.cases.hcbench_cases import junit
 
-    suites = [junit(list(each.verdicts), each.engine, dict(known.get(each.engine, {}))) for each in scores]
+    suites = [junit(list(each.verdicts), each.name, dict(known.get(each.engine, {}))) for each in scores]
     return f"<testsuites>{''.join(suites)}</testsuites>\n"
 
 

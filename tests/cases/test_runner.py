@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -149,6 +150,13 @@ def test_a_symptom_is_asked_of_its_case_alone(capsys: pytest.CaptureFixture[str]
     assert shown[3].split()[:2] == ["passed", "2"]
     assert len(shown) == 4
     assert cli.run(["cases", "run", "mujoco", "--case", "C99"]) == 2
+
+
+def test_junit_tells_versions_apart(tmp_path: Path) -> None:
+    out = tmp_path / "j.xml"
+    assert cli.run(["cases", "run", "mujoco", "--case", "C09", "--junit", str(out)]) == 0
+    (suite,) = ElementTree.parse(out).getroot()
+    assert suite.get("name") == f"hcbench-cases mujoco {version('mujoco')}"
 
 
 def verdict(word: str) -> dict[str, Any]:
