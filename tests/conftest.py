@@ -1,4 +1,4 @@
-"""What the whole suite shares: tests marked `adhesion` run where MuJoCo's pairs have one, 3.11 and later."""
+"""What the whole suite shares: a test marked with what a MuJoCo must have runs where it has it."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ settings.register_profile("random", max_examples=1000, deadline=None)  # `make t
 settings.load_profile("same")
 
 collect_ignore = ["outside"]  # run on its own, as its author would
+_MUJOCO_HAS = (("adhesion", "MjModel", "pair_adhesion"), ("spec_plugins", "MjSpec", "activate_plugin"))
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -34,18 +35,16 @@ def pytest_configure(config: pytest.Config) -> None:
         "markers", "needs_engine(name): an engine that must be installed; by default the test's parameter"
     )
     config.addinivalue_line("markers", "adhesion: needs a contact pair's adhesion, MuJoCo 3.11 or later")
+    config.addinivalue_line("markers", "spec_plugins: needs plug-ins in an MjSpec, later than MuJoCo 3.3.0")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     _leave_out_missing_engines(config, items)
-    asking = [item for item in items if item.get_closest_marker("adhesion")]
-    if not asking:
-        return
-    mujoco = pytest.importorskip("mujoco")
-    if not hasattr(mujoco.MjModel, "pair_adhesion"):
-        reason = f"needs adhesion: MuJoCo 3.11 or later, here is {mujoco.__version__}"
-        for item in asking:
-            item.add_marker(pytest.mark.skip(reason=reason))
+    for marker, kind, name in _MUJOCO_HAS:
+        asking = [item for item in items if item.get_closest_marker(marker)]
+        if asking and not hasattr(getattr(mujoco := pytest.importorskip("mujoco"), kind), name):
+            for item in asking:
+                item.add_marker(pytest.mark.skip(reason=f"MuJoCo {mujoco.__version__} has no {kind}.{name}"))
 
 
 def _leave_out_missing_engines(config: pytest.Config, items: list[pytest.Item]) -> None:

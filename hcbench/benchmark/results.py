@@ -233,7 +233,7 @@ class Results(Drawn):
                     f"schema {SCHEMA}",
                     "Run the study again with this version of hcbench",
                 )
-            tables = [_read_table(folder / f"{name}.csv") for name in TABLES]
+            tables = [read_table(folder / f"{name}.csv") for name in TABLES]
         except (OSError, ValueError) as error:
             raise UserError("results", f"{folder}: {error}", "a folder that `hcbench report` wrote") from None
         validate(ResultTable, summary, UserError, f"{folder}/summary.json: {{}}")
@@ -241,7 +241,8 @@ class Results(Drawn):
         return cls(*made, *tables, answers=summary.get("answers", []))
 
 
-def _read_table(path: Path) -> pd.DataFrame:
+def read_table(path: Path) -> pd.DataFrame:
+    """A table of a results folder, each number with its last digit."""
     import pandas as pd
 
     if path.exists() and not path.is_file():  # a device, or a link to one, has no end

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bounce_loop import bounce_by_distance
+from contact_scenes import full_mass
 
 from hcbench.cli import run
 from hcbench.errors import UserError
@@ -61,8 +62,7 @@ def test_e_of_a_pendulum_is_that_of_its_tips_speed(speed: float) -> None:
     data = mujoco.MjData(model)
     data.qpos[0] = angle
     mujoco.mj_forward(model, data)
-    inertia = np.zeros((1, 1))
-    mujoco.mj_fullM(model, data, inertia)
+    inertia = full_mass(model, data)
     assert found.effective_mass == pytest.approx(inertia[0, 0] / np.cos(angle) ** 2, rel=1e-6)
 
 
@@ -79,8 +79,7 @@ def test_e_of_an_arms_tip_is_that_of_a_loop_written_by_hand(kp: float, speed: fl
     data.qpos[:] = touch
     mujoco.mj_forward(model, data)
     row = row_of(model, data, found.facts.point, [0, 0, -1], "hand")
-    mass = np.zeros((2, 2))
-    mujoco.mj_fullM(model, data, mass)
+    mass = full_mass(model, data)
     push = np.linalg.solve(mass, row)
     assert found.effective_mass == pytest.approx(1 / (row @ push), rel=1e-4)
     move = push / (row @ push)
@@ -99,8 +98,7 @@ def touching_pose(model: Any, start: list[float]) -> Any:
         hand = data.geom("hand").xpos
         gap = hand[2] - 0.05
         row = row_of(model, data, hand - [0, 0, 0.05], [0, 0, -1], "hand")
-        mass = np.zeros((2, 2))
-        mujoco.mj_fullM(model, data, mass)
+        mass = full_mass(model, data)
         push = np.linalg.solve(mass, row)
         data.qpos[:] += push / (row @ push) * np.clip(gap, -0.02, 0.02)
     return data.qpos.copy()

@@ -220,6 +220,7 @@ def test_what_is_handed_to_methods_and_to_fits_is_checked_too(value: Any, tmp_pa
             fit(tmp_path / "pairs.csv", height=value)
 
 
+@pytest.mark.spec_plugins
 @pytest.mark.parametrize("kind", [np.float64, np.float32])
 def test_numpy_numbers_are_numbers(kind: Any) -> None:
     """A plug-in's keys once read "np.float64(0.2)", which MuJoCo refused."""

@@ -64,10 +64,18 @@ _LEGS = np.array([
 _LEGS_LOWEST = np.array([1.5, -6.0, 0.0, *_LOWEST[3:]])  # servos ask for stiffer rows
 
 
-START = (
-    ConstraintRow.direct(2e4, 100.0, (0.999, 0.999, 1.0, 0.5, 1.0)),
-    ConstraintRow.direct(0.0, 100.0, (MIN_IMPEDANCE, 0.9, 2e-3, 0.01, _POWER), adhesion=MOST_PULL),
-)  # rows of the same kind, before any are found
+def starting_rows(adhesive: bool) -> Rows:
+    """Rows of the kind that is searched for, before any are found. adhesive: whether they may pull."""
+    return (
+        ConstraintRow.direct(2e4, 100.0, (0.999, 0.999, 1.0, 0.5, 1.0)),
+        _damper(100.0, (0.9, 2e-3, 0.01), adhesive),
+    )
+
+
+def _damper(damping: float, impedance: tuple[float, float, float], adhesive: bool) -> ConstraintRow:
+    """A row of this damping (1/s) per unit mass. impedance: its highest, width (m) and midpoint."""
+    solimp = (MIN_IMPEDANCE, *impedance, _POWER)
+    return ConstraintRow.direct(0.0, damping, solimp, adhesion=MOST_PULL if adhesive else 0.0)
 
 
 class RowSearch:
@@ -87,7 +95,7 @@ class RowSearch:
     ) -> None:
         mujoco = backend()
         geom, kind = mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtSensor.mjSENS_GEOMDIST
-        called = {geom.id: geom.name for geom in spec.geoms}
+        called = [geom.name for geom in spec.geoms]  # by id
         for model in opened:
             names = [called[geom] for geom in model.place.contact.rows[0][2]]
             each = {"objtype": geom, "objname": names[0], "reftype": geom, "refname": names[1]}
@@ -187,9 +195,8 @@ class RowSearch:
         d, dmax = (short(1.0 / (1.0 + math.exp(-parameters[i]))) for i in (2, 4))
         damping, width, midpoint = np.exp(parameters[[3, 5, 6]])
         spring = ConstraintRow.direct(short(stiffness / h**2), short(loss / h), (d, d, 1.0, 0.5, 1.0))
-        solimp = (MIN_IMPEDANCE, dmax, short(width * high * h), short(midpoint), _POWER)
-        adhesion = MOST_PULL if adhesive else 0.0
-        return spring, ConstraintRow.direct(0.0, short(damping / h), solimp, adhesion=adhesion)
+        impedance = dmax, short(width * high * h), short(midpoint)
+        return spring, _damper(short(damping / h), impedance, adhesive)
 
     def best(self, adhesive: bool) -> Rows:
         """Rows of the least error that an evolution finds."""

@@ -13,7 +13,7 @@ from hcbench.engines.mujoco.model.attitudes import attitudes
 from hcbench.engines.mujoco.model.bodies import collision_filter, explicit_pairs, integrator_name
 from hcbench.engines.mujoco.model.list_pairs import contact_in_force, find_pair
 from hcbench.engines.mujoco.model.open import load
-from hcbench.engines.mujoco.model.row_search import START, RowSearch
+from hcbench.engines.mujoco.model.row_search import RowSearch, starting_rows
 from hcbench.engines.mujoco.model.speed_shares import has_more_than_contacts
 from hcbench.engines.mujoco.model.tune_rows import Load, row_choices
 from hcbench.engines.mujoco.model.under_test import MujocoModel
@@ -76,7 +76,7 @@ def _searched(
 ) -> dict[tuple[object, ...], Rows]:
     """Rows for each kind of pair, rows_of in the model one after the other."""
     plain = spec_of(source).compile()
-    rows_of: dict[tuple[object, ...], Rows] = {pair.like: START for pair in pairs}
+    rows_of: dict[tuple[object, ...], Rows] = {pair.like: starting_rows(adhesive) for pair in pairs}
     for like in rows_of:
         alike = [pair for pair in pairs if pair.like == like]
         spec = written(source, [(pair, rows_of[pair.like]) for pair in pairs]).spec

@@ -190,7 +190,7 @@ def _friction_damping(place: PairAtTouch, load: Load) -> float:
 def _name_geoms(spec: Any, model: Any, geoms: Sequence[tuple[int, int]], notes: list[str]) -> dict[int, str]:
     """Names by which a <pair> calls geoms; those without one get one."""
     names = {}
-    by_id = {geom.id: geom for geom in spec.geoms}
+    by_id = list(spec.geoms)  # MuJoCo 3.3 gives them no .id
     for geom in dict.fromkeys(g for pair in geoms for g in pair):
         names[geom] = str(model.geom(geom).name)
         if not names[geom]:

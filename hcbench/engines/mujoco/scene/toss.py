@@ -61,6 +61,7 @@ def _model(mujoco: Any, body: Body, setting: ContactSetting, values: Sequence[fl
     tossed = spec.worldbody.add_body(name="body")
     tossed.add_freejoint()
     tossed.mass, tossed.inertia, tossed.explicitinertial = body.mass, list(body.inertia), True
+    tossed.ipos = [0.0, 0.0, 0.0]  # MuJoCo 3.3 takes no inertia without its place
     kind = getattr(mujoco.mjtGeom, f"mjGEOM_{body.shape.upper()}")
     geoms = (plate, tossed.add_geom(name="body", type=kind, size=list(body.half_sizes)))
     given = setting.named(values)
