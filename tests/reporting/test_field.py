@@ -223,7 +223,7 @@ def test_the_study_in_the_wheel_names_engines_that_are_registered() -> None:
 
 @pytest.fixture(scope="module")
 def scores() -> dict[Case, Any]:
-    """Of the committed run."""
+    """Scores of the committed run."""
     table = read_table(COMMITTED / "scores.csv")
     cases = table[["engine", "setting", "gravity_m_per_s2", "timestep_s"]].itertuples(index=False)
     return dict(zip(map(Case._make, cases), table.to_dict("records"), strict=True))
@@ -325,7 +325,7 @@ def test_each_engine_at_its_best_is_as_good_as_by_hand(
 def test_and_bounces_so_where_it_is_installed(
     engine: str, setting: str, wanted: str, most: float, steps: tuple[float, ...]
 ) -> None:
-    """At speeds and phases that no study has."""
+    """The launches have speeds and phases that no study has."""
     scene = load_scene("steel-plane")
     law = HuntCrossley(scene.stiffness, 0.008 / units.INCH, scene.exponent)
     target = Target(law, scene.mass, steps[-1], 0.0254, 0.508)
@@ -338,7 +338,7 @@ def test_and_bounces_so_where_it_is_installed(
 
 
 def test_the_page_says_what_tune_says(data: dict[str, Any]) -> None:
-    """Of the same speeds; PyBullet's plug-in stays down below a speed, which is no error of e."""
+    """Both speak of the same speeds; PyBullet's plug-in stays down below a speed, which is no error of e."""
     (answer,) = (
         each
         for each in file_content()["answers"]
