@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 from functools import cache
+from importlib import metadata
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -35,16 +38,32 @@ def pytest_configure(config: pytest.Config) -> None:
         "markers", "needs_engine(name): an engine that must be installed; by default the test's parameter"
     )
     config.addinivalue_line("markers", "adhesion: needs a contact pair's adhesion, MuJoCo 3.11 or later")
+    config.addinivalue_line("markers", "locked_engines: pages show what the locked versions print")
     config.addinivalue_line("markers", "spec_plugins: needs plug-ins in an MjSpec, later than MuJoCo 3.3.0")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     _leave_out_missing_engines(config, items)
+    if not _has_locked_engines():
+        for item in items:
+            if item.get_closest_marker("locked_engines"):
+                item.add_marker(pytest.mark.skip(reason="pages show what the locked versions print"))
     for marker, kind, name in _MUJOCO_HAS:
         asking = [item for item in items if item.get_closest_marker(marker)]
         if asking and not hasattr(getattr(mujoco := pytest.importorskip("mujoco"), kind), name):
             for item in asking:
                 item.add_marker(pytest.mark.skip(reason=f"MuJoCo {mujoco.__version__} has no {kind}.{name}"))
+
+
+def _has_locked_engines() -> bool:
+    locked = (Path(__file__).parents[1] / "requirements-dev.txt").read_text(encoding="utf-8")
+    try:
+        return all(
+            metadata.version(name) == version
+            for name, version in re.findall(r"^(mujoco|pybullet)==([\d.]+)", locked, re.M)
+        )
+    except metadata.PackageNotFoundError:
+        return False
 
 
 def _leave_out_missing_engines(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -39,6 +39,7 @@ def output(command: str, printed: dict[str, list[str]], capsys: pytest.CaptureFi
     return printed[command]
 
 
+@pytest.mark.locked_engines
 @pytest.mark.parametrize(("block", "shown"), ANSWERS, ids=lambda text: text.split("\n")[0][:60])
 def test_a_command_prints_what_the_page_shows(
     block: str,

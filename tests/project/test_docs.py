@@ -78,6 +78,7 @@ def test_every_command_that_a_page_shows_is_one(page: Path, monkeypatch: pytest.
         command.make_context(command.name, words)
 
 
+@pytest.mark.spec_plugins
 @pytest.mark.parametrize(
     "page", [p for p in PAGES if "```python" in p.read_text(encoding="utf-8")], ids=lambda p: p.name
 )

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
-from importlib import metadata
 from pathlib import Path
 
 import notebooks
@@ -12,17 +10,9 @@ import pytest
 from sessions import PAGES, ROOT, Shell, agrees, page_steps, prepare, rewritten
 
 WITH_SESSIONS = [page for page in PAGES if page_steps(page)]
-LOCKED = dict(re.findall(r"^(mujoco|pybullet)==([\d.]+)", (ROOT / "requirements-dev.txt").read_text(), re.M))
 
 
-def has_locked_engines() -> bool:
-    try:
-        return all(metadata.version(name) == version for name, version in LOCKED.items())
-    except metadata.PackageNotFoundError:
-        return False
-
-
-@pytest.mark.skipif(not has_locked_engines(), reason=f"pages show what {LOCKED} prints")
+@pytest.mark.locked_engines
 @pytest.mark.parametrize("page", WITH_SESSIONS, ids=lambda p: str(p.relative_to(ROOT)))
 def test_a_page_shows_what_its_commands_print(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -37,7 +27,7 @@ def test_a_page_shows_what_its_commands_print(
     assert not wrong, "\n\n".join(["`make sessions` writes:", *wrong])
 
 
-@pytest.mark.skipif(not has_locked_engines(), reason=f"pages show what {LOCKED} prints")
+@pytest.mark.locked_engines
 @pytest.mark.parametrize("page", notebooks.PAGES, ids=lambda p: p.name)
 def test_a_notebook_shows_what_its_cells_do(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HCBENCH_DATA", os.devnull)

@@ -29,6 +29,7 @@ def synthetic(e: float, tosses: Tosses, timestep: float) -> list[ImpactRead]:
     return first(Tosses(tosses.body, made))
 
 
+@pytest.mark.spec_plugins
 def test_the_reading_returns_the_e_and_the_friction_of_a_simulation() -> None:
     impacts = synthetic(0.2, cube.cases((0,)).of(lambda each: each.number % 30 == 0), 1e-4)
     assert np.median([each.e for each in impacts]) == pytest.approx(0.2, abs=0.003)

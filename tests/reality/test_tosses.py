@@ -48,6 +48,7 @@ def test_a_toss_flies_along_a_parabola_with_its_spin(name: str) -> None:
     assert states[:, SPIN][:, 1] == pytest.approx(300.0, rel=1e-6)
 
 
+@pytest.mark.spec_plugins
 @pytest.mark.parametrize("name", ["mujoco", "pybullet"])
 def test_every_setting_of_an_engine_simulates_a_toss(name: str) -> None:
     tosses = cube.cases((1,)).of(lambda each: each.number < 12)
@@ -83,6 +84,7 @@ def test_the_ellipse_s_free_impulse_bounds_every_rigid_law() -> None:
     assert (ellipse.errors(drops, ellipse.coulomb(drops, 0.546, 0.19)) >= nearest - 1e-6).all()
 
 
+@pytest.mark.spec_plugins
 def test_the_plug_in_is_as_near_to_the_ellipse_as_the_rigid_law() -> None:
     assert judged("ellipse", "mujoco", "plug-in constant e, elliptic", (1,)).errors.mean() < 0.3
 

@@ -64,6 +64,7 @@ def view() -> FieldView:
     return FieldView(run_study(study_from({**STUDY, "run": RUNS})))
 
 
+@pytest.mark.adhesion
 def test_the_best_setting_is_the_one_nearest_to_the_law(view: FieldView) -> None:
     best = view.best("mujoco", 0.0, 1e-5)
     assert best == Case("mujoco", "staggered", 0.0, 1e-5)
@@ -73,6 +74,7 @@ def test_the_best_setting_is_the_one_nearest_to_the_law(view: FieldView) -> None
     assert view.error(coarse) == pytest.approx(view.constant_error(1e-3), rel=1e-3), "one e, the best"
 
 
+@pytest.mark.adhesion
 def test_the_first_sentence_says_who_follows_the_law(view: FieldView) -> None:
     assert headline(view, 0.0, 1e-5)[0] == (
         "At 10\u00a0µs without gravity, one engine follows the law by settings alone: MuJoCo."

@@ -18,7 +18,6 @@ from sessions import PAGES, page_steps
 from hcbench.cli import run
 from hcbench.contact.mujoco import load
 from hcbench.contact.pybullet import library
-from hcbench.engines.mujoco.backend import has_feature
 from hcbench.impact import Launch
 from hcbench.laws import closed_form
 from hcbench.scene import load_scene
@@ -51,7 +50,7 @@ def off(e: list[float], launches: list[tuple[float, float]], alpha: float) -> fl
     return float(np.abs(np.array(e) - law).max())
 
 
-@pytest.mark.skipif(not has_feature(__import__("mujoco"), "adhesion"), reason="its damper may pull")
+@pytest.mark.adhesion
 def test_each_text_of_the_pages_first_screen_for_mujoco() -> None:
     texts = 0
     for answer in KNOWN:
@@ -92,7 +91,7 @@ def setting_of(name: str, step: float) -> Setting:
         ("compliant", 1e-3),
         ("compliant-pairs", 2e-3),
         ("spring-damper", 1e-6),
-        ("staggered", 1e-3),
+        pytest.param("staggered", 1e-3, marks=pytest.mark.adhesion),
         ("hunt-crossley", 1e-5),
         ("flores", 1e-5),
         ("restitution-law", 2e-3),

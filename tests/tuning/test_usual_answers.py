@@ -86,6 +86,7 @@ def test_page_command_and_python_give_the_same_number_and_text(
     assert command["never"] == [{"setting": n.setting, "why": n.why} for n in answer.never]
 
 
+@pytest.mark.adhesion
 def test_the_page_knows_the_answer_to_each_of_24_questions(small_view: View) -> None:
     for question in QUESTIONS:
         kinds = [choice["kind"] for choice in on_page(question, small_view)]

@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from hcbench.engines.mujoco.backend import has_feature
 from hcbench.engines.mujoco.passivity import judge
 from hcbench.engines.mujoco.passivity.in_rows import bounces_in_rows
 from hcbench.engines.mujoco.passivity.judge import screened
@@ -85,7 +84,7 @@ def test_what_is_advised_never_gains_energy_and_rests(recipe: str) -> None:
     assert largest <= screen.bounces.max_e + 2e-3
 
 
-@pytest.mark.skipif(not has_feature(mujoco, "adhesion"), reason="its damper may pull")
+@pytest.mark.adhesion
 def test_the_whole_gate_passes_what_the_screen_passes_under_friction() -> None:
     setting = made("compliant-pairs", 0.5)
     screen = screened(SCENE, setting, BAND)

@@ -89,6 +89,7 @@ def at_random(count: int = 150, lowest: float = BAND[0]) -> list[tuple[float, fl
     return list(zip(speeds, random.uniform(0, 1, count), random.uniform(0, 3, count), strict=True))
 
 
+@pytest.mark.adhesion
 @pytest.mark.parametrize(
     ("timestep", "most", "sliding"), [(1e-3, 0.022, 0.03), (2e-3, 0.04, 0.045), (5e-3, 0.065, 0.08)]
 )
