@@ -14,9 +14,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
-from contextlib import closing
-from functools import cache, wraps
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from functools import cache
 from typing import Any, ClassVar, TypeVar, cast
 
 import numpy as np
@@ -76,23 +76,23 @@ Applies = Callable[["type[EngineConformance]", Recipe, Scene], bool]
 
 
 def _claim(*conditions: Applies) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """A test of the recipes and scenes that meet all conditions, given the class that tests them.
-
-    A skip where the installed version of the engine lacks what the recipe sets.
-    """
+    """A test of the recipes and scenes that meet all conditions, given the class that tests them."""
 
     def marked(test: Callable[..., None]) -> Callable[..., None]:
-        @wraps(test)
-        def run(*args: Any, **given: Any) -> None:
-            try:
-                test(*args, **given)
-            except EngineMissing as error:
-                pytest.skip(str(error))
-
-        run.conditions = conditions  # type: ignore[attr-defined]
-        return run
+        claimed = _skip_where_missing()(test)
+        claimed.conditions = conditions  # type: ignore[attr-defined]
+        return claimed
 
     return marked
+
+
+@contextmanager
+def _skip_where_missing() -> Iterator[None]:
+    """Skip a test for what is not installed, or what an installed version lacks."""
+    try:
+        yield
+    except EngineMissing as error:
+        pytest.skip(str(error))
 
 
 def _fits(_: object, recipe: Recipe, scene: Scene) -> bool:
@@ -139,10 +139,8 @@ class EngineConformance:
         Where the engine is not installed the class is one skip.
         """
         if hasattr(metafunc.function, "conditions"):
-            try:
+            with _skip_where_missing():
                 registry.engine(cls.engine).version()
-            except EngineMissing as error:
-                pytest.skip(str(error))
             metafunc.parametrize(("recipe", "scene"), cls._cases(metafunc.function))
 
     @classmethod
@@ -164,9 +162,7 @@ class EngineConformance:
             engine.run(load_scene(scene), setting_for(recipe, suited), LAUNCHES)
 
     @_claim(_fits, lambda _, recipe, __: recipe.ends is not None)
-    def test_where_nothing_bounces_every_launch_ends_as_the_recipe_says(
-        self, recipe: str, scene: str
-    ) -> None:
+    def test_where_nothing_bounces_launches_end_as_the_recipe_says(self, recipe: str, scene: str) -> None:
         """Each launch ends with the status and the reason that the recipe names."""
         impacts = impacts_for(recipe, scene)
         assert {i.status for i in impacts} == {registry.recipe(recipe).ends}
@@ -188,8 +184,7 @@ class EngineConformance:
     def test_the_speed_in_is_the_speed_launched(self, recipe: str, scene: str) -> None:
         """Nothing slows the body before it touches."""
         exact = max(1e-9, rounding(recipe))
-        loss = self.stock_damping if registry.recipe(recipe).role is Role.STOCK else exact
-        loss = max(loss, exact)
+        loss = max(exact, self.stock_damping if registry.recipe(recipe).role is Role.STOCK else 0.0)
         assert all(1 - loss < i.speed_in / i.launch.speed < 1 + exact for i in impacts_for(recipe, scene))
 
     @_claim(_bounces, _is_set, lambda _, recipe, __: not recipe.one_step)
@@ -219,11 +214,8 @@ class EngineConformance:
         engine, case, picked = registry.engine(setting.engine), load_scene(scene), LAUNCHES[3::7]
         for one in (*engine.run(case, setting, picked), *engine.run(case, setting, picked[-1:])):
             other = before[LAUNCHES.index(one.launch)]
-            assert (one.speed_in, one.speed_out, one.samples) == (
-                other.speed_in,
-                other.speed_out,
-                other.samples,
-            )
+            for number in ("speed_in", "speed_out", "samples"):
+                assert getattr(one, number) == getattr(other, number)
             assert one.loop is not None
             assert other.loop is not None
             assert np.array_equal(one.loop.force, other.loop.force)
