@@ -113,11 +113,11 @@ def test_engines_do_what_they_are_known_to(results: list[dict[str, Any]]) -> Non
 @pytest.mark.slow
 @pytest.mark.skipif("HCBENCH_ENGINES" not in os.environ, reason="by `make test-engines`")
 def test_engines_of_many_worlds_do_what_they_are_known_to() -> None:
-    every = [score(each) for each in run_engines(["newton", "mujoco-warp"], jobs=2)]
+    every = [score(each) for each in run_engines(["newton", "mujoco-warp", "mjx"], jobs=2)]
     for found in every:
         failed = {v["case"] for v in found.verdicts if v["verdict"] in ("fail", "error")}
         assert failed == set(known_failures().get(found.engine, {})), found.name
-    assert sum(found.cpu_s for found in every) < 90
+    assert sum(found.cpu_s for found in every if found.engine != "mjx") < 90  # JAX compiles first
 
 
 def test_without_its_package_an_engine_author_needs_two_files(tmp_path: Path) -> None:

@@ -1,0 +1,58 @@
+"""MJX, in 64 bits, many worlds at once: it steps the models that MuJoCo's adapter makes."""
+
+import os
+import runpy
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false"  # else threads may wait for ever
+import jax
+import jax.numpy as jnp
+import numpy as np
+from mujoco import mjx
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_compilation_cache_dir", str(Path.home() / ".cache" / "jax"))
+MuJoCo = runpy.run_path(str(Path(__file__).parents[1] / "mujoco" / "cases.py"))["Engine"]
+
+
+def _steps(models: Any, now: Any, count: Any) -> Any:
+    """So many steps of all worlds."""
+    step = jax.vmap(mjx.step)
+    return jax.lax.fori_loop(0, count, lambda _, x: step(models, x), now)
+
+
+class Engine(MuJoCo):  # type: ignore[misc, valid-type]
+    name, version = "mjx", version("mujoco-mjx")
+
+    def __init__(self) -> None:
+        self.made: list[tuple[Any, Any]] = []
+        self.steps = jax.jit(_steps)
+
+    def make(self, world: dict[str, Any]) -> None:
+        super().make(world)
+        self.model.opt.cone *= bool(world["friction"])  # MJX has no elliptic cone without friction
+        self.model.opt.impratio = 100.0  # with 1e6 a box does not rest
+        self.made.append((self.model, self.data))
+
+    def start(self) -> None:
+        self.worlds, self.made, self.ahead = self.made, [], 0
+        models = [mjx.put_model(model) for model, _ in self.worlds]
+        every = zip(*map(jax.tree.leaves, models), strict=True)
+        self.models = jax.tree.structure(models[0]).unflatten(jnp.stack(each) for each in every)
+        empty = jax.tree.map(lambda x: jnp.stack([x] * len(models)), mjx.make_data(models[0]))
+        q, v = (np.array([getattr(data, name) for _, data in self.worlds]) for name in ("qpos", "qvel"))
+        self.now = empty.replace(qpos=empty.qpos.at[:].set(q), qvel=empty.qvel.at[:].set(v))
+
+    def step(self) -> None:
+        self.ahead += 1  # all at once, when a state is asked for
+
+    def state(self) -> list[Any]:
+        self.now, self.ahead = self.steps(self.models, self.now, self.ahead), 0
+        return [self._state(*each) for each in zip(self.worlds, self.now.qpos, self.now.qvel, strict=True)]
+
+    def _state(self, world: tuple[Any, Any], q: Any, v: Any) -> Any:
+        self.model, self.data = world
+        self.data.qpos[:], self.data.qvel[:] = q, v
+        return super().state()
