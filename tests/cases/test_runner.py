@@ -181,7 +181,9 @@ def test_a_known_failure_is_skipped_until_it_passes(word: str, known: bool, kind
 
 
 def test_a_version_that_fails_what_another_passed_is_one_line(results: list[dict[str, Any]]) -> None:
-    before, after = score(results[0]), score({**results[0], "runs": {**results[0]["runs"], "C01": []}})
+    runs = results[0]["runs"]
+    failed = [{"error": "it stopped"}] * len(runs["C01"])
+    before, after = score(results[0]), score({**results[0], "runs": {**runs, "C01": failed}})
     assert regressions([before, before]) == []
     (line,) = regressions([before, after])
     assert line.startswith("mujoco C01 ")
