@@ -80,7 +80,7 @@ def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Resu
         study=study,
         settings=about["settings"],
         versions=_versions(about["versions"]),
-        impacts=ImpactTable({one.key: one.folded for one in results}, rows),
+        table=ImpactTable({one.key: one.folded for one in results}, rows),
         loops=_rounded(_loop_table(results)),
         scores=_rounded(pd.DataFrame(scores, columns=[*RUN_KEY, *scoring.SCORE_FIELDS])),
         **{name: _rounded(table) for name, table in _drops(store, study).items()},

@@ -106,7 +106,7 @@ class ImpactTable:
 
     @cached_property
     def frame(self) -> pd.DataFrame:
-        """A row an impact."""
+        """All impacts, one in each row."""
         return self.rows(self.folded)
 
     def rows(self, keys: Collection[Key]) -> pd.DataFrame:
@@ -128,7 +128,7 @@ class ImpactTable:
         return ImpactTable(self.folded, _no_rows)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """With all rows: where they are stored may be gone when it is read."""
+        """Pickle the table with all rows: their files may be gone when it is read."""
         read = self._read
         if read is not _no_rows:
             read = _InMemory({key: self.rows([key]) for key in self.folded})
@@ -148,20 +148,6 @@ class _InMemory:
         return (self.tables[key] for key in keys or self.tables)
 
 
-class _Frame:
-    """`Results.impacts`: a table of pandas, read when it is first asked for."""
-
-    def __get__(self, results: Any, _: Any = None) -> pd.DataFrame:
-        if results is None:
-            raise AttributeError("impacts")  # a field without a default
-        held = results.__dict__["_impacts"]
-        frame: pd.DataFrame = held.frame if isinstance(held, ImpactTable) else held
-        return frame
-
-    def __set__(self, results: Any, held: pd.DataFrame | ImpactTable) -> None:
-        results.__dict__["_impacts"] = held
-
-
 @dataclass(frozen=True, repr=False)
 class Results(Drawn):
     """Everything a report or a check reads.
@@ -174,18 +160,17 @@ class Results(Drawn):
     study: Mapping[str, Any]
     settings: Sequence[Mapping[str, Any]]
     versions: Mapping[str, str]
-    impacts: _Frame = _Frame()
-    loops: pd.DataFrame  # type: ignore[misc]  # no default stands before it
-    scores: pd.DataFrame  # type: ignore[misc]
+    table: ImpactTable
+    loops: pd.DataFrame
+    scores: pd.DataFrame
     trains: pd.DataFrame = field(default_factory=lambda: _none(TRAIN_COLUMNS))
     rests: pd.DataFrame = field(default_factory=lambda: _none(REST_COLUMNS))
     answers: Sequence[Mapping[str, Any]] = field(default=(), kw_only=True)
 
-    @cached_property
-    def table(self) -> ImpactTable:
-        """The impacts, folded; `impacts` reads all rows."""
-        held = self.__dict__["_impacts"]
-        return held if isinstance(held, ImpactTable) else ImpactTable.of(held, self.study)
+    @property
+    def impacts(self) -> pd.DataFrame:
+        """All impacts, one in each row, read when they are first asked for."""
+        return self.table.frame
 
     def _lines(self) -> Iterator[str]:
         yield str(self.study["title"])
@@ -233,12 +218,13 @@ class Results(Drawn):
                     f"schema {SCHEMA}",
                     "Run the study again with this version of hcbench",
                 )
-            tables = [read_table(folder / f"{name}.csv") for name in TABLES]
+            impacts, *tables = (read_table(folder / f"{name}.csv") for name in TABLES)
         except (OSError, ValueError) as error:
             raise UserError("results", f"{folder}: {error}", "a folder that `hcbench report` wrote") from None
         validate(ResultTable, summary, UserError, f"{folder}/summary.json: {{}}")
         made = summary["study"], summary["settings"], summary["versions"]
-        return cls(*made, *tables, answers=summary.get("answers", []))
+        table = ImpactTable.of(impacts, summary["study"])
+        return cls(*made, table, *tables, answers=summary.get("answers", []))
 
 
 def read_table(path: Path) -> pd.DataFrame:

@@ -39,7 +39,7 @@ def views(results: Results) -> Views:
     without_gravity = View(under(results, 0.0)) if 0.0 in gravities or not gravities else None
     friction = RUN_KEY.index("friction")
     rough = results.table.only([key for key in results.table.folded if key[friction] > 0.0])
-    sliding = View(replace(results, impacts=rough)) if len(rough) else None
+    sliding = View(replace(results, table=rough)) if len(rough) else None
     return Views(View(under(results, strongest)) if strongest else None, without_gravity, sliding)
 
 
@@ -63,18 +63,16 @@ def under(results: Results, gravity: float) -> Results:
     keys = {tuple(row) for row in chosen.itertuples(index=False)}
     settings = [r for r in results.settings if tuple(r[name] for name in chosen.columns) in keys]
     places = [RUN_KEY.index(name) for name in chosen.columns]
-    impacts = results.table.only(
-        [key for key in results.table.folded if tuple(key[i] for i in places) in keys]
-    )
+    table = results.table.only([key for key in results.table.folded if tuple(key[i] for i in places) in keys])
     study = dict(results.study)
     if gravity != study["gravity"]:
-        speeds = sorted({float(v) for one in impacts.folded.values() for v in one.curve.asked})
+        speeds = sorted({float(v) for one in table.folded.values() for v in one.curve.asked})
         study |= {"gravity": gravity, "speeds": speeds, "loop_speeds": []}
     return replace(
         results,
         study=study,
         settings=settings,
-        impacts=impacts,
+        table=table,
         loops=pick(results.loops),
         scores=pick(results.scores),
         trains=pick(results.trains),

@@ -16,7 +16,7 @@ from small_results import ALPHAS, MASS, STIFFNESS, answer, small_results
 
 import hcbench
 from hcbench.benchmark.bounce_sequence import law_heights
-from hcbench.benchmark.results import REST_COLUMNS, RUN_KEY, TRAIN_COLUMNS, Results
+from hcbench.benchmark.results import REST_COLUMNS, RUN_KEY, TRAIN_COLUMNS, ImpactTable, Results
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.reporting.build import overview_drawing, page_text
@@ -60,7 +60,13 @@ def results() -> Results:
         name: pd.concat([getattr(found, name).assign(**with_gravity), getattr(found, name)])
         for name in ("impacts", "loops", "scores")
     }
-    speeds = {"speeds": SPEEDS, "loop_speeds": SPEEDS, "step_speed": SPEEDS[1], "train_height": HEIGHT}
+    study = {
+        **found.study,
+        "speeds": SPEEDS,
+        "loop_speeds": SPEEDS,
+        "step_speed": SPEEDS[1],
+        "train_height": HEIGHT,
+    }
     lying = [
         *(
             dict(zip(RUN_KEY, ("steel-plane", GRAVITY, 0.0, 0.0, *key, ALPHA, h), strict=True))
@@ -71,7 +77,8 @@ def results() -> Results:
     rests = pd.DataFrame([{**run, "followed_s": 6.0, "depth_m": 0.0, "motion_m": 0.0} for run in lying])
     return dataclasses.replace(
         found,
-        study={**found.study, **speeds},
+        study=study,
+        table=ImpactTable.of(tables.pop("impacts"), study),
         settings=[{**setting, **more} for more in (with_gravity, {}) for setting in found.settings],
         trains=pd.concat([bouncing(1e-3), bouncing(2e-3)]),
         rests=rests[REST_COLUMNS],

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from small_results import small_results
 
+from hcbench.benchmark.results import ImpactTable
 from hcbench.reporting.build import build
 
 if TYPE_CHECKING:
@@ -120,7 +121,7 @@ def results() -> Results:
     return dataclasses.replace(
         plain,
         settings=[{**s, "setting": HOSTILE} if s["setting"] == "impulse" else s for s in plain.settings],
-        impacts=renamed(plain.impacts),
+        table=ImpactTable.of(renamed(plain.impacts), plain.study),
         loops=renamed(plain.loops),
         scores=renamed(plain.scores),
     )

@@ -10,7 +10,7 @@ import pytest
 from reported_results import IMPULSE, LAW, SPRING, STOCK
 from small_results import ALPHAS, RUNS, SPEEDS, small_results
 
-from hcbench.benchmark.results import Results
+from hcbench.benchmark.results import ImpactTable, Results
 from hcbench.reporting import ranking, tables, wording
 from hcbench.reporting.build import build
 from hcbench.reporting.conditions import Views
@@ -52,8 +52,9 @@ def test_a_law_without_damping_has_a_page_too(tmp_path: Path) -> None:
 
 
 def test_a_study_of_the_law_alone_has_a_page_too(results: Results, tmp_path: Path) -> None:
-    nothing = {n: getattr(results, n).iloc[:0] for n in ("impacts", "loops", "scores")}
-    empty = Results(results.study, [], results.versions, **nothing)
+    none = [getattr(results, name).iloc[:0] for name in ("impacts", "loops", "scores")]
+    table = ImpactTable.of(none[0], results.study)
+    empty = Results(results.study, [], results.versions, table, *none[1:])
     assert "The law alone" in build(empty, tmp_path).read_text(encoding="utf-8")
     assert not [p.name for p in tmp_path.rglob("*.svg")]
 

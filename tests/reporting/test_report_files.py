@@ -9,7 +9,7 @@ from pathlib import Path
 import matplotlib as mpl
 import pytest
 
-from hcbench.benchmark.results import Results
+from hcbench.benchmark.results import ImpactTable, Results
 from hcbench.errors import OutputError
 from hcbench.reporting.build import build
 
@@ -23,8 +23,9 @@ def test_a_later_report_leaves_no_figure_of_an_earlier_one(page: Path, tmp_path:
     shutil.copytree(page.parent, folder)
     (folder / "study.toml").write_text("of the user", encoding="utf-8")
     results = Results.read(folder)
-    nothing = {name: getattr(results, name).iloc[:0] for name in ("impacts", "loops", "scores")}
-    fewer = Results(results.study, [], results.versions, **nothing)
+    none = [getattr(results, name).iloc[:0] for name in ("impacts", "loops", "scores")]
+    table = ImpactTable.of(none[0], results.study)
+    fewer = Results(results.study, [], results.versions, table, *none[1:])
     build(fewer, folder)
     assert "figures/overview.svg" in contents(page.parent).keys() - contents(folder).keys()
     fresh = contents(build(fewer, tmp_path / "fresh").parent)

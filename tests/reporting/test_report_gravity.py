@@ -13,7 +13,7 @@ import pytest
 from reported_results import IMPULSE, LAW, dropped
 from small_results import SCENE, SPEEDS
 
-from hcbench.benchmark.results import Results
+from hcbench.benchmark.results import ImpactTable, Results
 from hcbench.reporting import ranking, wording
 from hcbench.reporting.build import build
 from hcbench.reporting.conditions import under
@@ -24,9 +24,9 @@ def both(without_gravity: Results, with_gravity: Results) -> Results:
     names = ("impacts", "loops", "scores", "rests")
     pairs = {name: (getattr(without_gravity, name), getattr(with_gravity, name)) for name in names}
     tables_of_both = {name: pd.concat([t for t in pair if len(t)]) for name, pair in pairs.items()}
-    return dataclasses.replace(
-        without_gravity, settings=[*without_gravity.settings, *with_gravity.settings], **tables_of_both
-    )
+    table = ImpactTable.of(tables_of_both.pop("impacts"), without_gravity.study)
+    settings = [*without_gravity.settings, *with_gravity.settings]
+    return dataclasses.replace(without_gravity, settings=settings, table=table, **tables_of_both)
 
 
 def test_the_page_leads_with_what_was_dropped_and_ranks_both(results: Results, tmp_path: Path) -> None:
@@ -67,7 +67,8 @@ def test_a_contact_deeper_than_any_step_needs_is_not_advised(results: Results) -
     with_gravity, limit = dropped(results, 9.81), ranking.DEEP * SPEEDS[-1] * 1e-3
     for share, advised in ((0.99, True), (1.01, False)):
         impacts = with_gravity.impacts.assign(penetration_max_m=share * limit)
-        view = View(under(dataclasses.replace(with_gravity, impacts=impacts), 9.81))
+        table = ImpactTable.of(impacts, with_gravity.study)
+        view = View(under(dataclasses.replace(with_gravity, table=table), 9.81))
         assert (ranking.best(view, [IMPULSE]) == [IMPULSE]) == advised
 
 
@@ -85,7 +86,7 @@ def test_what_ran_on_the_flat_alone_stands_in_and_is_marked(results: Results) ->
         moved,
         study={**results.study, "scenes": scenes},
         settings=[*own, *there],
-        impacts=also_there(results.impacts),
+        table=ImpactTable.of(also_there(results.impacts), results.study),
         loops=also_there(results.loops),
         scores=also_there(results.scores),
     )

@@ -7,7 +7,7 @@ import dataclasses
 import pandas as pd
 from small_results import ALPHAS, SCENE
 
-from hcbench.benchmark.results import REST_COLUMNS, Results
+from hcbench.benchmark.results import REST_COLUMNS, ImpactTable, Results
 from hcbench.reporting.view import RunKey
 
 LAW = RunKey("explicit", "law", 1e-6)
@@ -35,7 +35,7 @@ def dropped(results: Results, gravity: float, **rests: tuple[float, float]) -> R
     return dataclasses.replace(
         results,
         settings=[{**record, "gravity_m_per_s2": gravity} for record in results.settings],
-        impacts=heavy(results.impacts).assign(penetration_max_m=1e-7),
+        table=ImpactTable.of(heavy(results.impacts).assign(penetration_max_m=1e-7), results.study),
         loops=heavy(results.loops).iloc[:0],
         scores=heavy(results.scores),
         rests=pd.DataFrame(rows, columns=REST_COLUMNS),

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from hcbench import scoring
-from hcbench.benchmark.results import IMPACT_COLUMNS, LOOP_COLUMNS, RUN_KEY, Results
+from hcbench.benchmark.results import IMPACT_COLUMNS, LOOP_COLUMNS, RUN_KEY, ImpactTable, Results
 from hcbench.impact import Impact, Launch, Status, Trajectory
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
@@ -138,11 +138,12 @@ def small_results(runs: Sequence[tuple[Any, ...]] = RUNS, title: str = "A steel 
             options = {} if setting == "stock" else {"number": alpha}
             record = {"options": options, "summary": f"How {setting} bounces.", "notes": ["Holds here."]}
             settings.append({**dict(zip(RUN_KEY, key, strict=True)), **record})
+    study = _study(title)
     return Results(
-        study=_study(title),
+        study=study,
         settings=settings,
         versions={"hcbench": "0", "explicit": "1.0"},
-        impacts=pd.DataFrame(impacts, columns=IMPACT_COLUMNS),
+        table=ImpactTable.of(pd.DataFrame(impacts, columns=IMPACT_COLUMNS), study),
         loops=pd.concat(loops, ignore_index=True),
         scores=pd.DataFrame(scores, columns=[*RUN_KEY, *scoring.SCORE_FIELDS]),
     )

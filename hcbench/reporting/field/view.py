@@ -44,7 +44,7 @@ class FieldView:
 
     def __getstate__(self) -> dict[str, Any]:
         """The field alone: threads of a pool pickle a view while the page computes its cached properties."""
-        return {"results": replace(self.results, impacts=self.results.table.without_rows())}
+        return {"results": replace(self.results, table=self.results.table.without_rows())}
 
     @property
     def study(self) -> Mapping[str, Any]:
