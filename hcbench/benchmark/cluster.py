@@ -62,7 +62,7 @@ def connected(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Without Dask's lines on standard error about a lost scheduler, which CannotRun tells."""
+    """Silence Dask's lines about a lost scheduler: the error that is raised says it."""
     loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

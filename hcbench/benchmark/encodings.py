@@ -159,7 +159,7 @@ def frame(contents: Iterable[bytes]) -> pd.DataFrame:
 
 
 def frame_of(tables: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """The same of `columns_in` tables, one or more."""
+    """Tables as `columns_in` reads them, one or more, below one another."""
     import pandas as pd
 
     joined = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}

@@ -158,7 +158,7 @@ class TemporaryFiles(Files):
     """Files of a new temporary folder; it goes with the last that holds this object, or with this process."""
 
     def __init__(self) -> None:
-        """OutputError where there is no room for it."""
+        """Raises OutputError where no temporary folder can be made."""
         try:
             root = tempfile.mkdtemp(prefix="hcbench-")
         except OSError as error:
@@ -168,7 +168,7 @@ class TemporaryFiles(Files):
         self.remove = weakref.finalize(self, shutil.rmtree, root, ignore_errors=True)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """For another process, which reads it as long as it is there."""
+        """Pickle it as `Files`: another process reads the folder as long as it exists."""
         return Files, (self._system, self._root, self.where)
 
 

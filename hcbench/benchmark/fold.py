@@ -33,7 +33,7 @@ _Columns = Mapping[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class ShownLaunches:
     """One launch of each speed: in one phase, or the nearest to it that there is."""
 
     phase: float
@@ -59,8 +59,8 @@ class Curve:
     high: Floats
     error: Floats
     loss: Floats
-    of_loops: Shown
-    half_way: Shown
+    of_loops: ShownLaunches
+    half_way: ShownLaunches
 
     def bounced(self) -> Curve:
         """The curve at the speeds from which an impact came back."""
@@ -76,7 +76,7 @@ def _chosen(parts: Sequence[Any], which: Sequence[NDArray[Any]]) -> Any:
         if isinstance(column[0], np.ndarray):
             values.append(np.concatenate([c[w] for c, w in zip(column, which, strict=True)]))
         else:
-            values.append(_chosen(column, which) if isinstance(column[0], Shown) else column[0])
+            values.append(_chosen(column, which) if isinstance(column[0], ShownLaunches) else column[0])
     return type(parts[0])(*values)
 
 
@@ -163,10 +163,10 @@ class Folder:
 
         middle_phase = min(np.unique(phase).tolist(), key=lambda p: abs(p - 0.5))
 
-        def shown(wanted: float) -> Shown:
+        def shown(wanted: float) -> ShownLaunches:
             order = np.lexsort((phase, np.abs(phase - wanted), group))
             nearest = order[np.unique(group[order], return_index=True)[1]]
-            return Shown(wanted, e[nearest], speed_in[nearest], samples[nearest])
+            return ShownLaunches(wanted, e[nearest], speed_in[nearest], samples[nearest])
 
         return Curve(
             asked=ordered(asked, "median", np.ones(len(e), bool)),

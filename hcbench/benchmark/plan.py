@@ -23,6 +23,7 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.recipes import kept
 from hcbench.recipes.target import Target
 from hcbench.sim import registry
+from hcbench.sim.columns import even_size
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -220,13 +221,12 @@ def _make_setting(job: _Job) -> Setting:
 
 def _shard_size(grid: LaunchGrid) -> int:
     """Launches in each shard of a grid: as few shards as may be, of one size."""
-    scene, slowest = grid.scene, min(grid.speeds)
     if "device" in grid.setting.options:
-        return math.ceil(len(grid) / math.ceil(len(grid) / _ON_A_DEVICE))
+        return even_size(len(grid), _ON_A_DEVICE)
+    scene, slowest = grid.scene, min(grid.speeds)
     elastic = closed_form.elastic_duration(scene.stiffness, scene.exponent, scene.mass, slowest)
     steps = math.ceil(elastic / grid.setting.timestep) + 8  # a scale, no more
-    most = max(1, min(SHARD_IMPACTS, _STEPS // steps))
-    return math.ceil(len(grid) / math.ceil(len(grid) / most))
+    return even_size(len(grid), max(1, min(SHARD_IMPACTS, _STEPS // steps)))
 
 
 @lru_cache(maxsize=64)

@@ -103,7 +103,7 @@ def _largest(values: Floats) -> float:
     return float(np.abs(values).max()) if len(values) else 0.0
 
 
-@lru_cache(maxsize=1)  # asked for by whoever reads a shard, and by whoever verifies it
+@lru_cache(maxsize=1)  # a shard is verified, and then read
 def metadata_of(impacts: bytes) -> tuple[str, list[Summary]]:
     """What a shard's table carries: the digest of its loops, "" for none, and its part of the summary."""
     metadata = metadata_in(impacts)

@@ -24,6 +24,11 @@ _PARTED, _RESTED = _CODES[Status.PARTED], _CODES[Status.RESTED]
 One = TypeVar("One")
 
 
+def even_size(count: int, most: int) -> int:
+    """The size of as few equal groups of `count` launches as hold at most `most` each."""
+    return math.ceil(count / math.ceil(count / most))
+
+
 class _Columns(Sequence[One]):
     """A sequence of objects, kept as their fields: arrays, or columns again, of one length."""
 

@@ -98,7 +98,7 @@ def _crossing_speed(x: Floats, at: NDArray[np.int64], h: float) -> Floats:
 
 
 def _early_crossing_speed(states: Floats, h: float) -> Floats:
-    """The same, by two states, penetration and rate, shape (2, b, 2), and the acceleration between them."""
+    """Speed where a path crosses the touch plane, m/s, by the two states before: (2, b, 2) of `States`."""
     if states.shape[2] < 2 or h == 0.0:
         return np.asarray(states[1, :, 0])
     (x, x_next), (v, v_next) = states.transpose(0, 2, 1)
@@ -141,7 +141,7 @@ def impacts_of(
     each, after = np.arange(len(counts)), np.minimum(stops, counts - 1)
     came, left = (tuple(states[:2, each, step]) for step in (first, after))
     h = float(time[1] - time[0]) if len(time) > 1 else 0.0
-    seen = Contacts(counts, ends, first, stops, deepest, hardest, came, left)
+    seen = EndedContacts(counts, ends, first, stops, deepest, hardest, came, left)
     if not reading.steps_after:
         speeds: States = reading.speeds(came, left, gravity * h, gravity)
     else:
@@ -150,7 +150,7 @@ def impacts_of(
 
 
 @dataclass(frozen=True, slots=True)
-class Contacts:
+class EndedContacts:
     """What was seen of launches that have ended; arrays of shape (b,), SI.
 
     counts, ends: the steps of each, and why it ended (`End`). first, stops: the step in which the contact
@@ -207,7 +207,7 @@ class Contacts:
         )
 
 
-def _crossing_speeds(states: Floats, seen: Contacts, h: float, last: NDArray[np.int64]) -> States:
+def _crossing_speeds(states: Floats, seen: EndedContacts, h: float, last: NDArray[np.int64]) -> States:
     """Speeds in, out and after the contact's last force, m/s, (b,) each, where the path crosses the plane.
     last: the middle one of three free states after the contact.
     """

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hcbench.resolution import ROUND_OFF_STEP
-from hcbench.sim.read_impact import Contacts
+from hcbench.sim.read_impact import EndedContacts
 from hcbench.sim.stop import (
     FALL_STEPS,
     FALLING_STEPS,
@@ -114,7 +114,10 @@ def rule_for(launches: Launches, scene: Scene, timestep: float, bits: int, kind:
 
 
 def begun(heights: Floats, rising: Floats, kind: type) -> Reading:
-    """Before the first step. heights, m, rising, m/s: of the bodies as the engine has them, shape (b,)."""
+    """The reading before the first step.
+
+    heights, m, rising, m/s: of the bodies as the engine has them, shape (b,).
+    """
     none = np.full(len(heights), -1)
     zero, unknown = np.zeros(len(heights)), np.full(len(heights), np.nan)
     floats = heights, rising, unknown, *[zero] * 7
@@ -193,10 +196,10 @@ def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:
     return add
 
 
-def contacts_of(reading: Reading) -> Contacts:
+def contacts_of(reading: Reading) -> EndedContacts:
     """What was seen of launches that have ended. reading: NumPy arrays."""
     whole = (reading.steps, reading.end, np.maximum(reading.touch, 0), reading.last + 1)
     steps, ends, first, stops = (column.astype(np.int64) for column in whole)
     floats = [column.astype(np.float64) for column in reading[Reading._fields.index("x_in") :]]
     x_in, v_in, x_out, v_out, _, deepest, hardest = floats
-    return Contacts(steps, ends, first, stops, deepest, hardest, (x_in, v_in), (x_out, v_out))
+    return EndedContacts(steps, ends, first, stops, deepest, hardest, (x_in, v_in), (x_out, v_out))

@@ -139,7 +139,7 @@ class RemoteEngine(Wrapped):
         return impacts
 
     def require_device(self, device: str) -> None:
-        """As the engine does, there."""
+        """Raise CannotRun where the engine sees no such device in its environment."""
         self._call("require_device", device)
 
     def trajectory(self, scene: Scene, setting: Setting, launch: Launch, duration: float) -> Trajectory:

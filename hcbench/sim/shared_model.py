@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 _HEIGHT, _RISING = 2, 7 + 2  # of a ball's state: velocities come after the 7 positions of a free joint
 _LOOK = 16  # steps between two looks at which launches have ended
 _FEW = 8  # times fewer launches than began have not ended: the others' steps are no longer worth it
-_LONGER, _REST = 4, 256  # times the steps that the most take, and steps, that the few go on with the others
+_LONGER, _REST = 4, 256  # times the steps of the longest launch, and steps more, until the few are left
 _WIDTH = 32  # copies in a batch, at least
 
 
@@ -98,7 +98,7 @@ class CopiesWorld(BatchWorld):
         return self._copies.place(states)[:, self._at].T
 
     def read(self, launches: Launches) -> Impacts:
-        """Together, until few have not ended: those few begin again, in a batch of their own."""
+        """Read launches together until few have not ended; those few begin again in a batch of their own."""
         left, parts, order = np.arange(len(launches)), list[Impacts](), list[Any]()
         while left.size:
             reading = self._read(launches.take(left))
@@ -112,7 +112,7 @@ class CopiesWorld(BatchWorld):
         return Impacts.joined(parts).take(np.argsort(np.concatenate(order)))
 
     def _read(self, launches: Launches) -> Reading:
-        """A copy for each launch, and some for the last: a length that compilers have seen before."""
+        """Step a copy for each launch, and more of the last, to a batch size that was compiled before."""
         count, unit = len(launches), max(_WIDTH, 2 ** (len(launches).bit_length() - 4))
         sent = launches.take(np.minimum(np.arange(-(-count // unit) * unit), count - 1))
         placed = self.place(self.scene.touch_radius + sent.clearance(self.timestep), -sent.speed)

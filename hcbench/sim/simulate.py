@@ -17,7 +17,7 @@ from hcbench.errors import SettingError
 from hcbench.impact import Impact, Status, Trajectory
 from hcbench.laws import closed_form
 from hcbench.sim.backend import require
-from hcbench.sim.columns import STATUSES, Impacts, Launches
+from hcbench.sim.columns import STATUSES, Impacts, Launches, even_size
 from hcbench.sim.entry_points import here
 from hcbench.sim.read_impact import impacts_of
 from hcbench.sim.stop import StopRule
@@ -115,14 +115,14 @@ def run_launches(world: World, launches: Launches, places: int = 0, expected: in
         return group_impacts
 
     if world.concurrent > 1 and len(launches) > most:
-        size = _even(len(launches), most)
+        size = even_size(len(launches), most)
         with ThreadPoolExecutor(world.concurrent) as pool:
             yield from pool.map(run, [launches[i : i + size] for i in range(0, len(launches), size)])
         return
     done = 0
     while done < len(launches):
         room = max(_ROOM // max(1, whole), math.ceil(most / _LEAST_SHARE))
-        size = _even(len(launches) - done, min(most, room))
+        size = even_size(len(launches) - done, min(most, room))
         yield run(launches[done : done + size])
         done += size
 
@@ -135,14 +135,9 @@ def _require_arrival(world: World, launches: Launches) -> None:
 def _read_while_stepping(world: World, launches: Launches) -> Iterator[Impacts]:
     """Impacts of launches, in groups of the world's `room`. Raises as `run_launches`."""
     _require_arrival(world, launches)
-    size = _even(len(launches), world.room)
+    size = even_size(len(launches), world.room)
     for i in range(0, len(launches), size):
         yield world.read(launches[i : i + size])
-
-
-def _even(count: int, most: int) -> int:
-    """The size of as few groups of `count` as may be, of one size."""
-    return math.ceil(count / math.ceil(count / most))
 
 
 def _run_group(world: World, launches: Launches, first: int, expected: int) -> tuple[Impacts, int]:

@@ -18,7 +18,7 @@ MuJoCo = runpy.run_path(str(Path(__file__).parents[1] / "mujoco" / "cases.py"))[
 
 
 def _steps(models: Any, now: Any, count: Any) -> Any:
-    """So many steps of all worlds."""
+    """Take `count` steps in all worlds."""
     step = jax.vmap(mjx.step)
     return jax.lax.fori_loop(0, count, lambda _, x: step(models, x), now)
 

@@ -156,7 +156,7 @@ class MjxCopies(Copies):
         return np.asarray(path, np.float64)[:count]
 
     def read_on(self, rule: Rule, reading: Reading, fewest: int, most: int) -> Reading:
-        """Without a look in between."""
+        """Step and read balls on the device; nothing is sent back between steps."""
         self._data, reading = self._read(self._model, self._data, rule, reading, fewest, most)
         return Reading(*map(np.asarray, reading))
 

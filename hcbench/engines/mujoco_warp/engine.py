@@ -154,7 +154,7 @@ class WarpCopies(Copies):
         return np.array(path)
 
     def read_on(self, rule: Rule, reading: Reading, fewest: int, most: int) -> Reading:
-        """By a kernel after each step; every _LOOK steps this process looks which have ended."""
+        """Read balls by a kernel after each step; this process counts every _LOOK steps how many ended."""
         warp, kernel = self._names["wp"], _reading_kernel(self._names["wp"])
         now = Reading(*map(warp.array, reading))
         sent = [warp.array(number) if number.ndim else number.item() for number in rule]

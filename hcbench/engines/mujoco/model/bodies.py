@@ -60,7 +60,7 @@ def is_whole_state(model: Any) -> bool:
 
 def speed_reading(model: Any) -> SpeedReading:
     """MuJoCo's contact acts from the touch plane on; only RK4 is exact in free flight."""
-    exact = int(model.opt.integrator) == int(backend().mjtIntegrator.mjINT_RK4)
+    exact = integrator_name(model) == "RK4"
     return SpeedReading.TOUCH_PLANE_EXACT_FLIGHT if exact else SpeedReading.TOUCH_PLANE
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
+from hcbench.engines.mujoco.model.bodies import integrator_name
 from hcbench.engines.mujoco.recipes.row_pair import MOST_PULL, oscillator, short
 from hcbench.engines.mujoco.scene.rows import MIN_IMPEDANCE, ConstraintRow
 from hcbench.recipes.search import evolve
@@ -105,7 +106,7 @@ class RowSearch:
             setattr(self._model.opt, name, getattr(opened[0].model.opt, name))
         self._data, self._band, self._goal, self._set = mujoco.MjData(self._model), band, goal, set_rows
         # A stage of RK4 feels the contact in the step before and after the states that are in it.
-        self._lag = int(int(self._model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4))
+        self._lag = int(integrator_name(self._model) == "RK4")
         self._calm = max(_CALM, float(np.nan_to_num(was.vibration)))
         self._shallow = max(_SHALLOW, float(np.nan_to_num(was.penetration)))
         self._opened, self._first = opened, self._model.nsensordata - len(opened)

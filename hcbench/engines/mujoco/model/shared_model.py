@@ -12,7 +12,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.model.pair_reader import with_kinematics
 from hcbench.engines.mujoco.model.simulation import Flights, MujocoFlight
-from hcbench.engines.mujoco.model.workspace import Workspace
+from hcbench.engines.mujoco.model.workspace import LaunchWorkspace
 from hcbench.engines.mujoco.scene.shared_scene import differences, rounded_adhesion
 from hcbench.impact import Impact, Launch
 from hcbench.measuring.measurement import TOLERANCE
@@ -57,7 +57,7 @@ class LentModel(ModelUnderTest):
 
     def release(self, launches: Sequence[Launch]) -> LentSimulation:
         """Release a copy of the model for each launch."""
-        flights = [LentFlight(self._own, launch, Workspace.of(self._own)) for launch in launches]
+        flights = [LentFlight(self._own, launch, LaunchWorkspace.of(self._own)) for launch in launches]
         return LentSimulation(self._copies, flights)
 
     @property

@@ -12,7 +12,7 @@ from hcbench.engines.mujoco.model.bodies import geom_name
 from hcbench.engines.mujoco.model.pair_reader import PairReader, with_kinematics
 from hcbench.engines.mujoco.model.sliding import MujocoAlongPlate
 from hcbench.engines.mujoco.model.speed_shares import SpeedShares, strange_share
-from hcbench.engines.mujoco.model.workspace import Workspace, copy_state
+from hcbench.engines.mujoco.model.workspace import LaunchWorkspace, copy_state
 from hcbench.impact import TANGENTIAL_ROWS
 from hcbench.sim.world import Record, Simulation
 
@@ -35,10 +35,10 @@ _STAGE_NOISE = 1e-9  # of the largest change of speed: below it a step under RK4
 class MujocoFlight:
     """One launch of a placed pair; the model is only read.
 
-    opened: what noted `others` and `shares` of the launches until now, which this one adds to.
+    opened: the model under test, which keeps `others` and `shares` of all its launches.
     """
 
-    def __init__(self, opened: MujocoModel, launch: Launch, space: Workspace) -> None:
+    def __init__(self, opened: MujocoModel, launch: Launch, space: LaunchWorkspace) -> None:
         self._mujoco = mujoco = backend()
         self._opened, self._space, self._place = opened, space, opened.place
         self._model, self._data, self._seen = opened.model, space.data, space.seen
@@ -238,7 +238,7 @@ class Flights(Simulation, Generic[Flight]):
         return self._flights[launch].note(steps)
 
     def side_by_side(self, records: Sequence[Record]) -> Record:
-        """One record of several, NaN from where a launch ends, and along the plate of one not oblique."""
+        """Join records of launches into one: NaN after a launch has ended."""
         longest = max(record.force.shape[1] for record in records)
         seen = np.full((3 + TANGENTIAL_ROWS * self._looks_along, len(records), longest), np.nan)
         for i, record in enumerate(records):
@@ -253,7 +253,7 @@ class MujocoUserSimulation(Flights[MujocoFlight]):
     """
 
     def __init__(self, opened: MujocoModel, launches: Sequence[Launch], after: int | None) -> None:
-        space = Workspace.of(opened)
+        space = LaunchWorkspace.of(opened)
         flights = []
         for launch in launches:
             flights.append(MujocoFlight(opened, launch, space))

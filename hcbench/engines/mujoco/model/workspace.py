@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import integrator_name
 from hcbench.engines.mujoco.model.plugin_contact import WithoutContact, restitution_law
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Workspace:
+class LaunchWorkspace:
     """What launches of a model are stepped in, one at a time: allocating it takes as long as 500 steps.
 
     data: the state under way. seen: the state before the step, which RK4 does not leave in `data`. free: for
@@ -30,10 +31,10 @@ class Workspace:
 
     @classmethod
     def of(cls, opened: MujocoModel) -> Self:
-        """For a model."""
+        """The workspace for launches of a model."""
         mujoco, model, data = backend(), opened.model, copy.copy(opened.start)
         plugged = restitution_law(model, opened.place.contact.rows[0][2]) is not None
-        staged = int(model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4)
+        staged = integrator_name(model) == "RK4"
         seen, free = (mujoco.MjData(model), mujoco.MjData(model)) if staged else (data, None)
         return cls(data, seen, free, WithoutContact(model) if plugged else None)
 
