@@ -9,6 +9,7 @@ INSTALLED := $(VENV)/.installed
 REPORTING := $(VENV)/.reporting
 LOWEST := .venv-lowest
 MODELS := .venv-models
+MUJOCOS := 3.5.0 3.6.0 3.7.0 3.8.0 3.9.0 3.10.0 3.11.0 4.0.0
 ENGINES := .venv-engines
 COMPILE = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 \
 	  --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate --quiet --custom-compile-command "make lock"
@@ -47,6 +48,14 @@ test-plugins: $(INSTALLED)  ## the plug-ins' long measurements: energy by option
 	HCBENCH_PLUGINS=1 $(BIN)/python -m pytest -q -s -n 2 tests/engines/mujoco/test_plugin_options.py \
 	  tests/engines/mujoco/test_plugin_random_scenes.py tests/engines/mujoco/test_plugin_rest.py \
 	  tests/engines/pybullet/test_plugin_random_energy.py
+
+test-compilers: $(INSTALLED)  ## the plug-ins under every gcc, clang and zig of this machine, for several versions of MuJoCo
+	for version in $(MUJOCOS); do \
+	  test -d .mujocos/$$version || \
+	  $(BIN)/uv pip install --quiet --no-deps --python $(BIN)/python --target .mujocos/$$version mujoco==$$version; \
+	done
+	HCBENCH_MUJOCOS=$$(printf ':%s/mujoco' $(MUJOCOS:%=$(CURDIR)/.mujocos/%)) $(BIN)/python -m pytest -q \
+	  tests/engines/test_compilers.py
 
 answers: $(INSTALLED)  ## the answers that pages tell: hcbench/tuning/usual_answers.json
 	$(BIN)/python -c 'from hcbench.tuning import usual, usual_errors; usual.write(); usual_errors.write()'
@@ -121,4 +130,4 @@ $(MODELS)/.installed: pyproject.toml
 	touch $@
 
 clean:
-	rm -rf $(VENV) $(LOWEST) $(MODELS) .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(LOWEST) $(MODELS) .mujocos .pytest_cache .mypy_cache .ruff_cache

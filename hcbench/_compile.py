@@ -25,7 +25,7 @@ from hcbench._files import replace_file, user_folder
 from hcbench.errors import CannotRun, UserError
 
 _HERE = Path(__file__).parent
-_FLAGS = ("-O3", "-std=gnu11", "-fPIC", "-shared", "-ffp-contract=off")
+FLAGS = ("-O3", "-std=gnu11", "-fPIC", "-shared", "-ffp-contract=off")
 _LIMIT_S = 600.0  # a new ziglang builds its own C library first
 
 
@@ -124,7 +124,7 @@ def build(
     does the library. Raises NotCompiled with the reason.
     """
     path = _HERE / source
-    command = [*compiler(), *_FLAGS, *flags, str(path), *link, "-lm"]
+    command = [*compiler(), *FLAGS, *flags, str(path), *link, "-lm"]
     key = hashlib.sha256(repr((sys.platform, platform.machine(), command)).encode())
     for part in (*sorted(path.parent.glob("*.[ch]")), *sorted((_HERE / "laws").glob("*.[ch]")), *headers):
         key.update(part.read_bytes())

@@ -11,6 +11,7 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 import pytest
+from swapped_names import at_the_floor, parting_speeds, two_balls
 
 from hcbench.contact import mujoco as contact
 from hcbench.laws import closed_form
@@ -75,6 +76,57 @@ def test_rollout_in_threads_is_that_in_one(path: str) -> None:
         for n in (1, 3)
     ]
     assert np.array_equal(*paths)
+
+
+def _speeds(model: Any, data: Any) -> Any:
+    """Of both balls after they met the floor, m/s upwards."""
+    at_the_floor(model, data)
+    states = []
+    for _ in range(20):
+        mujoco.mj_step(model, data)
+        states.append(data.qvel.copy())
+    return parting_speeds(np.array(states))
+
+
+def test_a_law_acts_on_the_geom_that_bears_its_name_in_the_model_that_is_stepped() -> None:
+    """Two models with the same config, stepped with the same MjData."""
+    contact.load()
+    first, second = two_balls(("bouncer", "other")), two_balls(("other", "bouncer"))
+    data = mujoco.MjData(first)
+    own = _speeds(first, data)
+    assert own[0] > 0.85
+    assert own[1] < 0.5
+    assert np.array_equal(_speeds(second, data), own[::-1])
+    assert np.array_equal(_speeds(first, data), own)
+
+
+def test_a_model_made_after_another_is_freed_is_another_model() -> None:
+    """It often lies at the same address."""
+    contact.load()
+    names = ("bouncer", "other")
+    model = two_balls(names)
+    data = mujoco.MjData(model)
+    own = _speeds(model, data)
+    for _ in range(6):
+        names, own = names[::-1], own[::-1]
+        del model
+        model = two_balls(names)
+        assert np.array_equal(_speeds(model, data), own)
+
+
+def test_rollout_of_models_with_exchanged_names_lets_the_named_ball_bounce() -> None:
+    contact.load()
+    models = [two_balls(("bouncer", "other")), two_balls(("other", "bouncer"))]
+    data, full = mujoco.MjData(models[0]), mujoco.mjtState.mjSTATE_FULLPHYSICS
+    at_the_floor(models[0], data)
+    start = np.zeros((2, mujoco.mj_stateSize(models[0], full)))
+    mujoco.mj_getState(models[0], data, start[0], full)
+    start[1] = start[0]
+    states = mujoco.rollout.rollout(models, [mujoco.MjData(models[0])], start, nstep=20)[0]
+    speeds = [parting_speeds(path[:, -12:]) for path in states]
+    assert speeds[0][0] > 0.85
+    assert speeds[0][1] < 0.5
+    assert np.array_equal(speeds[1], speeds[0][::-1])
 
 
 def test_dm_control_steps_it(path: str) -> None:

@@ -31,6 +31,7 @@ from hcbench.sim.names import suggest_names
 
 FORCE, RESTITUTION = "hcbench.hunt_crossley", "hcbench.restitution"
 INSTALLED = "libhcbench.so"
+SOURCE = "engines/mujoco/plugin/plugin.c"
 # Shapes whose contacts MuJoCo finds less exactly than steel penetrates.
 _INEXACT = {
     "mjGEOM_MESH": "a mesh",
@@ -48,7 +49,11 @@ def library() -> Path:
 
     CannotRun without a C compiler.
     """
-    folder = Path(backend().__file__).parent
+    return _compile.build(SOURCE, *compiler_arguments(Path(backend().__file__).parent))
+
+
+def compiler_arguments(folder: Path) -> tuple[list[str], list[str], list[Path]]:
+    """Flags, what to link, and the headers, for the MuJoCo in `folder`; CannotRun where that lacks some."""
     include = folder / "include"
     headers = sorted((include / "mujoco").glob("*.h"))
     engine = [*folder.glob("libmujoco*.so*"), *folder.glob("libmujoco*.dylib"), *folder.glob("mujoco.dll")]
@@ -73,7 +78,7 @@ def library() -> Path:
     if " D_rownnz;" in text["mjdata.h"]:
         flags.append("-DHCB_D_ROWS=d->D_diag,d->D_rowadr,d->D_colind,d->D_rownnz")
     link = [str(engine[0]), f"-Wl,-rpath,{folder}"]
-    return _compile.build("engines/mujoco/plugin/plugin.c", flags, link, headers)
+    return flags, link, headers
 
 
 @functools.cache

@@ -71,15 +71,24 @@ static void invert(const double* a, double* out) {
   for (int i = 0; i < 9; i++) out[i] = rows[i / 3][i % 3] / mju_dot3(a, rows[0]);
 }
 
+/* R^T A R, a matrix in the body's axes; shapes (3, 3). MuJoCo's own products of 3 x 3 matrices are not public. */
+static void in_body_axes(const double* R, const double* A, double* out) {
+  double half[9];
+  for (int i = 0; i < 9; i++) half[i] = R[i / 3] * A[i % 3] + R[3 + i / 3] * A[3 + i % 3] + R[6 + i / 3] * A[6 + i % 3];
+  for (int i = 0; i < 9; i++) {
+    const double* row = half + i / 3 * 3;
+    out[i] = row[0] * R[i % 3] + row[1] * R[3 + i % 3] + row[2] * R[6 + i % 3];
+  }
+}
+
 /* The change x of a free body's six velocities while it turns freely for a step from velocities v: the angular ones by
    Euler's equations in small Runge-Kutta steps, the linear ones so that its centre of mass keeps its speed. */
 static void turn_freely(const mjModel* m, const mjData* d, int body, const double* v, double* x) {
   const double *R = d->xmat + 9 * body, *I = d->crb + 10 * body;
-  double world[9] = {I[0], I[3], I[4], I[3], I[1], I[5], I[4], I[5], I[2]}, J[9], half[9], inverse[9];
+  double world[9] = {I[0], I[3], I[4], I[3], I[1], I[5], I[4], I[5], I[2]}, J[9], inverse[9];
   double w[3] = {v[3], v[4], v[5]}, r[3], spin[3], arm[3], at[3], rate[4][3], h = m->opt.timestep;
   int steps = 1 + (int)fmin(1000, HCB_TURN * h * mju_norm3(w));
-  mju_mulMatTMat3(half, R, world);
-  mju_mulMatMat3(J, half, R);
+  in_body_axes(R, world, J);
   invert(J, inverse);
   for (int step = 0; step < steps; step++) {
     for (int stage = 0; stage < 4; stage++) {

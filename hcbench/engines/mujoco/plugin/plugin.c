@@ -42,8 +42,9 @@ typedef struct { /* an instance, in mjData.plugin_data */
   char law[NAME];
   number stiffness, alpha, e;
   double exponent, static_friction, dynamic_friction, slip_speed;
-  char* text; /* the config that all this was read from */
-  int length;
+  /* of the first instance: what all instances were read from (is_read), size bytes */
+  char* source;
+  size_t size;
   /* of the first instance: the Runge-Kutta step that is under way */
   double time, step, *impulse;
   int stage, plans, next_plan, room, dofs, flags[2];
@@ -136,21 +137,44 @@ static void read_restitution(const mjModel* m, int i, instance* own) {
   if (*reading && !own->linear && strcmp(reading, "law")) fail(m, i, "config \"reading\": \"%s\", needs law or linear", reading);
 }
 
-/* Reads the config if it is not what was read before: `rollout` steps other models with the same mjData. Whether it was. */
-static int refresh(const mjModel* m, instance* own, int i) {
-  const char* text = m->plugin_attr + m->plugin_attradr[i];
-  int end = i + 1 < m->nplugin ? m->plugin_attradr[i + 1] : (int)m->npluginattr, length = end - m->plugin_attradr[i];
-  if (own->text && own->length == length && !memcmp(own->text, text, length)) return 0;
+static void read_instance(const mjModel* m, int i, instance* own) {
   read_pairs(m, i, own);
   if (is_force(m, i)) {
     read_force(m, i, own);
   } else {
     read_restitution(m, i, own);
   }
-  own->text = realloc(own->text, length);
-  own->length = length;
-  memcpy(own->text, text, length);
-  return 1;
+}
+
+/* Whether all that `read_instance` heeds, names and what they stand for, is as at the last call. `rollout` steps other models with
+   the same mjData, and a model may lie where another one was: addresses tell nothing. */
+static int is_read(const mjModel* m, instance* memory) {
+#define PART(array, count) {m->array, (size_t)(count) * sizeof(*m->array)}
+  const struct {
+    const void* at;
+    size_t size;
+  } parts[] = {
+      PART(plugin_attr, m->npluginattr),      PART(plugin_attradr, m->nplugin),   PART(names, m->nnames),
+      PART(name_bodyadr, m->nbody),           PART(name_geomadr, m->ngeom),       PART(name_tendonadr, m->ntendon),
+      PART(name_numericadr, m->nnumeric),     PART(numeric_adr, m->nnumeric),     PART(tendon_limited, m->ntendon),
+      PART(body_weldid, m->nbody),            PART(body_parentid, m->nbody),      PART(body_geomadr, m->nbody),
+      PART(body_geomnum, m->nbody),           PART(geom_bodyid, m->ngeom),        PART(geom_type, m->ngeom),
+      PART(geom_contype, m->ngeom),           PART(geom_conaffinity, m->ngeom),   PART(pair_geom1, m->npair),
+      PART(pair_geom2, m->npair),             PART(exclude_signature, m->nexclude),
+  };
+#undef PART
+  enum { PARTS = sizeof(parts) / sizeof(*parts) };
+  size_t size = 0, at = 0;
+  for (int k = 0; k < PARTS; k++) size += parts[k].size;
+  int same = memory->source && memory->size == size;
+  if (!same) memory->source = realloc(memory->source, size);
+  memory->size = size;
+  for (int k = 0; k < PARTS; at += parts[k++].size) {
+    if (!parts[k].size || (same && !memcmp(memory->source + at, parts[k].at, parts[k].size))) continue;
+    memcpy(memory->source + at, parts[k].at, parts[k].size);
+    same = 0;
+  }
+  return same;
 }
 
 static int is_first(const mjModel* m, int i) {
@@ -169,11 +193,12 @@ static int is_first(const mjModel* m, int i) {
 static void compute(const mjModel* m, mjData* d, int i, int capability) {
   (void)capability;
   if (!is_first(m, i) || m->opt.disableflags & (mjDSBL_CONTACT | mjDSBL_CONSTRAINT)) return;
-  int changed = !instance_of(d, i)->table;
-  for (int j = i; j < m->nplugin; j++) {
-    if (m->plugin[j] == m->plugin[i]) changed |= refresh(m, instance_of(d, j), j);
+  if (!is_read(m, instance_of(d, i))) {
+    for (int j = i; j < m->nplugin; j++) {
+      if (m->plugin[j] == m->plugin[i]) read_instance(m, j, instance_of(d, j));
+    }
+    make_table(m, d, i);
   }
-  if (changed) make_table(m, d, i);
   if (instance_of(d, i)->is_force) {
     add_forces(m, d, i);
   } else {
@@ -190,7 +215,7 @@ static int init(const mjModel* m, mjData* d, int i) {
   if (!own) return -1;
   d->plugin_data[i] = (uintptr_t)own;
   own->is_force = is_force(m, i);
-  refresh(m, own, i);
+  read_instance(m, i, own);
   return 0;
 }
 
@@ -199,7 +224,7 @@ static void destroy(mjData* d, int i) {
   if (!own) return;
   free(own->pair);
   free(own->table);
-  free(own->text);
+  free(own->source);
   free(own->impulse);
   free(own->planned);
   free(own);

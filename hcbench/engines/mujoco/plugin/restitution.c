@@ -20,7 +20,7 @@ static double fall(const mjModel* m, const int body[2], const double* normal) {
 
 static hcb_contact law_of_contact(const mjModel* m, const instance* own, double friction, double fall_) {
   int kind = own->asked_for_e ? HCB_CONSTANT : own->linear ? HCB_LINEAR : HCB_LAW;
-  return (hcb_contact){kind, value_of(m, own->asked_for_e ? &own->e : &own->alpha), friction, HCB_STILL * fall_ + 1e-9, 0};
+  return (hcb_contact){kind, value_of(m, own->asked_for_e ? &own->e : &own->alpha), friction, HCB_STILL * fall_ + 1e-9, 0, 0};
 }
 
 static void read_contact(const mjModel* m, const mjData* d, const mjContact* c, blow* b) {

@@ -33,13 +33,14 @@ from hcbench.laws.restitution import ConstantRestitution, Restitution, Restituti
 from hcbench.sim.names import suggest_names
 
 Side = int | tuple[int, int | str]  # a body, or a body and its link by number or name
+SOURCE, LINK = "engines/pybullet/plugin/plugin.c", ["-ldl"]
 _SPEED = 0.508  # m/s: 20 in/s, up to where the paper's law holds
 
 
 @functools.cache
 def library() -> Path:
     """The plug-in's library, compiled when first asked for. CannotRun without a C compiler."""
-    return _compile.build("engines/pybullet/plugin/plugin.c", link=["-ldl"])
+    return _compile.build(SOURCE, link=LINK)
 
 
 @checked
@@ -169,7 +170,7 @@ def find(first: tuple[int, int], second: tuple[int, int], *, client: int = 0) ->
     """The number of the law between two (body, link) of a client and the command that added it; None where
     there is none. It loads nothing into a process that has not loaded the plug-in.
     """
-    path = library() if library.cache_info().currsize else _compile.loaded("engines/pybullet/plugin/plugin.c")
+    path = library() if library.cache_info().currsize else _compile.loaded(SOURCE)
     if path is None:
         return None
     bullet = BulletClient(client)
