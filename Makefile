@@ -22,7 +22,7 @@ define NEW_ENVIRONMENT
 endef
 UV_INSTALL = $(@D)/bin/uv pip install --quiet --python $(@D)/bin/python
 
-.PHONY: report test test-pythons fuzz test-random docs sessions test-plugins test-answers answers test-searches test-lowest test-models test-reality test-engines bench site check format lock clean
+.PHONY: report test test-all test-machines test-pythons fuzz test-random docs sessions test-plugins test-answers answers test-searches test-lowest test-models test-reality test-engines bench site check format lock clean
 
 DIGESTS := reports/steel-1lb/hcbench-files.json
 report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/, and compare it with the repository's
@@ -34,6 +34,12 @@ report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/, 
 
 test: check  ## lint, types, then every test
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+test-all: $(INSTALLED)  ## every test that this environment can run, the long ones too
+	HCBENCH_ANSWERS=1 HCBENCH_PLUGINS=1 HCBENCH_PYTHONS=1 HCBENCH_SEARCHES=1 $(BIN)/python -m pytest -n 2 --dist loadfile
+
+test-machines: $(INSTALLED)  ## every test on five simulated machines: processors, threads, languages, users, paths
+	PYTHONPATH=tests/support $(BIN)/python -m machines -n 2 --dist loadfile
 
 test-random: $(INSTALLED)  ## the tests of properties, with a thousand random examples each in place of the same hundred
 	$(BIN)/python -m pytest -n 2 -m hypothesis --hypothesis-profile=random

@@ -49,7 +49,7 @@ class AdamsImpact:
         """e of an effective mass (kg) at an impact speed (m/s), by integration over time."""
         from hcbench.laws import ode  # slow to import
 
-        impact = ode.impact(self, mass, speed, tolerance=1e-9, count=3)
+        impact = ode.impact(self, mass, speed, count=3)
         return impact.speed_out / impact.speed_in
 
     def points(self, mass: float, low: float, high: float) -> tuple[tuple[float, float], ...]:

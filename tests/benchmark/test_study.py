@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +13,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from machines import other_kernels
 
 from hcbench._files import atomic_folder
 from hcbench.benchmark.plan import make_plan
@@ -91,6 +94,27 @@ def test_the_number_of_jobs_does_not_change_a_byte(tmp_path: Path, study: Study,
         texts.append({p.name: p.read_bytes() for p in sorted((tmp_path / name).iterdir())})
     tables = ["loops.csv", "restitution.csv", "rests.csv", "scores.csv", "summary.json", "trains.csv"]
     assert sorted(texts[0]) == ["hcbench-files.json", *tables]
+    assert texts[0] == texts[1]
+
+
+def test_an_old_processors_kernels_do_not_change_a_byte(
+    tmp_path: Path, study: Study, results: Results
+) -> None:
+    """NumPy without the instructions that it can do without, and OpenBLAS as on a Prescott, 4 threads."""
+    code = (
+        "import json, sys; from pathlib import Path; from hcbench.benchmark.run import run_study;"
+        "from hcbench.benchmark.study import study_from; from hcbench._files import atomic_folder;"
+        "found = run_study(study_from(json.loads(sys.argv[1])), jobs=1)\n"
+        "with atomic_folder(Path(sys.argv[2])) as scratch: found.write(scratch)"
+    )
+    environment = os.environ | other_kernels() | {"OMP_NUM_THREADS": "4"}
+    command = [sys.executable, "-c", code, json.dumps(CONTENT), str(tmp_path / "old")]
+    subprocess.run(command, env=environment, check=True)
+    with atomic_folder(tmp_path / "here") as scratch:
+        results.write(scratch)
+    texts = [
+        {p.name: p.read_bytes() for p in sorted((tmp_path / name).iterdir())} for name in ("here", "old")
+    ]
     assert texts[0] == texts[1]
 
 

@@ -7,11 +7,13 @@ import io
 import json
 import re
 from contextlib import chdir, redirect_stdout
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+from same_text import is_same
 
 PAGES = (Path(__file__).parents[2] / "docs" / "tutorial.ipynb",)
 _LONGEST_HTML = 32_000  # characters: longer ones are for Jupyter alone
@@ -66,6 +68,13 @@ def texts(outputs: list[list[dict[str, Any]]]) -> list[list[str]]:
     return [[re.sub(r"\b\d+\.\d+\.\d+\b", "...", text) for text in each] for each in said]
 
 
+def agrees(old: list[list[str]], new: list[list[str]]) -> bool:
+    """Whether texts of cells are the same, numbers by value."""
+    if [len(each) for each in old] != [len(each) for each in new]:
+        return False
+    return all(map(is_same, chain.from_iterable(old), chain.from_iterable(new)))
+
+
 def stored(path: Path) -> list[list[dict[str, Any]]]:
     """The outputs that a notebook has."""
     cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
@@ -75,7 +84,7 @@ def stored(path: Path) -> list[list[dict[str, Any]]]:
 def update(path: Path) -> bool:
     """Write what the cells show now, if they say something else. Whether the notebook changed."""
     new = executed(path)
-    if texts(new) == texts(stored(path)):
+    if agrees(texts(stored(path)), texts(new)):
         return False
     notebook = json.loads(path.read_text(encoding="utf-8"))
     code = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]

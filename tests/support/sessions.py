@@ -2,7 +2,7 @@
 
 `python -m sessions [PAGE ...]` (`make sessions`) writes what the commands print now. In a block, a line `...`
 stands for lines that the page leaves out, and `...` within a line for the rest or a part of it: what a writer
-left out, or what another machine prints differently (`MACHINE`).
+left out, or what another machine prints differently (`MACHINE`). Numbers are compared by value (`same_text`).
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import notebooks
+from same_text import LEFT_OUT, is_same
 
 from hcbench.cli import run
 
@@ -32,7 +33,6 @@ PAGES = (
     *(p for p in sorted((ROOT / "docs").rglob("*.md")) if "_build" not in p.parts),
 )
 BLOCK = re.compile(r"(?<=^```console\n).*?(?=^```$)", re.MULTILINE | re.DOTALL)
-LEFT_OUT = "..."
 FILE = re.compile(r"\.(xml|wav|csv|toml|json|html|py|urdf)\b|^--out$")
 MACHINE = (
     r"\b\d+\.\d+\.\d+\b",  # versions
@@ -125,16 +125,6 @@ def _lines(action: Callable[[], object]) -> list[str]:
     with redirect_stdout(text), redirect_stderr(text):
         action()
     return [line.rstrip() for line in text.getvalue().rstrip("\n").splitlines()]
-
-
-def pattern(line: str) -> str:
-    """A line of a page as a regular expression for what is printed."""
-    return ".*".join(re.escape(part) for part in line.split(LEFT_OUT))
-
-
-def is_same(shown: str, line: str) -> bool:
-    """Whether a line of a page is that of a command."""
-    return re.fullmatch(pattern(shown), line) is not None
 
 
 def agrees(shown: tuple[str, ...], printed: list[str]) -> bool:
