@@ -247,7 +247,7 @@ static touch* find_touches(const mjModel* m, mjData* d, const candidate* near, i
       if (*count) memcpy(more, all, *count * sizeof(touch));
       all = more;
     }
-    memcpy(all + *count, found, n * sizeof(touch));
+    if (n) memcpy(all + *count, found, n * sizeof(touch));
     *count += n;
   }
   return all;

@@ -1,5 +1,7 @@
 /* Rest after impacts: the rows that MuJoCo made for a law's contacts, rewritten before their reference acceleration is
-   worked out to e = 0 with friction, or to silence for contacts that part. */
+   worked out: to e = 0 with friction for what rests, or to silence for contacts that part. Where something may press what
+   parts (is_loaded), its row does not let the contact close again within the step: a servo presses a foot with many times
+   its weight, and each step of that would be an impact, whose push nothing bears. */
 
 #define HCB_REST 1e-9        /* compliance of a resting row, in units of the pair's own inverse mass, under Newton; ... */
 #define HCB_REST_CG 1e-3     /* ... under CG, which does not settle stiffer rows in its iterations; ... */
@@ -7,7 +9,7 @@
 #define HCB_SILENT -1e10     /* m/s^2: a row that never pushes */
 
 typedef struct { /* a contact of a law: rows of the solver from `row` on */
-  int instance, id, order, tendon, body[2], row, rows, dim, cone, touches, rests;
+  int instance, id, order, tendon, body[2], row, rows, dim, cone, touches, rests, held; /* held: parts, and must not close */
   double rate[6], friction[5], slip, parting, swing, x; /* swing: at most what turning adds to the rate in a step */
   const double *point, *frame;
   hcb_contact law;
@@ -15,7 +17,7 @@ typedef struct { /* a contact of a law: rows of the solver from `row` on */
 
 /* PGS and noslip use J M^-1 J^T + R, worked out before the passive forces: its diagonal follows R. */
 static void add_to_AR(const mjModel* m, mjData* d, int row, double change) {
-  if (!is_dual(m)) return;
+  if (!is_dual(m) || !d->efc_AR) return; /* inverse dynamics has none */
   if (!mj_isSparse(m)) {
     d->efc_AR[(size_t)row * d->nefc + row] += change;
     return;
@@ -42,6 +44,14 @@ static void set_row(const mjModel* m, mjData* d, int row, double acceleration_, 
 #endif
 }
 
+/* Whether forces other than gravity and contact may press bodies together: of joints and what drives them, or applied. */
+static int is_loaded(const mjModel* m, const mjData* d) {
+  int loaded = 0;
+  for (int j = 0; j < m->nv && !loaded; j++) loaded = d->qfrc_applied[j] != 0 || !is_lone(m, j);
+  for (int k = 6; k < 6 * m->nbody && !loaded; k++) loaded = d->xfrc_applied[k] != 0;
+  return loaded;
+}
+
 static double rest_compliance(const mjModel* m) {
   return is_dual(m) ? HCB_REST_FORCES : m->opt.solver == mjSOL_CG ? HCB_REST_CG : HCB_REST;
 }
@@ -50,12 +60,12 @@ static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* 
   plan now = {.rows = b->rows}, *made = stage > 1 ? planned(memory, b->instance, b->id, b->order) : NULL;
   double h = m->opt.timestep, mu = b->friction[0];
   /* Back as fast, at the same depth and for no work: what turning has parted, and all in RK4, which moves on the way. */
-  double closing = fmax(0, stage ? b->parting : fmin(b->parting, b->swing));
+  double closing = fmax(0, b->held ? 0 : stage ? b->parting : fmin(b->parting, b->swing));
   for (int i = 0; i < b->rows; i++) {
     int k = b->cone ? 1 + i / 2 : i;
     double tangential = b->cone ? (i % 2 ? -1 : 1) * b->friction[k - 1] * b->rate[k] : 0;
     now.value[i] = i && !b->cone ? -b->rate[k] / h : (-b->rate[0] - tangential - mu * b->slip - closing) / h;
-    if (!b->rests || stage > 1) now.value[i] = i && !b->cone ? 0 : HCB_SILENT; /* new ones wait for the next step */
+    if ((!b->rests && !b->held) || stage > 1) now.value[i] = i && !b->cone ? 0 : HCB_SILENT; /* new ones wait for the next step */
   }
   if (stage == 1) {
     made = new_plan(memory, b->instance, b->id, b->order);

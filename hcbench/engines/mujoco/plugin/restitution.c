@@ -195,7 +195,8 @@ static void collide(const mjModel* m, mjData* d, int first, blow* all, int count
   hcb_resting_slip(&s, gains, rests, slip, work);
   for (int i = 0; i < n; i++) {
     of[i]->parting = u[3 * i];
-    of[i]->slip = fmin(slip[i], hypot(u[3 * i + 1], u[3 * i + 2]));
+    double slides = hypot(u[3 * i + 1], u[3 * i + 2]);
+    of[i]->slip = rests[i] ? fmin(slip[i], slides) : slides;
   }
   mj_freeStack(d);
 }
@@ -253,6 +254,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
       blow* b = all + i;
       b->rests = b->touches && b->rate[0] <= b->law.still;
       b->parting = b->rate[0];
+      b->slip = b->rests ? 0 : hypot(b->rate[1], b->rate[2]);
       double slow = 1e-6 * b->law.still, *u = b->rate;
       int slides = b->rests && b->friction[0] > 0 && u[1] * u[1] + u[2] * u[2] > slow * slow;
       busy |= b->touches && (-b->rate[0] > b->law.still || slides || b->tendon >= 0);
@@ -272,6 +274,10 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
     for (int j = 0; j < nv; j++) d->qfrc_passive[j] += memory->impulse[j] / h;
     shift_bias(m, d, memory->impulse, stage == 4 ? 0 : 0.5, d->qfrc_passive);
   }
-  for (int i = 0; i < count; i++) set_rows(m, d, memory, all + i, stage, rest_compliance(m));
+  int loaded = is_loaded(m, d);
+  for (int i = 0; i < count; i++) {
+    all[i].held = loaded && all[i].touches && !all[i].rests;
+    set_rows(m, d, memory, all + i, stage, rest_compliance(m));
+  }
   mj_freeStack(d);
 }

@@ -1,0 +1,179 @@
+"""Robots on feet of MuJoCo's restitution plug-in: servos press them in each step, and they come to rest."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+import pytest
+from contact_scenes import require_plugins_in_specs
+
+from hcbench.contact.mujoco import ConstantRestitution, Restitution, add_to_spec
+
+if TYPE_CHECKING:
+    Law = ConstantRestitution | Restitution
+
+QUADRUPED = (Path(__file__).parents[3] / "examples" / "quadruped.xml").read_text(encoding="utf-8")
+FEET = tuple(f"{side}_{end}_foot" for side in ("left", "right") for end in ("front", "hind"))
+LEG = """
+<body name="{side}" pos="0 {y} -.1">
+  <joint name="{side}_hip" axis="0 1 0"/><geom fromto="0 0 0 .05 0 -.2" mass="1"/>
+  <body pos=".05 0 -.2">
+    <joint name="{side}_knee" axis="0 1 0"/><geom fromto="0 0 0 -.05 0 -.2" mass=".7"/>
+    <body pos="-.05 0 -.2">
+      <joint name="{side}_ankle" axis="0 1 0"/>
+      <geom name="{side}_foot" class="foot" type="box" size=".11 .05 .015" pos="0 0 -.03" mass=".4"/>
+    </body>
+  </body>
+</body>"""
+SERVOS = "".join(
+    f'<position joint="{side}_{joint}"/>' for side in ("left", "right") for joint in ("hip", "knee", "ankle")
+)
+BIPED = f"""
+<mujoco>
+  <option integrator="implicitfast"/>
+  <default>
+    <geom type="capsule" size=".03" contype="0" conaffinity="0"/>
+    <joint damping="1" armature=".01"/><position kp="150" kv="6"/>
+    <default class="foot"><geom contype="1" conaffinity="1"/></default>
+  </default>
+  <worldbody>
+    <geom name="floor" class="foot" type="plane" size="2 2 .1"/>
+    <body pos="0 0 .545">
+      <freejoint/><geom type="box" size=".08 .12 .1" mass="8"/>
+      {LEG.format(side="left", y=".1")}{LEG.format(side="right", y="-.1")}
+    </body>
+  </worldbody>
+  <actuator>{SERVOS}</actuator>
+</mujoco>"""
+GRIPPER = """
+<mujoco>
+  <default><geom type="box" size=".01 .01 .01"/><position kp="400" kv="20"/></default>
+  <worldbody>
+    <geom name="floor" type="plane" size="1 1 .1"/>
+    <body pos="0 0 .02"><freejoint/><geom name="cube" size=".02 .02 .02" mass=".1"/></body>
+    <body pos="-.05 0 .02">
+      <joint name="left" type="slide" axis="1 0 0"/><geom name="left_pad" mass=".05"/>
+    </body>
+    <body pos=".05 0 .02">
+      <joint name="right" type="slide" axis="-1 0 0"/><geom name="right_pad" mass=".05"/>
+    </body>
+  </worldbody>
+  <actuator><position joint="left" ctrlrange="0 .1"/><position joint="right" ctrlrange="0 .1"/></actuator>
+</mujoco>"""
+ROBOTS = {
+    "quadruped": (QUADRUPED, [(foot, "floor") for foot in FEET]),
+    "biped": (BIPED, [("left_foot", "floor"), ("right_foot", "floor")]),
+    "gripper": (GRIPPER, [("cube", "floor"), ("left_pad", "cube"), ("right_pad", "cube")]),
+}
+LAWS = (
+    ConstantRestitution(0.0),
+    ConstantRestitution(0.3),
+    ConstantRestitution(0.6),
+    ConstantRestitution(0.9),
+)
+
+
+def robot(name: str, law: Law | None, **options: Any) -> Any:
+    """A robot whose pairs have the law; None: native contact. options: of MuJoCo, by its names."""
+    require_plugins_in_specs()
+    source, pairs = ROBOTS[name]
+    spec = mujoco.MjSpec.from_string(source)
+    for option, value in options.items():
+        setattr(spec.option, option, value)
+    for pair in pairs:
+        if law is not None:
+            add_to_spec(spec, law, geoms=pair)
+    return spec.compile()
+
+
+def landing(model: Any, height: float, tilt: float = 0.0, seconds: float = 3.0) -> dict[str, float]:
+    """What becomes of a drop, m and m/s; tilt: of the base, degrees. A gripper closes from where it is."""
+    data = mujoco.MjData(model)
+    if model.nu == 2:
+        data.ctrl[:] = 0.05
+    else:
+        data.qpos[2] += height
+        half = np.radians(tilt) / 2
+        data.qpos[3:7] = [np.cos(half), 0.6 * np.sin(half), 0.8 * np.sin(half), 0.0]
+    mujoco.mj_forward(model, data)
+    start, deepest, steps = data.subtree_com[0].copy(), 0.0, round(seconds / model.opt.timestep)
+    fastest = 0.0
+    for step in range(steps):
+        mujoco.mj_step(model, data)
+        deepest = max(deepest, -float(np.min(data.contact.dist, initial=0.0)))
+        if step > 0.9 * steps:
+            fastest = max(fastest, float(np.abs(data.qvel).max()))
+    travel = float(np.linalg.norm((data.subtree_com[0] - start)[:2]))
+    return {"deepest": deepest, "fastest": fastest, "travel": travel}
+
+
+@pytest.mark.parametrize("tilt", [0.0, 5.0])
+@pytest.mark.parametrize("law", [*LAWS, Restitution(0.3)], ids=str)
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_robot_rests_no_deeper_than_on_native_contact(name: str, law: Law, tilt: float) -> None:
+    for height in (0.02, 0.1) if tilt == 0.0 else (0.05,):
+        native = landing(robot(name, None), height, tilt)
+        own = landing(robot(name, law), height, tilt)
+        assert own["deepest"] < native["deepest"] + 1e-3
+        assert own["fastest"] < 0.01
+        if law != ConstantRestitution(0.9):  # a biped rocks on with that, and walks 60 mm
+            assert own["travel"] < native["travel"] + 0.03
+
+
+@pytest.mark.parametrize("options", ({"timestep": 5e-4}, {"integrator": 0}, {"integrator": 1}, {"cone": 1}))
+def test_steps_integrators_and_cones_leave_a_robot_on_its_feet(options: dict[str, Any]) -> None:
+    native = landing(robot("quadruped", None, **options), 0.1)
+    own = landing(robot("quadruped", ConstantRestitution(0.6), **options), 0.1)
+    assert own["deepest"] < native["deepest"] + 1e-3
+    assert own["fastest"] < 1e-3
+
+
+def errors_of_e(law: Law, seed: int, *, motors: bool) -> list[float]:
+    """How far each foot's e is off the law's, in a landing with all joints in motion.
+
+    What acts within the step does not count: h J M^-1 (motors and damping - Coriolis forces of the velocities
+    after the impact + J^T of the rows that rest).
+    """
+    h, off = 5e-5, mujoco.mjtDisableBit
+    model = robot("quadruped", law, timestep=h, integrator=int(mujoco.mjtIntegrator.mjINT_EULER))
+    model.opt.disableflags |= int(off.mjDSBL_EULERDAMP)
+    if not motors:
+        model.opt.disableflags |= int(off.mjDSBL_ACTUATION)
+        model.opt.gravity[:] = 0.0
+        model.dof_damping[:] = 0.0
+    free, data = copy.copy(model), mujoco.MjData(model)
+    free.opt.disableflags |= int(off.mjDSBL_CONTACT)
+    mujoco.mj_forward(model, data)
+    data.qpos[2] -= min(data.geom(foot).xpos[2] for foot in FEET) - 0.025 + 1e-6
+    data.qvel[:] = np.random.default_rng(seed).normal(size=model.nv) * 0.3
+    data.qvel[2] -= 1.5
+    mujoco.mj_forward(model, data)
+    rows = np.zeros((data.ncon, 3, model.nv))
+    for row, contact in zip(rows, data.contact, strict=True):
+        mujoco.mj_jac(model, data, row, None, contact.pos, model.geom_bodyid[contact.geom[1]])
+    normal, before = rows[:, 2], data.qvel.copy()
+    alone = mujoco.MjData(free)
+    alone.qpos[:], alone.qvel[:] = data.qpos, before
+    mujoco.mj_forward(free, alone)
+    force = alone.qfrc_passive + alone.qfrc_actuator
+    mujoco.mj_step(model, data)
+    alone.qvel[:] = data.qvel
+    mujoco.mj_forward(free, alone)
+    force += data.qfrc_constraint - alone.qfrc_bias
+    acceleration = np.zeros((1, model.nv))
+    mujoco.mj_solveM(free, alone, acceleration, force[None])
+    after = normal @ (data.qvel - h * acceleration[0])
+    return [float(out / speed - law.at(speed)) for speed, out in zip(-(normal @ before), after, strict=True)]
+
+
+@pytest.mark.parametrize("motors", [False, True])
+@pytest.mark.parametrize("law", [*LAWS[1:], Restitution(0.3)], ids=str)
+def test_each_foot_has_the_e_of_its_own_speed_and_motors_add_their_impulse(law: Law, motors: bool) -> None:
+    """With gravity e is of the speed at the touch plane, g h/2 from that of the step."""
+    errors = [error for seed in range(5) for error in errors_of_e(law, seed, motors=motors)]
+    assert len(errors) > 15
+    assert np.abs(errors).max() < (1e-3 if motors else 2e-4)
