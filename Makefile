@@ -57,7 +57,7 @@ test-plugins: $(INSTALLED)  ## the plug-ins' long measurements: energy by option
 
 test-compilers: $(INSTALLED)  ## the plug-ins under every gcc, clang and zig of this machine, for several versions of MuJoCo
 	for version in $(MUJOCOS); do \
-	  test -d .mujocos/$$version || \
+	  test -d .mujocos/$$version/mujoco/include || \
 	  $(BIN)/uv pip install --quiet --no-deps --python $(BIN)/python --target .mujocos/$$version mujoco==$$version; \
 	done
 	HCBENCH_MUJOCOS=$$(printf ':%s/mujoco' $(MUJOCOS:%=$(CURDIR)/.mujocos/%)) $(BIN)/python -m pytest -q \

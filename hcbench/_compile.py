@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import atexit
 import ctypes
+import errno
 import functools
 import hashlib
 import importlib.util
@@ -14,11 +15,13 @@ import os
 import platform
 import shlex
 import shutil
+import signal
 import stat
 import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from hcbench._files import replace_file, user_folder
@@ -26,15 +29,18 @@ from hcbench.errors import CannotRun, UserError
 
 _HERE = Path(__file__).parent
 FLAGS = ("-O3", "-std=gnu11", "-fPIC", "-shared", "-ffp-contract=off")
+_A_COMPILER = "a C compiler, such as cc, gcc or clang"
+_GET_ONE = "Install one, or: pip install 'hcbench[plugin]'"
+_WORKING = "a C compiler that works"
+_ANOTHER = "Name another by $CC, or: pip install 'hcbench[plugin]' and CC='python -m ziglang cc'"
 _LIMIT_S = 600.0  # a new ziglang builds its own C library first
 
 
 class NotCompiled(CannotRun):
     """No compiled library here; the message says why."""
 
-    def __init__(self, reason: str) -> None:
-        advice = "Or try: pip install ziglang"
-        super().__init__("contact plug-ins", reason, "a C compiler, such as cc, gcc or clang", advice)
+    def __init__(self, reason: str, expected: str = _A_COMPILER, advice: str = _GET_ONE) -> None:
+        super().__init__("contact plug-ins", reason, expected, advice)
 
 
 def compiler() -> list[str]:
@@ -99,20 +105,60 @@ def _compile(command: list[str], target: Path) -> None:
     with tempfile.TemporaryDirectory(dir=target.parent) as folder:
         built = Path(folder) / target.name
         try:
-            run = subprocess.run(
-                [*command, "-o", str(built)], capture_output=True, text=True, timeout=_LIMIT_S, check=False
-            )
+            status, said = _run([*command, "-o", str(built)], folder)
+        except subprocess.TimeoutExpired as error:
+            raise NotCompiled(f"{command[0]} ran for {_LIMIT_S:g} s", _WORKING, _ANOTHER) from error
         except (OSError, subprocess.SubprocessError) as error:
-            raise NotCompiled(f"{command[0]} could not be run: {error}") from error
-        if run.returncode:
-            last = (run.stderr.strip().splitlines() or ["no message"])[-1]
-            raise NotCompiled(f"{command[0]} failed: {last}")
+            raise NotCompiled(f"{command[0]} could not be run: {error}", _WORKING, _ANOTHER) from error
+        if status:
+            raise _failure(command[0], said, target.parent)
         built.chmod(0o755)  # regardless of the umask: a file that others may write is not loaded
         digest = _digest(built).encode()
         with built.open("rb+") as file:  # or a machine that stops now has a name without content
             os.fsync(file.fileno())
         built.replace(target)
     replace_file(target.with_suffix(".sha256"), digest, sync=True)
+
+
+def _run(command: list[str], folder: str) -> tuple[int, str]:
+    """Exit status of a compiler and what it said; however this ends, none of its processes is left.
+
+    folder: takes its temporary files, which a compiler that is killed leaves behind.
+    """
+    with subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+        env={**os.environ, "TMPDIR": folder},
+        start_new_session=True,  # a group of its own: gcc starts cc1, as and ld
+    ) as process:
+        try:
+            said = process.communicate(timeout=_LIMIT_S)[1]
+        except BaseException:
+            _kill_group(process)
+            raise
+    return process.returncode, said
+
+
+def _kill_group(process: subprocess.Popen[str]) -> None:
+    if not hasattr(os, "killpg"):  # Windows
+        process.kill()
+        return
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+
+
+def _failure(name: str, said: str, folder: Path) -> NotCompiled:
+    """The error for what a compiler said: its first one, as the last line often only counts them."""
+    if os.strerror(errno.ENOSPC) in said:
+        reason = f"{name} failed in {folder}: {os.strerror(errno.ENOSPC)}"
+        return NotCompiled(reason, "room for the library", "Or name another folder: HCBENCH_CACHE")
+    lines = said.strip().splitlines() or ["no message"]
+    first = next((line for line in lines if "error:" in line), lines[-1])
+    return NotCompiled(f"{name} failed: {first}", _WORKING, _ANOTHER)
 
 
 def build(

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from hcbench._text import sanitized
 
@@ -39,9 +40,16 @@ class HcbenchError(Exception):
             parts[i] = sanitized(parts[i], max(20, len(parts[i]) - excess - 3))
         super().__init__(_message(*parts))
 
-    def __reduce__(self) -> tuple[type[HcbenchError], tuple[str, str, str, str]]:
+    def __reduce__(self) -> tuple[Any, ...]:
         # Crosses process borders whole: Exception's own pickling keeps the message only.
-        return type(self), (self.slot, self.got, self.expected, self.advice)
+        return _restored, (type(self), self.slot, self.got, self.expected, self.advice), self.__dict__
+
+
+def _restored(kind: type[HcbenchError], *parts: str) -> HcbenchError:
+    """An error of its parts, regardless of what its own __init__ takes."""
+    error = kind.__new__(kind)
+    HcbenchError.__init__(error, *parts)
+    return error
 
 
 def _message(slot: str, got: str, expected: str, advice: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import errno
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -73,3 +74,42 @@ def test_a_library_of_another_user_is_not_loaded(library: Path, monkeypatch: pyt
     uid = os.getuid()
     monkeypatch.setattr(os, "getuid", lambda: uid + 1)
     assert not _compile.is_whole(library)
+
+
+SLOW = """#!/bin/sh
+touch "$TMPDIR/left-behind.s"
+sleep 600 &
+echo $! > {pid}
+wait
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="no groups of processes")
+def test_an_interrupted_compiler_leaves_no_process_and_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As gcc does, it runs another program, and killed it leaves its temporary files."""
+    cache, pid, compiler = tmp_path / "cache", tmp_path / "pid", tmp_path / "cc"
+    compiler.write_text(SLOW.format(pid=pid))
+    compiler.chmod(0o755)
+    monkeypatch.setenv("HCBENCH_CACHE", str(cache))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setenv("CC", str(compiler))
+    monkeypatch.setattr(_compile, "_LIMIT_S", 1.0)
+    with pytest.raises(_compile.NotCompiled, match="cc ran for 1 s"):
+        _compile.build("laws/impacts.c")
+    state = Path(f"/proc/{pid.read_text().strip()}/stat")
+    assert not state.exists() or state.read_text().split()[2] == "Z"
+    assert not [path for path in cache.rglob("*") if path.name != "hcbench"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cache", "cc", "pid"]
+
+
+def test_a_full_disk_is_not_answered_with_a_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler = tmp_path / "cc"
+    compiler.write_text(f"#!/bin/sh\necho 'ld: final link failed: {os.strerror(errno.ENOSPC)}' >&2\nexit 1\n")
+    compiler.chmod(0o755)
+    monkeypatch.setenv("HCBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("CC", str(compiler))
+    with pytest.raises(_compile.NotCompiled, match="expected room for the library") as caught:
+        _compile.build("laws/impacts.c")
+    assert "plugin" not in str(caught.value).partition(":")[2]

@@ -61,13 +61,14 @@ class Progress:
 class Workers:
     """What runs a study. width: how many tasks the executor runs at once. mapper: as `map`, for recipes.
 
-    task_s: how long a task may take, s, that has several jobs.
+    task_s: how long a task may take, s, that has several jobs. advice: what to do after it failed.
     """
 
     executor: Executor
     width: Callable[[], int]
     mapper: Callable[..., Iterable[Any]] = map
     task_s: float = 0.0
+    advice: str = GO_ON
 
 
 @checked
@@ -91,7 +92,7 @@ def run_in_pool(
         if progress is not None:
             progress(now.impacts, now.of)
 
-    workers = Workers(pool.threads, lambda: pool.jobs, pool.map)
+    workers = Workers(pool.threads, lambda: pool.jobs, pool.map, advice="")
     plan = make_plan(study, pool.map)
     files = TemporaryFiles()
     try:
@@ -207,7 +208,7 @@ def _imap_unordered(
         try:
             running[workers.executor.submit(run_jobs, function, task, timeouts)] = task, tries
         except RuntimeError as error:  # broken, or shut down
-            raise CannotRun("executor", str(error), "one that takes work", GO_ON) from error
+            raise CannotRun("executor", str(error), "one that takes work", workers.advice) from error
 
     try:
         while True:
@@ -225,7 +226,7 @@ def _imap_unordered(
                     if tries == _TRIES:
                         reason = " ".join(f"{type(error).__name__}: {error}".split())
                         got = f"failed {task[0]} {tries} times: {reason:.200}"
-                        raise CannotRun("executor", got, "", GO_ON) from error
+                        raise CannotRun("executor", got, "", workers.advice) from error
                     submit(task, tries + 1)
                 else:
                     yield from zip(task, results, strict=True)

@@ -12,7 +12,7 @@ from typing import Any
 
 from hcbench._files import parse_json
 from hcbench._text import sanitized
-from hcbench.benchmark.files import LOCK, Files
+from hcbench.benchmark.files import LOCK, Files, TemporaryFiles
 from hcbench.benchmark.plan import SCHEMA, Plan
 from hcbench.benchmark.results import RUN_KEY
 from hcbench.benchmark.tables import SUMMARY, ShardFiles, Summary, Totals, digest, metadata_of
@@ -33,6 +33,7 @@ class Store:
 
     def __init__(self, files: Files) -> None:
         self.where, self._files = files.where, files
+        self._advice = "" if isinstance(files, TemporaryFiles) else GO_ON  # a report goes on with nothing
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -48,7 +49,7 @@ class Store:
             yield
         except OSError as error:
             got = f"{self.where}: {error.strerror or error}"
-            raise OutputError("folder", got, expected, GO_ON) from None
+            raise OutputError("folder", got, expected, self._advice) from None
 
     def description(self) -> dict[str, Any] | None:
         """The description of the sweep; None where there is no sweep. UserError for another schema."""

@@ -71,6 +71,8 @@ def tune_engine(
     except SearchInterrupted as interrupt:
         _print_interrupted(interrupt, scene, as_json)
         raise click.Abort(f"interrupted: {interrupt}") from None
+    if answer.left_out:
+        click.echo(answer.left_out, err=True)
     best = answer.best
     if write_scene is not None:
         adapter = registry.engine(engine)

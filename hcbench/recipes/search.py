@@ -32,6 +32,10 @@ class SearchInterrupted(KeyboardInterrupt):
         super().__init__(f"the search was cut short after {done} of at most {budget} evaluations")
         self.best, self.error, self.done, self.budget = best, error, done, budget
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # KeyboardInterrupt's own pickling calls __init__ with the message alone.
+        return type(self), (self.best, self.error, self.done, self.budget)
+
 
 @contextmanager
 def report_progress(progress: Progress | None) -> Iterator[None]:

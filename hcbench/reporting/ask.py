@@ -148,7 +148,33 @@ def find_plan(name: str, warn: Callable[[str], None], device: str = "") -> tuple
     if is_built_in(path):
         missing = missing_engines(dict.fromkeys(run.engine for run in study.runs), warn)
         study = study.of_engines(lambda engine: engine not in missing)
+    study = _without_uncompiled(study, warn)
     return name_of(path), dataclasses.replace(study, device=device)
+
+
+def _without_uncompiled(study: Study, warn: Callable[[str], None]) -> Study:
+    """A study without the runs of plug-ins that cannot be compiled here, with a line to `warn`.
+
+    NotCompiled where nothing else is in it.
+    """
+    from hcbench._compile import NotCompiled
+    from hcbench.sim import registry
+    from hcbench.sim.capabilities import HasPlugin
+
+    plugged = [run for run in study.runs if not registry.recipe(f"{run.engine}.{run.recipe}").native]
+    for name in dict.fromkeys(run.engine for run in plugged):
+        engine = registry.engine(name)
+        if not isinstance(engine, HasPlugin):
+            continue
+        try:
+            engine.plugin()
+        except NotCompiled as error:
+            runs = tuple(run for run in study.runs if run.engine != name or run not in plugged)
+            if not runs:
+                raise
+            warn(f"left out, not compiled: the plug-in of {name}. {error}")
+            study = dataclasses.replace(study, runs=runs)
+    return study
 
 
 def missing_engines(engines: Iterable[str], warn: Callable[[str], None]) -> tuple[str, ...]:

@@ -124,7 +124,8 @@ class Never:
 class Answer(Drawn):
     """Choices in the order exact, settings, constant, where they exist; `best` is what was asked for.
 
-    asked: the kind. named: a setting that was asked for by its name, even one that fails.
+    asked: the kind. named: a setting that was asked for by its name, even one that fails. left_out: why the
+    plug-in is not among the choices where it could not be compiled, and how to get it; or "".
     """
 
     engine: str
@@ -135,6 +136,7 @@ class Answer(Drawn):
     choices: tuple[Choice, ...]
     never: tuple[Never, ...]
     named: Choice | None = field(default=None)
+    left_out: str = ""
 
     def _lines(self) -> Iterator[str]:
         best = self.best
@@ -142,6 +144,7 @@ class Answer(Drawn):
         yield f"largest e {best.max_e:.4f}; {best.energy}"
         yield from (f"or {choice.line}" for choice in self.choices if choice is not best)
         yield from (f"never {never.setting}: {never.why}" for never in self.never[:_SHOWN])
+        yield from filter(None, [self.left_out])
         yield f"to paste: .text, {len(self.text.splitlines())} lines"
 
     def _rows(self) -> Iterator[dict[str, Any]]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from hcbench._compile import NotCompiled
 from hcbench._text import two_digits
 from hcbench.errors import EngineFailed, EngineMissing, HcbenchError, SettingError, UserError
 from hcbench.laws.restitution import ConstantRestitution
@@ -61,7 +62,7 @@ def find_answer(
     if match != "restitution":
         named = finder.choice("settings", make_tuned(*recipes[0], target, scene, integrator))
         return _answered(finder, asked, [named], named)
-    return _answered(finder, asked, finder.choices(recipes))
+    return _answered(finder, asked, finder.choices(recipes, asked))
 
 
 def _answered(finder: _Finder, asked: Kind, choices: Sequence[Choice], named: Choice | None = None) -> Answer:
@@ -70,7 +71,15 @@ def _answered(finder: _Finder, asked: Kind, choices: Sequence[Choice], named: Ch
     if named is not None and named not in advised and named.tuned is not None:
         never.append(Never(named.setting.name, named.tuned.flaws))
     return Answer(
-        finder.engine, finder.target, finder.scene, finder.pair, asked, tuple(advised), tuple(never), named
+        finder.engine,
+        finder.target,
+        finder.scene,
+        finder.pair,
+        asked,
+        tuple(advised),
+        tuple(never),
+        named,
+        finder.left_out,
     )
 
 
@@ -89,6 +98,7 @@ class _Finder:
         self.engine, self.target, self.scene, self.pair = engine, target, scene, pair
         self._integrator, self._max_error = integrator, max_error
         self.never: list[Never] = []
+        self.left_out = ""
         self._refused: HcbenchError | None = None
         self._adapter = registry.engine(engine)
 
@@ -104,15 +114,24 @@ class _Finder:
         is_one = recipe.role in (Role.CONSTANT_E, Role.STOCK)
         return self.choice("constant" if is_one else "settings" if recipe.native else "exact", tuned)
 
-    def choices(self, tried: Sequence[tuple[Recipe, str]]) -> list[Choice]:
-        """The best of each kind. tried: candidates for settings and for one e, the simplest first."""
+    def choices(self, tried: Sequence[tuple[Recipe, str]], asked: Kind) -> list[Choice]:
+        """The best of each kind. tried: candidates for settings and for one e, the simplest first.
+
+        Without a C compiler the plug-in is left out, unless it is the kind asked for: then NotCompiled.
+        """
         constants = [each for each in tried if each[0].role is Role.CONSTANT_E]
         others = [each for each in tried if each not in constants]
         _, least = minimax_constant(self.target)
         settings = self._best(others, self._max_error)
         constant = self._best(constants, max(_NEAR * least, 1e-9))
         chosen: list[Choice] = []
-        if (exact := self._exact()) is not None:
+        try:
+            exact = self._exact()
+        except NotCompiled as error:
+            if asked == "exact":
+                raise
+            exact, self.left_out = None, f"left out, not compiled: the plug-in. {error}"
+        if exact is not None:
             chosen.append(exact)
         if settings is not None and constant is not None and not settings.error < constant.error:
             why = f"no nearer than one e for all speeds: {two_digits(settings.error)} where that is wrong by "
@@ -193,7 +212,7 @@ class _Finder:
             return None
         try:
             passivity = self._adapter.passivity(self.scene, setting, (low, target.speed_max))
-        except (EngineMissing, EngineFailed):  # such as a machine without a compiler
+        except (EngineMissing, EngineFailed):
             passivity = None
         if passivity is not None and passivity.warning:
             self.never.append(Never(recipe.name, passivity.warning))

@@ -14,8 +14,10 @@ import pytest
 from swapped_names import at_the_floor, parting_speeds, two_balls
 
 from hcbench.contact import mujoco as contact
+from hcbench.engines.mujoco.model.plugin_contact import restitution_law
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
+from hcbench.laws.restitution import ConstantRestitution
 from hcbench.recipes.target import Target
 from hcbench.scene import load_scene
 from hcbench.sim import registry
@@ -155,3 +157,20 @@ def test_a_gymnasium_environment_steps_it(path: str) -> None:
     drop = Drop(path, 1, spaces.Box(-np.inf, np.inf, (7,)))
     drop.reset()
     assert _bounced(drop.data, lambda: drop.do_simulation(np.zeros(0), 1)) == pytest.approx(E, abs=1e-5)
+
+
+def test_a_law_of_bodies_is_not_that_of_other_geoms_without_names() -> None:
+    """An instance for bodies names no geoms, and neither do these."""
+    contact.load()
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><extension><plugin plugin="hcbench.restitution"><instance name="law">'
+        '<config key="body1" value="ball"/><config key="body2" value="world"/>'
+        '<config key="restitution" value="0.5"/></instance></plugin></extension><worldbody>'
+        '<geom type="plane" size="1 1 1"/>'
+        '<body name="ball" pos="0 0 1"><freejoint/><geom size=".05"/></body>'
+        '<body name="other" pos="1 0 1"><freejoint/><geom size=".05"/></body></worldbody></mujoco>'
+    )
+    plane, ball, other = range(3)
+    assert restitution_law(model, (ball, plane)) == ConstantRestitution(0.5)
+    assert restitution_law(model, (other, plane)) is None
+    assert restitution_law(model, (ball, other)) is None

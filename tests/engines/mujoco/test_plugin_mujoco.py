@@ -371,7 +371,7 @@ def test_without_a_compiler_one_line_names_the_extra(monkeypatch: pytest.MonkeyP
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    with pytest.raises(CannotRun, match=r"no C compiler found.*pip install ziglang"):
+    with pytest.raises(CannotRun, match=r"no C compiler found.*pip install 'hcbench\[plugin\]'"):
         contact.library()
 
 

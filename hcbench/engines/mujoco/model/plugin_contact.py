@@ -12,7 +12,7 @@ from hcbench.laws.restitution import ConstantRestitution, Restitution
 from hcbench.resolution import ROUND_OFF_SOLVED
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from hcbench.impact import Floats
     from hcbench.laws.restitution import RestitutionCurve
@@ -42,17 +42,30 @@ def has_force_law(model: Any, geoms: Sequence[int]) -> bool:
 
 
 def _config(model: Any, geoms: Sequence[int], keys: Sequence[str]) -> dict[str, str] | None:
-    """The config of the plug-in with these keys for two geoms or their bodies; None without one."""
-    ends = [*model.plugin_attradr.tolist(), model.npluginattr][1:]
-    for start, end in zip(model.plugin_attradr.tolist(), ends, strict=True):
-        values = bytes(model.plugin_attr[start:end].astype(np.uint8)).decode().split("\0")[:-1]
-        if len(values) != len(keys):  # another plug-in
-            continue
-        config = dict(zip(keys, values, strict=True))
-        for kind, ids in (("geom", geoms), ("body", model.geom_bodyid[list(geoms)].tolist())):
-            if {config[f"{kind}1"], config[f"{kind}2"]} == {getattr(model, kind)(i).name for i in ids}:
-                return config
+    """The config of the plug-in with these keys that names two geoms or their bodies; None without one."""
+    geom_names = {model.geom(geom).name for geom in geoms}
+    body_names = {model.body(model.geom_bodyid[geom]).name for geom in geoms}
+    for config in _configs(model, keys):
+        if _is_for(config, "geom", geom_names) or _is_for(config, "body", body_names):
+            return config
     return None
+
+
+def _is_for(config: dict[str, str], kind: str, names: set[str]) -> bool:
+    # An instance for bodies has "" for its geoms, which is also the name of every geom without one.
+    return "" not in names and {config[f"{kind}1"], config[f"{kind}2"]} == names
+
+
+def _configs(model: Any, keys: Sequence[str]) -> Iterator[dict[str, str]]:
+    """The config of each plug-in instance that has as many values as there are keys."""
+    starts = model.plugin_attradr.tolist()
+    ends = [*starts[1:], model.npluginattr]
+    for start, end in zip(starts, ends, strict=True) if starts else ():
+        text = bytes(model.plugin_attr[start:end].astype(np.uint8)).decode()
+        values = text.split("\0")[:-1]  # each value is closed by a zero
+        # MuJoCo keeps no keys: the number of values is what tells one plug-in from another.
+        if len(values) == len(keys):
+            yield dict(zip(keys, values, strict=True))
 
 
 def _number(model: Any, text: str) -> float:
