@@ -22,7 +22,7 @@ define NEW_ENVIRONMENT
 endef
 UV_INSTALL = $(@D)/bin/uv pip install --quiet --python $(@D)/bin/python
 
-.PHONY: report test test-all test-machines test-pythons fuzz test-random docs sessions test-plugins test-answers answers test-searches test-lowest test-models test-reality test-engines bench site check format lock clean
+.PHONY: report test test-all test-machines test-pythons fuzz test-random docs sessions release-check test-plugins test-answers answers test-searches test-lowest test-models test-reality test-engines bench site check format lock clean
 
 DIGESTS := reports/steel-1lb/hcbench-files.json
 report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/, and compare it with the repository's
@@ -101,6 +101,9 @@ docs: $(INSTALLED)  ## the documentation, into docs/_build/html
 
 sessions: $(INSTALLED)  ## the outputs that pages show, written again: the blocks of `$$ command` in README, examples and docs
 	PYTHONPATH=tests/support $(BIN)/python -m sessions
+
+release-check: $(INSTALLED)  ## build, check the files with the package index's tools, and say what a release still lacks
+	PYTHONPATH=tests/support $(BIN)/python -m release_check
 
 site: docs  ## the documentation and the reports in one folder, site/, that any static host takes
 	$(BIN)/python docs/site_folder.py docs/_build/html site

@@ -154,6 +154,22 @@ def test_the_wheel_has_its_licence_and_type_marker(dist: Path) -> None:
     assert not [name for name in names if name.startswith(("tests/", "benchmarks/"))]
 
 
+def test_links_of_the_readme_work_on_the_package_index(dist: Path) -> None:
+    (wheel,) = dist.glob("*.whl")
+    with zipfile.ZipFile(wheel) as file:
+        (name,) = (name for name in file.namelist() if name.endswith("METADATA"))
+        text = file.read(name).decode()
+    repository, site = (PROJECT["urls"][key] for key in ("Source", "Documentation"))
+    tag = f"v{PROJECT['version']}"
+    places = (f"{site}/", f"{repository}/blob/{tag}/", f"{repository}/raw/{tag}/")
+    links = re.findall(r"\]\(([^)]*)\)", text)
+    assert len(links) > 15
+    for link in links:
+        place = next((place for place in places if link.startswith(place)), None)
+        assert place, link
+        assert (ROOT / link.removeprefix(place)).is_file(), link
+
+
 def test_every_place_says_the_same_version() -> None:
     version = PROJECT["version"]
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
